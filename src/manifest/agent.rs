@@ -1,0 +1,182 @@
+//! The agents' hyper-parameters, as one job holds them: single values, every key present.
+
+use serde::{Deserialize, Serialize};
+
+/// An algorithm with its hyper-parameters.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "algorithm", rename_all = "snake_case")]
+pub enum Agent {
+    /// Dueling deep Q-network with a replay buffer (Mnih et al. 2013; Wang et al. 2016).
+    DuelingDqn(DuelingDqn),
+    /// Monte-Carlo policy gradient (Williams 1992).
+    Reinforce(Reinforce),
+}
+
+impl Agent {
+    /// Episodes of training: the job's budget.
+    pub fn episodes(&self) -> u32 {
+        match self {
+            Agent::DuelingDqn(agent) => agent.episodes,
+            Agent::Reinforce(agent) => agent.episodes,
+        }
+    }
+}
+
+/// Hyper-parameters of the dueling DQN; the defaults reproduce the published figures.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DuelingDqn {
+    /// Episodes of training.
+    pub episodes: u32,
+    /// Widths of the hidden layers, input side first.
+    pub layers: Vec<u32>,
+    /// Activation of the hidden layers.
+    pub activation: Activation,
+    /// Whether the state value and the advantages share their hidden layers.
+    pub trunk: Trunk,
+    /// Adam's step size.
+    pub learning_rate: f64,
+    /// Discount factor a step, in [0, 1].
+    pub gamma: f64,
+    /// Transitions in a batch, drawn without replacement; learning starts once as many are stored.
+    pub batch: u32,
+    /// Most transitions the replay buffer keeps; then the oldest is overwritten.
+    pub buffer: u32,
+    /// Exploration rate at the start.
+    pub epsilon_start: f64,
+    /// Decrease of the exploration rate an update.
+    pub epsilon_decrement: f64,
+    /// Exploration rate at which the decrease stops.
+    pub epsilon_floor: f64,
+    /// Updates between two copies of the network into the target network.
+    pub target_period: u32,
+    /// The regression target of a transition that ends its episode.
+    pub terminal_target: TerminalTarget,
+    /// Which code trains the network.
+    pub engine: Engine,
+}
+
+impl Default for DuelingDqn {
+    fn default() -> Self {
+        DuelingDqn {
+            episodes: 1000,
+            layers: vec![128, 128],
+            activation: Activation::Relu,
+            trunk: Trunk::Shared,
+            learning_rate: 5e-4,
+            gamma: 0.99,
+            batch: 64,
+            buffer: 1_000_000,
+            epsilon_start: 1.0,
+            epsilon_decrement: 1e-3,
+            epsilon_floor: 0.01,
+            target_period: 1000,
+            terminal_target: TerminalTarget::Zero,
+            engine: Engine::Burn,
+        }
+    }
+}
+
+/// Hyper-parameters of REINFORCE; the defaults reproduce the published figures.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Reinforce {
+    /// Episodes of training: `updates × trajectories_per_update`.
+    pub episodes: u32,
+    /// Widths of the hidden layers, input side first.
+    pub layers: Vec<u32>,
+    /// Activation of the hidden layers.
+    pub activation: Activation,
+    /// Adam's step size.
+    pub learning_rate: f64,
+    /// Discount factor a step, in [0, 1].
+    pub gamma: f64,
+    /// Episodes sampled for one update.
+    pub trajectories_per_update: u32,
+    /// What the summed loss of an update is divided by (the "M = 50" of the published runs).
+    pub loss_divisor: f64,
+    /// Which code trains the network.
+    pub engine: Engine,
+}
+
+impl Default for Reinforce {
+    fn default() -> Self {
+        Reinforce {
+            episodes: 15_000,
+            layers: vec![128],
+            activation: Activation::Relu,
+            learning_rate: 6e-4,
+            gamma: 0.99,
+            trajectories_per_update: 1,
+            loss_divisor: 50.0,
+            engine: Engine::Burn,
+        }
+    }
+}
+
+/// Activation of a hidden layer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Activation {
+    /// max(0, x).
+    Relu,
+    /// Hyperbolic tangent.
+    Tanh,
+}
+
+/// Whether the two streams of the dueling network share their hidden layers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Trunk {
+    /// One stack of hidden layers with two linear heads, as in the published code.
+    Shared,
+    /// A stack of hidden layers for each head, as the paper's words read.
+    Separate,
+}
+
+/// The regression target of a transition that ends its episode.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TerminalTarget {
+    /// 0 on any end, time-outs included: the last reward is dropped, as in the published code.
+    Zero,
+    /// The reward when the episode terminated (disengagement); bootstrapped when it was truncated
+    /// (horizon reached).
+    Standard,
+}
+
+/// Which code performs the training updates.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Engine {
+    /// Burn modules with Burn's automatic differentiation and Adam.
+    Burn,
+}
+
+/// How a trained agent is tested and what is kept of its training.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Evaluation {
+    /// Test episodes after training.
+    pub test_episodes: u32,
+    /// How actions are chosen in the test episodes.
+    pub test_actions: TestActions,
+    /// Training episodes a point of the learning curve averages over.
+    pub curve_stride: u32,
+}
+
+impl Default for Evaluation {
+    fn default() -> Self {
+        Evaluation { test_episodes: 1000, test_actions: TestActions::AsTrained, curve_stride: 10 }
+    }
+}
+
+/// How actions are chosen in the test episodes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TestActions {
+    /// As at the end of training: DQN explores at its last rate, REINFORCE samples.
+    AsTrained,
+    /// The action of highest value or probability; the lowest numbered of equals.
+    Greedy,
+}

@@ -1,0 +1,156 @@
+//! Reads what shapes the grid: zips, and exclusions with their conditions.
+
+use toml::de::DeTable;
+
+use super::declared::Condition;
+use super::draft::Draft;
+use super::fault::Fault;
+use super::keys::{Key, Section};
+use super::parameter::Parameter;
+use super::read::{MOST_ENTRIES, shortened};
+use super::source::{Located, Span};
+use super::sweep::{Node, Reader};
+
+/// What an exclusion's conditions can be on, beside the keys of the sections.
+const CONDITIONS: [&str; 5] = ["scenario", "seed", "agent", "environment", "evaluation"];
+
+impl Reader<'_> {
+    /// Reads `zip`: a list of lists of dotted names.
+    pub fn zips(&mut self, draft: &mut Draft, node: &Node) {
+        let before = self.faults.len();
+        let expected = "lists of dotted names, as in [[\"environment.delta_d\", \"seed\"]]";
+        let lists = node.get_ref().as_array().map_or(&[][..], |lists| &lists[..]);
+        let nested = lists.iter().all(|list| list.get_ref().is_array());
+        if lists.is_empty() || lists.len() > MOST_ENTRIES || !nested {
+            self.expected("zip", expected, node);
+            draft.lost_cells = true;
+            return;
+        }
+        let mut zips: Vec<Located<Vec<Parameter>>> = Vec::new();
+        for list in lists {
+            let items = list.get_ref().as_array().map_or(&[][..], |items| &items[..]);
+            if items.len() < 2 {
+                self.expected("zip", "at least two dotted names that advance together", list);
+            }
+            let value = self.distinct("zip", items.iter(), |reader, item| reader.parameter(item));
+            for (parameter, item) in value.iter().zip(items) {
+                if zips.iter().any(|zip| zip.value.contains(parameter)) {
+                    let message = format!("`zip`: {parameter} is in another zip already");
+                    self.faults.add(Fault::at(item.span().into(), message));
+                }
+            }
+            zips.push(Located { value, span: list.span().into() });
+        }
+        draft.lost_cells |= self.faults.len() > before;
+        draft.zips = Some(zips);
+    }
+
+    fn parameter(&mut self, node: &Node) -> Option<Parameter> {
+        let dotted = node.get_ref().as_str().unwrap_or_default();
+        let parameter = Parameter::named(dotted);
+        if parameter.is_none() {
+            let found = self.found(node);
+            let message =
+                format!("`zip`: expected the dotted name of a swept parameter, found {found}");
+            let names: Vec<String> = Parameter::all().map(|p| p.to_string()).collect();
+            let fault = Fault::at(node.span().into(), message);
+            // A bare key is missing its section, which no edit distance would find.
+            let bare = names.iter().find(|name| name.split('.').next_back() == Some(dotted));
+            self.faults.add(match bare {
+                Some(name) => fault.help(format!("did you mean `{name}`?")),
+                None => fault.nearest(dotted, names.iter().map(String::as_str)),
+            });
+        }
+        parameter
+    }
+
+    /// Reads `[[exclude]]`.
+    pub fn exclusions(&mut self, draft: &mut Draft, node: &Node) {
+        let before = self.faults.len();
+        for (span, table) in self.tables("exclude", node) {
+            let value = self.conditions(table);
+            if table.is_empty() {
+                let fault = Fault::at(span, "an exclusion needs at least one condition");
+                self.faults.add(fault.help("name the cells to leave out: scenario = \"P-T\""));
+            }
+            draft.exclusions.push(Located { value, span });
+        }
+        draft.lost_cells |= self.faults.len() > before;
+    }
+
+    fn conditions(&mut self, table: &DeTable) -> Vec<Located<Condition>> {
+        let mut conditions = Vec::new();
+        for (key, node) in table {
+            let span: Span = node.span().into();
+            let mut push = |value| conditions.push(Located { value, span });
+            match key.get_ref().as_ref() {
+                "scenario" => push(Condition::Scenario(self.scenarios("scenario", node))),
+                "seed" => push(Condition::Seed(self.seed_list("seed", node))),
+                "agent" => self.key_conditions("agent", node, &mut conditions),
+                "environment" => self.key_conditions("environment", node, &mut conditions),
+                "evaluation" => self.key_conditions("evaluation", node, &mut conditions),
+                found => {
+                    let message = format!("unknown key `{}` in [[exclude]]", shortened(found));
+                    let fault = Fault::at(key.span().into(), message);
+                    let dotted = Parameter::all().map(|parameter| parameter.to_string());
+                    let meant =
+                        dotted.into_iter().find(|name| name.ends_with(&format!(".{found}")));
+                    self.faults.add(match meant {
+                        Some(meant) => fault.help(format!("did you mean `{meant}`?")),
+                        None => fault.nearest(found, CONDITIONS),
+                    });
+                }
+            }
+        }
+        conditions
+    }
+
+    /// Reads `section.<key> = …` of an exclusion.
+    fn key_conditions(&mut self, section: &str, node: &Node, out: &mut Vec<Located<Condition>>) {
+        let Some(table) = node.get_ref().as_table() else {
+            let expected = format!("a dotted key, as in {section}.name = …");
+            self.expected(section, &expected, node);
+            return;
+        };
+        for (key, node) in table {
+            let found = key.get_ref().as_ref();
+            let span = node.span().into();
+            if (section, found) == ("agent", "name") {
+                let value = Condition::AgentName(self.agent_names(node));
+                out.push(Located { value, span });
+                continue;
+            }
+            let Some((section, known)) = find(section, found) else {
+                let message =
+                    format!("unknown key `{section}.{}` in [[exclude]]", shortened(found));
+                let fault = Fault::at(key.span().into(), message);
+                let names: Vec<String> = Parameter::all().map(|p| p.to_string()).collect();
+                let dotted = format!("{section}.{found}");
+                self.faults.add(fault.nearest(&dotted, names.iter().map(String::as_str)));
+                continue;
+            };
+            let parameter = Parameter::of(section, known.name);
+            let values = self.sweep(&parameter.to_string(), known.kind, node);
+            out.push(Located { value: Condition::Key { parameter, values }, span });
+        }
+    }
+
+    fn agent_names(&mut self, node: &Node) -> Vec<String> {
+        let items = self.items("agent.name", node);
+        self.distinct("agent.name", items.iter().copied(), |reader, item| {
+            let name = item.get_ref().as_str();
+            if name.is_none() {
+                reader.expected("agent.name", "an agent's name in quotes", item);
+            }
+            name.map(str::to_owned)
+        })
+    }
+}
+
+/// The key called `name` of a section as dotted names call it.
+fn find(section: &str, name: &str) -> Option<(Section, &'static Key)> {
+    Section::ALL
+        .into_iter()
+        .filter(|known| known.name() == section)
+        .find_map(|section| section.find(name).map(|(_, key)| (section, key)))
+}

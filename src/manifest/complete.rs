@@ -1,0 +1,91 @@
+//! Completes a draft: required keys are there, everything else gets its default.
+
+use super::declared::{DeclaredAgent, Exclusion, Manifest, Zip};
+use super::draft::{Draft, Settings};
+use super::fault::{Fault, FaultList};
+use super::keys::{Kind, Value};
+use super::parameter::Parameters;
+use super::scenario::{Feature, Scenario};
+use super::source::Span;
+
+/// The manifest that `draft` declares, noting what is missing.
+///
+/// What is missing or faulty is replaced by a single harmless value, so that the rest can be
+/// checked all the same; with faults noted, the result is not to be used for anything else.
+pub(super) fn complete(draft: &Draft, path: &str, text: &str, faults: &mut FaultList) -> Manifest {
+    let mut missing = |is_missing: bool, message: &str, help: &str| {
+        if is_missing {
+            faults.add(Fault::at(Span { start: 0, end: 0 }, message).help(help));
+        }
+    };
+    missing(!draft.has_format, "missing key `format`", "write format = 1 at the top");
+    missing(draft.name.is_none(), "missing key `name`", "write name = \"my-experiment\"");
+    let help = "write scenarios = [\"P-H-D\", \"L-H-D\"]";
+    missing(draft.scenarios.is_none(), "missing key `scenarios`", help);
+    missing(draft.seeds.is_none(), "missing key `seeds`", "write seeds = 3");
+    let agents_missing = draft.agents.is_empty() && !draft.lost_agents;
+    let help = "write an [[agent]] with name and algorithm, or extends = \"paper\"";
+    missing(agents_missing, "missing [[agent]]", help);
+    let scenarios = draft.scenarios.as_ref().map(|scenarios| scenarios.value.clone());
+    let seeds = draft.seeds.as_ref().map(|seeds| seeds.value.clone());
+    let exclusions = draft.exclusions.iter().map(|exclusion| {
+        let conditions = exclusion.value.iter().map(|condition| condition.value.clone());
+        Exclusion { conditions: conditions.collect() }
+    });
+    let zips = draft.zips.iter().flatten().filter(|zip| zip.value.len() > 1);
+    Manifest {
+        path: path.to_owned(),
+        source: text.to_owned(),
+        name: draft.name.as_ref().map(|name| name.value.clone()).unwrap_or_default(),
+        question: draft.question.clone(),
+        hypothesis: draft.hypothesis.clone(),
+        scenarios: given_or(scenarios, || Scenario::of(Feature::Context)),
+        seeds: given_or(seeds, || 1),
+        environment: parameters(&draft.environment, faults),
+        agents: draft
+            .agents
+            .iter()
+            .map(|agent| DeclaredAgent {
+                name: agent.name.value.clone(),
+                algorithm: agent.algorithm,
+                parameters: parameters(&agent.settings, faults),
+            })
+            .collect(),
+        evaluation: parameters(&draft.evaluation, faults),
+        zips: zips.map(|zip| Zip { parameters: zip.value.clone() }).collect(),
+        exclusions: exclusions.filter(|exclusion| !exclusion.conditions.is_empty()).collect(),
+    }
+}
+
+fn given_or<T>(given: Option<Vec<T>>, harmless: impl Fn() -> T) -> Vec<T> {
+    given.filter(|list| !list.is_empty()).unwrap_or_else(|| vec![harmless()])
+}
+
+fn parameters(settings: &Settings, faults: &mut FaultList) -> Parameters {
+    let section = settings.section;
+    let value = |(place, default): (usize, Option<Value>)| {
+        let key = &section.keys()[place];
+        let given = settings.given.get(&place).map(|values| values.value.clone());
+        if given.is_none() && default.is_none() {
+            let span = settings.span.unwrap_or(Span { start: 0, end: 0 });
+            let message = format!("missing key `{}` in [{}]", key.name, section.name());
+            let help = format!("it is {}: {}", key.kind.expectation(), key.doc);
+            faults.add(Fault::at(span, message).help(help));
+        }
+        given_or(given, || default.clone().unwrap_or_else(|| harmless(key.kind)))
+    };
+    Parameters::new(section, section.defaults().into_iter().enumerate().map(value).collect())
+}
+
+/// Some value of `kind`.
+fn harmless(kind: Kind) -> Value {
+    match kind {
+        Kind::Real { min, .. } => Value::Real(min),
+        Kind::PositiveReal { max } => Value::Real(max),
+        Kind::Integer { min, .. } => Value::Integer(min),
+        Kind::Flag => Value::Flag(false),
+        Kind::Choice(words) => Value::Choice(words[0]),
+        Kind::RealPair { min, .. } => Value::RealPair([min, min]),
+        Kind::Widths { .. } => Value::Widths(vec![1]),
+    }
+}

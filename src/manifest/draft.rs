@@ -1,0 +1,198 @@
+//! A manifest as it is written: what one file says, key by key, before defaults and presets.
+//!
+//! An empty list of values stands for a key whose values are faulty and have been reported: the
+//! key is there, so it is not missing, but nothing can be concluded from it.
+
+use std::collections::BTreeMap;
+
+use super::declared::Condition;
+use super::keys::{Algorithm, Section, Value};
+use super::parameter::Parameter;
+use super::scenario::Scenario;
+use super::source::{Located, Span};
+
+/// What a manifest or a preset says.
+#[derive(Clone, Debug)]
+pub(super) struct Draft {
+    pub name: Option<Located<String>>,
+    pub question: Option<String>,
+    pub hypothesis: Option<String>,
+    pub scenarios: Option<Located<Vec<Scenario>>>,
+    pub seeds: Option<Located<Vec<u64>>>,
+    pub environment: Settings,
+    pub evaluation: Settings,
+    pub agents: Vec<AgentDraft>,
+    pub zips: Option<Vec<Located<Vec<Parameter>>>>,
+    pub exclusions: Vec<Located<Vec<Located<Condition>>>>,
+    /// A version of the format is written.
+    pub has_format: bool,
+    /// Agents were written that could not be read.
+    pub lost_agents: bool,
+    /// Zips or exclusions were written that could not be read.
+    pub lost_cells: bool,
+}
+
+/// The values that a section of a file gives its keys, by their place in the table.
+#[derive(Clone, Debug)]
+pub(super) struct Settings {
+    pub section: Section,
+    /// Where the section is opened.
+    pub span: Option<Span>,
+    pub given: BTreeMap<usize, Located<Vec<Value>>>,
+}
+
+/// An agent with the keys that a file gives it.
+#[derive(Clone, Debug)]
+pub(super) struct AgentDraft {
+    pub name: Located<String>,
+    pub algorithm: Algorithm,
+    pub settings: Settings,
+}
+
+impl Settings {
+    pub fn new(section: Section) -> Settings {
+        Settings { section, span: None, given: BTreeMap::new() }
+    }
+
+    /// Where the key called `name` is given its values.
+    pub fn span_of(&self, name: &str) -> Option<Span> {
+        let (place, _) = self.section.find(name)?;
+        self.given.get(&place).map(|values| values.span)
+    }
+
+    /// Whether the key called `name` was given values that could not be read.
+    pub fn is_lost(&self, name: &str) -> bool {
+        let given = self.section.find(name).and_then(|(place, _)| self.given.get(&place));
+        given.is_some_and(|values| values.value.is_empty())
+    }
+
+    /// Notes that the key in this place of the table is written, in a way that nobody can read.
+    pub fn lose(&mut self, place: usize, span: Span) {
+        self.given.entry(place).or_insert(Located { value: Vec::new(), span });
+    }
+
+    fn override_with(&mut self, other: Settings) {
+        self.span = other.span.or(self.span);
+        self.given.extend(other.given);
+    }
+
+    fn move_to(&mut self, span: Span) {
+        self.span = self.span.map(|_| span);
+        self.given.values_mut().for_each(|values| values.span = span);
+    }
+}
+
+impl Draft {
+    pub fn new() -> Draft {
+        Draft {
+            name: None,
+            question: None,
+            hypothesis: None,
+            scenarios: None,
+            seeds: None,
+            environment: Settings::new(Section::Environment),
+            evaluation: Settings::new(Section::Evaluation),
+            agents: Vec::new(),
+            zips: None,
+            exclusions: Vec::new(),
+            has_format: false,
+            lost_agents: false,
+            lost_cells: false,
+        }
+    }
+
+    /// This draft with everything that `other` says said over it, key by key.
+    pub fn overridden_by(mut self, other: Draft) -> Draft {
+        self.environment.override_with(other.environment);
+        self.evaluation.override_with(other.evaluation);
+        for agent in other.agents {
+            match self.agents.iter_mut().find(|mine| mine.name.value == agent.name.value) {
+                Some(mine) => {
+                    mine.name = agent.name;
+                    mine.settings.override_with(agent.settings);
+                }
+                None => self.agents.push(agent),
+            }
+        }
+        self.exclusions.extend(other.exclusions);
+        Draft {
+            name: other.name.or(self.name),
+            question: other.question.or(self.question),
+            hypothesis: other.hypothesis.or(self.hypothesis),
+            scenarios: other.scenarios.or(self.scenarios),
+            seeds: other.seeds.or(self.seeds),
+            zips: other.zips.or(self.zips),
+            has_format: other.has_format,
+            lost_agents: other.lost_agents || self.lost_agents,
+            lost_cells: other.lost_cells || self.lost_cells,
+            ..self
+        }
+    }
+
+    /// This draft as if all of it stood at `span`: where faults in what a preset says are shown.
+    pub fn moved_to(mut self, span: Span) -> Draft {
+        self.name.iter_mut().for_each(|name| name.span = span);
+        self.scenarios.iter_mut().for_each(|scenarios| scenarios.span = span);
+        self.seeds.iter_mut().for_each(|seeds| seeds.span = span);
+        self.environment.move_to(span);
+        self.evaluation.move_to(span);
+        for agent in &mut self.agents {
+            agent.name.span = span;
+            agent.settings.move_to(span);
+        }
+        self.zips.iter_mut().flatten().for_each(|zip| zip.span = span);
+        for exclusion in &mut self.exclusions {
+            exclusion.span = span;
+            exclusion.value.iter_mut().for_each(|condition| condition.span = span);
+        }
+        self
+    }
+
+    /// Whether the values of `parameter` are faulty, of any agent that has it.
+    pub fn is_lost(&self, parameter: Parameter) -> bool {
+        match parameter {
+            Parameter::Scenario => self.scenarios.as_ref().is_none_or(|list| list.value.is_empty()),
+            Parameter::Seed => self.seeds.as_ref().is_none_or(|list| list.value.is_empty()),
+            Parameter::Environment(key) => self.environment.is_lost(key),
+            Parameter::Evaluation(key) => self.evaluation.is_lost(key),
+            Parameter::Agent(key) => {
+                self.lost_agents || self.agents.iter().any(|agent| agent.settings.is_lost(key))
+            }
+        }
+    }
+
+    /// Notes that the top key `meant` is written, under a name or in a place that is not its own.
+    pub fn lose(&mut self, meant: &str, span: Span) {
+        match meant {
+            "format" => self.has_format = true,
+            "name" => {
+                self.name.get_or_insert(Located { value: String::new(), span });
+            }
+            "scenarios" => {
+                self.scenarios.get_or_insert(Located { value: Vec::new(), span });
+            }
+            "seeds" => {
+                self.seeds.get_or_insert(Located { value: Vec::new(), span });
+            }
+            "agent" => self.lost_agents = true,
+            "zip" | "exclude" => self.lost_cells = true,
+            "environment" => {
+                for place in 0..self.environment.section.keys().len() {
+                    self.environment.lose(place, span);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// Where `parameter` of the agent in this place is given its values.
+    pub fn span_of(&self, agent: usize, parameter: Parameter) -> Option<Span> {
+        match parameter {
+            Parameter::Scenario => self.scenarios.as_ref().map(|list| list.span),
+            Parameter::Seed => self.seeds.as_ref().map(|list| list.span),
+            Parameter::Environment(key) => self.environment.span_of(key),
+            Parameter::Evaluation(key) => self.evaluation.span_of(key),
+            Parameter::Agent(key) => self.agents.get(agent)?.settings.span_of(key),
+        }
+    }
+}

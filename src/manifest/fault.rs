@@ -1,0 +1,259 @@
+//! What is wrong with a manifest, and how it is shown to its author.
+//!
+//! In: faults as they are found, in any order. Out: all of them, by position, each with file,
+//! line, column, the line itself with carets, and a hint. It knows nothing of what manifests mean.
+
+use std::fmt;
+
+use serde::ser::{Serialize, SerializeSeq, Serializer};
+
+use super::source::{Position, Source, Span, visible};
+
+/// One thing that is wrong.
+#[derive(Clone, Debug)]
+pub struct Fault {
+    span: Option<Span>,
+    message: String,
+    help: Option<String>,
+}
+
+impl Fault {
+    pub(super) fn at(span: Span, message: impl Into<String>) -> Fault {
+        Fault { span: Some(span), message: message.into(), help: None }
+    }
+
+    /// A fault of the manifest as a whole.
+    pub(super) fn whole(message: impl Into<String>) -> Fault {
+        Fault { span: None, message: message.into(), help: None }
+    }
+
+    pub(super) fn help(self, help: impl Into<String>) -> Fault {
+        Fault { help: Some(help.into()), ..self }
+    }
+
+    /// Points to the nearest of `words`, if one is near enough to be meant.
+    pub(super) fn nearest<'w>(
+        self,
+        found: &str,
+        words: impl IntoIterator<Item = &'w str>,
+    ) -> Fault {
+        match nearest(found, words) {
+            Some(word) => self.help(format!("did you mean `{word}`?")),
+            None => self,
+        }
+    }
+
+    /// What is wrong, with the valid range or values.
+    pub fn message(&self) -> &str {
+        &self.message
+    }
+
+    /// What to do about it, where that is known.
+    pub fn hint(&self) -> Option<&str> {
+        self.help.as_deref()
+    }
+}
+
+/// The word nearest to `found`: at most a third of its letters apart.
+pub(super) fn nearest<'w>(
+    found: &str,
+    words: impl IntoIterator<Item = &'w str>,
+) -> Option<&'w str> {
+    const LONGEST: usize = 60;
+    let length = found.chars().count();
+    if length > LONGEST {
+        return None;
+    }
+    let lower = found.to_lowercase();
+    let distance = |word: &str| strsim::damerau_levenshtein(&lower, &word.to_lowercase());
+    let near = words.into_iter().map(|word| (distance(word), word));
+    let (distance, word) = near.min_by_key(|(distance, _)| *distance)?;
+    (distance <= (length / 3).max(1)).then_some(word)
+}
+
+/// Collects faults while a manifest is read.
+#[derive(Debug, Default)]
+pub(super) struct FaultList {
+    list: Vec<Fault>,
+    dropped: usize,
+}
+
+impl FaultList {
+    /// Most faults kept: nobody reads more, and a hostile file could ask for millions.
+    const MOST: usize = 1000;
+
+    pub fn add(&mut self, fault: Fault) {
+        if self.list.len() < Self::MOST {
+            self.list.push(fault);
+        } else {
+            self.dropped += 1;
+        }
+    }
+
+    pub fn len(&self) -> usize {
+        self.list.len() + self.dropped
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.list.is_empty()
+    }
+
+    /// Keeps the faults that begin on none of the lines of `others`.
+    pub fn retain_off_lines_of(&mut self, others: &FaultList, source: &Source) {
+        let line = |fault: &Fault| fault.span.map(|span| source.position(span.start).line);
+        let taken: std::collections::HashSet<_> = others.list.iter().map(line).collect();
+        self.list.retain(|fault| !taken.contains(&line(fault)));
+    }
+
+    /// Keeps the faults that begin before `offset`.
+    pub fn retain_before(&mut self, offset: usize) {
+        self.list.retain(|fault| fault.span.is_none_or(|span| span.start < offset));
+    }
+
+    pub fn append(&mut self, mut other: FaultList) {
+        other.list.drain(..).for_each(|fault| self.add(fault));
+        self.dropped += other.dropped;
+    }
+
+    /// The faults of the file called `file`, by position; those of the whole file come first.
+    pub fn of(mut self, file: &str, source: Source) -> Faults {
+        self.list.sort_by_key(|fault| fault.span.map(|span| span.start));
+        let file = visible(file.chars());
+        Faults { file, source, list: self.list, dropped: self.dropped }
+    }
+}
+
+/// Every fault of a manifest, by position; never empty.
+///
+/// Its `Display` is the whole report in plain text, without a newline at the end; serialised, it
+/// is a list of objects with `file`, `line`, `column`, `message` and `help`.
+#[derive(Clone)]
+pub struct Faults {
+    file: String,
+    source: Source,
+    list: Vec<Fault>,
+    dropped: usize,
+}
+
+impl Faults {
+    /// A single fault of the file as a whole.
+    pub(super) fn of_file(file: &str, fault: Fault) -> Faults {
+        Faults::of_text(file, "", fault)
+    }
+
+    /// A single fault of a text.
+    pub(super) fn of_text(file: &str, text: &str, fault: Fault) -> Faults {
+        let mut faults = FaultList::default();
+        faults.add(fault);
+        faults.of(file, Source::new(text))
+    }
+
+    /// The faults, by position.
+    pub fn list(&self) -> &[Fault] {
+        &self.list
+    }
+
+    /// Where a fault of this list stands; `None` when the file as a whole is at fault.
+    pub fn position(&self, fault: &Fault) -> Option<Position> {
+        fault.span.map(|span| self.source.position(span.start))
+    }
+
+    fn write(&self, fault: &Fault, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let message = visible(fault.message.chars());
+        let help = fault.help.as_ref().map(|help| visible(help.chars()));
+        let Some(span) = fault.span else {
+            writeln!(f, "{}: {message}", self.file)?;
+            return help.map_or(Ok(()), |help| writeln!(f, "     = {help}"));
+        };
+        let Position { line, column } = self.source.position(span.start);
+        writeln!(f, "{}:{line}:{column}: {message}", self.file)?;
+        let excerpt = self.source.excerpt(span);
+        let margin = line.to_string().len().max(4);
+        writeln!(f, "{line:>margin$} | {}", excerpt.text)?;
+        let (indent, carets) = (" ".repeat(excerpt.indent), "^".repeat(excerpt.carets));
+        writeln!(f, "{:margin$} | {indent}{carets}", "")?;
+        help.map_or(Ok(()), |help| writeln!(f, "{:margin$} = {help}", ""))
+    }
+}
+
+impl fmt::Display for Faults {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.list.iter().try_for_each(|fault| self.write(fault, f))?;
+        let total = self.list.len() + self.dropped;
+        let noun = if total == 1 { "fault" } else { "faults" };
+        write!(f, "{total} {noun} in {}", self.file)?;
+        if self.dropped > 0 {
+            write!(f, ", {} of them shown", self.list.len())?;
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Debug for Faults {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(self, f)
+    }
+}
+
+impl std::error::Error for Faults {}
+
+impl Serialize for Faults {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        #[derive(serde::Serialize)]
+        struct Entry<'f> {
+            file: &'f str,
+            line: Option<usize>,
+            column: Option<usize>,
+            message: &'f str,
+            help: Option<&'f str>,
+        }
+        let mut entries = serializer.serialize_seq(Some(self.list.len()))?;
+        for fault in &self.list {
+            let position = self.position(fault);
+            entries.serialize_element(&Entry {
+                file: &self.file,
+                line: position.map(|position| position.line),
+                column: position.map(|position| position.column),
+                message: fault.message(),
+                help: fault.hint(),
+            })?;
+        }
+        entries.end()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fault_shows_its_line_with_carets_and_a_hint() {
+        let text = "format = 1\n[environment]\nsiggma = 0.4\n";
+        let start = text.find("siggma").unwrap();
+        let mut faults = FaultList::default();
+        let fault = Fault::at(Span { start, end: start + 6 }, "unknown key `siggma`");
+        faults.add(fault.nearest("siggma", ["rho_1", "sigma"]));
+        let report = faults.of("a.toml", Source::new(text)).to_string();
+        let expected = "a.toml:3:1: unknown key `siggma`\n   3 | siggma = 0.4\n     | ^^^^^^\n     \
+                        = did you mean `sigma`?\n1 fault in a.toml";
+        assert_eq!(report, expected);
+    }
+
+    #[test]
+    fn words_far_from_every_valid_one_get_no_hint() {
+        assert_eq!(nearest("sgima", ["sigma"]), Some("sigma"));
+        assert_eq!(nearest("Sigma", ["sigma"]), Some("sigma"));
+        assert_eq!(nearest("temperature", ["sigma", "gamma"]), None);
+        assert_eq!(nearest(&"x".repeat(100_000), ["sigma"]), None);
+    }
+
+    #[test]
+    fn a_flood_of_faults_is_counted_but_not_kept() {
+        let mut faults = FaultList::default();
+        for _ in 0..5000 {
+            faults.add(Fault::whole("again"));
+        }
+        let report = faults.of("a.toml", Source::new("")).to_string();
+        assert!(report.ends_with("5000 faults in a.toml, 1000 of them shown"));
+    }
+}

@@ -1,0 +1,282 @@
+//! The grid of one agent: its axes, its cells, and which cells are left out.
+//!
+//! In: a manifest and one of its agents. Out: how many jobs they make, and each cell as indices
+//! from which the typed parameters follow. Everything is found by arithmetic on indices, so that a
+//! grid of millions is counted without being built. It knows nothing of jobs and their identity.
+
+use std::collections::HashSet;
+use std::hash::Hash;
+
+use super::declared::{Condition, DeclaredAgent, Exclusion, Manifest};
+use super::keys::{Algorithm, Section, Value};
+use super::parameter::{Parameter, Parameters};
+use super::scenario::Scenario;
+use super::{Agent, Environment, Evaluation};
+
+/// The grid of one agent of a manifest.
+#[derive(Debug)]
+pub struct Grid<'m> {
+    manifest: &'m Manifest,
+    agent: &'m DeclaredAgent,
+    axes: Vec<Axis>,
+    exclusions: Vec<Vec<Mask>>,
+    environment: Vec<Option<usize>>,
+    hyper_parameters: Vec<Option<usize>>,
+    evaluation: Vec<Option<usize>>,
+}
+
+/// Parameters that advance together, and how many values each has.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Axis {
+    /// One parameter, or those of a zip.
+    pub parameters: Vec<Parameter>,
+    /// The number of values.
+    pub length: usize,
+}
+
+/// The places on an axis that meet an exclusion's conditions on it.
+#[derive(Debug)]
+struct Mask {
+    axis: usize,
+    met: Vec<bool>,
+}
+
+/// A cell of a grid: a place on each axis.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Cell(Vec<usize>);
+
+impl<'m> Grid<'m> {
+    /// The grid of the agent in this place of the manifest's list.
+    pub fn of(manifest: &'m Manifest, agent: usize) -> Grid<'m> {
+        let agent = &manifest.agents[agent];
+        let axes = axes(manifest, agent);
+        let places = |parameters: &Parameters| -> Vec<Option<usize>> {
+            let section = parameters.section();
+            let place = |name| axis_of(&axes, Parameter::of(section, name));
+            section.keys().iter().map(|key| place(key.name)).collect()
+        };
+        let masks = |exclusion| masks(manifest, agent, &axes, exclusion);
+        Grid {
+            environment: places(&manifest.environment),
+            hyper_parameters: places(&agent.parameters),
+            evaluation: places(&manifest.evaluation),
+            exclusions: manifest.exclusions.iter().filter_map(masks).collect(),
+            manifest,
+            agent,
+            axes,
+        }
+    }
+
+    /// The axes, slowest first: scenario, swept keys in the order of the tables, seed. A zip stands
+    /// where its first parameter would.
+    pub fn axes(&self) -> &[Axis] {
+        &self.axes
+    }
+
+    /// The number of cells that are not excluded.
+    pub fn count(&self) -> u64 {
+        let concerned = self.concerned(&[]);
+        let free = self.axes.iter().zip(&concerned).filter(|(_, concerned)| !**concerned);
+        let each: u64 = free.map(|(axis, _)| axis.length as u64).product();
+        self.projected(&concerned).count() as u64 * each
+    }
+
+    /// A cell that is not excluded and in which `holds` is false of the two keys' values.
+    pub(super) fn counterexample(
+        &self,
+        keys: [Parameter; 2],
+        holds: impl Fn(&Value, &Value) -> bool,
+    ) -> Option<(&'m Value, &'m Value)> {
+        let (manifest, agent) = (self.manifest, self.agent);
+        let values = keys.map(|key| manifest.values(agent, key).unwrap_or_default());
+        let axes = keys.map(|key| axis_of(&self.axes, key));
+        let concerned = self.concerned(&axes);
+        let mut pairs = self.projected(&concerned).filter_map(|cell| {
+            let [first, second] = axes.map(|axis| axis.map_or(0, |axis| cell.0[axis]));
+            Some((values[0].get(first)?, values[1].get(second)?))
+        });
+        pairs.find(|(first, second)| !holds(first, second))
+    }
+
+    /// Whether any cell meets every condition of the exclusion.
+    pub(super) fn meets(&self, exclusion: &Exclusion) -> bool {
+        let masks = masks(self.manifest, self.agent, &self.axes, exclusion);
+        masks.is_some_and(|masks| masks.iter().all(|mask| mask.met.contains(&true)))
+    }
+
+    /// Which axes an exclusion concerns, or one of `others` is.
+    fn concerned(&self, others: &[Option<usize>]) -> Vec<bool> {
+        let mut concerned = vec![false; self.axes.len()];
+        for mask in self.exclusions.iter().flatten() {
+            concerned[mask.axis] = true;
+        }
+        for axis in others.iter().flatten() {
+            concerned[*axis] = true;
+        }
+        concerned
+    }
+
+    /// The cells that are not excluded, at the first place of every axis that is not concerned.
+    fn projected(&self, concerned: &[bool]) -> impl Iterator<Item = Cell> {
+        let length = |(axis, concerned): (&Axis, &bool)| if *concerned { axis.length } else { 1 };
+        let lengths: Vec<usize> = self.axes.iter().zip(concerned).map(length).collect();
+        let first = Cell(vec![0; lengths.len()]);
+        let all = std::iter::successors(Some(first), move |cell| next(cell, &lengths));
+        all.filter(|cell| !self.excludes(cell))
+    }
+
+    fn excludes(&self, cell: &Cell) -> bool {
+        let met = |masks: &Vec<Mask>| masks.iter().all(|mask| mask.met[cell.0[mask.axis]]);
+        self.exclusions.iter().any(met)
+    }
+
+    /// The first cell that is not excluded.
+    pub fn first(&self) -> Option<Cell> {
+        let first = Cell(vec![0; self.axes.len()]);
+        if self.excludes(&first) { self.after(&first) } else { Some(first) }
+    }
+
+    /// The next cell that is not excluded, the last axis advancing fastest.
+    pub fn after(&self, cell: &Cell) -> Option<Cell> {
+        let lengths: Vec<usize> = self.axes.iter().map(|axis| axis.length).collect();
+        let mut cells = std::iter::successors(next(cell, &lengths), |cell| next(cell, &lengths));
+        cells.find(|cell| !self.excludes(cell))
+    }
+
+    /// Whether two cells have the same values of every key of this section.
+    pub fn agree(&self, section: Section, one: &Cell, other: &Cell) -> bool {
+        let axes = match section {
+            Section::Environment => &self.environment,
+            Section::DuelingDqn | Section::Reinforce => &self.hyper_parameters,
+            Section::Evaluation => &self.evaluation,
+        };
+        axes.iter().flatten().all(|axis| one.0[*axis] == other.0[*axis])
+    }
+
+    /// The agent's algorithm.
+    pub fn algorithm(&self) -> Algorithm {
+        self.agent.algorithm
+    }
+
+    /// The cell's scenario.
+    pub fn scenario(&self, cell: &Cell) -> &'m Scenario {
+        &self.manifest.scenarios[self.place(cell, Parameter::Scenario)]
+    }
+
+    /// The cell's seed.
+    pub fn seed(&self, cell: &Cell) -> u64 {
+        self.manifest.seeds[self.place(cell, Parameter::Seed)]
+    }
+
+    fn place(&self, cell: &Cell, parameter: Parameter) -> usize {
+        axis_of(&self.axes, parameter).map_or(0, |axis| cell.0[axis])
+    }
+
+    /// The cell's environment.
+    pub fn environment(&self, cell: &Cell) -> Environment {
+        self.manifest.environment.typed(|key| self.environment[key].map_or(0, |axis| cell.0[axis]))
+    }
+
+    /// The cell's agent.
+    pub fn agent(&self, cell: &Cell) -> Agent {
+        let choose = |key: usize| self.hyper_parameters[key].map_or(0, |axis| cell.0[axis]);
+        match self.agent.algorithm {
+            Algorithm::DuelingDqn => Agent::DuelingDqn(self.agent.parameters.typed(choose)),
+            Algorithm::Reinforce => Agent::Reinforce(self.agent.parameters.typed(choose)),
+        }
+    }
+
+    /// The cell's evaluation.
+    pub fn evaluation(&self, cell: &Cell) -> Evaluation {
+        self.manifest.evaluation.typed(|key| self.evaluation[key].map_or(0, |axis| cell.0[axis]))
+    }
+}
+
+fn axis_of(axes: &[Axis], parameter: Parameter) -> Option<usize> {
+    axes.iter().position(|axis| axis.parameters.contains(&parameter))
+}
+
+/// The next cell, the last axis advancing fastest; `None` after the last.
+fn next(cell: &Cell, lengths: &[usize]) -> Option<Cell> {
+    let mut places = cell.0.clone();
+    for (place, length) in places.iter_mut().zip(lengths).rev() {
+        *place += 1;
+        if *place < *length {
+            return Some(Cell(places));
+        }
+        *place = 0;
+    }
+    None
+}
+
+/// Whether a zip of these parameters concerns `agent`: it sweeps every key of agents among them.
+pub(super) fn zipped(manifest: &Manifest, agent: &DeclaredAgent, parameters: &[Parameter]) -> bool {
+    parameters.iter().all(|parameter| match parameter {
+        Parameter::Agent(_) => manifest.length(agent, *parameter) > 1,
+        Parameter::Scenario
+        | Parameter::Seed
+        | Parameter::Environment(_)
+        | Parameter::Evaluation(_) => true,
+    })
+}
+
+/// The number of cells on these axes, excluded ones among them; at most `u128::MAX`.
+pub(super) fn size(axes: &[Axis]) -> u128 {
+    axes.iter().fold(1, |size, axis| size.saturating_mul(axis.length as u128))
+}
+
+/// The axes of an agent's grid, in the order of [`Grid::axes`].
+pub(super) fn axes(manifest: &Manifest, agent: &DeclaredAgent) -> Vec<Axis> {
+    let zips = manifest.zips.iter().map(|zip| &zip.parameters);
+    let zips: Vec<_> = zips.filter(|zip| zipped(manifest, agent, zip)).collect();
+    let keys = manifest.swept_keys(agent);
+    let order = std::iter::once(Parameter::Scenario).chain(keys);
+    let mut axes: Vec<Axis> = Vec::new();
+    for parameter in order.chain(std::iter::once(Parameter::Seed)) {
+        if axis_of(&axes, parameter).is_none() {
+            let zip = zips.iter().find(|zip| zip.contains(&parameter));
+            let parameters = zip.map_or_else(|| vec![parameter], |zip| zip.to_vec());
+            let length = manifest.length(agent, parameter);
+            axes.push(Axis { parameters, length });
+        }
+    }
+    axes
+}
+
+/// The exclusion as masks, one an axis; `None` if none of the agent's cells can meet it.
+fn masks(
+    manifest: &Manifest,
+    agent: &DeclaredAgent,
+    axes: &[Axis],
+    exclusion: &Exclusion,
+) -> Option<Vec<Mask>> {
+    let mut masks: Vec<Mask> = Vec::new();
+    for condition in &exclusion.conditions {
+        let (parameter, met) = match condition {
+            Condition::AgentName(names) if names.contains(&agent.name) => continue,
+            Condition::AgentName(_) => return None,
+            Condition::Scenario(list) => {
+                let met = manifest.scenarios.iter().map(|scenario| list.contains(scenario));
+                (Parameter::Scenario, met.collect())
+            }
+            Condition::Seed(list) => (Parameter::Seed, members(&manifest.seeds, list)),
+            Condition::Key { parameter, values } => {
+                (*parameter, members(manifest.values(agent, *parameter)?, values))
+            }
+        };
+        let Some(axis) = axis_of(axes, parameter) else {
+            // A key that is not swept has one value, which meets the condition or does not.
+            if met == [true] { continue } else { return None }
+        };
+        match masks.iter_mut().find(|mask| mask.axis == axis) {
+            Some(mask) => mask.met.iter_mut().zip(met).for_each(|(both, met)| *both &= met),
+            None => masks.push(Mask { axis, met }),
+        }
+    }
+    Some(masks)
+}
+
+fn members<T: Eq + Hash>(values: &[T], list: &[T]) -> Vec<bool> {
+    let list: HashSet<&T> = list.iter().collect();
+    values.iter().map(|value| list.contains(value)).collect()
+}

@@ -1,0 +1,47 @@
+//! What an experimenter declares: the manifest, from its TOML text to a validated value.
+//!
+//! In: a file. Out: a [`Manifest`], complete and consistent, or every [`Fault`] of the file at once,
+//! each at its line and column. On the way a text becomes a tree, the tree a draft (what this file
+//! says), the draft is laid over the preset that it extends, gets the defaults, and is held against
+//! the rules that keys have between them.
+//!
+//! The table in `keys.rs` declares every key once; validation, schema, reference and the typed
+//! structs ([`Environment`], [`Agent`], [`Evaluation`]) are held to it by tests.
+//!
+//! It does not know what a job is, what has run, or how anything is simulated or trained.
+
+mod agent;
+mod cells;
+mod check;
+mod complete;
+mod declared;
+mod draft;
+mod environment;
+mod fault;
+mod grid;
+mod keys;
+mod load;
+mod parameter;
+mod preset;
+mod range;
+mod read;
+mod resolved;
+mod scenario;
+mod schema;
+mod source;
+mod sweep;
+
+pub use agent::{
+    Activation, Agent, DuelingDqn, Engine, Evaluation, Reinforce, TerminalTarget, TestActions,
+    Trunk,
+};
+pub use declared::{Condition, DeclaredAgent, Exclusion, MOST_JOBS, Manifest, Zip};
+pub use environment::{Environment, FirstContext, TimeIndicator};
+pub use fault::{Fault, Faults};
+pub use grid::{Axis, Cell, Grid};
+pub use keys::{Algorithm, Key, Kind, Section, Value};
+pub use load::{load, parse};
+pub use parameter::{Parameter, Parameters};
+pub use scenario::{Feature, Scenario, ScenarioError};
+pub use schema::schema;
+pub use source::Position;

@@ -1,0 +1,55 @@
+//! The built-in presets that a manifest can extend: drafts that come with the program.
+
+use toml::de::DeTable;
+
+use super::draft::Draft;
+use super::sweep::Reader;
+
+const PRESETS: [(&str, &str); 2] = [
+    ("paper", include_str!("presets/paper.toml")),
+    ("paper_text", include_str!("presets/paper_text.toml")),
+];
+
+/// The presets' names.
+pub(super) fn names() -> [&'static str; PRESETS.len()] {
+    PRESETS.map(|(name, _)| name)
+}
+
+/// What the preset called `name` says; nothing if there is none of that name.
+pub(super) fn draft(name: &str) -> Draft {
+    let text = PRESETS.iter().find(|(preset, _)| *preset == name).map_or("", |(_, text)| text);
+    let (root, _) = DeTable::parse_recoverable(text);
+    Reader::new(text).draft(root.get_ref())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_preset_reads_without_a_fault_and_extends_nothing() {
+        for (name, text) in PRESETS {
+            let root = DeTable::parse(text).unwrap();
+            assert!(!root.get_ref().contains_key("extends"), "{name}");
+            let mut reader = Reader::new(text);
+            let draft = reader.draft(root.get_ref());
+            assert!(reader.faults.is_empty(), "{name}: {:?}", reader.faults);
+            assert_eq!(draft.agents.len(), 2, "{name}");
+        }
+    }
+
+    #[test]
+    fn the_paper_preset_spells_out_the_defaults() {
+        for agent in draft("paper").agents {
+            let section = agent.settings.section;
+            for (place, default) in section.defaults().into_iter().enumerate() {
+                let key = section.keys()[place].name;
+                let given = agent.settings.given.get(&place).map(|values| values.value.clone());
+                match given {
+                    Some(values) => assert_eq!(values, [default.unwrap()], "{key}"),
+                    None => assert_eq!(key, "engine"),
+                }
+            }
+        }
+    }
+}

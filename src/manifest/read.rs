@@ -1,0 +1,388 @@
+//! Reads the tree of a TOML document as a [`Draft`], noting every fault on the way.
+
+use toml::de::{DeTable, DeValue};
+
+use super::declared::MOST_JOBS;
+use super::draft::{AgentDraft, Draft, Settings};
+use super::fault::{Fault, nearest};
+use super::keys::{Algorithm, Kind, Section, Value};
+use super::preset;
+use super::scenario::{Feature, Scenario};
+use super::source::{Located, Span};
+use super::sweep::{Node, Reader, whole};
+
+/// The keys at the top of a manifest.
+pub(super) const TOP_KEYS: [&str; 12] = [
+    "format",
+    "name",
+    "extends",
+    "question",
+    "hypothesis",
+    "scenarios",
+    "seeds",
+    "zip",
+    "environment",
+    "agent",
+    "evaluation",
+    "exclude",
+];
+
+/// The version of the format that this program reads and writes.
+pub(super) const FORMAT: u64 = 1;
+
+/// Most agents, zips or exclusions that a manifest may have: each is held against all the others.
+pub(super) const MOST_ENTRIES: usize = 1000;
+
+/// Most characters of a name: it has to fit into tables and figures.
+pub(super) const LONGEST_NAME: usize = 100;
+
+/// The fault of a document whose format is newer than this program's: its keys may mean anything.
+pub(super) fn newer_format(root: &DeTable) -> Option<Fault> {
+    let node = root.get("format")?;
+    let version = whole(node).filter(|version| *version > FORMAT)?;
+    let message = format!("`format`: expected {FORMAT}, found {version}");
+    Some(Fault::at(node.span().into(), message).help("a newer version of jitai may read it"))
+}
+
+impl Reader<'_> {
+    /// What the document says, laid over the preset that it extends.
+    pub fn draft(&mut self, root: &DeTable) -> Draft {
+        let preset = root.get("extends").and_then(|node| self.extends(node));
+        let inherited = preset.unwrap_or_else(Draft::new);
+        let mut draft = Draft::new();
+        let mut astray = Vec::new();
+        for (key, node) in root {
+            match key.get_ref().as_ref() {
+                "format" => {
+                    self.format(node);
+                    draft.has_format = true;
+                }
+                "extends" => {}
+                "name" => draft.name = Some(self.name("name", node)),
+                "question" => draft.question = self.text("question", node),
+                "hypothesis" => draft.hypothesis = self.text("hypothesis", node),
+                "scenarios" => {
+                    let value = self.scenarios("scenarios", node);
+                    draft.scenarios = Some(Located { value, span: node.span().into() });
+                }
+                "seeds" => {
+                    let value = self.seeds(node);
+                    draft.seeds = Some(Located { value, span: node.span().into() });
+                }
+                "environment" => {
+                    draft.environment = self.section(Section::Environment, node);
+                    if !node.get_ref().is_table() {
+                        draft.lose("environment", node.span().into());
+                    }
+                }
+                "evaluation" => draft.evaluation = self.section(Section::Evaluation, node),
+                "agent" => self.agents(&mut draft, &inherited, node),
+                "zip" => self.zips(&mut draft, node),
+                "exclude" => self.exclusions(&mut draft, node),
+                found => astray.push((found, Span::from(key.span()))),
+            }
+        }
+        for (found, span) in astray {
+            self.astray(&mut draft, found, span);
+        }
+        inherited.overridden_by(draft)
+    }
+
+    /// Notes a key that is not one of the top; what was meant by it is not missing as well.
+    fn astray(&mut self, draft: &mut Draft, found: &str, span: Span) {
+        let fault = Fault::at(span, format!("unknown key `{}`", shortened(found)));
+        self.faults.add(belonging(fault, None, found, &TOP_KEYS));
+        match Section::Environment.find(found) {
+            Some((place, _)) => draft.environment.lose(place, span),
+            None => draft.lose(nearest(found, TOP_KEYS).unwrap_or_default(), span),
+        }
+    }
+
+    fn format(&mut self, node: &Node) {
+        if whole(node) != Some(FORMAT) {
+            self.expected("format", &FORMAT.to_string(), node);
+        }
+    }
+
+    fn extends(&mut self, node: &Node) -> Option<Draft> {
+        let names = preset::names();
+        let Some(found) = node.get_ref().as_str().filter(|found| names.contains(found)) else {
+            let expected = names.map(|name| format!("\"{name}\"")).join(" or ");
+            let message = format!("`extends`: expected {expected}, found {}", self.found(node));
+            let fault = Fault::at(node.span().into(), message);
+            self.faults.add(fault.nearest(node.get_ref().as_str().unwrap_or_default(), names));
+            return None;
+        };
+        Some(preset::draft(found).moved_to(node.span().into()))
+    }
+
+    fn text(&mut self, name: &str, node: &Node) -> Option<String> {
+        if node.get_ref().as_str().is_none() {
+            self.expected(name, "text in quotes", node);
+        }
+        node.get_ref().as_str().map(str::to_owned)
+    }
+
+    /// A name that tables and figures can show; empty if it is faulty.
+    fn name(&mut self, name: &str, node: &Node) -> Located<String> {
+        let fits = |text: &&str| {
+            let length = text.chars().count();
+            !text.trim().is_empty() && length <= LONGEST_NAME && !text.chars().any(char::is_control)
+        };
+        let text = node.get_ref().as_str().filter(fits);
+        if text.is_none() {
+            let expected = format!("1 to {LONGEST_NAME} printable characters in quotes");
+            self.expected(name, &expected, node);
+        }
+        Located { value: text.unwrap_or_default().to_owned(), span: node.span().into() }
+    }
+
+    /// A scenario or a list of them; empty if any is faulty.
+    pub fn scenarios(&mut self, name: &str, node: &Node) -> Vec<Scenario> {
+        let items = self.items(name, node);
+        self.distinct(name, items.iter().copied(), |reader, item| reader.scenario(name, item))
+    }
+
+    fn scenario(&mut self, name: &str, node: &Node) -> Option<Scenario> {
+        let letters = Feature::ALL.map(|feature| feature.letter().to_string()).join(", ");
+        let expected = format!("letters of {letters}, each at most once, joined by hyphens");
+        let Some(found) = node.get_ref().as_str() else {
+            self.expected(name, &expected, node);
+            return None;
+        };
+        match found.parse() {
+            Ok(scenario) => Some(scenario),
+            Err(reason) => {
+                let found = self.found(node);
+                let message = format!("`{name}`: {reason}; expected {expected}, found {found}");
+                let fault = Fault::at(node.span().into(), message);
+                let letters = found.chars().filter(char::is_ascii_alphanumeric);
+                let respelt: Vec<String> =
+                    letters.map(|letter| letter.to_ascii_uppercase().to_string()).collect();
+                self.faults.add(match respelt.join("-").parse::<Scenario>() {
+                    Ok(meant) => fault.help(format!("did you mean `{meant}`?")),
+                    Err(_) => fault,
+                });
+                None
+            }
+        }
+    }
+
+    /// The entries of a list, or the node itself where it is none; notes an empty list.
+    pub fn items<'n>(&mut self, name: &str, node: &'n Node<'n>) -> Vec<&'n Node<'n>> {
+        match node.get_ref().as_array() {
+            Some(items) if items.is_empty() => {
+                self.expected(name, "at least one value", node);
+                Vec::new()
+            }
+            Some(items) => items.iter().collect(),
+            None => vec![node],
+        }
+    }
+
+    fn seeds(&mut self, node: &Node) -> Vec<u64> {
+        if node.get_ref().is_array() {
+            return self.seed_list("seeds", node);
+        }
+        match whole(node).filter(|count| (1..=MOST_JOBS).contains(count)) {
+            Some(count) => (1..=count).collect(),
+            None => {
+                let expected = format!("a count from 1 to {MOST_JOBS} or a list of seeds");
+                self.expected("seeds", &expected, node);
+                Vec::new()
+            }
+        }
+    }
+
+    /// A seed or a list of them; empty if any is faulty.
+    pub fn seed_list(&mut self, name: &str, node: &Node) -> Vec<u64> {
+        let seed = Kind::Integer { min: 0, max: i64::MAX as u64 };
+        let items = self.items(name, node);
+        self.distinct(name, items.iter().copied(), |reader, item| {
+            match reader.value(name, seed, item) {
+                Some(Value::Integer(seed)) => Some(seed),
+                _ => None,
+            }
+        })
+    }
+
+    /// The table that `node` is; notes what else it is.
+    pub fn table<'n>(&mut self, name: &str, node: &'n Node) -> Option<&'n DeTable<'n>> {
+        let table = node.get_ref().as_table();
+        if table.is_none() {
+            self.expected(name, &format!("a table, opened by [{name}]"), node);
+        }
+        table
+    }
+
+    /// The entries of a list of tables; notes what else there is.
+    pub fn tables<'n>(&mut self, name: &str, node: &'n Node) -> Vec<(Span, &'n DeTable<'n>)> {
+        let Some(entries) = node.get_ref().as_array() else {
+            self.expected(name, &format!("tables, each opened by [[{name}]]"), node);
+            return Vec::new();
+        };
+        if entries.len() > MOST_ENTRIES {
+            let message = format!("at most {MOST_ENTRIES} [[{name}]], found {}", entries.len());
+            self.faults.add(Fault::at(node.span().into(), message));
+            return Vec::new();
+        }
+        let mut tables = Vec::new();
+        for entry in entries.iter() {
+            match entry.get_ref() {
+                DeValue::Table(table) => tables.push((entry.span().into(), table)),
+                _ => self.expected(name, &format!("a table, opened by [[{name}]]"), entry),
+            }
+        }
+        tables
+    }
+
+    fn section(&mut self, section: Section, node: &Node) -> Settings {
+        let mut settings = Settings::new(section);
+        settings.span = Some(node.span().into());
+        if let Some(table) = self.table(section.name(), node) {
+            self.settings(&mut settings, table, &[]);
+        }
+        settings
+    }
+
+    /// Reads the keys of `table` but `others`, which somebody else reads.
+    fn settings(&mut self, settings: &mut Settings, table: &DeTable, others: &[&str]) {
+        let section = settings.section;
+        for (key, node) in table {
+            let found = key.get_ref().as_ref();
+            if others.contains(&found) {
+                continue;
+            }
+            let Some((place, known)) = section.find(found) else {
+                self.unknown_key(section, key.span().into(), found, others);
+                let meant = nearest(found, section.keys().iter().map(|key| key.name));
+                if let Some((place, _)) = meant.and_then(|meant| section.find(meant)) {
+                    settings.lose(place, key.span().into());
+                }
+                continue;
+            };
+            let value = self.sweep(found, known.kind, node);
+            settings.given.insert(place, Located { value, span: node.span().into() });
+        }
+    }
+
+    fn unknown_key(&mut self, section: Section, span: Span, found: &str, others: &[&str]) {
+        let place = match algorithm_of(section) {
+            Some(algorithm) => format!("an [[agent]] with algorithm = \"{}\"", algorithm.name()),
+            None => format!("[{}]", section.name()),
+        };
+        let message = format!("unknown key `{}` in {place}", shortened(found));
+        let names: Vec<&str> = section.keys().iter().map(|key| key.name).collect();
+        let fault = Fault::at(span, message);
+        self.faults.add(belonging(fault, Some(section), found, &[&names, others].concat()));
+    }
+
+    fn agents(&mut self, draft: &mut Draft, inherited: &Draft, node: &Node) {
+        let before = self.faults.len();
+        for (span, table) in self.tables("agent", node) {
+            let Some(agent) = self.agent(inherited, span, table) else { continue };
+            let same = |other: &&AgentDraft| other.name.value == agent.name.value;
+            if let Some(first) = draft.agents.iter().find(same) {
+                let first = self.text[..first.name.span.start].matches('\n').count() + 1;
+                let message = format!("two agents are called `{}`", agent.name.value);
+                let fault = Fault::at(agent.name.span, message);
+                self.faults.add(fault.help(format!("the first is on line {first}")));
+                continue;
+            }
+            draft.agents.push(agent);
+        }
+        draft.lost_agents = self.faults.len() > before;
+    }
+
+    fn agent(&mut self, inherited: &Draft, span: Span, table: &DeTable) -> Option<AgentDraft> {
+        let name = match table.get("name") {
+            Some(node) => Some(self.name("name", node)).filter(|name| !name.value.is_empty()),
+            None => {
+                self.faults.add(
+                    Fault::at(span, "missing key `name` in [[agent]]")
+                        .help("tables and figures show it: name = \"dqn\""),
+                );
+                None
+            }
+        };
+        let same = |agent: &&AgentDraft| Some(&agent.name.value) == name.as_ref().map(|n| &n.value);
+        let preset = inherited.agents.iter().find(same).map(|agent| agent.algorithm);
+        let algorithm = self.algorithm(preset, span, table);
+        // Without an algorithm the keys are read as those of the one that knows most of them.
+        let known = |algorithm: &Algorithm| {
+            let section = algorithm.section();
+            table.keys().filter(|key| section.find(key.get_ref()).is_some()).count()
+        };
+        let likely = algorithm.or(Algorithm::ALL.into_iter().max_by_key(known))?;
+        let mut settings = Settings::new(likely.section());
+        settings.span = Some(span);
+        self.settings(&mut settings, table, &["name", "algorithm"]);
+        Some(AgentDraft { name: name?, algorithm: algorithm?, settings })
+    }
+
+    /// The algorithm of an agent, which the preset's agent of that name may have given.
+    fn algorithm(
+        &mut self,
+        preset: Option<Algorithm>,
+        at: Span,
+        table: &DeTable,
+    ) -> Option<Algorithm> {
+        let names = Algorithm::ALL.map(Algorithm::name);
+        let expected = names.map(|name| format!("\"{name}\"")).join(" or ");
+        let Some(node) = table.get("algorithm") else {
+            if preset.is_none() {
+                let fault = Fault::at(at, "missing key `algorithm` in [[agent]]");
+                self.faults.add(fault.help(format!("write algorithm = {expected}")));
+            }
+            return preset;
+        };
+        let found = node.get_ref().as_str().unwrap_or_default();
+        let algorithm = Algorithm::ALL.into_iter().find(|algorithm| algorithm.name() == found);
+        match (algorithm, preset) {
+            (None, _) => {
+                let found_text = self.found(node);
+                let message = format!("`algorithm`: expected {expected}, found {found_text}");
+                self.faults.add(Fault::at(node.span().into(), message).nearest(found, names));
+                preset
+            }
+            (Some(algorithm), Some(preset)) if algorithm != preset => {
+                let preset_name = preset.name();
+                let message = format!("`algorithm`: the preset's agent is a \"{preset_name}\"");
+                let fault = Fault::at(node.span().into(), message);
+                self.faults
+                    .add(fault.help("give the agent another name to add it to the preset's"));
+                Some(preset)
+            }
+            (Some(algorithm), _) => Some(algorithm),
+        }
+    }
+}
+
+/// The algorithm whose keys a section has.
+fn algorithm_of(section: Section) -> Option<Algorithm> {
+    Algorithm::ALL.into_iter().find(|algorithm| algorithm.section() == section)
+}
+
+/// Says where a key belongs, or which one was meant.
+fn belonging(fault: Fault, here: Option<Section>, found: &str, names: &[&str]) -> Fault {
+    let elsewhere = Section::ALL
+        .into_iter()
+        .find(|section| Some(*section) != here && section.find(found).is_some());
+    let agent_here = here.and_then(algorithm_of);
+    match elsewhere.map(|section| (section, algorithm_of(section), agent_here)) {
+        Some((_, Some(other), Some(_))) => {
+            fault.help(format!("`{found}` is a key of \"{}\"", other.name()))
+        }
+        Some((_, Some(_), None)) => fault.help(format!("`{found}` belongs in [[agent]]")),
+        Some((section, None, _)) => {
+            fault.help(format!("`{found}` belongs in [{}]", section.name()))
+        }
+        None => fault.nearest(found, names.iter().copied()),
+    }
+}
+
+/// A text of the author's, cut to what a message can hold.
+pub(super) fn shortened(text: &str) -> String {
+    let short: String = text.chars().take(60).collect();
+    if short.len() < text.len() { format!("{short}…") } else { short }
+}

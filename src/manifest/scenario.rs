@@ -1,0 +1,156 @@
+//! What the agent observes.
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+/// One entry of an observation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Feature {
+    /// `C`: the true context c_t, 0 or 1.
+    Context,
+    /// `P`: the inferred probability of a context, in [0, 1].
+    Probability,
+    /// `L`: the most likely context l_t, 0 or 1.
+    Likely,
+    /// `H`: habituation h_t, in [0, 1].
+    Habituation,
+    /// `D`: disengagement risk d_t, in [0, 1].
+    Disengagement,
+    /// `T`: the time indicator i_t = mod(t, period).
+    Time,
+}
+
+impl Feature {
+    /// Every feature, in the order the documentation lists them.
+    pub const ALL: [Feature; 6] = [
+        Feature::Context,
+        Feature::Probability,
+        Feature::Likely,
+        Feature::Habituation,
+        Feature::Disengagement,
+        Feature::Time,
+    ];
+
+    /// The letter a scenario writes for this feature.
+    pub fn letter(self) -> char {
+        match self {
+            Feature::Context => 'C',
+            Feature::Probability => 'P',
+            Feature::Likely => 'L',
+            Feature::Habituation => 'H',
+            Feature::Disengagement => 'D',
+            Feature::Time => 'T',
+        }
+    }
+
+    fn from_letter(letter: char) -> Option<Feature> {
+        Feature::ALL.into_iter().find(|f| f.letter() == letter)
+    }
+}
+
+/// An observation scenario: the features an agent sees, in the order written, such as `P-H-D`.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct Scenario(Vec<Feature>);
+
+impl Scenario {
+    /// The scenario that shows this feature alone.
+    pub fn of(feature: Feature) -> Scenario {
+        Scenario(vec![feature])
+    }
+
+    /// The features, in the order of the observation's entries; never empty, none twice.
+    pub fn features(&self) -> &[Feature] {
+        &self.0
+    }
+}
+
+/// Why a text is not a scenario.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ScenarioError {
+    /// The text has no letter at all.
+    #[error("a scenario needs at least one letter")]
+    Empty,
+    /// A part between hyphens is not one of the letters.
+    #[error("`{0}` is not a feature")]
+    UnknownLetter(String),
+    /// A letter stands twice.
+    #[error("feature `{0}` stands twice")]
+    Repeated(char),
+}
+
+impl FromStr for Scenario {
+    type Err = ScenarioError;
+
+    fn from_str(text: &str) -> Result<Self, ScenarioError> {
+        if text.is_empty() {
+            return Err(ScenarioError::Empty);
+        }
+        let mut features = Vec::new();
+        for part in text.split('-') {
+            let mut letters = part.chars();
+            let feature = match (letters.next(), letters.next()) {
+                (Some(letter), None) => Feature::from_letter(letter),
+                _ => None,
+            };
+            let Some(feature) = feature else {
+                return Err(ScenarioError::UnknownLetter(part.to_owned()));
+            };
+            if features.contains(&feature) {
+                return Err(ScenarioError::Repeated(feature.letter()));
+            }
+            features.push(feature);
+        }
+        Ok(Scenario(features))
+    }
+}
+
+impl fmt::Display for Scenario {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, feature) in self.0.iter().enumerate() {
+            if i > 0 {
+                f.write_str("-")?;
+            }
+            write!(f, "{}", feature.letter())?;
+        }
+        Ok(())
+    }
+}
+
+impl TryFrom<String> for Scenario {
+    type Error = ScenarioError;
+
+    fn try_from(text: String) -> Result<Self, ScenarioError> {
+        text.parse()
+    }
+}
+
+impl From<Scenario> for String {
+    fn from(scenario: Scenario) -> String {
+        scenario.to_string()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scenarios_read_back_as_written() {
+        for text in ["C-H-D", "L-H-D", "P-H-D", "C-T", "L-T", "P-T", "T-D-P", "C"] {
+            assert_eq!(text.parse::<Scenario>().unwrap().to_string(), text);
+        }
+    }
+
+    #[test]
+    fn faulty_scenarios_say_what_is_wrong() {
+        let fault = |text: &str| text.parse::<Scenario>().unwrap_err();
+        assert_eq!(fault(""), ScenarioError::Empty);
+        assert_eq!(fault("P-X"), ScenarioError::UnknownLetter("X".into()));
+        assert_eq!(fault("PH"), ScenarioError::UnknownLetter("PH".into()));
+        assert_eq!(fault("P-"), ScenarioError::UnknownLetter(String::new()));
+        assert_eq!(fault("P-H-P"), ScenarioError::Repeated('P'));
+    }
+}

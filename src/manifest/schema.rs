@@ -1,0 +1,207 @@
+//! The JSON Schema of manifests, by which editors complete and check what an author types.
+
+use serde_json::{Map, Value as Json, json};
+
+use super::declared::MOST_JOBS;
+use super::keys::{Algorithm, Key, Kind, Section};
+use super::parameter::Parameter;
+use super::preset;
+use super::range::MOST_VALUES;
+use super::read::{FORMAT, LONGEST_NAME, MOST_ENTRIES};
+use super::scenario::Feature;
+
+/// The schema, in draft 2020-12. It knows the types, ranges and words of single keys; what keys ask
+/// of each other is for [`super::parse`].
+pub fn schema() -> Json {
+    json!({
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "jitai manifest",
+        "description": "An experiment: environment, scenarios, agents and seeds.",
+        "type": "object",
+        "additionalProperties": false,
+        "required": ["format", "name"],
+        "properties": top(),
+        "$defs": {
+            "name": { "type": "string", "minLength": 1, "maxLength": LONGEST_NAME },
+            "scenario": scenario(),
+            "seed": { "type": "integer", "minimum": 0, "maximum": i64::MAX },
+            "parameter": { "enum": Parameter::all().map(|p| p.to_string()).collect::<Vec<_>>() },
+            "zip": {
+                "type": "array",
+                "minItems": 2,
+                "uniqueItems": true,
+                "items": { "$ref": "#/$defs/parameter" },
+            },
+            "environment": section(Section::Environment, Map::new()),
+            "dueling_dqn": agent(Algorithm::DuelingDqn),
+            "reinforce": agent(Algorithm::Reinforce),
+            "evaluation": section(Section::Evaluation, Map::new()),
+            "exclude": exclude(),
+        },
+    })
+}
+
+fn top() -> Json {
+    json!({
+        "format": { "const": FORMAT, "description": "version of the manifest's format" },
+        "name": described("the experiment's name", json!({ "$ref": "#/$defs/name" })),
+        "extends": {
+            "enum": preset::names(),
+            "description": "a built-in preset, over which this manifest is laid key by key",
+        },
+        "question": { "type": "string", "description": "what the experiment asks" },
+        "hypothesis": { "type": "string", "description": "what its author expects" },
+        "scenarios": described("what the agents observe", one_or_more("#/$defs/scenario")),
+        "seeds": {
+            "description": "a count n, for the seeds 1 to n, or a list",
+            "anyOf": [
+                { "type": "integer", "minimum": 1, "maximum": MOST_JOBS },
+                list(json!({ "$ref": "#/$defs/seed" })),
+            ],
+        },
+        "zip": {
+            "description": "swept parameters that advance together",
+            "type": "array",
+            "minItems": 1,
+            "maxItems": MOST_ENTRIES,
+            "items": { "$ref": "#/$defs/zip" },
+        },
+        "environment": { "$ref": "#/$defs/environment" },
+        "agent": {
+            "type": "array",
+            "maxItems": MOST_ENTRIES,
+            "items": {
+                "anyOf": [{ "$ref": "#/$defs/dueling_dqn" }, { "$ref": "#/$defs/reinforce" }],
+            },
+        },
+        "evaluation": { "$ref": "#/$defs/evaluation" },
+        "exclude": {
+            "description": "cells to leave out",
+            "type": "array",
+            "maxItems": MOST_ENTRIES,
+            "items": { "$ref": "#/$defs/exclude" },
+        },
+    })
+}
+
+fn scenario() -> Json {
+    let letters: String = Feature::ALL.iter().map(|feature| feature.letter()).collect();
+    json!({
+        "type": "string",
+        "pattern": format!("^[{letters}](-[{letters}])*$"),
+        "examples": ["C-H-D", "L-H-D", "P-H-D", "C-T", "L-T", "P-T"],
+    })
+}
+
+fn agent(algorithm: Algorithm) -> Json {
+    let mut properties = Map::new();
+    let name =
+        described("the agent's name in tables and figures", json!({ "$ref": "#/$defs/name" }));
+    properties.insert("name".to_owned(), name);
+    properties.insert("algorithm".to_owned(), json!({ "const": algorithm.name() }));
+    let mut schema = section(algorithm.section(), properties);
+    schema["required"] = json!(["name"]);
+    schema
+}
+
+fn section(section: Section, mut properties: Map<String, Json>) -> Json {
+    for (key, default) in section.keys().iter().zip(section.defaults()) {
+        let mut property = swept(key);
+        if let Some(default) = default {
+            property["default"] = json!(default);
+        }
+        properties.insert(key.name.to_owned(), property);
+    }
+    json!({ "type": "object", "additionalProperties": false, "properties": properties })
+}
+
+/// The schema of a key: a value, a list of values or a range.
+fn swept(key: &Key) -> Json {
+    let mut forms = vec![value(key.kind), list(value(key.kind))];
+    match key.kind {
+        Kind::Real { .. } | Kind::PositiveReal { .. } => {
+            forms.push(range(value(key.kind), json!({ "type": "number", "exclusiveMinimum": 0 })));
+        }
+        Kind::Integer { .. } => {
+            forms.push(range(value(key.kind), json!({ "type": "integer", "minimum": 1 })));
+        }
+        Kind::Flag | Kind::Choice(_) | Kind::RealPair { .. } | Kind::Widths { .. } => {}
+    }
+    described(key.doc, json!({ "anyOf": forms }))
+}
+
+fn value(kind: Kind) -> Json {
+    match kind {
+        Kind::Real { min, max } => json!({ "type": "number", "minimum": min, "maximum": max }),
+        Kind::PositiveReal { max } => {
+            json!({ "type": "number", "exclusiveMinimum": 0, "maximum": max })
+        }
+        Kind::Integer { min, max } => json!({ "type": "integer", "minimum": min, "maximum": max }),
+        Kind::Flag => json!({ "type": "boolean" }),
+        Kind::Choice(words) => json!({ "enum": words }),
+        Kind::RealPair { min, max } => json!({
+            "type": "array",
+            "minItems": 2,
+            "maxItems": 2,
+            "items": value(Kind::Real { min, max }),
+        }),
+        Kind::Widths { max } => json!({
+            "type": "array",
+            "minItems": 1,
+            "items": value(Kind::Integer { min: 1, max: max.into() }),
+        }),
+    }
+}
+
+fn range(end: Json, step: Json) -> Json {
+    let count = json!({ "type": "integer", "minimum": 2, "maximum": MOST_VALUES });
+    json!({
+        "type": "object",
+        "additionalProperties": false,
+        "required": ["from", "to"],
+        "oneOf": [{ "required": ["step"] }, { "required": ["count"] }],
+        "properties": {
+            "from": end,
+            "to": end,
+            "step": step,
+            "count": count,
+            "scale": { "enum": ["linear", "log"], "default": "linear" },
+        },
+    })
+}
+
+fn exclude() -> Json {
+    let keys = |definition: &str, section: Section| {
+        let path = format!("#/$defs/{definition}/properties");
+        let property =
+            |key: &Key| (key.name.to_owned(), json!({ "$ref": format!("{path}/{}", key.name) }));
+        section.keys().iter().map(property).collect::<Map<String, Json>>()
+    };
+    let mut of_agents = keys("dueling_dqn", Section::DuelingDqn);
+    of_agents.extend(keys("reinforce", Section::Reinforce));
+    of_agents.insert("name".to_owned(), one_or_more("#/$defs/name"));
+    let table = |properties| json!({ "type": "object", "additionalProperties": false, "properties": properties });
+    let mut schema = table(Map::from_iter([
+        ("scenario".to_owned(), one_or_more("#/$defs/scenario")),
+        ("seed".to_owned(), one_or_more("#/$defs/seed")),
+        ("environment".to_owned(), table(keys("environment", Section::Environment))),
+        ("agent".to_owned(), table(of_agents)),
+        ("evaluation".to_owned(), table(keys("evaluation", Section::Evaluation))),
+    ]));
+    schema["minProperties"] = json!(1);
+    schema
+}
+
+fn list(items: Json) -> Json {
+    json!({ "type": "array", "minItems": 1, "uniqueItems": true, "items": items })
+}
+
+fn one_or_more(reference: &str) -> Json {
+    let one = json!({ "$ref": reference });
+    json!({ "anyOf": [one, list(one.clone())] })
+}
+
+fn described(text: &str, mut schema: Json) -> Json {
+    schema["description"] = text.into();
+    schema
+}

@@ -1,0 +1,287 @@
+//! Reads the values of one key: a value, a list of values, or a range, each of the key's kind.
+
+use std::collections::HashSet;
+
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use super::fault::{Fault, FaultList};
+use super::keys::{Kind, Value};
+use super::range::{self, MOST_VALUES, RangeError, Spacing};
+
+/// A value of the TOML tree with its place in the text.
+pub(super) type Node<'t> = Spanned<DeValue<'t>>;
+
+/// Reads values, noting what is wrong with them.
+#[derive(Debug)]
+pub(super) struct Reader<'t> {
+    pub text: &'t str,
+    pub faults: FaultList,
+}
+
+impl<'t> Reader<'t> {
+    pub fn new(text: &'t str) -> Reader<'t> {
+        Reader { text, faults: FaultList::default() }
+    }
+
+    /// The values that `node` gives the key `name`; empty, with faults noted, if any is faulty.
+    pub fn sweep(&mut self, name: &str, kind: Kind, node: &Node) -> Vec<Value> {
+        let takes_list = matches!(kind, Kind::RealPair { .. } | Kind::Widths { .. });
+        match node.get_ref() {
+            DeValue::Array(items) => {
+                let nested = items.first().is_some_and(|item| item.get_ref().is_array());
+                if takes_list && !nested {
+                    return self.value(name, kind, node).into_iter().collect();
+                }
+                if items.is_empty() {
+                    let expected = kind.expectation();
+                    let message = format!("`{name}`: a sweep cannot be empty");
+                    let fault = Fault::at(node.span().into(), message);
+                    self.faults.add(fault.help(format!("list at least one value: {expected}")));
+                }
+                let read = |reader: &mut Self, item: &Node| reader.value(name, kind, item);
+                self.distinct(name, items.iter(), read)
+            }
+            DeValue::Table(table) => self.range(name, kind, node, table),
+            _ => self.value(name, kind, node).into_iter().collect(),
+        }
+    }
+
+    /// What `read` makes of the items; empty if it fails on one or two are the same.
+    pub fn distinct<'n, T: Eq + std::hash::Hash + Clone + std::fmt::Display>(
+        &mut self,
+        name: &str,
+        items: impl Iterator<Item = &'n Node<'n>>,
+        read: impl Fn(&mut Self, &Node) -> Option<T>,
+    ) -> Vec<T> {
+        let before = self.faults.len();
+        let mut values = Vec::new();
+        let mut seen = HashSet::new();
+        for item in items {
+            let Some(value) = read(self, item) else { continue };
+            if !seen.insert(value.clone()) {
+                let message = format!("`{name}`: {value} stands twice");
+                self.faults.add(Fault::at(item.span().into(), message));
+            }
+            values.push(value);
+        }
+        if self.faults.len() > before { Vec::new() } else { values }
+    }
+
+    /// A single value of `kind`.
+    pub fn value(&mut self, name: &str, kind: Kind, node: &Node) -> Option<Value> {
+        let value = read(kind, node);
+        if value.is_none() {
+            self.unexpected(name, kind, node);
+        }
+        value
+    }
+
+    /// Notes that `node` is not of `kind`, at its faulty entry where it is a list.
+    fn unexpected(&mut self, name: &str, kind: Kind, node: &Node) {
+        let entry_kind = match kind {
+            Kind::Widths { max } => Kind::Integer { min: 1, max: max.into() },
+            Kind::RealPair { min, max } => Kind::Real { min, max },
+            other => other,
+        };
+        let entries = node.get_ref().as_array().filter(|_| entry_kind != kind);
+        let faulty = entries
+            .and_then(|entries| entries.iter().find(|entry| read(entry_kind, entry).is_none()));
+        let (expected, place) = match faulty {
+            Some(entry) => (entry_kind.expectation(), entry),
+            None => (kind.expectation(), node),
+        };
+        let found = self.found(place);
+        let message = format!("`{name}`: expected {expected}, found {found}");
+        let fault = Fault::at(place.span().into(), message);
+        self.faults.add(hint(fault, kind, place));
+    }
+
+    /// Notes that `name` should be `expected`.
+    pub fn expected(&mut self, name: &str, expected: &str, node: &Node) {
+        let message = format!("`{name}`: expected {expected}, found {}", self.found(node));
+        self.faults.add(Fault::at(node.span().into(), message));
+    }
+
+    /// What stands in the text, in a few words.
+    pub fn found(&self, node: &Node) -> String {
+        const MOST: usize = 40;
+        match node.get_ref() {
+            DeValue::Array(items) if items.is_empty() => "an empty list".to_owned(),
+            DeValue::Array(_) => "a list".to_owned(),
+            DeValue::Table(_) => "a table".to_owned(),
+            DeValue::Datetime(_) => "a date or time".to_owned(),
+            DeValue::String(_) | DeValue::Integer(_) | DeValue::Float(_) | DeValue::Boolean(_) => {
+                let written = self.text.get(node.span()).unwrap_or("something else");
+                let short: String = written.chars().take(MOST).collect();
+                if short.len() < written.len() { format!("{short}…") } else { short }
+            }
+        }
+    }
+
+    fn range(&mut self, name: &str, kind: Kind, node: &Node, table: &DeTable) -> Vec<Value> {
+        let step_kind = match kind {
+            Kind::Real { .. } | Kind::PositiveReal { .. } => Kind::PositiveReal { max: f64::MAX },
+            Kind::Integer { .. } => Kind::Integer { min: 1, max: i64::MAX as u64 },
+            Kind::Flag | Kind::Choice(_) | Kind::RealPair { .. } | Kind::Widths { .. } => {
+                self.expected(name, &kind.expectation(), node);
+                return Vec::new();
+            }
+        };
+        let before = self.faults.len();
+        self.range_keys(name, node, table);
+        let mut part = |key: &str, kind: Kind| {
+            let node = table.get(key)?;
+            self.value(&format!("{name}.{key}"), kind, node)
+        };
+        let ends = (part("from", kind), part("to", kind));
+        let step = part("step", step_kind);
+        let count = part("count", Kind::Integer { min: 2, max: MOST_VALUES });
+        let scale = part("scale", Kind::Choice(&["linear", "log"]));
+        if self.faults.len() > before {
+            return Vec::new();
+        }
+        match list(ends, step, count, scale) {
+            Some(Ok(values)) => values,
+            Some(Err(error)) => {
+                self.faults.add(Fault::at(node.span().into(), format!("`{name}`: {error}")));
+                Vec::new()
+            }
+            None => Vec::new(),
+        }
+    }
+
+    /// Notes keys that a range does not have, lacks, or cannot have together.
+    fn range_keys(&mut self, name: &str, node: &Node, table: &DeTable) {
+        const KEYS: [&str; 5] = ["from", "to", "step", "count", "scale"];
+        for key in table.keys().filter(|key| !KEYS.contains(&key.get_ref().as_ref())) {
+            let found = key.get_ref();
+            let message = format!("unknown key `{found}` in the range of `{name}`");
+            self.faults.add(Fault::at(key.span().into(), message).nearest(found, KEYS));
+        }
+        let has = |key: &str| table.contains_key(key);
+        let problem = match (has("from") && has("to"), has("step"), has("count"), has("scale")) {
+            (false, ..) => "needs `from` and `to`",
+            (true, true, true, _) => "takes `step` or `count`, not both",
+            (true, false, false, _) => "needs `step` or `count`",
+            (true, true, false, true) => "takes `scale` only with `count`",
+            (true, true, false, false) | (true, false, true, _) => return,
+        };
+        let fault = Fault::at(node.span().into(), format!("a range of `{name}` {problem}"));
+        self.faults.add(fault.help(
+            "write { from = 0.1, to = 0.4, step = 0.1 } or { from = 1e-4, to = 1e-2, count = 3, \
+             scale = \"log\" }",
+        ));
+    }
+}
+
+/// The values of a range whose parts have been read; `None` if one is missing.
+fn list(
+    ends: (Option<Value>, Option<Value>),
+    step: Option<Value>,
+    count: Option<Value>,
+    scale: Option<Value>,
+) -> Option<Result<Vec<Value>, RangeError>> {
+    match (ends.0?, ends.1?) {
+        (Value::Integer(from), Value::Integer(to)) => {
+            let spacing = spacing(step.and_then(whole_of), count, scale)?;
+            Some(wrap(range::integers(from, to, spacing), Value::Integer))
+        }
+        (Value::Real(from), Value::Real(to)) => {
+            let spacing = spacing(step.and_then(real_of), count, scale)?;
+            Some(wrap(range::reals(from, to, spacing), Value::Real))
+        }
+        _ => None,
+    }
+}
+
+fn spacing<N>(step: Option<N>, count: Option<Value>, scale: Option<Value>) -> Option<Spacing<N>> {
+    match (step, count.and_then(whole_of), scale) {
+        (Some(step), ..) => Some(Spacing::Step(step)),
+        (None, Some(count), Some(Value::Choice("log"))) => Some(Spacing::Log(count)),
+        (None, Some(count), _) => Some(Spacing::Linear(count)),
+        (None, None, _) => None,
+    }
+}
+
+fn wrap<N>(
+    values: Result<Vec<N>, RangeError>,
+    value: fn(N) -> Value,
+) -> Result<Vec<Value>, RangeError> {
+    values.map(|values| values.into_iter().map(value).collect())
+}
+
+fn whole_of(value: Value) -> Option<u64> {
+    if let Value::Integer(whole) = value { Some(whole) } else { None }
+}
+
+fn real_of(value: Value) -> Option<f64> {
+    if let Value::Real(real) = value { Some(real) } else { None }
+}
+
+/// The value of `node`, if it is one of `kind`.
+fn read(kind: Kind, node: &Node) -> Option<Value> {
+    let real = |node: &Node, min: f64, max: f64| {
+        let number = number(node).filter(|x| (min..=max).contains(x))?;
+        Some(if number == 0.0 { 0.0 } else { number })
+    };
+    let integer = |node: &Node, min: u64, max: u64| whole(node).filter(|n| (min..=max).contains(n));
+    match kind {
+        Kind::Real { min, max } => real(node, min, max).map(Value::Real),
+        Kind::PositiveReal { max } => real(node, 0.0, max).filter(|x| *x > 0.0).map(Value::Real),
+        Kind::Integer { min, max } => integer(node, min, max).map(Value::Integer),
+        Kind::Flag => node.get_ref().as_bool().map(Value::Flag),
+        Kind::Choice(words) => {
+            let found = node.get_ref().as_str()?;
+            words.iter().find(|word| **word == found).map(|word| Value::Choice(word))
+        }
+        Kind::RealPair { min, max } => match &node.get_ref().as_array()?[..] {
+            [first, second] => {
+                Some(Value::RealPair([real(first, min, max)?, real(second, min, max)?]))
+            }
+            _ => None,
+        },
+        Kind::Widths { max } => {
+            let entries = node.get_ref().as_array().filter(|entries| !entries.is_empty())?;
+            let width = |entry| u32::try_from(integer(entry, 1, max.into())?).ok();
+            entries.iter().map(width).collect::<Option<_>>().map(Value::Widths)
+        }
+    }
+}
+
+/// The number that `node` is; a whole number counts as one with a fraction of 0.
+fn number(node: &Node) -> Option<f64> {
+    match node.get_ref() {
+        DeValue::Float(float) => float.as_str().parse().ok(),
+        DeValue::Integer(integer) => {
+            i64::from_str_radix(integer.as_str(), integer.radix()).ok().map(|whole| whole as f64)
+        }
+        _ => None,
+    }
+}
+
+/// The whole number that `node` is, if it is one and not negative.
+pub(super) fn whole(node: &Node) -> Option<u64> {
+    let integer = node.get_ref().as_integer()?;
+    let whole = i64::from_str_radix(integer.as_str(), integer.radix()).ok()?;
+    u64::try_from(whole).ok()
+}
+
+fn hint(fault: Fault, kind: Kind, node: &Node) -> Fault {
+    match (kind, node.get_ref()) {
+        (Kind::Choice(words), DeValue::String(found)) => {
+            fault.nearest(found, words.iter().copied())
+        }
+        (
+            Kind::Real { .. } | Kind::PositiveReal { .. } | Kind::Integer { .. },
+            DeValue::String(text),
+        ) if text.parse::<f64>().is_ok() => fault.help("numbers are written without quotes"),
+        (Kind::Flag, DeValue::String(text)) if text.parse::<bool>().is_ok() => {
+            fault.help("true and false are written without quotes")
+        }
+        (Kind::Integer { .. }, DeValue::Float(_)) => {
+            fault.help("whole numbers are written without a fraction or exponent, as 50")
+        }
+        _ => fault,
+    }
+}

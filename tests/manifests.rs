@@ -1,0 +1,335 @@
+//! Manifests from the outside: what faulty ones are told, what the shipped ones declare, and what
+//! the reference and the schema say about both.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+use std::{fs, panic};
+
+use jitai::manifest::{self, Key, Manifest, Section, Value};
+use jitai::plan::{self, PlannedJob};
+
+/// Compares with the text of the file at `expected`, and tells how to accept `actual` instead.
+fn assert_text(actual: &str, expected: &Path) -> Result<(), String> {
+    if fs::read_to_string(expected).is_ok_and(|text| text == actual) {
+        return Ok(());
+    }
+    let name = expected.file_name().unwrap();
+    let kept = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    fs::write(&kept, actual).unwrap();
+    let accept = format!("cp '{}' '{}'", kept.display(), expected.display());
+    Err(format!(
+        "{actual}\nis not what stands in {}; to accept it:\n{accept}\n",
+        expected.display()
+    ))
+}
+
+fn bad_manifests() -> Vec<PathBuf> {
+    let entries = fs::read_dir("tests/data/manifests").unwrap().map(|entry| entry.unwrap().path());
+    let mut stems: Vec<PathBuf> = entries.map(|path| path.with_extension("")).collect();
+    stems.sort();
+    stems.dedup();
+    stems
+}
+
+#[test]
+fn every_faulty_manifest_is_told_exactly_what_is_wrong() {
+    let mut failures = String::new();
+    for stem in bad_manifests() {
+        let path = stem.with_extension("toml");
+        let report = match manifest::load(&path) {
+            Ok(_) => panic!("{} has no fault", path.display()),
+            Err(faults) => format!("{faults}\n"),
+        };
+        if let Err(failure) = assert_text(&report, &stem.with_extension("txt")) {
+            failures.push_str(&failure);
+        }
+    }
+    assert!(failures.is_empty(), "{failures}");
+    assert!(bad_manifests().len() >= 30);
+}
+
+#[test]
+fn a_faulty_manifest_has_one_fault_unless_it_is_named_for_many() {
+    for stem in bad_manifests() {
+        let faults = manifest::load(&stem.with_extension("toml")).unwrap_err();
+        let many = stem.ends_with("bad-many-faults");
+        assert_eq!(faults.list().len() > 1, many, "{}\n{faults}", stem.display());
+    }
+}
+
+#[test]
+fn faults_are_data_for_programs() {
+    let faults = manifest::load(Path::new("tests/data/manifests/bad-unknown-key.toml"));
+    let json = serde_json::to_value(faults.unwrap_err()).unwrap();
+    assert_eq!(json[0]["line"], 7);
+    assert_eq!(json[0]["column"], 1);
+    assert_eq!(json[0]["help"], "did you mean `sigma`?");
+}
+
+#[test]
+fn what_is_no_file_of_text_is_refused_without_waiting() {
+    let folder = tempfile::tempdir().unwrap();
+    let large = folder.path().join("large.toml");
+    fs::write(&large, vec![b'#'; 10_000_001]).unwrap();
+    let report = manifest::load(&large).unwrap_err().to_string();
+    assert!(report.contains("the file has more than 10000000 bytes"), "{report}");
+    #[cfg(unix)]
+    {
+        let report = manifest::load(Path::new("/dev/zero")).unwrap_err().to_string();
+        assert!(report.contains("/dev/zero: is not a regular file"), "{report}");
+    }
+}
+
+fn shipped() -> Vec<(&'static str, u64)> {
+    vec![
+        ("experiments/quickstart.toml", 24),
+        ("experiments/readings.toml", 108),
+        ("experiments/paper/context_error.toml", 144),
+        ("experiments/paper/disengagement.toml", 192),
+        ("experiments/paper/hyperparameters.toml", 780),
+        ("experiments/paper/learning_curves.toml", 18),
+    ]
+}
+
+#[test]
+fn every_shipped_manifest_is_valid_and_says_how_many_jobs_it_has() {
+    for (path, jobs) in shipped() {
+        let manifest = manifest::load(Path::new(path)).unwrap();
+        assert_eq!(plan::count(&manifest), jobs, "{path}");
+        assert_eq!(plan::jobs(&manifest).count() as u64, jobs, "{path}");
+        let said = manifest.source.lines().any(|line| line.contains(&format!("{jobs} jobs")));
+        assert!(said, "{path} does not say that it has {jobs} jobs");
+    }
+}
+
+#[test]
+fn every_manifest_of_experiments_is_tested_and_names_the_schema() {
+    for folder in ["experiments", "experiments/paper"] {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                continue;
+            }
+            let tested = shipped().iter().any(|(known, _)| Path::new(known) == path);
+            assert!(tested, "{}", path.display());
+            let text = fs::read_to_string(&path).unwrap();
+            let schema = text.lines().next().and_then(|line| line.strip_prefix("#:schema "));
+            assert!(path.parent().unwrap().join(schema.unwrap()).is_file(), "{}", path.display());
+        }
+    }
+}
+
+#[test]
+fn the_search_for_hyper_parameters_uses_no_seed_that_is_reported() {
+    let seeds = |path: &str| manifest::load(Path::new(path)).unwrap().seeds;
+    let searched = seeds("experiments/paper/hyperparameters.toml");
+    for (path, _) in shipped().iter().filter(|(path, _)| !path.contains("hyperparameters")) {
+        assert!(seeds(path).iter().all(|seed| !searched.contains(seed)), "{path}");
+    }
+}
+
+#[test]
+fn the_resolved_form_of_every_shipped_manifest_declares_the_same_jobs() {
+    for (path, _) in shipped() {
+        let written = manifest::load(Path::new(path)).unwrap();
+        let resolved = manifest::parse("resolved", written.resolved().as_bytes()).unwrap();
+        assert_eq!(resolved.resolved(), written.resolved(), "{path}");
+        assert!(plan::jobs(&written).eq(plan::jobs(&resolved)), "{path}");
+    }
+}
+
+#[test]
+fn the_schema_in_the_documentation_is_the_programs_own() {
+    let schema = format!("{}\n", serde_json::to_string_pretty(&manifest::schema()).unwrap());
+    let renew = "or run: jitai schema > docs/manifest.schema.json";
+    let same = assert_text(&schema, Path::new("docs/manifest.schema.json"));
+    assert!(same.is_ok(), "{}{renew}", same.unwrap_err().split("to accept it:").last().unwrap());
+}
+
+fn key_table(section: Section) -> String {
+    let mut table = "| key | values | default | meaning |\n| --- | --- | --- | --- |\n".to_owned();
+    for (Key { name, kind, doc }, default) in section.keys().iter().zip(section.defaults()) {
+        let default = default.as_ref().map_or("required".to_owned(), |value| format!("`{value}`"));
+        writeln!(table, "| `{name}` | {} | {default} | {doc} |", kind.expectation()).unwrap();
+    }
+    table
+}
+
+#[test]
+fn the_reference_lists_every_key_with_its_values_and_default() {
+    let path = Path::new("docs/manifest.md");
+    let mut actual = fs::read_to_string(path).unwrap();
+    let sections = [
+        ("environment", Section::Environment),
+        ("dueling_dqn", Section::DuelingDqn),
+        ("reinforce", Section::Reinforce),
+        ("evaluation", Section::Evaluation),
+    ];
+    for (name, section) in sections {
+        let (open, close) = (format!("<!-- keys of {name} -->\n"), "<!-- end of keys -->");
+        let start = actual.find(&open).unwrap_or_else(|| panic!("no {open}")) + open.len();
+        let end = start + actual[start..].find(close).unwrap();
+        actual.replace_range(start..end, &key_table(section));
+    }
+    let same = assert_text(&actual, path);
+    assert!(same.is_ok(), "{}", same.unwrap_err().split("to accept it:").last().unwrap());
+}
+
+#[test]
+fn the_manifests_of_the_reference_are_valid() {
+    let reference = fs::read_to_string("docs/manifest.md").unwrap();
+    let blocks = reference.split("```toml\n").skip(1).map(|rest| rest.split("```").next().unwrap());
+    let whole: Vec<_> = blocks.filter(|block| block.contains("format = 1")).collect();
+    assert!(!whole.is_empty());
+    for block in whole {
+        manifest::parse("docs/manifest.md", block.as_bytes()).unwrap();
+    }
+}
+
+/// Steps of a linear congruential generator (Knuth's MMIX constants): the same ones every time.
+struct Draws(u64);
+
+impl Draws {
+    fn below(&mut self, limit: usize) -> usize {
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 33) as usize % limit
+    }
+}
+
+fn mutate(bytes: &mut Vec<u8>, draws: &mut Draws) {
+    const SPICE: &[&[u8]] = &[
+        b"[",
+        b"]",
+        b"{",
+        b"}",
+        b"\"",
+        b"=",
+        b"\n",
+        b".",
+        b"-",
+        b"e9",
+        b"nan",
+        b"inf",
+        b"\xff",
+        b"\0",
+        b"[[",
+        b"0x",
+        b"99999999",
+        b"'''",
+        b"agent",
+        b"zip",
+        b"\xe2\x80\xae",
+    ];
+    for _ in 0..=draws.below(4) {
+        let at = draws.below(bytes.len());
+        let end = (at + draws.below(12)).min(bytes.len());
+        match draws.below(4) {
+            0 => bytes[at] = draws.below(256) as u8,
+            1 => drop(bytes.splice(at..end, []).collect::<Vec<_>>()),
+            2 => drop(bytes.splice(at..at, SPICE[draws.below(SPICE.len())].iter().copied())),
+            _ => {
+                let copy = bytes[at..end].to_vec();
+                let to = draws.below(bytes.len());
+                drop(bytes.splice(to..to, copy));
+            }
+        }
+    }
+}
+
+#[test]
+fn no_mutation_of_a_manifest_makes_the_reader_panic_or_dawdle() {
+    let mut draws = Draws(20_260_101);
+    let originals: Vec<Vec<u8>> =
+        shipped().iter().map(|(path, _)| fs::read(path).unwrap()).collect();
+    let mut valid = 0;
+    for round in 0..4000 {
+        let mut bytes = originals[round % originals.len()].clone();
+        mutate(&mut bytes, &mut draws);
+        let start = Instant::now();
+        let outcome = panic::catch_unwind(|| match manifest::parse("mutated", &bytes) {
+            Ok(manifest) => plan::count(&manifest) > 0,
+            Err(faults) => faults.to_string().is_empty(),
+        });
+        let text = String::from_utf8_lossy(&bytes);
+        assert!(outcome.is_ok(), "panic in round {round} on:\n{text}");
+        assert!(start.elapsed() < Duration::from_secs(1), "slow in round {round} on:\n{text}");
+        valid += usize::from(outcome.unwrap());
+    }
+    assert!(valid > 100, "only {valid} mutations were valid: the mutations are too coarse");
+}
+
+#[test]
+fn deep_or_repetitive_texts_are_refused_quickly() {
+    let hostile = [
+        "[".repeat(300_000),
+        format!("a = {}", "[".repeat(300_000)),
+        format!("a = {}", "{a = ".repeat(30_000)),
+        format!("{}= 1", "a.".repeat(30_000)),
+        "a = 1\n".repeat(30_000),
+        (0..30_000).fold(String::new(), |text, i| text + &format!("a{i} = 1\n")),
+        "[[agent]]\n".repeat(30_000),
+        "\"".repeat(300_000),
+        format!("format = 1\nscenarios = [{}]", "\"P-T\",".repeat(60_000)),
+    ];
+    for text in hostile {
+        let start = Instant::now();
+        let report = manifest::parse("hostile", text.as_bytes()).unwrap_err().to_string();
+        let shown = text.get(..20).unwrap_or(&text);
+        assert!(start.elapsed() < Duration::from_secs(10), "{shown}: {:?}", start.elapsed());
+        assert!(report.len() < 1_000_000, "{shown}: {} bytes", report.len());
+    }
+}
+
+fn jobs_of(text: &str) -> Vec<PlannedJob> {
+    plan::expand(&parsed(text))
+}
+
+fn parsed(text: &str) -> Manifest {
+    manifest::parse("test", text.as_bytes()).unwrap()
+}
+
+/// The first job of a manifest, its canonical form and its key.
+fn assert_first_job(text: &str, canonical: &str, key: &str) {
+    let job = &jobs_of(text)[0].job;
+    assert_eq!(job.canonical(), canonical);
+    assert_eq!(job.key().to_string(), key);
+}
+
+#[test]
+fn job_keys_are_what_every_store_holds() {
+    let head = "format = 1\nname = \"pinned\"\nextends = \"paper\"\nscenarios = [\"P-H-D\"]\n";
+    assert_first_job(
+        &format!("{head}[environment]\nsigma = 0.4"),
+        r#"{"agent":{"activation":"relu","algorithm":"dueling_dqn","batch":64,"buffer":1000000,"engine":"burn","episodes":1000,"epsilon_decrement":0.001,"epsilon_floor":0.01,"epsilon_start":1.0,"gamma":0.99,"layers":[128,128],"learning_rate":0.0005,"target_period":1000,"terminal_target":"zero","trunk":"shared"},"environment":{"delta_d":0.1,"delta_h":0.1,"disengagement_threshold":1.0,"epsilon_d":0.4,"epsilon_h":0.05,"first_context":"fixed","horizon":50,"initial_disengagement":0.1,"initial_habituation":0.1,"mu":[0.1,0.1],"observed_probability":0,"rho_1":50.0,"rho_2":200.0,"sigma":0.4,"time_indicator":"lagged","time_indicator_period":2,"time_one_hot":false},"evaluation":{"curve_stride":10,"test_actions":"as_trained","test_episodes":1000},"scenario":"P-H-D","seed":1}"#,
+        "05bf73be039d70df9215f4cdb3a46d54",
+    );
+    let reinforce = "[[exclude]]\nagent.name = \"dqn\"\n[environment]\nsigma = 0.4";
+    assert_first_job(
+        &format!("{head}{reinforce}"),
+        r#"{"agent":{"activation":"relu","algorithm":"reinforce","engine":"burn","episodes":15000,"gamma":0.99,"layers":[128],"learning_rate":0.0006,"loss_divisor":50.0,"trajectories_per_update":1},"environment":{"delta_d":0.1,"delta_h":0.1,"disengagement_threshold":1.0,"epsilon_d":0.4,"epsilon_h":0.05,"first_context":"fixed","horizon":50,"initial_disengagement":0.1,"initial_habituation":0.1,"mu":[0.1,0.1],"observed_probability":0,"rho_1":50.0,"rho_2":200.0,"sigma":0.4,"time_indicator":"lagged","time_indicator_period":2,"time_one_hot":false},"evaluation":{"curve_stride":10,"test_actions":"as_trained","test_episodes":1000},"scenario":"P-H-D","seed":1}"#,
+        "070319ff073e6435548dac2ed6b98079",
+    );
+    assert_first_job(
+        "format = 1\nname = \"odd\"\nscenarios = [\"T-C\"]\nseeds = [9223372036854775807]\n\
+         [environment]\nsigma = 1e6\nmu = [-0.0, 1e-300]\ndelta_d = 0.30000000000000004\n\
+         rho_1 = -50\ntime_one_hot = true\nobserved_probability = 1\n\
+         [[agent]]\nname = \"a\"\nalgorithm = \"reinforce\"\nlayers = [1, 4096, 3]\n\
+         learning_rate = 1e-7\nactivation = \"tanh\"\n[evaluation]\ntest_actions = \"greedy\"",
+        r#"{"agent":{"activation":"tanh","algorithm":"reinforce","engine":"burn","episodes":15000,"gamma":0.99,"layers":[1,4096,3],"learning_rate":1e-7,"loss_divisor":50.0,"trajectories_per_update":1},"environment":{"delta_d":0.30000000000000004,"delta_h":0.1,"disengagement_threshold":1.0,"epsilon_d":0.4,"epsilon_h":0.05,"first_context":"fixed","horizon":50,"initial_disengagement":0.1,"initial_habituation":0.1,"mu":[0.0,1e-300],"observed_probability":1,"rho_1":-50.0,"rho_2":200.0,"sigma":1000000.0,"time_indicator":"lagged","time_indicator_period":2,"time_one_hot":true},"evaluation":{"curve_stride":10,"test_actions":"greedy","test_episodes":1000},"scenario":"T-C","seed":9223372036854775807}"#,
+        "b4544ace1e6c34aacf1fa8883f3028f3",
+    );
+}
+
+#[test]
+fn integers_stand_for_numbers_without_making_other_jobs() {
+    let text = |rho: &str| {
+        format!(
+            "format = 1\nname = \"n\"\nextends = \"paper\"\nscenarios = [\"P-T\"]\n\
+             [environment]\nsigma = 0\nrho_1 = {rho}"
+        )
+    };
+    assert_eq!(jobs_of(&text("50")), jobs_of(&text("50.0")));
+    assert_eq!(parsed(&text("50")).environment.get("rho_1"), Some(&[Value::Real(50.0)][..]));
+}
