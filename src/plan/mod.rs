@@ -1,0 +1,10 @@
+//! What should run: expands a manifest into jobs and gives each its identity.
+//!
+//! In: a validated [`crate::manifest::Manifest`]. Out: [`Job`]s with their [`JobKey`]s. Pure: it
+//! knows no clock, no disk, no random numbers, and nothing of what has run already.
+
+mod expand;
+mod job;
+
+pub use expand::{PlannedJob, count, expand, jobs};
+pub use job::{ContentKey, Job, JobKey, Scalar, Versions};
