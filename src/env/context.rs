@@ -1,0 +1,131 @@
+//! The context process and what an inference of it shows.
+
+use statrs::distribution::{ContinuousCDF, Normal};
+
+use crate::rng::{Stream, unit_from_bits};
+
+/// The context of a step with its inference.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Signal {
+    /// True context c, 0 or 1.
+    pub context: u8,
+    /// Inferred probability of context 0, in [0, 1].
+    pub probability_of_zero: f64,
+    /// Most likely context l, 0 or 1; 0 where both are equally likely.
+    pub likely: u8,
+}
+
+impl Signal {
+    /// The first step of the authors' simulator: context 0, both contexts equally likely.
+    pub const FIXED_FIRST: Signal = Signal { context: 0, probability_of_zero: 0.5, likely: 0 };
+
+    /// A context with the inference that a probability of context 0 makes.
+    pub fn new(context: u8, probability_of_zero: f64) -> Self {
+        Signal { context, probability_of_zero, likely: u8::from(probability_of_zero < 0.5) }
+    }
+
+    /// Draws c ~ Bernoulli(0.5) and x ~ N(c, sigma^2); infers P(C = 0 | x).
+    ///
+    /// Takes exactly two words of the stream, so that lanes can be drawn in bulk. The normal
+    /// deviate is by Box and Muller (1958).
+    pub fn draw(sigma: f64, stream: &mut Stream) -> Self {
+        let (first, second) = (stream.bits(), stream.bits());
+        let context = (first & 1) as u8;
+        // 1 - u is above 0, which the logarithm needs.
+        let radius = (-2.0 * libm::log(1.0 - unit_from_bits(first))).sqrt();
+        let deviate = radius * libm::cos(std::f64::consts::TAU * unit_from_bits(second));
+        Signal::new(context, probability_of_zero(context, deviate, sigma))
+    }
+}
+
+/// P(C = 0 | x) for the feature x = context + sigma * deviate.
+///
+/// With equal priors, p_0 = 1 / (1 + N(x; 1, s^2) / N(x; 0, s^2)) = 1 / (1 + exp((2x - 1) / 2s^2)).
+/// `sigma = 0` is exact: 1 in context 0 and 0 in context 1.
+pub fn probability_of_zero(context: u8, deviate: f64, sigma: f64) -> f64 {
+    if sigma == 0.0 {
+        return f64::from(1 - context);
+    }
+    let feature = f64::from(context) + sigma * deviate;
+    1.0 / (1.0 + libm::exp((2.0 * feature - 1.0) / (2.0 * sigma * sigma)))
+}
+
+/// The exact rate at which the most likely context is wrong: Phi(-1 / (2 sigma)).
+pub fn inference_error(sigma: f64) -> f64 {
+    if sigma == 0.0 {
+        return 0.0;
+    }
+    Normal::standard().cdf(-1.0 / (2.0 * sigma))
+}
+
+#[cfg(test)]
+mod tests {
+    use statrs::distribution::Continuous;
+
+    use super::*;
+    use crate::rng::Purpose;
+
+    #[test]
+    fn probabilities_are_the_ratio_of_normal_densities() {
+        for sigma in [0.4, 0.6, 1.0, 2.0] {
+            for context in [0, 1] {
+                for deviate in [-3.0, -0.7, 0.0, 0.2, 2.5] {
+                    let x = f64::from(context) + sigma * deviate;
+                    let density = |mean| Normal::new(mean, sigma).unwrap().pdf(x);
+                    let expected = density(0.0) / (density(0.0) + density(1.0));
+                    let ours = probability_of_zero(context, deviate, sigma);
+                    assert!((ours - expected).abs() < 1e-14, "{ours} {expected}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn without_noise_the_probability_is_exact() {
+        let mut stream = Stream::new(3, Purpose::Environment);
+        for _ in 0..1000 {
+            let signal = Signal::draw(0.0, &mut stream);
+            assert_eq!(signal.probability_of_zero, 1.0 - f64::from(signal.context));
+            assert_eq!(signal.likely, signal.context);
+        }
+        assert_eq!(inference_error(0.0), 0.0);
+    }
+
+    #[test]
+    fn the_empirical_error_rate_is_the_exact_one() {
+        const DRAWS: u32 = 1_000_000;
+        for sigma in [0.4, 0.6, 0.8, 1.0, 2.0] {
+            let mut stream = Stream::new(11, Purpose::Environment);
+            let wrong = (0..DRAWS)
+                .map(|_| Signal::draw(sigma, &mut stream))
+                .filter(|signal| signal.likely != signal.context)
+                .count();
+            let exact = inference_error(sigma);
+            let rate = wrong as f64 / f64::from(DRAWS);
+            let standard_error = (exact * (1.0 - exact) / f64::from(DRAWS)).sqrt();
+            assert!((rate - exact).abs() < 4.0 * standard_error, "{sigma}: {rate} {exact}");
+        }
+    }
+
+    #[test]
+    fn contexts_are_fair_and_features_have_their_moments() {
+        let mut stream = Stream::new(5, Purpose::Environment);
+        let sigma = 0.8;
+        let n = 200_000;
+        let (mut ones, mut sum, mut squares) = (0, 0.0, 0.0);
+        for _ in 0..n {
+            let signal = Signal::draw(sigma, &mut stream);
+            let p = signal.probability_of_zero;
+            // The feature, got back from the probability.
+            let x = sigma * sigma * ((1.0 - p) / p).ln() + 0.5;
+            let noise = (x - f64::from(signal.context)) / sigma;
+            ones += u32::from(signal.context);
+            sum += noise;
+            squares += noise * noise;
+        }
+        let n = f64::from(n);
+        assert!((f64::from(ones) / n - 0.5).abs() < 4.0 * (0.25 / n).sqrt());
+        assert!((sum / n).abs() < 4.0 / n.sqrt());
+        assert!((squares / n - 1.0).abs() < 4.0 * (2.0 / n).sqrt());
+    }
+}

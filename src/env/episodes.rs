@@ -1,0 +1,293 @@
+//! Episodes in lockstep.
+
+use crate::env::Signal;
+use crate::manifest::{Environment, FirstContext};
+use crate::rng::Stream;
+
+/// An intervention option (table 1 of the paper), 0 to 3.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Action(u8);
+
+impl Action {
+    /// How many there are.
+    pub const COUNT: usize = 4;
+    /// Send nothing.
+    pub const NONE: Action = Action(0);
+    /// Send a message that is not tailored.
+    pub const UNTAILORED: Action = Action(1);
+
+    /// The action of this number; `None` above 3.
+    pub fn from_index(index: usize) -> Option<Action> {
+        (index < Action::COUNT).then_some(Action(index as u8))
+    }
+
+    /// The action that the two lowest bits stand for.
+    pub fn from_low_bits(bits: u64) -> Action {
+        Action((bits & 3) as u8)
+    }
+
+    /// Send a message tailored to this context, 0 or 1.
+    pub fn tailored_to(context: u8) -> Action {
+        debug_assert!(context < 2);
+        Action(context + 2)
+    }
+
+    /// Its number, 0 to 3.
+    pub fn index(self) -> usize {
+        usize::from(self.0)
+    }
+}
+
+/// Whether and how an episode has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// It goes on.
+    Running,
+    /// Disengagement: nothing follows, the value of what follows is 0.
+    Terminated,
+    /// The horizon was reached while engaged: more would have followed.
+    Truncated,
+}
+
+/// Many episodes that share a clock; lane i of every array belongs to episode i.
+#[derive(Clone, Debug)]
+pub struct Episodes {
+    environment: Environment,
+    time: u32,
+    signals: Vec<Signal>,
+    habituation: Vec<f64>,
+    disengagement: Vec<f64>,
+    endings: Vec<Ending>,
+}
+
+impl Episodes {
+    /// As many episodes as `lanes`, at their first step.
+    pub fn start(environment: &Environment, lanes: usize, stream: &mut Stream) -> Self {
+        let mut episodes = Episodes {
+            environment: environment.clone(),
+            time: 0,
+            signals: vec![Signal::FIXED_FIRST; lanes],
+            habituation: vec![0.0; lanes],
+            disengagement: vec![0.0; lanes],
+            endings: vec![Ending::Running; lanes],
+        };
+        episodes.restart(stream);
+        episodes
+    }
+
+    /// Puts every lane back to a first step.
+    pub fn restart(&mut self, stream: &mut Stream) {
+        self.time = 0;
+        self.habituation.fill(self.environment.initial_habituation);
+        self.disengagement.fill(self.environment.initial_disengagement);
+        self.endings.fill(Ending::Running);
+        match self.environment.first_context {
+            FirstContext::Fixed => self.signals.fill(Signal::FIXED_FIRST),
+            FirstContext::Sampled => self.sense(stream),
+        }
+    }
+
+    /// Takes one action a lane: pays the rewards, moves the clock, shows the next contexts.
+    ///
+    /// **Shapes**: `actions` and `rewards` are \[lanes\]. A lane that has ended gets 0 and stays as
+    /// it is, its action unread; its share of the stream is drawn all the same.
+    pub fn step(&mut self, actions: &[Action], rewards: &mut [f64], stream: &mut Stream) {
+        self.respond(actions, rewards);
+        self.sense(stream);
+    }
+
+    /// The deterministic half of a step: rewards, habituation, disengagement, clock and endings.
+    pub fn respond(&mut self, actions: &[Action], rewards: &mut [f64]) {
+        assert_eq!(actions.len(), self.lanes(), "one action a lane");
+        assert_eq!(rewards.len(), self.lanes(), "one reward a lane");
+        self.time += 1;
+        for lane in 0..self.lanes() {
+            rewards[lane] = match self.endings[lane] {
+                Ending::Running => self.respond_lane(lane, actions[lane]),
+                Ending::Terminated | Ending::Truncated => 0.0,
+            };
+        }
+    }
+
+    /// **Source**: Karine et al. (2023), section 3.1, "Dynamics". The disengagement risk is capped
+    /// at 1 before it is compared with the threshold.
+    fn respond_lane(&mut self, lane: usize, action: Action) -> f64 {
+        let e = &self.environment;
+        let context = self.signals[lane].context;
+        let suits = action == Action::tailored_to(context);
+
+        let habituation = &mut self.habituation[lane];
+        *habituation = if action == Action::NONE {
+            (1.0 - e.delta_h) * *habituation
+        } else {
+            (*habituation + e.epsilon_h).min(1.0)
+        };
+
+        let disengagement = &mut self.disengagement[lane];
+        if action == Action::UNTAILORED || suits {
+            *disengagement *= 1.0 - e.delta_d;
+        } else if action != Action::NONE {
+            *disengagement = (*disengagement + e.epsilon_d).min(1.0);
+        }
+
+        if *disengagement >= e.disengagement_threshold {
+            self.endings[lane] = Ending::Terminated;
+        } else if self.time >= e.horizon {
+            self.endings[lane] = Ending::Truncated;
+        }
+
+        let base = if suits {
+            e.rho_2
+        } else if action == Action::UNTAILORED {
+            e.rho_1
+        } else {
+            return e.mu[usize::from(context)];
+        };
+        e.mu[usize::from(context)] + (1.0 - *habituation) * base
+    }
+
+    /// The random half of a step: draws the context of every lane.
+    pub fn sense(&mut self, stream: &mut Stream) {
+        let sigma = self.environment.sigma;
+        for signal in &mut self.signals {
+            *signal = Signal::draw(sigma, stream);
+        }
+    }
+
+    /// Forces the context of a lane, as a replay does.
+    pub fn show(&mut self, lane: usize, signal: Signal) {
+        self.signals[lane] = signal;
+    }
+
+    /// How many episodes there are.
+    pub fn lanes(&self) -> usize {
+        self.signals.len()
+    }
+
+    /// Steps taken, the same in every lane.
+    pub fn time(&self) -> u32 {
+        self.time
+    }
+
+    /// The parameters of the simulation.
+    pub fn environment(&self) -> &Environment {
+        &self.environment
+    }
+
+    /// Contexts with their inferences, \[lanes\].
+    pub fn signals(&self) -> &[Signal] {
+        &self.signals
+    }
+
+    /// Habituation in [0, 1], \[lanes\].
+    pub fn habituation(&self) -> &[f64] {
+        &self.habituation
+    }
+
+    /// Disengagement risk in [0, 1], \[lanes\].
+    pub fn disengagement(&self) -> &[f64] {
+        &self.disengagement
+    }
+
+    /// Whether and how each lane has ended, \[lanes\].
+    pub fn endings(&self) -> &[Ending] {
+        &self.endings
+    }
+
+    /// Whether any lane still runs.
+    pub fn any_running(&self) -> bool {
+        self.endings.contains(&Ending::Running)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::Purpose;
+
+    fn stream() -> Stream {
+        Stream::new(1, Purpose::Environment)
+    }
+
+    fn action(index: usize) -> Action {
+        Action::from_index(index).unwrap()
+    }
+
+    #[test]
+    fn rewards_follow_the_paper_by_hand() {
+        let mut episodes = Episodes::start(&Environment::paper(0.0), 4, &mut stream());
+        let mut rewards = [0.0; 4];
+        // Context 0 in every lane: nothing, untailored, right, wrong.
+        episodes.respond(&[action(0), action(1), action(2), action(3)], &mut rewards);
+        let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
+        for (ours, hand) in
+            rewards.into_iter().zip([0.1, 0.1 + 0.85 * 50.0, 0.1 + 0.85 * 200.0, 0.1])
+        {
+            close(ours, hand);
+        }
+        for (ours, hand) in episodes.habituation().iter().zip([0.09, 0.15, 0.15, 0.15]) {
+            close(*ours, hand);
+        }
+        for (ours, hand) in episodes.disengagement().iter().zip([0.1, 0.09, 0.09, 0.5]) {
+            close(*ours, hand);
+        }
+    }
+
+    #[test]
+    fn disengagement_terminates_and_the_horizon_truncates() {
+        let environment = Environment { horizon: 3, ..Environment::paper(0.0) };
+        let mut episodes = Episodes::start(&environment, 2, &mut stream());
+        let mut rewards = [0.0; 2];
+        let mut step = |episodes: &mut Episodes, wrong_for_zero: usize| {
+            episodes.respond(&[action(wrong_for_zero), action(0)], &mut rewards);
+            rewards
+        };
+        step(&mut episodes, 3);
+        step(&mut episodes, 3);
+        assert_eq!(episodes.endings(), [Ending::Running; 2]);
+        assert_eq!(step(&mut episodes, 3), [0.1, 0.1]);
+        assert_eq!(episodes.endings(), [Ending::Terminated, Ending::Truncated]);
+        assert_eq!(step(&mut episodes, 1), [0.0, 0.0]);
+        assert!(!episodes.any_running());
+    }
+
+    #[test]
+    fn many_lanes_pay_what_the_same_actions_pay_alone() {
+        let environment =
+            Environment { first_context: FirstContext::Sampled, ..Environment::paper(0.7) };
+        let mut together = Episodes::start(&environment, 5, &mut stream());
+        let mut rewards = [0.0; 5];
+        for t in 0..environment.horizon as usize {
+            let alone: Vec<f64> = (0..5)
+                .map(|lane| {
+                    let mut single = together.clone();
+                    single.signals = vec![together.signals[lane]];
+                    single.habituation = vec![together.habituation[lane]];
+                    single.disengagement = vec![together.disengagement[lane]];
+                    single.endings = vec![together.endings[lane]];
+                    let mut reward = [0.0];
+                    single.respond(&[action((t + lane) % 4)], &mut reward);
+                    reward[0]
+                })
+                .collect();
+            let actions: Vec<Action> = (0..5).map(|lane| action((t + lane) % 4)).collect();
+            together.step(&actions, &mut rewards, &mut stream());
+            assert_eq!(alone, rewards);
+        }
+        assert!(!together.any_running());
+    }
+
+    #[test]
+    fn a_sampled_first_context_draws_and_a_fixed_one_does_not() {
+        let mut fixed = stream();
+        Episodes::start(&Environment::paper(0.6), 3, &mut fixed);
+        assert_eq!(fixed.bits(), stream().bits());
+        let environment =
+            Environment { first_context: FirstContext::Sampled, ..Environment::paper(0.6) };
+        let episodes = Episodes::start(&environment, 3, &mut stream());
+        let mut again = stream();
+        for signal in episodes.signals() {
+            assert_eq!(*signal, Signal::draw(0.6, &mut again));
+        }
+    }
+}

@@ -1,0 +1,13 @@
+//! The physical-activity simulation of Karine et al. (2023), section 3.1.
+//!
+//! In: parameters, actions and a random stream. Out: rewards, endings and observations. Episodes
+//! advance in lockstep, as structure of arrays: one call steps every lane. Numbers are f64, as in
+//! the authors' simulator, whose trajectories this one repeats. It knows no agent and no budget.
+
+mod context;
+mod episodes;
+mod observation;
+
+pub use context::{Signal, inference_error, probability_of_zero};
+pub use episodes::{Action, Ending, Episodes};
+pub use observation::Observer;
