@@ -1,0 +1,27 @@
+//! The tensor backend: the one place that names it.
+
+use burn::tensor::Device;
+
+/// The device on which networks are evaluated.
+#[cfg(not(feature = "burn-flex"))]
+pub(super) fn inference() -> Device {
+    // Deprecated upstream in favour of flex; `--features burn-flex` takes that.
+    #[allow(deprecated)]
+    Device::ndarray()
+}
+
+/// The device on which networks are evaluated.
+#[cfg(feature = "burn-flex")]
+pub(super) fn inference() -> Device {
+    Device::flex()
+}
+
+/// The device on which networks are trained: the same one, recording gradients.
+pub(super) fn training() -> Device {
+    inference().autodiff()
+}
+
+/// Name and version of the backend, for the provenance of a run.
+pub fn backend_name() -> &'static str {
+    if cfg!(feature = "burn-flex") { "burn-flex 0.22.1" } else { "burn-ndarray 0.22.1" }
+}
