@@ -1,0 +1,188 @@
+//! What did happen: the outcome of a run as plain data.
+//!
+//! Training makes these, the store keeps them, analysis reads them. Nothing here computes.
+
+use std::fmt;
+
+pub use crate::plan::JobKey;
+
+/// A named number about a completed run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Metric {
+    /// Name, one of [`METRICS`].
+    pub name: &'static str,
+    /// Finite value.
+    pub value: f64,
+}
+
+/// Names and meanings of the metrics of a run; all are over its test episodes.
+pub const METRICS: &[(&str, &str)] = &[
+    ("mean_return", "mean undiscounted return, in steps walked"),
+    ("sd_return", "standard deviation of the return (n - 1), in steps walked; 0 for one episode"),
+    ("mean_length", "mean episode length, in steps of the simulation"),
+    ("disengagement_rate", "share of episodes that ended in disengagement"),
+    ("message_rate", "share of steps on which a message was sent (actions 1 to 3)"),
+];
+
+/// Names and meanings of what a learning curve records; each is over the training episodes since
+/// the point before.
+pub const CURVE_METRICS: &[(&str, &str)] = &[
+    ("mean_return", "mean undiscounted return, in steps walked"),
+    ("mean_length", "mean episode length, in steps of the simulation"),
+    ("disengagement_rate", "share of episodes that ended in disengagement"),
+    ("mean_loss", "mean loss of the updates made; absent where none was made"),
+    ("epsilon", "exploration rate at the last of these episodes (DQN)"),
+];
+
+/// One value of a learning curve.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CurvePoint {
+    /// Training episodes finished, counted from 1.
+    pub episode: u32,
+    /// Name, one of [`CURVE_METRICS`].
+    pub metric: &'static str,
+    /// Finite value.
+    pub value: f64,
+}
+
+/// One episode of the test, by its position.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TestEpisode {
+    /// Undiscounted return, in steps walked.
+    pub total_reward: f64,
+    /// Steps of the simulation.
+    pub length: u32,
+    /// Whether it ended in disengagement.
+    pub disengaged: bool,
+}
+
+/// Bins of the probability of context 0 in [`ActionCount`].
+pub const PROBABILITY_BINS: usize = 10;
+
+/// How often an action was chosen in the test episodes, by the inferred probability of context 0
+/// (whether the agent saw it or not) and the true context.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ActionCount {
+    /// Bin of the probability: `[bin / 10, (bin + 1) / 10)`, the last one closed.
+    pub bin: u8,
+    /// True context, 0 or 1.
+    pub context: u8,
+    /// Action, 0 to 3.
+    pub action: u8,
+    /// Times chosen; never 0.
+    pub count: u64,
+}
+
+/// Everything a completed training leaves behind. The same job always makes the same bits.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Results {
+    /// Summary numbers, each of [`METRICS`] once.
+    pub metrics: Vec<Metric>,
+    /// Learning curve, by episode.
+    pub curve: Vec<CurvePoint>,
+    /// Test episodes, by position.
+    pub episodes: Vec<TestEpisode>,
+    /// Choices of action in the test, counts above 0 only.
+    pub actions: Vec<ActionCount>,
+    /// Trained weights, in the safetensors format.
+    pub weights: Vec<u8>,
+}
+
+/// Why a run failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FailureKind {
+    /// A loss or weight became infinite or not a number.
+    Diverged,
+    /// The training code panicked.
+    Panicked,
+}
+
+impl FailureKind {
+    /// Every kind.
+    pub const ALL: [FailureKind; 2] = [FailureKind::Diverged, FailureKind::Panicked];
+
+    /// The kind of this name.
+    pub fn from_name(name: &str) -> Option<FailureKind> {
+        FailureKind::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+
+    /// The word the store and the command line use.
+    pub fn name(self) -> &'static str {
+        match self {
+            FailureKind::Diverged => "diverged",
+            FailureKind::Panicked => "panicked",
+        }
+    }
+}
+
+impl fmt::Display for FailureKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// A failed run: kind, message, and where in the training it happened.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Failure {
+    /// What went wrong.
+    pub kind: FailureKind,
+    /// What was seen, for a person.
+    pub message: String,
+    /// Training episodes finished before it.
+    pub episode: u32,
+}
+
+/// How a run ended.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Outcome {
+    /// Trained and tested to the end.
+    Completed(Results),
+    /// Ended by a fault of its own; the same job would fail the same way again.
+    Failed(Failure),
+    /// Stopped from outside before its end; nothing is wrong with the job.
+    Interrupted,
+}
+
+/// What made a run: the code and the machine.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Provenance {
+    /// Version of jitai, as in `Cargo.toml`.
+    pub code_version: String,
+    /// Git revision the program was built from, `-dirty` behind it where files had changed;
+    /// `unknown` outside a repository.
+    pub git_revision: String,
+    /// Name and version of the tensor backend.
+    pub backend: String,
+    /// Host name.
+    pub host: String,
+    /// Processor model.
+    pub processor: String,
+}
+
+/// A line of the summary: one completed run of one experiment.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunSummary {
+    /// Identity of the job.
+    pub job_key: JobKey,
+    /// Agent's name in the manifest.
+    pub agent: String,
+    /// Scenario, like `P-H-D`.
+    pub scenario: String,
+    /// Feature noise.
+    pub sigma: f64,
+    /// Seed.
+    pub seed: u64,
+    /// The other parameters that differ between the experiment's jobs with this agent: dotted name
+    /// and value as text, by name.
+    pub swept: Vec<(String, String)>,
+    /// Mean undiscounted return over the test episodes, in steps walked.
+    pub mean_return: f64,
+    /// Standard deviation of the return over the test episodes (n - 1), in steps walked.
+    pub sd_return: f64,
+    /// Mean length of the test episodes, in steps of the simulation.
+    pub mean_length: f64,
+    /// Share of the test episodes that ended in disengagement.
+    pub disengagement_rate: f64,
+    /// Time the run took, in seconds.
+    pub wall_seconds: f64,
+}
