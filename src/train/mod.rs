@@ -1,0 +1,113 @@
+//! One job, from its declaration to its outcome.
+//!
+//! In: a [`Job`] and a [`Monitor`] to report to. Out: an [`Outcome`] that depends on the job and
+//! the code alone. It knows no database, no worker and no other job.
+
+mod curve;
+mod roll;
+mod test;
+
+use crate::agent::{self, Learner, TrainedEpisode};
+use crate::plan::Job;
+use crate::record::{Failure, FailureKind, Outcome, Results};
+
+use curve::CurveRecorder;
+
+pub use roll::{Chooser, roll};
+
+/// How far a training has come.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    /// Training episodes finished.
+    pub episode: u32,
+    /// Training episodes in all.
+    pub episodes: u32,
+    /// Mean return of the last hundred episodes or fewer, in steps walked.
+    pub recent_return: f64,
+}
+
+/// Whom a training reports to, and who may stop it.
+pub trait Monitor {
+    /// Hears how far it has come, many times a second.
+    fn report(&self, progress: Progress);
+
+    /// Whether the training should end at the next occasion, without a result.
+    fn stop_requested(&self) -> bool;
+}
+
+/// A monitor that nobody watches.
+#[derive(Clone, Copy, Debug)]
+pub struct Unwatched;
+
+impl Monitor for Unwatched {
+    fn report(&self, _: Progress) {}
+
+    fn stop_requested(&self) -> bool {
+        false
+    }
+}
+
+/// Trains the job's agent, tests it, and returns what came out.
+pub fn run(job: &Job, monitor: &dyn Monitor) -> Outcome {
+    let mut learner = agent::learner(&job.agent, &job.environment, &job.scenario, job.seed);
+    let mut curve = CurveRecorder::new(job.evaluation.curve_stride);
+    match train(job, learner.as_mut(), &mut curve, monitor) {
+        Ended::Trained => {}
+        Ended::Stopped => return Outcome::Interrupted,
+        Ended::Failed(failure) => return Outcome::Failed(failure),
+    }
+    let weights = learner.weights();
+    if !weights.are_finite() {
+        return Outcome::Failed(Failure {
+            kind: FailureKind::Diverged,
+            message: "a weight is infinite or not a number after training".to_owned(),
+            episode: job.agent.episodes(),
+        });
+    }
+    let policy = learner.policy(job.evaluation.test_actions.into());
+    let Some(tested) = test::run(job, policy, monitor) else {
+        return Outcome::Interrupted;
+    };
+    Outcome::Completed(Results {
+        metrics: tested.metrics(),
+        curve: curve.finish(),
+        episodes: tested.episodes,
+        actions: tested.actions,
+        weights: weights.to_bytes(),
+    })
+}
+
+enum Ended {
+    Trained,
+    Stopped,
+    Failed(Failure),
+}
+
+fn train(
+    job: &Job,
+    learner: &mut dyn Learner,
+    curve: &mut CurveRecorder,
+    monitor: &dyn Monitor,
+) -> Ended {
+    let episodes = job.agent.episodes();
+    let mut finished: Vec<TrainedEpisode> = Vec::new();
+    while curve.episodes() < episodes {
+        if monitor.stop_requested() {
+            return Ended::Stopped;
+        }
+        if let Err(diverged) = learner.advance(&mut finished) {
+            return Ended::Failed(Failure {
+                kind: FailureKind::Diverged,
+                message: diverged.to_string(),
+                episode: curve.episodes(),
+            });
+        }
+        finished.drain(..).for_each(|episode| curve.add(&episode));
+        monitor.report(Progress {
+            episode: curve.episodes(),
+            episodes,
+            recent_return: curve.recent_return(),
+        });
+    }
+    Ended::Trained
+}
