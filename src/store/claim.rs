@@ -1,0 +1,129 @@
+//! Claims: how a session gets the right to run a job, and to say how it ended.
+
+use rusqlite::{Connection, OptionalExtension};
+
+use crate::plan::JobKey;
+
+use super::error::Fault;
+use super::session::{self, SessionId};
+use super::state::{JobState, state_sql};
+use super::{NOW, Store, StoreError};
+
+/// The right to run a job: the run that was begun for it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Claim {
+    pub(super) run: i64,
+    pub(super) session: SessionId,
+    /// The job.
+    pub job_key: JobKey,
+    /// Which attempt at the job this is, from 1.
+    pub attempt: u32,
+}
+
+/// The answer to a claim.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Claimed {
+    /// The job is the caller's to run.
+    Claimed(Claim),
+    /// It has its completed run.
+    Completed,
+    /// A living session runs it.
+    HeldElsewhere,
+    /// It failed, and is not to be retried.
+    Failed,
+}
+
+/// Whether jobs that failed may be claimed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RetryFailed {
+    /// They stay as they are.
+    No,
+    /// Each may be claimed until it has failed in the claiming session, too.
+    Yes,
+}
+
+impl Store {
+    /// Claims a job for a session, unless it is completed, running in a living session, or failed.
+    ///
+    /// A job that a dead session was running is taken over.
+    ///
+    /// **Errors**: the job is not registered.
+    pub fn claim(
+        &mut self,
+        session: SessionId,
+        key: &JobKey,
+        retry: RetryFailed,
+    ) -> Result<Claimed, StoreError> {
+        self.write("claim a job", |transaction| {
+            let job = transaction
+                .prepare_cached("SELECT id FROM job WHERE key = ?1")?
+                .query_row([key.to_string()], |row| row.get(0))
+                .optional()?
+                .ok_or(StoreError::UnknownJob { key: *key })?;
+            match state(transaction, session, job)? {
+                JobState::Completed => Ok(Claimed::Completed),
+                JobState::Running => Ok(Claimed::HeldElsewhere),
+                JobState::Failed if !may_retry(transaction, session, job, retry)? => {
+                    Ok(Claimed::Failed)
+                }
+                JobState::Failed | JobState::Interrupted | JobState::Pending => {
+                    begin_run(transaction, session, job, key).map(Claimed::Claimed)
+                }
+            }
+        })
+    }
+}
+
+/// The state of a job; a run of it that a dead session holds is interrupted first.
+fn state(connection: &Connection, session: SessionId, job: i64) -> rusqlite::Result<JobState> {
+    let holder: Option<i64> = connection
+        .prepare_cached("SELECT session FROM run WHERE job = ?1 AND status = 'running'")?
+        .query_row([job], |row| row.get(0))
+        .optional()?;
+    let mut alive = String::from("[]");
+    if let Some(holder) = holder {
+        let this = session::process_of(connection, session)?;
+        let holders = session::holders(connection, &this)?;
+        if holders.dead.contains(&holder) {
+            session::release(connection, holder)?;
+        }
+        alive = holders.alive_json();
+    }
+    connection
+        .prepare_cached(&format!("SELECT {}", state_sql("?1", "?2")))?
+        .query_row((job, alive), |row| row.get(0))
+}
+
+fn may_retry(
+    connection: &Connection,
+    session: SessionId,
+    job: i64,
+    retry: RetryFailed,
+) -> rusqlite::Result<bool> {
+    match retry {
+        RetryFailed::No => Ok(false),
+        RetryFailed::Yes => connection
+            .prepare_cached(
+                "SELECT NOT EXISTS (SELECT 1 FROM run
+                    WHERE job = ?1 AND session = ?2 AND status = 'failed')",
+            )?
+            .query_row([job, session.0], |row| row.get(0)),
+    }
+}
+
+fn begin_run(
+    connection: &Connection,
+    session: SessionId,
+    job: i64,
+    key: &JobKey,
+) -> Result<Claim, Fault> {
+    let (run, attempt) = connection
+        .prepare_cached(&format!(
+            "INSERT INTO run (job, attempt, session, status, started_at)
+             VALUES (?1, 1 + (SELECT coalesce(max(attempt), 0) FROM run WHERE job = ?1), ?2,
+                'running', {NOW})
+             RETURNING id, attempt"
+        ))?
+        .query_row([job, session.0], |row| Ok((row.get(0)?, row.get(1)?)))?;
+    Ok(Claim { run, session, job_key: *key, attempt })
+}

@@ -1,0 +1,292 @@
+//! What can go wrong with the store, in words that say what to do.
+
+use std::path::{Path, PathBuf};
+
+use rusqlite::ErrorCode;
+
+use crate::plan::JobKey;
+
+/// Why the store could not do what it was asked.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum StoreError {
+    /// Nothing to read is there.
+    #[error(
+        "there is no store at `{}`; `jitai run` makes one, and --store names another",
+        .path.display()
+    )]
+    Missing {
+        /// Where it was looked for.
+        path: PathBuf,
+    },
+    /// The folder that should hold the store does not exist.
+    #[error(
+        "cannot make `{}`: there is no folder `{}`; make it first",
+        .path.display(), .folder.display()
+    )]
+    MissingFolder {
+        /// The store's path.
+        path: PathBuf,
+        /// The folder that is missing.
+        folder: PathBuf,
+    },
+    /// The path leads to something that is no SQLite file.
+    #[error("`{}` is {what}, not a store; name another file with --store", .path.display())]
+    NotAStore {
+        /// The path.
+        path: PathBuf,
+        /// What is there.
+        what: &'static str,
+    },
+    /// The file is a SQLite database of another program.
+    #[error(
+        "`{}` is a SQLite file that jitai did not make; it is left untouched, name another file \
+         with --store",
+        .path.display()
+    )]
+    Foreign {
+        /// The path.
+        path: PathBuf,
+    },
+    /// The store was written by a newer release.
+    #[error(
+        "`{}` has schema version {found}, and this jitai knows versions up to {known}; it is left \
+         untouched, use the newer jitai that wrote it",
+        .path.display()
+    )]
+    Newer {
+        /// The path.
+        path: PathBuf,
+        /// The file's schema version.
+        found: u32,
+        /// The newest version known here.
+        known: u32,
+    },
+    /// The store was written by an older release, and is opened for reading only.
+    #[error(
+        "`{}` has schema version {found}, and this jitai reads version {known}; `jitai run` \
+         migrates it, after a backup copy",
+        .path.display()
+    )]
+    Older {
+        /// The path.
+        path: PathBuf,
+        /// The file's schema version.
+        found: u32,
+        /// The version read here.
+        known: u32,
+    },
+    /// The file or its folder cannot be opened as asked.
+    #[error(
+        "cannot open `{}`: {reason}; check the rights of the file and its folder",
+        .path.display()
+    )]
+    CannotOpen {
+        /// The path.
+        path: PathBuf,
+        /// What the system said.
+        reason: String,
+    },
+    /// The file can be read but not written.
+    #[error(
+        "`{}` cannot be written; check the rights of the file and its folder, or name another \
+         file with --store",
+        .path.display()
+    )]
+    ReadOnly {
+        /// The path.
+        path: PathBuf,
+    },
+    /// The file system cannot share a database between processes.
+    #[error(
+        "the file system of `{}` cannot keep a write-ahead log; put the store on a local disk",
+        .path.display()
+    )]
+    NoSharing {
+        /// The path.
+        path: PathBuf,
+    },
+    /// Another process holds the write lock for too long.
+    #[error(
+        "failed to {action}: another process has held `{}` for over a minute; let it end, then \
+         try again",
+        .path.display()
+    )]
+    Busy {
+        /// The path.
+        path: PathBuf,
+        /// What was to be done.
+        action: &'static str,
+    },
+    /// The backup copy before a migration could not be made; the store is untouched.
+    #[error(
+        "failed to copy `{}` to `{}` before migrating it: {reason}; make room or give rights, \
+         then try again",
+        .path.display(), .backup.display()
+    )]
+    Backup {
+        /// The path.
+        path: PathBuf,
+        /// Where the copy was to be.
+        backup: PathBuf,
+        /// What the system said.
+        reason: String,
+    },
+    /// A migration failed and was rolled back.
+    #[error(
+        "failed to migrate `{}` ({migration}): {reason}; the store is as it was, keep using the \
+         jitai that wrote it",
+        .path.display()
+    )]
+    Migration {
+        /// The path.
+        path: PathBuf,
+        /// The migration's name.
+        migration: &'static str,
+        /// What was wrong.
+        reason: String,
+    },
+    /// A job was claimed that no experiment has registered.
+    #[error("job {key} is in no experiment of the store; register its manifest first")]
+    UnknownJob {
+        /// The job.
+        key: JobKey,
+    },
+    /// The run was taken over, so its outcome is not written.
+    #[error("the run of job {key} was taken over by another process; nothing was stored")]
+    ClaimLost {
+        /// The job.
+        key: JobKey,
+    },
+    /// A text is not the beginning of a job key.
+    #[error("`{text}` is not a job key; a key or its beginning has 1 to 32 digits of 0-9 and a-f")]
+    NotAKey {
+        /// The text.
+        text: String,
+    },
+    /// No job has a key that begins so.
+    #[error("no job's key begins with `{prefix}`; `jitai plan --jobs` lists the keys")]
+    NoSuchJob {
+        /// The beginning asked for.
+        prefix: String,
+    },
+    /// Jobs have keys that begin so, but none has a completed run.
+    #[error("job {key} has no completed run; `jitai run` its manifest first")]
+    NotCompleted {
+        /// The first such job's key.
+        key: String,
+    },
+    /// Several completed jobs have keys that begin so.
+    #[error(
+        "`{prefix}` begins the keys of several completed jobs ({}, …); give more digits",
+        .keys.join(", ")
+    )]
+    AmbiguousKey {
+        /// The beginning asked for.
+        prefix: String,
+        /// Some of the keys.
+        keys: Vec<String>,
+    },
+    /// A stored job has a form that this release cannot read.
+    #[error("job {key} was stored by another release and cannot be read by this one: {reason}")]
+    UnreadableJob {
+        /// The job.
+        key: String,
+        /// What was wrong with it.
+        reason: String,
+    },
+    /// SQLite failed.
+    #[error("failed to {action} in `{}`: {source}", .path.display())]
+    Sqlite {
+        /// The path.
+        path: PathBuf,
+        /// What was to be done.
+        action: &'static str,
+        /// What SQLite said.
+        source: rusqlite::Error,
+    },
+}
+
+impl StoreError {
+    pub(super) fn sqlite(path: &Path, action: &'static str, source: rusqlite::Error) -> Self {
+        let path = path.to_owned();
+        match source.sqlite_error_code() {
+            Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked) => {
+                StoreError::Busy { path, action }
+            }
+            Some(ErrorCode::ReadOnly) => StoreError::ReadOnly { path },
+            Some(ErrorCode::CannotOpen | ErrorCode::PermissionDenied) => {
+                StoreError::CannotOpen { path, reason: source.to_string() }
+            }
+            Some(ErrorCode::NotADatabase) => {
+                StoreError::NotAStore { path, what: "not a SQLite file" }
+            }
+            _ => StoreError::Sqlite { path, action, source },
+        }
+    }
+}
+
+/// A failure inside a transaction, before the path and the action are known.
+#[derive(Debug)]
+pub(super) enum Fault {
+    /// SQLite failed.
+    Sqlite(rusqlite::Error),
+    /// The store refuses, for a reason of its own.
+    Refused(StoreError),
+}
+
+impl Fault {
+    pub(super) fn at(self, path: &Path, action: &'static str) -> StoreError {
+        match self {
+            Fault::Sqlite(source) => StoreError::sqlite(path, action, source),
+            Fault::Refused(error) => error,
+        }
+    }
+}
+
+impl From<rusqlite::Error> for Fault {
+    fn from(error: rusqlite::Error) -> Self {
+        Fault::Sqlite(error)
+    }
+}
+
+impl From<StoreError> for Fault {
+    fn from(error: StoreError) -> Self {
+        Fault::Refused(error)
+    }
+}
+
+/// Why a query of the user was not answered.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum QueryError {
+    /// There is no statement in the text.
+    #[error("the query is empty; try `SELECT * FROM run_summary`")]
+    Empty,
+    /// There is more than one statement in the text.
+    #[error("a query is one statement; ask one after the other")]
+    Several,
+    /// The statement would do something else than read the store.
+    #[error(
+        "a query can only read this store: SELECT, WITH, VALUES, EXPLAIN and PRAGMA table_info"
+    )]
+    NotAllowed,
+    /// The SQL is faulty at a known place.
+    #[error("{message} at line {line}, column {column}\n  {text}\n  {:>column$}", "^")]
+    Sql {
+        /// What SQLite said.
+        message: String,
+        /// Line of the fault, from 1.
+        line: usize,
+        /// Column of the fault, in characters from 1.
+        column: usize,
+        /// The line.
+        text: String,
+    },
+    /// [`Interrupter::interrupt`](super::Interrupter::interrupt) was called.
+    #[error("the query was interrupted")]
+    Interrupted,
+    /// SQLite failed in another way.
+    #[error("the query failed: {0}")]
+    Sqlite(#[source] rusqlite::Error),
+}

@@ -1,0 +1,255 @@
+//! Opening the file: what may be opened, and how a connection is set up.
+//!
+//! A file that is not ours, or is from the future, is recognised before anything is written to it.
+
+use std::fs::{self, File};
+use std::io::{ErrorKind, Read};
+use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use rusqlite::config::DbConfig;
+use rusqlite::{Connection, ErrorCode, OpenFlags};
+
+use super::{SCHEMA_VERSION, StoreError, migrate};
+
+/// Marks a SQLite file as a store: the letters `JITA`.
+pub(super) const APPLICATION_ID: u32 = 0x4A49_5441;
+
+/// How long a connection waits for a lock. Registering the largest manifest holds it for seconds.
+const BUSY_TIMEOUT: Duration = Duration::from_secs(60);
+
+/// What is at a path.
+enum Presence {
+    Absent,
+    Blank,
+    Database,
+}
+
+/// A writing connection to the store at `path`, which is made or migrated as needed, and the
+/// absolute path.
+pub(super) fn open_writer(path: &Path) -> Result<(Connection, PathBuf), StoreError> {
+    let path = absolute(path)?;
+    look(&path)?;
+    let flags = OpenFlags::SQLITE_OPEN_READ_WRITE
+        | OpenFlags::SQLITE_OPEN_CREATE
+        | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    let action = "open the store";
+    let mut connection = Connection::open_with_flags(&path, flags)
+        .map_err(|source| StoreError::sqlite(&path, action, source))?;
+    // Closing must not touch the file before it is known to be ours.
+    set_up(&connection, DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE)
+        .and_then(|()| connection.is_readonly("main"))
+        .map_err(|source| StoreError::sqlite(&path, action, source))
+        .and_then(|fixed| match fixed {
+            true => Err(StoreError::ReadOnly { path: path.clone() }),
+            false => identify(&connection, &path),
+        })?;
+    let logged = use_write_ahead_log(&connection)
+        .and_then(|logged| configure_writer(&connection).map(|()| logged))
+        .map_err(|source| StoreError::sqlite(&path, action, source))?;
+    if !logged {
+        return Err(StoreError::NoSharing { path });
+    }
+    migrate::migrate(&mut connection, &path, migrate::MIGRATIONS)?;
+    Ok((connection, path))
+}
+
+/// A reading connection to the store at `path`, and the absolute path.
+pub(super) fn open_reader(path: &Path) -> Result<(Connection, PathBuf), StoreError> {
+    let path = absolute(path)?;
+    match look(&path)? {
+        Presence::Absent | Presence::Blank => return Err(StoreError::Missing { path }),
+        Presence::Database => {}
+    }
+    let action = "open the store";
+    let connection = connect_reader(&path)
+        .or_else(|error| match error.sqlite_error_code() {
+            Some(ErrorCode::CannotOpen | ErrorCode::ReadOnly) if at_rest(&path) => {
+                connect_immutable(&path)
+            }
+            _ => Err(error),
+        })
+        .map_err(|source| StoreError::sqlite(&path, action, source))?;
+    match identify(&connection, &path)? {
+        0 => Err(StoreError::Missing { path }),
+        found if found < SCHEMA_VERSION => {
+            Err(StoreError::Older { path, found, known: SCHEMA_VERSION })
+        }
+        _ => Ok((connection, path)),
+    }
+}
+
+/// Fails unless the file still has the schema of this program.
+pub(super) fn require_current(connection: &Connection, path: &Path) -> Result<(), StoreError> {
+    match identify(connection, path)? {
+        SCHEMA_VERSION => Ok(()),
+        found => Err(StoreError::Older { path: path.to_owned(), found, known: SCHEMA_VERSION }),
+    }
+}
+
+/// `path` from the root, so that SQLite never takes it for a URI or a name with a meaning.
+fn absolute(path: &Path) -> Result<PathBuf, StoreError> {
+    std::path::absolute(path).map_err(|error| StoreError::CannotOpen {
+        path: path.to_owned(),
+        reason: error.to_string(),
+    })
+}
+
+/// What is at `path`, by its first bytes alone.
+fn look(path: &Path) -> Result<Presence, StoreError> {
+    let not_a_store = |what| StoreError::NotAStore { path: path.to_owned(), what };
+    let cannot_open = |error: std::io::Error| StoreError::CannotOpen {
+        path: path.to_owned(),
+        reason: error.to_string(),
+    };
+    match fs::metadata(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return absent(path),
+        Err(error) => return Err(cannot_open(error)),
+        Ok(metadata) if metadata.is_dir() => return Err(not_a_store("a folder")),
+        Ok(metadata) if !metadata.is_file() => return Err(not_a_store("a device or pipe")),
+        Ok(_) => {}
+    }
+    let mut header = Vec::with_capacity(HEADER_BYTES);
+    File::open(path)
+        .and_then(|file| file.take(HEADER_BYTES as u64).read_to_end(&mut header))
+        .map_err(cannot_open)?;
+    if header.is_empty() {
+        return Ok(Presence::Blank);
+    }
+    if header.len() < HEADER_BYTES || !header.starts_with(b"SQLite format 3\0") {
+        return Err(not_a_store("not a SQLite file"));
+    }
+    let number = |at: usize| {
+        u32::from_be_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]])
+    };
+    judge(number(68), number(60), path).map(|()| Presence::Database)
+}
+
+/// Nothing is at `path`; fails if its folder is missing, too.
+fn absent(path: &Path) -> Result<Presence, StoreError> {
+    match path.parent() {
+        Some(folder) if !folder.is_dir() => {
+            Err(StoreError::MissingFolder { path: path.to_owned(), folder: folder.to_owned() })
+        }
+        _ => Ok(Presence::Absent),
+    }
+}
+
+/// Length of the header of a SQLite file, which holds the schema version at byte 60 and the
+/// application id at byte 68 (sqlite.org/fileformat.html, section 1.3).
+const HEADER_BYTES: usize = 100;
+
+/// Fails unless a file with these numbers is a store of this release or an earlier one, or so new
+/// that it has no numbers yet.
+fn judge(application_id: u32, version: u32, path: &Path) -> Result<(), StoreError> {
+    match (application_id, version) {
+        (0, 0) => Ok(()),
+        (APPLICATION_ID, 1..) if version > SCHEMA_VERSION => {
+            Err(StoreError::Newer { path: path.to_owned(), found: version, known: SCHEMA_VERSION })
+        }
+        (APPLICATION_ID, 1..) => Ok(()),
+        _ => Err(StoreError::Foreign { path: path.to_owned() }),
+    }
+}
+
+/// The schema version of the file, 0 for an empty one.
+fn identify(connection: &Connection, path: &Path) -> Result<u32, StoreError> {
+    // One statement sees one state of the file, however many processes are making it right now.
+    let (application_id, version, named) = connection
+        .query_row(
+            "SELECT application_id, user_version, (SELECT count(*) FROM sqlite_schema)
+             FROM pragma_application_id, pragma_user_version",
+            [],
+            |row| Ok((row.get::<_, u32>(0)?, row.get::<_, u32>(1)?, row.get::<_, u32>(2)?)),
+        )
+        .map_err(|source| StoreError::sqlite(path, "open the store", source))?;
+    judge(application_id, version, path)?;
+    if version == 0 && named > 0 {
+        return Err(StoreError::Foreign { path: path.to_owned() });
+    }
+    Ok(version)
+}
+
+fn set_up(connection: &Connection, flag: DbConfig) -> rusqlite::Result<()> {
+    connection.busy_timeout(BUSY_TIMEOUT)?;
+    connection.set_db_config(flag, true)?;
+    connection.set_db_config(DbConfig::SQLITE_DBCONFIG_DQS_DML, false)?;
+    connection.set_db_config(DbConfig::SQLITE_DBCONFIG_DEFENSIVE, true)?;
+    Ok(())
+}
+
+/// Whether the file now has a write-ahead log.
+fn use_write_ahead_log(connection: &Connection) -> rusqlite::Result<bool> {
+    let deadline = Instant::now() + BUSY_TIMEOUT;
+    loop {
+        let mode =
+            connection.query_row("PRAGMA journal_mode = WAL", [], |row| row.get::<_, String>(0));
+        match mode {
+            // SQLite does not wait by itself for another process that is changing the mode.
+            Err(error)
+                if error.sqlite_error_code() == Some(ErrorCode::DatabaseBusy)
+                    && Instant::now() < deadline =>
+            {
+                thread::sleep(Duration::from_millis(20));
+            }
+            other => return other.map(|mode| mode == "wal"),
+        }
+    }
+}
+
+fn configure_writer(connection: &Connection) -> rusqlite::Result<()> {
+    connection.set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, false)?;
+    // With a write-ahead log, NORMAL loses nothing when the process is killed and at most the last
+    // transactions when the power fails; those jobs run again. The cache keeps the index of job
+    // keys in memory while a million of them are registered.
+    connection.execute_batch(
+        "PRAGMA synchronous = NORMAL;
+         PRAGMA foreign_keys = ON;
+         PRAGMA cache_size = -65536;
+         PRAGMA journal_size_limit = 67108864;",
+    )
+}
+
+fn connect_reader(path: &Path) -> rusqlite::Result<Connection> {
+    let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    let connection = Connection::open_with_flags(path, flags)?;
+    configure_reader(&connection)?;
+    Ok(connection)
+}
+
+/// Whether no log of changes lies beside the store: then all of it is in its one file.
+fn at_rest(path: &Path) -> bool {
+    let mut log = path.as_os_str().to_owned();
+    log.push("-wal");
+    fs::metadata(log).map_or(true, |metadata| metadata.len() == 0)
+}
+
+/// A connection that asks for no lock and no file beside the store: for folders in which this
+/// process cannot make the files that readers share with a writer.
+fn connect_immutable(path: &Path) -> rusqlite::Result<Connection> {
+    let mut uri = String::from("file:");
+    for byte in path.as_os_str().as_encoded_bytes() {
+        match byte {
+            b'/' | b'.' | b'-' | b'_' | b'0'..=b'9' | b'a'..=b'z' | b'A'..=b'Z' => {
+                uri.push(char::from(*byte));
+            }
+            other => uri.push_str(&format!("%{other:02x}")),
+        }
+    }
+    uri.push_str("?immutable=1");
+    let flags = OpenFlags::SQLITE_OPEN_READ_ONLY
+        | OpenFlags::SQLITE_OPEN_NO_MUTEX
+        | OpenFlags::SQLITE_OPEN_URI;
+    let connection = Connection::open_with_flags(uri, flags)?;
+    configure_reader(&connection)?;
+    Ok(connection)
+}
+
+fn configure_reader(connection: &Connection) -> rusqlite::Result<()> {
+    set_up(connection, DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE)?;
+    connection.set_db_config(DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false)?;
+    connection.execute_batch("PRAGMA query_only = ON")?;
+    // The first read is what finds out whether the log beside the file can be used.
+    connection.query_row("SELECT count(*) FROM sqlite_schema", [], |_| Ok(()))
+}

@@ -1,0 +1,233 @@
+//! Whether a process that holds runs is still there.
+//!
+//! In: how a process was written down, and for how long it has been silent. Out: [`Liveness`].
+//! A process of this machine is looked up in `/proc`, so that one that was stopped (SIGSTOP) counts
+//! as alive and one that was killed is known to be dead at once. Where it cannot be looked up, its
+//! silence decides. A wrong verdict costs time, never a result: the store lets only the holder of a
+//! claim write.
+
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::process;
+use std::time::Duration;
+
+/// Silence after which a process of this machine that cannot be looked up is given up.
+const NEAR_SILENCE: Duration = Duration::from_secs(30);
+/// Silence after which a process of another machine is given up.
+const FAR_SILENCE: Duration = Duration::from_secs(5 * 60);
+
+/// A process, described so that no later one can be taken for it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Process {
+    /// Name of its host.
+    pub(super) host: String,
+    /// Identity of the kernel's boot; `None` where the system tells none.
+    pub(super) boot_id: Option<String>,
+    /// The name space that `id` counts in; `None` where the system tells none.
+    pub(super) pid_namespace: Option<String>,
+    /// Process id.
+    pub(super) id: u32,
+    /// Clock ticks from boot to its start; `None` where the system tells none.
+    pub(super) started: Option<i64>,
+}
+
+/// Whether a process is still there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Liveness {
+    /// It runs, is stopped, or may be running for all that is known.
+    Alive,
+    /// It is gone.
+    Dead,
+}
+
+/// What the system tells of its processes.
+#[derive(Clone, Debug)]
+pub(super) struct ProcessTable {
+    root: PathBuf,
+}
+
+/// What the table says about a process id.
+enum Entry {
+    Started(i64),
+    Gone,
+    Unknown,
+}
+
+impl ProcessTable {
+    /// The table of this system; empty where there is no `/proc`.
+    pub(super) fn of_this_system() -> Self {
+        ProcessTable { root: PathBuf::from("/proc") }
+    }
+
+    /// The process that asks.
+    pub(super) fn this_process(&self) -> Process {
+        let id = process::id();
+        Process {
+            host: read_line(&self.root.join("sys/kernel/hostname")).unwrap_or_default(),
+            boot_id: read_line(&self.root.join("sys/kernel/random/boot_id")),
+            pid_namespace: fs::read_link(self.root.join("self/ns/pid"))
+                .ok()
+                .map(|name| name.to_string_lossy().into_owned()),
+            id,
+            started: match self.look_up(id) {
+                Entry::Started(started) => Some(started),
+                Entry::Gone | Entry::Unknown => None,
+            },
+        }
+    }
+
+    /// Whether `other`, silent for `silence`, is still there, as seen by the process `this`.
+    pub(super) fn judge(&self, this: &Process, other: &Process, silence: Duration) -> Liveness {
+        let silent = |limit| if silence > limit { Liveness::Dead } else { Liveness::Alive };
+        match (&this.boot_id, &other.boot_id) {
+            (Some(mine), Some(its)) if mine == its => {}
+            // The machine has been started anew since.
+            (Some(_), Some(_)) if this.host == other.host => return Liveness::Dead,
+            _ => return silent(FAR_SILENCE),
+        }
+        if this.pid_namespace.is_none() || this.pid_namespace != other.pid_namespace {
+            return silent(NEAR_SILENCE);
+        }
+        match (self.look_up(other.id), other.started) {
+            (Entry::Gone, _) => Liveness::Dead,
+            (Entry::Started(now), Some(then)) if now != then => Liveness::Dead,
+            (Entry::Started(_), Some(_)) => Liveness::Alive,
+            (Entry::Started(_), None) | (Entry::Unknown, _) => silent(NEAR_SILENCE),
+        }
+    }
+
+    fn look_up(&self, id: u32) -> Entry {
+        match fs::read_to_string(self.root.join(format!("{id}/stat"))) {
+            Ok(stat) => parse_stat(&stat),
+            // Some systems hide the processes of others: then absence proves nothing.
+            Err(error) if error.kind() == ErrorKind::NotFound => {
+                if self.root.join("1/stat").exists() { Entry::Gone } else { Entry::Unknown }
+            }
+            // What Linux says for a process that ends while its entry is read.
+            Err(error) if error.raw_os_error() == Some(ESRCH) => Entry::Gone,
+            Err(_) => Entry::Unknown,
+        }
+    }
+}
+
+/// "No such process" on Linux.
+const ESRCH: i32 = 3;
+
+/// Reads the state and the start time, fields 3 and 22 of `/proc/<pid>/stat` (proc(5)).
+fn parse_stat(stat: &str) -> Entry {
+    // The second field is the program's name in parentheses and may itself hold both.
+    let Some((_, fields)) = stat.rsplit_once(')') else { return Entry::Unknown };
+    let mut fields = fields.split_ascii_whitespace();
+    match fields.next() {
+        // A zombie has ended; only its parent has not asked yet.
+        Some("Z" | "X" | "x") => return Entry::Gone,
+        Some(_) => {}
+        None => return Entry::Unknown,
+    }
+    match fields.nth(18).map(str::parse) {
+        Some(Ok(started)) => Entry::Started(started),
+        Some(Err(_)) | None => Entry::Unknown,
+    }
+}
+
+fn read_line(path: &Path) -> Option<String> {
+    fs::read_to_string(path).ok().map(|text| text.trim().to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SECOND: Duration = Duration::from_secs(1);
+
+    fn here() -> Process {
+        Process {
+            host: "lab".into(),
+            boot_id: Some("boot-1".into()),
+            pid_namespace: Some("pid:[1]".into()),
+            id: 40,
+            started: Some(900),
+        }
+    }
+
+    /// A process table with process 1 and process 40 in `state`, started at tick 900.
+    fn table(state: char) -> (tempfile::TempDir, ProcessTable) {
+        let folder = tempfile::tempdir().unwrap();
+        for (id, started) in [(1, 3), (40, 900)] {
+            let entry = folder.path().join(id.to_string());
+            fs::create_dir(&entry).unwrap();
+            let zeros = "0 ".repeat(18);
+            fs::write(
+                entry.join("stat"),
+                format!("{id} (a) b (c)) {state} {zeros}{started} 0 0\n"),
+            )
+            .unwrap();
+        }
+        let root = folder.path().to_owned();
+        (folder, ProcessTable { root })
+    }
+
+    #[test]
+    fn a_process_in_the_table_is_alive_however_silent() {
+        for state in ['R', 'S', 'T'] {
+            let (_folder, table) = table(state);
+            assert_eq!(table.judge(&here(), &here(), 1000 * FAR_SILENCE), Liveness::Alive);
+        }
+    }
+
+    #[test]
+    fn a_process_that_is_gone_or_a_zombie_is_dead_at_once() {
+        let (_folder, running) = table('R');
+        let gone = Process { id: 41, ..here() };
+        assert_eq!(running.judge(&here(), &gone, Duration::ZERO), Liveness::Dead);
+        let (_folder, zombies) = table('Z');
+        assert_eq!(zombies.judge(&here(), &here(), Duration::ZERO), Liveness::Dead);
+    }
+
+    #[test]
+    fn a_process_id_used_again_is_another_process() {
+        let (_folder, table) = table('R');
+        let earlier = Process { started: Some(899), ..here() };
+        assert_eq!(table.judge(&here(), &earlier, Duration::ZERO), Liveness::Dead);
+    }
+
+    #[test]
+    fn a_process_from_before_the_last_boot_is_dead() {
+        let (_folder, table) = table('R');
+        let earlier = Process { boot_id: Some("boot-0".into()), ..here() };
+        assert_eq!(table.judge(&here(), &earlier, Duration::ZERO), Liveness::Dead);
+    }
+
+    #[test]
+    fn silence_decides_where_a_process_cannot_be_looked_up() {
+        let (_folder, full) = table('R');
+        let empty = ProcessTable { root: full.root.join("1") };
+        let elsewhere = Process { host: "far".into(), boot_id: Some("boot-2".into()), ..here() };
+        let contained = Process { pid_namespace: Some("pid:[2]".into()), ..here() };
+        let unknown_boot = Process { boot_id: None, ..here() };
+        for (table, other, limit) in [
+            (&full, &elsewhere, FAR_SILENCE),
+            (&full, &unknown_boot, FAR_SILENCE),
+            (&full, &contained, NEAR_SILENCE),
+            (&empty, &here(), NEAR_SILENCE),
+        ] {
+            assert_eq!(table.judge(&here(), other, limit - SECOND), Liveness::Alive, "{other:?}");
+            assert_eq!(table.judge(&here(), other, limit + SECOND), Liveness::Dead, "{other:?}");
+        }
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn this_process_is_alive_and_a_child_that_ended_is_dead() {
+        let table = ProcessTable::of_this_system();
+        let this = table.this_process();
+        assert!(this.boot_id.is_some() && this.started.is_some(), "{this:?}");
+        assert_eq!(table.judge(&this, &this, 2 * FAR_SILENCE), Liveness::Alive);
+
+        let mut child = process::Command::new("true").spawn().unwrap();
+        let ended = Process { id: child.id(), ..this.clone() };
+        child.wait().unwrap();
+        assert_eq!(table.judge(&this, &ended, Duration::ZERO), Liveness::Dead);
+    }
+}

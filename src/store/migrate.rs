@@ -1,0 +1,209 @@
+//! Bringing a file to the schema of this release.
+
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::process;
+
+use rusqlite::{Connection, OpenFlags, Transaction, TransactionBehavior};
+
+use super::StoreError;
+use super::file::APPLICATION_ID;
+
+/// A step from one version of the schema to the next.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Migration {
+    /// Its file's name in `migrations/`, without the ending.
+    pub(super) name: &'static str,
+    /// Its statements.
+    pub(super) sql: &'static str,
+}
+
+/// Every migration; the first makes version 1.
+pub(super) const MIGRATIONS: &[Migration] = &[Migration {
+    name: "0001_create_store",
+    sql: include_str!("../../migrations/0001_create_store.sql"),
+}];
+
+/// Applies the migrations that the file lacks, all or none of them.
+///
+/// A file that has a schema already is first copied to `<file>.v<version>.bak`.
+pub(super) fn migrate(
+    connection: &mut Connection,
+    path: &Path,
+    migrations: &'static [Migration],
+) -> Result<(), StoreError> {
+    let failed = |source| StoreError::sqlite(path, "migrate the store", source);
+    if version(connection).map_err(failed)? >= migrations.len() {
+        return Ok(());
+    }
+    // A migration may rebuild a table that others refer to; the references are checked at its end.
+    // The setting has no effect inside a transaction.
+    connection.execute_batch("PRAGMA foreign_keys = OFF").map_err(failed)?;
+    let result = migrate_locked(connection, path, migrations);
+    connection.execute_batch("PRAGMA foreign_keys = ON").map_err(failed)?;
+    result
+}
+
+fn migrate_locked(
+    connection: &mut Connection,
+    path: &Path,
+    migrations: &'static [Migration],
+) -> Result<(), StoreError> {
+    let failed = |source| StoreError::sqlite(path, "migrate the store", source);
+    let transaction =
+        connection.transaction_with_behavior(TransactionBehavior::Immediate).map_err(failed)?;
+    // Read again under the lock: another process may have migrated in the meantime.
+    let found = version(&transaction).map_err(failed)?;
+    if found > 0 && found < migrations.len() {
+        back_up(path, found)?;
+    }
+    for migration in migrations.iter().skip(found) {
+        apply(&transaction, migration).map_err(|reason| StoreError::Migration {
+            path: path.to_owned(),
+            migration: migration.name,
+            reason,
+        })?;
+    }
+    let target = migrations.len().max(found);
+    transaction
+        .execute_batch(&format!(
+            "PRAGMA application_id = {APPLICATION_ID}; PRAGMA user_version = {target};"
+        ))
+        .and_then(|()| transaction.commit())
+        .map_err(failed)
+}
+
+fn version(connection: &Connection) -> rusqlite::Result<usize> {
+    connection.query_row("PRAGMA user_version", [], |row| row.get::<_, u32>(0)).map(|v| v as usize)
+}
+
+fn apply(transaction: &Transaction<'_>, migration: &Migration) -> Result<(), String> {
+    transaction.execute_batch(migration.sql).map_err(|error| error.to_string())?;
+    let dangling = transaction
+        .query_row("SELECT count(*) FROM pragma_foreign_key_check", [], |row| row.get::<_, i64>(0))
+        .map_err(|error| error.to_string())?;
+    if dangling > 0 {
+        return Err(format!("{dangling} rows refer to rows that do not exist"));
+    }
+    Ok(())
+}
+
+/// Copies the store as it was last committed. The caller holds the write lock, so that nothing can
+/// be committed between the copy and the migration.
+fn back_up(path: &Path, version: usize) -> Result<(), StoreError> {
+    let backup = beside(path, &format!(".v{version}.bak"));
+    // A copy under the final name is always whole.
+    let partial = beside(path, &format!(".v{version}.bak.{}", process::id()));
+    let copied = copy(path, &partial)
+        .and_then(|()| fs::rename(&partial, &backup).map_err(|error| error.to_string()));
+    copied.map_err(|reason| {
+        // The error is what matters; a leftover is overwritten by the next attempt.
+        let _ = fs::remove_file(&partial);
+        StoreError::Backup { path: path.to_owned(), backup, reason }
+    })
+}
+
+fn copy(path: &Path, target: &Path) -> Result<(), String> {
+    if target.exists() {
+        fs::remove_file(target).map_err(|error| error.to_string())?;
+    }
+    let name = target.to_str().ok_or("the path is not UTF-8")?;
+    let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    Connection::open_with_flags(path, flags)
+        .and_then(|source| source.execute("VACUUM INTO ?1", [name]))
+        .map_err(|error| error.to_string())?;
+    File::open(target).and_then(|file| file.sync_all()).map_err(|error| error.to_string())
+}
+
+fn beside(path: &Path, suffix: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(suffix);
+    PathBuf::from(name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FIRST: Migration = Migration {
+        name: "0001_create",
+        sql: "CREATE TABLE parent (id INTEGER PRIMARY KEY) STRICT;
+              CREATE TABLE child (parent INTEGER REFERENCES parent (id)) STRICT;",
+    };
+    const REBUILD: Migration = Migration {
+        name: "0002_rebuild_parent",
+        sql: "CREATE TABLE new (id INTEGER PRIMARY KEY, note TEXT) STRICT;
+              INSERT INTO new (id) SELECT id FROM parent;
+              DROP TABLE parent;
+              ALTER TABLE new RENAME TO parent;",
+    };
+    const LOSSY: Migration = Migration { name: "0002_lose", sql: "DELETE FROM parent;" };
+    const FAULTY: Migration =
+        Migration { name: "0002_fault", sql: "CREATE TABLE extra (id INTEGER); SELECT absent;" };
+
+    /// A store of version 1 with a parent and its child.
+    fn version_one() -> (tempfile::TempDir, PathBuf) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.sqlite");
+        let mut connection = Connection::open(&path).unwrap();
+        connection.execute_batch("PRAGMA journal_mode = WAL; PRAGMA foreign_keys = ON;").unwrap();
+        migrate(&mut connection, &path, &[FIRST]).unwrap();
+        connection
+            .execute_batch("INSERT INTO parent VALUES (1); INSERT INTO child VALUES (1);")
+            .unwrap();
+        (folder, path)
+    }
+
+    fn count(connection: &Connection, table: &str) -> i64 {
+        connection
+            .query_row(&format!("SELECT count(*) FROM {table}"), [], |row| row.get(0))
+            .unwrap()
+    }
+
+    #[test]
+    fn an_older_file_is_copied_and_then_migrated() {
+        let (_folder, path) = version_one();
+        let mut connection = Connection::open(&path).unwrap();
+        migrate(&mut connection, &path, &[FIRST, REBUILD]).unwrap();
+        assert_eq!(version(&connection).unwrap(), 2);
+        assert_eq!(count(&connection, "parent WHERE note IS NULL"), 1);
+        assert!(connection.execute_batch("INSERT INTO child VALUES (7)").is_err());
+
+        let backup = Connection::open(beside(&path, ".v1.bak")).unwrap();
+        assert_eq!(version(&backup).unwrap(), 1);
+        assert_eq!(count(&backup, "child"), 1);
+        assert!(backup.execute_batch("SELECT note FROM parent").is_err());
+    }
+
+    #[test]
+    fn a_migration_that_fails_leaves_the_file_as_it_was() {
+        for (faulty, expected) in [(FAULTY, "no such column"), (LOSSY, "1 rows refer")] {
+            let (_folder, path) = version_one();
+            let mut connection = Connection::open(&path).unwrap();
+            let steps: &'static [Migration] = Box::leak(Box::new([FIRST, faulty]));
+            let error = migrate(&mut connection, &path, steps).unwrap_err().to_string();
+            assert!(error.contains(faulty.name) && error.contains(expected), "{error}");
+            assert_eq!(version(&connection).unwrap(), 1);
+            assert_eq!(count(&connection, "parent"), 1);
+            assert_eq!(count(&connection, "sqlite_schema WHERE name = 'extra'"), 0);
+        }
+    }
+
+    #[test]
+    fn a_file_that_is_up_to_date_is_not_copied() {
+        let (_folder, path) = version_one();
+        let mut connection = Connection::open(&path).unwrap();
+        migrate(&mut connection, &path, &[FIRST]).unwrap();
+        assert!(!beside(&path, ".v1.bak").exists());
+    }
+
+    #[test]
+    fn without_a_backup_nothing_is_migrated() {
+        let (_folder, path) = version_one();
+        fs::create_dir(beside(&path, ".v1.bak")).unwrap();
+        let mut connection = Connection::open(&path).unwrap();
+        let error = migrate(&mut connection, &path, &[FIRST, REBUILD]).unwrap_err();
+        assert!(matches!(error, StoreError::Backup { .. }), "{error}");
+        assert_eq!(version(&connection).unwrap(), 1);
+    }
+}

@@ -1,0 +1,93 @@
+//! The store: one SQLite file that holds every experiment, job, run and result. The only module
+//! that knows SQL.
+//!
+//! In: jobs ([`crate::plan`]) and how their runs ended ([`crate::record`]). Out: states, summaries,
+//! weights and answers to queries. A [`Store`] writes, a [`Reader`] reads; the tables are made by
+//! `migrations/*.sql`, and `docs/store.md` describes the views that others may rely on.
+//!
+//! - Every write is one immediate transaction: writers wait for each other, readers for nobody.
+//! - A job has at most one run that is running or completed, whatever processes share the file. The
+//!   file itself refuses a second one.
+//! - A completed run has all its results and never changes; every other run has none.
+//! - A run ends only by the session that claimed it, or when that session is known to be dead
+//!   (`liveness.rs`). Whoever lost a claim cannot write ([`StoreError::ClaimLost`]).
+//! - Nothing is ever deleted but an experiment's hold on a job that its manifest dropped.
+//!
+//! It does not know how jobs are trained, in what order they are claimed, or what is printed. It
+//! changes no setting outside its own connections.
+
+mod claim;
+mod error;
+mod experiment;
+mod file;
+mod left;
+mod liveness;
+mod migrate;
+mod query;
+mod read;
+mod results;
+mod session;
+mod state;
+mod summary;
+mod weights;
+
+use std::path::{Path, PathBuf};
+
+use rusqlite::{Connection, Transaction, TransactionBehavior};
+
+pub use claim::{Claim, Claimed, RetryFailed};
+pub use error::{QueryError, StoreError};
+pub use experiment::{Experiment, Registered};
+pub use left::EpisodesLeft;
+pub use query::{Answer, Interrupter, Value};
+pub use read::{ExperimentCounts, FailedJob, Pace, Reader};
+pub use session::SessionId;
+pub use state::{Counts, JobState};
+pub use weights::StoredWeights;
+
+use error::Fault;
+
+/// The version of the schema that this program reads and writes.
+pub const SCHEMA_VERSION: u32 = migrate::MIGRATIONS.len() as u32;
+
+/// The store, open for writing. A process has one, owned by one thread.
+#[derive(Debug)]
+pub struct Store {
+    connection: Connection,
+    path: PathBuf,
+}
+
+impl Store {
+    /// The store at `path`, made if there is none, migrated (after a backup copy beside it) if it
+    /// is of an earlier release.
+    ///
+    /// **Errors**: the path cannot hold a store, or holds something else or a store of a newer
+    /// release; those files are left untouched.
+    pub fn open(path: &Path) -> Result<Store, StoreError> {
+        let (connection, path) = file::open_writer(path)?;
+        Ok(Store { connection, path })
+    }
+
+    /// Does `body` in one transaction that holds the store's write lock from its start.
+    ///
+    /// `action` completes "failed to …" in errors.
+    fn write<T>(
+        &mut self,
+        action: &'static str,
+        body: impl FnOnce(&Transaction<'_>) -> Result<T, Fault>,
+    ) -> Result<T, StoreError> {
+        let path = &self.path;
+        let transaction = self
+            .connection
+            .transaction_with_behavior(TransactionBehavior::Immediate)
+            .map_err(|source| StoreError::sqlite(path, action, source))?;
+        // A newer program may have migrated the file since it was opened.
+        file::require_current(&transaction, path)?;
+        let done = body(&transaction).map_err(|fault| fault.at(path, action))?;
+        transaction.commit().map_err(|source| StoreError::sqlite(path, action, source))?;
+        Ok(done)
+    }
+}
+
+/// SQL for the present instant, as the tables keep it.
+const NOW: &str = "strftime('%Y-%m-%dT%H:%M:%fZ', 'now')";

@@ -1,0 +1,126 @@
+//! The end of a run, with all its results, in one transaction.
+
+use std::collections::HashMap;
+
+use rusqlite::{Connection, params};
+
+use crate::record::{Failure, Outcome, Results};
+
+use super::{Claim, NOW, Store, StoreError};
+
+impl Store {
+    /// Ends a claimed run, with everything that it leaves behind, or not at all.
+    ///
+    /// `wall_seconds` is how long it took, in seconds of real time.
+    ///
+    /// **Errors**: [`StoreError::ClaimLost`] if the run is no longer the claimer's; the results
+    /// break a rule of the schema (a number that is not finite, none at all).
+    pub fn finish(
+        &mut self,
+        claim: &Claim,
+        outcome: &Outcome,
+        wall_seconds: f64,
+    ) -> Result<(), StoreError> {
+        self.write("store the end of a run", |transaction| {
+            let held: bool = transaction
+                .prepare_cached(
+                    "SELECT EXISTS (SELECT 1 FROM run
+                        WHERE id = ?1 AND session = ?2 AND status = 'running')",
+                )?
+                .query_row([claim.run, claim.session.0], |row| row.get(0))?;
+            if !held {
+                return Err(StoreError::ClaimLost { key: claim.job_key }.into());
+            }
+            let (status, failure) = match outcome {
+                Outcome::Completed(results) => {
+                    insert_results(transaction, claim.run, results)?;
+                    ("completed", None)
+                }
+                Outcome::Failed(failure) => ("failed", Some(failure)),
+                Outcome::Interrupted => ("interrupted", None),
+            };
+            end_run(transaction, claim.run, status, failure, wall_seconds)?;
+            Ok(())
+        })
+    }
+}
+
+fn end_run(
+    connection: &Connection,
+    run: i64,
+    status: &str,
+    failure: Option<&Failure>,
+    wall_seconds: f64,
+) -> rusqlite::Result<()> {
+    connection
+        .prepare_cached(&format!(
+            "UPDATE run SET status = ?2, ended_at = {NOW}, wall_seconds = ?3,
+                failure_kind = ?4, failure_message = ?5, failure_episode = ?6
+             WHERE id = ?1"
+        ))?
+        .execute(params![
+            run,
+            status,
+            wall_seconds,
+            failure.map(|failure| failure.kind.name()),
+            failure.map(|failure| &failure.message),
+            failure.map(|failure| failure.episode),
+        ])?;
+    Ok(())
+}
+
+fn insert_results(connection: &Connection, run: i64, results: &Results) -> rusqlite::Result<()> {
+    let mut names = MetricNames { connection, ids: HashMap::new() };
+    let mut insert = connection.prepare_cached("INSERT INTO run_metric VALUES (?1, ?2, ?3)")?;
+    for metric in &results.metrics {
+        insert.execute(params![run, names.id(metric.name)?, metric.value])?;
+    }
+    let mut insert =
+        connection.prepare_cached("INSERT INTO curve_point VALUES (?1, ?2, ?3, ?4)")?;
+    for point in &results.curve {
+        insert.execute(params![run, names.id(point.metric)?, point.episode, point.value])?;
+    }
+    let mut insert =
+        connection.prepare_cached("INSERT INTO test_episode VALUES (?1, ?2, ?3, ?4, ?5)")?;
+    for (number, episode) in (1_i64..).zip(&results.episodes) {
+        insert.execute(params![
+            run,
+            number,
+            episode.total_reward,
+            episode.length,
+            episode.disengaged
+        ])?;
+    }
+    let mut insert =
+        connection.prepare_cached("INSERT INTO action_count VALUES (?1, ?2, ?3, ?4, ?5)")?;
+    for choice in &results.actions {
+        insert.execute(params![run, choice.bin, choice.context, choice.action, choice.count])?;
+    }
+    connection
+        .prepare_cached("INSERT INTO trained_weights VALUES (?1, ?2)")?
+        .execute(params![run, results.weights])?;
+    Ok(())
+}
+
+/// Row ids of metric names; a name is added when first met.
+struct MetricNames<'a> {
+    connection: &'a Connection,
+    ids: HashMap<&'static str, i64>,
+}
+
+impl MetricNames<'_> {
+    fn id(&mut self, name: &'static str) -> rusqlite::Result<i64> {
+        if let Some(&id) = self.ids.get(name) {
+            return Ok(id);
+        }
+        self.connection
+            .prepare_cached("INSERT INTO metric_name (name) VALUES (?1) ON CONFLICT DO NOTHING")?
+            .execute([name])?;
+        let id = self
+            .connection
+            .prepare_cached("SELECT id FROM metric_name WHERE name = ?1")?
+            .query_row([name], |row| row.get(0))?;
+        self.ids.insert(name, id);
+        Ok(id)
+    }
+}

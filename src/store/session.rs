@@ -1,0 +1,158 @@
+//! Sessions: one a process that runs jobs, with a heartbeat; and what becomes of the runs of a
+//! session that died.
+
+use std::time::Duration;
+
+use rusqlite::{Connection, Row, named_params};
+
+use crate::record::Provenance;
+
+use super::liveness::{Liveness, Process, ProcessTable};
+use super::{NOW, Store, StoreError};
+
+/// A session of the store.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct SessionId(pub(super) i64);
+
+impl Store {
+    /// Begins a session of this process.
+    ///
+    /// It lives until [`Store::end_session`] or the end of the process; [`Store::heartbeat`] is due
+    /// every few seconds, and after 30 s without one readers take it for dead.
+    pub fn begin_session(&mut self, provenance: &Provenance) -> Result<SessionId, StoreError> {
+        let process = ProcessTable::of_this_system().this_process();
+        self.write("begin a session", |transaction| {
+            transaction
+                .prepare(&format!(
+                    "INSERT INTO session (host, boot_id, pid_namespace, process_id, process_started,
+                        code_version, git_revision, backend, processor, started_at, heartbeat_at)
+                     VALUES (:host, :boot_id, :pid_namespace, :process_id, :process_started,
+                        :code_version, :git_revision, :backend, :processor, {NOW}, {NOW})"
+                ))?
+                .insert(named_params! {
+                    ":host": provenance.host,
+                    ":boot_id": process.boot_id,
+                    ":pid_namespace": process.pid_namespace,
+                    ":process_id": process.id,
+                    ":process_started": process.started,
+                    ":code_version": provenance.code_version,
+                    ":git_revision": provenance.git_revision,
+                    ":backend": provenance.backend,
+                    ":processor": provenance.processor,
+                })
+                .map(SessionId)
+                .map_err(Into::into)
+        })
+    }
+
+    /// Says that the session is alive.
+    pub fn heartbeat(&mut self, session: SessionId) -> Result<(), StoreError> {
+        self.write("record a heartbeat", |transaction| {
+            transaction
+                .prepare_cached(&format!("UPDATE session SET heartbeat_at = {NOW} WHERE id = ?1"))?
+                .execute([session.0])?;
+            Ok(())
+        })
+    }
+
+    /// Ends the session; runs that it still holds are interrupted.
+    pub fn end_session(&mut self, session: SessionId) -> Result<(), StoreError> {
+        self.write("end the session", |transaction| {
+            release(transaction, session.0)?;
+            transaction.execute(
+                &format!("UPDATE session SET heartbeat_at = {NOW}, ended_at = {NOW} WHERE id = ?1"),
+                [session.0],
+            )?;
+            Ok(())
+        })
+    }
+
+    /// Interrupts the runs of dead sessions, so that their jobs can be claimed; returns how many.
+    ///
+    /// `session` is the caller's, and the place from which the others are judged. Writes nothing if
+    /// nobody died.
+    pub fn release_dead_sessions(&mut self, session: SessionId) -> Result<usize, StoreError> {
+        let action = "release the runs of dead sessions";
+        let dead = process_of(&self.connection, session)
+            .and_then(|this| holders(&self.connection, &this))
+            .map_err(|source| StoreError::sqlite(&self.path, action, source))?
+            .dead;
+        if dead.is_empty() {
+            return Ok(0);
+        }
+        self.write(action, |transaction| {
+            // A dead process stays dead, and a run that it no longer holds is not touched.
+            dead.iter().try_fold(0, |runs, &id| Ok(runs + release(transaction, id)?))
+        })
+    }
+}
+
+/// Interrupts the running runs of a session; returns how many.
+pub(super) fn release(connection: &Connection, session: i64) -> rusqlite::Result<usize> {
+    connection
+        .prepare_cached(&format!(
+            "UPDATE run SET status = 'interrupted', ended_at = {NOW}
+             WHERE session = ?1 AND status = 'running'"
+        ))?
+        .execute([session])
+}
+
+/// The sessions that hold running runs.
+#[derive(Debug, Default)]
+pub(super) struct Holders {
+    pub(super) alive: Vec<i64>,
+    pub(super) dead: Vec<i64>,
+}
+
+impl Holders {
+    /// The living ones as a JSON list, which SQL can take as one parameter.
+    pub(super) fn alive_json(&self) -> String {
+        serde_json::Value::from(self.alive.clone()).to_string()
+    }
+}
+
+/// The sessions that hold running runs, judged from the process `this`.
+pub(super) fn holders(connection: &Connection, this: &Process) -> rusqlite::Result<Holders> {
+    let mut statement = connection.prepare_cached(
+        "SELECT id, host, boot_id, pid_namespace, process_id, process_started,
+            86400 * (julianday('now') - julianday(heartbeat_at)), ended_at IS NOT NULL
+         FROM session WHERE id IN (SELECT session FROM run WHERE status = 'running')",
+    )?;
+    let mut rows = statement.query([])?;
+    let table = ProcessTable::of_this_system();
+    let mut holders = Holders::default();
+    while let Some(row) = rows.next()? {
+        let id = row.get(0)?;
+        // A clock that was set back makes a heartbeat come from the future.
+        let silence = Duration::try_from_secs_f64(row.get(6)?).unwrap_or(Duration::ZERO);
+        let liveness = match row.get(7)? {
+            true => Liveness::Dead,
+            false => table.judge(this, &process(row)?, silence),
+        };
+        match liveness {
+            Liveness::Alive => holders.alive.push(id),
+            Liveness::Dead => holders.dead.push(id),
+        }
+    }
+    Ok(holders)
+}
+
+/// The process that a session was begun by.
+pub(super) fn process_of(connection: &Connection, session: SessionId) -> rusqlite::Result<Process> {
+    connection
+        .prepare_cached(
+            "SELECT id, host, boot_id, pid_namespace, process_id, process_started
+             FROM session WHERE id = ?1",
+        )?
+        .query_row([session.0], process)
+}
+
+fn process(row: &Row<'_>) -> rusqlite::Result<Process> {
+    Ok(Process {
+        host: row.get(1)?,
+        boot_id: row.get(2)?,
+        pid_namespace: row.get(3)?,
+        id: row.get(4)?,
+        started: row.get(5)?,
+    })
+}

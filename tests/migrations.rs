@@ -1,0 +1,142 @@
+//! The migrations, replayed as a store lived through them: each is followed by sample rows of its
+//! version (`tests/data/migrations/NNNN.sql`), and the next one has to cope with those.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use jitai::store::{Reader, SCHEMA_VERSION, Store};
+use rusqlite::Connection;
+
+/// The migrations' files, in their order.
+fn migrations() -> Vec<PathBuf> {
+    let mut files: Vec<PathBuf> = fs::read_dir(root().join("migrations"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|ending| ending == "sql"))
+        .collect();
+    files.sort();
+    files
+}
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// A store that began at version 1 and went through every version up to `last`, with sample rows
+/// of each.
+fn replay(path: &Path, last: usize) -> Connection {
+    let connection = Connection::open(path).unwrap();
+    connection.execute_batch("PRAGMA journal_mode = WAL").unwrap();
+    for (version, migration) in (1..=last).zip(migrations()) {
+        let sample = root().join(format!("tests/data/migrations/{version:04}.sql"));
+        connection
+            .execute_batch(&format!(
+                "PRAGMA foreign_keys = OFF; BEGIN;
+                 {}
+                 PRAGMA application_id = {}; PRAGMA user_version = {version}; COMMIT;
+                 PRAGMA foreign_keys = ON;
+                 {}",
+                fs::read_to_string(&migration).unwrap(),
+                i32::from_be_bytes(*b"JITA"),
+                fs::read_to_string(&sample)
+                    .unwrap_or_else(|error| panic!("{}: {error}", sample.display())),
+            ))
+            .unwrap_or_else(|error| panic!("{}: {error}", migration.display()));
+    }
+    connection
+}
+
+fn check(connection: &Connection) {
+    let dangling: i64 = connection
+        .query_row("SELECT count(*) FROM pragma_foreign_key_check", [], |row| row.get(0))
+        .unwrap();
+    assert_eq!(dangling, 0);
+    let integrity: String =
+        connection.query_row("PRAGMA integrity_check", [], |row| row.get(0)).unwrap();
+    assert_eq!(integrity, "ok");
+}
+
+fn schema(connection: &Connection) -> Vec<(String, Option<String>)> {
+    let mut statement =
+        connection.prepare("SELECT name, sql FROM sqlite_schema ORDER BY name").unwrap();
+    let rows = statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?))).unwrap();
+    rows.collect::<rusqlite::Result<_>>().unwrap()
+}
+
+#[test]
+fn migrations_are_numbered_from_one_and_all_are_compiled_in() {
+    let files = migrations();
+    assert_eq!(files.len(), SCHEMA_VERSION as usize);
+    for (number, file) in (1..).zip(&files) {
+        let name = file.file_stem().unwrap().to_str().unwrap();
+        assert!(name.starts_with(&format!("{number:04}_")), "{name}");
+    }
+}
+
+#[test]
+fn every_earlier_version_with_its_rows_becomes_the_newest() {
+    let folder = tempfile::tempdir().unwrap();
+    let fresh = folder.path().join("fresh.sqlite");
+    drop(Store::open(&fresh).unwrap());
+    let expected = schema(&Connection::open(&fresh).unwrap());
+
+    for last in 1..=SCHEMA_VERSION as usize {
+        let path = folder.path().join(format!("from-{last}.sqlite"));
+        check(&replay(&path, last));
+        drop(Store::open(&path).unwrap());
+        let connection = Connection::open(&path).unwrap();
+        check(&connection);
+        assert_eq!(schema(&connection), expected, "from version {last}");
+    }
+}
+
+#[test]
+fn the_rows_of_the_first_version_still_say_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.sqlite");
+    drop(replay(&path, SCHEMA_VERSION as usize));
+    drop(Store::open(&path).unwrap());
+
+    let reader = Reader::open(&path).unwrap();
+    let counts = reader.experiment_counts().unwrap().remove(0).counts;
+    assert_eq!((counts.completed, counts.failed, counts.interrupted), (1, 1, 1));
+    let failed = reader.failed_jobs().unwrap().remove(0);
+    assert_eq!(failed.failure.message, "the loss is not a number");
+
+    let lines = |sql: &str| {
+        let connection = Connection::open(&path).unwrap();
+        let mut statement = connection.prepare(sql).unwrap();
+        let rows = statement.query_map([], |row| row.get::<_, String>(0)).unwrap();
+        rows.collect::<rusqlite::Result<Vec<_>>>().unwrap()
+    };
+    assert_eq!(
+        lines(
+            "SELECT concat_ws(' ', agent, scenario, sigma, seed, status, attempt, mean_return)
+             FROM run_summary WHERE experiment = 'quickstart' ORDER BY job_key, attempt"
+        ),
+        [
+            "dqn P-H-D 0.4 1 completed 1 2583.5",
+            "reinforce L-T 0.6 2 failed 1",
+            "reinforce L-T 0.6 3 interrupted 1",
+            "reinforce L-T 0.6 3 interrupted 2",
+        ]
+    );
+    assert_eq!(
+        lines("SELECT concat_ws(' ', episode, metric, value) FROM learning_curve ORDER BY 1"),
+        ["10 mean_return 1200.0", "20 mean_return 1300.5"]
+    );
+    assert_eq!(
+        lines(
+            "SELECT concat_ws(' ', episode, total_reward, length, disengaged)
+             FROM evaluation_episode ORDER BY 1"
+        ),
+        ["1 2500.0 50 0", "2 310.0 7 1"]
+    );
+    assert_eq!(
+        lines(
+            "SELECT concat_ws(' ', p_low, p_high, context, action, count)
+             FROM action_choice ORDER BY 1"
+        ),
+        ["0.0 0.1 1 3 40", "0.9 1.0 0 2 17"]
+    );
+}

@@ -1,0 +1,252 @@
+//! Experiments, and what can be read about their jobs.
+
+use std::fs;
+
+use jitai::manifest::{Agent, DuelingDqn};
+use jitai::plan::{Job, Scalar, Versions};
+use jitai::record::Outcome;
+use jitai::store::{
+    Counts, EpisodesLeft, Experiment, JobState, Reader, Registered, Store, StoreError,
+};
+use rusqlite::types::Value;
+
+use crate::sample::{Sample, completed, dqn, experiment, failed, number, reinforce};
+
+fn counts(sample: &Sample, name: &str) -> Counts {
+    let all = Reader::open(&sample.path).unwrap().experiment_counts().unwrap();
+    all.into_iter().find(|one| one.experiment == name).unwrap().counts
+}
+
+#[test]
+fn registering_again_writes_nothing() {
+    let jobs: Vec<Job> = (1..=50).map(|seed| dqn(0.4, seed)).collect();
+    let mut sample = Sample::new();
+    let log = sample.path.with_extension("sqlite-wal");
+    let mut register = || {
+        let registered =
+            sample.store.register(&experiment("sweep"), jobs.iter().map(|job| ("dqn", job)));
+        (registered.unwrap(), fs::read(&log).unwrap())
+    };
+    let (first, before) = register();
+    assert_eq!(first, Registered { jobs: 50, added: 50, dropped: 0 });
+    let (second, after) = register();
+    assert_eq!(second, Registered { jobs: 50, added: 0, dropped: 0 });
+    assert!(before == after, "the log has grown");
+}
+
+#[test]
+fn an_edited_manifest_replaces_the_jobs_and_keeps_their_runs() {
+    let mut sample = Sample::with(&[dqn(0.4, 1), dqn(0.4, 2)]);
+    sample.run(&dqn(0.4, 1), &completed());
+    let edited = Experiment { manifest: "format = 1\nseeds = [2, 3]", ..experiment("sweep") };
+    let jobs = [("dueling", dqn(0.4, 2)), ("dueling", dqn(0.4, 3))];
+    let registered = sample.store.register(&edited, jobs).unwrap();
+    assert_eq!(registered, Registered { jobs: 2, added: 2, dropped: 2 });
+    assert_eq!(counts(&sample, "sweep"), Counts { pending: 2, ..Counts::default() });
+    let raw = sample.raw();
+    assert_eq!(number(&raw, "SELECT count(*) FROM experiment WHERE manifest LIKE '%[2, 3]'"), 1);
+    assert_eq!(number(&raw, "SELECT count(*) FROM run_summary"), 0);
+    assert_eq!(number(&raw, "SELECT count(*) FROM evaluation_episode"), 2);
+
+    let all = [dqn(0.4, 1), dqn(0.4, 2), dqn(0.4, 3)];
+    sample.store.register(&experiment("sweep"), all.iter().map(|job| ("dqn", job))).unwrap();
+    assert_eq!(counts(&sample, "sweep"), Counts { pending: 2, completed: 1, ..Counts::default() });
+}
+
+#[test]
+fn experiments_and_agents_that_declare_the_same_job_share_it() {
+    let mut sample = Sample::with(&[dqn(0.4, 1)]);
+    let twice = [("dqn", dqn(0.4, 1)), ("again", dqn(0.4, 1))];
+    let registered = sample.store.register(&experiment("other"), twice).unwrap();
+    assert_eq!(registered.jobs, 2);
+    sample.run(&dqn(0.4, 1), &completed());
+    for name in ["sweep", "other"] {
+        assert_eq!(counts(&sample, name), Counts { completed: 1, ..Counts::default() });
+    }
+    let raw = sample.raw();
+    assert_eq!(number(&raw, "SELECT count(*) FROM job"), 1);
+    assert_eq!(number(&raw, "SELECT count(*) FROM run_summary WHERE experiment = 'sweep'"), 1);
+    assert_eq!(number(&raw, "SELECT count(*) FROM run_summary WHERE experiment = 'other'"), 2);
+    let agents: Vec<String> = Reader::open(&sample.path)
+        .unwrap()
+        .run_summaries("other")
+        .unwrap()
+        .into_iter()
+        .map(|summary| summary.agent)
+        .collect();
+    assert_eq!(agents, ["dqn", "again"]);
+}
+
+#[test]
+fn jobs_are_counted_by_what_became_of_them() {
+    let jobs: Vec<Job> = (1..=6).map(|seed| dqn(0.4, seed)).collect();
+    let mut sample = Sample::with(&jobs);
+    sample.run(&jobs[0], &completed());
+    sample.run(&jobs[1], &failed());
+    sample.run(&jobs[2], &Outcome::Interrupted);
+    sample.run(&jobs[3], &Outcome::Interrupted);
+    sample.run(&jobs[3], &completed());
+    sample.claim(&jobs[4]);
+    let expected = Counts { pending: 1, interrupted: 1, failed: 1, running: 1, completed: 2 };
+    assert_eq!(counts(&sample, "sweep"), expected);
+    assert_eq!(expected.total(), 6);
+
+    let keys: Vec<_> = jobs.iter().map(Job::key).chain([dqn(9.0, 1).key()]).collect();
+    let states = Reader::open(&sample.path).unwrap().job_states(&keys).unwrap();
+    use JobState::{Completed, Failed, Interrupted, Pending, Running};
+    assert_eq!(states, [Completed, Failed, Interrupted, Completed, Running, Pending, Pending]);
+}
+
+#[test]
+fn an_experiment_without_jobs_is_counted_as_such() {
+    let sample = Sample::with(&[]);
+    assert_eq!(counts(&sample, "sweep"), Counts::default());
+}
+
+#[test]
+fn failures_are_told_with_their_reason_until_the_job_completes() {
+    let jobs = [dqn(0.4, 1), dqn(0.4, 2)];
+    let mut sample = Sample::with(&jobs);
+    sample.run(&jobs[0], &failed());
+    sample.run(&jobs[1], &failed());
+    sample.session = sample.store.begin_session(&crate::sample::provenance()).unwrap();
+    sample.run(&jobs[0], &completed());
+    sample.run(&jobs[1], &failed());
+    let all = Reader::open(&sample.path).unwrap().failed_jobs().unwrap();
+    let [one] = all.as_slice() else { panic!("{all:?}") };
+    assert_eq!((one.experiment.as_str(), one.agent.as_str()), ("sweep", "dqn"));
+    assert_eq!((one.job_key, one.attempt), (jobs[1].key(), 2));
+    assert_eq!(Outcome::Failed(one.failure.clone()), failed());
+}
+
+#[test]
+fn a_job_completed_under_another_version_is_found_by_its_content() {
+    let job = dqn(0.4, 1);
+    let mut sample = Sample::with(std::slice::from_ref(&job));
+    sample.run(&job, &completed());
+    let reader = Reader::open(&sample.path).unwrap();
+    let Versions { environment, algorithm } = job.versions();
+    let next = Versions { environment, algorithm: algorithm + 1 };
+    let content = job.content_key();
+    assert_eq!(reader.superseded(&content, job.versions()).unwrap(), []);
+    assert_eq!(reader.superseded(&content, next).unwrap(), [job.versions()]);
+    assert_eq!(reader.superseded(&dqn(0.4, 2).content_key(), next).unwrap(), []);
+}
+
+#[test]
+fn paces_are_means_over_completed_runs_by_algorithm() {
+    let jobs = [dqn(0.4, 1), dqn(0.4, 2), reinforce(0.4, 1)];
+    let mut sample = Sample::with(&jobs);
+    for (job, seconds) in jobs.iter().zip([10.0, 20.0, 30.0]) {
+        let claim = sample.claim(job);
+        sample.store.finish(&claim, &completed(), seconds).unwrap();
+    }
+    let paces = Reader::open(&sample.path).unwrap().paces().unwrap();
+    let [dqn, reinforce] = paces.as_slice() else { panic!("{paces:?}") };
+    assert_eq!((dqn.algorithm.as_str(), dqn.runs, dqn.seconds_per_job), ("dueling_dqn", 2, 15.0));
+    assert_eq!(dqn.seconds_per_episode, 30.0 / 2000.0);
+    assert_eq!(reinforce.seconds_per_episode, 30.0 / 15_000.0);
+}
+
+#[test]
+fn what_is_left_is_counted_in_training_episodes() {
+    let jobs = [dqn(0.4, 1), dqn(0.4, 2), dqn(0.4, 3), reinforce(0.4, 1), reinforce(0.4, 2)];
+    let mut sample = Sample::with(&jobs);
+    sample.run(&jobs[0], &completed());
+    sample.run(&jobs[1], &Outcome::Interrupted);
+    sample.claim(&jobs[2]);
+    sample.run(&jobs[3], &failed());
+    let left = Reader::open(&sample.path).unwrap().episodes_left().unwrap();
+    let of = |algorithm: &str, episodes| EpisodesLeft {
+        experiment: "sweep".into(),
+        algorithm: algorithm.into(),
+        episodes,
+    };
+    assert_eq!(left, [of("dueling_dqn", 2000), of("reinforce", 15_000)]);
+}
+
+#[test]
+fn summaries_name_what_was_swept_within_an_agent() {
+    let with_rate = |learning_rate, seed| Job {
+        agent: Agent::DuelingDqn(DuelingDqn { learning_rate, ..DuelingDqn::default() }),
+        ..dqn(0.6, seed)
+    };
+    let jobs = [with_rate(1e-3, 1), with_rate(5e-4, 2), with_rate(5e-4, 3)];
+    let mut sample = Sample::with(&jobs);
+    let declared = jobs.iter().map(|job| ("dqn", job.clone()));
+    let all = declared.chain([("reinforce", reinforce(0.4, 1))]);
+    sample.store.register(&experiment("sweep"), all).unwrap();
+    for job in [&jobs[0], &jobs[1], &reinforce(0.4, 1)] {
+        sample.run(job, &completed());
+    }
+    let summaries = Reader::open(&sample.path).unwrap().run_summaries("sweep").unwrap();
+    let [first, second, third] = summaries.as_slice() else { panic!("{summaries:?}") };
+    assert_eq!(first.swept, [("agent.learning_rate".to_owned(), "0.001".to_owned())]);
+    assert_eq!(second.swept, [("agent.learning_rate".to_owned(), "0.0005".to_owned())]);
+    assert_eq!((third.agent.as_str(), third.swept.len()), ("reinforce", 0));
+    assert_eq!((first.job_key, first.sigma, first.seed), (jobs[0].key(), 0.6, 1));
+    assert_eq!((first.scenario.as_str(), first.mean_return, first.sd_return), ("P-H-D", 1.0, 2.0));
+    assert_eq!((first.mean_length, first.disengagement_rate, first.wall_seconds), (3.0, 4.0, 1.5));
+    assert_eq!(Reader::open(&sample.path).unwrap().run_summaries("absent").unwrap(), []);
+}
+
+#[test]
+fn weights_are_found_by_the_beginning_of_a_key() {
+    // Two keys with the same first digit, and one that starts with another.
+    let jobs: Vec<Job> = (1..=40).map(|seed| dqn(0.123_456_789_012_345_67, seed)).collect();
+    let mut sample = Sample::with(&jobs);
+    let digit = |job: &Job| job.key().to_string().remove(0);
+    let first = &jobs[0];
+    let same = jobs[1..].iter().find(|job| digit(job) == digit(first)).unwrap();
+    let other = jobs.iter().find(|job| digit(job) != digit(first)).unwrap();
+    let weights = |prefix: &str| {
+        Reader::open(&sample.path).unwrap().weights(prefix).map_err(|e| e.to_string())
+    };
+    let prefix = digit(first).to_string();
+    assert!(weights(&prefix).unwrap_err().contains("has no completed run"));
+    sample.run(first, &completed());
+    let weights = |prefix: &str| {
+        Reader::open(&sample.path).unwrap().weights(prefix).map_err(|e| e.to_string())
+    };
+    let found = weights(&prefix.to_uppercase()).unwrap();
+    assert_eq!((&found.job, found.job_key), (first, first.key()));
+    assert_eq!(found.safetensors, [8, 0, 0, 0]);
+    assert_eq!(weights(&first.key().to_string()).unwrap(), found);
+    assert!(weights(&other.key().to_string()).unwrap_err().contains("has no completed run"));
+    assert!(weights(&"0".repeat(32)).unwrap_err().starts_with("no job's key begins with"));
+    for text in ["", "xyz", "a%", &"a".repeat(33)] {
+        assert!(weights(text).unwrap_err().contains("is not a job key"), "{text}");
+    }
+    sample.run(same, &completed());
+    let error = Reader::open(&sample.path).unwrap().weights(&prefix).unwrap_err();
+    assert!(matches!(&error, StoreError::AmbiguousKey { keys, .. } if keys.len() == 2), "{error}");
+}
+
+#[test]
+fn the_view_of_parameters_is_the_job() {
+    let jobs = [dqn(0.0, 1), reinforce(0.6, u64::from(u32::MAX))];
+    let sample = Sample::with(&jobs);
+    drop(Store::open(&sample.path).unwrap());
+    let raw = sample.raw();
+    for job in &jobs {
+        let mut statement = raw
+            .prepare("SELECT name, value FROM parameter WHERE job_key = ?1 ORDER BY name")
+            .unwrap();
+        let stored: Vec<(String, Value)> = statement
+            .query_map([job.key().to_string()], |row| Ok((row.get(0)?, row.get(1)?)))
+            .unwrap()
+            .collect::<Result<_, _>>()
+            .unwrap();
+        let mut expected: Vec<(String, Value)> = job
+            .parameters()
+            .into_iter()
+            .map(|(name, value)| match value {
+                Scalar::Real(real) => (name, Value::Real(real)),
+                Scalar::Integer(whole) => (name, Value::Integer(whole)),
+                Scalar::Text(text) => (name, Value::Text(text)),
+            })
+            .collect();
+        expected.sort_by(|a, b| a.0.cmp(&b.0));
+        assert_eq!(stored, expected);
+    }
+}

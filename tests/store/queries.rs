@@ -1,0 +1,176 @@
+//! Queries of the user: they read the store and do nothing else.
+
+use std::fs;
+use std::ops::ControlFlow;
+use std::thread;
+use std::time::Duration;
+
+use jitai::store::{Answer, QueryError, Reader, Value};
+
+use crate::sample::{Sample, completed, dqn};
+
+fn sample() -> Sample {
+    let mut sample = Sample::with(&[dqn(0.4, 1)]);
+    sample.run(&dqn(0.4, 1), &completed());
+    sample
+}
+
+/// The answer as lines of text.
+fn ask(reader: &Reader, sql: &str) -> Result<Vec<String>, QueryError> {
+    let mut lines = Vec::new();
+    reader.query(sql, |answer| {
+        lines.push(match answer {
+            Answer::Columns(names) => names.join("|"),
+            Answer::Row(values) => {
+                values.iter().map(|value| format!("{value:?}")).collect::<Vec<_>>().join("|")
+            }
+        });
+        ControlFlow::Continue(())
+    })?;
+    Ok(lines)
+}
+
+#[test]
+fn an_answer_has_its_columns_and_then_its_rows() {
+    let sample = sample();
+    let reader = Reader::open(&sample.path).unwrap();
+    let answer = ask(&reader, "SELECT 1 AS a, 2.5, 'é', NULL AS d, x'00ff';").unwrap();
+    assert_eq!(answer[0], "a|2.5|'é'|d|x'00ff'");
+    assert_eq!(answer[1], "Integer(1)|Real(2.5)|Text(\"é\")|Null|Blob([0, 255])");
+    assert_eq!(ask(&reader, "SELECT agent FROM run_summary WHERE false").unwrap(), ["agent"]);
+    assert_eq!(ask(&reader, "SELECT CAST(x'ff' AS TEXT) AS t").unwrap()[1], "Blob([255])");
+    for sql in [
+        "WITH RECURSIVE n (i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n LIMIT 3) SELECT i FROM n",
+        "VALUES (1), (2), (3)",
+        "SELECT seed, status FROM run_summary UNION ALL SELECT 1, 2 UNION ALL SELECT 3, 4",
+        "/* three */ SELECT value FROM json_each('[1,2,3]') -- of them",
+    ] {
+        assert_eq!(ask(&reader, sql).unwrap().len(), 4, "{sql}");
+    }
+    assert_eq!(ask(&reader, "PRAGMA table_info(run_summary)").unwrap().len(), 17);
+    assert!(ask(&reader, "EXPLAIN QUERY PLAN SELECT * FROM metric").unwrap().len() > 1);
+}
+
+#[test]
+fn a_listener_can_break_off() {
+    let sample = sample();
+    let reader = Reader::open(&sample.path).unwrap();
+    let mut heard = 0;
+    let endless =
+        "WITH RECURSIVE n (i) AS (VALUES (1) UNION ALL SELECT i + 1 FROM n) SELECT i FROM n";
+    reader
+        .query(endless, |answer| {
+            heard += 1;
+            match answer {
+                Answer::Row([Value::Integer(1000)]) => ControlFlow::Break(()),
+                _ => ControlFlow::Continue(()),
+            }
+        })
+        .unwrap();
+    assert_eq!(heard, 1001);
+}
+
+#[test]
+fn a_query_cannot_change_anything_or_reach_another_file() {
+    let sample = sample();
+    let folder = sample.path.parent().unwrap();
+    let target = folder.join("other.sqlite");
+    let target = target.to_str().unwrap();
+    let before = fs::read(&sample.path).unwrap();
+    let reader = Reader::open(&sample.path).unwrap();
+    for sql in [
+        "INSERT INTO metric_name (name) VALUES ('x')",
+        "INSERT INTO metric_name (name) VALUES ('x') RETURNING id",
+        "UPDATE session SET backend = 'x'",
+        "DELETE FROM experiment_job",
+        "DROP TABLE run",
+        "DROP VIEW metric",
+        "CREATE TABLE t (a)",
+        "CREATE TEMP TABLE t (a)",
+        "CREATE TEMP VIEW v AS SELECT 1",
+        "CREATE VIRTUAL TABLE t USING fts5(a)",
+        "ALTER TABLE run RENAME TO walk",
+        "REINDEX",
+        "ANALYZE",
+        "VACUUM",
+        &format!("VACUUM INTO '{target}'"),
+        &format!("ATTACH '{target}' AS other"),
+        "DETACH main",
+        "BEGIN IMMEDIATE",
+        "SAVEPOINT s",
+        "COMMIT",
+        "PRAGMA query_only = OFF",
+        "PRAGMA query_only",
+        "PRAGMA writable_schema = ON",
+        "PRAGMA journal_mode = DELETE",
+        "PRAGMA wal_checkpoint(TRUNCATE)",
+        "PRAGMA user_version = 7",
+        "SELECT load_extension('/tmp/x.so')",
+        "SELECT LOAD_EXTENSION('/tmp/x.so')",
+        "SELECT fts3_tokenizer('simple')",
+    ] {
+        let error = ask(&reader, sql).expect_err(sql);
+        assert!(matches!(error, QueryError::NotAllowed), "{sql}: {error}");
+    }
+    for sql in [
+        "SELECT readfile('/etc/passwd')",
+        "SELECT writefile('x', 'y')",
+        "SELECT edit('x')",
+        "SELECT * FROM pragma_wal_checkpoint",
+        "SELECT * FROM pragma_journal_mode('delete')",
+    ] {
+        ask(&reader, sql).expect_err(sql);
+    }
+    let names: Vec<_> = fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name()).collect();
+    assert!(!names.iter().any(|name| name.to_str().unwrap().contains("other")), "{names:?}");
+    assert_eq!(fs::read(&sample.path).unwrap(), before);
+    assert_eq!(ask(&reader, "SELECT count(*) FROM run").unwrap()[1], "Integer(1)");
+}
+
+#[test]
+fn a_query_is_one_statement() {
+    let sample = sample();
+    let reader = Reader::open(&sample.path).unwrap();
+    assert!(matches!(ask(&reader, "SELECT 1; SELECT 2"), Err(QueryError::Several)));
+    for sql in ["", "  ", ";", "-- only words"] {
+        assert!(matches!(ask(&reader, sql), Err(QueryError::Empty)), "{sql:?}");
+    }
+    assert_eq!(ask(&reader, "SELECT 1; -- and no more").unwrap().len(), 2);
+    assert!(ask(&reader, "SELECT '\0'").is_err());
+}
+
+#[test]
+fn faulty_sql_is_shown_with_its_place() {
+    let sample = sample();
+    let reader = Reader::open(&sample.path).unwrap();
+    let error = ask(&reader, "SELECT agent,\n  mean_retrun\nFROM run_summary").unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "no such column: mean_retrun at line 2, column 3\n    mean_retrun\n    ^"
+    );
+    let error = ask(&reader, "SELECT * FORM metric").unwrap_err();
+    assert!(error.to_string().starts_with("near \"FORM\": syntax error at line 1, column 10\n"));
+    // No place is known for an unfinished statement.
+    let error = ask(&reader, "SELECT * FROM").unwrap_err();
+    assert!(error.to_string().contains("incomplete input"), "{error}");
+    let error = ask(&reader, "SELECT * FROM runs").unwrap_err();
+    assert!(error.to_string().contains("no such table: runs"), "{error}");
+}
+
+#[test]
+fn a_query_can_be_interrupted_from_another_thread() {
+    let sample = sample();
+    let reader = Reader::open(&sample.path).unwrap();
+    let interrupter = reader.interrupter();
+    let endless =
+        "WITH RECURSIVE n (i) AS (VALUES (1) UNION ALL SELECT i + 1 FROM n) SELECT count(*) FROM n";
+    thread::scope(|scope| {
+        scope.spawn(move || {
+            thread::sleep(Duration::from_millis(100));
+            interrupter.interrupt();
+        });
+        let error = ask(&reader, endless).unwrap_err();
+        assert!(matches!(error, QueryError::Interrupted), "{error}");
+    });
+    assert_eq!(ask(&reader, "SELECT 1").unwrap().len(), 2);
+}

@@ -1,0 +1,289 @@
+//! States that must not be are refused by the file itself, whoever writes them.
+
+use rusqlite::Connection;
+
+use crate::sample::{Sample, completed, dqn, failed};
+
+const END: &str = "ended_at = '2026-01-31T12:00:00.000Z'";
+const RESULTS: &str = "INSERT INTO run_metric VALUES (1, 1, 2.5);
+    INSERT INTO test_episode VALUES (1, 1, 2.5, 50, 0);
+    INSERT INTO trained_weights VALUES (1, x'00');";
+
+/// A store whose run 1, of job 1, is running.
+fn running() -> (Sample, Connection) {
+    let job = dqn(0.4, 1);
+    let mut sample = Sample::with(std::slice::from_ref(&job));
+    sample.claim(&job);
+    let raw = sample.raw();
+    raw.execute_batch("INSERT INTO metric_name VALUES (1, 'mean_return')").unwrap();
+    (sample, raw)
+}
+
+fn refused(raw: &Connection, sql: &str, reason: &str) {
+    let error = raw.execute_batch(sql).expect_err(sql).to_string();
+    assert!(error.contains(reason), "{sql}\n{error}");
+}
+
+#[test]
+fn a_completed_run_has_an_end_and_a_wall_time() {
+    let (_sample, raw) = running();
+    raw.execute_batch(RESULTS).unwrap();
+    refused(&raw, "UPDATE run SET status = 'completed', wall_seconds = 1", "CHECK");
+    refused(&raw, &format!("UPDATE run SET status = 'completed', {END}"), "CHECK");
+    refused(
+        &raw,
+        &format!("UPDATE run SET status = 'completed', {END}, wall_seconds = -1"),
+        "CHECK",
+    );
+    refused(
+        &raw,
+        &format!("UPDATE run SET status = 'completed', {END}, wall_seconds = 9e999"),
+        "CHECK",
+    );
+    raw.execute_batch(&format!("UPDATE run SET status = 'completed', {END}, wall_seconds = 1"))
+        .unwrap();
+}
+
+#[test]
+fn a_completed_run_has_metrics_episodes_and_weights() {
+    let complete = format!("UPDATE run SET status = 'completed', {END}, wall_seconds = 1");
+    for missing in ["run_metric", "test_episode", "trained_weights"] {
+        let (_sample, raw) = running();
+        for insert in RESULTS.split_inclusive(';').filter(|insert| !insert.contains(missing)) {
+            raw.execute_batch(insert).unwrap();
+        }
+        refused(&raw, &complete, "a completed run has metrics, test episodes and weights");
+    }
+}
+
+#[test]
+fn a_running_run_has_neither_end_nor_wall_time() {
+    let (_sample, raw) = running();
+    refused(&raw, &format!("UPDATE run SET {END}"), "CHECK");
+    refused(&raw, "UPDATE run SET wall_seconds = 1", "CHECK");
+}
+
+#[test]
+fn a_failed_run_has_kind_message_and_episode() {
+    let (_sample, raw) = running();
+    let fail = |kind: &str, message: &str, episode: &str| {
+        format!(
+            "UPDATE run SET status = 'failed', {END}, wall_seconds = 1, failure_kind = {kind},
+                failure_message = {message}, failure_episode = {episode}"
+        )
+    };
+    refused(&raw, &fail("NULL", "'nan'", "1"), "CHECK");
+    refused(&raw, &fail("'diverged'", "NULL", "1"), "CHECK");
+    refused(&raw, &fail("'diverged'", "'nan'", "NULL"), "CHECK");
+    refused(&raw, &fail("'diverged'", "'nan'", "-1"), "CHECK");
+    refused(&raw, &fail("'bored'", "'nan'", "1"), "FOREIGN KEY");
+    raw.execute_batch(&fail("'diverged'", "'nan'", "1")).unwrap();
+}
+
+#[test]
+fn only_a_failed_run_has_a_failure() {
+    let (_sample, raw) = running();
+    for column in ["failure_kind = 'panicked'", "failure_message = 'x'", "failure_episode = 3"] {
+        refused(&raw, &format!("UPDATE run SET {column}"), "CHECK");
+        refused(&raw, &format!("UPDATE run SET status = 'interrupted', {END}, {column}"), "CHECK");
+    }
+}
+
+#[test]
+fn the_kinds_of_failure_are_those_of_the_program() {
+    let (_sample, raw) = running();
+    let mut statement = raw.prepare("SELECT name FROM failure_kind ORDER BY name").unwrap();
+    let names: Vec<String> =
+        statement.query_map([], |row| row.get(0)).unwrap().collect::<Result<_, _>>().unwrap();
+    let mut known: Vec<&str> =
+        jitai::record::FailureKind::ALL.iter().map(|kind| kind.name()).collect();
+    known.sort_unstable();
+    assert_eq!(names, known);
+}
+
+#[test]
+fn a_run_has_one_of_four_statuses() {
+    let (_sample, raw) = running();
+    refused(&raw, &format!("UPDATE run SET status = 'done', {END}, wall_seconds = 1"), "CHECK");
+}
+
+#[test]
+fn a_job_has_one_running_or_completed_run() {
+    let job = dqn(0.4, 1);
+    let mut sample = Sample::with(std::slice::from_ref(&job));
+    let raw = sample.raw();
+    let again = "INSERT INTO run (job, attempt, session, status, started_at)
+        VALUES (1, 9, 1, 'running', '2026-01-31T12:00:00.000Z')";
+    let claim = sample.claim(&job);
+    refused(&raw, again, "UNIQUE constraint failed: run.job");
+    sample.store.finish(&claim, &completed(), 1.0).unwrap();
+    refused(&raw, again, "UNIQUE constraint failed: run.job");
+}
+
+#[test]
+fn attempts_at_a_job_are_told_apart() {
+    let job = dqn(0.4, 1);
+    let mut sample = Sample::with(std::slice::from_ref(&job));
+    sample.run(&job, &failed());
+    let insert = |attempt: i64| {
+        format!(
+            "INSERT INTO run (job, attempt, session, status, started_at)
+             VALUES (1, {attempt}, 1, 'running', '2026-01-31T12:00:00.000Z')"
+        )
+    };
+    refused(&sample.raw(), &insert(1), "UNIQUE");
+    refused(&sample.raw(), &insert(0), "CHECK");
+    sample.raw().execute_batch(&insert(2)).unwrap();
+}
+
+#[test]
+fn a_run_begins_running() {
+    let (_sample, raw) = running();
+    refused(
+        &raw,
+        &format!(
+            "UPDATE run SET status = 'interrupted', {END};
+             INSERT INTO run (job, attempt, session, status, started_at, ended_at, wall_seconds)
+             VALUES (1, 2, 1, 'completed', '2026-01-31T12:00:00.000Z',
+                '2026-01-31T12:00:00.000Z', 1)"
+        ),
+        "a run begins running",
+    );
+}
+
+#[test]
+fn a_run_that_has_ended_never_changes() {
+    for outcome in [completed(), failed(), jitai::record::Outcome::Interrupted] {
+        let job = dqn(0.4, 1);
+        let mut sample = Sample::with(std::slice::from_ref(&job));
+        sample.run(&job, &outcome);
+        let raw = sample.raw();
+        for change in
+            ["status = 'running', ended_at = NULL", "wall_seconds = 3", "failure_episode = 1"]
+        {
+            refused(&raw, &format!("UPDATE run SET {change}"), "an ended run never changes");
+        }
+        refused(&raw, "DELETE FROM run", "a run is never deleted");
+    }
+}
+
+#[test]
+fn a_run_stays_the_same_attempt_by_the_same_session() {
+    let (_sample, raw) = running();
+    for change in ["attempt = 7", "job = 1", "session = 1", "started_at = ended_at", "id = 9"] {
+        refused(&raw, &format!("UPDATE run SET {change}"), "a run stays the same attempt");
+    }
+    refused(&raw, "DELETE FROM run", "a run is never deleted");
+}
+
+#[test]
+fn only_a_run_in_progress_takes_results() {
+    let inserts = [
+        "INSERT INTO run_metric VALUES (1, 1, 2.5)",
+        "INSERT INTO curve_point VALUES (1, 1, 20, 2.5)",
+        "INSERT INTO test_episode VALUES (1, 99, 2.5, 50, 0)",
+        "INSERT INTO action_count VALUES (1, 0, 0, 0, 1)",
+        "INSERT INTO trained_weights VALUES (1, x'00')",
+    ];
+    for outcome in [completed(), failed(), jitai::record::Outcome::Interrupted] {
+        let job = dqn(0.4, 1);
+        let mut sample = Sample::with(std::slice::from_ref(&job));
+        sample.run(&job, &outcome);
+        for insert in inserts {
+            refused(&sample.raw(), insert, "results belong to a run in progress");
+        }
+    }
+    // And results without a run belong to nothing.
+    let empty = Sample::new();
+    for insert in inserts {
+        refused(&empty.raw(), insert, "results belong to a run in progress");
+    }
+}
+
+#[test]
+fn a_run_that_does_not_complete_leaves_no_results() {
+    for insert in RESULTS.split_inclusive(';').filter(|insert| insert.contains("INSERT")) {
+        let (_sample, raw) = running();
+        raw.execute_batch(insert).unwrap();
+        refused(
+            &raw,
+            &format!("UPDATE run SET status = 'interrupted', {END}"),
+            "only a completed run has results",
+        );
+    }
+}
+
+#[test]
+fn results_never_change() {
+    let job = dqn(0.4, 1);
+    let mut sample = Sample::with(std::slice::from_ref(&job));
+    sample.run(&job, &completed());
+    let raw = sample.raw();
+    for (table, column) in [
+        ("run_metric", "value"),
+        ("curve_point", "value"),
+        ("test_episode", "total_reward"),
+        ("action_count", "count"),
+        ("trained_weights", "run"),
+    ] {
+        refused(&raw, &format!("UPDATE {table} SET {column} = 1"), "results never change");
+        refused(&raw, &format!("DELETE FROM {table}"), "results are never deleted");
+    }
+}
+
+#[test]
+fn results_are_finite_and_in_range() {
+    let (_sample, raw) = running();
+    for insert in [
+        "INSERT INTO run_metric VALUES (1, 1, 9e999)",
+        "INSERT INTO curve_point VALUES (1, 1, 10, -9e999)",
+        "INSERT INTO curve_point VALUES (1, 1, 0, 1)",
+        "INSERT INTO test_episode VALUES (1, 1, 9e999, 50, 0)",
+        "INSERT INTO test_episode VALUES (1, 0, 1, 50, 0)",
+        "INSERT INTO test_episode VALUES (1, 1, 1, 0, 0)",
+        "INSERT INTO test_episode VALUES (1, 1, 1, 50, 2)",
+        "INSERT INTO action_count VALUES (1, 10, 0, 0, 1)",
+        "INSERT INTO action_count VALUES (1, 0, 2, 0, 1)",
+        "INSERT INTO action_count VALUES (1, 0, 0, 4, 1)",
+        "INSERT INTO action_count VALUES (1, 0, 0, 0, 0)",
+        "INSERT INTO trained_weights VALUES (1, x'')",
+    ] {
+        refused(&raw, insert, "CHECK");
+    }
+    refused(&raw, "INSERT INTO run_metric VALUES (1, 1, NULL)", "NOT NULL");
+    refused(&raw, "INSERT INTO run_metric VALUES (1, 1, 'many')", "cannot store TEXT");
+}
+
+#[test]
+fn instants_have_one_form() {
+    let (_sample, raw) = running();
+    for instant in
+        ["2026-01-31 12:00:00", "2026-01-31T12:00:00Z", "2026-02-30T12:00:00.000Z", "soon"]
+    {
+        refused(&raw, &format!("UPDATE session SET heartbeat_at = '{instant}'"), "CHECK");
+        refused(&raw, &format!("UPDATE session SET ended_at = '{instant}'"), "CHECK");
+        refused(&raw, &format!("UPDATE experiment SET created_at = '{instant}'"), "CHECK");
+        refused(
+            &raw,
+            &format!("UPDATE run SET status = 'interrupted', ended_at = '{instant}'"),
+            "CHECK",
+        );
+    }
+}
+
+#[test]
+fn a_job_is_its_content_and_never_changes() {
+    let (_sample, raw) = running();
+    refused(&raw, "UPDATE job SET canonical = '{}'", "a job never changes");
+    let insert = |key: &str, canonical: &str| {
+        format!(
+            "INSERT INTO job (key, content_key, environment_version, algorithm_version, canonical)
+             VALUES ('{key}', '{key}', 1, 1, '{canonical}')"
+        )
+    };
+    refused(&raw, &insert("0123456789abcdef", "{}"), "CHECK");
+    refused(&raw, &insert("0123456789ABCDEF0123456789ABCDEF", "{}"), "CHECK");
+    refused(&raw, &insert("0123456789abcdef0123456789abcdef", "{"), "CHECK");
+    raw.execute_batch(&insert("0123456789abcdef0123456789abcdef", "{}")).unwrap();
+    refused(&raw, &insert("0123456789abcdef0123456789abcdef", "{}"), "UNIQUE");
+}

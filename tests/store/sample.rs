@@ -1,0 +1,169 @@
+//! Jobs, results and stores to test with.
+
+use std::path::{Path, PathBuf};
+
+use jitai::manifest::{Agent, DuelingDqn, Environment, Evaluation, Reinforce};
+use jitai::plan::Job;
+use jitai::record::{
+    ActionCount, CURVE_METRICS, CurvePoint, Failure, FailureKind, METRICS, Metric, Outcome,
+    Provenance, Results, TestEpisode,
+};
+use jitai::store::{Claim, Claimed, Experiment, RetryFailed, SessionId, Store};
+use rusqlite::Connection;
+
+/// A store in a folder of its own, with a session of this process.
+pub struct Sample {
+    _folder: tempfile::TempDir,
+    pub path: PathBuf,
+    pub store: Store,
+    pub session: SessionId,
+}
+
+impl Sample {
+    pub fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("jitai.sqlite");
+        let mut store = Store::open(&path).unwrap();
+        let session = store.begin_session(&provenance()).unwrap();
+        Sample { _folder: folder, path, store, session }
+    }
+
+    /// A store whose experiment `sweep` holds these jobs, under the name `dqn`.
+    pub fn with(jobs: &[Job]) -> Self {
+        let mut sample = Sample::new();
+        sample.store.register(&experiment("sweep"), jobs.iter().map(|job| ("dqn", job))).unwrap();
+        sample
+    }
+
+    /// Claims a job that must be free.
+    pub fn claim(&mut self, job: &Job) -> Claim {
+        match self.store.claim(self.session, &job.key(), RetryFailed::Yes).unwrap() {
+            Claimed::Claimed(claim) => claim,
+            other => panic!("the job is not free: {other:?}"),
+        }
+    }
+
+    /// Claims a job and ends its run.
+    pub fn run(&mut self, job: &Job, outcome: &Outcome) {
+        let claim = self.claim(job);
+        self.store.finish(&claim, outcome, 1.5).unwrap();
+    }
+
+    /// The file, past all the rules of the library.
+    pub fn raw(&self) -> Connection {
+        raw(&self.path)
+    }
+
+    /// Makes a session look like one of a process that has ended.
+    pub fn kill(&self, session: SessionId) {
+        let mut child = std::process::Command::new("true").spawn().unwrap();
+        child.wait().unwrap();
+        let raw = self.raw();
+        // The id is private, but its debug form shows it.
+        let id: i64 =
+            format!("{session:?}").trim_matches(|c: char| !c.is_ascii_digit()).parse().unwrap();
+        raw.execute("UPDATE session SET process_id = ?1 WHERE id = ?2", (child.id(), id)).unwrap();
+    }
+}
+
+pub fn raw(path: &Path) -> Connection {
+    let raw = Connection::open(path).unwrap();
+    raw.execute_batch("PRAGMA foreign_keys = ON").unwrap();
+    raw
+}
+
+/// A number from the file.
+pub fn number(raw: &Connection, sql: &str) -> i64 {
+    raw.query_row(sql, [], |row| row.get(0)).unwrap_or_else(|error| panic!("{sql}: {error}"))
+}
+
+pub fn experiment(name: &str) -> Experiment<'_> {
+    Experiment { name, question: Some("Does it learn?"), hypothesis: None, manifest: "format = 1" }
+}
+
+pub fn provenance() -> Provenance {
+    Provenance {
+        code_version: "0.1.0".into(),
+        git_revision: "abc1234".into(),
+        backend: "ndarray 0.22.1".into(),
+        host: std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap().trim().into(),
+        processor: "a processor".into(),
+    }
+}
+
+pub fn dqn(sigma: f64, seed: u64) -> Job {
+    Job {
+        environment: Environment::paper(sigma),
+        scenario: "P-H-D".parse().unwrap(),
+        agent: Agent::DuelingDqn(DuelingDqn::default()),
+        evaluation: Evaluation::default(),
+        seed,
+    }
+}
+
+pub fn reinforce(sigma: f64, seed: u64) -> Job {
+    Job { agent: Agent::Reinforce(Reinforce::default()), ..dqn(sigma, seed) }
+}
+
+/// Results as small as they can be.
+pub fn results() -> Results {
+    Results {
+        metrics: (1..)
+            .zip(METRICS)
+            .map(|(i, m)| Metric { name: m.0, value: f64::from(i) })
+            .collect(),
+        curve: vec![CurvePoint { episode: 10, metric: "mean_return", value: 7.5 }],
+        episodes: vec![
+            TestEpisode { total_reward: 2500.0, length: 50, disengaged: false },
+            TestEpisode { total_reward: 310.0, length: 7, disengaged: true },
+        ],
+        actions: vec![ActionCount { bin: 9, context: 0, action: 2, count: 17 }],
+        weights: vec![8, 0, 0, 0],
+    }
+}
+
+pub fn completed() -> Outcome {
+    Outcome::Completed(results())
+}
+
+pub fn failed() -> Outcome {
+    Outcome::Failed(Failure {
+        kind: FailureKind::Diverged,
+        message: "the loss is not a number".into(),
+        episode: 17,
+    })
+}
+
+/// Results as large as those of a real job with the default settings.
+pub fn realistic(job: &Job) -> Results {
+    let (metrics, weights) = match job.agent {
+        // One test network: 3 entries, 128-128, heads of 1 and 4; or 128 and 4.
+        Agent::DuelingDqn(_) => (5, 4 * (3 * 128 + 128 + 128 * 128 + 128 + 128 * 5 + 5) + 600),
+        Agent::Reinforce(_) => (4, 4 * (3 * 128 + 128 + 128 * 4 + 4) + 400),
+    };
+    // Any numbers that do not compress: the bits of a multiplicative generator.
+    let mut state = job.seed;
+    let mut uniform = move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        (state >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    let stride = job.evaluation.curve_stride;
+    Results {
+        metrics: METRICS.iter().map(|m| Metric { name: m.0, value: uniform() }).collect(),
+        curve: (1..=job.agent.episodes() / stride)
+            .flat_map(|point| CURVE_METRICS[..metrics].iter().map(move |m| (point * stride, m.0)))
+            .map(|(episode, metric)| CurvePoint { episode, metric, value: uniform() })
+            .collect(),
+        episodes: (0..job.evaluation.test_episodes)
+            .map(|i| TestEpisode {
+                total_reward: 3000.0 * uniform(),
+                length: 50,
+                disengaged: i % 9 == 0,
+            })
+            .collect(),
+        actions: (0..80)
+            .map(|i: u8| ActionCount { bin: i / 8, context: i / 4 % 2, action: i % 4, count: 600 })
+            .collect(),
+        weights: (0..weights).map(|_| (256.0 * uniform()) as u8).collect(),
+    }
+}
