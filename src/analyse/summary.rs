@@ -1,0 +1,113 @@
+//! Means over seeds, arm by arm.
+
+use crate::record::RunSummary;
+
+/// Jobs that differ in their seed alone.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Arm {
+    /// Agent's name in the manifest.
+    pub agent: String,
+    /// Scenario, like `P-H-D`.
+    pub scenario: String,
+    /// Feature noise.
+    pub sigma: f64,
+    /// Further parameters that the experiment sweeps: dotted name and value, by name.
+    pub swept: Vec<(String, String)>,
+}
+
+/// What the seeds of an arm came to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ArmSummary {
+    /// The arm.
+    pub arm: Arm,
+    /// Seeds completed, at least 1.
+    pub seeds: usize,
+    /// Mean over seeds of the mean return of the test episodes, in steps walked.
+    pub mean_return: f64,
+    /// Standard deviation over seeds (n - 1); `None` for one seed.
+    pub sd_return: Option<f64>,
+    /// Mean over seeds of the share of test episodes that ended in disengagement.
+    pub disengagement_rate: f64,
+}
+
+/// Summarises runs by arm, in the order in which the arms first appear.
+pub fn summarise(runs: &[RunSummary]) -> Vec<ArmSummary> {
+    let mut arms: Vec<(Arm, Vec<&RunSummary>)> = Vec::new();
+    for run in runs {
+        let arm = Arm {
+            agent: run.agent.clone(),
+            scenario: run.scenario.clone(),
+            sigma: run.sigma,
+            swept: run.swept.clone(),
+        };
+        match arms.iter_mut().find(|(known, _)| *known == arm) {
+            Some((_, members)) => members.push(run),
+            None => arms.push((arm, vec![run])),
+        }
+    }
+    let summary = |(arm, runs): (Arm, Vec<&RunSummary>)| {
+        let of = |value: fn(&RunSummary) -> f64| -> Vec<f64> {
+            runs.iter().map(|run| value(run)).collect()
+        };
+        let (mean_return, sd_return) = mean_and_sd(&of(|run| run.mean_return));
+        let (disengagement_rate, _) = mean_and_sd(&of(|run| run.disengagement_rate));
+        ArmSummary { arm, seeds: runs.len(), mean_return, sd_return, disengagement_rate }
+    };
+    arms.into_iter().map(summary).collect()
+}
+
+/// Mean and standard deviation (n - 1) of at least one value; no deviation of a single one.
+pub fn mean_and_sd(values: &[f64]) -> (f64, Option<f64>) {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+    (mean, (values.len() > 1).then(|| (squares / (n - 1.0)).sqrt()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::JobKey;
+
+    fn run(agent: &str, sigma: f64, seed: u64, mean_return: f64) -> RunSummary {
+        RunSummary {
+            job_key: JobKey([0; 16]),
+            agent: agent.to_owned(),
+            scenario: "P-H-D".to_owned(),
+            sigma,
+            seed,
+            swept: Vec::new(),
+            mean_return,
+            sd_return: 1.0,
+            mean_length: 50.0,
+            disengagement_rate: mean_return / 1000.0,
+            wall_seconds: 1.0,
+        }
+    }
+
+    #[test]
+    fn arms_are_summarised_over_their_seeds_by_hand() {
+        let runs = [
+            run("dqn", 0.4, 1, 100.0),
+            run("dqn", 0.6, 1, 50.0),
+            run("dqn", 0.4, 2, 104.0),
+            run("other", 0.4, 1, 7.0),
+            run("dqn", 0.4, 3, 96.0),
+        ];
+        let arms = summarise(&runs);
+        let line = |a: &ArmSummary| (a.arm.agent.clone(), a.arm.sigma, a.seeds, a.mean_return);
+        assert_eq!(line(&arms[0]), ("dqn".to_owned(), 0.4, 3, 100.0));
+        assert_eq!(arms[0].sd_return, Some(4.0));
+        assert!((arms[0].disengagement_rate - 0.1).abs() < 1e-12);
+        assert_eq!(line(&arms[1]), ("dqn".to_owned(), 0.6, 1, 50.0));
+        assert_eq!(arms[1].sd_return, None);
+        assert_eq!(line(&arms[2]), ("other".to_owned(), 0.4, 1, 7.0));
+    }
+
+    #[test]
+    fn further_swept_parameters_make_arms_of_their_own() {
+        let mut other = run("dqn", 0.4, 2, 10.0);
+        other.swept = vec![("agent.batch".to_owned(), "32".to_owned())];
+        assert_eq!(summarise(&[run("dqn", 0.4, 1, 20.0), other]).len(), 2);
+    }
+}
