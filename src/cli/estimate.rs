@@ -1,0 +1,108 @@
+//! How long what is left will take, from how long the rest took.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use crate::plan::Job;
+
+/// Measured speed of training, by algorithm.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Speeds(BTreeMap<String, Speed>);
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Speed {
+    seconds: f64,
+    episodes: f64,
+}
+
+impl Speeds {
+    /// Adds the time that so many training episodes of an algorithm took.
+    pub(super) fn add(&mut self, algorithm: &str, episodes: u64, wall: Duration) {
+        let speed = self.0.entry(algorithm.to_owned()).or_default();
+        speed.seconds += wall.as_secs_f64();
+        speed.episodes += episodes as f64;
+    }
+
+    /// Seconds of work in all that is left; `None` if some algorithm of it has not been timed.
+    pub(super) fn seconds(&self, left: &Episodes) -> Option<f64> {
+        left.0.iter().filter(|(_, episodes)| **episodes > 0).try_fold(
+            0.0,
+            |seconds, (algorithm, episodes)| {
+                let speed = self.0.get(algorithm).filter(|speed| speed.episodes > 0.0)?;
+                Some(seconds + speed.seconds / speed.episodes * *episodes as f64)
+            },
+        )
+    }
+}
+
+/// Training episodes still to do, by algorithm.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Episodes(BTreeMap<String, u64>);
+
+impl Episodes {
+    /// Counts so many episodes of an algorithm in.
+    pub(super) fn add(&mut self, algorithm: &str, episodes: u64) {
+        *self.0.entry(algorithm.to_owned()).or_default() += episodes;
+    }
+
+    /// Takes a job's episodes out again.
+    pub(super) fn remove(&mut self, job: &Job) {
+        let left = self.0.entry(job.algorithm().to_owned()).or_default();
+        *left = left.saturating_sub(u64::from(job.agent.episodes()));
+    }
+}
+
+/// A duration as people say it: `45 s`, `12 min`, `3 h 20 min`.
+pub(super) fn spoken(seconds: f64) -> String {
+    let whole = seconds.max(0.0).round() as u64;
+    match (whole / 3600, whole / 60 % 60) {
+        (0, _) if whole < 100 => format!("{whole} s"),
+        (0, minutes) => format!("{minutes} min"),
+        (hours, minutes) if hours < 48 => format!("{hours} h {minutes} min"),
+        (hours, _) => format!("{} days", hours / 24),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::manifest::{Agent, Environment, Evaluation, Reinforce};
+
+    #[test]
+    fn time_left_follows_the_measured_speed() {
+        let job = Job {
+            environment: Environment::paper(0.6),
+            scenario: "P-H-D".parse().unwrap(),
+            agent: Agent::Reinforce(Reinforce::default()),
+            evaluation: Evaluation::default(),
+            seed: 1,
+        };
+        let mut left = Episodes::default();
+        left.add("reinforce", 15_000);
+        left.add("reinforce", 15_000);
+        let mut speeds = Speeds::default();
+        assert_eq!(speeds.seconds(&left), None);
+        speeds.add("reinforce", 1000, Duration::from_secs(2));
+        assert_eq!(speeds.seconds(&left), Some(60.0));
+        left.remove(&job);
+        assert_eq!(speeds.seconds(&left), Some(30.0));
+        left.remove(&job);
+        // Not -0.0, which prints as "-0".
+        assert_eq!(speeds.seconds(&left).map(f64::to_bits), Some(0));
+    }
+
+    #[test]
+    fn durations_are_spoken_in_the_unit_that_matters() {
+        let cases = [
+            (0.4, "0 s"),
+            (59.6, "60 s"),
+            (125.0, "2 min"),
+            (3600.0, "1 h 0 min"),
+            (12_000.0, "3 h 20 min"),
+            (500_000.0, "5 days"),
+        ];
+        for (seconds, expected) in cases {
+            assert_eq!(spoken(seconds), expected);
+        }
+    }
+}

@@ -1,0 +1,70 @@
+//! `jitai export`: the public views as files.
+
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use crate::cli::output::Format;
+use crate::cli::query::{self, Failed};
+use crate::cli::{Error, Exit, StoreArgument};
+use crate::store::Reader;
+
+/// The public views with the order of their rows.
+const VIEWS: [(&str, &str); 6] = [
+    ("run_summary", "experiment, job_key, agent, attempt"),
+    ("parameter", "job_key, name"),
+    ("metric", "job_key, name"),
+    ("learning_curve", "job_key, metric, episode"),
+    ("evaluation_episode", "job_key, episode"),
+    ("action_choice", "job_key, p_low, context, action"),
+];
+
+/// Write the public views as files, one a view
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// Folder to write to; made if it is not there
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// The format of the files
+    #[arg(long, value_enum, default_value = "csv")]
+    format: FileFormat,
+    #[command(flatten)]
+    store: StoreArgument,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum FileFormat {
+    /// Comma-separated values with a header line (RFC 4180).
+    Csv,
+    /// An array of objects.
+    Json,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
+    let reader = Reader::open(&arguments.store.store)?;
+    let failure = |path: &Path| {
+        let what = format!("write `{}`", path.display());
+        move |source| Error::Io { what, source }
+    };
+    fs::create_dir_all(&arguments.out).map_err(failure(&arguments.out))?;
+    let (format, extension) = match arguments.format {
+        FileFormat::Csv => (Format::Csv, "csv"),
+        FileFormat::Json => (Format::Json, "json"),
+    };
+    for (view, order) in VIEWS {
+        let path = arguments.out.join(format!("{view}.{extension}"));
+        // Under another name until it is whole.
+        let partial = path.with_extension("partial");
+        let file = File::create(&partial).map_err(failure(&partial))?;
+        let sql = format!("SELECT * FROM {view} ORDER BY {order}");
+        query::write(&reader, &sql, format, BufWriter::new(file)).map_err(
+            |failed| match failed {
+                Failed::Query(error) => Error::Query(error),
+                Failed::Output(source) => failure(&partial)(source),
+            },
+        )?;
+        fs::rename(&partial, &path).map_err(failure(&path))?;
+        writeln!(io::stderr(), "{}", path.display())?;
+    }
+    Ok(Exit::Done)
+}

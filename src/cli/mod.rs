@@ -1,0 +1,89 @@
+//! The command line: one file a verb. Reads arguments, calls the library, prints.
+//!
+//! Standard output is data; standard error is progress and messages. Exit codes: 0 done, 1 some
+//! jobs failed, 2 bad usage or manifest, 3 store or system error, 130 interrupted.
+
+mod check;
+mod error;
+mod estimate;
+mod export;
+mod filter;
+mod output;
+mod plan;
+mod progress;
+mod provenance;
+mod query;
+mod replay;
+mod run;
+mod schema;
+mod signals;
+mod simulate;
+mod status;
+mod summary;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Args, Parser, Subcommand};
+
+pub(crate) use error::{Error, Exit};
+
+/// Reinforcement-learning experiments for just-in-time adaptive interventions.
+#[derive(Parser)]
+#[command(name = "jitai", version, max_term_width = 100)]
+struct Arguments {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Subcommand)]
+enum Verb {
+    Check(check::Arguments),
+    Plan(plan::Arguments),
+    Run(run::Arguments),
+    Status(status::Arguments),
+    Query(query::Arguments),
+    Export(export::Arguments),
+    Simulate(Box<simulate::Arguments>),
+    Schema(schema::Arguments),
+}
+
+const DEFAULT_STORE: &str = "jitai.sqlite";
+
+/// Which store a command works on.
+#[derive(Args)]
+struct StoreArgument {
+    /// The store: a SQLite file
+    #[arg(long, value_name = "FILE", env = "JITAI_STORE", default_value = DEFAULT_STORE)]
+    store: PathBuf,
+}
+
+impl StoreArgument {
+    /// The argument as a further command needs it: nothing for the default.
+    fn as_option(&self) -> String {
+        let path = self.store.display().to_string();
+        if path == DEFAULT_STORE || std::env::var_os("JITAI_STORE").is_some() {
+            String::new()
+        } else {
+            format!(" --store '{}'", path.replace('\'', "'\\''"))
+        }
+    }
+}
+
+/// Runs the program with the arguments of the process.
+pub fn main() -> ExitCode {
+    let result = match Arguments::parse().verb {
+        Verb::Check(arguments) => check::run(&arguments),
+        Verb::Plan(arguments) => plan::run(&arguments),
+        Verb::Run(arguments) => run::run(&arguments),
+        Verb::Status(arguments) => status::run(&arguments),
+        Verb::Query(arguments) => query::run(&arguments),
+        Verb::Export(arguments) => export::run(&arguments),
+        Verb::Simulate(arguments) => simulate::run(&arguments),
+        Verb::Schema(arguments) => schema::run(&arguments),
+    };
+    match result {
+        Ok(exit) => exit.into(),
+        Err(error) => error.report().into(),
+    }
+}

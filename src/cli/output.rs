@@ -1,0 +1,204 @@
+//! Rows for people and for programs: aligned text, CSV or JSON on standard output.
+
+use std::io::{self, Write};
+
+use clap::ValueEnum;
+use comfy_table::{CellAlignment, Table, presets};
+use serde_json::{Value, json};
+
+/// How rows are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum Format {
+    /// Aligned columns, for reading.
+    Table,
+    /// Comma-separated values with a header line (RFC 4180).
+    Csv,
+    /// An array of objects, one a line.
+    Json,
+}
+
+/// One value of a row.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Cell {
+    /// Nothing: empty in text and CSV, `null` in JSON.
+    Empty,
+    /// A whole number.
+    Integer(i64),
+    /// A number; full precision in CSV and JSON.
+    Real(f64),
+    /// A number that people read with so many decimals; full precision in CSV and JSON.
+    Rounded(f64, usize),
+    /// Numbers written out, such as `12.3 ± 4.5`.
+    Figure(String),
+    /// Text.
+    Text(String),
+}
+
+impl Cell {
+    pub(super) fn text(text: impl Into<String>) -> Cell {
+        Cell::Text(text.into())
+    }
+
+    fn is_number(&self) -> bool {
+        matches!(self, Cell::Integer(_) | Cell::Real(_) | Cell::Rounded(..) | Cell::Figure(_))
+    }
+
+    /// For a person: rounded, and with control characters shown, not obeyed.
+    fn for_reading(&self) -> String {
+        match self {
+            Cell::Rounded(value, decimals) => format!("{value:.decimals$}"),
+            Cell::Text(text) => printable(text),
+            Cell::Empty | Cell::Integer(_) | Cell::Real(_) | Cell::Figure(_) => self.exact(),
+        }
+    }
+
+    /// For a program: every digit.
+    fn exact(&self) -> String {
+        match self {
+            Cell::Empty => String::new(),
+            Cell::Integer(value) => value.to_string(),
+            Cell::Real(value) | Cell::Rounded(value, _) => value.to_string(),
+            Cell::Figure(text) | Cell::Text(text) => text.clone(),
+        }
+    }
+
+    fn to_json(&self) -> Value {
+        match self {
+            Cell::Empty => Value::Null,
+            Cell::Integer(value) => json!(value),
+            Cell::Real(value) | Cell::Rounded(value, _) => json!(value),
+            Cell::Figure(text) | Cell::Text(text) => json!(text),
+        }
+    }
+}
+
+/// The text with control and direction characters escaped, so that no name can move the cursor
+/// or turn a line around.
+pub(super) fn printable(text: &str) -> String {
+    let hidden = |c: char| {
+        c.is_control()
+            || matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+    };
+    text.chars()
+        .flat_map(|c| if hidden(c) { c.escape_default().collect() } else { vec![c] })
+        .collect()
+}
+
+/// A writer of rows that have the same columns.
+pub(super) enum Rows<W: Write> {
+    /// Kept until the end, because widths are known only then.
+    Table(W, Table),
+    /// Written as they come.
+    Csv(Box<csv::Writer<W>>),
+    /// Written as they come; the count tells whether a comma is due.
+    Json(W, Vec<String>, usize),
+}
+
+impl<W: Write> Rows<W> {
+    /// Begins rows of these columns.
+    pub(super) fn new(format: Format, columns: &[String], mut out: W) -> io::Result<Self> {
+        Ok(match format {
+            Format::Table => {
+                let mut table = Table::new();
+                table.load_style(presets::NOTHING);
+                table.set_header(columns.iter().map(|name| printable(name)));
+                for column in table.column_iter_mut() {
+                    column.set_padding((0, 2));
+                }
+                Rows::Table(out, table)
+            }
+            Format::Csv => {
+                let mut writer = csv::Writer::from_writer(out);
+                writer.write_record(columns)?;
+                Rows::Csv(Box::new(writer))
+            }
+            Format::Json => {
+                out.write_all(b"[")?;
+                Rows::Json(out, columns.to_vec(), 0)
+            }
+        })
+    }
+
+    /// Adds a row, one cell a column.
+    pub(super) fn row(&mut self, cells: &[Cell]) -> io::Result<()> {
+        match self {
+            Rows::Table(_, table) => {
+                for (cell, column) in cells.iter().zip(table.column_iter_mut()) {
+                    // For the header above it.
+                    if cell.is_number() {
+                        column.set_cell_alignment(CellAlignment::Right);
+                    }
+                }
+                table.add_row(cells.iter().map(|cell| {
+                    let side =
+                        if cell.is_number() { CellAlignment::Right } else { CellAlignment::Left };
+                    comfy_table::Cell::new(cell.for_reading()).set_alignment(side)
+                }));
+            }
+            Rows::Csv(writer) => writer.write_record(cells.iter().map(Cell::exact))?,
+            Rows::Json(out, columns, count) => {
+                // Not a map: it would sort the columns.
+                let members: Vec<String> = columns
+                    .iter()
+                    .zip(cells)
+                    .map(|(name, cell)| format!("{}:{}", json!(name), cell.to_json()))
+                    .collect();
+                let separator = if *count == 0 { "\n" } else { ",\n" };
+                write!(out, "{separator}{{{}}}", members.join(","))?;
+                *count += 1;
+            }
+        }
+        Ok(())
+    }
+
+    /// Ends the rows.
+    pub(super) fn finish(self) -> io::Result<()> {
+        match self {
+            Rows::Table(mut out, table) => {
+                for line in table.lines() {
+                    writeln!(out, "{}", line.trim_end())?;
+                }
+                out.flush()
+            }
+            Rows::Csv(mut writer) => writer.flush(),
+            Rows::Json(mut out, _, count) => {
+                out.write_all(if count == 0 { b"]\n" } else { b"\n]\n" })?;
+                out.flush()
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn written(format: Format) -> String {
+        let mut out = Vec::new();
+        let columns = ["name", "mean"].map(str::to_owned);
+        let mut rows = Rows::new(format, &columns, &mut out).unwrap();
+        rows.row(&[Cell::text("a,\"b\"\u{1b}[31m"), Cell::Rounded(1234.5678, 1)]).unwrap();
+        rows.row(&[Cell::text("c"), Cell::Empty]).unwrap();
+        rows.finish().unwrap();
+        String::from_utf8(out).unwrap()
+    }
+
+    #[test]
+    fn tables_round_align_and_escape() {
+        let expected = "name               mean\na,\"b\"\\u{1b}[31m  1234.6\nc\n";
+        assert_eq!(written(Format::Table), expected);
+    }
+
+    #[test]
+    fn csv_keeps_every_digit_and_quotes() {
+        assert_eq!(written(Format::Csv), "name,mean\n\"a,\"\"b\"\"\u{1b}[31m\",1234.5678\nc,\n");
+    }
+
+    #[test]
+    fn json_is_an_array_of_objects() {
+        let value: Value = serde_json::from_str(&written(Format::Json)).unwrap();
+        assert_eq!(value[0]["mean"], 1234.5678);
+        assert_eq!(value[1]["mean"], Value::Null);
+        assert_eq!(value.as_array().unwrap().len(), 2);
+    }
+}

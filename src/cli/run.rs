@@ -1,0 +1,289 @@
+//! `jitai run`: runs what is missing.
+
+use std::collections::HashSet;
+use std::io::{self, Write};
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+use std::thread;
+use std::time::Duration;
+
+use clap::ValueEnum;
+
+use crate::cli::estimate::Speeds;
+use crate::cli::filter::Filter;
+use crate::cli::output::printable;
+use crate::cli::progress::{Shown, Style};
+use crate::cli::{Error, Exit, StoreArgument, check, provenance, signals, summary};
+use crate::manifest::Manifest;
+use crate::plan::{self, JobKey, PlannedJob};
+use crate::schedule::{self, Context, OnFailure, Options, Queued, Tally};
+use crate::store::{Experiment, JobState, Reader, RetryFailed, Store};
+use crate::train;
+
+/// Failed jobs that are listed at the end.
+const FAILURES_SHOWN: usize = 10;
+
+/// Run the jobs of manifests that have no completed run yet; run again to go on after an
+/// interruption
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// Manifests (TOML files)
+    #[arg(required = true, value_name = "MANIFEST")]
+    manifests: Vec<PathBuf>,
+    /// Jobs that train at the same time [default: one a core]
+    #[arg(long, value_name = "N")]
+    workers: Option<NonZeroUsize>,
+    /// Run only jobs with these parameters, such as agent=dqn,sigma=0.4|0.6
+    #[arg(long, value_name = "NAME=VALUE,...")]
+    filter: Option<Filter>,
+    /// Run jobs again that failed before; the failed runs stay in the store
+    #[arg(long)]
+    retry_failed: bool,
+    /// Stop at the first job that fails
+    #[arg(long)]
+    fail_fast: bool,
+    /// Show no progress
+    #[arg(long, short)]
+    quiet: bool,
+    /// How progress and summary are written
+    #[arg(long, value_enum, default_value = "text")]
+    format: Format,
+    #[command(flatten)]
+    store: StoreArgument,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Format {
+    /// Progress on standard error, a table on standard output.
+    Text,
+    /// An object an event, one a line, on standard output.
+    Json,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
+    let stop = signals::stop_flag()
+        .map_err(|source| Error::Io { what: "listen for signals".to_owned(), source })?;
+    let manifests = check::load_all(&arguments.manifests)?;
+    let wanted = select(&manifests, arguments.filter.as_ref())?;
+    let mut store = Store::open(&arguments.store.store)?;
+    for manifest in &manifests {
+        register(&mut store, manifest)?;
+    }
+    let reader = Reader::open(&arguments.store.store)?;
+    let todo = Todo::new(&reader, wanted, arguments.retry())?;
+    let tally = if todo.queue.is_empty() {
+        Tally::default()
+    } else {
+        let session = store.begin_session(&provenance::of_this_process())?;
+        let options = arguments.options();
+        let context = Context { options, train: &train::run, stop: &stop };
+        let mut shown = arguments.shown(&reader, &todo.queue, options.workers)?;
+        let tally = schedule::run(&mut store, session, todo.queue.clone(), context, &mut shown)?;
+        drop(shown);
+        store.end_session(session)?;
+        tally
+    };
+    let stopped = stop.load(std::sync::atomic::Ordering::Relaxed);
+    let end = End { todo: &todo, tally, stopped };
+    end.tell(arguments)?;
+    if arguments.format == Format::Text {
+        let names: Vec<&str> = manifests.iter().map(|manifest| manifest.name.as_str()).collect();
+        let example = summary::print(&reader, &names)?;
+        end.tell_next(arguments, &reader, example)?;
+    }
+    Ok(end.exit())
+}
+
+impl Arguments {
+    fn retry(&self) -> RetryFailed {
+        if self.retry_failed { RetryFailed::Yes } else { RetryFailed::No }
+    }
+
+    fn options(&self) -> Options {
+        let cores = || thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
+        Options {
+            workers: self.workers.unwrap_or_else(cores),
+            retry_failed: self.retry(),
+            on_failure: if self.fail_fast { OnFailure::Stop } else { OnFailure::Continue },
+        }
+    }
+
+    fn shown(
+        &self,
+        reader: &Reader,
+        queue: &[Queued],
+        workers: NonZeroUsize,
+    ) -> Result<Shown, Error> {
+        let style = match self.format {
+            Format::Json => Style::Json,
+            Format::Text if self.quiet => Style::Quiet,
+            Format::Text => Style::for_stderr(),
+        };
+        Ok(Shown::new(style, queue, workers.get(), speeds(reader)?))
+    }
+}
+
+/// The speeds of the runs in a store.
+pub(super) fn speeds(reader: &Reader) -> Result<Speeds, Error> {
+    let mut speeds = Speeds::default();
+    for pace in reader.paces()? {
+        // One episode's worth: what this sweep measures soon outweighs it.
+        let wall = Duration::try_from_secs_f64(pace.seconds_per_episode).unwrap_or_default();
+        speeds.add(&pace.algorithm, 1, wall);
+    }
+    Ok(speeds)
+}
+
+/// The jobs of manifests that a filter lets through, none twice.
+pub(super) fn select(
+    manifests: &[Manifest],
+    filter: Option<&Filter>,
+) -> Result<Vec<Queued>, Error> {
+    let planned: Vec<PlannedJob> = manifests.iter().flat_map(plan::jobs).collect();
+    let planned = match filter {
+        Some(filter) => filter.select(planned).map_err(|error| Error::Usage(error.to_string()))?,
+        None => planned,
+    };
+    let mut seen = HashSet::new();
+    let queued = planned.into_iter().filter_map(|PlannedJob { agent, job }| {
+        let key = job.key();
+        seen.insert(key).then(|| Queued { key, agent: agent.to_string(), job })
+    });
+    Ok(queued.collect())
+}
+
+fn register(store: &mut Store, manifest: &Manifest) -> Result<(), Error> {
+    let experiment = Experiment {
+        name: &manifest.name,
+        question: manifest.question.as_deref(),
+        hypothesis: manifest.hypothesis.as_deref(),
+        manifest: &manifest.source,
+    };
+    let jobs = plan::jobs(manifest).map(|planned| (planned.agent, planned.job));
+    store.register(&experiment, jobs)?;
+    Ok(())
+}
+
+/// What there is to do when the sweep begins.
+struct Todo {
+    queue: Vec<Queued>,
+    completed: usize,
+    failed: usize,
+}
+
+impl Todo {
+    fn new(reader: &Reader, wanted: Vec<Queued>, retry: RetryFailed) -> Result<Self, Error> {
+        let states = reader.job_states(wanted.iter().map(|queued| &queued.key))?;
+        let mut todo = Todo { queue: Vec::new(), completed: 0, failed: 0 };
+        for (queued, state) in wanted.into_iter().zip(states) {
+            match (state, retry) {
+                (JobState::Completed, _) => todo.completed += 1,
+                (JobState::Failed, RetryFailed::No) => todo.failed += 1,
+                (JobState::Failed, RetryFailed::Yes)
+                | (JobState::Pending | JobState::Interrupted | JobState::Running, _) => {
+                    todo.queue.push(queued);
+                }
+            }
+        }
+        Ok(todo)
+    }
+}
+
+/// How a sweep ended.
+struct End<'a> {
+    todo: &'a Todo,
+    tally: Tally,
+    stopped: bool,
+}
+
+impl End<'_> {
+    fn completed(&self) -> usize {
+        self.todo.completed + self.tally.already_completed + self.tally.completed
+    }
+
+    fn failed(&self) -> usize {
+        self.todo.failed + self.tally.already_failed + self.tally.failed
+    }
+
+    fn left(&self) -> usize {
+        self.todo.completed + self.todo.failed + self.todo.queue.len()
+            - self.completed()
+            - self.failed()
+    }
+
+    fn exit(&self) -> Exit {
+        if self.stopped {
+            Exit::Interrupted
+        } else if self.failed() > 0 {
+            Exit::JobsFailed
+        } else {
+            Exit::Done
+        }
+    }
+
+    fn tell(&self, arguments: &Arguments) -> Result<(), Error> {
+        if arguments.format == Format::Json {
+            let event = serde_json::json!({
+                "event": if self.stopped { "stopped" } else { "done" },
+                "ran": self.tally.completed, "completed": self.completed(),
+                "failed": self.failed(), "left": self.left(),
+            });
+            writeln!(io::stdout(), "{event}")?;
+            return Ok(());
+        }
+        if arguments.quiet {
+            return Ok(());
+        }
+        let (completed, failed, left) = (self.completed(), self.failed(), self.left());
+        let line = if self.stopped {
+            format!("stopped: {completed} jobs completed, {left} left; the same command goes on")
+        } else if self.todo.queue.is_empty() && failed == 0 {
+            format!("nothing to run: all {completed} jobs are completed")
+        } else {
+            format!("{} jobs run, {completed} completed in all, {failed} failed", self.ran())
+        };
+        // A closed standard error is no reason to fail after the work is done.
+        let _ = writeln!(io::stderr(), "{line}");
+        Ok(())
+    }
+
+    fn ran(&self) -> usize {
+        self.tally.completed + self.tally.failed
+    }
+
+    /// What a person would do next.
+    fn tell_next(
+        &self,
+        arguments: &Arguments,
+        reader: &Reader,
+        example: Option<JobKey>,
+    ) -> Result<(), Error> {
+        if arguments.quiet {
+            return Ok(());
+        }
+        let mut out = io::stdout().lock();
+        if self.failed() > 0 {
+            writeln!(out, "\nfailed:")?;
+            for job in reader.failed_jobs()?.iter().take(FAILURES_SHOWN) {
+                let message = printable(&job.failure.message);
+                let (key, agent) = (job.job_key, printable(&job.agent));
+                writeln!(out, "  {key} {agent}: {} ({message})", job.failure.kind)?;
+            }
+            writeln!(out, "  `--retry-failed` runs them again and keeps these runs")?;
+        }
+        let store = arguments.store.as_option();
+        writeln!(out, "\nnext:")?;
+        writeln!(out, "  jitai status{store}")?;
+        writeln!(
+            out,
+            "  jitai query{store} \"SELECT agent, scenario, sigma, avg(mean_return) FROM run_summary \
+             GROUP BY 1, 2, 3\""
+        )?;
+        writeln!(out, "  jitai export{store} --out results")?;
+        if let Some(key) = example {
+            let key = &key.to_string()[..8];
+            writeln!(out, "  jitai simulate{store} --policy run:{key}")?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,269 @@
+//! `jitai simulate`: rolls a policy and prints every step, or repeats a recorded trajectory.
+
+use std::io;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use crate::agent::{self, Actions, Rule, Weights};
+use crate::cli::output::{Cell, Format, Rows};
+use crate::cli::{Error, Exit, StoreArgument, replay};
+use crate::env::{Action, Ending, Episodes, Observer};
+use crate::manifest::{self, Environment};
+use crate::plan;
+use crate::rng::{Purpose, Stream};
+use crate::store::Reader;
+use crate::train::{self, Chooser};
+
+/// Roll a rule or a trained policy through the simulation and print every step
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// Who acts: fixed:<action 0-3>, random, match (tailor to the most likely context),
+    /// threshold:<p> (as match where the likely context has at least probability p, else nothing),
+    /// or run:<job key> (the trained policy of a completed job; a beginning of the key will do)
+    #[arg(long, default_value = "match", value_name = "POLICY")]
+    policy: PolicyArgument,
+    /// An environment parameter, as in a manifest's [environment]; may be repeated
+    #[arg(long = "set", value_name = "NAME=VALUE")]
+    settings: Vec<String>,
+    /// Episodes to roll
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    episodes: u32,
+    /// Seed of the random streams
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Let a trained policy take its best action always, without exploring
+    #[arg(long)]
+    greedy: bool,
+    /// Print one line about all episodes instead of every step
+    #[arg(long)]
+    summary: bool,
+    /// Force the contexts and actions of a file and print what follows from them
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["policy", "settings", "episodes", "seed", "summary", "greedy"])]
+    replay: Option<PathBuf>,
+    /// How rows are written
+    #[arg(long, value_enum, default_value = "table")]
+    format: Format,
+    #[command(flatten)]
+    store: StoreArgument,
+}
+
+/// Who acts.
+#[derive(Clone, Debug, PartialEq)]
+enum PolicyArgument {
+    Rule(Rule),
+    Run(String),
+}
+
+impl FromStr for PolicyArgument {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.split_once(':') {
+            Some(("run", key)) => Ok(PolicyArgument::Run(key.to_owned())),
+            _ => text
+                .parse()
+                .map(PolicyArgument::Rule)
+                .map_err(|error: agent::RuleError| format!("{error}, run:<job key>")),
+        }
+    }
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
+    if let Some(path) = &arguments.replay {
+        return replay::run(path, arguments.format);
+    }
+    let (environment, chooser) = match &arguments.policy {
+        PolicyArgument::Rule(rule) => {
+            let environment = adjusted(Environment::paper(0.6), &arguments.settings)?;
+            (environment, Chooser::Rule(*rule))
+        }
+        PolicyArgument::Run(key) => trained(key, arguments)?,
+    };
+    let mut rolled = Rolled::new(environment, chooser, arguments.seed);
+    if arguments.summary {
+        summarise(&mut rolled, arguments)?;
+    } else {
+        print_steps(&mut rolled, arguments)?;
+    }
+    Ok(Exit::Done)
+}
+
+/// The policy of a completed run, with the environment of its job as far as it is not set anew.
+fn trained(key: &str, arguments: &Arguments) -> Result<(Environment, Chooser), Error> {
+    let stored = Reader::open(&arguments.store.store)?.weights(key)?;
+    let job = stored.job;
+    let environment = adjusted(job.environment, &arguments.settings)?;
+    let actions = if arguments.greedy { Actions::Greedy } else { Actions::AsTrained };
+    let unusable = |error: agent::WeightsError| {
+        Error::Usage(format!("the policy of job {key} cannot be used: {error}"))
+    };
+    let weights = Weights::from_bytes(&stored.safetensors).map_err(unusable)?;
+    let policy = agent::trained_policy(&job.agent, &environment, &job.scenario, &weights, actions)
+        .map_err(unusable)?;
+    let observer = Observer::new(&environment, &job.scenario);
+    Ok((environment, Chooser::Trained { policy, observer }))
+}
+
+/// The environment with settings as a manifest would make them, and with a manifest's checks.
+fn adjusted(environment: Environment, settings: &[String]) -> Result<Environment, Error> {
+    let mut table = serde_json::json!(environment);
+    for setting in settings {
+        let (name, value) = setting.split_once('=').ok_or_else(|| {
+            Error::Usage(format!("`{setting}` is not NAME=VALUE, such as sigma=0.4"))
+        })?;
+        let environment = format!("{} = {}", name.trim(), quoted(value.trim()));
+        let text = format!(
+            "format = 1\nextends = \"paper\"\nname = \"simulate\"\nscenarios = [\"C\"]\nseeds = 1\n\
+             [environment]\n{}{environment}\n",
+            if name.trim() == "sigma" { "" } else { "sigma = 1\n" }
+        );
+        let manifest = manifest::parse("--set", text.as_bytes())
+            .map_err(|faults| Error::Manifests(vec![faults]))?;
+        let set = plan::jobs(&manifest).next().map(|planned| planned.job.environment);
+        let set = serde_json::json!(set);
+        table[name.trim()] = set[name.trim()].clone();
+    }
+    Ok(serde_json::from_value(table).expect("every value was checked as a manifest's"))
+}
+
+/// A value as TOML: words get the quotes that a shell has taken.
+fn quoted(value: &str) -> String {
+    let bare = value.starts_with(|c: char| c.is_ascii_alphabetic())
+        && !matches!(value, "true" | "false" | "inf" | "nan");
+    if bare { format!("{value:?}") } else { value.to_owned() }
+}
+
+/// Episodes one after the other, from named streams.
+struct Rolled {
+    environment: Environment,
+    chooser: Chooser,
+    environment_stream: Stream,
+    action_stream: Stream,
+}
+
+/// A step as it is printed.
+struct Step {
+    cells: Vec<Cell>,
+    reward: f64,
+    message: bool,
+    ending: Ending,
+}
+
+const COLUMNS: [&str; 10] = [
+    "step",
+    "context",
+    "probability_0",
+    "likely",
+    "habituation",
+    "disengagement",
+    "action",
+    "reward",
+    "ending",
+    "return",
+];
+
+impl Rolled {
+    fn new(environment: Environment, chooser: Chooser, seed: u64) -> Self {
+        Rolled {
+            environment,
+            chooser,
+            environment_stream: Stream::new(seed, Purpose::TestEnvironment),
+            action_stream: Stream::new(seed, Purpose::TestActions),
+        }
+    }
+
+    /// The steps of the next episode.
+    fn episode(&mut self) -> Vec<Step> {
+        let mut episodes = Episodes::start(&self.environment, 1, &mut self.environment_stream);
+        let mut steps: Vec<Step> = Vec::new();
+        let mut total = 0.0;
+        let visit = |before: &Episodes, actions: &[Action], rewards: &[f64]| {
+            total += rewards[0];
+            let mut after = before.clone();
+            after.respond(actions, &mut [0.0]);
+            steps.push(Step::new(before, actions[0], rewards[0], total, after.endings()[0]));
+        };
+        train::roll(
+            &mut episodes,
+            &self.chooser,
+            &mut self.environment_stream,
+            &mut self.action_stream,
+            visit,
+        );
+        steps
+    }
+}
+
+impl Step {
+    fn new(before: &Episodes, action: Action, reward: f64, total: f64, ending: Ending) -> Self {
+        let signal = before.signals()[0];
+        let cells = vec![
+            Cell::Integer(i64::from(before.time())),
+            Cell::Integer(i64::from(signal.context)),
+            Cell::Rounded(signal.probability_of_zero, 4),
+            Cell::Integer(i64::from(signal.likely)),
+            Cell::Rounded(before.habituation()[0], 4),
+            Cell::Rounded(before.disengagement()[0], 4),
+            Cell::Integer(action.index() as i64),
+            Cell::Rounded(reward, 2),
+            Cell::text(ending_name(ending)),
+            Cell::Rounded(total, 2),
+        ];
+        Step { cells, reward, message: action != Action::NONE, ending }
+    }
+}
+
+/// The word for an ending in output.
+pub(super) fn ending_name(ending: Ending) -> &'static str {
+    match ending {
+        Ending::Running => "running",
+        Ending::Terminated => "disengaged",
+        Ending::Truncated => "horizon",
+    }
+}
+
+fn print_steps(rolled: &mut Rolled, arguments: &Arguments) -> Result<(), Error> {
+    let columns: Vec<String> = ["episode"].into_iter().chain(COLUMNS).map(str::to_owned).collect();
+    let mut rows = Rows::new(arguments.format, &columns, io::stdout().lock())?;
+    for episode in 0..arguments.episodes {
+        for step in rolled.episode() {
+            let mut cells = vec![Cell::Integer(i64::from(episode))];
+            cells.extend(step.cells);
+            rows.row(&cells)?;
+        }
+    }
+    Ok(rows.finish()?)
+}
+
+fn summarise(rolled: &mut Rolled, arguments: &Arguments) -> Result<(), Error> {
+    let mut returns = Vec::new();
+    let (mut steps, mut messages, mut disengaged) = (0usize, 0usize, 0usize);
+    for _ in 0..arguments.episodes {
+        let episode = rolled.episode();
+        returns.push(episode.iter().map(|step| step.reward).sum::<f64>());
+        steps += episode.len();
+        messages += episode.iter().filter(|step| step.message).count();
+        disengaged += usize::from(episode.last().is_some_and(|s| s.ending == Ending::Terminated));
+    }
+    let n = returns.len() as f64;
+    let (mean, sd) = crate::analyse::mean_and_sd(&returns);
+    let columns = [
+        "episodes",
+        "mean_return",
+        "sd_return",
+        "mean_length",
+        "disengagement_rate",
+        "message_rate",
+    ];
+    let columns: Vec<String> = columns.into_iter().map(str::to_owned).collect();
+    let mut rows = Rows::new(arguments.format, &columns, io::stdout().lock())?;
+    rows.row(&[
+        Cell::Integer(returns.len() as i64),
+        Cell::Rounded(mean, 1),
+        sd.map_or(Cell::Empty, |sd| Cell::Rounded(sd, 1)),
+        Cell::Rounded(steps as f64 / n, 2),
+        Cell::Rounded(disengaged as f64 / n, 3),
+        Cell::Rounded(messages as f64 / steps as f64, 3),
+    ])?;
+    Ok(rows.finish()?)
+}

@@ -1,0 +1,50 @@
+//! # jitai
+//!
+//! Reinforcement-learning experiments for just-in-time adaptive interventions, from a declaration
+//! to results that can be trusted.
+//!
+//! ```text
+//! manifest ──► plan ──► schedule ──► train (env, agent) ──► store ──► analyse ──► report
+//!  what an     what     who runs     one job, from its      one       pure        tables
+//!  author      should   it and       declaration to its     SQLite    numbers     and
+//!  declares    run      when         outcome                file                  figures
+//!                              cli at the edge
+//! ```
+//!
+//! ## Words
+//!
+//! - **manifest**: the TOML file an author writes; **experiment**: a named, expanded manifest in
+//!   the store.
+//! - **scenario**: what the agent observes (`P-H-D`); **agent**: a named algorithm with its
+//!   hyper-parameters.
+//! - **job**: one (environment, scenario, agent, seed, budget, evaluation): what *should* run.
+//!   **job key**: hash of its canonical form and of the code's versions: its identity.
+//! - **run**: one attempt at a job: what *did* happen. A job has at most one completed run.
+//! - **episode**, **step**: as in the paper; an episode has at most `horizon` steps.
+//! - **return**: undiscounted total reward of an episode, in steps walked.
+//! - **metric**: a named number about a run; **learning curve**: a metric along training.
+//!
+//! ## Invariants
+//!
+//! - Data flows one way: each module imports only modules to its left (`tests/imports.rs` holds
+//!   the table). Training knows no database; only `store` has SQL; nothing imports `cli`.
+//! - The results of a job depend on its content and the code alone. Every source of chance is a
+//!   stream named in [`rng`]; there is no global generator.
+//! - A run's results are written in the transaction that completes it, or not at all.
+//! - Statuses, outcomes and failures are enums that carry their evidence, matched exhaustively.
+
+#![forbid(unsafe_code)]
+#![warn(missing_docs)]
+
+pub mod agent;
+pub mod analyse;
+pub mod cli;
+pub mod env;
+pub mod manifest;
+pub mod plan;
+pub mod record;
+pub mod report;
+pub mod rng;
+pub mod schedule;
+pub mod store;
+pub mod train;
