@@ -2,6 +2,7 @@
 
 use std::collections::HashSet;
 use std::io::{self, Write};
+use std::mem;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::thread;
@@ -70,7 +71,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         register(&mut store, manifest)?;
     }
     let reader = Reader::open(&arguments.store.store)?;
-    let todo = Todo::new(&reader, wanted, arguments.retry())?;
+    let mut todo = Todo::new(&reader, wanted, arguments.retry())?;
     let tally = if todo.queue.is_empty() {
         Tally::default()
     } else {
@@ -78,7 +79,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         let options = arguments.options();
         let context = Context { options, train: &train::run, stop: &stop };
         let mut shown = arguments.shown(&reader, &todo.queue, options.workers)?;
-        let tally = schedule::run(&mut store, session, todo.queue.clone(), context, &mut shown)?;
+        let tally =
+            schedule::run(&mut store, session, mem::take(&mut todo.queue), context, &mut shown)?;
         drop(shown);
         store.end_session(session)?;
         tally
@@ -167,6 +169,7 @@ fn register(store: &mut Store, manifest: &Manifest) -> Result<(), Error> {
 /// What there is to do when the sweep begins.
 struct Todo {
     queue: Vec<Queued>,
+    queued: usize,
     completed: usize,
     failed: usize,
 }
@@ -174,7 +177,7 @@ struct Todo {
 impl Todo {
     fn new(reader: &Reader, wanted: Vec<Queued>, retry: RetryFailed) -> Result<Self, Error> {
         let states = reader.job_states(wanted.iter().map(|queued| &queued.key))?;
-        let mut todo = Todo { queue: Vec::new(), completed: 0, failed: 0 };
+        let mut todo = Todo { queue: Vec::new(), queued: 0, completed: 0, failed: 0 };
         for (queued, state) in wanted.into_iter().zip(states) {
             match (state, retry) {
                 (JobState::Completed, _) => todo.completed += 1,
@@ -185,6 +188,7 @@ impl Todo {
                 }
             }
         }
+        todo.queued = todo.queue.len();
         Ok(todo)
     }
 }
@@ -206,9 +210,7 @@ impl End<'_> {
     }
 
     fn left(&self) -> usize {
-        self.todo.completed + self.todo.failed + self.todo.queue.len()
-            - self.completed()
-            - self.failed()
+        self.todo.completed + self.todo.failed + self.todo.queued - self.completed() - self.failed()
     }
 
     fn exit(&self) -> Exit {
@@ -237,7 +239,7 @@ impl End<'_> {
         let (completed, failed, left) = (self.completed(), self.failed(), self.left());
         let line = if self.stopped {
             format!("stopped: {completed} jobs completed, {left} left; the same command goes on")
-        } else if self.todo.queue.is_empty() && failed == 0 {
+        } else if self.todo.queued == 0 && failed == 0 {
             format!("nothing to run: all {completed} jobs are completed")
         } else {
             format!("{} jobs run, {completed} completed in all, {failed} failed", self.ran())

@@ -10,9 +10,8 @@ use crate::cli::{Error, Exit, StoreArgument, replay};
 use crate::env::{Action, Ending, Episodes, Observer};
 use crate::manifest::{self, Environment};
 use crate::plan;
-use crate::rng::{Purpose, Stream};
 use crate::store::Reader;
-use crate::train::{self, Chooser};
+use crate::train::{self, Chooser, TestStreams, Watch};
 
 /// Roll a rule or a trained policy through the simulation and print every step
 #[derive(clap::Args)]
@@ -79,7 +78,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         }
         PolicyArgument::Run(key) => trained(key, arguments)?,
     };
-    let mut rolled = Rolled::new(environment, chooser, arguments.seed);
+    let streams = TestStreams::new(arguments.seed);
+    let mut rolled = Rolled { environment, chooser, streams };
     if arguments.summary {
         summarise(&mut rolled, arguments)?;
     } else {
@@ -117,8 +117,14 @@ fn adjusted(environment: Environment, settings: &[String]) -> Result<Environment
              [environment]\n{}{environment}\n",
             if name.trim() == "sigma" { "" } else { "sigma = 1\n" }
         );
-        let manifest = manifest::parse("--set", text.as_bytes())
-            .map_err(|faults| Error::Manifests(vec![faults]))?;
+        let manifest = manifest::parse("--set", text.as_bytes()).map_err(|faults| {
+            let said = faults.list().iter().map(|fault| match fault.hint() {
+                Some(hint) => format!("{} ({hint})", fault.message()),
+                None => fault.message().to_owned(),
+            });
+            let said: Vec<String> = said.collect();
+            Error::Usage(format!("--set {setting}: {}", said.join("; ")))
+        })?;
         let set = plan::jobs(&manifest).next().map(|planned| planned.job.environment);
         let set = serde_json::json!(set);
         table[name.trim()] = set[name.trim()].clone();
@@ -137,15 +143,15 @@ fn quoted(value: &str) -> String {
 struct Rolled {
     environment: Environment,
     chooser: Chooser,
-    environment_stream: Stream,
-    action_stream: Stream,
+    streams: TestStreams,
 }
 
 /// A step as it is printed.
 struct Step {
-    cells: Vec<Cell>,
-    reward: f64,
+    /// What was there before it: time, context, inference, habituation, disengagement, action.
+    before: Vec<Cell>,
     message: bool,
+    reward: f64,
     ending: Ending,
 }
 
@@ -163,53 +169,39 @@ const COLUMNS: [&str; 10] = [
 ];
 
 impl Rolled {
-    fn new(environment: Environment, chooser: Chooser, seed: u64) -> Self {
-        Rolled {
-            environment,
-            chooser,
-            environment_stream: Stream::new(seed, Purpose::TestEnvironment),
-            action_stream: Stream::new(seed, Purpose::TestActions),
-        }
-    }
-
     /// The steps of the next episode.
     fn episode(&mut self) -> Vec<Step> {
-        let mut episodes = Episodes::start(&self.environment, 1, &mut self.environment_stream);
-        let mut steps: Vec<Step> = Vec::new();
-        let mut total = 0.0;
-        let visit = |before: &Episodes, actions: &[Action], rewards: &[f64]| {
-            total += rewards[0];
-            let mut after = before.clone();
-            after.respond(actions, &mut [0.0]);
-            steps.push(Step::new(before, actions[0], rewards[0], total, after.endings()[0]));
-        };
-        train::roll(
-            &mut episodes,
-            &self.chooser,
-            &mut self.environment_stream,
-            &mut self.action_stream,
-            visit,
-        );
-        steps
+        let mut episodes = Episodes::start(&self.environment, 1, &mut self.streams.environment);
+        let mut steps = Steps(Vec::new());
+        train::roll(&mut episodes, &self.chooser, &mut self.streams, &mut steps);
+        steps.0
     }
 }
 
-impl Step {
-    fn new(before: &Episodes, action: Action, reward: f64, total: f64, ending: Ending) -> Self {
-        let signal = before.signals()[0];
-        let cells = vec![
-            Cell::Integer(i64::from(before.time())),
+/// The steps of an episode while it is rolled.
+struct Steps(Vec<Step>);
+
+impl Watch for Steps {
+    fn chosen(&mut self, episodes: &Episodes, actions: &[Action]) {
+        let signal = episodes.signal(0);
+        let before = vec![
+            Cell::Integer(i64::from(episodes.time())),
             Cell::Integer(i64::from(signal.context)),
             Cell::Rounded(signal.probability_of_zero, 4),
             Cell::Integer(i64::from(signal.likely)),
-            Cell::Rounded(before.habituation()[0], 4),
-            Cell::Rounded(before.disengagement()[0], 4),
-            Cell::Integer(action.index() as i64),
-            Cell::Rounded(reward, 2),
-            Cell::text(ending_name(ending)),
-            Cell::Rounded(total, 2),
+            Cell::Rounded(episodes.habituation()[0], 4),
+            Cell::Rounded(episodes.disengagement()[0], 4),
+            Cell::Integer(actions[0].index() as i64),
         ];
-        Step { cells, reward, message: action != Action::NONE, ending }
+        let message = actions[0] != Action::NONE;
+        self.0.push(Step { before, message, reward: 0.0, ending: Ending::Running });
+    }
+
+    fn paid(&mut self, episodes: &Episodes, rewards: &[f64]) {
+        if let Some(step) = self.0.last_mut() {
+            step.reward = rewards[0];
+            step.ending = episodes.endings()[0];
+        }
     }
 }
 
@@ -226,9 +218,14 @@ fn print_steps(rolled: &mut Rolled, arguments: &Arguments) -> Result<(), Error> 
     let columns: Vec<String> = ["episode"].into_iter().chain(COLUMNS).map(str::to_owned).collect();
     let mut rows = Rows::new(arguments.format, &columns, io::stdout().lock())?;
     for episode in 0..arguments.episodes {
+        let mut total = 0.0;
         for step in rolled.episode() {
+            total += step.reward;
             let mut cells = vec![Cell::Integer(i64::from(episode))];
-            cells.extend(step.cells);
+            cells.extend(step.before);
+            cells.push(Cell::Rounded(step.reward, 2));
+            cells.push(Cell::text(ending_name(step.ending)));
+            cells.push(Cell::Rounded(total, 2));
             rows.row(&cells)?;
         }
     }

@@ -54,7 +54,9 @@ pub enum Ending {
 pub struct Episodes {
     environment: Environment,
     time: u32,
-    signals: Vec<Signal>,
+    contexts: Vec<u8>,
+    probabilities: Vec<f64>,
+    likely: Vec<u8>,
     habituation: Vec<f64>,
     disengagement: Vec<f64>,
     endings: Vec<Ending>,
@@ -66,7 +68,9 @@ impl Episodes {
         let mut episodes = Episodes {
             environment: environment.clone(),
             time: 0,
-            signals: vec![Signal::FIXED_FIRST; lanes],
+            contexts: vec![0; lanes],
+            probabilities: vec![0.0; lanes],
+            likely: vec![0; lanes],
             habituation: vec![0.0; lanes],
             disengagement: vec![0.0; lanes],
             endings: vec![Ending::Running; lanes],
@@ -82,7 +86,9 @@ impl Episodes {
         self.disengagement.fill(self.environment.initial_disengagement);
         self.endings.fill(Ending::Running);
         match self.environment.first_context {
-            FirstContext::Fixed => self.signals.fill(Signal::FIXED_FIRST),
+            FirstContext::Fixed => {
+                (0..self.lanes()).for_each(|lane| self.show(lane, Signal::FIXED_FIRST));
+            }
             FirstContext::Sampled => self.sense(stream),
         }
     }
@@ -113,7 +119,7 @@ impl Episodes {
     /// at 1 before it is compared with the threshold.
     fn respond_lane(&mut self, lane: usize, action: Action) -> f64 {
         let e = &self.environment;
-        let context = self.signals[lane].context;
+        let context = self.contexts[lane];
         let suits = action == Action::tailored_to(context);
 
         let habituation = &mut self.habituation[lane];
@@ -149,19 +155,21 @@ impl Episodes {
     /// The random half of a step: draws the context of every lane.
     pub fn sense(&mut self, stream: &mut Stream) {
         let sigma = self.environment.sigma;
-        for signal in &mut self.signals {
-            *signal = Signal::draw(sigma, stream);
+        for lane in 0..self.lanes() {
+            self.show(lane, Signal::draw(sigma, stream));
         }
     }
 
     /// Forces the context of a lane, as a replay does.
     pub fn show(&mut self, lane: usize, signal: Signal) {
-        self.signals[lane] = signal;
+        self.contexts[lane] = signal.context;
+        self.probabilities[lane] = signal.probability_of_zero;
+        self.likely[lane] = signal.likely;
     }
 
     /// How many episodes there are.
     pub fn lanes(&self) -> usize {
-        self.signals.len()
+        self.contexts.len()
     }
 
     /// Steps taken, the same in every lane.
@@ -174,9 +182,13 @@ impl Episodes {
         &self.environment
     }
 
-    /// Contexts with their inferences, \[lanes\].
-    pub fn signals(&self) -> &[Signal] {
-        &self.signals
+    /// The context of a lane with its inference.
+    pub fn signal(&self, lane: usize) -> Signal {
+        Signal {
+            context: self.contexts[lane],
+            probability_of_zero: self.probabilities[lane],
+            likely: self.likely[lane],
+        }
     }
 
     /// Habituation in [0, 1], \[lanes\].
@@ -261,7 +273,9 @@ mod tests {
             let alone: Vec<f64> = (0..5)
                 .map(|lane| {
                     let mut single = together.clone();
-                    single.signals = vec![together.signals[lane]];
+                    single.contexts = vec![together.contexts[lane]];
+                    single.probabilities = vec![together.probabilities[lane]];
+                    single.likely = vec![together.likely[lane]];
                     single.habituation = vec![together.habituation[lane]];
                     single.disengagement = vec![together.disengagement[lane]];
                     single.endings = vec![together.endings[lane]];
@@ -286,8 +300,8 @@ mod tests {
             Environment { first_context: FirstContext::Sampled, ..Environment::paper(0.6) };
         let episodes = Episodes::start(&environment, 3, &mut stream());
         let mut again = stream();
-        for signal in episodes.signals() {
-            assert_eq!(*signal, Signal::draw(0.6, &mut again));
+        for lane in 0..3 {
+            assert_eq!(episodes.signal(lane), Signal::draw(0.6, &mut again));
         }
     }
 }

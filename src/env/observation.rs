@@ -54,7 +54,7 @@ impl Observer {
     }
 
     fn entry(&self, feature: Feature, episodes: &Episodes, lane: usize, shown: u32) -> f64 {
-        let signal = &episodes.signals()[lane];
+        let signal = episodes.signal(lane);
         match feature {
             Feature::Context => f64::from(signal.context),
             Feature::Probability if self.observed_probability == 0 => signal.probability_of_zero,

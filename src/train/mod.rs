@@ -13,7 +13,7 @@ use crate::record::{Failure, FailureKind, Outcome, Results};
 
 use curve::CurveRecorder;
 
-pub use roll::{Chooser, roll};
+pub use roll::{Chooser, TestStreams, Watch, roll};
 
 /// How far a training has come.
 #[derive(Clone, Copy, Debug, PartialEq)]

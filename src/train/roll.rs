@@ -2,7 +2,7 @@
 
 use crate::agent::{Policy, Rule};
 use crate::env::{Action, Episodes, Observer};
-use crate::rng::Stream;
+use crate::rng::{Purpose, Stream};
 
 /// What chooses the actions.
 pub enum Chooser {
@@ -28,8 +28,8 @@ impl Chooser {
     ) {
         match self {
             Chooser::Rule(rule) => {
-                for (action, signal) in actions.iter_mut().zip(episodes.signals()) {
-                    *action = rule.choose(signal, stream);
+                for (lane, action) in actions.iter_mut().enumerate() {
+                    *action = rule.choose(&episodes.signal(lane), stream);
                 }
             }
             Chooser::Trained { policy, observer } => {
@@ -41,24 +41,49 @@ impl Chooser {
     }
 }
 
+/// The random streams of a test.
+#[derive(Clone, Debug)]
+pub struct TestStreams {
+    /// Contexts and their features.
+    pub environment: Stream,
+    /// The choice among actions.
+    pub actions: Stream,
+}
+
+impl TestStreams {
+    /// The streams of a seed, at their start.
+    pub fn new(seed: u64) -> Self {
+        TestStreams {
+            environment: Stream::new(seed, Purpose::TestEnvironment),
+            actions: Stream::new(seed, Purpose::TestActions),
+        }
+    }
+}
+
+/// Whoever looks at every step of a roll. Lanes that have ended are still shown; their endings
+/// tell them.
+pub trait Watch {
+    /// Sees the state of a step with the actions chosen in it.
+    fn chosen(&mut self, episodes: &Episodes, actions: &[Action]);
+
+    /// Sees the rewards paid, 0 in lanes that had ended, and the state after the step.
+    fn paid(&mut self, episodes: &Episodes, rewards: &[f64]);
+}
+
 /// Rolls episodes from their first step to the end of the last.
-///
-/// `visit` sees every step: the episodes before it, the actions, and the rewards paid; lanes that
-/// have ended are still there and must be told by their endings.
 pub fn roll(
     episodes: &mut Episodes,
     chooser: &Chooser,
-    environment_stream: &mut Stream,
-    action_stream: &mut Stream,
-    mut visit: impl FnMut(&Episodes, &[Action], &[f64]),
+    streams: &mut TestStreams,
+    watch: &mut impl Watch,
 ) {
     let mut observations = Vec::new();
     let mut actions = vec![Action::NONE; episodes.lanes()];
     let mut rewards = vec![0.0; episodes.lanes()];
     while episodes.any_running() {
-        chooser.choose(episodes, &mut observations, &mut actions, action_stream);
-        let before = episodes.clone();
-        episodes.step(&actions, &mut rewards, environment_stream);
-        visit(&before, &actions, &rewards);
+        chooser.choose(episodes, &mut observations, &mut actions, &mut streams.actions);
+        watch.chosen(episodes, &actions);
+        episodes.step(&actions, &mut rewards, &mut streams.environment);
+        watch.paid(episodes, &rewards);
     }
 }

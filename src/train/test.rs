@@ -1,11 +1,10 @@
 //! The test episodes of a trained agent and what is kept of them.
 
 use crate::agent::Policy;
-use crate::env::{Action, Ending, Episodes, Observer};
+use crate::env::{Action, Ending, Episodes, Observer, Signal};
 use crate::plan::Job;
 use crate::record::{ActionCount, Metric, PROBABILITY_BINS, TestEpisode};
-use crate::rng::{Purpose, Stream};
-use crate::train::{Chooser, Monitor, roll};
+use crate::train::{Chooser, Monitor, TestStreams, Watch, roll};
 
 /// Episodes that advance in lockstep; part of what fixes the results, because lanes share streams.
 const LANES: u32 = 1000;
@@ -21,8 +20,7 @@ pub(super) struct Tested {
 pub(super) fn run(job: &Job, policy: Box<dyn Policy>, monitor: &dyn Monitor) -> Option<Tested> {
     let observer = Observer::new(&job.environment, &job.scenario);
     let chooser = Chooser::Trained { policy, observer };
-    let mut environment_stream = Stream::new(job.seed, Purpose::TestEnvironment);
-    let mut action_stream = Stream::new(job.seed, Purpose::TestActions);
+    let mut streams = TestStreams::new(job.seed);
     let mut counts = ActionCounts::default();
     let mut tested = Vec::new();
     let mut left = job.evaluation.test_episodes;
@@ -30,27 +28,42 @@ pub(super) fn run(job: &Job, policy: Box<dyn Policy>, monitor: &dyn Monitor) -> 
         if monitor.stop_requested() {
             return None;
         }
-        let lanes = left.min(LANES) as usize;
-        left -= lanes as u32;
-        let mut batch =
-            vec![TestEpisode { total_reward: 0.0, length: 0, disengaged: false }; lanes];
-        let mut episodes = Episodes::start(&job.environment, lanes, &mut environment_stream);
-        let visit = |before: &Episodes, actions: &[Action], rewards: &[f64]| {
-            for (lane, episode) in batch.iter_mut().enumerate() {
-                if before.endings()[lane] == Ending::Running {
-                    episode.total_reward += rewards[lane];
-                    episode.length += 1;
-                    counts.add(before, lane, actions[lane]);
-                }
-            }
-        };
-        roll(&mut episodes, &chooser, &mut environment_stream, &mut action_stream, visit);
-        for (episode, ending) in batch.iter_mut().zip(episodes.endings()) {
+        let lanes = left.min(LANES);
+        left -= lanes;
+        let mut episodes =
+            Episodes::start(&job.environment, lanes as usize, &mut streams.environment);
+        let unplayed = TestEpisode { total_reward: 0.0, length: 0, disengaged: false };
+        let mut batch = Batch { counts: &mut counts, played: vec![unplayed; lanes as usize] };
+        roll(&mut episodes, &chooser, &mut streams, &mut batch);
+        for (episode, ending) in batch.played.iter_mut().zip(episodes.endings()) {
             episode.disengaged = *ending == Ending::Terminated;
         }
-        tested.append(&mut batch);
+        tested.append(&mut batch.played);
     }
     Some(Tested { episodes: tested, messages: counts.messages(), actions: counts.rows() })
+}
+
+/// Test episodes while they are played.
+struct Batch<'a> {
+    counts: &'a mut ActionCounts,
+    played: Vec<TestEpisode>,
+}
+
+impl Watch for Batch<'_> {
+    fn chosen(&mut self, episodes: &Episodes, actions: &[Action]) {
+        for (lane, episode) in self.played.iter_mut().enumerate() {
+            if episodes.endings()[lane] == Ending::Running {
+                episode.length += 1;
+                self.counts.add(&episodes.signal(lane), actions[lane]);
+            }
+        }
+    }
+
+    fn paid(&mut self, _: &Episodes, rewards: &[f64]) {
+        for (episode, reward) in self.played.iter_mut().zip(rewards) {
+            episode.total_reward += reward;
+        }
+    }
 }
 
 impl Tested {
@@ -76,8 +89,7 @@ impl Tested {
 struct ActionCounts([[[u64; Action::COUNT]; 2]; PROBABILITY_BINS]);
 
 impl ActionCounts {
-    fn add(&mut self, episodes: &Episodes, lane: usize, action: Action) {
-        let signal = &episodes.signals()[lane];
+    fn add(&mut self, signal: &Signal, action: Action) {
         let bin = (signal.probability_of_zero * PROBABILITY_BINS as f64) as usize;
         let bin = bin.min(PROBABILITY_BINS - 1);
         self.0[bin][usize::from(signal.context)][action.index()] += 1;

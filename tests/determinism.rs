@@ -1,0 +1,117 @@
+//! A job's results depend on its content and the code alone.
+
+use std::thread;
+
+use burn::tensor::Device;
+use jitai::manifest::{Agent, DuelingDqn, Environment, Evaluation, Reinforce};
+use jitai::plan::Job;
+use jitai::record::{Outcome, Results};
+use jitai::train::{self, Unwatched};
+
+fn job(agent: Agent, seed: u64) -> Job {
+    Job {
+        environment: Environment::paper(0.6),
+        scenario: "P-H-D".parse().unwrap(),
+        agent,
+        evaluation: Evaluation { test_episodes: 30, ..Evaluation::default() },
+        seed,
+    }
+}
+
+fn dueling_dqn() -> Agent {
+    Agent::DuelingDqn(DuelingDqn { episodes: 15, ..DuelingDqn::default() })
+}
+
+fn reinforce() -> Agent {
+    Agent::Reinforce(Reinforce { episodes: 60, trajectories_per_update: 3, ..Reinforce::default() })
+}
+
+fn results(job: &Job) -> Results {
+    match train::run(job, &Unwatched) {
+        Outcome::Completed(results) => results,
+        other => panic!("the job did not complete: {other:?}"),
+    }
+}
+
+#[test]
+fn results_do_not_depend_on_burns_global_generator() {
+    for agent in [dueling_dqn(), reinforce()] {
+        let job = job(agent, 1);
+        let device = Device::default();
+        device.seed(1);
+        let first = results(&job);
+        device.seed(2);
+        assert_eq!(results(&job), first);
+    }
+}
+
+#[test]
+fn results_do_not_depend_on_jobs_that_train_at_the_same_time() {
+    let job = job(dueling_dqn(), 1);
+    let alone = results(&job);
+    let together: Vec<Results> = thread::scope(|scope| {
+        let handles: Vec<_> = (0..3).map(|_| scope.spawn(|| results(&job))).collect();
+        handles.into_iter().map(|handle| handle.join().unwrap()).collect()
+    });
+    assert!(together.iter().all(|results| *results == alone));
+}
+
+#[test]
+fn seeds_and_parameters_change_the_results() {
+    let first = results(&job(reinforce(), 1));
+    assert_ne!(results(&job(reinforce(), 2)), first);
+    let mut other = job(reinforce(), 1);
+    other.environment.sigma = 0.8;
+    assert_ne!(results(&other), first);
+}
+
+#[test]
+fn a_stop_request_ends_a_training_without_a_result() {
+    struct StopAfter(std::cell::Cell<u32>);
+    impl train::Monitor for StopAfter {
+        fn report(&self, progress: train::Progress) {
+            assert!(progress.episode <= 3, "it went on to episode {}", progress.episode);
+        }
+        fn stop_requested(&self) -> bool {
+            self.0.set(self.0.get() + 1);
+            self.0.get() > 3
+        }
+    }
+    let outcome = train::run(&job(dueling_dqn(), 1), &StopAfter(std::cell::Cell::new(0)));
+    assert_eq!(outcome, Outcome::Interrupted);
+}
+
+#[test]
+fn the_tested_policy_is_the_one_whose_weights_are_kept() {
+    use jitai::agent::{self, Actions, Weights};
+    use jitai::env::{Episodes, Observer};
+    use jitai::train::{Chooser, TestStreams, Watch, roll};
+
+    struct Total(f64);
+    impl Watch for Total {
+        fn chosen(&mut self, _: &Episodes, _: &[jitai::env::Action]) {}
+        fn paid(&mut self, _: &Episodes, rewards: &[f64]) {
+            self.0 += rewards.iter().sum::<f64>();
+        }
+    }
+    for agent in [dueling_dqn(), reinforce()] {
+        let job = job(agent, 1);
+        let results = results(&job);
+        let weights = Weights::from_bytes(&results.weights).unwrap();
+        let policy = agent::trained_policy(
+            &job.agent,
+            &job.environment,
+            &job.scenario,
+            &weights,
+            Actions::AsTrained,
+        )
+        .unwrap();
+        let observer = Observer::new(&job.environment, &job.scenario);
+        let mut streams = TestStreams::new(job.seed);
+        let mut episodes = Episodes::start(&job.environment, 30, &mut streams.environment);
+        let mut total = Total(0.0);
+        roll(&mut episodes, &Chooser::Trained { policy, observer }, &mut streams, &mut total);
+        let tested: f64 = results.episodes.iter().map(|episode| episode.total_reward).sum();
+        assert!((total.0 - tested).abs() < 1e-6 * tested, "{} {tested}", total.0);
+    }
+}
