@@ -9,7 +9,7 @@ use burn::tensor::{Device, Int, Tensor, TensorData};
 
 use crate::agent::policy::{EpsilonGreedy, Policy, matrix};
 use crate::agent::{
-    Actions, Diverged, DuelingQNetwork, Learner, Replay, TrainedEpisode, Transition, Weights,
+    Actions, Diverged, DuelingQNetwork, Learner, Replay, Span, TrainedEpisode, Transition, Weights,
     device,
 };
 use crate::env::{Action, Ending, Episodes, Observer};
@@ -161,7 +161,11 @@ impl DuelingDqnLearner {
 }
 
 impl Learner for DuelingDqnLearner {
-    fn advance(&mut self, finished: &mut Vec<TrainedEpisode>) -> Result<(), Diverged> {
+    fn advance(
+        &mut self,
+        finished: &mut Vec<TrainedEpisode>,
+        stop: &dyn Fn() -> bool,
+    ) -> Result<Span, Diverged> {
         self.episodes.restart(&mut self.environment_stream);
         let mut episode = TrainedEpisode {
             total_reward: 0.0,
@@ -173,6 +177,9 @@ impl Learner for DuelingDqnLearner {
         };
         let mut observation = self.observe();
         while self.episodes.any_running() {
+            if stop() {
+                return Ok(Span::BrokenOff);
+            }
             let mut action = [Action::NONE];
             EpsilonGreedy::new(self.network.valid(), self.epsilon).act(
                 &observation,
@@ -199,7 +206,7 @@ impl Learner for DuelingDqnLearner {
         episode.disengaged = self.episodes.endings()[0] == Ending::Terminated;
         episode.epsilon = Some(self.epsilon);
         finished.push(episode);
-        Ok(())
+        Ok(Span::Whole)
     }
 
     fn policy(&self, actions: Actions) -> Box<dyn Policy> {

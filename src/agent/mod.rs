@@ -59,13 +59,27 @@ pub struct Diverged {
     pub loss: f32,
 }
 
+/// How a span of training ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Span {
+    /// At its end.
+    Whole,
+    /// Broken off, because a stop was asked for.
+    BrokenOff,
+}
+
 /// An agent in training.
 pub trait Learner {
     /// Trains for the shortest span the algorithm has (an episode, or the episodes of one update)
-    /// and appends the episodes that ended.
+    /// and appends the episodes that ended. `stop` is asked at every step; once it says yes the
+    /// span is broken off, and the learner is of no further use.
     ///
     /// **Errors**: the loss is not finite; the learner is then of no further use.
-    fn advance(&mut self, finished: &mut Vec<TrainedEpisode>) -> Result<(), Diverged>;
+    fn advance(
+        &mut self,
+        finished: &mut Vec<TrainedEpisode>,
+        stop: &dyn Fn() -> bool,
+    ) -> Result<Span, Diverged>;
 
     /// The policy as it would act now in training, or greedily.
     fn policy(&self, actions: Actions) -> Box<dyn Policy>;

@@ -9,7 +9,9 @@ use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
 use burn::tensor::{Device, Int, Tensor, TensorData, activation};
 
 use crate::agent::policy::{Policy, SoftmaxPolicy, matrix};
-use crate::agent::{Actions, Diverged, Learner, PolicyNetwork, TrainedEpisode, Weights, device};
+use crate::agent::{
+    Actions, Diverged, Learner, PolicyNetwork, Span, TrainedEpisode, Weights, device,
+};
 use crate::env::{Action, Ending, Episodes, Observer};
 use crate::manifest::{Environment, Reinforce, Scenario};
 use crate::rng::{Purpose, Stream};
@@ -99,8 +101,8 @@ impl ReinforceLearner {
         }
     }
 
-    /// Samples the trajectories of one update, all in lockstep.
-    fn sample(&mut self) -> Sampled {
+    /// Samples the trajectories of one update, all in lockstep; `None` if it was to stop.
+    fn sample(&mut self, stop: &dyn Fn() -> bool) -> Option<Sampled> {
         let (lanes, width) = (self.episodes.lanes(), self.observer.width());
         let policy = self.policy(Actions::AsTrained);
         self.episodes.restart(&mut self.environment_stream);
@@ -112,6 +114,9 @@ impl ReinforceLearner {
         let mut observations = vec![0.0; lanes * width];
         let mut actions = vec![Action::NONE; lanes];
         while self.episodes.any_running() {
+            if stop() {
+                return None;
+            }
             self.observer.observe(&self.episodes, &mut observations);
             policy.act(&observations, &mut actions, &mut self.exploration_stream);
             let start = rewards.len();
@@ -139,7 +144,7 @@ impl ReinforceLearner {
                 epsilon: None,
             })
             .collect();
-        Sampled { trajectories, finished }
+        Some(Sampled { trajectories, finished })
     }
 }
 
@@ -148,8 +153,14 @@ fn running(episodes: &Episodes) -> impl Iterator<Item = (usize, &Ending)> {
 }
 
 impl Learner for ReinforceLearner {
-    fn advance(&mut self, finished: &mut Vec<TrainedEpisode>) -> Result<(), Diverged> {
-        let mut sampled = self.sample();
+    fn advance(
+        &mut self,
+        finished: &mut Vec<TrainedEpisode>,
+        stop: &dyn Fn() -> bool,
+    ) -> Result<Span, Diverged> {
+        let Some(mut sampled) = self.sample(stop) else {
+            return Ok(Span::BrokenOff);
+        };
         let loss =
             sampled.trajectories.loss(&self.network, self.parameters.loss_divisor, &self.device);
         let value: f32 = loss.clone().into_scalar();
@@ -166,7 +177,7 @@ impl Learner for ReinforceLearner {
             last.updates = 1;
         }
         finished.append(&mut sampled.finished);
-        Ok(())
+        Ok(Span::Whole)
     }
 
     fn policy(&self, actions: Actions) -> Box<dyn Policy> {

@@ -7,7 +7,7 @@ mod curve;
 mod roll;
 mod test;
 
-use crate::agent::{self, Learner, TrainedEpisode};
+use crate::agent::{self, Learner, Span, TrainedEpisode};
 use crate::plan::Job;
 use crate::record::{Failure, FailureKind, Outcome, Results};
 
@@ -92,15 +92,16 @@ fn train(
     let episodes = job.agent.episodes();
     let mut finished: Vec<TrainedEpisode> = Vec::new();
     while curve.episodes() < episodes {
-        if monitor.stop_requested() {
-            return Ended::Stopped;
-        }
-        if let Err(diverged) = learner.advance(&mut finished) {
-            return Ended::Failed(Failure {
-                kind: FailureKind::Diverged,
-                message: diverged.to_string(),
-                episode: curve.episodes(),
-            });
+        match learner.advance(&mut finished, &|| monitor.stop_requested()) {
+            Ok(Span::Whole) => {}
+            Ok(Span::BrokenOff) => return Ended::Stopped,
+            Err(diverged) => {
+                return Ended::Failed(Failure {
+                    kind: FailureKind::Diverged,
+                    message: diverged.to_string(),
+                    episode: curve.episodes(),
+                });
+            }
         }
         finished.drain(..).for_each(|episode| curve.add(&episode));
         monitor.report(Progress {

@@ -68,9 +68,14 @@ pub trait Watch {
 
     /// Sees the rewards paid, 0 in lanes that had ended, and the state after the step.
     fn paid(&mut self, episodes: &Episodes, rewards: &[f64]);
+
+    /// Whether the roll should be broken off before the next step.
+    fn stop_requested(&self) -> bool {
+        false
+    }
 }
 
-/// Rolls episodes from their first step to the end of the last.
+/// Rolls episodes from their first step to the end of the last, unless the watcher stops it.
 pub fn roll(
     episodes: &mut Episodes,
     chooser: &Chooser,
@@ -80,7 +85,7 @@ pub fn roll(
     let mut observations = Vec::new();
     let mut actions = vec![Action::NONE; episodes.lanes()];
     let mut rewards = vec![0.0; episodes.lanes()];
-    while episodes.any_running() {
+    while episodes.any_running() && !watch.stop_requested() {
         chooser.choose(episodes, &mut observations, &mut actions, &mut streams.actions);
         watch.chosen(episodes, &actions);
         episodes.step(&actions, &mut rewards, &mut streams.environment);

@@ -25,16 +25,17 @@ pub(super) fn run(job: &Job, policy: Box<dyn Policy>, monitor: &dyn Monitor) -> 
     let mut tested = Vec::new();
     let mut left = job.evaluation.test_episodes;
     while left > 0 {
-        if monitor.stop_requested() {
-            return None;
-        }
         let lanes = left.min(LANES);
         left -= lanes;
         let mut episodes =
             Episodes::start(&job.environment, lanes as usize, &mut streams.environment);
         let unplayed = TestEpisode { total_reward: 0.0, length: 0, disengaged: false };
-        let mut batch = Batch { counts: &mut counts, played: vec![unplayed; lanes as usize] };
+        let played = vec![unplayed; lanes as usize];
+        let mut batch = Batch { counts: &mut counts, played, monitor };
         roll(&mut episodes, &chooser, &mut streams, &mut batch);
+        if monitor.stop_requested() {
+            return None;
+        }
         for (episode, ending) in batch.played.iter_mut().zip(episodes.endings()) {
             episode.disengaged = *ending == Ending::Terminated;
         }
@@ -47,6 +48,7 @@ pub(super) fn run(job: &Job, policy: Box<dyn Policy>, monitor: &dyn Monitor) -> 
 struct Batch<'a> {
     counts: &'a mut ActionCounts,
     played: Vec<TestEpisode>,
+    monitor: &'a dyn Monitor,
 }
 
 impl Watch for Batch<'_> {
@@ -63,6 +65,10 @@ impl Watch for Batch<'_> {
         for (episode, reward) in self.played.iter_mut().zip(rewards) {
             episode.total_reward += reward;
         }
+    }
+
+    fn stop_requested(&self) -> bool {
+        self.monitor.stop_requested()
     }
 }
 
