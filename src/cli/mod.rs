@@ -4,6 +4,7 @@
 //! jobs failed, 2 bad usage or manifest, 3 store or system error, 130 interrupted.
 
 mod check;
+mod counts;
 mod error;
 mod estimate;
 mod export;

@@ -9,10 +9,10 @@ use std::thread;
 use crate::cli::estimate::{Episodes, Speeds, spoken};
 use crate::cli::filter::Filter;
 use crate::cli::output::{Cell, Format, Rows};
-use crate::cli::{Error, Exit, StoreArgument, check, run};
+use crate::cli::{Error, Exit, StoreArgument, check, counts, run};
 use crate::manifest::Manifest;
 use crate::schedule::Queued;
-use crate::store::{JobState, Reader, StoreError};
+use crate::store::{Counts, JobState, Reader, StoreError};
 
 /// Show what would run: jobs done, to do and failed, and the time it would take
 #[derive(clap::Args)]
@@ -91,8 +91,10 @@ impl<'a> Planned<'a> {
         Ok(Planned { manifest, jobs, speeds: run::speeds(&reader)? })
     }
 
-    fn count(&self, state: JobState) -> i64 {
-        self.jobs.iter().filter(|(_, of, _)| *of == state).count() as i64
+    fn counts(&self) -> Counts {
+        let mut counts = Counts::default();
+        self.jobs.iter().for_each(|(_, state, _)| counts.add(*state, 1));
+        counts
     }
 
     /// Seconds that one worker would take for what is to do; `None` without earlier runs.
@@ -131,29 +133,11 @@ fn outdated(reader: &Reader, queued: &Queued) -> Result<Option<String>, Error> {
 fn list_experiments(planned: &[Planned<'_>], arguments: &Arguments) -> Result<Exit, Error> {
     let cores = || thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
     let workers = arguments.workers.unwrap_or_else(cores);
-    let columns = [
-        "experiment",
-        "jobs",
-        "completed",
-        "running",
-        "failed",
-        "interrupted",
-        "pending",
-        "seconds_left",
-    ];
-    let mut rows = Rows::new(arguments.format, &columns.map(str::to_owned), io::stdout().lock())?;
+    let columns = counts::COLUMNS.map(str::to_owned);
+    let mut rows = Rows::new(arguments.format, &columns, io::stdout().lock())?;
     for one in planned {
         let left = one.seconds().map(|seconds| seconds / workers.get() as f64);
-        rows.row(&[
-            Cell::text(&one.manifest.name),
-            Cell::Integer(one.jobs.len() as i64),
-            Cell::Integer(one.count(JobState::Completed)),
-            Cell::Integer(one.count(JobState::Running)),
-            Cell::Integer(one.count(JobState::Failed)),
-            Cell::Integer(one.count(JobState::Interrupted)),
-            Cell::Integer(one.count(JobState::Pending)),
-            left.map_or(Cell::Empty, |seconds| Cell::Rounded(seconds, 0)),
-        ])?;
+        rows.row(&counts::cells(&one.manifest.name, &one.counts(), left))?;
     }
     rows.finish()?;
     explain(planned, workers)?;

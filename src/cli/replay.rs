@@ -7,7 +7,6 @@ use std::path::Path;
 use serde::Deserialize;
 
 use crate::cli::output::{Cell, Format, Rows};
-use crate::cli::simulate::ending_name;
 use crate::cli::{Error, Exit};
 use crate::env::{Action, Ending, Episodes, Signal};
 use crate::manifest::Environment;
@@ -170,7 +169,7 @@ fn replay<W: Write>(
             Cell::Real(disengagement),
             Cell::Integer(action.index() as i64),
             Cell::Real(reward[0]),
-            Cell::text(ending_name(episodes.endings()[0])),
+            Cell::text(episodes.endings()[0].name()),
         ])?;
     }
     let disengaged = episodes.endings()[0] == Ending::Terminated;

@@ -205,15 +205,6 @@ impl Watch for Steps {
     }
 }
 
-/// The word for an ending in output.
-pub(super) fn ending_name(ending: Ending) -> &'static str {
-    match ending {
-        Ending::Running => "running",
-        Ending::Terminated => "disengaged",
-        Ending::Truncated => "horizon",
-    }
-}
-
 fn print_steps(rolled: &mut Rolled, arguments: &Arguments) -> Result<(), Error> {
     let columns: Vec<String> = ["episode"].into_iter().chain(COLUMNS).map(str::to_owned).collect();
     let mut rows = Rows::new(arguments.format, &columns, io::stdout().lock())?;
@@ -224,7 +215,7 @@ fn print_steps(rolled: &mut Rolled, arguments: &Arguments) -> Result<(), Error> 
             let mut cells = vec![Cell::Integer(i64::from(episode))];
             cells.extend(step.before);
             cells.push(Cell::Rounded(step.reward, 2));
-            cells.push(Cell::text(ending_name(step.ending)));
+            cells.push(Cell::text(step.ending.name()));
             cells.push(Cell::Rounded(total, 2));
             rows.row(&cells)?;
         }

@@ -7,7 +7,7 @@ use std::time::Duration;
 use crate::cli::estimate::Episodes;
 use crate::cli::output::{Cell, Format, Rows};
 use crate::cli::run::speeds;
-use crate::cli::{Error, Exit, StoreArgument};
+use crate::cli::{Error, Exit, StoreArgument, counts};
 use crate::store::{ExperimentCounts, Reader};
 
 /// Show the experiments of a store: jobs by state, failures with their reasons
@@ -39,22 +39,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     }
 }
 
-const COLUMNS: [&str; 8] = [
-    "experiment",
-    "jobs",
-    "completed",
-    "running",
-    "failed",
-    "interrupted",
-    "pending",
-    "seconds_left",
-];
-
 /// Prints the state of the store; returns how many jobs have still to end.
 fn show(reader: &Reader, format: Format) -> Result<u64, Error> {
     let speeds = speeds(reader)?;
     let left = reader.episodes_left()?;
-    let mut rows = Rows::new(format, &COLUMNS.map(str::to_owned), io::stdout().lock())?;
+    let mut rows = Rows::new(format, &counts::COLUMNS.map(str::to_owned), io::stdout().lock())?;
     let mut open = 0;
     for ExperimentCounts { experiment, counts } in reader.experiment_counts()? {
         open += counts.pending + counts.interrupted + counts.running;
@@ -64,17 +53,7 @@ fn show(reader: &Reader, format: Format) -> Result<u64, Error> {
         }
         // As many at a time as are running now; one if none is.
         let seconds = speeds.seconds(&episodes).map(|s| s / counts.running.max(1) as f64);
-        let integer = |count: u64| Cell::Integer(count as i64);
-        rows.row(&[
-            Cell::text(experiment),
-            integer(counts.total()),
-            integer(counts.completed),
-            integer(counts.running),
-            integer(counts.failed),
-            integer(counts.interrupted),
-            integer(counts.pending),
-            seconds.map_or(Cell::Empty, |seconds| Cell::Rounded(seconds, 0)),
-        ])?;
+        rows.row(&counts::cells(&experiment, &counts, seconds))?;
     }
     rows.finish()?;
     if format == Format::Table {

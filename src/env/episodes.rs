@@ -49,6 +49,17 @@ pub enum Ending {
     Truncated,
 }
 
+impl Ending {
+    /// The word for it in output.
+    pub fn name(self) -> &'static str {
+        match self {
+            Ending::Running => "running",
+            Ending::Terminated => "disengaged",
+            Ending::Truncated => "horizon",
+        }
+    }
+}
+
 /// Many episodes that share a clock; lane i of every array belongs to episode i.
 #[derive(Clone, Debug)]
 pub struct Episodes {

@@ -11,10 +11,8 @@ use std::time::{Duration, Instant};
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, ErrorCode, OpenFlags};
 
-use super::{SCHEMA_VERSION, StoreError, migrate};
-
-/// Marks a SQLite file as a store: the letters `JITA`.
-pub(super) const APPLICATION_ID: u32 = 0x4A49_5441;
+use super::migrate::{self, APPLICATION_ID};
+use super::{SCHEMA_VERSION, StoreError};
 
 /// How long a connection waits for a lock. Registering the largest manifest holds it for seconds.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(60);

@@ -7,7 +7,9 @@ use std::process;
 use rusqlite::{Connection, OpenFlags, Transaction, TransactionBehavior};
 
 use super::StoreError;
-use super::file::APPLICATION_ID;
+
+/// Marks a SQLite file as a store: the letters `JITA`.
+pub(super) const APPLICATION_ID: u32 = 0x4A49_5441;
 
 /// A step from one version of the schema to the next.
 #[derive(Clone, Copy, Debug)]

@@ -51,7 +51,8 @@ impl Counts {
         self.pending + self.interrupted + self.failed + self.running + self.completed
     }
 
-    pub(super) fn add(&mut self, state: JobState, jobs: u64) {
+    /// Counts so many jobs in a state in.
+    pub fn add(&mut self, state: JobState, jobs: u64) {
         *match state {
             JobState::Pending => &mut self.pending,
             JobState::Interrupted => &mut self.interrupted,

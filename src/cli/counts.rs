@@ -1,0 +1,31 @@
+//! Jobs of an experiment by state, as `plan` and `status` print them.
+
+use crate::cli::output::Cell;
+use crate::store::Counts;
+
+/// The columns of [`cells`].
+pub(super) const COLUMNS: [&str; 8] = [
+    "experiment",
+    "jobs",
+    "completed",
+    "running",
+    "failed",
+    "interrupted",
+    "pending",
+    "seconds_left",
+];
+
+/// A row: an experiment, its jobs by state, and the seconds left where they can be estimated.
+pub(super) fn cells(experiment: &str, counts: &Counts, seconds_left: Option<f64>) -> Vec<Cell> {
+    let integer = |count: u64| Cell::Integer(count as i64);
+    vec![
+        Cell::text(experiment),
+        integer(counts.total()),
+        integer(counts.completed),
+        integer(counts.running),
+        integer(counts.failed),
+        integer(counts.interrupted),
+        integer(counts.pending),
+        seconds_left.map_or(Cell::Empty, |seconds| Cell::Rounded(seconds, 0)),
+    ]
+}
