@@ -1,0 +1,183 @@
+//! Exit codes, refusals and help.
+
+use std::fs;
+
+use rusqlite::Connection;
+
+use crate::support::{Effort, Folder, manifest};
+
+const STORE_READERS: [&[&str]; 4] =
+    [&["status"], &["query", "SELECT 1"], &["export", "--out", "out"], &["plan", "sweep.toml"]];
+
+fn folder() -> Folder {
+    Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial))
+}
+
+#[test]
+fn bad_usage_ends_with_two_and_says_what_would_be_right() {
+    let folder = folder();
+    folder.jitai([]).ended(2).says("Usage: jitai <COMMAND>");
+    folder.jitai(["statu"]).ended(2).says("'status'");
+    folder.jitai(["run"]).ended(2).says("<MANIFEST>");
+    folder.jitai(["run", "sweep.toml", "--workerz", "2"]).ended(2).says("--workers");
+    folder.jitai(["run", "sweep.toml", "--workers", "0"]).ended(2).says("--workers");
+    folder.jitai(["run", "sweep.toml", "--workers", "many"]).ended(2).says("--workers");
+    folder.jitai(["query", "SELECT 1", "--format", "cvs"]).ended(2).says("csv");
+    folder.jitai(["export"]).ended(2).says("--out");
+    folder.jitai(["plan", "sweep.toml", "--resolved", "--jobs"]).ended(2);
+    folder.jitai(["run", "none.toml"]).ended(2).says("none.toml: no such file");
+    folder.jitai(["run", "."]).ended(2);
+    assert!(!folder.path("jitai.sqlite").exists());
+}
+
+#[test]
+fn there_is_nothing_to_read_before_a_run() {
+    let folder = folder();
+    for reader in &STORE_READERS[..3] {
+        let ended = folder.jitai(reader.iter().copied()).ended(3);
+        assert_eq!(ended.stdout, "");
+        ended.says("there is no store at").says("`jitai run` makes one");
+    }
+    assert!(!folder.path("jitai.sqlite").exists() && !folder.path("out").exists());
+}
+
+/// Asserts that no command accepts what lies at the store's path, nor changes it.
+#[track_caller]
+fn refused(folder: &Folder, message: &str) {
+    let before = fs::read(folder.path("jitai.sqlite")).ok();
+    for arguments in STORE_READERS.iter().chain(&[&["run", "sweep.toml"][..]]) {
+        let ended = folder.jitai(arguments.iter().copied()).ended(3).says(message);
+        assert!(ended.stderr.contains("jitai.sqlite"), "{}", ended.stderr);
+    }
+    assert_eq!(fs::read(folder.path("jitai.sqlite")).ok(), before);
+}
+
+#[test]
+fn a_file_of_another_program_is_refused_and_left_untouched() {
+    let folder = folder();
+    let foreign = Connection::open(folder.path("jitai.sqlite")).unwrap();
+    foreign.execute_batch("CREATE TABLE note (text TEXT)").unwrap();
+    drop(foreign);
+    refused(&folder, "is a SQLite file that jitai did not make");
+}
+
+#[test]
+fn a_store_of_a_newer_release_is_refused_and_left_untouched() {
+    let folder = folder();
+    folder.jitai(["run", "sweep.toml"]).succeeded();
+    let newer = Connection::open(folder.path("jitai.sqlite")).unwrap();
+    newer.execute_batch("PRAGMA user_version = 999").unwrap();
+    drop(newer);
+    refused(&folder, "has schema version 999");
+}
+
+#[test]
+fn what_is_no_store_is_refused_and_left_untouched() {
+    let text = folder();
+    text.write("jitai.sqlite", "date,steps\n2024-01-01,4000\n");
+    refused(&text, "not a store");
+    let directory = folder();
+    fs::create_dir(directory.path("jitai.sqlite")).unwrap();
+    refused(&directory, "is a folder, not a store");
+}
+
+#[test]
+fn a_store_in_a_folder_that_is_missing_is_refused() {
+    let folder = folder();
+    let run = folder.jitai(["run", "sweep.toml", "--store", "no/where.sqlite"]).ended(3);
+    run.says("there is no folder").says("make it first");
+    assert!(!folder.path("no").exists());
+}
+
+#[test]
+fn an_export_to_where_no_folder_can_be_is_refused() {
+    let folder = folder();
+    folder.jitai(["run", "sweep.toml"]).succeeded();
+    let export = folder.jitai(["export", "--out", "sweep.toml/results"]).ended(3);
+    export.says("`sweep.toml/results`");
+}
+
+#[test]
+fn a_run_tells_programs_everything_in_lines_of_json() {
+    let folder = folder();
+    let run = folder.jitai(["run", "sweep.toml", "--format", "json"]).succeeded();
+    let events: Vec<serde_json::Value> =
+        run.stdout.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert!(events.iter().all(|event| event.is_object() && event["event"].is_string()));
+    let names: Vec<_> = events.iter().map(|event| event["event"].as_str().unwrap()).collect();
+    assert_eq!(names.iter().filter(|name| **name == "started").count(), 2);
+    assert_eq!(names.iter().filter(|name| **name == "completed").count(), 2);
+    let completed = events.iter().find(|event| event["event"] == "completed").unwrap();
+    let key = completed["job"]["job_key"].as_str().unwrap();
+    let stored: f64 = folder
+        .store()
+        .query_row("SELECT mean_return FROM run_summary WHERE job_key = ?1", [key], |r| r.get(0))
+        .unwrap();
+    assert_eq!(completed["mean_return"], stored);
+    let done = serde_json::json!(
+        { "event": "done", "ran": 2, "completed": 2, "failed": 0, "left": 0 });
+    assert_eq!(events.last(), Some(&done));
+    assert_eq!(run.stderr, "");
+}
+
+#[test]
+fn a_quiet_run_says_nothing_but_its_summary() {
+    let folder = folder();
+    let run = folder.jitai(["run", "sweep.toml", "--quiet"]).succeeded();
+    assert_eq!(run.stderr, "");
+    assert!(run.stdout.contains("mean return ± sd over seeds"), "{}", run.stdout);
+}
+
+#[test]
+fn every_verb_explains_its_options() {
+    let folder = Folder::new();
+    let everywhere = folder.jitai(["--help"]).succeeded().stdout;
+    let options: [(&str, &[&str]); 8] = [
+        ("check", &["<MANIFEST>", "--format"]),
+        ("plan", &["<MANIFEST>", "--jobs", "--resolved", "--filter", "--workers", "--format"]),
+        (
+            "run",
+            &[
+                "<MANIFEST>",
+                "--workers",
+                "--filter",
+                "--retry-failed",
+                "--fail-fast",
+                "--quiet",
+                "--format",
+            ],
+        ),
+        ("status", &["--watch", "--format"]),
+        ("query", &["<SQL>", "--format", "csv", "json", "table"]),
+        ("export", &["--out", "--format"]),
+        (
+            "simulate",
+            &[
+                "--policy",
+                "fixed:",
+                "random",
+                "match",
+                "threshold:",
+                "run:",
+                "--set",
+                "--episodes",
+                "--seed",
+                "--greedy",
+                "--summary",
+                "--replay",
+                "--format",
+            ],
+        ),
+        ("schema", &["--help"]),
+    ];
+    for (verb, options) in options {
+        assert!(everywhere.contains(&format!("\n  {verb} ")), "{verb}");
+        let help = folder.jitai([verb, "--help"]).succeeded().stdout;
+        for option in options {
+            assert!(help.contains(option), "`{verb} --help` does not say {option}");
+        }
+        let has_store = !["check", "schema"].contains(&verb);
+        assert_eq!(help.contains("--store"), has_store, "{verb}");
+    }
+    folder.jitai(["--version"]).succeeded().prints(env!("CARGO_PKG_VERSION"));
+}

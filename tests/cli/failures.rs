@@ -1,0 +1,208 @@
+//! Jobs that fail are rows; the others go on.
+
+use std::num::NonZeroUsize;
+use std::sync::atomic::AtomicBool;
+
+use jitai::manifest;
+use jitai::plan::{self, Job};
+use jitai::record::{Outcome, Provenance};
+use jitai::schedule::{self, Context, Event, OnFailure, Options, Queued, Tally, Watcher};
+use jitai::store::{Experiment, RetryFailed, Store};
+use jitai::train::{self, Monitor};
+
+use crate::support::{self, Effort, Folder};
+
+/// Two jobs whose loss overflows at the second update, and two that do well.
+pub fn partly_diverging() -> String {
+    let layers = ["64"; 24].join(", ");
+    format!(
+        "format = 1
+name = \"sweep\"
+scenarios = [\"P-H-D\"]
+seeds = 2
+environment.sigma = 0.6
+evaluation.test_episodes = 20
+[[agent]]
+name = \"wild\"
+algorithm = \"dueling_dqn\"
+episodes = 50
+layers = [{layers}]
+batch = 8
+learning_rate = 1.0
+[[agent]]
+name = \"tame\"
+algorithm = \"reinforce\"
+episodes = 10
+layers = [8]
+"
+    )
+}
+
+/// Agent, attempt and status of every run.
+fn runs(folder: &Folder) -> Vec<(String, i64, String)> {
+    let store = folder.store();
+    let mut statement = store
+        .prepare("SELECT agent, attempt, status FROM run_summary ORDER BY agent, seed, attempt")
+        .unwrap();
+    let rows = statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?))).unwrap();
+    rows.collect::<Result<_, _>>().unwrap()
+}
+
+fn run(agent: &str, attempt: i64, status: &str) -> (String, i64, String) {
+    (agent.to_owned(), attempt, status.to_owned())
+}
+
+#[test]
+fn a_job_that_diverges_is_a_failed_row_and_the_others_complete() {
+    let folder = Folder::with(&partly_diverging());
+    let ended = folder.jitai(["run", "sweep.toml"]).ended(1);
+    let ended = ended.says("4 jobs run, 2 completed in all, 2 failed").prints("wild: diverged");
+    assert!(ended.stdout.contains("`--retry-failed` runs them again"), "{}", ended.stdout);
+    let expected =
+        [("tame", "completed"), ("tame", "completed"), ("wild", "failed"), ("wild", "failed")];
+    assert_eq!(runs(&folder), expected.map(|(agent, status)| run(agent, 1, status)));
+    let told = "SELECT count(*) FROM run WHERE failure_kind = 'diverged' \
+                AND failure_message LIKE 'the loss of update % is %' AND failure_episode < 50";
+    assert_eq!(folder.number(told), 2);
+
+    let status = folder.jitai(["status"]).succeeded();
+    status.prints("failed:").prints("diverged").prints("the loss of update");
+    let counts = folder.jitai(["status", "--format", "json"]).succeeded().json();
+    assert_eq!((&counts[0]["completed"], &counts[0]["failed"]), (&2.into(), &2.into()));
+    assert_eq!(counts[0]["pending"], 0);
+}
+
+#[test]
+fn failed_jobs_stay_failed_until_a_retry_is_asked_for() {
+    let folder = Folder::with(&partly_diverging());
+    folder.jitai(["run", "sweep.toml"]).ended(1);
+    let before = folder.everything();
+    folder.jitai(["run", "sweep.toml"]).ended(1).says("0 jobs run, 2 completed in all, 2 failed");
+    assert_eq!(folder.everything(), before);
+    let plan = folder.jitai(["plan", "sweep.toml", "--jobs"]).succeeded();
+    plan.prints("failed; runs with --retry-failed");
+
+    folder.jitai(["run", "sweep.toml", "--retry-failed"]).ended(1).says("2 jobs run");
+    let wild = [run("wild", 1, "failed"), run("wild", 2, "failed")];
+    assert_eq!(runs(&folder)[2..], [wild.clone(), wild].concat());
+}
+
+#[test]
+fn fail_fast_stops_at_the_first_failure_and_a_later_run_goes_on() {
+    let folder = Folder::with(&partly_diverging());
+    let arguments = ["run", "sweep.toml", "--fail-fast", "--workers", "1"];
+    folder.jitai(arguments).ended(1).says("1 jobs run, 0 completed in all, 1 failed");
+    assert_eq!(runs(&folder), [run("wild", 1, "failed")]);
+    folder.jitai(["run", "sweep.toml"]).ended(1).says("3 jobs run, 2 completed in all, 2 failed");
+    assert_eq!(folder.runs(), 4);
+}
+
+#[test]
+fn a_run_lists_the_failures_of_its_own_manifests() {
+    let folder = Folder::with(&partly_diverging());
+    folder.jitai(["run", "sweep.toml"]).ended(1);
+    let wilder = partly_diverging().replace("\"sweep\"", "\"other\"").replace("wild", "wilder");
+    folder.write("other.toml", wilder.replace("seeds = 2", "seeds = [3]"));
+    let ended = folder.jitai(["run", "other.toml"]).ended(1).prints(" wilder: diverged");
+    assert!(!ended.stdout.contains(" wild:"), "{}", ended.stdout);
+}
+
+#[test]
+fn events_tell_programs_of_failures() {
+    let folder = Folder::with(&partly_diverging());
+    let ended = folder.jitai(["run", "sweep.toml", "--format", "json"]).ended(1);
+    let events: Vec<serde_json::Value> =
+        ended.stdout.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let count = |name: &str| events.iter().filter(|event| event["event"] == name).count();
+    assert_eq!((count("started"), count("completed"), count("failed")), (4, 2, 2));
+    let failed = events.iter().find(|event| event["event"] == "failed").unwrap();
+    assert_eq!((&failed["kind"], &failed["job"]["agent"]), (&"diverged".into(), &"wild".into()));
+    let last = events.last().unwrap();
+    assert_eq!((&last["event"], &last["failed"]), (&"done".into(), &2.into()));
+    assert!(ended.stderr.is_empty(), "{}", ended.stderr);
+}
+
+/// Keeps what each ended job told.
+#[derive(Default)]
+struct Listener(Vec<(u64, Outcome)>);
+
+impl Watcher for Listener {
+    fn hear(&mut self, event: Event<'_>) {
+        if let Event::Ended { queued, outcome, .. } = event {
+            self.0.push((queued.job.seed, outcome.clone()));
+        }
+    }
+}
+
+/// Runs a sweep of two seeds and both agents in this process.
+fn sweep(folder: &Folder, train: schedule::Train<'_>) -> (Tally, Listener) {
+    let text = support::manifest("sweep", "0.6", "2", Effort::Trivial);
+    let manifest = manifest::parse("sweep.toml", text.as_bytes()).unwrap();
+    let mut store = Store::open(&folder.path("jitai.sqlite")).unwrap();
+    let experiment =
+        Experiment { name: "sweep", question: None, hypothesis: None, manifest: &text };
+    let jobs = plan::jobs(&manifest).map(|planned| (planned.agent, planned.job));
+    store.register(&experiment, jobs).unwrap();
+    let queue = plan::jobs(&manifest).map(|planned| Queued {
+        key: planned.job.key(),
+        agent: planned.agent.to_string(),
+        job: planned.job,
+    });
+    let provenance = Provenance {
+        code_version: "0.1.0".into(),
+        git_revision: "unknown".into(),
+        backend: "ndarray".into(),
+        host: "here".into(),
+        processor: "any".into(),
+    };
+    let session = store.begin_session(&provenance).unwrap();
+    let options = Options {
+        workers: NonZeroUsize::new(2).unwrap(),
+        retry_failed: RetryFailed::No,
+        on_failure: OnFailure::Continue,
+    };
+    let context = Context { options, train, stop: &AtomicBool::new(false) };
+    let mut listener = Listener::default();
+    let tally =
+        schedule::run(&mut store, session, queue.collect(), context, &mut listener).unwrap();
+    store.end_session(session).unwrap();
+    (tally, listener)
+}
+
+#[test]
+fn a_panic_in_a_job_is_a_failed_row_with_its_text_and_place() {
+    let folder = Folder::new();
+    let train = |job: &Job, monitor: &dyn Monitor| {
+        assert!(job.algorithm() != "reinforce" || job.seed != 2, "no luck with seed {}", job.seed);
+        train::run(job, monitor)
+    };
+    let (tally, listener) = sweep(&folder, &train);
+    assert_eq!(tally, Tally { completed: 3, failed: 1, ..Tally::default() });
+    let failed: Vec<_> = listener
+        .0
+        .iter()
+        .filter_map(|(seed, outcome)| match outcome {
+            Outcome::Failed(failure) => Some((*seed, failure.message.clone())),
+            Outcome::Completed(_) | Outcome::Interrupted => None,
+        })
+        .collect();
+    assert_eq!(failed.len(), 1);
+    let (seed, message) = &failed[0];
+    assert_eq!(*seed, 2);
+    assert!(message.starts_with("no luck with seed 2 (tests/cli/failures.rs:"), "{message}");
+    let row = "SELECT count(*) FROM run WHERE status = 'failed' AND failure_kind = 'panicked' \
+               AND failure_message LIKE 'no luck with seed 2 (tests/cli/failures.rs:%)'";
+    assert_eq!(folder.number(row), 1);
+    assert_eq!(folder.number("SELECT count(*) FROM run WHERE status = 'completed'"), 3);
+    folder.jitai(["status"]).succeeded().prints("panicked").prints("no luck with seed 2");
+}
+
+#[test]
+fn a_panic_without_a_text_and_one_after_another_are_rows_too() {
+    let folder = Folder::new();
+    let (tally, _) = sweep(&folder, &|_: &Job, _: &dyn Monitor| std::panic::panic_any(17));
+    assert_eq!(tally, Tally { failed: 4, ..Tally::default() });
+    let rows = "SELECT count(*) FROM run WHERE failure_kind = 'panicked' \
+                AND failure_message LIKE 'a panic without a message (%'";
+    assert_eq!(folder.number(rows), 4);
+}

@@ -1,0 +1,14 @@
+//! The program as its users meet it: every test drives the real binary in a folder of its own.
+
+mod exits;
+mod failures;
+mod names;
+mod pipes;
+mod planning;
+mod reading;
+mod same_bits;
+mod sharing;
+mod signals;
+mod simulating;
+mod support;
+mod sweeps;

@@ -1,0 +1,198 @@
+//! `check`, `plan` and `schema`: what they say about manifests before anything runs.
+
+use serde_json::{Value, json};
+
+use crate::support::{Effort, Folder, manifest};
+
+const FAULTY: &str = "format = 1
+name = \"faulty\"
+scenarios = [\"P-H-D\", \"X\"]
+seeds = 2
+[environment]
+siggma = 0.6
+[[agent]]
+name = \"r\"
+algorithm = \"reinforce\"
+episodes = \"many\"
+";
+
+#[test]
+fn check_says_how_many_jobs_a_good_manifest_makes() {
+    let folder = Folder::with(&manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial));
+    let check = folder.jitai(["check", "sweep.toml"]).succeeded();
+    assert_eq!((check.stdout.as_str(), check.stderr.as_str()), ("sweep.toml: ok, 8 jobs\n", ""));
+    assert_eq!(
+        folder.jitai(["check", "sweep.toml", "--format", "json"]).succeeded().json(),
+        json!([])
+    );
+    assert!(!folder.path("jitai.sqlite").exists());
+}
+
+#[test]
+fn check_reports_every_fault_of_every_manifest() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    folder.write("faulty.toml", FAULTY);
+    let check = folder.jitai(["check", "faulty.toml", "sweep.toml", "none.toml"]).ended(2);
+    let check = check
+        .says("faulty.toml:3:23: `scenarios`: `X` is not a feature")
+        .says("faulty.toml:6:1: unknown key `siggma` in [environment]")
+        .says("did you mean `sigma`?")
+        .says("faulty.toml:10:12: `episodes`: expected a whole number")
+        .says("3 faults in faulty.toml")
+        .says("none.toml: no such file");
+    assert_eq!(check.stdout, "sweep.toml: ok, 2 jobs\n");
+}
+
+#[test]
+fn check_gives_faults_to_programs_with_file_line_and_column() {
+    let folder = Folder::new();
+    folder.write("faulty.toml", FAULTY);
+    let check = folder.jitai(["check", "--format", "json", "faulty.toml", "none.toml"]).ended(2);
+    let faults = check.json();
+    let places: Vec<_> = faults
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|fault| [&fault["file"], &fault["line"], &fault["column"]].map(Value::clone))
+        .collect();
+    let expected = [
+        [json!("faulty.toml"), json!(3), json!(23)],
+        [json!("faulty.toml"), json!(6), json!(1)],
+        [json!("faulty.toml"), json!(10), json!(12)],
+        [json!("none.toml"), json!(null), json!(null)],
+    ];
+    assert_eq!(places, expected);
+    assert_eq!(faults[1]["help"], "did you mean `sigma`?");
+    assert_eq!(check.stderr, "");
+}
+
+#[test]
+fn run_and_plan_refuse_a_faulty_manifest_as_check_does_and_make_no_store() {
+    let folder = Folder::new();
+    folder.write("faulty.toml", FAULTY);
+    let check = folder.jitai(["check", "faulty.toml"]).ended(2);
+    for verb in ["run", "plan"] {
+        assert_eq!(folder.jitai([verb, "faulty.toml"]).ended(2).stderr, check.stderr);
+    }
+    assert!(!folder.path("jitai.sqlite").exists());
+}
+
+#[test]
+fn manifests_of_one_name_are_not_taken_together() {
+    let folder = Folder::with(&manifest("twin", "0.4", "1", Effort::Trivial));
+    folder.write("other.toml", manifest("twin", "0.6", "1", Effort::Trivial));
+    let run = folder.jitai(["run", "sweep.toml", "other.toml"]).ended(2);
+    run.says("sweep.toml and other.toml have the same name, \"twin\"");
+}
+
+#[test]
+fn plan_counts_the_jobs_and_makes_no_store() {
+    let folder = Folder::with(&manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial));
+    let plan = folder.jitai(["plan", "sweep.toml", "--format", "json"]).succeeded();
+    let plan = plan.says("no time can be estimated before a job of each algorithm has run").json();
+    let expected = json!([{
+        "experiment": "sweep", "jobs": 8, "completed": 0, "running": 0, "failed": 0,
+        "interrupted": 0, "pending": 8, "seconds_left": null,
+    }]);
+    assert_eq!(plan, expected);
+    assert!(!folder.path("jitai.sqlite").exists());
+}
+
+#[test]
+fn plan_knows_what_is_done_and_estimates_the_rest() {
+    let folder = Folder::completed(&manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial));
+    folder.jitai(["plan", "sweep.toml"]).succeeded().says("nothing to run");
+    folder.write("sweep.toml", manifest("sweep", "[0.4, 0.6]", "3", Effort::Trivial));
+    let arguments = ["plan", "sweep.toml", "--workers", "3", "--format", "json"];
+    let plan = folder.jitai(arguments).succeeded().says("with 3 workers, as fast as earlier runs");
+    let plan = plan.json();
+    assert_eq!((&plan[0]["completed"], &plan[0]["pending"]), (&json!(8), &json!(4)));
+    assert!(plan[0]["seconds_left"].as_f64().unwrap() > 0.0, "{plan}");
+}
+
+/// The jobs of a manifest: keys, agents, sigmas and seeds.
+fn jobs(folder: &Folder, arguments: &[&str]) -> Vec<Value> {
+    let all = ["plan", "--jobs", "--format", "json"].iter().chain(arguments).copied();
+    folder.jitai(all).succeeded().json().as_array().unwrap().clone()
+}
+
+#[test]
+fn plan_lists_jobs_as_the_run_makes_them() {
+    let folder = Folder::with(&manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial));
+    let jobs = jobs(&folder, &["sweep.toml"]);
+    assert_eq!(jobs.len(), 8);
+    assert!(jobs.iter().all(|job| job["state"] == "pending" && job["scenario"] == "P-H-D"));
+    folder.jitai(["run", "sweep.toml"]).succeeded();
+    for job in jobs {
+        let found: i64 = folder
+            .store()
+            .query_row(
+                "SELECT count(*) FROM run_summary
+                 WHERE job_key = ?1 AND agent = ?2 AND sigma = ?3 AND seed = ?4",
+                (
+                    job["job_key"].as_str(),
+                    job["agent"].as_str(),
+                    job["sigma"].as_f64(),
+                    job["seed"].as_i64(),
+                ),
+                |row| row.get(0),
+            )
+            .unwrap();
+        assert_eq!(found, 1, "{job}");
+    }
+}
+
+#[test]
+fn a_resolved_manifest_declares_the_same_jobs() {
+    let folder = Folder::new();
+    folder.write(
+        "short.toml",
+        "format = 1\nname = \"short\"\nextends = \"paper\"\nscenarios = [\"P-H-D\", \"C-T\"]\n\
+         environment.sigma = { from = 0.4, to = 1.0, step = 0.2 }\n\
+         [[exclude]]\nscenario = \"C-T\"\nagent.name = \"dqn\"\n",
+    );
+    let resolved = folder.jitai(["plan", "short.toml", "--resolved"]).succeeded().stdout;
+    assert!(resolved.contains("learning_rate = 0.0005"), "{resolved}");
+    assert!(!resolved.contains("extends"), "{resolved}");
+    folder.write("resolved.toml", resolved);
+    let short = jobs(&folder, &["short.toml"]);
+    assert_eq!(short.len(), 36);
+    assert_eq!(jobs(&folder, &["resolved.toml"]), short);
+}
+
+#[test]
+fn a_filter_picks_jobs_by_any_parameter() {
+    let folder = Folder::with(&manifest("sweep", "[0.4, 0.6, 1]", "2", Effort::Trivial));
+    for (filter, count) in [
+        ("agent=dqn", 6),
+        ("sigma=0.4|1.0", 8),
+        ("agent=reinforce,environment.sigma=0.60,seed=2", 1),
+        ("algorithm=reinforce", 6),
+        ("scenario=L-H-D", 0),
+    ] {
+        assert_eq!(jobs(&folder, &["sweep.toml", "--filter", filter]).len(), count, "{filter}");
+    }
+}
+
+#[test]
+fn a_wrong_filter_is_refused_with_what_there_is() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    for verb in ["plan", "run"] {
+        let unknown = folder.jitai([verb, "sweep.toml", "--filter", "siggma=0.6"]).ended(2);
+        unknown.says("no job has a parameter `siggma`").says("environment.sigma");
+        // A list has commas of its own, so its end reads as a condition.
+        for form in ["sigma", "sigma=", "=0.6", "agent=dqn,,", "layers=[32,32]"] {
+            let wrong = folder.jitai([verb, "sweep.toml", "--filter", form]).ended(2);
+            wrong.says("is not `name=value`");
+        }
+    }
+    assert!(!folder.path("jitai.sqlite").exists());
+}
+
+#[test]
+fn the_schema_is_json_and_the_one_that_is_shipped() {
+    let folder = Folder::new();
+    let schema = folder.jitai(["schema"]).succeeded();
+    assert_eq!(schema.json()["type"], "object");
+    assert_eq!(schema.stdout, include_str!("../../docs/manifest.schema.json"));
+}

@@ -1,0 +1,148 @@
+//! `status`, `query` and `export`: what a store says to people and programs.
+
+use std::fs;
+use std::io::Write;
+use std::process::Stdio;
+
+use serde_json::json;
+
+use crate::support::{Effort, Folder, columns, manifest, views};
+
+fn completed() -> Folder {
+    Folder::completed(&manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial))
+}
+
+#[test]
+fn status_shows_every_experiment_to_people_and_programs() {
+    let folder = completed();
+    folder.write("other.toml", manifest("other", "0.6", "3", Effort::Trivial));
+    folder.jitai(["run", "other.toml", "--filter", "seed=1"]).succeeded();
+    let status = folder.jitai(["status", "--format", "json"]).succeeded().json();
+    let counts = |row: usize| {
+        ["experiment", "jobs", "completed", "pending"].map(|name| status[row][name].clone())
+    };
+    assert_eq!(counts(0), [json!("sweep"), json!(8), json!(8), json!(0)]);
+    // Seed 2 is shared with the other experiment.
+    assert_eq!(counts(1), [json!("other"), json!(6), json!(4), json!(2)]);
+    let table = folder.jitai(["status"]).succeeded().stdout;
+    let words: Vec<_> = table.lines().nth(1).unwrap().split_whitespace().collect();
+    assert_eq!(words[..7], ["sweep", "8", "8", "0", "0", "0", "0"]);
+    // Everything has ended, so there is nothing to watch.
+    folder.jitai(["run", "other.toml"]).succeeded();
+    folder.jitai(["status", "--watch"]).succeeded().prints("other");
+}
+
+#[test]
+fn a_query_answers_in_three_formats() {
+    let folder = completed();
+    let sql = "SELECT agent, sigma, count(*) AS runs, NULL AS gap, 'a,\"b\"' AS words
+               FROM run_summary GROUP BY 1, 2 ORDER BY 1, 2 LIMIT 1";
+    let csv = folder.jitai(["query", sql, "--format", "csv"]).succeeded().stdout;
+    assert_eq!(csv, "agent,sigma,runs,gap,words\ndqn,0.4,2,,\"a,\"\"b\"\"\"\n");
+    let json = folder.jitai(["query", sql, "--format", "json"]).succeeded().json();
+    let row = json!(
+        { "agent": "dqn", "sigma": 0.4, "runs": 2, "gap": null, "words": "a,\"b\"" });
+    assert_eq!(json, json!([row]));
+    let table = folder.jitai(["query", sql]).succeeded().stdout;
+    let lines: Vec<Vec<&str>> =
+        table.lines().map(|line| line.split_whitespace().collect()).collect();
+    assert_eq!(lines[0], ["agent", "sigma", "runs", "gap", "words"]);
+    assert_eq!(lines[1], ["dqn", "0.4", "2", "a,\"b\""]);
+}
+
+#[test]
+fn an_answer_without_rows_has_its_columns() {
+    let folder = completed();
+    let sql = "SELECT agent, seed FROM run_summary WHERE false";
+    assert_eq!(folder.jitai(["query", sql, "--format", "csv"]).succeeded().stdout, "agent,seed\n");
+    assert_eq!(folder.jitai(["query", sql, "--format", "json"]).succeeded().json(), json!([]));
+    assert_eq!(folder.jitai(["query", sql]).succeeded().stdout, "agent  seed\n");
+}
+
+#[test]
+fn a_query_can_come_from_standard_input() {
+    let folder = completed();
+    let mut child = folder
+        .command(["query", "-", "--format", "csv"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let sql = b"-- how many\nSELECT count(*) AS n FROM run_summary;\n";
+    child.stdin.take().unwrap().write_all(sql).unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.stdout, b"n\n8\n");
+}
+
+#[test]
+fn faulty_sql_is_refused_with_its_place() {
+    let folder = completed();
+    let fault = folder.jitai(["query", "SELECT agent,\n  mood FROM run_summary"]).ended(2);
+    let fault = fault.says("no such column: mood at line 2, column 3");
+    assert!(fault.stderr.ends_with("    mood FROM run_summary\n    ^\n"), "{}", fault.stderr);
+    assert_eq!(fault.stdout, "");
+    folder.jitai(["query", "SELEC 1"]).ended(2).says("at line 1, column 1");
+    folder.jitai(["query", ""]).ended(2).says("the query is empty");
+    folder.jitai(["query", "SELECT 1; SELECT 2"]).ended(2).says("a query is one statement");
+}
+
+#[test]
+fn a_query_writes_nothing() {
+    let folder = completed();
+    let before = fs::read(folder.path("jitai.sqlite")).unwrap();
+    for sql in [
+        "INSERT INTO experiment (name) VALUES ('x')",
+        "DELETE FROM run",
+        "DROP VIEW run_summary",
+        "ATTACH 'other.sqlite' AS other",
+        "VACUUM INTO 'other.sqlite'",
+        "PRAGMA journal_mode = DELETE",
+        "PRAGMA writable_schema = ON",
+        "SELECT load_extension('x')",
+        "BEGIN IMMEDIATE",
+    ] {
+        folder.jitai(["query", sql]).ended(2).says("a query can only read this store");
+    }
+    assert_eq!(fs::read(folder.path("jitai.sqlite")).unwrap(), before);
+    assert!(!folder.path("other.sqlite").exists());
+}
+
+#[test]
+fn export_writes_every_view_with_its_columns_and_rows() {
+    let folder = completed();
+    folder.jitai(["export", "--out", "results/csv"]).succeeded().says("run_summary.csv");
+    folder.jitai(["export", "--out", "results/json", "--format", "json"]).succeeded();
+    let store = folder.store();
+    let views = views(&store);
+    assert_eq!(views.len(), 6);
+    for view in &views {
+        let columns = columns(&store, view);
+        let count = folder.number(&format!("SELECT count(*) FROM {view}"));
+        let path = folder.path(&format!("results/csv/{view}.csv"));
+        let mut csv = csv::Reader::from_path(path).unwrap();
+        assert_eq!(csv.headers().unwrap(), columns, "{view}");
+        assert_eq!(csv.records().map(Result::unwrap).count() as i64, count, "{view}");
+
+        let json = folder.read(&format!("results/json/{view}.json"));
+        let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+        let rows = json.as_array().unwrap();
+        assert_eq!(rows.len() as i64, count, "{view}");
+        assert!(columns.iter().all(|column| rows[0].get(column).is_some()), "{view}");
+    }
+    for folder_name in ["csv", "json"] {
+        let files = fs::read_dir(folder.path("results").join(folder_name)).unwrap().count();
+        assert_eq!(files, views.len(), "nothing else is left behind");
+    }
+}
+
+#[test]
+fn an_export_again_is_the_same_to_the_byte() {
+    let folder = completed();
+    let export = |out: &str| {
+        folder.jitai(["export", "--out", out]).succeeded();
+        let store = folder.store();
+        let read = |view: &String| folder.read(&format!("{out}/{view}.csv"));
+        views(&store).iter().map(read).collect::<Vec<_>>()
+    };
+    assert_eq!(export("one"), export("two"));
+}

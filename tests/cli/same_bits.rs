@@ -1,0 +1,94 @@
+//! The results of a job are the same bits, whoever runs it and however often it is killed.
+
+use std::thread;
+use std::time::Duration;
+
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+
+use crate::support::{Effort, Folder, assert_same_rows, manifest};
+
+/// Kills that a sweep has to survive.
+const KILLS: u32 = 20;
+
+#[test]
+fn three_workers_store_the_same_rows_as_one() {
+    let text = manifest("sweep", "[0, 0.6]", "2", Effort::Short);
+    let one = Folder::with(&text);
+    one.jitai(["run", "sweep.toml", "--workers", "1"]).succeeded();
+    let three = Folder::with(&text);
+    three.jitai(["run", "sweep.toml", "--workers", "3"]).succeeded();
+    assert_eq!(one.number("SELECT count(*) FROM run_summary WHERE status = 'completed'"), 8);
+    assert_same_rows(&one.dump(), &three.dump());
+}
+
+#[test]
+fn a_job_alone_stores_the_same_rows_as_in_a_sweep() {
+    let sweep = Folder::completed(&manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial));
+    let alone = Folder::completed(&manifest("sweep", "0.6", "[2]", Effort::Trivial));
+    let rows = alone.dump();
+    assert!(rows.len() > 100, "{}", rows.len());
+    let sweep = sweep.dump();
+    for row in rows {
+        assert!(sweep.binary_search(&row).is_ok(), "not in the sweep: {row}");
+    }
+}
+
+#[test]
+fn a_sweep_killed_in_its_trainings_stores_the_rows_of_an_undisturbed_one() {
+    killed_sweep_stores_the_same_rows(Effort::Short, Duration::from_millis(250));
+}
+
+#[test]
+fn a_sweep_killed_while_it_opens_and_writes_stores_the_rows_of_an_undisturbed_one() {
+    killed_sweep_stores_the_same_rows(Effort::Trivial, Duration::from_millis(25));
+}
+
+/// Kills a sweep again and again, each time `within` a time from its start, and then lets it end.
+fn killed_sweep_stores_the_same_rows(effort: Effort, within: Duration) {
+    let killed = Folder::new();
+    let mut moments = ChaCha8Rng::seed_from_u64(2);
+    let (mut kills, mut seeds) = (0, 4);
+    let sweep = |seeds: i64| manifest("sweep", "0.6", &seeds.to_string(), effort);
+    killed.write("sweep.toml", sweep(seeds));
+    while kills < KILLS {
+        let moment = within.mul_f64(f64::from(moments.next_u32()) / f64::from(u32::MAX));
+        match run_or_kill(&killed, moment) {
+            Fate::Killed => kills += 1,
+            // However fast the machine is, there is something left to kill: the sweep grows.
+            Fate::Completed => {
+                seeds += 4;
+                killed.write("sweep.toml", sweep(seeds));
+            }
+        }
+    }
+    killed.jitai(["run", "sweep.toml"]).succeeded();
+    let jobs = 2 * seeds;
+    killed.jitai(["run", "sweep.toml"]).succeeded().says("nothing to run");
+    let runs = |what: &str, status: &str| {
+        killed.number(&format!("SELECT {what} FROM run WHERE status = '{status}'"))
+    };
+    assert_eq!(runs("count(*)", "completed"), jobs);
+    assert_eq!(runs("count(DISTINCT job)", "completed"), jobs);
+    assert_eq!((runs("count(*)", "running"), runs("count(*)", "failed")), (0, 0));
+    assert!(runs("count(*)", "interrupted") > 0);
+
+    assert_same_rows(&killed.dump(), &Folder::completed(&sweep(seeds)).dump());
+}
+
+enum Fate {
+    Completed,
+    Killed,
+}
+
+/// Runs the sweep and kills it at a moment after its start, unless it has ended by then.
+fn run_or_kill(folder: &Folder, moment: Duration) -> Fate {
+    let mut run = folder.start(["run", "sweep.toml", "--workers", "2", "--quiet"]);
+    thread::sleep(moment);
+    if run.has_ended() {
+        run.wait().succeeded();
+        return Fate::Completed;
+    }
+    run.kill();
+    Fate::Killed
+}

@@ -1,0 +1,114 @@
+//! Several programs on one store at once: sweeps that share the work, and readers.
+
+use rusqlite::{Connection, OpenFlags};
+
+use crate::support::{Effort, Folder, assert_same_rows, manifest, until};
+
+#[test]
+fn two_sweeps_on_one_store_share_the_jobs() {
+    let text = manifest("sweep", "[0.4, 0.6]", "4", Effort::Short);
+    let shared = Folder::with(&text);
+    let sweeps: Vec<_> =
+        (0..2).map(|_| shared.start(["run", "sweep.toml", "--workers", "1"])).collect();
+    for sweep in sweeps {
+        let ended = sweep.wait().succeeded();
+        let said = ended.stderr.to_lowercase();
+        assert!(!said.contains("locked") && !said.contains("busy"), "{said}");
+        assert!(said.contains("16 completed in all, 0 failed"), "{said}");
+    }
+    assert_eq!(shared.runs(), 16);
+    assert_eq!(shared.number("SELECT count(*) FROM run WHERE status = 'completed'"), 16);
+    assert_eq!(shared.number("SELECT count(DISTINCT session) FROM run"), 2);
+    assert_same_rows(&shared.dump(), &Folder::completed(&text).dump());
+}
+
+#[test]
+fn a_sweep_that_waits_takes_over_the_jobs_of_one_that_is_killed() {
+    let text = manifest("sweep", "0.6", "1", Effort::Long);
+    let folder = Folder::with(&text);
+    let arguments = ["run", "sweep.toml", "--filter", "agent=reinforce", "--workers", "1"];
+    let first = folder.start(arguments);
+    until("the job runs", || folder.is_running_a_job());
+    let second = folder.start(arguments);
+    until("the second waits", || {
+        second.stderr().contains("waiting for 1 jobs that another process is running")
+    });
+    first.kill();
+    second.wait().succeeded().says("1 jobs run, 1 completed in all");
+    let fate = |attempt: u32| {
+        let sql = "SELECT status FROM run_summary WHERE attempt = ?1";
+        let status = folder.store().query_row(sql, [attempt], |row| row.get::<_, String>(0));
+        status.unwrap()
+    };
+    assert_eq!((fate(1).as_str(), fate(2).as_str()), ("interrupted", "completed"));
+    assert_eq!(folder.runs(), 2);
+}
+
+#[test]
+fn readers_never_fail_while_a_sweep_runs() {
+    let folder = Folder::with(&manifest("sweep", "[0.4, 0.6]", "4", Effort::Short));
+    let mut sweep = folder.start(["run", "sweep.toml", "--workers", "2"]);
+    until("a job runs", || folder.is_running_a_job());
+    let mut readings = 0;
+    while !sweep.has_ended() {
+        folder.jitai(["status"]).succeeded().prints("sweep");
+        let counting = "SELECT count(*) AS runs FROM run_summary JOIN metric USING (job_key)";
+        folder.jitai(["query", counting]).succeeded().prints("runs");
+        folder.jitai(["plan", "sweep.toml"]).succeeded().prints("sweep");
+        folder.jitai(["export", "--out", "out"]).succeeded();
+        let running = "SELECT count(*) FROM evaluation_episode";
+        assert_eq!(folder.number(running) % 20, 0, "the episodes of a run come all at once");
+        readings += 1;
+    }
+    assert!(readings >= 3, "{readings}");
+    sweep.wait().succeeded().says("16 completed in all, 0 failed");
+}
+
+#[test]
+fn a_reader_that_keeps_its_place_holds_up_no_sweep() {
+    let folder = Folder::completed(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    let reader = folder.store();
+    reader.execute_batch("BEGIN").unwrap();
+    let count = || -> i64 {
+        reader.query_row("SELECT count(*) FROM run_summary", [], |row| row.get(0)).unwrap()
+    };
+    assert_eq!(count(), 2);
+    folder.write("sweep.toml", manifest("sweep", "0.6", "4", Effort::Trivial));
+    folder.jitai(["run", "sweep.toml"]).succeeded().says("6 jobs run");
+    assert_eq!(count(), 2, "it still sees the store as it was");
+    reader.execute_batch("COMMIT").unwrap();
+    assert_eq!(count(), 8);
+}
+
+#[test]
+fn a_sweep_waits_for_a_stranger_that_writes() {
+    let folder = Folder::completed(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    folder.write("sweep.toml", manifest("sweep", "0.6", "2", Effort::Trivial));
+    let flags = OpenFlags::SQLITE_OPEN_READ_WRITE;
+    let stranger = Connection::open_with_flags(folder.path("jitai.sqlite"), flags).unwrap();
+    stranger.execute_batch("BEGIN IMMEDIATE").unwrap();
+    let mut sweep = folder.start(["run", "sweep.toml"]);
+    // Readers see the store meanwhile.
+    for _ in 0..5 {
+        folder.jitai(["status"]).succeeded();
+    }
+    assert!(!sweep.has_ended());
+    stranger.execute_batch("COMMIT").unwrap();
+    sweep.wait().succeeded().says("2 jobs run, 4 completed in all");
+}
+
+#[test]
+fn a_reader_finds_no_store_or_a_whole_one() {
+    for _ in 0..10 {
+        let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
+        let sweep = folder.start(["run", "sweep.toml"]);
+        loop {
+            let status = folder.jitai(["query", "SELECT count(*) FROM run_summary"]);
+            if status.code == Some(0) {
+                break;
+            }
+            status.ended(3).says("there is no store at");
+        }
+        sweep.wait().succeeded();
+    }
+}

@@ -1,0 +1,110 @@
+//! A sweep that is asked to stop, stops, and goes on when it is run again.
+
+use std::time::{Duration, Instant};
+
+use crate::support::{Effort, Folder, assert_same_rows, manifest, until};
+
+/// What users are promised.
+const STOPS_WITHIN: Duration = Duration::from_secs(2);
+
+fn a_signal_stops_long_jobs_at_once(signal: &str) {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Endless));
+    let run = folder.start(["run", "sweep.toml", "--workers", "2"]);
+    until("both jobs run", || {
+        folder.is_running_a_job()
+            && folder.number("SELECT count(*) FROM run WHERE status = 'running'") == 2
+    });
+    let asked = Instant::now();
+    run.signal(signal);
+    let ended = run.wait().ended(130);
+    assert!(asked.elapsed() < STOPS_WITHIN, "{signal} took {:?}", asked.elapsed());
+    ended.says("stopped: 0 jobs completed, 2 left; the same command goes on");
+    let interrupted = "SELECT count(*) FROM run_summary WHERE status = 'interrupted' \
+                       AND wall_seconds IS NOT NULL AND ended_at IS NOT NULL";
+    assert_eq!(folder.number(interrupted), 2);
+    assert_eq!(folder.runs(), 2);
+    assert_eq!(folder.number("SELECT count(*) FROM session WHERE ended_at IS NULL"), 0);
+}
+
+#[test]
+fn an_interrupt_from_the_keyboard_stops_long_jobs_within_two_seconds() {
+    a_signal_stops_long_jobs_at_once("INT");
+}
+
+#[test]
+fn a_request_to_terminate_stops_long_jobs_within_two_seconds() {
+    a_signal_stops_long_jobs_at_once("TERM");
+}
+
+#[test]
+fn the_next_run_goes_on_to_the_same_rows() {
+    let text = manifest("sweep", "0.6", "3", Effort::Short);
+    let stopped = Folder::with(&text);
+    let run = stopped.start(["run", "sweep.toml", "--workers", "1"]);
+    // In the middle: something is completed, something runs, something has not begun.
+    until("a job has ended", || {
+        stopped.is_running_a_job()
+            && stopped.number("SELECT count(*) FROM run WHERE status = 'completed'") > 0
+    });
+    run.signal("INT");
+    run.wait().ended(130);
+    let runs = stopped.runs();
+    let completed = stopped.number("SELECT count(*) FROM run WHERE status = 'completed'");
+    assert!((1..6).contains(&completed), "{completed}");
+    let plan = stopped.jitai(["plan", "sweep.toml", "--format", "json"]).succeeded().json();
+    assert_eq!(plan[0]["completed"], completed);
+    assert_eq!(
+        plan[0]["pending"].as_i64().unwrap() + plan[0]["interrupted"].as_i64().unwrap(),
+        6 - completed
+    );
+
+    stopped.jitai(["run", "sweep.toml"]).succeeded().says("6 completed in all");
+    assert_eq!(stopped.runs(), runs + 6 - completed);
+    assert_same_rows(&stopped.dump(), &Folder::completed(&text).dump());
+}
+
+#[test]
+fn a_program_that_reads_events_is_told_of_the_stop() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Endless));
+    let run = folder.start(["run", "sweep.toml", "--format", "json"]);
+    until("a job runs", || folder.is_running_a_job());
+    run.signal("INT");
+    let ended = run.wait().ended(130);
+    let last: serde_json::Value =
+        serde_json::from_str(ended.stdout.lines().last().unwrap()).unwrap();
+    assert_eq!((&last["event"], &last["left"]), (&"stopped".into(), &2.into()));
+    assert!(ended.stdout.contains("\"event\":\"interrupted\""), "{}", ended.stdout);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_second_signal_ends_the_program_without_further_ado() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Endless));
+    let run = folder.start(["run", "sweep.toml", "--workers", "1"]);
+    until("a job runs", || folder.is_running_a_job());
+    // Both signals wait while the program is stopped, and reach it before it can act on the first.
+    run.signal("STOP");
+    let state = format!("/proc/{}/stat", run.id());
+    until("it is stopped", || std::fs::read_to_string(&state).unwrap().contains(") T "));
+    run.signal("INT");
+    run.signal("TERM");
+    run.signal("CONT");
+    let ended = run.wait().ended(130);
+    assert!(!ended.stderr.contains("stopped:"), "{}", ended.stderr);
+    // Nobody was left to close the run: the next sweep does.
+    assert_eq!(folder.number("SELECT count(*) FROM run WHERE status = 'running'"), 1);
+    folder.write("sweep.toml", manifest("sweep", "0.6", "1", Effort::Trivial));
+    folder.jitai(["run", "sweep.toml"]).succeeded();
+    assert_eq!(folder.number("SELECT count(*) FROM run WHERE status = 'running'"), 0);
+}
+
+#[test]
+fn a_query_without_end_can_be_interrupted() {
+    let folder = Folder::completed(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    let endless = "WITH RECURSIVE n (i) AS (VALUES (1) UNION ALL SELECT i + 1 FROM n) \
+                   SELECT i FROM n";
+    let query = folder.start(["query", "--format", "csv", endless]);
+    until("it answers", || query.stdout().contains("\n1000\n"));
+    query.signal("INT");
+    query.wait().ended(130);
+}

@@ -1,0 +1,338 @@
+//! A working folder that runs the binary, and what its store holds.
+
+use std::fs::{self, File};
+use std::path::PathBuf;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use rusqlite::{Connection, OpenFlags};
+use tempfile::TempDir;
+
+/// Longest that a test waits for something that must happen.
+const PATIENCE: Duration = Duration::from_secs(120);
+/// Time between two looks at it.
+const GLANCE: Duration = Duration::from_millis(2);
+
+/// Columns that tell of a run's circumstances; a job's content does not decide them.
+const CIRCUMSTANCES: [&str; 5] =
+    ["attempt", "wall_seconds", "started_at", "ended_at", "code_version"];
+
+/// How long the jobs of a [`manifest`] take.
+#[derive(Clone, Copy, Debug)]
+pub enum Effort {
+    /// Milliseconds.
+    Trivial,
+    /// Some 100 ms.
+    Short,
+    /// Some 2 s.
+    Long,
+    /// Longer than any test.
+    Endless,
+}
+
+/// A manifest of P-H-D with both agents; `sigma` and `seeds` as TOML writes them.
+pub fn manifest(name: &str, sigma: &str, seeds: &str, effort: Effort) -> String {
+    let (dqn, reinforce) = match effort {
+        Effort::Trivial => (10, 10),
+        Effort::Short => (40, 300),
+        Effort::Long => (600, 8_000),
+        Effort::Endless => (100_000, 1_000_000),
+    };
+    format!(
+        "format = 1
+name = \"{name}\"
+scenarios = [\"P-H-D\"]
+seeds = {seeds}
+environment.sigma = {sigma}
+evaluation.test_episodes = 20
+[[agent]]
+name = \"dqn\"
+algorithm = \"dueling_dqn\"
+episodes = {dqn}
+layers = [32, 32]
+[[agent]]
+name = \"reinforce\"
+algorithm = \"reinforce\"
+episodes = {reinforce}
+layers = [32]
+"
+    )
+}
+
+/// A folder of its own to run the program in; its store is the default one.
+pub struct Folder(TempDir);
+
+impl Folder {
+    pub fn new() -> Self {
+        Folder(tempfile::tempdir().unwrap())
+    }
+
+    /// A folder with a manifest called `sweep.toml`.
+    pub fn with(manifest: &str) -> Self {
+        let folder = Folder::new();
+        folder.write("sweep.toml", manifest);
+        folder
+    }
+
+    /// A folder in which the jobs of the manifest `sweep.toml` are completed.
+    pub fn completed(manifest: &str) -> Self {
+        let folder = Folder::with(manifest);
+        folder.jitai(["run", "sweep.toml"]).succeeded();
+        folder
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    pub fn write(&self, name: &str, text: impl AsRef<[u8]>) {
+        fs::write(self.path(name), text).unwrap();
+    }
+
+    pub fn read(&self, name: &str) -> String {
+        fs::read_to_string(self.path(name)).unwrap()
+    }
+
+    pub fn command<'a>(&self, arguments: impl IntoIterator<Item = &'a str>) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_jitai"));
+        command.args(arguments).current_dir(self.0.path()).env_remove("JITAI_STORE");
+        command.stdin(Stdio::null());
+        command
+    }
+
+    /// Runs the program to its end.
+    pub fn jitai<'a>(&self, arguments: impl IntoIterator<Item = &'a str>) -> Finished {
+        self.start(arguments).wait()
+    }
+
+    /// Starts the program.
+    pub fn start<'a>(&self, arguments: impl IntoIterator<Item = &'a str>) -> Running {
+        let streams = tempfile::tempdir().unwrap();
+        let stream = |name: &str| File::create(streams.path().join(name)).unwrap();
+        let (stdout, stderr) = (stream("stdout"), stream("stderr"));
+        let child = self.command(arguments).stdout(stdout).stderr(stderr).spawn().unwrap();
+        Running { child, streams }
+    }
+
+    /// The store, past the program.
+    pub fn store(&self) -> Connection {
+        Connection::open_with_flags(
+            self.path("jitai.sqlite"),
+            OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX,
+        )
+        .unwrap()
+    }
+
+    /// A number from the store.
+    pub fn number(&self, sql: &str) -> i64 {
+        self.store()
+            .query_row(sql, [], |row| row.get(0))
+            .unwrap_or_else(|error| panic!("{sql}: {error}"))
+    }
+
+    /// Runs of any status.
+    pub fn runs(&self) -> i64 {
+        self.number("SELECT count(*) FROM run")
+    }
+
+    /// Whether a run is under way; not before there is a store.
+    pub fn is_running_a_job(&self) -> bool {
+        let Ok(store) = Connection::open_with_flags(
+            self.path("jitai.sqlite"),
+            OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX,
+        ) else {
+            return false;
+        };
+        store
+            .query_row("SELECT count(*) FROM run WHERE status = 'running'", [], |row| row.get(0))
+            .is_ok_and(|runs: i64| runs > 0)
+    }
+
+    /// All that the jobs decided: every public view without the columns that tell of
+    /// circumstances and without interrupted runs, and the weights; in a fixed order.
+    pub fn dump(&self) -> Vec<String> {
+        let store = self.store();
+        let mut lines = Vec::new();
+        for view in views(&store) {
+            let columns: Vec<String> = columns(&store, &view)
+                .into_iter()
+                .filter(|column| !CIRCUMSTANCES.contains(&column.as_str()))
+                .collect();
+            let ended = match view.as_str() {
+                "run_summary" => "WHERE status IN ('completed', 'failed')",
+                _ => "",
+            };
+            let sql = format!("SELECT {} FROM {view} {ended}", columns.join(", "));
+            lines.extend(rows(&store, &sql).into_iter().map(|row| format!("{view}: {row}")));
+        }
+        let weights = "SELECT job.key, hex(safetensors) FROM trained_weights
+             JOIN run ON run.id = trained_weights.run JOIN job ON job.id = run.job";
+        lines.extend(rows(&store, weights).into_iter().map(|row| format!("weights: {row}")));
+        lines.sort();
+        lines
+    }
+
+    /// Every row of the public views, with every column.
+    pub fn everything(&self) -> Vec<String> {
+        let store = self.store();
+        let of_view = |view: &String| rows(&store, &format!("SELECT * FROM {view}"));
+        views(&store).iter().flat_map(of_view).collect()
+    }
+}
+
+pub fn views(store: &Connection) -> Vec<String> {
+    let mut statement =
+        store.prepare("SELECT name FROM sqlite_schema WHERE type = 'view' ORDER BY name").unwrap();
+    let names = statement.query_map([], |row| row.get(0)).unwrap();
+    names.collect::<Result<_, _>>().unwrap()
+}
+
+pub fn columns(store: &Connection, view: &str) -> Vec<String> {
+    let statement = store.prepare(&format!("SELECT * FROM {view}")).unwrap();
+    statement.column_names().map(str::to_owned).collect()
+}
+
+/// The rows of an answer as text; numbers with every digit.
+fn rows(store: &Connection, sql: &str) -> Vec<String> {
+    let mut statement = store.prepare(sql).unwrap();
+    let columns = statement.column_count();
+    let row_text = |row: &rusqlite::Row<'_>| {
+        let values = (0..columns).map(|column| row.get::<_, rusqlite::types::Value>(column));
+        let values = values.collect::<rusqlite::Result<Vec<_>>>()?;
+        Ok(format!("{values:?}"))
+    };
+    statement.query_map([], row_text).unwrap().collect::<Result<_, _>>().unwrap()
+}
+
+/// Fails with the first row that only one of two dumps has.
+#[track_caller]
+pub fn assert_same_rows(ours: &[String], theirs: &[String]) {
+    let differing = ours.iter().zip(theirs).find(|(one, other)| one != other);
+    if let Some((one, other)) = differing {
+        let cut = |line: &str| line.chars().take(400).collect::<String>();
+        panic!("rows differ:\n{}\n{}", cut(one), cut(other));
+    }
+    assert_eq!(ours.len(), theirs.len(), "one dump has more rows");
+}
+
+/// Waits until `condition` holds.
+#[track_caller]
+pub fn until(what: &str, mut condition: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !condition() {
+        assert!(begun.elapsed() < PATIENCE, "waited in vain until {what}");
+        thread::sleep(GLANCE);
+    }
+}
+
+/// A program under way; killed if the test ends before it does.
+pub struct Running {
+    child: Child,
+    streams: TempDir,
+}
+
+impl Running {
+    /// What it has written to standard error so far.
+    pub fn stderr(&self) -> String {
+        self.stream("stderr")
+    }
+
+    /// What it has written to standard output so far.
+    pub fn stdout(&self) -> String {
+        self.stream("stdout")
+    }
+
+    fn stream(&self, name: &str) -> String {
+        let bytes = fs::read(self.streams.path().join(name)).unwrap();
+        String::from_utf8_lossy(&bytes).into_owned()
+    }
+
+    pub fn has_ended(&mut self) -> bool {
+        self.child.try_wait().unwrap().is_some()
+    }
+
+    pub fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Sends a signal by its name, such as `INT`.
+    pub fn signal(&self, name: &str) {
+        let kill = format!("kill -{name} {}", self.child.id());
+        assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success(), "{kill}");
+    }
+
+    /// Ends it as SIGKILL does.
+    pub fn kill(mut self) {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+    }
+
+    /// Waits for its end.
+    #[track_caller]
+    pub fn wait(mut self) -> Finished {
+        let mut status: Option<ExitStatus> = None;
+        until("the program ends", || {
+            status = self.child.try_wait().unwrap();
+            status.is_some()
+        });
+        Finished {
+            code: status.and_then(|status| status.code()),
+            stdout: self.stdout(),
+            stderr: self.stderr(),
+        }
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // It may have ended, which is what is wanted.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A program that has ended.
+#[derive(Debug)]
+pub struct Finished {
+    /// Exit code; `None` if a signal ended it.
+    pub code: Option<i32>,
+    pub stdout: String,
+    pub stderr: String,
+}
+
+impl Finished {
+    #[track_caller]
+    pub fn succeeded(self) -> Self {
+        self.ended(0)
+    }
+
+    /// Asserts the exit code, and that nothing panicked.
+    #[track_caller]
+    pub fn ended(self, code: i32) -> Self {
+        assert_eq!(self.code, Some(code), "{}\n{}", self.stdout, self.stderr);
+        assert!(!self.stderr.contains("panicked at"), "{}", self.stderr);
+        self
+    }
+
+    /// Asserts that standard error has a text.
+    #[track_caller]
+    pub fn says(self, text: &str) -> Self {
+        assert!(self.stderr.contains(text), "{text:?} is not in {:?}", self.stderr);
+        self
+    }
+
+    /// Asserts that standard output has a text.
+    #[track_caller]
+    pub fn prints(self, text: &str) -> Self {
+        assert!(self.stdout.contains(text), "{text:?} is not in {:?}", self.stdout);
+        self
+    }
+
+    /// Standard output as JSON.
+    #[track_caller]
+    pub fn json(&self) -> serde_json::Value {
+        serde_json::from_str(&self.stdout)
+            .unwrap_or_else(|error| panic!("{error}: {}", self.stdout))
+    }
+}

@@ -1,0 +1,111 @@
+//! What runs, and what does not run again.
+
+use crate::support::{Effort, Folder, assert_same_rows, manifest};
+
+/// Jobs by experiment.
+fn jobs_of(folder: &Folder, experiment: &str) -> i64 {
+    let sql = "SELECT count(*) FROM run_summary WHERE experiment = ?1";
+    folder.store().query_row(sql, [experiment], |row| row.get(0)).unwrap()
+}
+
+#[test]
+fn a_second_run_runs_nothing_says_so_and_changes_no_row() {
+    let folder = Folder::with(&manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial));
+    folder
+        .jitai(["run", "sweep.toml"])
+        .succeeded()
+        .says("8 jobs run, 8 completed in all, 0 failed");
+    let after_one = folder.everything();
+    assert_eq!(folder.number("SELECT count(*) FROM run_summary WHERE status = 'completed'"), 8);
+    let second = folder.jitai(["run", "sweep.toml"]).succeeded();
+    let second = second.says("nothing to run: all 8 jobs are completed");
+    assert!(second.stdout.contains("mean return ± sd over seeds"), "{}", second.stdout);
+    assert_eq!(folder.everything(), after_one);
+}
+
+#[test]
+fn one_more_seed_runs_the_jobs_of_that_seed_alone() {
+    let folder = Folder::completed(&manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial));
+    let first_run = folder.number("SELECT max(id) FROM run");
+    folder.write("sweep.toml", manifest("sweep", "[0.4, 0.6]", "3", Effort::Trivial));
+    folder.jitai(["run", "sweep.toml"]).succeeded().says("4 jobs run, 12 completed in all");
+    let new = format!(
+        "SELECT count(*) FROM run JOIN job ON job.id = run.job
+         WHERE run.id > {first_run} AND json_extract(canonical, '$.seed') = 3"
+    );
+    assert_eq!(folder.number(&new), 4);
+    assert_eq!(folder.runs(), 12);
+}
+
+#[test]
+fn new_names_order_comments_and_spelling_run_nothing() {
+    let before = manifest("before", "[0.4, 0.6]", "2", Effort::Trivial);
+    let folder = Folder::completed(&before);
+    let (head, agents) = before.split_once("[[agent]]").unwrap();
+    let (dqn, reinforce) = agents.split_once("[[agent]]").unwrap();
+    let head = head
+        .replace("before", "after")
+        .replace("[0.4, 0.6]", "[ 6e-1, 0.400 ] # the middle ones")
+        .replace("seeds = 2", "seeds = [2, 1]");
+    let dqn = dqn.replace("\"dqn\"", "\"value learner\"");
+    let after = format!("# Anew.\n{head}\n[[agent]]{reinforce}\n\n[[agent]]  {dqn}");
+    folder.write("sweep.toml", &after);
+    folder.jitai(["run", "sweep.toml"]).succeeded().says("nothing to run: all 8 jobs");
+    assert_eq!(folder.runs(), 8);
+    assert_eq!(jobs_of(&folder, "after"), 8);
+    let named = "SELECT count(*) FROM run_summary WHERE experiment = 'after' \
+                 AND agent = 'value learner'";
+    assert_eq!(folder.number(named), 4);
+}
+
+#[test]
+fn manifests_that_share_jobs_train_them_once() {
+    for together in [true, false] {
+        let folder = Folder::with(&manifest("narrow", "[0.4, 0.6]", "1", Effort::Trivial));
+        folder.write("wide.toml", manifest("wide", "[0.6, 0.8]", "1", Effort::Trivial));
+        if together {
+            let plan = folder.jitai(["plan", "sweep.toml", "wide.toml"]).succeeded();
+            plan.says("2 jobs are shared between the manifests and run once");
+            folder.jitai(["run", "sweep.toml", "wide.toml"]).succeeded().says("6 jobs run");
+        } else {
+            folder.jitai(["run", "sweep.toml"]).succeeded().says("4 jobs run");
+            folder.jitai(["run", "wide.toml"]).succeeded().says("2 jobs run, 4 completed");
+        }
+        assert_eq!(folder.runs(), 6);
+        assert_eq!((jobs_of(&folder, "narrow"), jobs_of(&folder, "wide")), (4, 4));
+    }
+}
+
+#[test]
+fn an_edit_that_drops_jobs_keeps_their_runs() {
+    let folder = Folder::completed(&manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial));
+    let before = folder.dump();
+    folder.write("sweep.toml", manifest("sweep", "0.6", "2", Effort::Trivial));
+    folder.jitai(["run", "sweep.toml"]).succeeded().says("nothing to run: all 4 jobs");
+    assert_eq!(jobs_of(&folder, "sweep"), 4);
+    assert_eq!(folder.number("SELECT count(DISTINCT job_key) FROM metric"), 8);
+    folder.write("sweep.toml", manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial));
+    folder.jitai(["run", "sweep.toml"]).succeeded().says("nothing to run: all 8 jobs");
+    assert_same_rows(&folder.dump(), &before);
+}
+
+#[test]
+fn a_filter_runs_its_jobs_and_leaves_the_rest_for_later() {
+    let folder = Folder::with(&manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial));
+    let filtered = ["run", "sweep.toml", "--filter", "agent=dqn,sigma=0.6"];
+    folder.jitai(filtered).succeeded().says("2 jobs run");
+    let strangers = "SELECT count(*) FROM run_summary WHERE agent <> 'dqn' OR sigma <> 0.6";
+    assert_eq!(folder.number(strangers), 0);
+    folder.jitai(["run", "sweep.toml"]).succeeded().says("6 jobs run, 8 completed in all");
+}
+
+#[test]
+fn the_store_is_where_the_option_or_the_environment_says() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    folder.jitai(["run", "sweep.toml", "--store", "here.sqlite"]).succeeded();
+    let mut named = folder.command(["run", "sweep.toml"]);
+    let named = named.env("JITAI_STORE", "there.sqlite").output().unwrap();
+    assert!(named.status.success(), "{named:?}");
+    assert!(folder.path("here.sqlite").exists() && folder.path("there.sqlite").exists());
+    assert!(!folder.path("jitai.sqlite").exists());
+}
