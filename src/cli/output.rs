@@ -75,9 +75,11 @@ impl Cell {
 /// The text with control and direction characters escaped, so that no name can move the cursor
 /// or turn a line around.
 pub(super) fn printable(text: &str) -> String {
+    // Marks, embeddings and isolates of direction, and the two separators that end a line.
     let hidden = |c: char| {
         c.is_control()
-            || matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+            || matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}')
+            || matches!(c, '\u{2066}'..='\u{2069}')
     };
     text.chars()
         .flat_map(|c| if hidden(c) { c.escape_default().collect() } else { vec![c] })
@@ -109,7 +111,7 @@ impl<W: Write> Rows<W> {
             }
             Format::Csv => {
                 let mut writer = csv::Writer::from_writer(out);
-                writer.write_record(columns)?;
+                writer.write_record(columns).map_err(cause)?;
                 Rows::Csv(Box::new(writer))
             }
             Format::Json => {
@@ -135,7 +137,9 @@ impl<W: Write> Rows<W> {
                     comfy_table::Cell::new(cell.for_reading()).set_alignment(side)
                 }));
             }
-            Rows::Csv(writer) => writer.write_record(cells.iter().map(Cell::exact))?,
+            Rows::Csv(writer) => {
+                writer.write_record(cells.iter().map(Cell::exact)).map_err(cause)?;
+            }
             Rows::Json(out, columns, count) => {
                 // Not a map: it would sort the columns.
                 let members: Vec<String> = columns
@@ -166,6 +170,14 @@ impl<W: Write> Rows<W> {
                 out.flush()
             }
         }
+    }
+}
+
+/// What kept CSV from being written; of its kind, so that a closed pipe is seen to be one.
+fn cause(error: csv::Error) -> io::Error {
+    match error.into_kind() {
+        csv::ErrorKind::Io(error) => error,
+        other => io::Error::other(format!("{other:?}")),
     }
 }
 

@@ -87,11 +87,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     };
     let stopped = stop.load(std::sync::atomic::Ordering::Relaxed);
     let end = End { todo: &todo, tally, stopped };
-    end.tell(arguments)?;
-    if arguments.format == Format::Text {
-        let names: Vec<&str> = manifests.iter().map(|manifest| manifest.name.as_str()).collect();
-        let example = summary::print(&reader, &names)?;
-        end.tell_next(arguments, &reader, example)?;
+    match end.show(arguments, &reader, &manifests) {
+        // Who closed the pipe has read enough; the exit code still says what became of the jobs.
+        Err(Error::Io { source, .. }) if source.kind() == io::ErrorKind::BrokenPipe => {}
+        shown => shown?,
     }
     Ok(end.exit())
 }
@@ -223,11 +222,33 @@ impl End<'_> {
         }
     }
 
+    /// Tells how it ended and, if a person reads it, what came out.
+    fn show(
+        &self,
+        arguments: &Arguments,
+        reader: &Reader,
+        manifests: &[Manifest],
+    ) -> Result<(), Error> {
+        self.tell(arguments)?;
+        if arguments.format == Format::Json {
+            return Ok(());
+        }
+        let experiments: Vec<&str> = manifests.iter().map(|manifest| &*manifest.name).collect();
+        let example = summary::print(reader, &experiments)?;
+        if arguments.quiet {
+            return Ok(());
+        }
+        if self.failed() > 0 {
+            list_failures(reader, &experiments)?;
+        }
+        Ok(tell_next(arguments, example)?)
+    }
+
     fn tell(&self, arguments: &Arguments) -> Result<(), Error> {
         if arguments.format == Format::Json {
             let event = serde_json::json!({
                 "event": if self.stopped { "stopped" } else { "done" },
-                "ran": self.tally.completed, "completed": self.completed(),
+                "ran": self.ran(), "completed": self.completed(),
                 "failed": self.failed(), "left": self.left(),
             });
             writeln!(io::stdout(), "{event}")?;
@@ -252,40 +273,42 @@ impl End<'_> {
     fn ran(&self) -> usize {
         self.tally.completed + self.tally.failed
     }
+}
 
-    /// What a person would do next.
-    fn tell_next(
-        &self,
-        arguments: &Arguments,
-        reader: &Reader,
-        example: Option<JobKey>,
-    ) -> Result<(), Error> {
-        if arguments.quiet {
-            return Ok(());
-        }
-        let mut out = io::stdout().lock();
-        if self.failed() > 0 {
-            writeln!(out, "\nfailed:")?;
-            for job in reader.failed_jobs()?.iter().take(FAILURES_SHOWN) {
-                let message = printable(&job.failure.message);
-                let (key, agent) = (job.job_key, printable(&job.agent));
-                writeln!(out, "  {key} {agent}: {} ({message})", job.failure.kind)?;
-            }
-            writeln!(out, "  `--retry-failed` runs them again and keeps these runs")?;
-        }
-        let store = arguments.store.as_option();
-        writeln!(out, "\nnext:")?;
-        writeln!(out, "  jitai status{store}")?;
-        writeln!(
-            out,
-            "  jitai query{store} \"SELECT agent, scenario, sigma, avg(mean_return) FROM run_summary \
-             GROUP BY 1, 2, 3\""
-        )?;
-        writeln!(out, "  jitai export{store} --out results")?;
-        if let Some(key) = example {
-            let key = &key.to_string()[..8];
-            writeln!(out, "  jitai simulate{store} --policy run:{key}")?;
-        }
-        Ok(())
+/// Lists the failed jobs of experiments, the first few of them.
+fn list_failures(reader: &Reader, experiments: &[&str]) -> Result<(), Error> {
+    let failed = reader.failed_jobs()?;
+    let ours: Vec<_> =
+        failed.iter().filter(|job| experiments.contains(&job.experiment.as_str())).collect();
+    let mut out = io::stdout().lock();
+    writeln!(out, "\nfailed:")?;
+    for job in ours.iter().take(FAILURES_SHOWN) {
+        let message = printable(&job.failure.message);
+        let (key, agent) = (job.job_key, printable(&job.agent));
+        writeln!(out, "  {key} {agent}: {} ({message})", job.failure.kind)?;
     }
+    if ours.len() > FAILURES_SHOWN {
+        writeln!(out, "  and {} more, which `jitai status` lists", ours.len() - FAILURES_SHOWN)?;
+    }
+    writeln!(out, "  `--retry-failed` runs them again and keeps these runs")?;
+    Ok(())
+}
+
+/// Says what a person would do next; `example` is a completed job.
+fn tell_next(arguments: &Arguments, example: Option<JobKey>) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    let store = arguments.store.as_option();
+    writeln!(out, "\nnext:")?;
+    writeln!(out, "  jitai status{store}")?;
+    writeln!(
+        out,
+        "  jitai query{store} \"SELECT agent, scenario, sigma, avg(mean_return) FROM run_summary \
+         GROUP BY 1, 2, 3\""
+    )?;
+    writeln!(out, "  jitai export{store} --out results")?;
+    if let Some(key) = example {
+        let key = &key.to_string()[..8];
+        writeln!(out, "  jitai simulate{store} --policy run:{key}")?;
+    }
+    Ok(())
 }
