@@ -1,0 +1,300 @@
+//! The documents keep their word: their queries have answers, their manifests are in order, and
+//! the commands, targets and files that they name exist.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use jitai::manifest;
+use jitai::store::{Answer, Reader, Value};
+
+const DOCUMENTS: [&str; 5] =
+    ["README.md", "docs/manifest.md", "docs/store.md", "docs/analysis.md", "docs/fidelity.md"];
+
+/// The job key that the documents show where a reader puts one of their own.
+const KEY_TO_REPLACE: &str = "0123456789abcdef0123456789abcdef";
+
+/// A fenced block of a document.
+struct Block {
+    document: &'static str,
+    line: usize,
+    /// What stands behind the fence: the language, and a mark if there is one.
+    language: String,
+    text: String,
+}
+
+fn read(document: &str) -> String {
+    fs::read_to_string(document).unwrap_or_else(|error| panic!("{document}: {error}"))
+}
+
+fn blocks() -> Vec<Block> {
+    let mut blocks: Vec<Block> = Vec::new();
+    for document in DOCUMENTS {
+        let mut open = false;
+        for (number, line) in read(document).lines().enumerate() {
+            match (line.strip_prefix("```"), open) {
+                (Some(language), false) => {
+                    let (line, language) = (number + 1, language.to_owned());
+                    blocks.push(Block { document, line, language, text: String::new() });
+                    open = true;
+                }
+                (Some(_), true) => open = false,
+                (None, true) => {
+                    let text = &mut blocks.last_mut().unwrap().text;
+                    text.push_str(line);
+                    text.push('\n');
+                }
+                (None, false) => {}
+            }
+        }
+        assert!(!open, "{document} ends inside a block");
+    }
+    blocks
+}
+
+fn jitai<'a>(folder: &Path, arguments: impl IntoIterator<Item = &'a str>) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_jitai"));
+    command.args(arguments).current_dir(folder).env_remove("JITAI_STORE").output().unwrap()
+}
+
+/// A manifest of short jobs under a name that the documents use.
+fn manifest_of_short_jobs(name: &str, environment: &str) -> String {
+    format!(
+        "format = 1
+name = \"{name}\"
+extends = \"paper\"
+scenarios = [\"P-H-D\", \"L-H-D\"]
+seeds = 2
+[environment]
+{environment}
+[[agent]]
+name = \"dqn\"
+episodes = 20
+layers = [8]
+[[agent]]
+name = \"reinforce\"
+episodes = 20
+layers = [8]
+[evaluation]
+test_episodes = 20
+"
+    )
+}
+
+/// A manifest whose one job's loss overflows.
+fn manifest_that_diverges() -> String {
+    format!(
+        "format = 1
+name = \"too-fast\"
+scenarios = [\"P-H-D\"]
+seeds = 1
+environment.sigma = 0.6
+[[agent]]
+name = \"wild\"
+algorithm = \"dueling_dqn\"
+episodes = 50
+layers = [{}]
+batch = 8
+learning_rate = 1.0
+",
+        ["64"; 24].join(", ")
+    )
+}
+
+/// Makes a store with the experiments that the documents ask about: two share jobs, one fails.
+fn fill_store(folder: &Path) {
+    let manifests = [
+        ("quickstart", manifest_of_short_jobs("quickstart", "sigma = [0.4, 0.6]"), 0),
+        ("probabilities", manifest_of_short_jobs("probabilities", "sigma = 0.6"), 0),
+        (
+            "disengagement",
+            manifest_of_short_jobs("disengagement", "sigma = 0.6\ndelta_d = [0.1, 0.2]"),
+            0,
+        ),
+        ("too-fast", manifest_that_diverges(), 1),
+    ];
+    for (name, text, code) in manifests {
+        let file = format!("{name}.toml");
+        fs::write(folder.join(&file), text).unwrap();
+        let output = jitai(folder, ["run", &file]);
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{name}: {told}");
+    }
+}
+
+/// The rows of an answer: of each the first value, or nothing if that is no text.
+fn ask(reader: &Reader, sql: &str) -> Result<Vec<String>, String> {
+    let mut rows = Vec::new();
+    let answered = reader.query(sql, |answer| {
+        if let Answer::Row(values) = answer {
+            rows.push(match values[0] {
+                Value::Text(text) => text.to_owned(),
+                _ => String::new(),
+            });
+        }
+        ControlFlow::Continue(())
+    });
+    answered.map(|()| rows).map_err(|error| error.to_string())
+}
+
+/// The quoted queries of `jitai query "…"` in shell examples.
+fn queries_in_shell(block: &Block) -> Vec<String> {
+    let of_line = |line: &str| {
+        let rest = line.split_once("jitai query")?.1.split_once('"')?.1;
+        Some(rest.split_once('"')?.0.to_owned())
+    };
+    block.text.lines().filter_map(of_line).collect()
+}
+
+#[test]
+fn every_query_of_the_documents_has_an_answer() {
+    let folder = tempfile::tempdir().unwrap();
+    fill_store(folder.path());
+    let reader = Reader::open(&folder.path().join("jitai.sqlite")).unwrap();
+    let completed = "SELECT job_key FROM run_summary WHERE status = 'completed'";
+    let key = ask(&reader, completed).unwrap().remove(0);
+    let (mut asked, mut faults) = (0, String::new());
+    for block in blocks() {
+        let (queries, may_be_empty) = match block.language.as_str() {
+            "sql" => (vec![block.text.clone()], false),
+            "sql nothing-to-find" => (vec![block.text.clone()], true),
+            "console" => (queries_in_shell(&block), false),
+            _ => continue,
+        };
+        for sql in queries {
+            asked += 1;
+            let fault = match ask(&reader, &sql.replace(KEY_TO_REPLACE, &key)) {
+                Ok(rows) if rows.is_empty() && !may_be_empty => "no row".to_owned(),
+                Ok(_) => continue,
+                Err(error) => error,
+            };
+            faults.push_str(&format!("{}:{}: {fault}\n{sql}\n", block.document, block.line));
+        }
+    }
+    assert!(faults.is_empty(), "{faults}");
+    assert!(asked >= 25, "{asked} queries were found");
+}
+
+#[test]
+fn every_whole_manifest_of_the_documents_is_in_order() {
+    let mut parsed = 0;
+    for block in blocks() {
+        if block.language == "toml" && block.text.contains("format = 1") {
+            let place = format!("{}:{}", block.document, block.line);
+            if let Err(faults) = manifest::parse(&place, block.text.as_bytes()) {
+                panic!("{faults}");
+            }
+            parsed += 1;
+        }
+    }
+    assert!(parsed >= 2, "{parsed} manifests were found");
+}
+
+/// The verbs that follow `jitai` in a line, each with the options up to the end of the command.
+/// A command ends with its code span, its table cell or its line; a comment is no part of it.
+fn commands(line: &str) -> Vec<(String, BTreeSet<String>)> {
+    let mut found = Vec::new();
+    for part in line.split("jitai ").skip(1) {
+        let command = part.split(['`', '#', '|', '"']).next().unwrap_or_default();
+        let mut words = command.split_whitespace();
+        let Some(verb) = words.next() else { continue };
+        if !verb.chars().all(|c| c.is_ascii_lowercase()) {
+            continue;
+        }
+        let options = words.filter(|word| word.starts_with("--")).map(str::to_owned).collect();
+        found.push((verb.to_owned(), options));
+    }
+    found
+}
+
+/// Lines in which `jitai` is typed: those of shell examples, and those with code spans of it.
+fn typed(document: &str) -> Vec<String> {
+    let text = read(document);
+    let of_line = |line: &str| match line.strip_prefix("$ ") {
+        Some(command) => command.to_owned(),
+        // In prose, only what stands directly behind a back-quote is a command.
+        None => line.split("`jitai ").skip(1).map(|rest| format!("jitai {rest} ")).collect(),
+    };
+    text.lines().map(of_line).collect()
+}
+
+#[test]
+fn every_command_of_the_documents_exists_with_its_options() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut help: BTreeMap<String, String> = BTreeMap::new();
+    let mut options_seen = 0;
+    for document in DOCUMENTS.into_iter().chain(["CHANGELOG.md"]) {
+        for (verb, options) in typed(document).iter().flat_map(|line| commands(line)) {
+            let help = help.entry(verb.clone()).or_insert_with(|| {
+                let output = jitai(folder.path(), [verb.as_str(), "--help"]);
+                assert!(output.status.success(), "{document}: `jitai {verb}` does not exist");
+                String::from_utf8(output.stdout).unwrap()
+            });
+            for option in &options {
+                options_seen += 1;
+                let known = help
+                    .split_whitespace()
+                    .any(|word| word.trim_end_matches(',') == option.trim_end_matches(','));
+                assert!(known, "{document}: `jitai {verb}` has no {option}");
+            }
+        }
+    }
+    let overview = String::from_utf8(jitai(folder.path(), ["--help"]).stdout).unwrap();
+    let verbs = overview.split_once("Commands:").unwrap().1.split_once("Options:").unwrap().0;
+    for verb in verbs.lines().filter_map(|line| line.split_whitespace().next()) {
+        let documented = help.contains_key(verb) || verb == "help";
+        assert!(documented, "no document mentions `jitai {verb}`");
+    }
+    assert!(options_seen >= 20, "{options_seen} options were found");
+}
+
+/// The options that a row of the README's table of commands names behind the command.
+fn options_of_row(row: &str) -> Vec<&str> {
+    row.split('`').filter(|span| span.starts_with("--")).collect()
+}
+
+#[test]
+fn the_table_of_commands_names_every_option() {
+    let folder = tempfile::tempdir().unwrap();
+    let readme = read("README.md");
+    for row in readme.lines().filter(|line| line.starts_with("| `jitai ")) {
+        let verb = row["| `jitai ".len()..].split([' ', '`']).next().unwrap();
+        let output = jitai(folder.path(), [verb, "--help"]);
+        let help = String::from_utf8(output.stdout).unwrap();
+        let offered = help
+            .lines()
+            .filter(|line| line.trim_start().starts_with('-'))
+            .filter_map(|line| line.split_whitespace().find(|word| word.starts_with("--")));
+        // Every command has `--help`; `--store` is explained for all of them below the table.
+        for option in offered.filter(|option| !["--help", "--store"].contains(option)) {
+            assert!(row.contains(option), "`jitai {verb}` has {option}, and its row does not");
+        }
+        for option in options_of_row(row) {
+            let name = option.split_whitespace().next().unwrap();
+            assert!(help.contains(name), "`jitai {verb}` has no {name}");
+        }
+    }
+}
+
+#[test]
+fn every_file_and_target_of_the_documents_exists() {
+    let makefile = read("Makefile");
+    for document in DOCUMENTS.into_iter().chain(["CHANGELOG.md"]) {
+        let text = read(document);
+        let folder = Path::new(document).parent().unwrap();
+        for link in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
+            let path = link.split('#').next().unwrap();
+            if !path.is_empty() && !path.contains("://") {
+                assert!(folder.join(path).exists(), "{document}: no {path}");
+            }
+        }
+        for span in text.split('`').filter(|span| span.starts_with("experiments/")) {
+            assert!(Path::new(span).exists(), "{document}: no {span}");
+        }
+        for target in text.split("`make ").skip(1).filter_map(|rest| rest.split('`').next()) {
+            assert!(makefile.contains(&format!("\n{target}:")), "{document}: no target {target}");
+        }
+    }
+}
