@@ -2,8 +2,8 @@
 //!
 //! A file that is not ours, or is from the future, is recognised before anything is written to it.
 
-use std::fs::{self, File};
-use std::io::{ErrorKind, Read};
+use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -94,7 +94,7 @@ fn absolute(path: &Path) -> Result<PathBuf, StoreError> {
     })
 }
 
-/// What is at `path`, by its first bytes alone.
+/// What is at `path`, without a lock and without a file beside it.
 fn look(path: &Path) -> Result<Presence, StoreError> {
     let not_a_store = |what| StoreError::NotAStore { path: path.to_owned(), what };
     let cannot_open = |error: std::io::Error| StoreError::CannotOpen {
@@ -108,20 +108,14 @@ fn look(path: &Path) -> Result<Presence, StoreError> {
         Ok(metadata) if !metadata.is_file() => return Err(not_a_store("a device or pipe")),
         Ok(_) => {}
     }
-    let mut header = Vec::with_capacity(HEADER_BYTES);
-    File::open(path)
-        .and_then(|file| file.take(HEADER_BYTES as u64).read_to_end(&mut header))
-        .map_err(cannot_open)?;
-    if header.is_empty() {
+    if fs::metadata(path).map_err(cannot_open)?.len() == 0 {
         return Ok(Presence::Blank);
     }
-    if header.len() < HEADER_BYTES || !header.starts_with(b"SQLite format 3\0") {
-        return Err(not_a_store("not a SQLite file"));
-    }
-    let number = |at: usize| {
-        u32::from_be_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]])
-    };
-    judge(number(68), number(60), path).map(|()| Presence::Database)
+    // By SQLite, not by reading the file: POSIX drops every lock of a process on a file as soon as
+    // any descriptor of it is closed, and only SQLite knows which of its locks that would cost.
+    let connection = connect_immutable(path)
+        .map_err(|source| StoreError::sqlite(path, "open the store", source))?;
+    identify(&connection, path).map(|_| Presence::Database)
 }
 
 /// Nothing is at `path`; fails if its folder is missing, too.
@@ -133,10 +127,6 @@ fn absent(path: &Path) -> Result<Presence, StoreError> {
         _ => Ok(Presence::Absent),
     }
 }
-
-/// Length of the header of a SQLite file, which holds the schema version at byte 60 and the
-/// application id at byte 68 (sqlite.org/fileformat.html, section 1.3).
-const HEADER_BYTES: usize = 100;
 
 /// Fails unless a file with these numbers is a store of this release or an earlier one, or so new
 /// that it has no numbers yet.
