@@ -113,9 +113,17 @@ fn look(path: &Path) -> Result<Presence, StoreError> {
     }
     // By SQLite, not by reading the file: POSIX drops every lock of a process on a file as soon as
     // any descriptor of it is closed, and only SQLite knows which of its locks that would cost.
-    let connection = connect_immutable(path)
-        .map_err(|source| StoreError::sqlite(path, "open the store", source))?;
-    identify(&connection, path).map(|_| Presence::Database)
+    let (application_id, version) =
+        header(path).map_err(|source| StoreError::sqlite(path, "open the store", source))?;
+    judge(application_id, version, path).map(|()| Presence::Database)
+}
+
+/// Application id and schema version in the file itself, whatever its log says. Nothing but the
+/// header is read: a writer may be moving pages from the log into the file.
+fn header(path: &Path) -> rusqlite::Result<(u32, u32)> {
+    let connection = open_immutable(path)?;
+    let number = |name| connection.pragma_query_value(None, name, |row| row.get(0));
+    Ok((number("application_id")?, number("user_version")?))
 }
 
 /// Nothing is at `path`; fails if its folder is missing, too.
@@ -216,6 +224,12 @@ fn at_rest(path: &Path) -> bool {
 /// A connection that asks for no lock and no file beside the store: for folders in which this
 /// process cannot make the files that readers share with a writer.
 fn connect_immutable(path: &Path) -> rusqlite::Result<Connection> {
+    let connection = open_immutable(path)?;
+    configure_reader(&connection)?;
+    Ok(connection)
+}
+
+fn open_immutable(path: &Path) -> rusqlite::Result<Connection> {
     let mut uri = String::from("file:");
     for byte in path.as_os_str().as_encoded_bytes() {
         match byte {
@@ -229,9 +243,7 @@ fn connect_immutable(path: &Path) -> rusqlite::Result<Connection> {
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY
         | OpenFlags::SQLITE_OPEN_NO_MUTEX
         | OpenFlags::SQLITE_OPEN_URI;
-    let connection = Connection::open_with_flags(uri, flags)?;
-    configure_reader(&connection)?;
-    Ok(connection)
+    Connection::open_with_flags(uri, flags)
 }
 
 fn configure_reader(connection: &Connection) -> rusqlite::Result<()> {
