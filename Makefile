@@ -25,7 +25,7 @@ test-flex: ## the tests of the networks on the other tensor backend
 	$(CARGO) test --release --quiet --features burn-flex
 
 doc: ## the library's documentation, warnings as errors
-	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --no-deps
+	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --release --no-deps
 
 clean: ## remove what was built; results stay
 	$(CARGO) clean
