@@ -5,6 +5,7 @@ use std::io::{self, Write};
 use std::mem;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
+use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::Duration;
 
@@ -63,6 +64,7 @@ enum Format {
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let stop = signals::stop_flag()
+        .and_then(|stop| signals::end_in_time(stop.clone()).map(|()| stop))
         .map_err(|source| Error::Io { what: "listen for signals".to_owned(), source })?;
     let manifests = check::load_all(&arguments.manifests)?;
     let wanted = select(&manifests, arguments.filter.as_ref())?;
@@ -85,8 +87,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         store.end_session(session)?;
         tally
     };
-    let stopped = stop.load(std::sync::atomic::Ordering::Relaxed);
-    let end = End { todo: &todo, tally, stopped };
+    let mut end = End { todo: &todo, tally, stopped: false };
+    // A signal after the last job has stopped nothing.
+    end.stopped = end.left() > 0 && stop.load(Ordering::Relaxed);
     match end.show(arguments, &reader, &manifests) {
         // Who closed the pipe has read enough; the exit code still says what became of the jobs.
         Err(Error::Io { source, .. }) if source.kind() == io::ErrorKind::BrokenPipe => {}
