@@ -40,6 +40,7 @@ pub mod agent;
 pub mod analyse;
 pub mod cli;
 pub mod env;
+pub mod kernel;
 pub mod manifest;
 pub mod plan;
 pub mod record;

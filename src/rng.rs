@@ -44,6 +44,11 @@ impl Stream {
         self.0.next_u64()
     }
 
+    /// Fills `words` with random bits, as so many calls of [`Stream::bits`] would.
+    pub fn fill(&mut self, words: &mut [u64]) {
+        words.fill_with(|| self.bits());
+    }
+
     /// A number in [0, 1), a multiple of 2^-53.
     pub fn unit(&mut self) -> f64 {
         unit_from_bits(self.bits())

@@ -111,7 +111,7 @@ fn the_tested_policy_is_the_one_whose_weights_are_kept() {
         let mut streams = TestStreams::new(job.seed);
         let mut episodes = Episodes::start(&job.environment, 30, &mut streams.environment);
         let mut total = Total(0.0);
-        roll(&mut episodes, &Chooser::Trained { policy, observer }, &mut streams, &mut total);
+        roll(&mut episodes, &mut Chooser::trained(policy, observer), &mut streams, &mut total);
         let tested: f64 = results.episodes.iter().map(|episode| episode.total_reward).sum();
         assert!((total.0 - tested).abs() < 1e-6 * tested, "{} {tested}", total.0);
     }

@@ -7,11 +7,12 @@ use std::path::{Path, PathBuf};
 /// What each module may import; the order is that of the data flow.
 const TABLE: &[(&str, &[&str])] = &[
     ("rng", &[]),
+    ("kernel", &[]),
     ("manifest", &[]),
     ("plan", &["manifest"]),
     ("record", &["plan"]),
-    ("env", &["rng", "manifest"]),
-    ("agent", &["rng", "manifest", "env"]),
+    ("env", &["rng", "kernel", "manifest"]),
+    ("agent", &["rng", "kernel", "manifest", "env"]),
     ("train", &["rng", "plan", "record", "env", "agent"]),
     ("store", &["plan", "record"]),
     ("schedule", &["plan", "record", "train", "store"]),
@@ -20,8 +21,8 @@ const TABLE: &[(&str, &[&str])] = &[
     (
         "cli",
         &[
-            "rng", "manifest", "plan", "record", "env", "agent", "train", "store", "schedule",
-            "analyse", "report",
+            "rng", "kernel", "manifest", "plan", "record", "env", "agent", "train", "store",
+            "schedule", "analyse", "report",
         ],
     ),
 ];

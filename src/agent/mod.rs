@@ -1,17 +1,20 @@
 //! The algorithms: how agents learn and how they act.
 //!
 //! In: hyper-parameters, an environment with its scenario, named random streams. Out: trained
-//! episodes, policies and weights. One file an algorithm; networks are Burn modules. A [`Learner`]
-//! is the seam between an algorithm and the engine that runs its updates: [`learner`] picks one by
-//! the job's `engine`, everything else is written against the trait. It knows no job key, no store
-//! and no file.
+//! episodes, policies and weights. One file an algorithm, written against a trait for the engine
+//! that computes its network: `fused` by kernels, `burn` by Burn modules and automatic
+//! differentiation. A [`Learner`] is an algorithm on an engine; [`learner`] makes the one that a
+//! job declares. It knows no job key, no store and no file.
 //!
 //! Burn's own random generator is global to the process, so nothing here may draw from it: weights
 //! are drawn from the job's stream and set.
 
-mod device;
+mod burn;
 mod dueling_dqn;
-mod network;
+#[cfg(test)]
+mod engine_tests;
+mod fused;
+mod layers;
 mod policy;
 #[cfg(test)]
 mod reference_tests;
@@ -21,19 +24,22 @@ mod rule;
 mod weights;
 
 use crate::env::Observer;
-use crate::manifest::{Agent, Engine, Environment, Scenario, TestActions};
+use crate::kernel::Isa;
+use crate::manifest::{Agent, DuelingDqn, Engine, Environment, Reinforce, Scenario, TestActions};
+use crate::rng::{Purpose, Stream};
 
-pub use device::backend_name;
-pub use dueling_dqn::{Batch, DuelingDqnLearner};
-pub use network::{DuelingQNetwork, PolicyNetwork};
-pub use policy::{EpsilonGreedy, Policy, SoftmaxPolicy};
-pub use reinforce::{ReinforceLearner, Trajectories};
+pub use burn::device::backend_name;
+pub use burn::{BurnDuelingDqn, BurnReinforce, DuelingQNetwork, PolicyNetwork};
+pub use dueling_dqn::{Batch, DuelingDqnEngine, DuelingDqnLearner};
+pub use fused::{FusedDuelingDqn, FusedDuelingNetwork, FusedPolicyNetwork, FusedReinforce};
+pub use policy::{ActionNetwork, EpsilonGreedy, Policy, SoftmaxPolicy};
+pub use reinforce::{ReinforceEngine, ReinforceLearner, Trajectories};
 pub use replay::{Replay, Transition};
 pub use rule::{Rule, RuleError};
 pub use weights::{Tensor as WeightTensor, Weights, WeightsError};
 
 /// A training episode that has just ended.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TrainedEpisode {
     /// Undiscounted return, in steps walked.
     pub total_reward: f64,
@@ -114,22 +120,61 @@ pub fn learner(
     seed: u64,
 ) -> Box<dyn Learner> {
     match agent {
-        Agent::DuelingDqn(parameters) => match parameters.engine {
-            Engine::Burn => {
-                Box::new(DuelingDqnLearner::new(parameters, environment, scenario, seed))
-            }
-        },
-        Agent::Reinforce(parameters) => match parameters.engine {
-            Engine::Burn => {
-                Box::new(ReinforceLearner::new(parameters, environment, scenario, seed))
-            }
-        },
+        Agent::DuelingDqn(parameters) => {
+            dueling_dqn_learner(parameters, environment, scenario, seed)
+        }
+        Agent::Reinforce(parameters) => reinforce_learner(parameters, environment, scenario, seed),
     }
 }
 
-/// The policy of an agent that was trained before.
-///
-/// `epsilon` is the exploration rate at the end of its training, for agents that have one.
+const DRAWN: &str = "the weights were drawn for this network";
+
+fn dueling_dqn_learner(
+    parameters: &DuelingDqn,
+    environment: &Environment,
+    scenario: &Scenario,
+    seed: u64,
+) -> Box<dyn Learner> {
+    let inputs = Observer::new(environment, scenario).inputs();
+    let mut stream = Stream::new(seed, Purpose::InitialWeights);
+    let weights = layers::draw(&layers::dueling(parameters, inputs), &mut stream);
+    match parameters.engine {
+        Engine::Fused => {
+            let engine = FusedDuelingDqn::new(parameters, inputs, &weights, Isa::chosen());
+            let engine = engine.expect(DRAWN);
+            Box::new(DuelingDqnLearner::new(engine, parameters, environment, scenario, seed))
+        }
+        Engine::Burn => {
+            let engine = BurnDuelingDqn::new(parameters, inputs, &weights).expect(DRAWN);
+            Box::new(DuelingDqnLearner::new(engine, parameters, environment, scenario, seed))
+        }
+    }
+}
+
+fn reinforce_learner(
+    parameters: &Reinforce,
+    environment: &Environment,
+    scenario: &Scenario,
+    seed: u64,
+) -> Box<dyn Learner> {
+    let inputs = Observer::new(environment, scenario).inputs();
+    let mut stream = Stream::new(seed, Purpose::InitialWeights);
+    let weights = layers::draw(&[layers::policy(parameters, inputs)], &mut stream);
+    match parameters.engine {
+        Engine::Fused => {
+            let engine = FusedReinforce::new(parameters, inputs, &weights, Isa::chosen());
+            let engine = engine.expect(DRAWN);
+            Box::new(ReinforceLearner::new(engine, parameters, environment, scenario, seed))
+        }
+        Engine::Burn => {
+            let engine = BurnReinforce::new(parameters, inputs, &weights).expect(DRAWN);
+            Box::new(ReinforceLearner::new(engine, parameters, environment, scenario, seed))
+        }
+    }
+}
+
+/// The policy of an agent that was trained before, on the engine that trained it. A dueling DQN
+/// explores at the rate that is kept with its weights.
 ///
 /// **Errors**: the weights do not fit the agent's network.
 pub fn trained_policy(
@@ -139,20 +184,34 @@ pub fn trained_policy(
     weights: &Weights,
     actions: Actions,
 ) -> Result<Box<dyn Policy>, WeightsError> {
-    let width = Observer::new(environment, scenario).width();
-    let device = device::inference();
+    let inputs = Observer::new(environment, scenario).inputs();
+    let device = burn::device::inference();
     Ok(match agent {
         Agent::DuelingDqn(parameters) => {
-            let network = DuelingQNetwork::from_weights(parameters, width, weights, &device)?;
             let epsilon = match actions {
                 Actions::AsTrained => weights.number("epsilon")?,
                 Actions::Greedy => 0.0,
             };
-            Box::new(EpsilonGreedy::new(network, epsilon))
+            match parameters.engine {
+                Engine::Fused => Box::new(EpsilonGreedy::new(
+                    FusedDuelingNetwork::new(parameters, inputs, weights, Isa::chosen())?,
+                    epsilon,
+                )),
+                Engine::Burn => Box::new(EpsilonGreedy::new(
+                    DuelingQNetwork::from_weights(parameters, inputs, weights, &device)?,
+                    epsilon,
+                )),
+            }
         }
-        Agent::Reinforce(parameters) => {
-            let network = PolicyNetwork::from_weights(parameters, width, weights, &device)?;
-            Box::new(SoftmaxPolicy::new(network, actions))
-        }
+        Agent::Reinforce(parameters) => match parameters.engine {
+            Engine::Fused => Box::new(SoftmaxPolicy::new(
+                FusedPolicyNetwork::new(parameters, inputs, weights, Isa::chosen())?,
+                actions,
+            )),
+            Engine::Burn => Box::new(SoftmaxPolicy::new(
+                PolicyNetwork::from_weights(parameters, inputs, weights, &device)?,
+                actions,
+            )),
+        },
     })
 }

@@ -1,104 +1,91 @@
 //! Policies made of networks: how observations become actions.
 
-use burn::tensor::{Device, Tensor, TensorData};
-
-use crate::agent::{Actions, DuelingQNetwork, PolicyNetwork};
-use crate::env::Action;
-use crate::rng::Stream;
+use crate::agent::Actions;
+use crate::env::{Action, Observations};
+use crate::kernel::{Isa, math};
+use crate::rng::{Stream, unit_from_bits};
 
 /// A way to choose actions.
 pub trait Policy {
     /// Chooses an action for every observation.
     ///
-    /// **Shapes**: `observations` is \[rows, width\], row by row; `actions` is \[rows\]. The stream
-    /// is drawn from once a row where chance plays a part, and not at all otherwise.
-    fn act(&self, observations: &[f32], actions: &mut [Action], stream: &mut Stream);
+    /// **Shapes**: `actions` is \[rows\]. The stream is drawn from once a row where chance plays a
+    /// part, and not at all otherwise.
+    fn act(&mut self, observations: &Observations, actions: &mut [Action], stream: &mut Stream);
+}
+
+/// A network that gives a number for every action: its value, or its logit.
+pub trait ActionNetwork {
+    /// Replaces `out` by the numbers for every observation, \[rows, actions\], row by row.
+    fn evaluate(&mut self, observations: &Observations, out: &mut Vec<f32>);
 }
 
 /// The best action by its value, and now and then any action.
-#[derive(Debug)]
-pub struct EpsilonGreedy {
-    network: DuelingQNetwork,
+pub struct EpsilonGreedy<N> {
+    network: N,
     epsilon: f64,
+    values: Vec<f32>,
+    explored: Vec<Option<Action>>,
 }
 
-impl EpsilonGreedy {
+impl<N: ActionNetwork> EpsilonGreedy<N> {
     /// A policy that explores at the rate `epsilon`, in [0, 1].
-    pub fn new(network: DuelingQNetwork, epsilon: f64) -> Self {
-        EpsilonGreedy { network, epsilon }
+    pub fn new(network: N, epsilon: f64) -> Self {
+        EpsilonGreedy { network, epsilon, values: Vec::new(), explored: Vec::new() }
     }
 }
 
-impl Policy for EpsilonGreedy {
-    fn act(&self, observations: &[f32], actions: &mut [Action], stream: &mut Stream) {
-        let explored: Vec<Option<Action>> =
-            actions.iter().map(|_| explore(self.epsilon, stream)).collect();
-        if let Some(every) = explored.iter().copied().collect::<Option<Vec<Action>>>() {
-            // Nobody asks for the values.
-            return actions.copy_from_slice(&every);
-        }
-        let values = rows(observations, actions.len(), |x| self.network.forward(x));
-        for ((action, explored), values) in
-            actions.iter_mut().zip(explored).zip(values.chunks_exact(Action::COUNT))
-        {
+impl<N: ActionNetwork> Policy for EpsilonGreedy<N> {
+    fn act(&mut self, observations: &Observations, actions: &mut [Action], stream: &mut Stream) {
+        self.explored.clear();
+        self.explored.extend(actions.iter().map(|_| explore(self.epsilon, stream)));
+        self.network.evaluate(observations, &mut self.values);
+        let values = self.values.chunks_exact(Action::COUNT);
+        for ((action, explored), values) in actions.iter_mut().zip(&self.explored).zip(values) {
             *action = explored.unwrap_or_else(|| best(values));
         }
     }
 }
 
 /// An action at random with probability `epsilon`. One draw decides both, by different bits of it.
-fn explore(epsilon: f64, stream: &mut Stream) -> Option<Action> {
+pub(super) fn explore(epsilon: f64, stream: &mut Stream) -> Option<Action> {
     if epsilon == 0.0 {
         return None;
     }
     let bits = stream.bits();
-    (crate::rng::unit_from_bits(bits) < epsilon).then(|| Action::from_low_bits(bits))
+    (unit_from_bits(bits) < epsilon).then(|| Action::from_low_bits(bits))
 }
 
 /// Actions with the softmax probabilities of a policy network's logits.
-#[derive(Debug)]
-pub struct SoftmaxPolicy {
-    network: PolicyNetwork,
+pub struct SoftmaxPolicy<N> {
+    network: N,
     actions: Actions,
+    logits: Vec<f32>,
 }
 
-impl SoftmaxPolicy {
+impl<N: ActionNetwork> SoftmaxPolicy<N> {
     /// A policy that samples ([`Actions::AsTrained`]) or takes the most likely action.
-    pub fn new(network: PolicyNetwork, actions: Actions) -> Self {
-        SoftmaxPolicy { network, actions }
+    pub fn new(network: N, actions: Actions) -> Self {
+        SoftmaxPolicy { network, actions, logits: Vec::new() }
     }
 }
 
-impl Policy for SoftmaxPolicy {
-    fn act(&self, observations: &[f32], actions: &mut [Action], stream: &mut Stream) {
-        let logits = rows(observations, actions.len(), |x| self.network.forward(x));
-        for (action, logits) in actions.iter_mut().zip(logits.chunks_exact(Action::COUNT)) {
-            *action = match self.actions {
-                Actions::AsTrained => sample_softmax(logits, stream.unit()),
-                Actions::Greedy => best(logits),
-            };
+impl<N: ActionNetwork> Policy for SoftmaxPolicy<N> {
+    fn act(&mut self, observations: &Observations, actions: &mut [Action], stream: &mut Stream) {
+        self.network.evaluate(observations, &mut self.logits);
+        match self.actions {
+            Actions::AsTrained => sample(&mut self.logits, actions, stream),
+            Actions::Greedy => {
+                for (action, logits) in actions.iter_mut().zip(self.logits.chunks(Action::COUNT)) {
+                    *action = best(logits);
+                }
+            }
         }
     }
 }
 
-/// Runs a network on observations: \[rows, width\] to \[rows, actions\], row by row.
-fn rows(
-    observations: &[f32],
-    rows: usize,
-    forward: impl FnOnce(Tensor<2>) -> Tensor<2>,
-) -> Vec<f32> {
-    let input = matrix(observations.to_vec(), rows, &super::device::inference());
-    forward(input).into_data().try_to_vec().expect("networks compute in f32")
-}
-
-/// A matrix of so many rows.
-pub(super) fn matrix(values: Vec<f32>, rows: usize, device: &Device) -> Tensor<2> {
-    let columns = values.len() / rows;
-    Tensor::from_data(TensorData::new(values, [rows, columns]), device)
-}
-
 /// The action of the highest value; the lowest numbered of equals.
-fn best(values: &[f32]) -> Action {
+pub(super) fn best(values: &[f32]) -> Action {
     let mut best = 0;
     for (index, value) in values.iter().enumerate() {
         if *value > values[best] {
@@ -108,18 +95,35 @@ fn best(values: &[f32]) -> Action {
     Action::from_index(best).expect("one value an action")
 }
 
-/// The action at which the cumulated softmax probabilities pass `unit`, a number in [0, 1).
-fn sample_softmax(logits: &[f32], unit: f64) -> Action {
-    let highest = logits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-    let mut cumulated = [0.0; Action::COUNT];
-    let mut total = 0.0;
-    for (sum, logit) in cumulated.iter_mut().zip(logits) {
-        total += libm::exp(f64::from(*logit) - f64::from(highest));
-        *sum = total;
+/// Samples an action for every row of logits by their softmax; the logits become their
+/// exponentials relative to the highest of the row.
+pub(super) fn sample(logits: &mut [f32], actions: &mut [Action], stream: &mut Stream) {
+    exponentials(logits);
+    for (action, row) in actions.iter_mut().zip(logits.chunks_exact(Action::COUNT)) {
+        *action = pick(row, stream.unit());
     }
+}
+
+/// Puts exp(logit - highest of its row) in the place of every logit.
+pub(super) fn exponentials(logits: &mut [f32]) {
+    for row in logits.chunks_exact_mut(Action::COUNT) {
+        let highest = row.iter().copied().fold(f32::NEG_INFINITY, |a, b| if b > a { b } else { a });
+        row.iter_mut().for_each(|logit| *logit -= highest);
+    }
+    math::exp_each(Isa::chosen(), logits);
+}
+
+/// The action at which the cumulated weights pass `unit`, a number in [0, 1), times their sum.
+fn pick(weights: &[f32], unit: f64) -> Action {
+    let mut total = 0.0;
+    let cumulated: [f64; Action::COUNT] = std::array::from_fn(|action| {
+        total += f64::from(weights[action]);
+        total
+    });
     let threshold = unit * total;
-    let index = cumulated.iter().position(|&sum| threshold < sum).unwrap_or(Action::COUNT - 1);
-    Action::from_index(index).expect("one logit an action")
+    // Without a branch: where it would go is what cannot be foreseen.
+    let passed = cumulated[..Action::COUNT - 1].iter().map(|&sum| usize::from(sum <= threshold));
+    Action::from_index(passed.sum()).expect("at most all but the last are passed")
 }
 
 #[cfg(test)]
@@ -130,11 +134,15 @@ mod tests {
     #[test]
     fn softmax_samples_have_the_probabilities_by_hand() {
         // Logits ln 1, ln 2, ln 3, ln 4: probabilities 0.1, 0.2, 0.3, 0.4.
-        let logits: Vec<f32> = [1.0f32, 2.0, 3.0, 4.0].iter().map(|v| v.ln() + 50.0).collect();
+        let mut weights: Vec<f32> = [1.0f32, 2.0, 3.0, 4.0].iter().map(|v| v.ln() + 50.0).collect();
+        exponentials(&mut weights);
         for (unit, index) in [(0.0, 0), (0.099, 0), (0.101, 1), (0.31, 2), (0.59, 2), (0.61, 3)] {
-            assert_eq!(sample_softmax(&logits, unit).index(), index, "{unit}");
+            assert_eq!(pick(&weights, unit).index(), index, "{unit}");
         }
-        assert_eq!(sample_softmax(&[f32::MIN, 0.0, f32::MIN, f32::MIN], 0.999).index(), 1);
+        let mut certain = [-1e30, 0.0, -1e30, -1e30];
+        exponentials(&mut certain);
+        assert_eq!(pick(&certain, 0.999).index(), 1);
+        assert_eq!(pick(&[1.0; 4], 1.0).index(), 3);
     }
 
     #[test]

@@ -6,13 +6,17 @@ use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
 use burn::tensor::{Tensor, activation};
 use serde_json::Value;
 
-use crate::agent::dueling_dqn::Batch;
-use crate::agent::network::{DuelingQNetwork, PolicyNetwork};
-use crate::agent::reinforce::{Trajectories, returns_to_go};
+use crate::agent::burn::device;
+use crate::agent::dueling_dqn::{self, Batch, DuelingDqnEngine};
+use crate::agent::policy::{self, ActionNetwork};
+use crate::agent::reinforce::{ReinforceEngine, Trajectories, returns_to_go};
 use crate::agent::replay::Transition;
 use crate::agent::weights::{Tensor as WeightTensor, Weights};
-use crate::agent::{device, policy};
-use crate::env::{Action, Ending};
+use crate::agent::{
+    BurnDuelingDqn, BurnReinforce, DuelingQNetwork, FusedDuelingDqn, FusedReinforce, PolicyNetwork,
+};
+use crate::env::{Action, Ending, Observations};
+use crate::kernel::Isa;
 use crate::manifest::{DuelingDqn, Reinforce};
 
 const WIDTH: usize = 3;
@@ -31,6 +35,20 @@ fn numbers(value: &Value) -> Vec<f32> {
         Some(list) => list.iter().flat_map(numbers).collect(),
         None => vec![value.as_f64().unwrap() as f32],
     }
+}
+
+/// Observations from nested lists, one of them a row.
+fn observations(value: &Value) -> Observations {
+    let mut observations = Observations::new(WIDTH, 0);
+    numbers(value).chunks_exact(WIDTH).for_each(|row| observations.push(row, None));
+    observations
+}
+
+/// What a network says of observations.
+fn evaluated(mut network: impl ActionNetwork, observations: &Observations) -> Vec<f32> {
+    let mut out = Vec::new();
+    network.evaluate(observations, &mut out);
+    out
 }
 
 fn tensor(value: &Value) -> WeightTensor {
@@ -66,12 +84,12 @@ fn weights(value: &Value) -> Weights {
 fn assert_close(ours: &[f32], theirs: &[f32], relative: f32, what: &str) {
     assert_eq!(ours.len(), theirs.len(), "{what}");
     let scale = theirs.iter().fold(1e-3f32, |m, v| m.max(v.abs()));
-    for (a, b) in ours.iter().zip(theirs) {
-        assert!((a - b).abs() <= relative * scale, "{what}: {ours:?}\nexpected {theirs:?}");
+    for (i, (a, b)) in ours.iter().zip(theirs).enumerate() {
+        assert!((a - b).abs() <= relative * scale, "{what}, number {i}: {a}, expected {b}");
     }
 }
 
-fn assert_weights_close(ours: &Weights, theirs: &Weights, relative: f32, what: &str) {
+pub(super) fn assert_weights_close(ours: &Weights, theirs: &Weights, relative: f32, what: &str) {
     assert_eq!(
         ours.tensors.keys().collect::<Vec<_>>(),
         theirs.tensors.keys().collect::<Vec<_>>(),
@@ -94,7 +112,7 @@ impl ModuleMapper for ToGradients {
     }
 }
 
-fn gradients<M: Module>(network: &M, loss: Tensor<1>) -> M {
+pub(super) fn gradients<M: Module>(network: &M, loss: Tensor<1>) -> M {
     let gradients = GradientsParams::from_grads(loss.backward(), network);
     network.clone().map(&mut ToGradients(gradients))
 }
@@ -107,6 +125,7 @@ struct DqnCase {
     name: String,
     case: Value,
     parameters: DuelingDqn,
+    transitions: Vec<Transition>,
     batch: Batch,
 }
 
@@ -133,22 +152,25 @@ impl DqnCase {
             Some("truncated") => Ending::Truncated,
             other => panic!("ending {other:?}"),
         });
-        let transitions = numbers(&batch["actions"]).into_iter().zip(numbers(&batch["rewards"]));
-        let transitions = transitions.zip(endings).map(|((action, reward), ending)| Transition {
-            action: Action::from_index(action as usize).unwrap(),
-            reward,
-            ending,
-        });
+        let actions = numbers(&batch["actions"]).into_iter();
+        let actions: Vec<Action> =
+            actions.map(|action| Action::from_index(action as usize).unwrap()).collect();
+        let transitions: Vec<Transition> = actions
+            .iter()
+            .zip(numbers(&batch["rewards"]))
+            .zip(endings)
+            .map(|((&action, reward), ending)| Transition { action, reward, ending })
+            .collect();
         let batch = Batch {
-            observations: numbers(&batch["observations"]),
-            transitions: transitions.collect(),
-            next_observations: numbers(&batch["next_observations"]),
+            observations: observations(&batch["observations"]),
+            actions,
+            targets: numbers(&case["targets"]),
         };
-        DqnCase { name: word("name"), case, parameters, batch }
+        DqnCase { name: word("name"), case, parameters, transitions, batch }
     }
 
-    fn network(&self, which: &str) -> DuelingQNetwork {
-        self.with_weights(&weights(&self.case[which]))
+    fn network(&self) -> DuelingQNetwork {
+        self.with_weights(&weights(&self.case["network"]))
     }
 
     fn with_weights(&self, weights: &Weights) -> DuelingQNetwork {
@@ -156,46 +178,67 @@ impl DqnCase {
             .unwrap()
     }
 
-    fn targets(&self) -> Vec<f32> {
+    fn burn(&self, which: &str) -> BurnDuelingDqn {
+        BurnDuelingDqn::new(&self.parameters, WIDTH, &weights(&self.case[which])).unwrap()
+    }
+
+    fn fused(&self, which: &str, isa: Isa) -> FusedDuelingDqn {
+        FusedDuelingDqn::new(&self.parameters, WIDTH, &weights(&self.case[which]), isa).unwrap()
+    }
+
+    /// Checks values, targets, loss and three updates of an engine against those of PyTorch.
+    fn check<E: DuelingDqnEngine>(&self, engine: impl Fn(&str) -> E) {
+        let mut network = engine("network");
+        let mut out = Vec::new();
+        network.values(&self.batch.observations, &mut out);
+        assert_close(&out, &numbers(&self.case["q"]), 1e-5, &self.name);
+        assert_eq!(evaluated(network.network(), &self.batch.observations), out);
+
+        engine("target")
+            .target_values(&observations(&self.case["batch"]["next_observations"]), &mut out);
         let DuelingDqn { gamma, terminal_target, .. } = self.parameters;
-        let target = self.network("target").valid();
-        self.batch.targets(&target, gamma, terminal_target, &device::inference())
-    }
+        let best = out.chunks_exact(Action::COUNT).map(|row| row[policy::best(row).index()]);
+        let transitions = self.transitions.iter().zip(best);
+        let targets: Vec<f32> = transitions
+            .map(|(t, best)| dueling_dqn::target(t, best, gamma, terminal_target))
+            .collect();
+        assert_close(&targets, &self.batch.targets, 1e-5, &self.name);
 
-    fn loss(&self, network: &DuelingQNetwork) -> Tensor<1> {
-        self.batch.loss(network, &self.targets(), &device::training())
-    }
-}
-
-#[test]
-fn dueling_dqn_values_targets_loss_and_gradients_are_those_of_pytorch() {
-    for case in DqnCase::all() {
-        let network = case.network("network");
-        let rows = case.batch.transitions.len();
-        let observations = case.batch.observations.clone();
-        let q = network.forward(policy::matrix(observations, rows, &device::training()));
-        let q = q.into_data().try_to_vec::<f32>().unwrap();
-        assert_close(&q, &numbers(&case.case["q"]), 1e-5, &case.name);
-        assert_close(&case.targets(), &numbers(&case.case["targets"]), 1e-5, &case.name);
-        let loss = case.loss(&network);
-        let value: f32 = loss.clone().into_scalar();
-        assert_close(&[value], &numbers(&case.case["loss"]), 1e-5, &case.name);
-        let ours = gradients(&network, loss).weights();
-        assert_weights_close(&ours, &weights(&case.case["gradients"]), 1e-5, &case.name);
+        let loss = network.update(&self.batch);
+        assert_close(&[loss], &numbers(&self.case["loss"]), 1e-5, &self.name);
+        network.update(&self.batch);
+        network.update(&self.batch);
+        let expected = weights(&self.case["after_3_adam_steps"]);
+        assert_weights_close(&network.weights(), &expected, 2e-6, &self.name);
+        network.renew_target();
+        network.values(&self.batch.observations, &mut out);
+        let values = out.clone();
+        network.target_values(&self.batch.observations, &mut out);
+        assert_eq!(out, values);
     }
 }
 
 #[test]
-fn dueling_dqn_updates_are_those_of_pytorch() {
+fn both_engines_compute_the_dueling_dqn_as_pytorch_does() {
     for case in DqnCase::all() {
-        let mut network = case.network("network");
-        let mut optimizer = adam();
-        for _ in 0..3 {
-            let gradients = GradientsParams::from_grads(case.loss(&network).backward(), &network);
-            network = optimizer.step(case.parameters.learning_rate, network, gradients);
+        case.check(|which| case.burn(which));
+        for isa in Isa::available() {
+            case.check(|which| case.fused(which, isa));
         }
-        let expected = weights(&case.case["after_3_adam_steps"]);
-        assert_weights_close(&network.weights(), &expected, 2e-6, &case.name);
+    }
+}
+
+#[test]
+fn gradients_of_the_dueling_dqn_are_those_of_pytorch() {
+    for case in DqnCase::all() {
+        let expected = weights(&case.case["gradients"]);
+        let network = case.network();
+        let ours = gradients(&network, BurnDuelingDqn::loss(&network, &case.batch)).weights();
+        assert_weights_close(&ours, &expected, 1e-5, &case.name);
+        for isa in Isa::available() {
+            let ours = case.fused("network", isa).gradient(&case.batch);
+            assert_weights_close(&ours, &expected, 1e-5, &case.name);
+        }
     }
 }
 
@@ -223,7 +266,7 @@ impl ReinforceCase {
         let rows = &case["rows"];
         let actions = numbers(&rows["actions"]).into_iter();
         let trajectories = Trajectories {
-            observations: numbers(&rows["observations"]),
+            observations: observations(&rows["observations"]),
             actions: actions.map(|a| Action::from_index(a as usize).unwrap()).collect(),
             returns_to_go: numbers(&case["returns_to_go"]),
         };
@@ -239,50 +282,75 @@ impl ReinforceCase {
         PolicyNetwork::from_weights(&self.parameters, WIDTH, weights, &device::training()).unwrap()
     }
 
+    fn fused(&self, isa: Isa) -> FusedReinforce {
+        let weights = weights(&self.case["network"]);
+        FusedReinforce::new(&self.parameters, WIDTH, &weights, isa).unwrap()
+    }
+
+    fn burn(&self) -> BurnReinforce {
+        BurnReinforce::new(&self.parameters, WIDTH, &weights(&self.case["network"])).unwrap()
+    }
+
+    /// Checks probabilities, loss and three updates of an engine against those of PyTorch.
+    fn check(&self, mut engine: impl ReinforceEngine) {
+        let mut logits = Vec::new();
+        engine.logits(&self.trajectories.observations, &mut logits);
+        assert_eq!(evaluated(engine.network(), &self.trajectories.observations), logits);
+        let logits = Tensor::<1>::from_floats(logits.as_slice(), &device::inference());
+        let ours = activation::log_softmax(logits.reshape([-1, Action::COUNT as i32]), 1);
+        let ours = ours.into_data().try_to_vec::<f32>().unwrap();
+        assert_close(&ours, &numbers(&self.case["log_probabilities"]), 1e-6, &self.name);
+        let loss = engine.update(&self.trajectories);
+        assert_close(&[loss], &numbers(&self.case["loss"]), 1e-5, &self.name);
+        engine.update(&self.trajectories);
+        engine.update(&self.trajectories);
+        let expected = weights(&self.case["after_3_adam_steps"]);
+        assert_weights_close(&engine.weights(), &expected, 2e-6, &self.name);
+    }
+
     fn loss(&self, network: &PolicyNetwork) -> Tensor<1> {
-        self.trajectories.loss(network, self.parameters.loss_divisor, &device::training())
+        BurnReinforce::loss(network, &self.trajectories, self.parameters.loss_divisor)
     }
 }
 
 #[test]
-fn reinforce_returns_loss_and_gradients_are_those_of_pytorch() {
+fn returns_to_go_are_those_of_pytorch() {
     for case in ReinforceCase::all() {
         let rows = &case.case["rows"];
         let trajectory = numbers(&rows["trajectory"]);
-        let rewards: Vec<f64> = numbers(&rows["rewards"]).into_iter().map(f64::from).collect();
-        let mut returns = Vec::new();
+        let mut rewards: Vec<f64> = numbers(&rows["rewards"]).into_iter().map(f64::from).collect();
+        let mut left = rewards.as_mut_slice();
         for of_one in trajectory.chunk_by(|a, b| a == b) {
-            let rewards = &rewards[returns.len()..returns.len() + of_one.len()];
-            returns.extend(returns_to_go(rewards, 1, case.parameters.gamma));
+            let (rewards, rest) = left.split_at_mut(of_one.len());
+            returns_to_go(rewards, 1, case.parameters.gamma);
+            left = rest;
         }
-        let returns: Vec<f32> = returns.into_iter().map(|g| g as f32).collect();
+        let returns: Vec<f32> = rewards.into_iter().map(|g| g as f32).collect();
         assert_close(&returns, &case.trajectories.returns_to_go, 1e-6, &case.name);
-
-        let network = case.network();
-        let rows = case.trajectories.actions.len();
-        let observations = case.trajectories.observations.clone();
-        let logits = network.forward(policy::matrix(observations, rows, &device::training()));
-        let ours = activation::log_softmax(logits, 1).into_data().try_to_vec::<f32>().unwrap();
-        assert_close(&ours, &numbers(&case.case["log_probabilities"]), 1e-6, &case.name);
-        let loss = case.loss(&network);
-        let value: f32 = loss.clone().into_scalar();
-        assert_close(&[value], &numbers(&case.case["loss"]), 1e-5, &case.name);
-        let ours = gradients(&network, loss).weights();
-        assert_weights_close(&ours, &weights(&case.case["gradients"]), 1e-5, &case.name);
     }
 }
 
 #[test]
-fn reinforce_updates_are_those_of_pytorch() {
+fn both_engines_compute_reinforce_as_pytorch_does() {
     for case in ReinforceCase::all() {
-        let mut network = case.network();
-        let mut optimizer = adam();
-        for _ in 0..3 {
-            let gradients = GradientsParams::from_grads(case.loss(&network).backward(), &network);
-            network = optimizer.step(case.parameters.learning_rate, network, gradients);
+        case.check(case.burn());
+        for isa in Isa::available() {
+            case.check(case.fused(isa));
         }
-        let expected = weights(&case.case["after_3_adam_steps"]);
-        assert_weights_close(&network.weights(), &expected, 2e-6, &case.name);
+    }
+}
+
+#[test]
+fn gradients_of_reinforce_are_those_of_pytorch() {
+    for case in ReinforceCase::all() {
+        let expected = weights(&case.case["gradients"]);
+        let network = case.network();
+        let ours = gradients(&network, case.loss(&network)).weights();
+        assert_weights_close(&ours, &expected, 1e-5, &case.name);
+        for isa in Isa::available() {
+            let ours = case.fused(isa).gradient(&case.trajectories);
+            assert_weights_close(&ours, &expected, 1e-5, &case.name);
+        }
     }
 }
 
@@ -345,10 +413,11 @@ fn assert_finite_differences(
 #[test]
 fn gradients_are_finite_differences_of_the_losses() {
     for case in DqnCase::all().iter().filter(|case| case.name.contains("tanh")) {
-        let network = case.network("network");
-        let gradients = gradients(&network, case.loss(&network)).weights();
+        let network = case.network();
+        let loss = |network: &DuelingQNetwork| BurnDuelingDqn::loss(network, &case.batch);
+        let gradients = gradients(&network, loss(&network)).weights();
         assert_finite_differences(&network.weights(), &gradients, &case.name, |weights| {
-            case.loss(&case.with_weights(weights)).into_scalar()
+            loss(&case.with_weights(weights)).into_scalar()
         });
     }
     for case in ReinforceCase::all().iter().filter(|case| case.name.contains("tanh")) {

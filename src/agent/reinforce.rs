@@ -4,188 +4,195 @@
 //! reinforcement learning", 1992; Karine et al. (2023), equations 1 to 3. Equation 3 prints the
 //! discount as gamma^(t-k); gamma^(k-t) is meant.
 
-use burn::module::Module;
-use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
-use burn::tensor::{Device, Int, Tensor, TensorData, activation};
-
-use crate::agent::policy::{Policy, SoftmaxPolicy, matrix};
-use crate::agent::{
-    Actions, Diverged, Learner, PolicyNetwork, Span, TrainedEpisode, Weights, device,
-};
-use crate::env::{Action, Ending, Episodes, Observer};
+use crate::agent::policy::{ActionNetwork, Policy, SoftmaxPolicy, sample};
+use crate::agent::{Actions, Diverged, Learner, Span, TrainedEpisode, Weights};
+use crate::env::{Action, Ending, Episodes, Observations, Observer};
 use crate::manifest::{Environment, Reinforce, Scenario};
 use crate::rng::{Purpose, Stream};
 
 /// Steps of sampled trajectories; row i of every array belongs to step i.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Trajectories {
-    /// \[rows, width\], row by row.
-    pub observations: Vec<f32>,
-    /// \[rows\].
+    /// The states.
+    pub observations: Observations,
+    /// \[rows\]: the actions taken in them.
     pub actions: Vec<Action>,
     /// Discounted rewards to go G_t = Σ_k≥t gamma^(k-t) r_k, \[rows\].
     pub returns_to_go: Vec<f32>,
 }
 
-impl Trajectories {
-    /// −(1/divisor) Σ G_t log π(a_t | s_t); a tensor of one element.
-    pub fn loss(&self, network: &PolicyNetwork, divisor: f64, device: &Device) -> Tensor<1> {
-        let rows = self.actions.len();
-        let actions: Vec<i64> = self.actions.iter().map(|a| a.index() as i64).collect();
-        let actions = Tensor::<2, Int>::from_data(TensorData::new(actions, [rows, 1]), device);
-        let returns = matrix(self.returns_to_go.clone(), rows, device);
-        let logits = network.forward(matrix(self.observations.clone(), rows, device));
-        let chosen = activation::log_softmax(logits, 1).gather(1, actions);
-        (chosen * returns).sum().neg().div_scalar(divisor)
-    }
+/// What trains a policy network: the engine under the algorithm.
+pub trait ReinforceEngine {
+    /// The network at one moment, to choose actions with.
+    type Network: ActionNetwork + 'static;
+
+    /// Replaces `out` by the logits of the actions in every observation, \[rows, actions\].
+    fn logits(&mut self, observations: &Observations, out: &mut Vec<f32>);
+
+    /// One step of Adam on −(1/divisor) Σ G_t log π(a_t | s_t); returns that loss. Where it is not
+    /// finite, the network may have been left as it was.
+    fn update(&mut self, trajectories: &Trajectories) -> f32;
+
+    /// The network as it is now.
+    fn network(&self) -> Self::Network;
+
+    /// Its weights.
+    fn weights(&self) -> Weights;
 }
 
-/// Discounted rewards to go of trajectories in lockstep.
+/// Turns rewards into discounted rewards to go.
 ///
-/// **Shapes**: `rewards` and the result are \[time, lanes\], row by row.
-pub fn returns_to_go(rewards: &[f64], lanes: usize, gamma: f64) -> Vec<f64> {
-    let mut returns = rewards.to_vec();
-    for earlier in (0..returns.len().saturating_sub(lanes)).rev() {
-        returns[earlier] += gamma * returns[earlier + lanes];
+/// **Shapes**: `rewards` is \[time, lanes\], row by row.
+pub fn returns_to_go(rewards: &mut [f64], lanes: usize, gamma: f64) {
+    for earlier in (0..rewards.len().saturating_sub(lanes)).rev() {
+        rewards[earlier] += gamma * rewards[earlier + lanes];
     }
-    returns
 }
 
 /// REINFORCE in training, one update at a time.
-pub struct ReinforceLearner {
+pub struct ReinforceLearner<E> {
+    engine: E,
     parameters: Reinforce,
-    device: Device,
-    network: PolicyNetwork,
-    optimizer: ModuleOptimizer,
     updates: u64,
     observer: Observer,
     episodes: Episodes,
     environment_stream: Stream,
     exploration_stream: Stream,
+    room: Room,
 }
 
-/// What the sampled trajectories of an update were, by step and lane.
-struct Sampled {
+/// Room to work in, so that an update allocates nothing.
+struct Room {
     trajectories: Trajectories,
-    finished: Vec<TrainedEpisode>,
+    /// Position \[time, lane\] of every row: a lane that has ended has no rows.
+    positions: Vec<usize>,
+    /// \[time, lane\].
+    rewards: Vec<f64>,
+    /// \[lane\].
+    lengths: Vec<u32>,
+    /// \[lane\].
+    actions: Vec<Action>,
+    observations: Observations,
+    logits: Vec<f32>,
 }
 
-impl ReinforceLearner {
+impl<E: ReinforceEngine> ReinforceLearner<E> {
     /// A learner before its first update.
     pub fn new(
+        engine: E,
         parameters: &Reinforce,
         environment: &Environment,
         scenario: &Scenario,
         seed: u64,
     ) -> Self {
         let observer = Observer::new(environment, scenario);
-        let device = device::training();
-        let mut weights_stream = Stream::new(seed, Purpose::InitialWeights);
         let lanes = parameters.trajectories_per_update as usize;
         let mut environment_stream = Stream::new(seed, Purpose::Environment);
         ReinforceLearner {
-            network: PolicyNetwork::initial(
-                parameters,
-                observer.width(),
-                &mut weights_stream,
-                &device,
-            ),
-            optimizer: AdamConfig::new().with_epsilon(1e-8).init(),
+            engine,
             updates: 0,
             episodes: Episodes::start(environment, lanes, &mut environment_stream),
+            room: Room {
+                trajectories: Trajectories {
+                    observations: observer.observations(),
+                    actions: Vec::new(),
+                    returns_to_go: Vec::new(),
+                },
+                positions: Vec::new(),
+                rewards: Vec::new(),
+                lengths: vec![0; lanes],
+                actions: vec![Action::NONE; lanes],
+                observations: observer.observations(),
+                logits: Vec::new(),
+            },
             observer,
             environment_stream,
             exploration_stream: Stream::new(seed, Purpose::Exploration),
-            device,
             parameters: parameters.clone(),
         }
     }
 
-    /// Samples the trajectories of one update, all in lockstep; `None` if it was to stop.
-    fn sample(&mut self, stop: &dyn Fn() -> bool) -> Option<Sampled> {
-        let (lanes, width) = (self.episodes.lanes(), self.observer.width());
-        let policy = self.policy(Actions::AsTrained);
+    /// Samples the trajectories of one update, all in lockstep.
+    fn sample(&mut self, stop: &dyn Fn() -> bool) -> Span {
+        let Room { trajectories, positions, rewards, lengths, actions, observations, logits } =
+            &mut self.room;
+        let lanes = self.episodes.lanes();
         self.episodes.restart(&mut self.environment_stream);
-        let mut trajectories = Trajectories::default();
-        // Position [time, lane] of every row: a lane that has ended has no rows.
-        let mut positions = Vec::new();
-        let mut rewards = Vec::new();
-        let mut lengths = vec![0; lanes];
-        let mut observations = vec![0.0; lanes * width];
-        let mut actions = vec![Action::NONE; lanes];
+        trajectories.observations.clear();
+        trajectories.actions.clear();
+        positions.clear();
+        rewards.clear();
+        lengths.fill(0);
         while self.episodes.any_running() {
             if stop() {
-                return None;
+                return Span::BrokenOff;
             }
-            self.observer.observe(&self.episodes, &mut observations);
-            policy.act(&observations, &mut actions, &mut self.exploration_stream);
+            self.observer.observe(&self.episodes, observations);
+            self.engine.logits(observations, logits);
+            sample(logits, actions, &mut self.exploration_stream);
             let start = rewards.len();
             rewards.resize(start + lanes, 0.0);
-            for (lane, _) in running(&self.episodes) {
-                let row = &observations[lane * width..(lane + 1) * width];
-                trajectories.observations.extend_from_slice(row);
-                trajectories.actions.push(actions[lane]);
-                positions.push(start + lane);
-                lengths[lane] += 1;
+            for (lane, ending) in self.episodes.endings().iter().enumerate() {
+                if *ending == Ending::Running {
+                    let (row, moment) = (observations.row(lane), observations.moment(lane));
+                    trajectories.observations.push(row, moment);
+                    trajectories.actions.push(actions[lane]);
+                    positions.push(start + lane);
+                    lengths[lane] += 1;
+                }
             }
-            self.episodes.step(&actions, &mut rewards[start..], &mut self.environment_stream);
+            self.episodes.step(actions, &mut rewards[start..], &mut self.environment_stream);
         }
-        let returns = returns_to_go(&rewards, lanes, self.parameters.gamma);
-        trajectories.returns_to_go = positions.iter().map(|&at| returns[at] as f32).collect();
-        let finished = lengths
-            .into_iter()
-            .enumerate()
-            .map(|(lane, length)| TrainedEpisode {
+        Span::Whole
+    }
+
+    /// The episodes just sampled, before their rewards become returns.
+    fn finished(&self) -> impl Iterator<Item = TrainedEpisode> {
+        let lanes = self.episodes.lanes();
+        let Room { rewards, lengths, .. } = &self.room;
+        lengths.iter().zip(self.episodes.endings()).enumerate().map(
+            move |(lane, (length, ending))| TrainedEpisode {
                 total_reward: rewards.iter().skip(lane).step_by(lanes).sum(),
-                length,
-                disengaged: self.episodes.endings()[lane] == Ending::Terminated,
-                loss_sum: 0.0,
-                updates: 0,
-                epsilon: None,
-            })
-            .collect();
-        Some(Sampled { trajectories, finished })
+                length: *length,
+                disengaged: *ending == Ending::Terminated,
+                ..TrainedEpisode::default()
+            },
+        )
     }
 }
 
-fn running(episodes: &Episodes) -> impl Iterator<Item = (usize, &Ending)> {
-    episodes.endings().iter().enumerate().filter(|(_, ending)| **ending == Ending::Running)
-}
-
-impl Learner for ReinforceLearner {
+impl<E: ReinforceEngine> Learner for ReinforceLearner<E> {
     fn advance(
         &mut self,
         finished: &mut Vec<TrainedEpisode>,
         stop: &dyn Fn() -> bool,
     ) -> Result<Span, Diverged> {
-        let Some(mut sampled) = self.sample(stop) else {
+        if self.sample(stop) == Span::BrokenOff {
             return Ok(Span::BrokenOff);
-        };
-        let loss =
-            sampled.trajectories.loss(&self.network, self.parameters.loss_divisor, &self.device);
-        let value: f32 = loss.clone().into_scalar();
-        self.updates += 1;
-        if !value.is_finite() {
-            return Err(Diverged { update: self.updates, loss: value });
         }
-        let gradients = GradientsParams::from_grads(loss.backward(), &self.network);
-        // The optimiser takes the module and gives it back.
-        let learning_rate = self.parameters.learning_rate;
-        self.network = self.optimizer.step(learning_rate, self.network.clone(), gradients);
-        if let Some(last) = sampled.finished.last_mut() {
-            last.loss_sum = f64::from(value);
+        finished.extend(self.finished());
+        let Room { trajectories, positions, rewards, .. } = &mut self.room;
+        returns_to_go(rewards, self.episodes.lanes(), self.parameters.gamma);
+        trajectories.returns_to_go.clear();
+        trajectories.returns_to_go.extend(positions.iter().map(|&at| rewards[at] as f32));
+        let loss = self.engine.update(trajectories);
+        self.updates += 1;
+        if !loss.is_finite() {
+            return Err(Diverged { update: self.updates, loss });
+        }
+        if let Some(last) = finished.last_mut() {
+            last.loss_sum = f64::from(loss);
             last.updates = 1;
         }
-        finished.append(&mut sampled.finished);
         Ok(Span::Whole)
     }
 
     fn policy(&self, actions: Actions) -> Box<dyn Policy> {
-        Box::new(SoftmaxPolicy::new(self.network.valid(), actions))
+        Box::new(SoftmaxPolicy::new(self.engine.network(), actions))
     }
 
     fn weights(&self) -> Weights {
-        self.network.weights()
+        self.engine.weights()
     }
 }
 
@@ -196,8 +203,9 @@ mod tests {
     #[test]
     fn rewards_to_go_by_hand() {
         // Two lanes: rewards 1, 2, 4 and 3, 0, 8; gamma 0.5.
-        let returns = returns_to_go(&[1.0, 3.0, 2.0, 0.0, 4.0, 8.0], 2, 0.5);
-        assert_eq!(returns, [3.0, 5.0, 4.0, 4.0, 4.0, 8.0]);
-        assert!(returns_to_go(&[], 1, 0.5).is_empty());
+        let mut rewards = [1.0, 3.0, 2.0, 0.0, 4.0, 8.0];
+        returns_to_go(&mut rewards, 2, 0.5);
+        assert_eq!(rewards, [3.0, 5.0, 4.0, 4.0, 4.0, 8.0]);
+        returns_to_go(&mut [], 1, 0.5);
     }
 }

@@ -1,6 +1,10 @@
 //! The replay buffer, and draws from it.
 
-use crate::env::{Action, Ending};
+use std::collections::BTreeMap;
+
+use crate::agent::dueling_dqn::Batch;
+use crate::env::{Action, Ending, Observations};
+use crate::manifest::TerminalTarget;
 use crate::rng::Stream;
 
 /// One step that the agent has taken, observations aside.
@@ -14,70 +18,142 @@ pub struct Transition {
     pub ending: Ending,
 }
 
-/// The latest transitions, the oldest overwritten once `capacity` is reached; it grows as it fills.
+/// The latest transitions, the oldest overwritten once `capacity` is reached.
+///
+/// It grows as it fills. Only the state before a transition is kept: the state after it is the one
+/// before its successor, unless the episode ended. A transition takes 9 bytes, 4 for each feature,
+/// and 2 for the moment where observations have a one-hot of time: 21 bytes in `P-H-D`.
 #[derive(Clone, Debug)]
 pub struct Replay {
     capacity: usize,
-    width: usize,
+    /// Where the next transition goes.
     next: usize,
-    transitions: Vec<Transition>,
-    observations: Vec<f32>,
-    next_observations: Vec<f32>,
-    /// The draw in which a transition was last chosen; 0 for none.
-    chosen_in: Vec<u32>,
-    draws: u32,
+    width: usize,
+    one_hot: usize,
+    features: Vec<f32>,
+    moments: Vec<u16>,
+    rewards: Vec<f32>,
+    /// Action and ending, two bits each.
+    steps: Vec<u8>,
+    /// Regression targets; not a number where they are not known.
+    targets: Vec<f32>,
+    /// The state after the latest transition.
+    latest: Observations,
+    /// States after truncated transitions, by position; kept only where a target asks for them.
+    closings: BTreeMap<usize, Observations>,
+    terminal_target: TerminalTarget,
+    chosen: Chosen,
 }
 
 impl Replay {
-    /// An empty buffer for observations of `width` entries.
-    pub fn new(capacity: usize, width: usize) -> Self {
+    /// An empty buffer for observations like these.
+    pub fn new(
+        capacity: usize,
+        observations: &Observations,
+        terminal_target: TerminalTarget,
+    ) -> Self {
         Replay {
             capacity,
-            width,
             next: 0,
-            transitions: Vec::new(),
-            observations: Vec::new(),
-            next_observations: Vec::new(),
-            chosen_in: Vec::new(),
-            draws: 0,
+            width: observations.width(),
+            one_hot: observations.one_hot(),
+            features: Vec::new(),
+            moments: Vec::new(),
+            rewards: Vec::new(),
+            steps: Vec::new(),
+            targets: Vec::new(),
+            latest: observations.clone(),
+            closings: BTreeMap::new(),
+            terminal_target,
+            chosen: Chosen::default(),
         }
     }
 
-    /// Stores a transition between two observations, each of `width` entries.
-    pub fn push(&mut self, before: &[f32], transition: Transition, after: &[f32]) {
-        if self.transitions.len() < self.capacity {
-            self.transitions.push(transition);
-            self.observations.extend_from_slice(before);
-            self.next_observations.extend_from_slice(after);
-            self.chosen_in.push(0);
-        } else {
-            let row = self.next * self.width..(self.next + 1) * self.width;
-            self.transitions[self.next] = transition;
-            self.observations[row.clone()].copy_from_slice(before);
-            self.next_observations[row].copy_from_slice(after);
+    /// Stores a transition between two observations of one row each. `after` is what is observed
+    /// before the next transition, unless the episode ended.
+    pub fn push(&mut self, before: &Observations, transition: Transition, after: &Observations) {
+        let position = self.next;
+        self.next = (position + 1) % self.capacity;
+        put(&mut self.features, position * self.width, before.row(0));
+        if let Some(moment) = before.moment(0) {
+            let moment = u16::try_from(moment).expect("a one-hot has at most 65,536 entries");
+            put(&mut self.moments, position, &[moment]);
         }
-        self.next = (self.next + 1) % self.capacity;
+        put(&mut self.rewards, position, &[transition.reward]);
+        put(&mut self.steps, position, &[pack(transition.action, transition.ending)]);
+        put(&mut self.targets, position, &[f32::NAN]);
+        self.latest.clone_from(after);
+        self.closings.remove(&position);
+        if (transition.ending, self.terminal_target)
+            == (Ending::Truncated, TerminalTarget::Standard)
+        {
+            self.closings.insert(position, after.clone());
+        }
     }
 
-    /// Transitions stored.
+    /// How many transitions are stored.
     pub fn len(&self) -> usize {
-        self.transitions.len()
+        self.steps.len()
     }
 
-    /// Whether nothing is stored.
+    /// Whether none is stored.
     pub fn is_empty(&self) -> bool {
-        self.transitions.is_empty()
+        self.steps.is_empty()
     }
 
     /// The transition at a position.
     pub fn transition(&self, position: usize) -> Transition {
-        self.transitions[position]
+        let (action, ending) = unpack(self.steps[position]);
+        Transition { action, reward: self.rewards[position], ending }
     }
 
-    /// The observations before and after the transition at a position.
-    pub fn observations(&self, position: usize) -> (&[f32], &[f32]) {
-        let row = position * self.width..(position + 1) * self.width;
-        (&self.observations[row.clone()], &self.next_observations[row])
+    /// Adds the state before the transition at a position to `out`.
+    pub fn push_before(&self, position: usize, out: &mut Observations) {
+        let features = &self.features[position * self.width..(position + 1) * self.width];
+        let moment = (self.one_hot > 0).then(|| u32::from(self.moments[position]));
+        out.push(features, moment);
+    }
+
+    /// Adds the state after the transition at a position to `out`. Where the episode ended, that is
+    /// the state it ended in if a target asks for it, and any state otherwise.
+    pub fn push_after(&self, position: usize, out: &mut Observations) {
+        let successor = (position + 1) % self.capacity;
+        let kept = match self.closings.get(&position) {
+            Some(closing) => Some(closing),
+            None => (successor == self.next).then_some(&self.latest),
+        };
+        match kept {
+            Some(after) => out.push(after.row(0), after.moment(0)),
+            None => self.push_before(successor, out),
+        }
+    }
+
+    /// The regression target of the transition at a position, where it is known.
+    pub fn target(&self, position: usize) -> Option<f32> {
+        Some(self.targets[position]).filter(|target| !target.is_nan())
+    }
+
+    /// Remembers the regression target of the transition at a position.
+    pub fn set_target(&mut self, position: usize, target: f32) {
+        self.targets[position] = target;
+    }
+
+    /// Forgets every regression target.
+    pub fn forget_targets(&mut self) {
+        self.targets.fill(f32::NAN);
+    }
+
+    /// Replaces a batch by the transitions at these positions with their targets, which are not a
+    /// number where they are not known.
+    pub fn gather(&self, positions: &[usize], batch: &mut Batch) {
+        batch.observations.clear();
+        batch.actions.clear();
+        batch.targets.clear();
+        for &position in positions {
+            self.push_before(position, &mut batch.observations);
+            batch.actions.push(unpack(self.steps[position]).0);
+            batch.targets.push(self.targets[position]);
+        }
     }
 
     /// Fills `positions` with different positions, every set of them equally likely, in time
@@ -85,18 +161,81 @@ impl Replay {
     ///
     /// **Source**: Floyd's algorithm (Bentley and Floyd, "A sample of brilliance", 1987).
     pub fn draw(&mut self, stream: &mut Stream, positions: &mut [usize]) {
-        let stored = self.transitions.len();
+        let stored = self.len();
         assert!(positions.len() <= stored, "a draw without replacement needs enough transitions");
-        if self.draws == u32::MAX {
-            self.chosen_in.fill(0);
-            self.draws = 0;
-        }
-        self.draws += 1;
+        self.chosen.clear(positions.len());
         let first = stored - positions.len();
         for (position, last) in positions.iter_mut().zip(first..) {
-            let drawn = stream.below(last as u32 + 1) as usize;
-            *position = if self.chosen_in[drawn] == self.draws { last } else { drawn };
-            self.chosen_in[*position] = self.draws;
+            let drawn = stream.below(last as u32 + 1);
+            *position = if self.chosen.insert(drawn) {
+                drawn as usize
+            } else {
+                self.chosen.insert(last as u32);
+                last
+            };
+        }
+    }
+}
+
+/// Writes at a position, or at the end; grows by an eighth, so that little lies idle.
+fn put<T: Copy>(values: &mut Vec<T>, at: usize, new: &[T]) {
+    if at < values.len() {
+        values[at..at + new.len()].copy_from_slice(new);
+        return;
+    }
+    if values.len() + new.len() > values.capacity() {
+        values.reserve_exact((values.len() / 8).max(1024 * new.len()));
+    }
+    values.extend_from_slice(new);
+}
+
+fn pack(action: Action, ending: Ending) -> u8 {
+    let ending = match ending {
+        Ending::Running => 0,
+        Ending::Terminated => 1,
+        Ending::Truncated => 2,
+    };
+    action.index() as u8 | ending << 2
+}
+
+fn unpack(step: u8) -> (Action, Ending) {
+    let ending = match step >> 2 {
+        0 => Ending::Running,
+        1 => Ending::Terminated,
+        _ => Ending::Truncated,
+    };
+    (Action::from_low_bits(step.into()), ending)
+}
+
+/// The positions chosen in a draw: a table of a few slots for each, searched from a slot that the
+/// position gives.
+#[derive(Clone, Debug, Default)]
+struct Chosen(Vec<u32>);
+
+impl Chosen {
+    /// Marks a free slot; no buffer is as large.
+    const FREE: u32 = u32::MAX;
+
+    /// Empties the table and makes room for so many.
+    fn clear(&mut self, count: usize) {
+        self.0.clear();
+        self.0.resize((4 * count).next_power_of_two(), Chosen::FREE);
+    }
+
+    /// Whether the position is new; it is in the table then.
+    fn insert(&mut self, position: u32) -> bool {
+        // Fibonacci hashing: neighbours go far apart.
+        let mut slot = position.wrapping_mul(0x9E37_79B9) as usize;
+        loop {
+            slot &= self.0.len() - 1;
+            match self.0[slot] {
+                Chosen::FREE => {
+                    self.0[slot] = position;
+                    return true;
+                }
+                taken if taken == position => return false,
+                _ => slot += 1,
+            }
         }
     }
 }
@@ -106,27 +245,87 @@ mod tests {
     use super::*;
     use crate::rng::Purpose;
 
-    fn filled(capacity: usize, pushes: usize) -> Replay {
-        let mut replay = Replay::new(capacity, 2);
+    /// Observations of one row.
+    fn one(value: f32) -> Observations {
+        let mut observations = Observations::new(2, 3);
+        observations.push(&[value, value + 0.5], Some(value as u32 % 3));
+        observations
+    }
+
+    /// A buffer after transitions of which each goes from its number to the next, and every third
+    /// ends an episode at the horizon, at its number and 100.
+    fn filled(capacity: usize, pushes: usize, terminal_target: TerminalTarget) -> Replay {
+        let mut replay = Replay::new(capacity, &Observations::new(2, 3), terminal_target);
         for i in 0..pushes {
-            let transition =
-                Transition { action: Action::NONE, reward: i as f32, ending: Ending::Running };
-            replay.push(&[i as f32, 0.0], transition, &[i as f32 + 1.0, 0.5]);
+            let (ending, after) = if i % 3 == 2 {
+                (Ending::Truncated, i as f32 + 100.0)
+            } else {
+                (Ending::Running, i as f32 + 1.0)
+            };
+            let action = Action::from_index(i % 4).unwrap();
+            let transition = Transition { action, reward: i as f32, ending };
+            replay.push(&one(i as f32), transition, &one(after));
         }
         replay
     }
 
     #[test]
     fn a_full_buffer_overwrites_its_oldest() {
-        let replay = filled(3, 5);
+        let replay = filled(3, 5, TerminalTarget::Zero);
         let rewards: Vec<f32> = (0..3).map(|i| replay.transition(i).reward).collect();
         assert_eq!(rewards, [3.0, 4.0, 2.0]);
-        assert_eq!(replay.observations(1), (&[4.0, 0.0][..], &[5.0, 0.5][..]));
+        assert_eq!(replay.transition(2).ending, Ending::Truncated);
+        assert_eq!(replay.transition(0).action.index(), 3);
+    }
+
+    #[test]
+    fn states_before_and_after_are_those_of_the_transition() {
+        for capacity in [4, 7, 20] {
+            let replay = filled(capacity, 14, TerminalTarget::Standard);
+            for position in 0..replay.len() {
+                let mut states = Observations::new(2, 3);
+                replay.push_before(position, &mut states);
+                replay.push_after(position, &mut states);
+                let before = replay.transition(position).reward;
+                let after = match replay.transition(position).ending {
+                    Ending::Truncated => before + 100.0,
+                    _ => before + 1.0,
+                };
+                assert_eq!(states.row(0), [before, before + 0.5]);
+                assert_eq!(states.row(1), [after, after + 0.5]);
+                assert_eq!(states.moments(), [before as u32 % 3, after as u32 % 3]);
+            }
+        }
+    }
+
+    #[test]
+    fn targets_are_known_until_forgotten_or_overwritten() {
+        let mut replay = filled(4, 4, TerminalTarget::Zero);
+        assert_eq!(replay.target(1), None);
+        (0..4).for_each(|position| replay.set_target(position, position as f32));
+        replay.push(&one(9.0), replay.transition(0), &one(10.0));
+        assert_eq!(replay.target(0), None);
+        assert_eq!(replay.target(1), Some(1.0));
+        replay.forget_targets();
+        assert_eq!(replay.target(1), None);
+    }
+
+    #[test]
+    fn a_transition_takes_at_most_24_bytes() {
+        let mut replay = Replay::new(100_000, &Observations::new(3, 50), TerminalTarget::Zero);
+        let mut state = Observations::new(3, 50);
+        state.push(&[0.0; 3], Some(1));
+        let transition = Transition { action: Action::NONE, reward: 0.0, ending: Ending::Running };
+        (0..100_000).for_each(|_| replay.push(&state, transition, &state));
+        let Replay { features, moments, rewards, steps, targets, .. } = &replay;
+        let stored = 4 * features.len() + 2 * moments.len() + 4 * rewards.len() + steps.len();
+        assert!(stored + 4 * targets.len() <= 24 * replay.len());
+        assert!(features.capacity() <= features.len() * 9 / 8);
     }
 
     #[test]
     fn draws_are_without_replacement_and_every_pair_is_equally_likely() {
-        let mut replay = filled(5, 5);
+        let mut replay = filled(5, 5, TerminalTarget::Zero);
         let mut stream = Stream::new(2, Purpose::Replay);
         let mut counts = [[0u32; 5]; 5];
         for _ in 0..100_000 {
@@ -151,7 +350,7 @@ mod tests {
 
     #[test]
     fn a_draw_of_everything_is_everything() {
-        let mut replay = filled(64, 64);
+        let mut replay = filled(64, 64, TerminalTarget::Zero);
         let mut positions = [0; 64];
         replay.draw(&mut Stream::new(1, Purpose::Replay), &mut positions);
         positions.sort_unstable();

@@ -101,7 +101,7 @@ fn trained(key: &str, arguments: &Arguments) -> Result<(Environment, Chooser), E
     let policy = agent::trained_policy(&job.agent, &environment, &job.scenario, &weights, actions)
         .map_err(unusable)?;
     let observer = Observer::new(&environment, &job.scenario);
-    Ok((environment, Chooser::Trained { policy, observer }))
+    Ok((environment, Chooser::trained(policy, observer)))
 }
 
 /// The environment with settings as a manifest would make them, and with a manifest's checks.
@@ -186,7 +186,7 @@ impl Rolled {
     fn episode(&mut self) -> Vec<Step> {
         let mut episodes = Episodes::start(&self.environment, 1, &mut self.streams.environment);
         let mut steps = Steps(Vec::new());
-        train::roll(&mut episodes, &self.chooser, &mut self.streams, &mut steps);
+        train::roll(&mut episodes, &mut self.chooser, &mut self.streams, &mut steps);
         steps.0
     }
 }

@@ -1,8 +1,10 @@
 //! The context process and what an inference of it shows.
 
+use pulp::{Simd, WithSimd};
 use statrs::distribution::{ContinuousCDF, Normal};
 
-use crate::rng::{Stream, unit_from_bits};
+use crate::kernel::math;
+use crate::rng::Stream;
 
 /// The context of a step with its inference.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,30 +26,67 @@ impl Signal {
         Signal { context, probability_of_zero, likely: u8::from(probability_of_zero < 0.5) }
     }
 
-    /// Draws c ~ Bernoulli(0.5) and x ~ N(c, sigma^2); infers P(C = 0 | x).
-    ///
-    /// Takes exactly two words of the stream, so that lanes can be drawn in bulk. The normal
-    /// deviate is by Box and Muller (1958).
+    /// Draws c ~ Bernoulli(0.5) and x ~ N(c, sigma^2); infers P(C = 0 | x). Takes one word of the
+    /// stream.
     pub fn draw(sigma: f64, stream: &mut Stream) -> Self {
-        let (first, second) = (stream.bits(), stream.bits());
-        let context = (first & 1) as u8;
-        // 1 - u is above 0, which the logarithm needs.
-        let radius = (-2.0 * libm::log(1.0 - unit_from_bits(first))).sqrt();
-        let deviate = radius * libm::cos(std::f64::consts::TAU * unit_from_bits(second));
+        let (context, deviate) = context_and_deviate(stream.bits());
         Signal::new(context, probability_of_zero(context, deviate, sigma))
     }
+}
+
+/// The context and the standard normal deviate that 64 random bits make.
+///
+/// Bit 0 is the context. Bits 1 to 31 and 32 to 63 are uniform numbers, of which the method of Box
+/// and Muller (1958) makes a deviate of at most 6.7 in size.
+#[inline(always)]
+fn context_and_deviate(bits: u64) -> (u8, f64) {
+    let context = (bits & 1) as u8;
+    // Halfway between multiples of 2^-31: never 0, which the logarithm could not take.
+    let uniform = (f64::from((bits >> 1) as i32 & i32::MAX) + 0.5) * (1.0 / 2_147_483_648.0);
+    // In [-1/2, 1/2).
+    let turns = f64::from((bits >> 32) as i32) * (1.0 / 4_294_967_296.0);
+    (context, (-2.0 * math::ln(uniform)).sqrt() * math::cos_turns(turns))
 }
 
 /// P(C = 0 | x) for the feature x = context + sigma * deviate.
 ///
 /// With equal priors, p_0 = 1 / (1 + N(x; 1, s^2) / N(x; 0, s^2)) = 1 / (1 + exp((2x - 1) / 2s^2)).
 /// `sigma = 0` is exact: 1 in context 0 and 0 in context 1.
+#[inline(always)]
 pub fn probability_of_zero(context: u8, deviate: f64, sigma: f64) -> f64 {
     if sigma == 0.0 {
         return f64::from(1 - context);
     }
     let feature = f64::from(context) + sigma * deviate;
-    1.0 / (1.0 + libm::exp((2.0 * feature - 1.0) / (2.0 * sigma * sigma)))
+    1.0 / (1.0 + math::exp((2.0 * feature - 1.0) / (2.0 * sigma * sigma)))
+}
+
+/// Draws of many signals at once, each as [`Signal::draw`] makes it.
+///
+/// **Shapes**: every array is \[lanes\]; `words` are the words of the stream.
+pub(super) struct Draws<'a> {
+    pub(super) sigma: f64,
+    pub(super) words: &'a [u64],
+    pub(super) contexts: &'a mut [u8],
+    pub(super) probabilities: &'a mut [f64],
+    pub(super) likely: &'a mut [u8],
+}
+
+impl WithSimd for Draws<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let shown = self.contexts.iter_mut().zip(self.likely);
+        for ((word, probability), (context, likely)) in
+            self.words.iter().zip(self.probabilities).zip(shown)
+        {
+            let (drawn, deviate) = context_and_deviate(*word);
+            *context = drawn;
+            *probability = probability_of_zero(drawn, deviate, self.sigma);
+            *likely = u8::from(*probability < 0.5);
+        }
+    }
 }
 
 /// The exact rate at which the most likely context is wrong: Phi(-1 / (2 sigma)).

@@ -1,6 +1,8 @@
 //! Episodes in lockstep.
 
 use crate::env::Signal;
+use crate::env::context::Draws;
+use crate::kernel::Isa;
 use crate::manifest::{Environment, FirstContext};
 use crate::rng::Stream;
 
@@ -71,6 +73,9 @@ pub struct Episodes {
     habituation: Vec<f64>,
     disengagement: Vec<f64>,
     endings: Vec<Ending>,
+    /// Words of the stream for the next signals, \[lanes\].
+    words: Vec<u64>,
+    isa: Isa,
 }
 
 impl Episodes {
@@ -85,6 +90,8 @@ impl Episodes {
             habituation: vec![0.0; lanes],
             disengagement: vec![0.0; lanes],
             endings: vec![Ending::Running; lanes],
+            words: vec![0; lanes],
+            isa: Isa::chosen(),
         };
         episodes.restart(stream);
         episodes
@@ -163,12 +170,16 @@ impl Episodes {
         e.mu[usize::from(context)] + (1.0 - *habituation) * base
     }
 
-    /// The random half of a step: draws the context of every lane.
+    /// The random half of a step: draws the context of every lane, ended ones included.
     pub fn sense(&mut self, stream: &mut Stream) {
-        let sigma = self.environment.sigma;
-        for lane in 0..self.lanes() {
-            self.show(lane, Signal::draw(sigma, stream));
-        }
+        stream.fill(&mut self.words);
+        self.isa.run(Draws {
+            sigma: self.environment.sigma,
+            words: &self.words,
+            contexts: &mut self.contexts,
+            probabilities: &mut self.probabilities,
+            likely: &mut self.likely,
+        });
     }
 
     /// Forces the context of a lane, as a replay does.

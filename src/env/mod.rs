@@ -10,4 +10,4 @@ mod observation;
 
 pub use context::{Signal, inference_error, probability_of_zero};
 pub use episodes::{Action, Ending, Episodes};
-pub use observation::Observer;
+pub use observation::{Observations, Observer};

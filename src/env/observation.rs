@@ -3,6 +3,87 @@
 use crate::env::Episodes;
 use crate::manifest::{Environment, Feature, Scenario, TimeIndicator};
 
+/// Observations of an agent, row by row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Observations {
+    width: usize,
+    one_hot: usize,
+    /// \[rows, width\]: the scenario's features, in its order.
+    features: Vec<f32>,
+    /// \[rows\]: which entry of the one-hot of time is 1; empty where there is no one-hot.
+    moments: Vec<u32>,
+}
+
+impl Observations {
+    /// No rows, for `width` features and a one-hot of time of `one_hot` entries (0 for none).
+    pub fn new(width: usize, one_hot: usize) -> Self {
+        Observations { width, one_hot, features: Vec::new(), moments: Vec::new() }
+    }
+
+    /// How many there are.
+    pub fn rows(&self) -> usize {
+        self.features.len() / self.width
+    }
+
+    /// Features of a row, the one-hot aside.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Entries of the one-hot of time; 0 without one.
+    pub fn one_hot(&self) -> usize {
+        self.one_hot
+    }
+
+    /// \[rows, width\]: the features, row by row.
+    pub fn features(&self) -> &[f32] {
+        &self.features
+    }
+
+    /// \[rows\]: which entry of the one-hot is 1; empty where there is no one-hot.
+    pub fn moments(&self) -> &[u32] {
+        &self.moments
+    }
+
+    /// The features of a row.
+    pub fn row(&self, row: usize) -> &[f32] {
+        &self.features[row * self.width..(row + 1) * self.width]
+    }
+
+    /// Which entry of a row's one-hot is 1; `None` where there is no one-hot.
+    pub fn moment(&self, row: usize) -> Option<u32> {
+        self.moments.get(row).copied()
+    }
+
+    /// Removes every row.
+    pub fn clear(&mut self) {
+        self.features.clear();
+        self.moments.clear();
+    }
+
+    /// Adds a row; `moment` is given exactly where there is a one-hot.
+    pub fn push(&mut self, features: &[f32], moment: Option<u32>) {
+        assert_eq!(features.len(), self.width, "a row of features");
+        assert_eq!(moment.is_some(), self.one_hot > 0, "a moment for the one-hot");
+        self.features.extend_from_slice(features);
+        self.moments.extend(moment);
+    }
+
+    /// The rows with their one-hots written out: \[rows, width + one_hot\].
+    pub fn written_out(&self) -> Vec<f32> {
+        let mut all = Vec::with_capacity(self.rows() * (self.width + self.one_hot));
+        for row in 0..self.rows() {
+            all.extend_from_slice(self.row(row));
+            let one_hot = all.len();
+            all.resize(one_hot + self.one_hot, 0.0);
+            if let Some(moment) = self.moment(row) {
+                all[one_hot + moment as usize] = 1.0;
+            }
+        }
+        all
+    }
+}
+
 /// Turns the state of episodes into observations of a scenario.
 #[derive(Clone, Debug)]
 pub struct Observer {
@@ -26,30 +107,36 @@ impl Observer {
         }
     }
 
-    /// Entries of one observation.
-    pub fn width(&self) -> usize {
+    /// Entries of an observation with its one-hot written out.
+    pub fn inputs(&self) -> usize {
         self.features.len() + self.one_hot
     }
 
-    /// Writes the observation of every lane.
+    /// Observations without a row, as wide as this observer's.
+    pub fn observations(&self) -> Observations {
+        Observations::new(self.features.len(), self.one_hot)
+    }
+
+    /// Replaces the rows of `out` by the observation of every lane.
     ///
-    /// **Shapes**: `out` is \[lanes, width\], row by row; entries in the scenario's order, then the
-    /// one-hot of time, whose last entry also stands for the horizon itself.
-    pub fn observe(&self, episodes: &Episodes, out: &mut [f32]) {
-        assert_eq!(out.len(), episodes.lanes() * self.width(), "an observation a lane");
+    /// The last entry of the one-hot of time also stands for the horizon itself.
+    pub fn observe(&self, episodes: &Episodes, out: &mut Observations) {
+        let lanes = episodes.lanes();
+        let width = self.features.len();
         let shown = match self.time_indicator {
             TimeIndicator::Lagged => episodes.time().saturating_sub(1),
             TimeIndicator::Exact => episodes.time(),
         };
-        for (lane, row) in out.chunks_exact_mut(self.width()).enumerate() {
-            let (entries, one_hot) = row.split_at_mut(self.features.len());
-            for (entry, feature) in entries.iter_mut().zip(&self.features) {
+        out.features.resize(lanes * width, 0.0);
+        for (column, feature) in self.features.iter().enumerate() {
+            let entries = out.features[column..].iter_mut().step_by(width);
+            for (lane, entry) in entries.enumerate() {
                 *entry = self.entry(*feature, episodes, lane, shown) as f32;
             }
-            one_hot.fill(0.0);
-            if let Some(last) = self.one_hot.checked_sub(1) {
-                one_hot[(shown as usize).min(last)] = 1.0;
-            }
+        }
+        out.moments.clear();
+        if let Some(last) = self.one_hot.checked_sub(1) {
+            out.moments.resize(lanes, shown.min(last as u32));
         }
     }
 
@@ -80,10 +167,10 @@ mod tests {
         (0..steps)
             .map(|_| {
                 episodes.show(0, Signal::new(1, 0.25));
-                let mut row = vec![f32::NAN; observer.width()];
+                let mut row = observer.observations();
                 observer.observe(&episodes, &mut row);
                 episodes.respond(&[Action::UNTAILORED], &mut [0.0]);
-                row
+                row.written_out()
             })
             .collect()
     }

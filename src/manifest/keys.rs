@@ -246,7 +246,7 @@ const EPISODES: Kind = Kind::Integer { min: 1, max: 10_000_000 };
 const LAYERS: Kind = Kind::Widths { max: 4096 };
 const ACTIVATION: Kind = Kind::Choice(&["relu", "tanh"]);
 const LEARNING_RATE: Kind = Kind::PositiveReal { max: 1.0 };
-const ENGINE: Kind = Kind::Choice(&["burn"]);
+const ENGINE: Kind = Kind::Choice(&["fused", "burn"]);
 
 const fn key(name: &'static str, kind: Kind, doc: &'static str) -> Key {
     Key { name, kind, doc }
@@ -342,7 +342,7 @@ const DUELING_DQN: &[Key] = &[
         Kind::Choice(&["zero", "standard"]),
         "target of a transition that ends its episode: 0 on any end (the authors' code), or the reward, bootstrapped at the horizon",
     ),
-    key("engine", ENGINE, "which code performs the updates"),
+    key("engine", ENGINE, "which code performs the updates; \"fused\" is the fast one"),
 ];
 
 const REINFORCE: &[Key] = &[
@@ -361,7 +361,7 @@ const REINFORCE: &[Key] = &[
         Kind::PositiveReal { max: LARGE },
         "what the summed loss of an update is divided by",
     ),
-    key("engine", ENGINE, "which code performs the updates"),
+    key("engine", ENGINE, "which code performs the updates; \"fused\" is the fast one"),
 ];
 
 const EVALUATION: &[Key] = &[

@@ -1,7 +1,7 @@
 //! Rolling a policy through episodes, for tests and for `simulate`.
 
 use crate::agent::{Policy, Rule};
-use crate::env::{Action, Episodes, Observer};
+use crate::env::{Action, Episodes, Observations, Observer};
 use crate::rng::{Purpose, Stream};
 
 /// What chooses the actions.
@@ -14,26 +14,27 @@ pub enum Chooser {
         policy: Box<dyn Policy>,
         /// What it sees.
         observer: Observer,
+        /// Room for what it sees.
+        observations: Observations,
     },
 }
 
 impl Chooser {
-    /// An action for every lane; `observations` is room to work in.
-    fn choose(
-        &self,
-        episodes: &Episodes,
-        observations: &mut Vec<f32>,
-        actions: &mut [Action],
-        stream: &mut Stream,
-    ) {
+    /// A trained policy with the observations it was trained on.
+    pub fn trained(policy: Box<dyn Policy>, observer: Observer) -> Self {
+        let observations = observer.observations();
+        Chooser::Trained { policy, observer, observations }
+    }
+
+    /// An action for every lane.
+    fn choose(&mut self, episodes: &Episodes, actions: &mut [Action], stream: &mut Stream) {
         match self {
             Chooser::Rule(rule) => {
                 for (lane, action) in actions.iter_mut().enumerate() {
                     *action = rule.choose(&episodes.signal(lane), stream);
                 }
             }
-            Chooser::Trained { policy, observer } => {
-                observations.resize(episodes.lanes() * observer.width(), 0.0);
+            Chooser::Trained { policy, observer, observations } => {
                 observer.observe(episodes, observations);
                 policy.act(observations, actions, stream);
             }
@@ -78,15 +79,14 @@ pub trait Watch {
 /// Rolls episodes from their first step to the end of the last, unless the watcher stops it.
 pub fn roll(
     episodes: &mut Episodes,
-    chooser: &Chooser,
+    chooser: &mut Chooser,
     streams: &mut TestStreams,
     watch: &mut impl Watch,
 ) {
-    let mut observations = Vec::new();
     let mut actions = vec![Action::NONE; episodes.lanes()];
     let mut rewards = vec![0.0; episodes.lanes()];
     while episodes.any_running() && !watch.stop_requested() {
-        chooser.choose(episodes, &mut observations, &mut actions, &mut streams.actions);
+        chooser.choose(episodes, &mut actions, &mut streams.actions);
         watch.chosen(episodes, &actions);
         episodes.step(&actions, &mut rewards, &mut streams.environment);
         watch.paid(episodes, &rewards);

@@ -19,7 +19,7 @@ pub(super) struct Tested {
 /// Tests a policy; `None` if it was stopped.
 pub(super) fn run(job: &Job, policy: Box<dyn Policy>, monitor: &dyn Monitor) -> Option<Tested> {
     let observer = Observer::new(&job.environment, &job.scenario);
-    let chooser = Chooser::Trained { policy, observer };
+    let mut chooser = Chooser::trained(policy, observer);
     let mut streams = TestStreams::new(job.seed);
     let mut counts = ActionCounts::default();
     let mut tested = Vec::new();
@@ -32,7 +32,7 @@ pub(super) fn run(job: &Job, policy: Box<dyn Policy>, monitor: &dyn Monitor) -> 
         let unplayed = TestEpisode { total_reward: 0.0, length: 0, disengaged: false };
         let played = vec![unplayed; lanes as usize];
         let mut batch = Batch { counts: &mut counts, played, monitor };
-        roll(&mut episodes, &chooser, &mut streams, &mut batch);
+        roll(&mut episodes, &mut chooser, &mut streams, &mut batch);
         if monitor.stop_requested() {
             return None;
         }

@@ -1,61 +1,16 @@
-//! The networks, as Burn modules, and the names and shapes of their layers.
+//! The networks, as Burn modules.
 
 use burn::module::{Module, Param};
 use burn::nn::Linear;
 use burn::tensor::{Device, Tensor, TensorData, activation};
 
+use crate::agent::layers::{self, Layer};
 use crate::agent::weights::{Tensor as WeightTensor, Weights, WeightsError};
-use crate::env::Action;
-use crate::manifest::{Activation, DuelingDqn, Reinforce, Trunk};
-use crate::rng::Stream;
-
-/// Name and size of a linear layer.
-struct Layer {
-    name: String,
-    inputs: usize,
-    outputs: usize,
-}
-
-/// Hidden layers `<name>.0`, `<name>.1`, … from `width` entries on.
-fn hidden(name: &str, width: usize, widths: &[u32]) -> Vec<Layer> {
-    let mut inputs = width;
-    let layer = |(i, &outputs): (usize, &u32)| {
-        let outputs = outputs as usize;
-        let layer = Layer { name: format!("{name}.{i}"), inputs, outputs };
-        inputs = outputs;
-        layer
-    };
-    widths.iter().enumerate().map(layer).collect()
-}
-
-fn head(name: &str, hidden: &[Layer], outputs: usize) -> Layer {
-    let inputs = hidden.last().expect("a network has at least one hidden layer").outputs;
-    Layer { name: name.to_owned(), inputs, outputs }
-}
-
-/// Draws the weights of layers as PyTorch's `Linear` does: weight and bias uniform in
-/// ±1/sqrt(inputs), layer by layer, the weight first.
-fn draw<'a>(layers: impl Iterator<Item = &'a Layer>, stream: &mut Stream) -> Weights {
-    let mut weights = Weights::default();
-    for layer in layers {
-        let bound = 1.0 / (layer.inputs as f64).sqrt();
-        for (kind, shape) in
-            [("weight", vec![layer.inputs, layer.outputs]), ("bias", vec![layer.outputs])]
-        {
-            let count = shape.iter().product();
-            let values = (0..count).map(|_| ((2.0 * stream.unit() - 1.0) * bound) as f32).collect();
-            weights
-                .tensors
-                .insert(format!("{}.{kind}", layer.name), WeightTensor { shape, values });
-        }
-    }
-    weights
-}
+use crate::manifest::{Activation, DuelingDqn, Reinforce};
 
 fn linear(layer: &Layer, weights: &Weights, device: &Device) -> Result<Linear, WeightsError> {
-    let Layer { name, inputs, outputs } = layer;
-    let weight = weights.tensor(&format!("{name}.weight"), &[*inputs, *outputs])?;
-    let bias = weights.tensor(&format!("{name}.bias"), &[*outputs])?;
+    let weight = weights.tensor(&layer.weight(), &[layer.inputs, layer.outputs])?;
+    let bias = weights.tensor(&layer.bias(), &[layer.outputs])?;
     let data = |t: &WeightTensor| TensorData::new(t.values.clone(), t.shape.clone());
     Ok(Linear {
         weight: Param::from_data(data(weight), device),
@@ -126,46 +81,8 @@ pub struct DuelingQNetwork {
     advantage: Linear,
 }
 
-/// Names and sizes of the dueling network's layers.
-struct DuelingLayers {
-    /// Stacks of hidden layers: one when shared, that of the value first otherwise.
-    trunks: Vec<Vec<Layer>>,
-    value: Layer,
-    advantage: Layer,
-}
-
-impl DuelingLayers {
-    fn new(parameters: &DuelingDqn, width: usize) -> Self {
-        let names: &[&str] = match parameters.trunk {
-            Trunk::Shared => &["trunk"],
-            Trunk::Separate => &["value_trunk", "advantage_trunk"],
-        };
-        let trunks: Vec<_> =
-            names.iter().map(|name| hidden(name, width, &parameters.layers)).collect();
-        let value = head("value", &trunks[0], 1);
-        let advantage = head("advantage", &trunks[0], Action::COUNT);
-        DuelingLayers { trunks, value, advantage }
-    }
-
-    fn iter(&self) -> impl Iterator<Item = &Layer> {
-        self.trunks.iter().flatten().chain([&self.value, &self.advantage])
-    }
-}
-
 impl DuelingQNetwork {
-    /// A network with weights drawn from a stream, for observations of `width` entries.
-    pub fn initial(
-        parameters: &DuelingDqn,
-        width: usize,
-        stream: &mut Stream,
-        device: &Device,
-    ) -> Self {
-        let weights = draw(DuelingLayers::new(parameters, width).iter(), stream);
-        DuelingQNetwork::from_weights(parameters, width, &weights, device)
-            .expect("the weights were drawn for this network")
-    }
-
-    /// A network with these weights.
+    /// A network with these weights, for observations of `width` entries.
     ///
     /// **Errors**: an array is missing or of another shape.
     pub fn from_weights(
@@ -174,17 +91,17 @@ impl DuelingQNetwork {
         weights: &Weights,
         device: &Device,
     ) -> Result<Self, WeightsError> {
-        let layers = DuelingLayers::new(parameters, width);
-        let mut trunks = layers
-            .trunks
-            .iter()
-            .map(|trunk| HiddenLayers::from_weights(trunk, parameters.activation, weights, device));
-        let value_trunk = trunks.next().expect("there is at least one stack")?;
+        let stacks = layers::dueling(parameters, width);
+        let mut trunks = stacks.iter().map(|stack| {
+            HiddenLayers::from_weights(&stack.hidden, parameters.activation, weights, device)
+        });
+        let mut heads =
+            stacks.iter().flat_map(|stack| &stack.heads).map(|head| linear(head, weights, device));
         Ok(DuelingQNetwork {
-            value_trunk,
+            value_trunk: trunks.next().expect("there is a stack")?,
             advantage_trunk: trunks.next().transpose()?,
-            value: linear(&layers.value, weights, device)?,
-            advantage: linear(&layers.advantage, weights, device)?,
+            value: heads.next().expect("the value's head is the first")?,
+            advantage: heads.next().expect("that of the advantages is the second")?,
         })
     }
 
@@ -229,21 +146,7 @@ pub struct PolicyNetwork {
 }
 
 impl PolicyNetwork {
-    /// A network with weights drawn from a stream, for observations of `width` entries.
-    pub fn initial(
-        parameters: &Reinforce,
-        width: usize,
-        stream: &mut Stream,
-        device: &Device,
-    ) -> Self {
-        let trunk = hidden("trunk", width, &parameters.layers);
-        let logits = head("logits", &trunk, Action::COUNT);
-        let weights = draw(trunk.iter().chain([&logits]), stream);
-        PolicyNetwork::from_weights(parameters, width, &weights, device)
-            .expect("the weights were drawn for this network")
-    }
-
-    /// A network with these weights.
+    /// A network with these weights, for observations of `width` entries.
     ///
     /// **Errors**: an array is missing or of another shape.
     pub fn from_weights(
@@ -252,10 +155,10 @@ impl PolicyNetwork {
         weights: &Weights,
         device: &Device,
     ) -> Result<Self, WeightsError> {
-        let trunk = hidden("trunk", width, &parameters.layers);
-        let logits = linear(&head("logits", &trunk, Action::COUNT), weights, device)?;
-        let trunk = HiddenLayers::from_weights(&trunk, parameters.activation, weights, device)?;
-        Ok(PolicyNetwork { trunk, logits })
+        let stack = layers::policy(parameters, width);
+        let trunk =
+            HiddenLayers::from_weights(&stack.hidden, parameters.activation, weights, device)?;
+        Ok(PolicyNetwork { trunk, logits: linear(&stack.heads[0], weights, device)? })
     }
 
     /// Logits of observations.
@@ -277,41 +180,19 @@ impl PolicyNetwork {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::device;
-    use crate::rng::Purpose;
-
-    fn stream() -> Stream {
-        Stream::new(4, Purpose::InitialWeights)
-    }
-
-    #[test]
-    fn initial_weights_are_uniform_as_in_pytorch() {
-        let parameters = Reinforce { layers: vec![400], ..Reinforce::default() };
-        let weights =
-            PolicyNetwork::initial(&parameters, 16, &mut stream(), &device::inference()).weights();
-        for (name, bound) in
-            [("trunk.0.weight", 0.25), ("trunk.0.bias", 0.25), ("logits.weight", 0.05)]
-        {
-            let values = &weights.tensors[name].values;
-            let n = values.len() as f32;
-            assert!(values.iter().all(|v| v.abs() <= bound));
-            // A uniform distribution on ±b has mean 0 and variance b^2 / 3.
-            let mean = values.iter().sum::<f32>() / n;
-            let variance = values.iter().map(|v| v * v).sum::<f32>() / n;
-            assert!(mean.abs() < 4.0 * bound / (3.0 * n).sqrt(), "{name}: {mean}");
-            assert!((variance / (bound * bound / 3.0) - 1.0).abs() < 0.2, "{name}: {variance}");
-        }
-    }
+    use crate::agent::burn::device;
+    use crate::manifest::Trunk;
+    use crate::rng::{Purpose, Stream};
 
     #[test]
     fn networks_read_their_weights_back() {
         for trunk in [Trunk::Shared, Trunk::Separate] {
             let parameters = DuelingDqn { trunk, layers: vec![5, 3], ..DuelingDqn::default() };
             let device = device::inference();
-            let first = DuelingQNetwork::initial(&parameters, 3, &mut stream(), &device);
-            let weights = first.weights();
-            let second = DuelingQNetwork::from_weights(&parameters, 3, &weights, &device).unwrap();
-            assert_eq!(second.weights(), weights);
+            let mut stream = Stream::new(4, Purpose::InitialWeights);
+            let weights = layers::draw(&layers::dueling(&parameters, 3), &mut stream);
+            let network = DuelingQNetwork::from_weights(&parameters, 3, &weights, &device).unwrap();
+            assert_eq!(network.weights(), weights);
             assert!(DuelingQNetwork::from_weights(&parameters, 4, &weights, &device).is_err());
         }
     }

@@ -1,0 +1,83 @@
+//! Updates of the dueling DQN.
+
+use burn::module::Module;
+use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
+use burn::tensor::Tensor;
+
+use crate::agent::burn::{ADAM_EPSILON, DuelingQNetwork, column, device, input, matrix};
+use crate::agent::dueling_dqn::{Batch, DuelingDqnEngine};
+use crate::agent::policy::ActionNetwork;
+use crate::agent::{Weights, WeightsError};
+use crate::env::Observations;
+use crate::manifest::DuelingDqn;
+
+/// A dueling network with its target network and its optimiser.
+pub struct BurnDuelingDqn {
+    network: DuelingQNetwork,
+    target: DuelingQNetwork,
+    optimizer: ModuleOptimizer,
+    learning_rate: f64,
+}
+
+impl BurnDuelingDqn {
+    /// An engine that starts from these weights, for observations of `inputs` entries.
+    ///
+    /// **Errors**: the weights do not fit the network.
+    pub fn new(
+        parameters: &DuelingDqn,
+        inputs: usize,
+        weights: &Weights,
+    ) -> Result<Self, WeightsError> {
+        let network =
+            DuelingQNetwork::from_weights(parameters, inputs, weights, &device::training())?;
+        Ok(BurnDuelingDqn {
+            target: network.valid(),
+            network,
+            optimizer: AdamConfig::new().with_epsilon(ADAM_EPSILON).init(),
+            learning_rate: parameters.learning_rate,
+        })
+    }
+
+    /// Mean squared difference of Q(s, a) from the targets; a tensor of one element.
+    pub fn loss(network: &DuelingQNetwork, batch: &Batch) -> Tensor<1> {
+        let device = device::training();
+        let targets = matrix(batch.targets.clone(), batch.targets.len(), &device);
+        let values = network.forward(input(&batch.observations, &device));
+        (values.gather(1, column(&batch.actions, &device)) - targets).square().mean()
+    }
+}
+
+impl DuelingDqnEngine for BurnDuelingDqn {
+    type Network = DuelingQNetwork;
+
+    fn values(&mut self, observations: &Observations, out: &mut Vec<f32>) {
+        self.network.valid().evaluate(observations, out);
+    }
+
+    fn target_values(&mut self, observations: &Observations, out: &mut Vec<f32>) {
+        self.target.evaluate(observations, out);
+    }
+
+    fn renew_target(&mut self) {
+        self.target = self.network.valid();
+    }
+
+    fn update(&mut self, batch: &Batch) -> f32 {
+        let loss = BurnDuelingDqn::loss(&self.network, batch);
+        let value: f32 = loss.clone().into_scalar();
+        if value.is_finite() {
+            let gradients = GradientsParams::from_grads(loss.backward(), &self.network);
+            // The optimiser takes the module and gives it back.
+            self.network = self.optimizer.step(self.learning_rate, self.network.clone(), gradients);
+        }
+        value
+    }
+
+    fn network(&self) -> DuelingQNetwork {
+        self.network.valid()
+    }
+
+    fn weights(&self) -> Weights {
+        self.network.weights()
+    }
+}

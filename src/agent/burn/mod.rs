@@ -1,0 +1,56 @@
+//! Training by Burn: modules, automatic differentiation and Burn's Adam.
+//!
+//! In: weights and hyper-parameters. Out: engines for the algorithms. This is the plain way, which
+//! any new agent can take first; the kernels of [`super::fused`] do the same arithmetic in a
+//! fraction of the time and are tested against it.
+
+pub(super) mod device;
+mod dueling_dqn;
+mod network;
+mod reinforce;
+
+use burn::tensor::{Device, Int, Tensor, TensorData};
+
+use crate::agent::policy::ActionNetwork;
+use crate::env::{Action, Observations};
+
+pub use dueling_dqn::BurnDuelingDqn;
+pub use network::{DuelingQNetwork, PolicyNetwork};
+pub use reinforce::BurnReinforce;
+
+/// Adam's epsilon in PyTorch and in the paper; Burn's own default is 1e-5.
+const ADAM_EPSILON: f32 = 1e-8;
+
+/// Observations as a matrix, one-hots written out: \[rows, inputs\].
+fn input(observations: &Observations, device: &Device) -> Tensor<2> {
+    matrix(observations.written_out(), observations.rows(), device)
+}
+
+/// A matrix of so many rows.
+fn matrix(values: Vec<f32>, rows: usize, device: &Device) -> Tensor<2> {
+    let columns = values.len() / rows;
+    Tensor::from_data(TensorData::new(values, [rows, columns]), device)
+}
+
+/// Numbers of actions as a column: \[rows, 1\].
+fn column(actions: &[Action], device: &Device) -> Tensor<2, Int> {
+    let indices: Vec<i64> = actions.iter().map(|action| action.index() as i64).collect();
+    Tensor::from_data(TensorData::new(indices, [actions.len(), 1]), device)
+}
+
+/// A matrix as numbers, row by row.
+fn numbers(matrix: Tensor<2>) -> Vec<f32> {
+    matrix.into_data().try_to_vec().expect("networks compute in f32")
+}
+
+impl ActionNetwork for DuelingQNetwork {
+    fn evaluate(&mut self, observations: &Observations, out: &mut Vec<f32>) {
+        *out = numbers(self.forward(input(observations, &device::inference())));
+    }
+}
+
+impl ActionNetwork for PolicyNetwork {
+    fn evaluate(&mut self, observations: &Observations, out: &mut Vec<f32>) {
+        *out = numbers(self.forward(input(observations, &device::inference())));
+    }
+}

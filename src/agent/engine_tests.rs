@@ -1,0 +1,179 @@
+//! The kernels' engines against Burn's, and every instruction set against every other.
+
+use crate::agent::burn::device;
+use crate::agent::dueling_dqn::{Batch, DuelingDqnEngine};
+use crate::agent::reference_tests::{assert_weights_close, gradients};
+use crate::agent::reinforce::{ReinforceEngine, Trajectories};
+use crate::agent::{
+    BurnDuelingDqn, BurnReinforce, DuelingQNetwork, FusedDuelingDqn, FusedReinforce, PolicyNetwork,
+    Weights, layers,
+};
+use crate::env::{Action, Observations};
+use crate::kernel::Isa;
+use crate::manifest::{Activation, DuelingDqn, Reinforce, Trunk};
+use crate::rng::{Purpose, Stream};
+
+/// A case of random numbers: sizes that fill registers and sizes that do not.
+struct Case {
+    layers: Vec<u32>,
+    activation: Activation,
+    trunk: Trunk,
+    width: usize,
+    one_hot: usize,
+    rows: usize,
+    stream: Stream,
+}
+
+impl Case {
+    fn all() -> impl Iterator<Item = Case> {
+        let sizes: [&[u32]; 7] =
+            [&[128, 128], &[128], &[1], &[17, 5, 33], &[64, 200], &[3, 3], &[16]];
+        let rows = [64, 1, 7, 65, 130, 16, 50];
+        (0..28).map(move |i| Case {
+            layers: sizes[i % 7].to_vec(),
+            activation: if i % 2 == 0 { Activation::Relu } else { Activation::Tanh },
+            trunk: if i % 4 < 2 { Trunk::Shared } else { Trunk::Separate },
+            width: 2 + i % 3,
+            one_hot: if i % 3 == 0 { 9 } else { 0 },
+            rows: rows[(i / 7 + i) % 7],
+            stream: Stream::new(i as u64, Purpose::Replay),
+        })
+    }
+
+    fn name(&self) -> String {
+        let Case { layers, activation, trunk, width, one_hot, rows, .. } = self;
+        format!("{layers:?} {activation:?} {trunk:?}, {width} + {one_hot} inputs, {rows} rows")
+    }
+
+    fn uniform(&mut self) -> f32 {
+        2.0 * self.stream.unit() as f32 - 1.0
+    }
+
+    fn observations(&mut self) -> Observations {
+        let mut observations = Observations::new(self.width, self.one_hot);
+        for _ in 0..self.rows {
+            let row: Vec<f32> = (0..self.width).map(|_| self.uniform()).collect();
+            let moment = (self.one_hot > 0).then(|| self.stream.below(self.one_hot as u32));
+            observations.push(&row, moment);
+        }
+        observations
+    }
+
+    fn actions(&mut self) -> Vec<Action> {
+        (0..self.rows).map(|_| Action::from_low_bits(self.stream.bits())).collect()
+    }
+
+    /// Numbers of the size of returns.
+    fn returns(&mut self) -> Vec<f32> {
+        (0..self.rows).map(|_| 100.0 * (1.0 + self.uniform())).collect()
+    }
+
+    fn batch(&mut self) -> Batch {
+        let (observations, actions) = (self.observations(), self.actions());
+        Batch { observations, actions, targets: self.returns() }
+    }
+
+    fn trajectories(&mut self) -> Trajectories {
+        let (observations, actions) = (self.observations(), self.actions());
+        Trajectories { observations, actions, returns_to_go: self.returns() }
+    }
+
+    fn dueling_dqn(&self) -> DuelingDqn {
+        DuelingDqn {
+            layers: self.layers.clone(),
+            activation: self.activation,
+            trunk: self.trunk,
+            ..DuelingDqn::default()
+        }
+    }
+
+    fn reinforce(&self) -> Reinforce {
+        Reinforce {
+            layers: self.layers.clone(),
+            activation: self.activation,
+            ..Reinforce::default()
+        }
+    }
+
+    fn inputs(&self) -> usize {
+        self.width + self.one_hot
+    }
+}
+
+/// Every array is off by at most 1e-3 of its length as a vector. Single weights may be off by more:
+/// Adam makes whole steps of gradients that are next to nothing.
+fn assert_arrays_close(ours: &Weights, theirs: &Weights, what: &str) {
+    for (name, tensor) in &ours.tensors {
+        let expected = &theirs.tensors[name].values;
+        let length = |values: &mut dyn Iterator<Item = f32>| {
+            values.map(|v| f64::from(v).powi(2)).sum::<f64>().sqrt()
+        };
+        let off = length(&mut tensor.values.iter().zip(expected).map(|(a, b)| a - b));
+        let all = length(&mut expected.iter().copied());
+        assert!(off <= 1e-3 * all.max(1e-3), "{what}, {name}: off by {off} of {all}");
+    }
+}
+
+#[test]
+fn fused_dueling_dqns_learn_as_burns_do() {
+    for mut case in Case::all() {
+        let (parameters, inputs) = (case.dueling_dqn(), case.inputs());
+        let weights = layers::draw(&layers::dueling(&parameters, inputs), &mut case.stream);
+        let batch = case.batch();
+        let device = device::training();
+        let network =
+            DuelingQNetwork::from_weights(&parameters, inputs, &weights, &device).unwrap();
+        let expected = gradients(&network, BurnDuelingDqn::loss(&network, &batch)).weights();
+        let mut burn = BurnDuelingDqn::new(&parameters, inputs, &weights).unwrap();
+        let mut fused = FusedDuelingDqn::new(&parameters, inputs, &weights, Isa::chosen()).unwrap();
+        assert_weights_close(&fused.gradient(&batch), &expected, 1e-5, &case.name());
+        let batches: Vec<Batch> = (0..10).map(|_| case.batch()).collect();
+        (0..100).for_each(|i| assert!(burn.update(&batches[i % 10]).is_finite()));
+        (0..100).for_each(|i| assert!(fused.update(&batches[i % 10]).is_finite()));
+        assert_arrays_close(&fused.weights(), &burn.weights(), &case.name());
+    }
+}
+
+#[test]
+fn fused_policies_learn_as_burns_do() {
+    for mut case in Case::all() {
+        let (parameters, inputs) = (case.reinforce(), case.inputs());
+        let weights = layers::draw(&[layers::policy(&parameters, inputs)], &mut case.stream);
+        let trajectories = case.trajectories();
+        let device = device::training();
+        let network = PolicyNetwork::from_weights(&parameters, inputs, &weights, &device).unwrap();
+        let loss = BurnReinforce::loss(&network, &trajectories, parameters.loss_divisor);
+        let expected = gradients(&network, loss).weights();
+        let mut burn = BurnReinforce::new(&parameters, inputs, &weights).unwrap();
+        let mut fused = FusedReinforce::new(&parameters, inputs, &weights, Isa::chosen()).unwrap();
+        assert_weights_close(&fused.gradient(&trajectories), &expected, 1e-5, &case.name());
+        let samples: Vec<Trajectories> = (0..10).map(|_| case.trajectories()).collect();
+        (0..100).for_each(|i| assert!(burn.update(&samples[i % 10]).is_finite()));
+        (0..100).for_each(|i| assert!(fused.update(&samples[i % 10]).is_finite()));
+        assert_arrays_close(&fused.weights(), &burn.weights(), &case.name());
+    }
+}
+
+#[test]
+fn every_instruction_set_learns_the_same_bits() {
+    for mut case in Case::all() {
+        let (dqn, reinforce, inputs) = (case.dueling_dqn(), case.reinforce(), case.inputs());
+        let q_weights = layers::draw(&layers::dueling(&dqn, inputs), &mut case.stream);
+        let p_weights = layers::draw(&[layers::policy(&reinforce, inputs)], &mut case.stream);
+        let (batch, trajectories) = (case.batch(), case.trajectories());
+        let mut learned = Isa::available().into_iter().map(|isa| {
+            let mut q = FusedDuelingDqn::new(&dqn, inputs, &q_weights, isa).unwrap();
+            let mut p = FusedReinforce::new(&reinforce, inputs, &p_weights, isa).unwrap();
+            let losses: Vec<u32> = (0..3)
+                .flat_map(|_| [q.update(&batch), p.update(&trajectories)])
+                .map(f32::to_bits)
+                .collect();
+            (isa.name(), losses, q.weights().to_bytes(), p.weights().to_bytes())
+        });
+        let (_, losses, q, p) = learned.next().unwrap();
+        for (isa, other_losses, other_q, other_p) in learned {
+            assert_eq!(other_losses, losses, "{isa}: {}", case.name());
+            assert!(other_q == q && other_p == p, "{isa}: {}", case.name());
+        }
+    }
+}

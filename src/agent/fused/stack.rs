@@ -1,0 +1,347 @@
+//! A stack of hidden layers with its heads, in a flat array of parameters.
+
+use std::ops::Range;
+
+use crate::agent::layers::{self, Layer};
+use crate::agent::weights::{Tensor, Weights, WeightsError};
+use crate::env::Observations;
+use crate::kernel::{Activation, Aligned, Isa, LANES, Product, dot, transpose};
+use crate::manifest;
+
+/// Most rows computed at a time: what is between two layers of them stays in the nearest caches.
+pub(super) const BLOCK: usize = 64;
+
+/// A hidden layer: where its parameters stand, and its sizes.
+#[derive(Clone, Debug)]
+struct Hidden {
+    /// Start of the weights, \[inputs, stride\]; the entries of a one-hot are the last inputs.
+    weight: usize,
+    /// Start of the bias, \[stride\].
+    bias: usize,
+    units: usize,
+    /// Units with their padding, whose weights are 0 and stay so.
+    stride: usize,
+}
+
+/// Where the parameters of a stack stand in a flat array. All heads are one matrix, \[outputs,
+/// stride\], so that a row of it meets a row of hidden units.
+#[derive(Clone, Debug)]
+pub(super) struct Stack {
+    layers: layers::Stack,
+    activation: Activation,
+    hidden: Vec<Hidden>,
+    head_weight: usize,
+    head_bias: usize,
+    outputs: usize,
+    range: Range<usize>,
+}
+
+/// Room for the numbers between the layers, for [`BLOCK`] rows.
+#[derive(Clone, Debug)]
+pub(super) struct Room {
+    /// Values of each hidden layer's units, \[rows, stride\].
+    hidden: Vec<Aligned>,
+    /// \[rows, outputs\].
+    pub(super) outputs: Vec<f32>,
+    /// Derivatives of the loss by the outputs, \[rows, outputs\].
+    pub(super) by_outputs: Vec<f32>,
+    /// Derivatives by a hidden layer's units, and by those of the layer before, \[rows, stride\].
+    by_units: [Aligned; 2],
+    /// The weights of each hidden layer but the first, \[units, stride of the layer before\].
+    transposed: Vec<Aligned>,
+}
+
+fn padded(len: usize) -> usize {
+    len.next_multiple_of(LANES)
+}
+
+impl Stack {
+    /// A stack whose parameters start at `start`.
+    pub(super) fn new(
+        layers: layers::Stack,
+        activation: manifest::Activation,
+        start: usize,
+    ) -> Self {
+        let mut end = start;
+        let mut take = |len: usize| {
+            let start = end;
+            end += padded(len);
+            start
+        };
+        let hidden: Vec<Hidden> = layers
+            .hidden
+            .iter()
+            .map(|layer| {
+                let stride = padded(layer.outputs);
+                let weight = take(layer.inputs * stride);
+                Hidden { weight, bias: take(stride), units: layer.outputs, stride }
+            })
+            .collect();
+        let outputs = layers.heads.iter().map(|head| head.outputs).sum();
+        let last = hidden.last().expect("a network has at least one hidden layer").stride;
+        let (head_weight, head_bias) = (take(outputs * last), take(outputs));
+        let activation = match activation {
+            manifest::Activation::Relu => Activation::Relu,
+            manifest::Activation::Tanh => Activation::Tanh,
+        };
+        let range = start..end;
+        Stack { layers, activation, hidden, head_weight, head_bias, outputs, range }
+    }
+
+    /// The parameters' end in the flat array.
+    pub(super) fn end(&self) -> usize {
+        self.range.end
+    }
+
+    /// Outputs of all heads.
+    pub(super) fn outputs(&self) -> usize {
+        self.outputs
+    }
+
+    pub(super) fn room(&self) -> Room {
+        let widest = self.hidden.iter().map(|hidden| hidden.stride).max().unwrap_or(0);
+        let pairs = self.hidden.windows(2);
+        Room {
+            hidden: self.hidden.iter().map(|h| Aligned::zeros(BLOCK * h.stride)).collect(),
+            outputs: vec![0.0; BLOCK * self.outputs],
+            by_outputs: vec![0.0; BLOCK * self.outputs],
+            by_units: [Aligned::zeros(BLOCK * widest), Aligned::zeros(BLOCK * widest)],
+            transposed: pairs.map(|p| Aligned::zeros(p[1].units * p[0].stride)).collect(),
+        }
+    }
+
+    /// Copies weights to their places.
+    ///
+    /// **Errors**: an array is missing or of another shape.
+    pub(super) fn load(&self, weights: &Weights, flat: &mut [f32]) -> Result<(), WeightsError> {
+        let named = |layer: &Layer| -> Result<_, WeightsError> {
+            let weight = weights.tensor(&layer.weight(), &[layer.inputs, layer.outputs])?;
+            Ok((&weight.values, &weights.tensor(&layer.bias(), &[layer.outputs])?.values))
+        };
+        for (layer, hidden) in self.layers.hidden.iter().zip(&self.hidden) {
+            let (weight, bias) = named(layer)?;
+            for (input, row) in weight.chunks_exact(layer.outputs).enumerate() {
+                let at = hidden.weight + input * hidden.stride;
+                flat[at..at + row.len()].copy_from_slice(row);
+            }
+            flat[hidden.bias..hidden.bias + bias.len()].copy_from_slice(bias);
+        }
+        let mut first = 0;
+        let stride = self.head_stride();
+        for head in &self.layers.heads {
+            let (weight, bias) = named(head)?;
+            let to = &mut flat[self.head_weight + first * stride..];
+            transpose(weight, head.outputs, (head.inputs, head.outputs), to, stride);
+            let at = self.head_bias + first;
+            flat[at..at + bias.len()].copy_from_slice(bias);
+            first += head.outputs;
+        }
+        Ok(())
+    }
+
+    /// Copies weights, or their gradient, from their places.
+    pub(super) fn store(&self, flat: &[f32], weights: &mut Weights) {
+        let mut insert = |layer: &Layer, weight: Vec<f32>, bias: &[f32]| {
+            let shape = vec![layer.inputs, layer.outputs];
+            weights.tensors.insert(layer.weight(), Tensor { shape, values: weight });
+            let bias = Tensor { shape: vec![layer.outputs], values: bias.to_vec() };
+            weights.tensors.insert(layer.bias(), bias);
+        };
+        for (layer, hidden) in self.layers.hidden.iter().zip(&self.hidden) {
+            let rows = flat[hidden.weight..].chunks(hidden.stride).take(layer.inputs);
+            let weight = rows.flat_map(|row| &row[..layer.outputs]).copied().collect();
+            insert(layer, weight, &flat[hidden.bias..hidden.bias + layer.outputs]);
+        }
+        let mut first = 0;
+        let stride = self.head_stride();
+        for head in &self.layers.heads {
+            let mut weight = vec![0.0; head.inputs * head.outputs];
+            let from = &flat[self.head_weight + first * stride..];
+            transpose(from, stride, (head.outputs, head.inputs), &mut weight, head.outputs);
+            let at = self.head_bias + first;
+            insert(head, weight, &flat[at..at + head.outputs]);
+            first += head.outputs;
+        }
+    }
+
+    fn head_stride(&self) -> usize {
+        self.hidden[self.hidden.len() - 1].stride
+    }
+
+    /// Computes the hidden units and outputs of at most [`BLOCK`] observations.
+    pub(super) fn forward(
+        &self,
+        isa: Isa,
+        flat: &[f32],
+        (observations, rows): (&Observations, Range<usize>),
+        room: &mut Room,
+    ) {
+        let count = rows.len();
+        for (i, layer) in self.hidden.iter().enumerate() {
+            let (before, from) = room.hidden.split_at_mut(i);
+            let units = &mut from[0][..count * layer.stride];
+            let bias = &flat[layer.bias..layer.bias + layer.stride];
+            units.chunks_exact_mut(layer.stride).for_each(|row| row.copy_from_slice(bias));
+            let (left, step, terms) = match before.last() {
+                None => {
+                    self.add_one_hots(flat, (observations, rows.clone()), units);
+                    let width = observations.width();
+                    (&observations.features()[rows.start * width..], width, width)
+                }
+                Some(left) => (&left[..], self.hidden[i - 1].stride, self.hidden[i - 1].units),
+            };
+            Product {
+                left,
+                left_row_step: step,
+                left_term_step: 1,
+                right: &flat[layer.weight..],
+                terms,
+                rows: count,
+                width: layer.stride,
+            }
+            .add_to(isa, units);
+            self.activation.apply(isa, units);
+        }
+        let stride = self.head_stride();
+        let last = &room.hidden[self.hidden.len() - 1][..count * stride];
+        let weight = &flat[self.head_weight..self.head_weight + self.outputs * stride];
+        let bias = &flat[self.head_bias..self.head_bias + self.outputs];
+        dot(isa, last, weight, stride, bias, &mut room.outputs[..count * self.outputs]);
+    }
+
+    /// Adds to the first layer's units the weights of the one-hots' entries that are 1.
+    fn add_one_hots(
+        &self,
+        flat: &[f32],
+        (observations, rows): (&Observations, Range<usize>),
+        units: &mut [f32],
+    ) {
+        let layer = &self.hidden[0];
+        let moments = observations.moments().get(rows).unwrap_or_default();
+        for (units, moment) in units.chunks_exact_mut(layer.stride).zip(moments) {
+            let entry = layer.weight + (observations.width() + *moment as usize) * layer.stride;
+            let weights = &flat[entry..entry + layer.stride];
+            units.iter_mut().zip(weights).for_each(|(unit, weight)| *unit += weight);
+        }
+    }
+
+    /// Prepares the room for [`Stack::backward`] with these parameters.
+    pub(super) fn prepare(&self, flat: &[f32], room: &mut Room) {
+        for (pair, transposed) in self.hidden.windows(2).zip(&mut room.transposed) {
+            let (previous, layer) = (&pair[0], &pair[1]);
+            let from = &flat[layer.weight..];
+            let size = (previous.units, layer.units);
+            transpose(from, layer.stride, size, transposed, previous.stride);
+        }
+    }
+
+    /// Adds to `gradient` the gradient that the derivatives by the outputs make, after
+    /// [`Stack::forward`] of the same observations.
+    pub(super) fn backward(
+        &self,
+        isa: Isa,
+        flat: &[f32],
+        (observations, rows): (&Observations, Range<usize>),
+        room: &mut Room,
+        gradient: &mut [f32],
+    ) {
+        let count = rows.len();
+        self.backward_heads(isa, flat, count, room, gradient);
+        let [by_units, by_previous] = &mut room.by_units;
+        for (i, layer) in self.hidden.iter().enumerate().rev() {
+            let derivatives = &by_units[..count * layer.stride];
+            let bias = &mut gradient[layer.bias..layer.bias + layer.stride];
+            sums_of_columns(isa, derivatives, count, bias);
+            let Some(before) = i.checked_sub(1) else {
+                let width = observations.width();
+                let features = &observations.features()[rows.start * width..];
+                let to = &mut gradient[layer.weight..];
+                outer(isa, (features, width, width), derivatives, count, to);
+                let moments = observations.moments().get(rows.clone()).unwrap_or_default();
+                for (row, moment) in derivatives.chunks_exact(layer.stride).zip(moments) {
+                    let entry = (width + *moment as usize) * layer.stride;
+                    let to = &mut to[entry..entry + layer.stride];
+                    to.iter_mut().zip(row).for_each(|(sum, by_unit)| *sum += by_unit);
+                }
+                continue;
+            };
+            let previous = &self.hidden[before];
+            let units = &room.hidden[before];
+            let to = &mut gradient[layer.weight..];
+            outer(isa, (units, previous.stride, previous.units), derivatives, count, to);
+            let into = &mut by_previous[..count * previous.stride];
+            into.fill(0.0);
+            Product {
+                left: derivatives,
+                left_row_step: layer.stride,
+                left_term_step: 1,
+                right: &room.transposed[before],
+                terms: layer.units,
+                rows: count,
+                width: previous.stride,
+            }
+            .add_to(isa, into);
+            self.activation.differentiate(isa, &units[..into.len()], into);
+            std::mem::swap(by_units, by_previous);
+        }
+    }
+
+    /// The heads' part of [`Stack::backward`], down to the derivatives by the last hidden units.
+    fn backward_heads(
+        &self,
+        isa: Isa,
+        flat: &[f32],
+        count: usize,
+        room: &mut Room,
+        gradient: &mut [f32],
+    ) {
+        let stride = self.head_stride();
+        let last = &room.hidden[self.hidden.len() - 1][..count * stride];
+        let by_outputs = &room.by_outputs[..count * self.outputs];
+        let to = &mut gradient[self.head_weight..self.head_weight + self.outputs * stride];
+        outer(isa, (by_outputs, self.outputs, self.outputs), last, count, to);
+        for row in by_outputs.chunks_exact(self.outputs) {
+            let bias = &mut gradient[self.head_bias..self.head_bias + self.outputs];
+            bias.iter_mut().zip(row).for_each(|(sum, by_output)| *sum += by_output);
+        }
+        let into = &mut room.by_units[0][..count * stride];
+        into.fill(0.0);
+        Product {
+            left: by_outputs,
+            left_row_step: self.outputs,
+            left_term_step: 1,
+            right: &flat[self.head_weight..],
+            terms: self.outputs,
+            rows: count,
+            width: stride,
+        }
+        .add_to(isa, into);
+        self.activation.differentiate(isa, last, into);
+    }
+}
+
+/// to\[i, j\] += Σ_row left\[row, i\] right\[row, j\], with the rows of `left` `stride` apart and `columns`
+/// long.
+fn outer(
+    isa: Isa,
+    (left, stride, columns): (&[f32], usize, usize),
+    right: &[f32],
+    count: usize,
+    to: &mut [f32],
+) {
+    Product {
+        left,
+        left_row_step: 1,
+        left_term_step: stride,
+        right,
+        terms: count,
+        rows: columns,
+        width: right.len() / count,
+    }
+    .add_to(isa, to);
+}
+
+/// to\[j\] += Σ_row values\[row, j\].
+fn sums_of_columns(isa: Isa, values: &[f32], count: usize, to: &mut [f32]) {
+    outer(isa, (&[1.0], 0, 1), values, count, to);
+}

@@ -1,0 +1,134 @@
+//! Names, sizes and first weights of the networks' layers, whichever engine computes them.
+
+use crate::agent::weights::{Tensor, Weights};
+use crate::env::Action;
+use crate::manifest::{DuelingDqn, Reinforce, Trunk};
+use crate::rng::Stream;
+
+/// Name and size of a linear layer.
+#[derive(Clone, Debug)]
+pub(super) struct Layer {
+    pub(super) name: String,
+    pub(super) inputs: usize,
+    pub(super) outputs: usize,
+}
+
+impl Layer {
+    pub(super) fn weight(&self) -> String {
+        format!("{}.weight", self.name)
+    }
+
+    pub(super) fn bias(&self) -> String {
+        format!("{}.bias", self.name)
+    }
+}
+
+/// Hidden layers, input side first, and the linear heads on the last of them.
+#[derive(Clone, Debug)]
+pub(super) struct Stack {
+    pub(super) hidden: Vec<Layer>,
+    pub(super) heads: Vec<Layer>,
+}
+
+impl Stack {
+    fn new(name: &str, inputs: usize, widths: &[u32], heads: &[(&str, usize)]) -> Self {
+        let mut width = inputs;
+        let mut layer = |name: String, outputs: usize| {
+            let inputs = std::mem::replace(&mut width, outputs);
+            Layer { name, inputs, outputs }
+        };
+        let hidden: Vec<Layer> = widths
+            .iter()
+            .enumerate()
+            .map(|(i, &outputs)| layer(format!("{name}.{i}"), outputs as usize))
+            .collect();
+        let head = |&(name, outputs): &(&str, usize)| Layer {
+            name: name.to_owned(),
+            inputs: width,
+            outputs,
+        };
+        Stack { hidden, heads: heads.iter().map(head).collect() }
+    }
+}
+
+/// The stacks of a dueling network: one with both heads, or one for each, the value's first.
+pub(super) fn dueling(parameters: &DuelingDqn, inputs: usize) -> Vec<Stack> {
+    let (value, advantage) = (("value", 1), ("advantage", Action::COUNT));
+    let stack = |name, heads: &[_]| Stack::new(name, inputs, &parameters.layers, heads);
+    match parameters.trunk {
+        Trunk::Shared => vec![stack("trunk", &[value, advantage])],
+        Trunk::Separate => {
+            vec![stack("value_trunk", &[value]), stack("advantage_trunk", &[advantage])]
+        }
+    }
+}
+
+/// The stack of a policy network.
+pub(super) fn policy(parameters: &Reinforce, inputs: usize) -> Stack {
+    Stack::new("trunk", inputs, &parameters.layers, &[("logits", Action::COUNT)])
+}
+
+/// Draws the weights of stacks as PyTorch's `Linear` does: weight and bias uniform in
+/// ±1/sqrt(inputs), layer by layer, the hidden layers of every stack before the heads, the weight
+/// of a layer before its bias.
+pub(super) fn draw(stacks: &[Stack], stream: &mut Stream) -> Weights {
+    let mut weights = Weights::default();
+    let hidden = stacks.iter().flat_map(|stack| &stack.hidden);
+    for layer in hidden.chain(stacks.iter().flat_map(|stack| &stack.heads)) {
+        let bound = 1.0 / (layer.inputs as f64).sqrt();
+        for (name, shape) in [
+            (layer.weight(), vec![layer.inputs, layer.outputs]),
+            (layer.bias(), vec![layer.outputs]),
+        ] {
+            let count = shape.iter().product();
+            let values = (0..count).map(|_| ((2.0 * stream.unit() - 1.0) * bound) as f32).collect();
+            weights.tensors.insert(name, Tensor { shape, values });
+        }
+    }
+    weights
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::Purpose;
+
+    #[test]
+    fn initial_weights_are_uniform_as_in_pytorch() {
+        let parameters = Reinforce { layers: vec![400], ..Reinforce::default() };
+        let mut stream = Stream::new(4, Purpose::InitialWeights);
+        let weights = draw(&[policy(&parameters, 16)], &mut stream);
+        for (name, bound) in
+            [("trunk.0.weight", 0.25), ("trunk.0.bias", 0.25), ("logits.weight", 0.05)]
+        {
+            let values = &weights.tensors[name].values;
+            let n = values.len() as f32;
+            assert!(values.iter().all(|v| v.abs() <= bound));
+            // A uniform distribution on ±b has mean 0 and variance b^2 / 3.
+            let mean = values.iter().sum::<f32>() / n;
+            let variance = values.iter().map(|v| v * v).sum::<f32>() / n;
+            assert!(mean.abs() < 4.0 * bound / (3.0 * n).sqrt(), "{name}: {mean}");
+            assert!((variance / (bound * bound / 3.0) - 1.0).abs() < 0.2, "{name}: {variance}");
+        }
+    }
+
+    #[test]
+    fn layers_follow_each_other() {
+        let parameters = DuelingDqn { layers: vec![5, 7], ..DuelingDqn::default() };
+        let sizes = |stacks: Vec<Stack>| -> Vec<(String, usize, usize)> {
+            let layers = stacks.iter().flat_map(|stack| stack.hidden.iter().chain(&stack.heads));
+            layers.map(|layer| (layer.name.clone(), layer.inputs, layer.outputs)).collect()
+        };
+        assert_eq!(
+            sizes(dueling(&parameters, 3)),
+            [
+                ("trunk.0".to_owned(), 3, 5),
+                ("trunk.1".to_owned(), 5, 7),
+                ("value".to_owned(), 7, 1),
+                ("advantage".to_owned(), 7, 4),
+            ]
+        );
+        let separate = DuelingDqn { trunk: Trunk::Separate, ..parameters };
+        assert_eq!(sizes(dueling(&separate, 3)).len(), 6);
+    }
+}

@@ -1,0 +1,229 @@
+//! Elementary functions: polynomials in f32 and f64 whose bits are the same everywhere.
+//!
+//! The functions of single numbers are branch-free, so that loops over slices become vector code.
+//! What is not a number stays so.
+
+use pulp::{Simd, WithSimd};
+
+use crate::kernel::Isa;
+
+/// 1.5 * 2^23: added to a number of moderate size it leaves its nearest whole number in the low
+/// bits.
+const ROUND_F32: f32 = 12_582_912.0;
+/// The same for f64: 1.5 * 2^52.
+const ROUND_F64: f64 = 6_755_399_441_055_744.0;
+
+/// e^x in f32 within 2 units in the last place; x is clamped to [-87, 88].
+///
+/// **Source**: Cody and Waite's reduction by multiples of ln 2, then the polynomial of `expf` in
+/// the Cephes library (Moshier).
+#[inline(always)]
+pub fn exp_f32(x: f32) -> f32 {
+    let x = if x < -87.0 { -87.0 } else { x };
+    let x = if x > 88.0 { 88.0 } else { x };
+    let shifted = x.mul_add(std::f32::consts::LOG2_E, ROUND_F32);
+    let power = shifted - ROUND_F32;
+    let r = power.mul_add(-0.693_359_4, x);
+    let r = power.mul_add(2.121_944_4e-4, r);
+    let p = 1.987_569_1e-4_f32
+        .mul_add(r, 1.398_199_9e-3)
+        .mul_add(r, 8.333_452e-3)
+        .mul_add(r, 4.166_579_6e-2)
+        .mul_add(r, 1.666_666_5e-1)
+        .mul_add(r, 0.5);
+    let p = p.mul_add(r * r, r) + 1.0;
+    f32::from_bits(p.to_bits().wrapping_add(shifted.to_bits() << 23))
+}
+
+/// e^x in f64 within 2 units in the last place; x is clamped to [-708, 709].
+///
+/// **Source**: reduction as in [`exp_f32`]; the series of e^r to the order 11 on |r| <= ln 2 / 2
+/// leaves 7e-17 of the result.
+#[inline(always)]
+pub fn exp(x: f64) -> f64 {
+    let x = if x < -708.0 { -708.0 } else { x };
+    let x = if x > 709.0 { 709.0 } else { x };
+    let shifted = x.mul_add(std::f64::consts::LOG2_E, ROUND_F64);
+    let power = shifted - ROUND_F64;
+    let r = power.mul_add(-6.931_471_803_691_238e-1, x);
+    let r = power.mul_add(-1.908_214_929_270_587_7e-10, r);
+    // 1/n! from n = 13 down to 2.
+    let p = (1.0 / 6_227_020_800.0_f64)
+        .mul_add(r, 1.0 / 479_001_600.0)
+        .mul_add(r, 1.0 / 39_916_800.0)
+        .mul_add(r, 1.0 / 3_628_800.0)
+        .mul_add(r, 1.0 / 362_880.0)
+        .mul_add(r, 1.0 / 40_320.0)
+        .mul_add(r, 1.0 / 5_040.0)
+        .mul_add(r, 1.0 / 720.0)
+        .mul_add(r, 1.0 / 120.0)
+        .mul_add(r, 1.0 / 24.0)
+        .mul_add(r, 1.0 / 6.0)
+        .mul_add(r, 0.5);
+    let p = p.mul_add(r * r, r) + 1.0;
+    f64::from_bits(p.to_bits().wrapping_add(shifted.to_bits() << 52))
+}
+
+/// ln x in f64 for a normal positive x, within 4 units in the last place.
+///
+/// With x = 2^k m, m in [sqrt(1/2), sqrt(2)), and s = (m - 1) / (m + 1):
+/// ln x = k ln 2 + 2 (s + s^3 / 3 + s^5 / 5 + …), taken to s^21, which leaves 2e-18.
+#[inline(always)]
+pub fn ln(x: f64) -> f64 {
+    // Bits of sqrt(1/2): shifts the cut between powers of two there.
+    const HALF_ROOT: u64 = 0x3FE6_A09E_667F_3BCD;
+    let above = x.to_bits().wrapping_sub(HALF_ROOT);
+    let m = f64::from_bits((above & 0x000F_FFFF_FFFF_FFFF).wrapping_add(HALF_ROOT));
+    // The exponent as a float, by its bits: k is small, so that it fits the mantissa of 1.5 * 2^52.
+    let k =
+        f64::from_bits(ROUND_F64.to_bits().wrapping_add(((above as i64) >> 52) as u64)) - ROUND_F64;
+    let s = (m - 1.0) / (m + 1.0);
+    let z = s * s;
+    let p = (1.0 / 21.0_f64)
+        .mul_add(z, 1.0 / 19.0)
+        .mul_add(z, 1.0 / 17.0)
+        .mul_add(z, 1.0 / 15.0)
+        .mul_add(z, 1.0 / 13.0)
+        .mul_add(z, 1.0 / 11.0)
+        .mul_add(z, 1.0 / 9.0)
+        .mul_add(z, 1.0 / 7.0)
+        .mul_add(z, 1.0 / 5.0)
+        .mul_add(z, 1.0 / 3.0);
+    let series = 2.0 * (s * z).mul_add(p, s);
+    // 0, unless x is not a number.
+    let nothing = x * 0.0;
+    k.mul_add(std::f64::consts::LN_2, series) + nothing
+}
+
+/// cos(2 pi x) in f64 for |x| <= 1, within 2e-16.
+///
+/// With y = x - round(x) in [-1/2, 1/2] and u = 1/4 - |y|, cos(2 pi x) = sin(2 pi u), and the
+/// series of the sine in |2 pi u| <= pi / 2 to the order 21 leaves 1e-18.
+#[inline(always)]
+pub fn cos_turns(x: f64) -> f64 {
+    let y = x - ((x + ROUND_F64) - ROUND_F64);
+    let a = std::f64::consts::TAU * (0.25 - y.abs());
+    let z = -(a * a);
+    // 1/n! for n = 21, 19, … 3; the signs come with z.
+    let p = (1.0 / 51_090_942_171_709_440_000.0_f64)
+        .mul_add(z, 1.0 / 121_645_100_408_832_000.0)
+        .mul_add(z, 1.0 / 355_687_428_096_000.0)
+        .mul_add(z, 1.0 / 1_307_674_368_000.0)
+        .mul_add(z, 1.0 / 6_227_020_800.0)
+        .mul_add(z, 1.0 / 39_916_800.0)
+        .mul_add(z, 1.0 / 362_880.0)
+        .mul_add(z, 1.0 / 5_040.0)
+        .mul_add(z, 1.0 / 120.0)
+        .mul_add(z, 1.0 / 6.0);
+    (a * z).mul_add(p, a)
+}
+
+/// Puts e^x in the place of every x.
+pub fn exp_each(isa: Isa, values: &mut [f32]) {
+    struct Each<'a>(&'a mut [f32]);
+    impl WithSimd for Each<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, _: S) {
+            self.0.iter_mut().for_each(|x| *x = exp_f32(*x));
+        }
+    }
+    isa.run(Each(values));
+}
+
+/// Puts ln x in the place of every x; see [`ln`].
+pub fn ln_each(isa: Isa, values: &mut [f64]) {
+    struct Each<'a>(&'a mut [f64]);
+    impl WithSimd for Each<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, _: S) {
+            self.0.iter_mut().for_each(|x| *x = ln(*x));
+        }
+    }
+    isa.run(Each(values));
+}
+
+/// tanh x in f32, within 5e-7.
+///
+/// **Source**: the rational function of odd order 13 over even order 6 that the Eigen library uses
+/// (`generic_fast_tanh_float`), on |x| <= 7.9; beyond, the result is that at the bound.
+#[inline(always)]
+pub fn tanh(x: f32) -> f32 {
+    const BOUND: f32 = 7.905_311;
+    let x = if x < -BOUND { -BOUND } else { x };
+    let x = if x > BOUND { BOUND } else { x };
+    let z = x * x;
+    let above = (-2.760_768_5e-16_f32)
+        .mul_add(z, 2.000_188e-13)
+        .mul_add(z, -8.604_672e-11)
+        .mul_add(z, 5.122_297_3e-8)
+        .mul_add(z, 1.485_722_4e-5)
+        .mul_add(z, 6.372_619_3e-4)
+        .mul_add(z, 4.893_525e-3);
+    let below = 1.198_258_4e-6_f32
+        .mul_add(z, 1.185_347_1e-4)
+        .mul_add(z, 2.268_434_6e-3)
+        .mul_add(z, 4.893_525e-3);
+    x * above / below
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers from `low` to `high` in steps that hit no pattern.
+    fn numbers(low: f64, high: f64) -> impl Iterator<Item = f64> {
+        (0..200_000).map(move |i| low + (high - low) * (f64::from(i) + 0.37) / 200_000.0)
+    }
+
+    fn assert_relative(ours: f64, theirs: f64, units: f64, x: f64) {
+        assert!(
+            (ours - theirs).abs() <= units * f64::EPSILON * theirs.abs(),
+            "{x}: {ours} {theirs}"
+        );
+    }
+
+    #[test]
+    fn exponentials_are_those_of_libm() {
+        for x in numbers(-700.0, 700.0).chain(numbers(-1.0, 1.0)) {
+            assert_relative(exp(x), libm::exp(x), 2.0, x);
+        }
+        for x in numbers(-87.0, 88.0).chain(numbers(-1.0, 1.0)) {
+            let (ours, theirs) = (exp_f32(x as f32), libm::exp(f64::from(x as f32)));
+            assert!((f64::from(ours) / theirs - 1.0).abs() < 2.4e-7, "{x}: {ours} {theirs}");
+        }
+        assert_eq!((exp(0.0), exp_f32(0.0)), (1.0, 1.0));
+        assert!(exp(f64::NAN).is_nan() && exp_f32(f32::NAN).is_nan());
+        assert!(exp(1e9).is_finite() && exp(-1e9) > 0.0);
+    }
+
+    #[test]
+    fn logarithms_are_those_of_libm() {
+        for x in numbers(0.0, 1.0).chain(numbers(0.9, 1.1)).chain(numbers(1.0, 1e9)) {
+            assert_relative(ln(x), libm::log(x), 4.0, x);
+        }
+        assert_eq!(ln(1.0), 0.0);
+        assert!(ln(f64::NAN).is_nan());
+    }
+
+    #[test]
+    fn cosines_are_those_of_libm() {
+        for x in numbers(-1.0, 1.0) {
+            let theirs = libm::cos(std::f64::consts::TAU * x);
+            assert!((cos_turns(x) - theirs).abs() < 1e-15, "{x}");
+        }
+    }
+
+    #[test]
+    fn hyperbolic_tangents_are_those_of_libm() {
+        for x in numbers(-12.0, 12.0).chain(numbers(-0.1, 0.1)) {
+            let theirs = libm::tanh(f64::from(x as f32));
+            assert!((f64::from(tanh(x as f32)) - theirs).abs() < 5e-7, "{x}");
+        }
+        assert_eq!(tanh(0.0), 0.0);
+        assert!(tanh(f32::NAN).is_nan());
+    }
+}

@@ -1,0 +1,28 @@
+//! Arithmetic on many numbers at once, with the same bits on every processor.
+//!
+//! In: slices of numbers and an [`Isa`], the instruction set to use. Out: slices of numbers. It
+//! knows no network, no episode and no job.
+//!
+//! Every number is computed by an order of operations that is written down and does not depend on
+//! how many lanes a register has: products are chains of fused multiply-adds over their terms, one
+//! chain for each element of the result; sums across lanes go over sixteen virtual lanes and then
+//! by halves ([`dot`]); logarithms and exponentials are polynomials of our own ([`math`]). What
+//! needs registers held by hand is written with `pulp`, whose operations are safe and chosen at run
+//! time; what works element by element is plain Rust, compiled once for each instruction set.
+
+mod activation;
+mod adam;
+mod aligned;
+mod dot;
+mod isa;
+pub mod math;
+mod product;
+mod transpose;
+
+pub use activation::Activation;
+pub use adam::Adam;
+pub use aligned::Aligned;
+pub use dot::{LANES, dot};
+pub use isa::{Isa, IsaError};
+pub use product::Product;
+pub use transpose::transpose;

@@ -1,0 +1,173 @@
+//! Products of matrices.
+
+use pulp::{Simd, WithSimd};
+
+use crate::kernel::{Isa, LANES};
+
+/// result\[i, j\] += Σ_p left\[i, p\] right\[p, j\].
+///
+/// Each element is one chain of fused multiply-adds over p, in order, whatever the instruction set
+/// and however rows are grouped.
+#[derive(Debug)]
+pub struct Product<'a> {
+    /// Element \[i, p\] stands at `i * left_row_step + p * left_term_step`.
+    pub left: &'a [f32],
+    /// See `left`.
+    pub left_row_step: usize,
+    /// See `left`.
+    pub left_term_step: usize,
+    /// \[terms, width\], row by row.
+    pub right: &'a [f32],
+    /// Length of the sums.
+    pub terms: usize,
+    /// Rows of the result.
+    pub rows: usize,
+    /// Columns of the result and of `right`; a multiple of [`LANES`].
+    pub width: usize,
+}
+
+impl Product<'_> {
+    /// Adds it to `result`, \[rows, width\], row by row.
+    pub fn add_to(self, isa: Isa, result: &mut [f32]) {
+        assert_eq!(self.width % LANES, 0, "rows are padded");
+        isa.run(Operation { product: self, result });
+    }
+}
+
+struct Operation<'a, 'b> {
+    product: Product<'a>,
+    result: &'b mut [f32],
+}
+
+impl WithSimd for Operation<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Operation { product, result } = self;
+        let width = product.width;
+        let mut column = 0;
+        // Eight registers of one row hide the latency of their chains.
+        while product.rows == 1 && column + 8 * S::F32_LANES <= width {
+            product.tile::<S, 1, 8>(simd, 0, column, result);
+            column += 8 * S::F32_LANES;
+        }
+        // As many registers as leave room for the operands: 24 of 32, or 12 of 16.
+        if S::F32_LANES != 8 {
+            while column + 4 * S::F32_LANES <= width {
+                product.band::<S, 4>(simd, column, result);
+                column += 4 * S::F32_LANES;
+            }
+        }
+        while column + 2 * S::F32_LANES <= width {
+            product.band::<S, 2>(simd, column, result);
+            column += 2 * S::F32_LANES;
+        }
+        while column + S::F32_LANES <= width {
+            product.band::<S, 1>(simd, column, result);
+            column += S::F32_LANES;
+        }
+    }
+}
+
+// Nothing here is a closure or goes through a reference to a register: the compiler would put the
+// sums into memory.
+impl Product<'_> {
+    /// Columns from `column` on, V registers wide.
+    #[inline(always)]
+    fn band<S: Simd, const V: usize>(&self, simd: S, column: usize, result: &mut [f32]) {
+        let mut row = 0;
+        while row + 6 <= self.rows {
+            self.tile::<S, 6, V>(simd, row, column, result);
+            row += 6;
+        }
+        while row + 4 <= self.rows {
+            self.tile::<S, 4, V>(simd, row, column, result);
+            row += 4;
+        }
+        while row < self.rows {
+            self.tile::<S, 1, V>(simd, row, column, result);
+            row += 1;
+        }
+    }
+
+    /// I rows of V registers, held in registers over all the terms.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop, clippy::manual_memcpy)]
+    fn tile<S: Simd, const I: usize, const V: usize>(
+        &self,
+        simd: S,
+        row: usize,
+        column: usize,
+        result: &mut [f32],
+    ) {
+        let span = V * S::F32_LANES;
+        let mut sums = [[simd.splat_f32s(0.0); V]; I];
+        for i in 0..I {
+            let at = (row + i) * self.width + column;
+            let (stored, _) = S::as_simd_f32s(&result[at..at + span]);
+            for v in 0..V {
+                sums[i][v] = stored[v];
+            }
+        }
+        let left = &self.left[row * self.left_row_step..];
+        for (p, right) in self.right[column..].chunks(self.width).take(self.terms).enumerate() {
+            let (right, _) = S::as_simd_f32s(&right[..span]);
+            let left = &left[p * self.left_term_step..];
+            for i in 0..I {
+                let factor = simd.splat_f32s(left[i * self.left_row_step]);
+                for v in 0..V {
+                    sums[i][v] = simd.mul_add_f32s(factor, right[v], sums[i][v]);
+                }
+            }
+        }
+        for i in 0..I {
+            let at = (row + i) * self.width + column;
+            let (out, _) = S::as_mut_simd_f32s(&mut result[at..at + span]);
+            for v in 0..V {
+                out[v] = sums[i][v];
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers without a pattern, in [-1, 1].
+    fn numbers(len: usize, seed: u32) -> Vec<f32> {
+        let value = |i: u32| (i.wrapping_mul(2_654_435_761).wrapping_add(seed) >> 8) as f32;
+        (0..len as u32).map(|i| value(i) / 8_388_608.0 - 1.0).collect()
+    }
+
+    #[test]
+    fn every_element_is_a_chain_of_fused_multiply_adds_on_every_instruction_set() {
+        for (rows, terms, width) in [(1, 3, 128), (5, 1, 16), (13, 40, 48), (64, 17, 144)] {
+            for transposed in [false, true] {
+                let (left_row_step, left_term_step) =
+                    if transposed { (1, rows + 2) } else { (terms + 2, 1) };
+                let left = numbers((rows + 2) * (terms + 2), 1);
+                let right = numbers(terms * width, 2);
+                let start = numbers(rows * width, 3);
+                let mut plain = start.clone();
+                for i in 0..rows {
+                    for j in 0..width {
+                        for p in 0..terms {
+                            let factor = left[i * left_row_step + p * left_term_step];
+                            plain[i * width + j] =
+                                factor.mul_add(right[p * width + j], plain[i * width + j]);
+                        }
+                    }
+                }
+                for isa in Isa::available() {
+                    let mut ours = start.clone();
+                    let (left, right) = (&left[..], &right[..]);
+                    Product { left, left_row_step, left_term_step, right, terms, rows, width }
+                        .add_to(isa, &mut ours);
+                    assert_eq!(ours, plain, "{} {rows} {terms} {width}", isa.name());
+                }
+            }
+        }
+    }
+}
