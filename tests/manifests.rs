@@ -84,7 +84,7 @@ fn what_is_no_file_of_text_is_refused_without_waiting() {
 fn shipped() -> Vec<(&'static str, u64)> {
     vec![
         ("experiments/quickstart.toml", 24),
-        ("experiments/readings.toml", 108),
+        ("experiments/readings.toml", 126),
         ("experiments/paper/context_error.toml", 144),
         ("experiments/paper/disengagement.toml", 192),
         ("experiments/paper/hyperparameters.toml", 780),
@@ -118,6 +118,24 @@ fn every_manifest_of_experiments_is_tested_and_names_the_schema() {
             assert!(path.parent().unwrap().join(schema.unwrap()).is_file(), "{}", path.display());
         }
     }
+}
+
+#[test]
+fn the_readings_differ_from_the_published_settings_in_one_thing_each() {
+    let manifest = manifest::load(Path::new("experiments/readings.toml")).unwrap();
+    let mut published = 0;
+    for PlannedJob { agent, job, .. } in plan::jobs(&manifest) {
+        let readings = [
+            job.environment.first_context == manifest::FirstContext::Sampled,
+            job.environment.time_one_hot,
+            job.evaluation.test_actions == manifest::TestActions::Greedy,
+            !["dqn", "reinforce"].contains(&&*agent),
+        ];
+        let differences = readings.iter().filter(|reading| **reading).count();
+        assert!(differences <= 1, "{agent}: {readings:?}");
+        published += usize::from(differences == 0);
+    }
+    assert_eq!(published, 2 * 3 * 3, "two agents, three scenarios, three seeds");
 }
 
 #[test]
@@ -279,6 +297,76 @@ fn deep_or_repetitive_texts_are_refused_quickly() {
         let shown = text.get(..20).unwrap_or(&text);
         assert!(start.elapsed() < Duration::from_secs(10), "{shown}: {:?}", start.elapsed());
         assert!(report.len() < 1_000_000, "{shown}: {} bytes", report.len());
+    }
+}
+
+/// A manifest of few bytes that asks for a great deal: agents, exclusions and what they list.
+fn small_bomb(top: &str, environment: &str, agents: usize, exclusions: &[String]) -> String {
+    let agents: String = (0..agents)
+        .map(|i| format!("[[agent]]\nname = \"{i}\"\nalgorithm = \"reinforce\"\n"))
+        .collect();
+    let exclusions: String =
+        exclusions.iter().map(|conditions| format!("[[exclude]]\n{conditions}\n")).collect();
+    format!(
+        "format = 1\nname = \"bomb\"\nscenarios = [\"P-T\"]\n{top}\n[environment]\n{environment}\n\
+         {agents}{exclusions}"
+    )
+}
+
+#[test]
+fn small_manifests_that_ask_for_too_much_are_refused_at_once() {
+    let million = "{ from = 0.000001, to = 1.0, step = 0.000001 }";
+    let each = |conditions: String| vec![conditions; 1000];
+    let names: Vec<String> = Section::ALL[..2]
+        .iter()
+        .flat_map(|section| section.keys().iter().map(move |key| (section.name(), key.name)))
+        .map(|(section, key)| format!("\"{section}.{key}\""))
+        .collect();
+    let zips = vec![format!("[{}]", names.join(", ")); 1000].join(", ");
+    let bombs = [
+        // Values of ranges: in the grid, and in what exclusions list.
+        small_bomb(
+            "seeds = 1",
+            &["sigma", "delta_h", "epsilon_h", "delta_d", "epsilon_d"]
+                .map(|key| format!("{key} = {million}"))
+                .join("\n"),
+            1,
+            &[],
+        ),
+        small_bomb("seeds = 1", "sigma = 1", 1, &each(format!("environment.sigma = {million}"))),
+        // Jobs: of one agent, and of many.
+        small_bomb("seeds = 10_000_000", &format!("sigma = {million}"), 1, &[]),
+        small_bomb("seeds = 1000", "sigma = { from = 0, to = 1, count = 101 }", 1000, &[]),
+        // Comparisons: cells with exclusions, places of an axis with exclusions, and agents with the
+        // values that conditions list.
+        small_bomb(
+            "seeds = 10_000",
+            "sigma = { from = 0, to = 9, count = 1000 }",
+            1,
+            &each("seed = 1\nenvironment.sigma = 0".to_owned()),
+        ),
+        small_bomb(
+            "seeds = 1",
+            &format!("sigma = {million}"),
+            10,
+            &each("environment.sigma = 0.5".to_owned()),
+        ),
+        small_bomb(
+            "seeds = 1",
+            "sigma = 1",
+            1000,
+            &[format!("environment.sigma = {million}"), format!("environment.delta_h = {million}")],
+        ),
+        small_bomb(&format!("seeds = 1\nzip = [{zips}]"), "sigma = 1", 1, &[]),
+    ];
+    for (number, text) in bombs.iter().enumerate() {
+        assert!(text.len() < 2_000_000);
+        let start = Instant::now();
+        let faults = manifest::parse("bomb", text.as_bytes()).unwrap_err();
+        let report = faults.to_string();
+        let head: String = report.chars().take(300).collect();
+        assert!(start.elapsed() < Duration::from_secs(1), "{number}: {:?} {head}", start.elapsed());
+        assert!(report.contains("at most") || report.contains("another zip"), "{number}: {head}");
     }
 }
 

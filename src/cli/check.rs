@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
+use crate::cli::output::counted;
 use crate::cli::{Error, Exit};
 use crate::manifest::{self, Faults, Manifest};
 use crate::plan;
@@ -33,7 +34,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     for path in &arguments.manifests {
         match manifest::load(path) {
             Ok(manifest) if arguments.format == Format::Text => {
-                writeln!(io::stdout(), "{}: ok, {} jobs", path.display(), plan::count(&manifest))?;
+                let jobs = counted(plan::count(&manifest), "job");
+                writeln!(io::stdout(), "{}: ok, {jobs}", path.display())?;
             }
             Ok(_) => {}
             Err(faults) => faulty.push(faults),

@@ -42,7 +42,10 @@ pub(super) struct Episodes(BTreeMap<String, u64>);
 impl Episodes {
     /// Counts so many episodes of an algorithm in.
     pub(super) fn add(&mut self, algorithm: &str, episodes: u64) {
-        *self.0.entry(algorithm.to_owned()).or_default() += episodes;
+        match self.0.get_mut(algorithm) {
+            Some(left) => *left += episodes,
+            None => drop(self.0.insert(algorithm.to_owned(), episodes)),
+        }
     }
 
     /// Takes a job's episodes out again.

@@ -1,8 +1,18 @@
 //! `--filter agent=dqn,sigma=0.6`: which jobs of a manifest a command is about.
 
+use std::collections::HashSet;
+use std::fmt;
 use std::str::FromStr;
 
-use crate::plan::{PlannedJob, Scalar};
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use crate::cli::output::printable;
+use crate::manifest::{Parameter, Section, nearest};
+use crate::plan::PlannedJob;
+
+/// Values that a message lists before it breaks off.
+const VALUES_SHOWN: usize = 10;
 
 /// Conditions that a job must all meet.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -19,16 +29,52 @@ struct Condition {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub(super) enum FilterError {
     /// A part without a name, an equals sign or a value.
-    #[error("`{0}` is not `name=value`; write for instance agent=dqn,sigma=0.4|0.6,scenario=P-H-D")]
+    #[error(
+        "`{}` is not `name=value`; write for instance agent=dqn,sigma=0.4|0.6,scenario=P-H-D",
+        printable(.0)
+    )]
     Form(String),
-    /// No job has a parameter of that name.
-    #[error("no job has a parameter `{name}`; there are {known}")]
+    /// There is no parameter of that name.
+    #[error("no job has a parameter `{}`{}; there are {known}", printable(.name), meant(.nearest))]
     Unknown {
         /// The name given.
         name: String,
+        /// The name that was probably meant.
+        nearest: Option<String>,
         /// The names there are.
         known: String,
     },
+    /// None of the jobs that meet the conditions before this one has the parameter.
+    #[error("no job{} has a parameter `{name}`", with(.before))]
+    Absent {
+        /// The parameter's name.
+        name: String,
+        /// The conditions before.
+        before: String,
+    },
+    /// None of the jobs that meet the conditions before this one meets it.
+    #[error(
+        "no job{} has {}{}; there are {values}",
+        with(.before), printable(.condition), meant(.nearest)
+    )]
+    Unmet {
+        /// The condition.
+        condition: String,
+        /// The conditions before.
+        before: String,
+        /// The value that was probably meant.
+        nearest: Option<String>,
+        /// The values there are.
+        values: String,
+    },
+}
+
+fn with(conditions: &str) -> String {
+    if conditions.is_empty() { String::new() } else { format!(" with {}", printable(conditions)) }
+}
+
+fn meant(nearest: &Option<String>) -> String {
+    nearest.as_ref().map_or(String::new(), |word| format!(", did you mean {}?", printable(word)))
 }
 
 impl FromStr for Filter {
@@ -44,68 +90,174 @@ impl FromStr for Filter {
             }
             Ok(Condition { name: name.trim().to_owned(), values })
         };
-        Ok(Filter(text.split(',').map(condition).collect::<Result<_, _>>()?))
+        let mut depth = 0usize;
+        let parts = text.split(|c| {
+            match c {
+                '[' => depth += 1,
+                ']' => depth = depth.saturating_sub(1),
+                _ => {}
+            }
+            // The commas of a list do not separate conditions.
+            c == ',' && depth == 0
+        });
+        Ok(Filter(parts.map(condition).collect::<Result<_, _>>()?))
     }
 }
 
 impl Filter {
-    /// The jobs that meet every condition.
-    ///
-    /// **Errors**: a condition names a parameter that none of the jobs has.
-    pub(super) fn select(&self, jobs: Vec<PlannedJob>) -> Result<Vec<PlannedJob>, FilterError> {
-        if self.0.is_empty() {
-            return Ok(jobs);
+    /// Whether the job meets every condition.
+    pub(super) fn meets(&self, planned: &PlannedJob) -> bool {
+        self.0.iter().all(|condition| condition.meets(planned))
+    }
+
+    /// Why none of the jobs meets every condition: the first that none meets together with those
+    /// before it.
+    pub(super) fn why_none<I: Iterator<Item = PlannedJob>>(
+        &self,
+        jobs: impl Fn() -> I,
+    ) -> FilterError {
+        let known = names();
+        let unknown = self.0.iter().find(|condition| !condition.is_known(&known));
+        if let Some(Condition { name, .. }) = unknown {
+            let words = known.iter().flat_map(|word| [word.as_str(), last_part(word)]);
+            let nearest = nearest(name, words).map(|word| format!("`{word}`"));
+            return FilterError::Unknown { name: name.clone(), nearest, known: known.join(", ") };
         }
-        let mut known = vec![false; self.0.len()];
-        let mut names = std::collections::BTreeSet::new();
-        let mut selected = Vec::new();
-        for planned in jobs {
-            let facts = facts(&planned);
-            let meets = self.0.iter().zip(&mut known).fold(true, |meets, (condition, known)| {
-                let value = facts.iter().find(|(name, _)| condition.is_about(name));
-                *known |= value.is_some();
-                meets & value.is_some_and(|(_, value)| condition.allows(value))
-            });
-            if meets {
-                selected.push(planned);
-            }
-            if known.contains(&false) {
-                names.extend(facts.into_iter().map(|(name, _)| name));
-            }
-        }
-        match self.0.iter().zip(known).find(|(_, known)| !known) {
-            Some((condition, _)) if !names.is_empty() => Err(FilterError::Unknown {
-                name: condition.name.clone(),
-                known: names.into_iter().collect::<Vec<_>>().join(", "),
-            }),
-            _ => Ok(selected),
-        }
+        let unmet = (1..self.0.len()).find(|count| {
+            !jobs().any(|planned| self.0[..*count].iter().all(|c| c.meets(&planned)))
+        });
+        let (before, rest) = self.0.split_at(unmet.unwrap_or(self.0.len()) - 1);
+        rest[0].why_unmet(before, jobs())
     }
 }
 
 impl Condition {
-    /// Whether this is about the parameter: by its dotted name, or the last part of it.
-    fn is_about(&self, name: &str) -> bool {
-        name == self.name || name.rsplit('.').next() == Some(self.name.as_str())
+    fn is_known(&self, names: &[String]) -> bool {
+        names.iter().any(|name| *name == self.name || last_part(name) == self.name)
     }
 
-    fn allows(&self, value: &Scalar) -> bool {
-        self.values.iter().any(|wanted| match value {
-            Scalar::Text(text) => text == wanted,
-            Scalar::Integer(0 | 1) if wanted == "true" || wanted == "false" => {
-                (*value == Scalar::Integer(1)) == (wanted == "true")
-            }
-            Scalar::Integer(number) => wanted.parse() == Ok(*number as f64),
-            Scalar::Real(number) => wanted.parse() == Ok(*number),
-        })
+    fn meets(&self, planned: &PlannedJob) -> bool {
+        value_of(planned, &self.name)
+            .is_some_and(|value| self.values.iter().any(|wanted| allows(&value, wanted)))
+    }
+
+    fn why_unmet(
+        &self,
+        before: &[Condition],
+        jobs: impl Iterator<Item = PlannedJob>,
+    ) -> FilterError {
+        let met_before = before.iter().map(ToString::to_string).collect::<Vec<_>>().join(",");
+        let jobs = jobs.filter(|planned| before.iter().all(|condition| condition.meets(planned)));
+        let mut seen = HashSet::new();
+        let mut values: Vec<String> = jobs
+            .filter_map(|planned| value_of(&planned, &self.name).map(|value| shown(&value)))
+            .filter(|value| seen.insert(value.clone()))
+            .collect();
+        if values.is_empty() {
+            return FilterError::Absent { name: self.name.clone(), before: met_before };
+        }
+        let nearest = self.values.iter().find_map(|wanted| nearest_value(wanted, &values));
+        let left_out = values.len() > VALUES_SHOWN;
+        values.truncate(VALUES_SHOWN);
+        if left_out {
+            values.push("…".to_owned());
+        }
+        FilterError::Unmet {
+            condition: self.to_string(),
+            before: met_before,
+            nearest,
+            values: printable(&values.join(", ")),
+        }
     }
 }
 
-/// What conditions can be about: the agent's name and every parameter.
-fn facts(planned: &PlannedJob) -> Vec<(String, Scalar)> {
-    let mut facts = vec![("agent".to_owned(), Scalar::Text(planned.agent.to_string()))];
-    facts.extend(planned.job.parameters());
-    facts
+impl fmt::Display for Condition {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}={}", self.name, self.values.join("|"))
+    }
+}
+
+/// The names that conditions can have; the last part of a dotted one will do.
+fn names() -> Vec<String> {
+    let mut names = vec!["agent".to_owned(), "agent.algorithm".to_owned()];
+    names.extend(Parameter::all().map(|parameter| parameter.to_string()));
+    names
+}
+
+fn last_part(name: &str) -> &str {
+    name.rsplit('.').next().unwrap_or(name)
+}
+
+/// The job's value of the parameter of this name; `None` if it has none.
+fn value_of(planned: &PlannedJob, name: &str) -> Option<Value> {
+    let job = &planned.job;
+    let (section, key) = match name.split_once('.') {
+        Some((section, key)) => (Some(section), key),
+        None => (None, name),
+    };
+    let is_in = |known: Section| {
+        section.is_none_or(|section| section == known.name()) && known.find(key).is_some()
+    };
+    match (section, key) {
+        (None, "agent") => Some(json!(*planned.agent)),
+        (None, "scenario") => Some(json!(job.scenario.to_string())),
+        (None, "seed") => Some(json!(job.seed)),
+        (None | Some("agent"), "algorithm") => Some(json!(job.algorithm())),
+        _ if is_in(job.agent.algorithm().section()) => field(&job.agent, key),
+        _ if is_in(Section::Environment) => field(&job.environment, key),
+        _ if is_in(Section::Evaluation) => field(&job.evaluation, key),
+        _ => None,
+    }
+}
+
+fn field(part: &impl Serialize, key: &str) -> Option<Value> {
+    let mut part = serde_json::to_value(part).expect("jobs hold finite numbers and string keys");
+    part.get_mut(key).map(Value::take)
+}
+
+/// Whether the value is the one that was written.
+fn allows(value: &Value, wanted: &str) -> bool {
+    match value {
+        Value::String(text) => text == wanted,
+        Value::Bool(flag) => {
+            matches!((flag, wanted), (true, "true" | "1") | (false, "false" | "0"))
+        }
+        Value::Number(number) => match (number.as_u64(), wanted.parse::<u64>()) {
+            // As numbers with a fraction, large whole ones would be equal to their neighbours.
+            (Some(whole), Ok(wanted)) => whole == wanted,
+            (_, _) => wanted.parse().ok() == number.as_f64() && exact(number),
+        },
+        Value::Array(_) => {
+            let numbers = |text: &str| serde_json::from_str::<Vec<f64>>(text).ok();
+            numbers(&value.to_string()) == numbers(wanted)
+        }
+        Value::Null | Value::Object(_) => false,
+    }
+}
+
+/// Whether the number is the same as one with a fraction.
+fn exact(number: &serde_json::Number) -> bool {
+    const END: u64 = 1 << f64::MANTISSA_DIGITS;
+    number.as_u64().is_none_or(|whole| whole < END)
+}
+
+/// The value as a filter writes it.
+fn shown(value: &Value) -> String {
+    match value {
+        Value::String(text) => text.clone(),
+        other => other.to_string(),
+    }
+}
+
+/// The value that comes nearest: the number, or the text if one is near enough to be meant.
+fn nearest_value(wanted: &str, values: &[String]) -> Option<String> {
+    let Ok(number) = wanted.parse::<f64>() else {
+        return nearest(wanted, values.iter().map(String::as_str)).map(str::to_owned);
+    };
+    let distance =
+        |value: &&String| value.parse::<f64>().map_or(f64::INFINITY, |x| (x - number).abs());
+    let near = values.iter().min_by(|one, other| distance(one).total_cmp(&distance(other)))?;
+    distance(&near).is_finite().then(|| near.clone())
 }
 
 #[cfg(test)]
@@ -129,14 +281,23 @@ mod tests {
                     evaluation: Evaluation::default(),
                     seed: 1,
                 };
-                jobs.push(PlannedJob { agent: name.into(), job });
+                jobs.push(PlannedJob { agent: name.into(), form: job.form(), job });
             }
         }
         jobs
     }
 
-    fn selected(filter: &str) -> usize {
-        filter.parse::<Filter>().unwrap().select(jobs()).unwrap().len()
+    fn filter(text: &str) -> Filter {
+        text.parse().unwrap()
+    }
+
+    fn selected(text: &str) -> usize {
+        jobs().iter().filter(|planned| filter(text).meets(planned)).count()
+    }
+
+    fn why_none(text: &str) -> String {
+        assert_eq!(selected(text), 0, "{text}");
+        filter(text).why_none(|| jobs().into_iter()).to_string()
     }
 
     #[test]
@@ -146,17 +307,64 @@ mod tests {
         assert_eq!(selected("sigma=0.4|1"), 4);
         assert_eq!(selected("environment.sigma=0.40, scenario=P-H-D"), 2);
         assert_eq!(selected("agent.batch=64"), 3);
+        assert_eq!(selected("batch=64.0"), 3);
+        assert_eq!(selected("algorithm=reinforce"), 3);
         assert_eq!(selected("time_one_hot=false"), 6);
-        assert_eq!(selected("layers=[128]"), 3);
         assert_eq!(selected("scenario=L-H-D"), 0);
     }
 
     #[test]
+    fn lists_are_values_with_commas_of_their_own() {
+        assert_eq!(selected("layers=[128]"), 3);
+        assert_eq!(selected("layers=[128,128]"), 3);
+        assert_eq!(selected("agent=dqn,layers=[128, 128]|[64],sigma=1"), 1);
+        assert_eq!(selected("mu=[0.10,0.1]"), 6);
+        assert_eq!(selected("layers=128"), 0);
+        assert_eq!(selected("layers=[128,64]"), 0);
+    }
+
+    #[test]
+    fn large_whole_numbers_are_not_confused_with_their_neighbours() {
+        let mut planned = jobs().remove(0);
+        planned.job.seed = (1 << 53) + 1;
+        assert!(filter("seed=9007199254740993").meets(&planned));
+        for other in
+            ["9007199254740992", "9007199254740994", "9007199254740992.0", "9.007199254740993e15"]
+        {
+            assert!(!filter(&format!("seed={other}")).meets(&planned), "{other}");
+        }
+    }
+
+    #[test]
     fn faulty_filters_are_refused() {
-        for text in ["", "agent", "agent=", "=dqn", "agent=dqn,,"] {
+        for text in ["", "agent", "agent=", "=dqn", "agent=dqn,,", "sigma=1,[2,3]"] {
             assert!(text.parse::<Filter>().is_err(), "{text}");
         }
-        let fault = "siggma=1".parse::<Filter>().unwrap().select(jobs()).unwrap_err();
-        assert!(fault.to_string().contains("environment.sigma"), "{fault}");
+    }
+
+    #[test]
+    fn a_filter_that_no_job_meets_says_which_condition_and_what_there_is() {
+        let unknown = why_none("agent=dqn,siggma=1");
+        let expected = "no job has a parameter `siggma`, did you mean `sigma`?; there are agent, ";
+        assert!(unknown.starts_with(expected), "{unknown}");
+        assert!(unknown.contains("environment.sigma"), "{unknown}");
+        assert_eq!(
+            why_none("sigma=0.7,agent=nobody"),
+            "no job has sigma=0.7, did you mean 0.6?; there are 0.4, 0.6, 1.0"
+        );
+        assert_eq!(
+            why_none("sigma=0.6,agent=reinforced"),
+            "no job with sigma=0.6 has agent=reinforced, did you mean reinforce?; there are dqn, \
+             reinforce"
+        );
+        assert_eq!(why_none("scenario=C\u{1b}"), "no job has scenario=C\\u{1b}; there are P-H-D");
+        assert_eq!(
+            why_none("agent=dqn,loss_divisor=50"),
+            "no job with agent=dqn has a parameter `loss_divisor`"
+        );
+        assert_eq!(
+            why_none("agent=dqn,layers=[128]"),
+            "no job with agent=dqn has layers=[128]; there are [128,128]"
+        );
     }
 }

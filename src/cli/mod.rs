@@ -17,6 +17,7 @@ mod query;
 mod replay;
 mod run;
 mod schema;
+mod selection;
 mod signals;
 mod simulate;
 mod status;

@@ -3,8 +3,16 @@
 use std::io::{self, Write};
 
 use clap::ValueEnum;
-use comfy_table::{CellAlignment, Table, presets};
+use comfy_table::{CellAlignment, ColumnConstraint, Table, Width, presets};
 use serde_json::{Value, json};
+
+use crate::manifest::hidden;
+
+/// Spaces on either side of a table's columns.
+const PADDING: (u16, u16) = (0, 2);
+
+/// Rows of a table that share their widths: beyond them, nobody has the header in view.
+const ALIGNED_TOGETHER: usize = 10_000;
 
 /// How rows are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -72,24 +80,29 @@ impl Cell {
     }
 }
 
-/// The text with control and direction characters escaped, so that no name can move the cursor
-/// or turn a line around.
+/// The text with [`hidden`] characters escaped, so that no name can move the cursor or turn a line
+/// around.
 pub(super) fn printable(text: &str) -> String {
-    // Marks, embeddings and isolates of direction, and the two separators that end a line.
-    let hidden = |c: char| {
-        c.is_control()
-            || matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}')
-            || matches!(c, '\u{2066}'..='\u{2069}')
+    let escape = |c: char| match hidden(c) {
+        Some(_) => c.escape_default().collect(),
+        None => vec![c],
     };
-    text.chars()
-        .flat_map(|c| if hidden(c) { c.escape_default().collect() } else { vec![c] })
-        .collect()
+    text.chars().flat_map(escape).collect()
+}
+
+/// So many things, as people say it: `1 job`, `2 jobs`.
+pub(super) fn counted(count: impl TryInto<u64>, noun: &str) -> String {
+    match count.try_into().unwrap_or(u64::MAX) {
+        1 => format!("1 {noun}"),
+        count => format!("{count} {noun}s"),
+    }
 }
 
 /// A writer of rows that have the same columns.
 pub(super) enum Rows<W: Write> {
-    /// Kept until the end, because widths are known only then.
-    Table(W, Table),
+    /// Kept until there are many, because widths are known only then.
+    /// The widths are those of the rows written before.
+    Table(W, Box<Table>, Vec<u16>),
     /// Written as they come.
     Csv(Box<csv::Writer<W>>),
     /// Written as they come; the count tells whether a comma is due.
@@ -104,10 +117,8 @@ impl<W: Write> Rows<W> {
                 let mut table = Table::new();
                 table.load_style(presets::NOTHING);
                 table.set_header(columns.iter().map(|name| printable(name)));
-                for column in table.column_iter_mut() {
-                    column.set_padding((0, 2));
-                }
-                Rows::Table(out, table)
+                lay_out(&mut table, &[]);
+                Rows::Table(out, Box::new(table), Vec::new())
             }
             Format::Csv => {
                 let mut writer = csv::Writer::from_writer(out);
@@ -124,7 +135,13 @@ impl<W: Write> Rows<W> {
     /// Adds a row, one cell a column.
     pub(super) fn row(&mut self, cells: &[Cell]) -> io::Result<()> {
         match self {
-            Rows::Table(_, table) => {
+            Rows::Table(out, table, widths) => {
+                if table.row_count() >= ALIGNED_TOGETHER {
+                    print(table, out)?;
+                    *widths = table.column_max_content_widths();
+                    **table = Table::new();
+                    table.load_style(presets::NOTHING);
+                }
                 for (cell, column) in cells.iter().zip(table.column_iter_mut()) {
                     // For the header above it.
                     if cell.is_number() {
@@ -136,6 +153,9 @@ impl<W: Write> Rows<W> {
                         if cell.is_number() { CellAlignment::Right } else { CellAlignment::Left };
                     comfy_table::Cell::new(cell.for_reading()).set_alignment(side)
                 }));
+                if table.row_count() == 1 {
+                    lay_out(table, widths);
+                }
             }
             Rows::Csv(writer) => {
                 writer.write_record(cells.iter().map(Cell::exact)).map_err(cause)?;
@@ -158,10 +178,8 @@ impl<W: Write> Rows<W> {
     /// Ends the rows.
     pub(super) fn finish(self) -> io::Result<()> {
         match self {
-            Rows::Table(mut out, table) => {
-                for line in table.lines() {
-                    writeln!(out, "{}", line.trim_end())?;
-                }
+            Rows::Table(mut out, table, _) => {
+                print(&table, &mut out)?;
                 out.flush()
             }
             Rows::Csv(mut writer) => writer.flush(),
@@ -170,6 +188,20 @@ impl<W: Write> Rows<W> {
                 out.flush()
             }
         }
+    }
+}
+
+fn print(table: &Table, out: &mut impl Write) -> io::Result<()> {
+    table.lines().try_for_each(|line| writeln!(out, "{}", line.trim_end()))
+}
+
+/// Gives the columns their padding, and these widths at least.
+fn lay_out(table: &mut Table, widths: &[u16]) {
+    let widths = widths.iter().copied().chain(std::iter::repeat(0));
+    for (column, width) in table.column_iter_mut().zip(widths) {
+        column.set_padding(PADDING);
+        let width = Width::Fixed(width + PADDING.0 + PADDING.1);
+        column.set_constraint(ColumnConstraint::LowerBoundary(width));
     }
 }
 
@@ -199,6 +231,28 @@ mod tests {
     fn tables_round_align_and_escape() {
         let expected = "name               mean\na,\"b\"\\u{1b}[31m  1234.6\nc\n";
         assert_eq!(written(Format::Table), expected);
+    }
+
+    #[test]
+    fn rows_past_those_aligned_together_go_on_in_the_same_columns() {
+        let mut out = Vec::new();
+        let columns = ["name", "count", "note"].map(str::to_owned);
+        let mut rows = Rows::new(Format::Table, &columns, &mut out).unwrap();
+        for row in 0..=ALIGNED_TOGETHER {
+            let name = if row == 0 { "a long name" } else { "x" };
+            rows.row(&[Cell::text(name), Cell::Integer(7), Cell::text("end")]).unwrap();
+        }
+        rows.finish().unwrap();
+        let text = String::from_utf8(out).unwrap();
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines.len(), 2 + ALIGNED_TOGETHER);
+        assert_eq!(lines[ALIGNED_TOGETHER], lines[ALIGNED_TOGETHER + 1]);
+        assert_eq!(lines[2], "x                7  end");
+    }
+
+    #[test]
+    fn things_are_counted_as_people_say_it() {
+        assert_eq!([0, 1, 2].map(|n| counted(n, "job")), ["0 jobs", "1 job", "2 jobs"]);
     }
 
     #[test]

@@ -1,18 +1,29 @@
 //! `jitai plan`: what would run, and why.
+//!
+//! Jobs are looked at one at a time and forgotten, so that a sweep of a million is told about in
+//! seconds and little memory.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::hash_map::Entry;
+use std::collections::{BTreeMap, HashMap};
+use std::fmt;
 use std::io::{self, Write};
 use std::num::NonZeroUsize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::thread;
 
 use crate::cli::estimate::{Episodes, Speeds, spoken};
 use crate::cli::filter::Filter;
-use crate::cli::output::{Cell, Format, Rows};
+use crate::cli::output::{Cell, Format, Rows, counted};
+use crate::cli::selection::Selection;
 use crate::cli::{Error, Exit, StoreArgument, check, counts, run};
-use crate::manifest::Manifest;
-use crate::schedule::Queued;
-use crate::store::{Counts, JobState, Reader, StoreError};
+use crate::plan::{ContentKey, JobKey, PlannedJob, Versions};
+use crate::store::{Counts, JobState, Reader, StoreError, TriedJob};
+
+/// Jobs that the store is asked about at a time.
+const ASKED_TOGETHER: usize = 1000;
+
+/// Jobs that the store is asked about one by one; for more, reading about all it has is faster.
+const ASKED_SINGLY: usize = 10_000;
 
 /// Show what would run: jobs done, to do and failed, and the time it would take
 #[derive(clap::Args)]
@@ -47,153 +58,323 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         }
         return Ok(Exit::Done);
     }
-    let planned = manifests
-        .iter()
-        .map(|manifest| Planned::new(manifest, arguments))
-        .collect::<Result<Vec<_>, Error>>()?;
+    let selection = Selection::new(&manifests, arguments.filter.as_ref())?;
+    let survey = Survey::new(selection, &arguments.store.store)?;
     if arguments.jobs {
-        list_jobs(&planned, arguments)
+        list_jobs(survey, arguments.format)?;
     } else {
-        list_experiments(&planned, arguments)
+        list_experiments(survey, arguments)?;
+    }
+    Ok(Exit::Done)
+}
+
+/// A walk through the jobs that a plan is about, with what the store knows of them.
+struct Survey<'a> {
+    selection: Selection<'a>,
+    /// Nothing before the first run.
+    reader: Option<Reader>,
+    /// All that the store has tried; read when it has been asked about many jobs.
+    tried: Option<Tried>,
+    /// By job, where it was met.
+    met: HashMap<JobKey, Met>,
+    /// Jobs that several manifests have.
+    shared: u64,
+}
+
+/// Where a job was met.
+struct Met {
+    /// The last manifest.
+    place: usize,
+    sharing: Sharing,
+}
+
+/// All that the store has tried.
+#[derive(Default)]
+struct Tried {
+    states: HashMap<JobKey, JobState>,
+    /// By content, the latest versions of the code that completed it.
+    completed: HashMap<ContentKey, Versions>,
+}
+
+impl Tried {
+    fn read(reader: &Reader) -> Result<Tried, StoreError> {
+        let mut tried = Tried::default();
+        reader.tried(|TriedJob { key, content, versions, state }| {
+            tried.states.insert(key, state);
+            if state == JobState::Completed {
+                let latest = tried.completed.entry(content).or_insert(versions);
+                *latest = versions.max(*latest);
+            }
+        })?;
+        Ok(tried)
     }
 }
 
-/// The jobs of a manifest with what the store knows of them.
-struct Planned<'a> {
-    manifest: &'a Manifest,
-    jobs: Vec<(Queued, JobState, Option<String>)>,
-    speeds: Speeds,
+/// A job of a manifest, with what the store knows of it.
+struct Surveyed {
+    key: JobKey,
+    planned: PlannedJob,
+    state: JobState,
+    reason: Option<Reason>,
+    /// Whether an earlier manifest has it, too.
+    sharing: Sharing,
 }
 
-impl<'a> Planned<'a> {
-    fn new(manifest: &'a Manifest, arguments: &Arguments) -> Result<Self, Error> {
-        let queued = run::select(std::slice::from_ref(manifest), arguments.filter.as_ref())?;
-        let reader = match Reader::open(&arguments.store.store) {
-            Ok(reader) => reader,
-            // Nothing has run yet.
-            Err(StoreError::Missing { .. }) => {
-                let jobs = queued.into_iter().map(|q| (q, JobState::Pending, None)).collect();
-                return Ok(Planned { manifest, jobs, speeds: Speeds::default() });
-            }
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Sharing {
+    /// No manifest before this one has the job.
+    First,
+    /// A manifest before this one has it; it runs once.
+    Shared,
+}
+
+/// Why a job is to run again, or why not.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Reason {
+    /// Its runs were interrupted.
+    Interrupted,
+    /// A run failed.
+    Failed,
+    /// It was completed by code of other versions: of the simulation, or of an algorithm.
+    Outdated { simulation: Option<Change>, algorithm: Option<(&'static str, Change)> },
+}
+
+/// Of a version of the code.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Change {
+    from: u32,
+    to: u32,
+}
+
+impl Change {
+    fn between(from: u32, to: u32) -> Option<Change> {
+        (from != to).then_some(Change { from, to })
+    }
+}
+
+impl fmt::Display for Reason {
+    /// Of one job.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (simulation, algorithm) = match self {
+            Reason::Interrupted => return write!(f, "was interrupted"),
+            Reason::Failed => return write!(f, "failed; runs with --retry-failed"),
+            Reason::Outdated { simulation, algorithm } => (simulation, algorithm),
+        };
+        let simulation = simulation.map(|change| ("the simulation", change));
+        let changes = simulation.into_iter().chain(*algorithm);
+        let changes =
+            changes.map(|(what, Change { from, to })| format!("{what} changed: {from} → {to}"));
+        f.write_str(&changes.collect::<Vec<_>>().join(", "))
+    }
+}
+
+impl Reason {
+    /// Why content that the store has under earlier versions of the code is to run again.
+    fn outdated(planned: &PlannedJob, earlier: Versions) -> Reason {
+        let now = planned.job.versions();
+        let algorithm = Change::between(earlier.algorithm, now.algorithm);
+        Reason::Outdated {
+            simulation: Change::between(earlier.environment, now.environment),
+            algorithm: algorithm.map(|change| (planned.job.algorithm(), change)),
+        }
+    }
+
+    /// The sentence about so many jobs.
+    fn of(self, jobs: u64) -> String {
+        let (all, one) = (counted(jobs, "job"), jobs == 1);
+        match self {
+            Reason::Interrupted if one => format!("{all} was interrupted and runs again"),
+            Reason::Interrupted => format!("{all} were interrupted and run again"),
+            Reason::Failed if one => format!("{all} failed; it runs with --retry-failed"),
+            Reason::Failed => format!("{all} failed; they run with --retry-failed"),
+            Reason::Outdated { .. } => format!("{all} to run again: {self}"),
+        }
+    }
+}
+
+impl<'a> Survey<'a> {
+    fn new(selection: Selection<'a>, store: &Path) -> Result<Self, Error> {
+        let reader = match Reader::open(store) {
+            Ok(reader) => Some(reader),
+            Err(StoreError::Missing { .. }) => None,
             Err(error) => return Err(error.into()),
         };
-        let states = reader.job_states(queued.iter().map(|queued| &queued.key))?;
-        let mut jobs = Vec::with_capacity(queued.len());
-        for (queued, state) in queued.into_iter().zip(states) {
-            let reason = match state {
-                JobState::Pending => outdated(&reader, &queued)?,
-                JobState::Interrupted => Some("was interrupted".to_owned()),
-                JobState::Failed => Some("failed; runs with --retry-failed".to_owned()),
-                JobState::Running | JobState::Completed => None,
-            };
-            jobs.push((queued, state, reason));
-        }
-        Ok(Planned { manifest, jobs, speeds: run::speeds(&reader)? })
+        Ok(Survey { selection, reader, tried: None, met: HashMap::new(), shared: 0 })
     }
 
-    fn counts(&self) -> Counts {
-        let mut counts = Counts::default();
-        self.jobs.iter().for_each(|(_, state, _)| counts.add(*state, 1));
-        counts
-    }
-
-    /// Seconds that one worker would take for what is to do; `None` without earlier runs.
-    fn seconds(&self) -> Option<f64> {
-        let mut left = Episodes::default();
-        for (queued, state, _) in &self.jobs {
-            match state {
-                JobState::Pending | JobState::Interrupted => {
-                    left.add(queued.job.algorithm(), u64::from(queued.job.agent.episodes()));
-                }
-                JobState::Running | JobState::Completed | JobState::Failed => {}
+    /// Shows `see` every job of the manifest in this place, none twice.
+    fn walk(
+        &mut self,
+        place: usize,
+        mut see: impl FnMut(&Surveyed) -> io::Result<()>,
+    ) -> Result<(), Error> {
+        let mut jobs = self.selection.jobs(&self.selection.manifests()[place]);
+        loop {
+            let some: Vec<PlannedJob> = jobs.by_ref().take(ASKED_TOGETHER).collect();
+            if some.is_empty() {
+                return Ok(());
+            }
+            let distinct: Vec<(JobKey, Sharing, PlannedJob)> = some
+                .into_iter()
+                .filter_map(|planned| {
+                    let key = planned.form.key();
+                    self.meet(key, place).map(|sharing| (key, sharing, planned))
+                })
+                .collect();
+            let keys: Vec<JobKey> = distinct.iter().map(|(key, ..)| *key).collect();
+            let states = self.states(&keys)?;
+            for ((key, sharing, planned), state) in distinct.into_iter().zip(states) {
+                let reason = self.reason(&planned, state)?;
+                see(&Surveyed { key, planned, state, reason, sharing })?;
             }
         }
-        self.speeds.seconds(&left)
+    }
+
+    /// Whether the job of a manifest is shared with one before; `None` if this one had it already.
+    fn meet(&mut self, key: JobKey, place: usize) -> Option<Sharing> {
+        let first = Met { place, sharing: Sharing::First };
+        let met = match self.met.entry(key) {
+            Entry::Vacant(unmet) => return Some(unmet.insert(first).sharing),
+            Entry::Occupied(met) => met.into_mut(),
+        };
+        if met.place == place {
+            return None;
+        }
+        self.shared += u64::from(met.sharing == Sharing::First);
+        *met = Met { place, sharing: Sharing::Shared };
+        Some(Sharing::Shared)
+    }
+
+    /// The state of each job, in the order of `keys`.
+    fn states(&mut self, keys: &[JobKey]) -> Result<Vec<JobState>, Error> {
+        let Some(reader) = &self.reader else { return Ok(vec![JobState::Pending; keys.len()]) };
+        if self.met.len() > ASKED_SINGLY && self.tried.is_none() {
+            self.tried = Some(Tried::read(reader)?);
+        }
+        let Some(tried) = &self.tried else { return Ok(reader.job_states(keys)?) };
+        let state = |key| tried.states.get(key).copied().unwrap_or(JobState::Pending);
+        Ok(keys.iter().map(state).collect())
+    }
+
+    fn reason(&self, planned: &PlannedJob, state: JobState) -> Result<Option<Reason>, Error> {
+        match state {
+            JobState::Interrupted => return Ok(Some(Reason::Interrupted)),
+            JobState::Failed => return Ok(Some(Reason::Failed)),
+            JobState::Running | JobState::Completed => return Ok(None),
+            JobState::Pending => {}
+        }
+        let Some(reader) = &self.reader else { return Ok(None) };
+        let content = planned.form.content_key();
+        let earlier = match &self.tried {
+            Some(tried) => tried.completed.get(&content).copied(),
+            None => reader.superseded(&content, planned.job.versions())?.pop(),
+        };
+        Ok(earlier.map(|earlier| Reason::outdated(planned, earlier)))
+    }
+
+    fn speeds(&self) -> Result<Speeds, Error> {
+        self.reader.as_ref().map_or(Ok(Speeds::default()), run::speeds)
     }
 }
 
-/// Why a job that the store has under an earlier version of the code is to run again.
-fn outdated(reader: &Reader, queued: &Queued) -> Result<Option<String>, Error> {
-    let now = queued.job.versions();
-    let earlier = reader.superseded(&queued.job.content_key(), now)?;
-    Ok(earlier.last().map(|old| {
-        let mut changes = Vec::new();
-        if old.environment != now.environment {
-            changes
-                .push(format!("the simulation changed: {} → {}", old.environment, now.environment));
-        }
-        if old.algorithm != now.algorithm {
-            let name = queued.job.algorithm();
-            changes.push(format!("{name} changed: {} → {}", old.algorithm, now.algorithm));
-        }
-        changes.join(", ")
-    }))
+/// Jobs added up.
+#[derive(Clone, Debug, Default)]
+struct Sum {
+    counts: Counts,
+    /// What is to do.
+    left: Episodes,
+    reasons: BTreeMap<Reason, u64>,
 }
 
-fn list_experiments(planned: &[Planned<'_>], arguments: &Arguments) -> Result<Exit, Error> {
+impl Sum {
+    fn add(&mut self, job: &Surveyed) {
+        self.counts.add(job.state, 1);
+        if let Some(reason) = job.reason {
+            *self.reasons.entry(reason).or_default() += 1;
+        }
+        match job.state {
+            JobState::Pending | JobState::Interrupted => {
+                let job = &job.planned.job;
+                self.left.add(job.algorithm(), u64::from(job.agent.episodes()));
+            }
+            JobState::Running | JobState::Completed | JobState::Failed => {}
+        }
+    }
+
+    fn to_run(&self) -> u64 {
+        self.counts.pending + self.counts.interrupted
+    }
+}
+
+fn list_experiments(mut survey: Survey<'_>, arguments: &Arguments) -> Result<(), Error> {
     let cores = || thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
     let workers = arguments.workers.unwrap_or_else(cores);
+    let speeds = survey.speeds()?;
+    let seconds = |sum: &Sum| speeds.seconds(&sum.left).map(|s| s / workers.get() as f64);
     let columns = counts::COLUMNS.map(str::to_owned);
     let mut rows = Rows::new(arguments.format, &columns, io::stdout().lock())?;
-    for one in planned {
-        let left = one.seconds().map(|seconds| seconds / workers.get() as f64);
-        rows.row(&counts::cells(&one.manifest.name, &one.counts(), left))?;
+    let mut all = Sum::default();
+    for (place, manifest) in survey.selection.manifests().iter().enumerate() {
+        let mut experiment = Sum::default();
+        survey.walk(place, |job| {
+            experiment.add(job);
+            match job.sharing {
+                Sharing::First => all.add(job),
+                Sharing::Shared => {}
+            }
+            Ok(())
+        })?;
+        let left = seconds(&experiment);
+        rows.row(&counts::cells(&manifest.name, &experiment.counts, left))?;
     }
     rows.finish()?;
-    explain(planned, workers)?;
-    Ok(Exit::Done)
+    match survey.shared {
+        0 => {}
+        1 => writeln!(io::stderr(), "1 job is shared between the manifests and runs once")?,
+        n => writeln!(io::stderr(), "{n} jobs are shared between the manifests and run once")?,
+    }
+    Ok(explain(&all, seconds(&all), workers)?)
 }
 
-/// Says on standard error what the numbers do not.
-fn explain(planned: &[Planned<'_>], workers: NonZeroUsize) -> Result<(), Error> {
+/// Says on standard error what the numbers do not; `seconds` is the time that is left.
+fn explain(all: &Sum, seconds: Option<f64>, workers: NonZeroUsize) -> io::Result<()> {
     let mut err = io::stderr();
-    let distinct: HashSet<_> =
-        planned.iter().flat_map(|one| &one.jobs).map(|(queued, ..)| queued.key).collect();
-    let all: usize = planned.iter().map(|one| one.jobs.len()).sum();
-    if distinct.len() < all {
-        writeln!(
-            err,
-            "{} jobs are shared between the manifests and run once",
-            all - distinct.len()
-        )?;
+    for (reason, jobs) in &all.reasons {
+        writeln!(err, "{}", reason.of(*jobs))?;
     }
-    let mut reasons: BTreeMap<&str, usize> = BTreeMap::new();
-    for reason in planned.iter().flat_map(|one| &one.jobs).filter_map(|(.., why)| why.as_deref()) {
-        *reasons.entry(reason).or_default() += 1;
-    }
-    for (reason, jobs) in reasons {
-        writeln!(err, "{jobs} jobs: {reason}")?;
-    }
-    let seconds: Option<f64> = planned.iter().map(Planned::seconds).sum();
+    let workers = counted(workers.get(), "worker");
     match seconds {
-        Some(0.0) => writeln!(err, "nothing to run")?,
+        _ if all.to_run() == 0 => writeln!(err, "nothing to run"),
         Some(seconds) => {
-            let left = spoken(seconds / workers.get() as f64);
-            writeln!(err, "about {left} with {workers} workers, as fast as earlier runs")?;
+            let (jobs, time) = (counted(all.to_run(), "job"), spoken(seconds));
+            writeln!(err, "{jobs} to run: about {time} with {workers}, as fast as earlier runs")
         }
-        None => writeln!(err, "no time can be estimated before a job of each algorithm has run")?,
+        None => {
+            let jobs = counted(all.to_run(), "job");
+            let when = "no time can be estimated before a job of each algorithm has run";
+            writeln!(err, "{jobs} to run; {when}")
+        }
     }
-    Ok(())
 }
 
-fn list_jobs(planned: &[Planned<'_>], arguments: &Arguments) -> Result<Exit, Error> {
+fn list_jobs(mut survey: Survey<'_>, format: Format) -> Result<(), Error> {
     let columns =
         ["experiment", "job_key", "agent", "scenario", "sigma", "seed", "state", "reason"];
-    let mut rows = Rows::new(arguments.format, &columns.map(str::to_owned), io::stdout().lock())?;
-    for one in planned {
-        for (queued, state, reason) in &one.jobs {
+    let mut rows = Rows::new(format, &columns.map(str::to_owned), io::stdout().lock())?;
+    for (place, manifest) in survey.selection.manifests().iter().enumerate() {
+        survey.walk(place, |surveyed| {
+            let Surveyed { key, planned, state, reason, .. } = surveyed;
             rows.row(&[
-                Cell::text(&one.manifest.name),
-                Cell::text(queued.key.to_string()),
-                Cell::text(&queued.agent),
-                Cell::text(queued.job.scenario.to_string()),
-                Cell::Real(queued.job.environment.sigma),
-                Cell::Integer(queued.job.seed as i64),
+                Cell::text(&manifest.name),
+                Cell::text(key.to_string()),
+                Cell::text(&*planned.agent),
+                Cell::text(planned.job.scenario.to_string()),
+                Cell::Real(planned.job.environment.sigma),
+                Cell::Integer(planned.job.seed as i64),
                 Cell::text(state.name()),
-                reason.as_ref().map_or(Cell::Empty, Cell::text),
-            ])?;
-        }
+                reason.map_or(Cell::Empty, |reason| Cell::text(reason.to_string())),
+            ])
+        })?;
     }
-    rows.finish()?;
-    Ok(Exit::Done)
+    Ok(rows.finish()?)
 }

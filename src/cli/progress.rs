@@ -7,7 +7,7 @@ use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Value, json};
 
 use crate::cli::estimate::{Episodes, Speeds, spoken};
-use crate::cli::output::printable;
+use crate::cli::output::{counted, printable};
 use crate::record::{Outcome, Results};
 use crate::schedule::{Event, Queued, Watcher};
 use crate::train::Progress;
@@ -163,7 +163,8 @@ impl Shown {
         }
         if waiting_for > 0 && !self.told_waiting {
             self.told_waiting = true;
-            self.say(&format!("waiting for {waiting_for} jobs that another process is running"));
+            let jobs = counted(waiting_for, "job");
+            self.say(&format!("waiting for {jobs} that another process is running"));
         }
     }
 

@@ -1,6 +1,5 @@
 //! `jitai run`: runs what is missing.
 
-use std::collections::HashSet;
 use std::io::{self, Write};
 use std::mem;
 use std::num::NonZeroUsize;
@@ -13,11 +12,12 @@ use clap::ValueEnum;
 
 use crate::cli::estimate::Speeds;
 use crate::cli::filter::Filter;
-use crate::cli::output::printable;
+use crate::cli::output::{counted, printable};
 use crate::cli::progress::{Shown, Style};
+use crate::cli::selection::Selection;
 use crate::cli::{Error, Exit, StoreArgument, check, provenance, signals, summary};
 use crate::manifest::Manifest;
-use crate::plan::{self, JobKey, PlannedJob};
+use crate::plan::{self, JobKey};
 use crate::schedule::{self, Context, OnFailure, Options, Queued, Tally};
 use crate::store::{Experiment, JobState, Reader, RetryFailed, Store};
 use crate::train;
@@ -67,7 +67,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         .and_then(|stop| signals::end_in_time(stop.clone()).map(|()| stop))
         .map_err(|source| Error::Io { what: "listen for signals".to_owned(), source })?;
     let manifests = check::load_all(&arguments.manifests)?;
-    let wanted = select(&manifests, arguments.filter.as_ref())?;
+    let wanted = Selection::new(&manifests, arguments.filter.as_ref())?.queue();
     let mut store = Store::open(&arguments.store.store)?;
     for manifest in &manifests {
         register(&mut store, manifest)?;
@@ -136,24 +136,6 @@ pub(super) fn speeds(reader: &Reader) -> Result<Speeds, Error> {
         speeds.add(&pace.algorithm, 1, wall);
     }
     Ok(speeds)
-}
-
-/// The jobs of manifests that a filter lets through, none twice.
-pub(super) fn select(
-    manifests: &[Manifest],
-    filter: Option<&Filter>,
-) -> Result<Vec<Queued>, Error> {
-    let planned: Vec<PlannedJob> = manifests.iter().flat_map(plan::jobs).collect();
-    let planned = match filter {
-        Some(filter) => filter.select(planned).map_err(|error| Error::Usage(error.to_string()))?,
-        None => planned,
-    };
-    let mut seen = HashSet::new();
-    let queued = planned.into_iter().filter_map(|PlannedJob { agent, job }| {
-        let key = job.key();
-        seen.insert(key).then(|| Queued { key, agent: agent.to_string(), job })
-    });
-    Ok(queued.collect())
 }
 
 fn register(store: &mut Store, manifest: &Manifest) -> Result<(), Error> {
@@ -262,11 +244,16 @@ impl End<'_> {
         }
         let (completed, failed, left) = (self.completed(), self.failed(), self.left());
         let line = if self.stopped {
-            format!("stopped: {completed} jobs completed, {left} left; the same command goes on")
+            let completed = counted(completed, "job");
+            format!("stopped: {completed} completed, {left} left; the same command goes on")
         } else if self.todo.queued == 0 && failed == 0 {
-            format!("nothing to run: all {completed} jobs are completed")
+            match completed {
+                1 => "nothing to run: the job is completed".to_owned(),
+                _ => format!("nothing to run: all {completed} jobs are completed"),
+            }
         } else {
-            format!("{} jobs run, {completed} completed in all, {failed} failed", self.ran())
+            let ran = counted(self.ran(), "job");
+            format!("{ran} run, {completed} completed in all, {failed} failed")
         };
         // A closed standard error is no reason to fail after the work is done.
         let _ = writeln!(io::stderr(), "{line}");

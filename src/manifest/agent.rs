@@ -2,6 +2,28 @@
 
 use serde::{Deserialize, Serialize};
 
+/// The algorithm of an `[[agent]]`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Algorithm {
+    /// `dueling_dqn`.
+    DuelingDqn,
+    /// `reinforce`.
+    Reinforce,
+}
+
+impl Algorithm {
+    /// Every algorithm.
+    pub const ALL: [Algorithm; 2] = [Algorithm::DuelingDqn, Algorithm::Reinforce];
+
+    /// The word that manifests, jobs and the store write.
+    pub fn name(self) -> &'static str {
+        match self {
+            Algorithm::DuelingDqn => "dueling_dqn",
+            Algorithm::Reinforce => "reinforce",
+        }
+    }
+}
+
 /// An algorithm with its hyper-parameters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "algorithm", rename_all = "snake_case")]
@@ -13,6 +35,14 @@ pub enum Agent {
 }
 
 impl Agent {
+    /// The algorithm.
+    pub fn algorithm(&self) -> Algorithm {
+        match self {
+            Agent::DuelingDqn(_) => Algorithm::DuelingDqn,
+            Agent::Reinforce(_) => Algorithm::Reinforce,
+        }
+    }
+
     /// Episodes of training: the job's budget.
     pub fn episodes(&self) -> u32 {
         match self {
@@ -181,4 +211,19 @@ pub enum TestActions {
     AsTrained,
     /// The action of highest value or probability; the lowest numbered of equals.
     Greedy,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_agent_is_written_under_its_algorithms_name() {
+        for agent in
+            [Agent::DuelingDqn(DuelingDqn::default()), Agent::Reinforce(Reinforce::default())]
+        {
+            let json = serde_json::to_value(&agent).unwrap();
+            assert_eq!(json["algorithm"], agent.algorithm().name());
+        }
+    }
 }

@@ -1,5 +1,7 @@
 //! Reads what shapes the grid: zips, and exclusions with their conditions.
 
+use std::collections::HashSet;
+
 use toml::de::DeTable;
 
 use super::declared::Condition;
@@ -27,6 +29,7 @@ impl Reader<'_> {
             return;
         }
         let mut zips: Vec<Located<Vec<Parameter>>> = Vec::new();
+        let mut zipped = HashSet::new();
         for list in lists {
             let items = list.get_ref().as_array().map_or(&[][..], |items| &items[..]);
             if items.len() < 2 {
@@ -34,11 +37,12 @@ impl Reader<'_> {
             }
             let value = self.distinct("zip", items.iter(), |reader, item| reader.parameter(item));
             for (parameter, item) in value.iter().zip(items) {
-                if zips.iter().any(|zip| zip.value.contains(parameter)) {
+                if zipped.contains(parameter) {
                     let message = format!("`zip`: {parameter} is in another zip already");
                     self.faults.add(Fault::at(item.span().into(), message));
                 }
             }
+            zipped.extend(value.iter().copied());
             zips.push(Located { value, span: list.span().into() });
         }
         draft.lost_cells |= self.faults.len() > before;

@@ -1,67 +1,36 @@
 //! The rules that no key can be held to alone: zips, exclusions, the size of the grid, and keys of
-//! an agent that depend on each other.
+//! an agent that depend on each other (see `rules.rs`).
 
 use std::collections::HashSet;
 
-use super::declared::{Condition, Exclusion, MOST_JOBS, Manifest};
+use super::declared::{Condition, Exclusion, MOST_COMPARISONS, MOST_JOBS, Manifest};
 use super::draft::Draft;
 use super::fault::{Fault, FaultList};
 use super::grid::{Axis, Grid, axes, size, zipped};
-use super::keys::{Algorithm, Value};
 use super::parameter::Parameter;
+use super::rules::{Breach, RULES, Rule};
 use super::source::Span;
-
-/// Two keys of an algorithm that depend on each other.
-struct Rule {
-    algorithm: Algorithm,
-    keys: [&'static str; 2],
-    holds: fn(&Value, &Value) -> bool,
-    says: &'static str,
-}
-
-const RULES: &[Rule] = &[
-    Rule {
-        algorithm: Algorithm::Reinforce,
-        keys: ["episodes", "trajectories_per_update"],
-        holds: |episodes, trajectories| match (episodes, trajectories) {
-            (Value::Integer(episodes), Value::Integer(each)) => episodes.is_multiple_of(*each),
-            _ => true,
-        },
-        says: "must be a multiple of",
-    },
-    Rule {
-        algorithm: Algorithm::DuelingDqn,
-        keys: ["batch", "buffer"],
-        holds: |batch, buffer| match (batch, buffer) {
-            (Value::Integer(batch), Value::Integer(buffer)) => batch <= buffer,
-            _ => true,
-        },
-        says: "must not exceed",
-    },
-    Rule {
-        algorithm: Algorithm::DuelingDqn,
-        keys: ["epsilon_floor", "epsilon_start"],
-        holds: |floor, start| match (floor, start) {
-            (Value::Real(floor), Value::Real(start)) => floor <= start,
-            _ => true,
-        },
-        says: "must not exceed",
-    },
-];
 
 /// Notes what is wrong between the keys of `manifest`, which was completed from `draft`.
 pub(super) fn check(draft: &Draft, mut manifest: Manifest, faults: &mut FaultList) -> Manifest {
     let broken = zips(draft, &manifest, faults);
     manifest.zips.retain(|zip| !zip.parameters.iter().any(|name| broken.contains(name)));
-    if !size_fits(draft, &manifest, faults) {
+    if !size_fits(draft, &manifest, faults) || !comparisons_fit(draft, &manifest, faults) {
         return manifest;
     }
     let exclusions_hold = exclusions(draft, &manifest, faults);
-    for agent in 0..manifest.agents.len() {
-        rules(draft, &manifest, agent, &broken, faults);
+    let grids: Vec<Grid> =
+        (0..manifest.agents.len()).map(|agent| Grid::of(&manifest, agent)).collect();
+    let agents = manifest.agents.iter().zip(&grids).enumerate();
+    for (place, (declared, grid)) in agents {
+        for rule in RULES.iter().filter(|rule| rule.algorithm == declared.algorithm) {
+            if is_certain(draft, place, grid, rule, &broken) {
+                hold(draft, place, grid, rule, faults);
+            }
+        }
     }
     if exclusions_hold && broken.is_empty() && !draft.lost_cells {
-        matches(draft, &manifest, faults);
+        matches(draft, &grids, faults);
     }
     manifest
 }
@@ -162,6 +131,9 @@ fn first_absent<'m, T: Eq + std::hash::Hash + std::fmt::Display + 'm>(
     let mut unseen: HashSet<&T> = wanted.iter().collect();
     let mut shown: Vec<&T> = Vec::new();
     for value in present {
+        if unseen.is_empty() {
+            return None;
+        }
         unseen.remove(value);
         if shown.len() <= SHOWN && !shown.contains(&value) {
             shown.push(value);
@@ -197,44 +169,64 @@ fn size_fits(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -> bool
     false
 }
 
-/// Notes combinations of an agent's keys that break a rule, unless they are excluded.
-fn rules(
-    draft: &Draft,
-    manifest: &Manifest,
-    agent: usize,
-    broken: &HashSet<Parameter>,
-    faults: &mut FaultList,
-) {
-    let declared = &manifest.agents[agent];
-    for rule in RULES.iter().filter(|rule| rule.algorithm == declared.algorithm) {
-        let keys = rule.keys.map(Parameter::Agent);
-        let settings = &draft.agents[agent].settings;
-        let swept = keys.iter().any(|key| manifest.length(declared, *key) > 1);
-        let uncertain = draft.lost_cells || keys.iter().any(|key| broken.contains(key));
-        if rule.keys.iter().any(|key| settings.is_lost(key)) || (swept && uncertain) {
-            continue;
-        }
-        let grid = Grid::of(manifest, agent);
-        if let Some((first, second)) = grid.counterexample(keys, rule.holds) {
-            let [one, other] = rule.keys;
-            // The later of the two is the author's own where the other is a preset's.
-            let spans = keys.iter().filter_map(|key| draft.span_of(agent, *key));
-            let span = spans.max();
-            let span = span.unwrap_or(draft.agents[agent].name.span);
-            let name = &declared.name;
-            let message = format!(
-                "agent `{name}`: `{one}` {} `{other}`, found {first} and {second}",
-                rule.says
-            );
-            faults.add(Fault::at(span, message));
-        }
+/// Notes more comparisons of cells with exclusions than anybody waits for; whether there are none.
+fn comparisons_fit(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -> bool {
+    let sizes = manifest.agents.iter().map(|agent| size(&axes(manifest, agent)));
+    let cells = sizes.fold(0, u128::saturating_add);
+    let listed = manifest.exclusions.iter().flat_map(|exclusion| &exclusion.conditions);
+    let listed: usize = listed.map(Condition::len).sum();
+    let of_cells = cells.saturating_mul(manifest.exclusions.len() as u128);
+    let comparisons = of_cells.saturating_add((listed * manifest.agents.len()) as u128);
+    if comparisons <= u128::from(MOST_COMPARISONS) {
+        return true;
     }
+    let message = format!(
+        "the exclusions need {comparisons} comparisons with cells, at most {MOST_COMPARISONS} are \
+         possible"
+    );
+    let span = draft.exclusions.first().map_or(Span { start: 0, end: 0 }, |first| first.span);
+    faults.add(Fault::at(span, message).help(format!(
+        "cells: {cells}, exclusions: {}, values that they list: {listed}; one exclusion can list \
+         several values",
+        manifest.exclusions.len()
+    )));
+    false
+}
+
+/// Whether the values of a rule's keys are known in every cell of an agent.
+fn is_certain(
+    draft: &Draft,
+    agent: usize,
+    grid: &Grid,
+    rule: &Rule,
+    broken: &HashSet<Parameter>,
+) -> bool {
+    if rule.keys.iter().any(|key| draft.is_lost_for(agent, *key)) {
+        return false;
+    }
+    let swept = rule.keys.iter().any(|key| grid.is_swept(*key));
+    !swept || !(draft.lost_cells || rule.keys.iter().any(|key| broken.contains(key)))
+}
+
+/// Notes a combination of an agent's keys that breaks a rule, unless it is excluded.
+fn hold(draft: &Draft, agent: usize, grid: &Grid, rule: &Rule, faults: &mut FaultList) {
+    let Some((chosen, breach)) = grid.breach(rule) else { return };
+    // The last of them is the author's own where others are a preset's.
+    let span = rule.keys.iter().filter_map(|key| draft.span_of(agent, *key)).max();
+    let name = &draft.agents[agent].name;
+    let fault = |message| Fault::at(span.unwrap_or(name.span), message);
+    let name = &name.value;
+    faults.add(match breach {
+        Breach::Contradiction(says) => fault(format!("agent `{name}`: {says}")),
+        Breach::TooLarge { what, unit, size, most } => {
+            let says = format!("{what} {size} {unit}, at most {most} are possible");
+            fault(format!("agent `{name}`: {says}")).help(format!("with {}", chosen.listed()))
+        }
+    });
 }
 
 /// Notes exclusions that leave out nothing, or everything.
-fn matches(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
-    let grids: Vec<Grid> =
-        (0..manifest.agents.len()).map(|agent| Grid::of(manifest, agent)).collect();
+fn matches(draft: &Draft, grids: &[Grid], faults: &mut FaultList) {
     for exclusion in &draft.exclusions {
         let known = |condition: &Condition| match condition {
             Condition::Scenario(_) => !draft.is_lost(Parameter::Scenario),

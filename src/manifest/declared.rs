@@ -1,11 +1,16 @@
 //! A manifest after validation: what its author declared, complete and consistent.
 
-use super::keys::{Algorithm, Value};
+use super::agent::Algorithm;
+use super::keys::Value;
 use super::parameter::{Parameter, Parameters};
 use super::scenario::Scenario;
 
 /// Most jobs that one manifest may declare, excluded cells among them.
 pub const MOST_JOBS: u64 = 10_000_000;
+
+/// Most comparisons of a cell with an exclusion, or of an agent with a value of a condition, that
+/// one manifest may ask for.
+pub(super) const MOST_COMPARISONS: u64 = 50_000_000;
 
 /// A validated manifest: every default filled in, every cell of its grids a possible job.
 ///
@@ -82,6 +87,18 @@ pub enum Condition {
         /// The values that meet the condition.
         values: Vec<Value>,
     },
+}
+
+impl Condition {
+    /// The number of values that meet it.
+    pub(super) fn len(&self) -> usize {
+        match self {
+            Condition::Scenario(list) => list.len(),
+            Condition::Seed(list) => list.len(),
+            Condition::AgentName(list) => list.len(),
+            Condition::Key { values, .. } => values.len(),
+        }
+    }
 }
 
 impl Manifest {

@@ -5,8 +5,9 @@
 
 use std::collections::BTreeMap;
 
+use super::agent::Algorithm;
 use super::declared::Condition;
-use super::keys::{Algorithm, Section, Value};
+use super::keys::{Section, Value};
 use super::parameter::Parameter;
 use super::scenario::Scenario;
 use super::source::{Located, Span};
@@ -158,6 +159,17 @@ impl Draft {
             Parameter::Agent(key) => {
                 self.lost_agents || self.agents.iter().any(|agent| agent.settings.is_lost(key))
             }
+        }
+    }
+
+    /// Whether the values of `parameter` are faulty for the agent in this place.
+    pub fn is_lost_for(&self, agent: usize, parameter: Parameter) -> bool {
+        match parameter {
+            Parameter::Agent(key) => self.agents[agent].settings.is_lost(key),
+            Parameter::Scenario
+            | Parameter::Seed
+            | Parameter::Environment(_)
+            | Parameter::Evaluation(_) => self.is_lost(parameter),
         }
     }
 

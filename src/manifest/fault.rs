@@ -54,21 +54,28 @@ impl Fault {
     }
 }
 
-/// The word nearest to `found`: at most a third of its letters apart.
-pub(super) fn nearest<'w>(
-    found: &str,
-    words: impl IntoIterator<Item = &'w str>,
-) -> Option<&'w str> {
+/// The word nearest to `found`: at most a third of its letters apart, or with `found` for one of
+/// its parts.
+pub fn nearest<'w>(found: &str, words: impl IntoIterator<Item = &'w str>) -> Option<&'w str> {
     const LONGEST: usize = 60;
+    const SHORTEST_PART: usize = 3;
     let length = found.chars().count();
     if length > LONGEST {
         return None;
     }
     let lower = found.to_lowercase();
-    let distance = |word: &str| strsim::damerau_levenshtein(&lower, &word.to_lowercase());
-    let near = words.into_iter().map(|word| (distance(word), word));
-    let (distance, word) = near.min_by_key(|(distance, _)| *distance)?;
-    (distance <= (length / 3).max(1)).then_some(word)
+    let distance = |word: &str| {
+        let word = word.to_lowercase();
+        let is_part = length >= SHORTEST_PART && word.split(['_', '-', '.']).any(|p| p == lower);
+        // A word that is near as a whole is rather meant.
+        (strsim::damerau_levenshtein(&lower, &word), is_part)
+    };
+    let measured: Vec<_> = words.into_iter().map(|word| (distance(word), word)).collect();
+    let near = measured.iter().min_by_key(|((distance, _), _)| *distance)?;
+    if near.0.0 <= (length / 3).max(1) {
+        return Some(near.1);
+    }
+    measured.iter().find(|((_, is_part), _)| *is_part).map(|(_, word)| *word)
 }
 
 /// Collects faults while a manifest is read.
@@ -245,6 +252,13 @@ mod tests {
         assert_eq!(nearest("Sigma", ["sigma"]), Some("sigma"));
         assert_eq!(nearest("temperature", ["sigma", "gamma"]), None);
         assert_eq!(nearest(&"x".repeat(100_000), ["sigma"]), None);
+    }
+
+    #[test]
+    fn a_part_of_a_word_points_to_it_unless_another_is_nearer() {
+        assert_eq!(nearest("dqn", ["reinforce", "dueling_dqn"]), Some("dueling_dqn"));
+        assert_eq!(nearest("DQN", ["dueling_dqn", "dqm"]), Some("dqm"));
+        assert_eq!(nearest("d", ["epsilon_d", "delta_d"]), None);
     }
 
     #[test]

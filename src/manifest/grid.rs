@@ -8,10 +8,11 @@ use std::collections::HashSet;
 use std::hash::Hash;
 
 use super::declared::{Condition, DeclaredAgent, Exclusion, Manifest};
-use super::keys::{Algorithm, Section, Value};
+use super::keys::{Section, Value};
 use super::parameter::{Parameter, Parameters};
+use super::rules::{Breach, Chosen, Rule};
 use super::scenario::Scenario;
-use super::{Agent, Environment, Evaluation};
+use super::{Agent, Algorithm, Environment, Evaluation};
 
 /// The grid of one agent of a manifest.
 #[derive(Debug)]
@@ -81,21 +82,24 @@ impl<'m> Grid<'m> {
         self.projected(&concerned).count() as u64 * each
     }
 
-    /// A cell that is not excluded and in which `holds` is false of the two keys' values.
-    pub(super) fn counterexample(
-        &self,
-        keys: [Parameter; 2],
-        holds: impl Fn(&Value, &Value) -> bool,
-    ) -> Option<(&'m Value, &'m Value)> {
+    /// How a cell that is not excluded breaks a rule, with the values of the rule's keys in it.
+    pub(super) fn breach(&self, rule: &Rule) -> Option<(Chosen<'m>, Breach)> {
         let (manifest, agent) = (self.manifest, self.agent);
-        let values = keys.map(|key| manifest.values(agent, key).unwrap_or_default());
-        let axes = keys.map(|key| axis_of(&self.axes, key));
+        let values = |key: &Parameter| manifest.values(agent, *key).filter(|list| !list.is_empty());
+        let values: Vec<&[Value]> = rule.keys.iter().map(values).collect::<Option<_>>()?;
+        let axes: Vec<_> = rule.keys.iter().map(|key| axis_of(&self.axes, *key)).collect();
         let concerned = self.concerned(&axes);
-        let mut pairs = self.projected(&concerned).filter_map(|cell| {
-            let [first, second] = axes.map(|axis| axis.map_or(0, |axis| cell.0[axis]));
-            Some((values[0].get(first)?, values[1].get(second)?))
-        });
-        pairs.find(|(first, second)| !holds(first, second))
+        self.projected(&concerned).find_map(|cell| {
+            let place = |axis: &Option<usize>| axis.map_or(0, |axis| cell.0[axis]);
+            let values = values.iter().zip(&axes).map(|(list, axis)| &list[place(axis)]).collect();
+            let chosen = Chosen { keys: rule.keys, values };
+            (rule.fault)(&chosen).map(|breach| (chosen, breach))
+        })
+    }
+
+    /// Whether the parameter has several values.
+    pub(super) fn is_swept(&self, parameter: Parameter) -> bool {
+        self.manifest.length(self.agent, parameter) > 1
     }
 
     /// Whether any cell meets every condition of the exclusion.

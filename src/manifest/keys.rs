@@ -7,7 +7,7 @@ use std::hash::{Hash, Hasher};
 
 use serde::Serialize;
 
-use super::{DuelingDqn, Environment, Evaluation, Reinforce};
+use super::{Algorithm, DuelingDqn, Environment, Evaluation, Reinforce};
 
 /// A single value of a key.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -92,7 +92,9 @@ pub enum Kind {
     },
     /// A list of at least one layer width, each at least 1.
     Widths {
-        /// The largest of each.
+        /// The longest list.
+        most: usize,
+        /// The largest width.
         max: u32,
     },
 }
@@ -112,8 +114,8 @@ impl Kind {
             Kind::RealPair { min, max } => {
                 format!("two numbers from {min} to {max}, as in [0.1, 0.1]")
             }
-            Kind::Widths { max } => {
-                format!("a list of layer widths, each a whole number from 1 to {max}")
+            Kind::Widths { most, max } => {
+                format!("a list of 1 to {most} layer widths, each a whole number from 1 to {max}")
             }
         }
     }
@@ -199,27 +201,7 @@ impl Section {
     }
 }
 
-/// The algorithm of an `[[agent]]`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Algorithm {
-    /// `dueling_dqn`.
-    DuelingDqn,
-    /// `reinforce`.
-    Reinforce,
-}
-
 impl Algorithm {
-    /// Every algorithm.
-    pub const ALL: [Algorithm; 2] = [Algorithm::DuelingDqn, Algorithm::Reinforce];
-
-    /// The word that a manifest writes.
-    pub fn name(self) -> &'static str {
-        match self {
-            Algorithm::DuelingDqn => "dueling_dqn",
-            Algorithm::Reinforce => "reinforce",
-        }
-    }
-
     /// The section with the algorithm's keys.
     pub fn section(self) -> Section {
         match self {
@@ -243,7 +225,7 @@ pub struct Key {
 const PROBABILITY: Kind = Kind::Real { min: 0.0, max: 1.0 };
 const LARGE: f64 = 1e6;
 const EPISODES: Kind = Kind::Integer { min: 1, max: 10_000_000 };
-const LAYERS: Kind = Kind::Widths { max: 4096 };
+const LAYERS: Kind = Kind::Widths { most: 32, max: 4096 };
 const ACTIVATION: Kind = Kind::Choice(&["relu", "tanh"]);
 const LEARNING_RATE: Kind = Kind::PositiveReal { max: 1.0 };
 const ENGINE: Kind = Kind::Choice(&["fused", "burn"]);
@@ -417,8 +399,9 @@ mod tests {
                     (Kind::RealPair { min, max }, Value::RealPair(pair)) => {
                         pair.iter().all(|x| (min..=max).contains(x))
                     }
-                    (Kind::Widths { max }, Value::Widths(widths)) => {
-                        widths.iter().all(|width| (1..=max).contains(width))
+                    (Kind::Widths { most, max }, Value::Widths(widths)) => {
+                        let inside = widths.iter().all(|width| (1..=max).contains(width));
+                        inside && (1..=most).contains(&widths.len())
                     }
                     (Kind::Flag, Value::Flag(_)) => true,
                     (Kind::Choice(words), Value::Choice(word)) => words.contains(word),

@@ -63,7 +63,7 @@ pub fn parse(path: &str, bytes: &[u8]) -> Result<Manifest, Faults> {
         return Err(Faults::of_text(path, text, fault));
     }
     let mut reader = Reader::new(text);
-    let draft = reader.draft(root.get_ref());
+    let mut draft = reader.draft(root.get_ref());
     let mut faults = reader.faults;
     faults.append(repeats);
     if !syntax.is_empty() {
@@ -75,6 +75,8 @@ pub fn parse(path: &str, bytes: &[u8]) -> Result<Manifest, Faults> {
         return Err(faults.of(path, source));
     }
     let manifest = complete::complete(&draft, path, text, &mut faults);
+    // That there is no agent has been noted; no condition on one is at fault as well.
+    draft.lost_agents |= draft.agents.is_empty();
     let manifest = check::check(&draft, manifest, &mut faults);
     if faults.is_empty() { Ok(manifest) } else { Err(faults.of(path, Source::new(text))) }
 }

@@ -26,22 +26,23 @@ mod preset;
 mod range;
 mod read;
 mod resolved;
+mod rules;
 mod scenario;
 mod schema;
 mod source;
 mod sweep;
 
 pub use agent::{
-    Activation, Agent, DuelingDqn, Engine, Evaluation, Reinforce, TerminalTarget, TestActions,
-    Trunk,
+    Activation, Agent, Algorithm, DuelingDqn, Engine, Evaluation, Reinforce, TerminalTarget,
+    TestActions, Trunk,
 };
 pub use declared::{Condition, DeclaredAgent, Exclusion, MOST_JOBS, Manifest, Zip};
 pub use environment::{Environment, FirstContext, TimeIndicator};
-pub use fault::{Fault, Faults};
+pub use fault::{Fault, Faults, nearest};
 pub use grid::{Axis, Cell, Grid};
-pub use keys::{Algorithm, Key, Kind, Section, Value};
+pub use keys::{Key, Kind, Section, Value};
 pub use load::{load, parse};
 pub use parameter::{Parameter, Parameters};
 pub use scenario::{Feature, Scenario, ScenarioError};
 pub use schema::schema;
-pub use source::Position;
+pub use source::{Position, hidden};

@@ -42,6 +42,15 @@ impl Parameter {
         std::iter::once(Parameter::Scenario).chain(keys).chain(std::iter::once(Parameter::Seed))
     }
 
+    /// The last part of its dotted name, as its section writes it.
+    pub(super) fn key(self) -> &'static str {
+        match self {
+            Parameter::Scenario => "scenario",
+            Parameter::Seed => "seed",
+            Parameter::Environment(key) | Parameter::Agent(key) | Parameter::Evaluation(key) => key,
+        }
+    }
+
     /// The parameter of this dotted name.
     pub fn named(dotted: &str) -> Option<Parameter> {
         Parameter::all().find(|parameter| parameter.to_string() == dotted)

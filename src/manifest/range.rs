@@ -2,10 +2,14 @@
 //!
 //! A job is identified by its content, so a range has to give the very numbers that an author
 //! would have typed: 0.1 + 2 × 0.1 must be 0.3. Values between the ends are therefore rounded to 12
-//! significant decimal digits.
+//! significant decimal digits. Where that leaves them not strictly rising from one end to the other,
+//! there is no list: a value would be repeated or lie outside the ends.
 
 /// Most values that one range may have.
 pub(super) const MOST_VALUES: u64 = 1_000_000;
+
+/// Most values that the lists and ranges of a manifest may have in all.
+pub(super) const MOST_VALUES_IN_ALL: u64 = 2_000_000;
 
 /// How the values of a range are spaced; counts are from 2 to [`MOST_VALUES`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,54 +34,101 @@ pub(super) enum RangeError {
     /// There are too many values.
     #[error("a range has at most {MOST_VALUES} values, this step makes more")]
     TooLong,
+    /// There are more values than the rest of the manifest leaves.
+    #[error("the lists and ranges of a manifest have at most {MOST_VALUES_IN_ALL} values in all")]
+    TooManyInAll,
     /// A logarithmic range touches zero or goes below it.
     #[error("a logarithmic range must be above 0 at both ends")]
     LogOfZero,
     /// Equally spaced whole numbers do not exist.
     #[error("{count} whole numbers cannot be equally spaced from {from} to {to}")]
     Uneven { from: u64, to: u64, count: u64 },
+    /// Rounding to decimal digits made two values equal, or put one outside the ends.
+    #[error(
+        "the step is too small for the values: rounded to 12 significant digits, {before} is \
+         followed by {after}"
+    )]
+    TooFine { before: String, after: String },
     /// Rounding to whole numbers made two values equal.
     #[error("two of the {count} values from {from} to {to} round to the same whole number")]
     Repeats { from: u64, to: u64, count: u64 },
 }
 
-/// The numbers of a range, both ends included.
-pub(super) fn reals(from: f64, to: f64, spacing: Spacing<f64>) -> Result<Vec<f64>, RangeError> {
+/// The numbers of a range, both ends included, if there are at most `most`.
+pub(super) fn reals(
+    from: f64,
+    to: f64,
+    spacing: Spacing<f64>,
+    most: u64,
+) -> Result<Vec<f64>, RangeError> {
     if from >= to {
         return Err(RangeError::Ends);
     }
-    let linear = |count: u64| {
-        let decimals = decimals(from.abs().max(to.abs()));
-        let part = move |i: u64| i as f64 / (count - 1) as f64;
-        list(from, to, count, move |i| round_at(from + (to - from) * part(i), decimals))
-    };
-    match spacing {
+    let decimals = decimals(from.abs().max(to.abs()));
+    let part = |i: u64, count: u64| i as f64 / (count - 1) as f64;
+    let values = match spacing {
         Spacing::Step(step) => {
-            let steps = ((to - from) / step).round();
-            if steps >= MOST_VALUES as f64 {
-                return Err(RangeError::TooLong);
-            }
-            if steps < 1.0 || (from + steps * step - to).abs() > 1e-9 * (to - from) {
-                let last = from + ((to - from) / step).floor() * step;
-                let last = round_at(last, decimals(from.abs().max(to.abs())));
-                let [from, to, step, last] = [from, to, step, last].map(|x| format!("{x:?}"));
-                return Err(RangeError::Misses { from, to, step, last });
-            }
-            Ok(linear(steps as u64 + 1))
+            let count = steps(from, to, step, decimals)? + 1;
+            fit(count, most)?;
+            list(from, to, count, |i| round_at(from + (to - from) * part(i, count), decimals))
         }
-        Spacing::Linear(count) => Ok(linear(count)),
-        Spacing::Log(_) if from <= 0.0 => Err(RangeError::LogOfZero),
-        Spacing::Log(count) => Ok(list(from, to, count, |i| round(log_point(from, to, i, count)))),
+        Spacing::Linear(count) => {
+            fit(count, most)?;
+            list(from, to, count, |i| round_at(from + (to - from) * part(i, count), decimals))
+        }
+        Spacing::Log(_) if from <= 0.0 => return Err(RangeError::LogOfZero),
+        Spacing::Log(count) => {
+            fit(count, most)?;
+            list(from, to, count, |i| round(log_point(from, to, part(i, count))))
+        }
+    };
+    match values.windows(2).find(|pair| pair[0] >= pair[1]) {
+        None => Ok(values),
+        Some(pair) => {
+            let [before, after] = [pair[0], pair[1]].map(|x| format!("{x:?}"));
+            Err(RangeError::TooFine { before, after })
+        }
     }
 }
 
-/// The whole numbers of a range, both ends included.
-pub(super) fn integers(from: u64, to: u64, spacing: Spacing<u64>) -> Result<Vec<u64>, RangeError> {
+/// How many steps lead from one end to the other.
+fn steps(from: f64, to: f64, step: f64, decimals: usize) -> Result<u64, RangeError> {
+    let steps = ((to - from) / step).round();
+    if steps >= MOST_VALUES as f64 {
+        return Err(RangeError::TooLong);
+    }
+    if steps < 1.0 || (from + steps * step - to).abs() > 1e-9 * (to - from) {
+        let last = round_at(from + ((to - from) / step).floor() * step, decimals);
+        let [from, to, step, last] = [from, to, step, last].map(|x| format!("{x:?}"));
+        return Err(RangeError::Misses { from, to, step, last });
+    }
+    Ok(steps as u64)
+}
+
+/// Refuses more values than a range, or what is left of the manifest, may have.
+fn fit(count: u64, most: u64) -> Result<(), RangeError> {
+    match count {
+        _ if count > MOST_VALUES => Err(RangeError::TooLong),
+        _ if count > most => Err(RangeError::TooManyInAll),
+        _ => Ok(()),
+    }
+}
+
+/// The whole numbers of a range, both ends included, if there are at most `most`.
+pub(super) fn integers(
+    from: u64,
+    to: u64,
+    spacing: Spacing<u64>,
+    most: u64,
+) -> Result<Vec<u64>, RangeError> {
     if from >= to {
         return Err(RangeError::Ends);
     }
     let width = to - from;
-    let stepping = |step: u64| (0..=width / step).map(|i| from + i * step).collect();
+    let stepping = |step: u64| {
+        fit(width / step + 1, most)?;
+        Ok((0..=width / step).map(|i| from + i * step).collect())
+    };
     match spacing {
         Spacing::Step(step) if width / step >= MOST_VALUES => Err(RangeError::TooLong),
         Spacing::Step(step) if !width.is_multiple_of(step) => {
@@ -85,14 +136,16 @@ pub(super) fn integers(from: u64, to: u64, spacing: Spacing<u64>) -> Result<Vec<
             let [from, to, step, last] = [from, to, step, last].map(|n| n.to_string());
             Err(RangeError::Misses { from, to, step, last })
         }
-        Spacing::Step(step) => Ok(stepping(step)),
+        Spacing::Step(step) => stepping(step),
         Spacing::Linear(count) if !width.is_multiple_of(count - 1) => {
             Err(RangeError::Uneven { from, to, count })
         }
-        Spacing::Linear(count) => Ok(stepping(width / (count - 1))),
+        Spacing::Linear(count) => stepping(width / (count - 1)),
         Spacing::Log(_) if from == 0 => Err(RangeError::LogOfZero),
         Spacing::Log(count) => {
-            let point = |i| log_point(from as f64, to as f64, i, count).round() as u64;
+            fit(count, most)?;
+            let part = |i: u64| i as f64 / (count - 1) as f64;
+            let point = |i| log_point(from as f64, to as f64, part(i)).round() as u64;
             let values = list(from, to, count, point);
             let rises = values.windows(2).all(|pair| pair[0] < pair[1]);
             if rises { Ok(values) } else { Err(RangeError::Repeats { from, to, count }) }
@@ -106,8 +159,9 @@ fn list<N>(from: N, to: N, count: u64, inner: impl Fn(u64) -> N) -> Vec<N> {
     std::iter::once(from).chain(between).chain(std::iter::once(to)).collect()
 }
 
-fn log_point(from: f64, to: f64, i: u64, count: u64) -> f64 {
-    from * (to / from).powf(i as f64 / (count - 1) as f64)
+/// The number that lies this part of the way, in logarithms, from one end to the other.
+fn log_point(from: f64, to: f64, part: f64) -> f64 {
+    from * (to / from).powf(part)
 }
 
 /// Decimals that give a number of this size 12 significant digits.
@@ -128,6 +182,14 @@ fn round(x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn reals(from: f64, to: f64, spacing: Spacing<f64>) -> Result<Vec<f64>, RangeError> {
+        super::reals(from, to, spacing, MOST_VALUES)
+    }
+
+    fn integers(from: u64, to: u64, spacing: Spacing<u64>) -> Result<Vec<u64>, RangeError> {
+        super::integers(from, to, spacing, MOST_VALUES)
+    }
 
     #[test]
     fn a_range_gives_the_numbers_an_author_would_type() {
@@ -173,5 +235,37 @@ mod tests {
     fn a_tiny_step_is_refused_before_anything_is_built() {
         assert!(matches!(reals(0.0, 1e6, Spacing::Step(5e-324)), Err(RangeError::TooLong)));
         assert!(matches!(integers(0, u64::MAX, Spacing::Step(1)), Err(RangeError::TooLong)));
+    }
+
+    #[test]
+    fn values_that_rounding_makes_equal_or_puts_outside_the_ends_are_refused() {
+        let too_fine = |from, to, spacing| {
+            let refused = reals(from, to, spacing);
+            assert!(matches!(refused, Err(RangeError::TooFine { .. })), "{from} {to}: {refused:?}");
+        };
+        // Equal to each other.
+        too_fine(1.0, 1.000_000_000_001, Spacing::Linear(10));
+        too_fine(1.0, 1.000_000_000_001, Spacing::Log(10));
+        too_fine(999_999.999_999, 1e6, Spacing::Step(1e-8));
+        // Below the lower end, or above the upper one.
+        too_fine(0.123_456_789_012_9, 0.123_456_789_013_4, Spacing::Linear(4));
+        too_fine(0.999_999_999_999_1, 0.999_999_999_999_4, Spacing::Linear(4));
+        // Zero, where the lower end is above it.
+        too_fine(1e-310, 3e-310, Spacing::Linear(3));
+        // The ratio of the ends is no finite number.
+        too_fine(5e-324, 1.0, Spacing::Log(3));
+    }
+
+    #[test]
+    fn a_range_has_no_more_values_than_the_manifest_leaves() {
+        assert_eq!(super::reals(0.0, 1.0, Spacing::Step(0.5), 3).map(|list| list.len()), Ok(3));
+        for most in [0, 2] {
+            let too_many = Err(RangeError::TooManyInAll);
+            assert_eq!(super::reals(0.0, 1.0, Spacing::Step(0.5), most), too_many);
+            assert_eq!(super::reals(1.0, 2.0, Spacing::Log(3), most), too_many);
+            let too_many = Err(RangeError::TooManyInAll);
+            assert_eq!(super::integers(1, 3, Spacing::Step(1), most), too_many);
+            assert_eq!(super::integers(1, 4, Spacing::Log(3), most), too_many);
+        }
     }
 }

@@ -2,13 +2,14 @@
 
 use toml::de::{DeTable, DeValue};
 
+use super::agent::Algorithm;
 use super::declared::MOST_JOBS;
 use super::draft::{AgentDraft, Draft, Settings};
 use super::fault::{Fault, nearest};
-use super::keys::{Algorithm, Kind, Section, Value};
+use super::keys::{Kind, Section, Value};
 use super::preset;
 use super::scenario::{Feature, Scenario};
-use super::source::{Located, Span};
+use super::source::{Located, Span, hidden};
 use super::sweep::{Node, Reader, whole};
 
 /// The keys at the top of a manifest.
@@ -125,16 +126,27 @@ impl Reader<'_> {
 
     /// A name that tables and figures can show; empty if it is faulty.
     fn name(&mut self, name: &str, node: &Node) -> Located<String> {
-        let fits = |text: &&str| {
-            let length = text.chars().count();
-            !text.trim().is_empty() && length <= LONGEST_NAME && !text.chars().any(char::is_control)
-        };
-        let text = node.get_ref().as_str().filter(fits);
-        if text.is_none() {
-            let expected = format!("1 to {LONGEST_NAME} printable characters in quotes");
-            self.expected(name, &expected, node);
+        let text = node.get_ref().as_str().unwrap_or_default();
+        let seen = text.chars().find_map(|c| hidden(c).map(|what| (c, what)));
+        let length = text.chars().count();
+        let span = node.span().into();
+        if text.trim().is_empty() || length > LONGEST_NAME {
+            let expected = format!("1 to {LONGEST_NAME} visible characters in quotes");
+            let found = match length > LONGEST_NAME {
+                true => format!("{length} of them"),
+                false => self.found(node),
+            };
+            let message = format!("`{name}`: expected {expected}, found {found}");
+            self.faults.add(Fault::at(span, message));
+        } else if let Some((character, what)) = seen {
+            let code = u32::from(character);
+            let message = format!("`{name}`: a name cannot have U+{code:04X}, {what}");
+            let help = "tables and figures would not show it as it is written";
+            self.faults.add(Fault::at(span, message).help(help));
+        } else {
+            return Located { value: text.to_owned(), span };
         }
-        Located { value: text.unwrap_or_default().to_owned(), span: node.span().into() }
+        Located { value: String::new(), span }
     }
 
     /// A scenario or a list of them; empty if any is faulty.
@@ -198,6 +210,9 @@ impl Reader<'_> {
     pub fn seed_list(&mut self, name: &str, node: &Node) -> Vec<u64> {
         let seed = Kind::Integer { min: 0, max: i64::MAX as u64 };
         let items = self.items(name, node);
+        if !self.count_in(name, items.len(), node) {
+            return Vec::new();
+        }
         self.distinct(name, items.iter().copied(), |reader, item| {
             match reader.value(name, seed, item) {
                 Some(Value::Integer(seed)) => Some(seed),
@@ -279,6 +294,10 @@ impl Reader<'_> {
 
     fn agents(&mut self, draft: &mut Draft, inherited: &Draft, node: &Node) {
         let before = self.faults.len();
+        let is_empty = node.get_ref().as_array().is_some_and(|agents| agents.is_empty());
+        if is_empty && inherited.agents.is_empty() {
+            self.expected("agent", "at least one [[agent]]", node);
+        }
         for (span, table) in self.tables("agent", node) {
             let Some(agent) = self.agent(inherited, span, table) else { continue };
             let same = |other: &&AgentDraft| other.name.value == agent.name.value;

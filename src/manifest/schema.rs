@@ -2,8 +2,9 @@
 
 use serde_json::{Map, Value as Json, json};
 
+use super::agent::Algorithm;
 use super::declared::MOST_JOBS;
-use super::keys::{Algorithm, Key, Kind, Section};
+use super::keys::{Key, Kind, Section};
 use super::parameter::Parameter;
 use super::preset;
 use super::range::MOST_VALUES;
@@ -22,7 +23,12 @@ pub fn schema() -> Json {
         "required": ["format", "name"],
         "properties": top(),
         "$defs": {
-            "name": { "type": "string", "minLength": 1, "maxLength": LONGEST_NAME },
+            "name": {
+                "type": "string",
+                "minLength": 1,
+                "maxLength": LONGEST_NAME,
+                "description": "visible characters: none of control, text direction or no width",
+            },
             "scenario": scenario(),
             "seed": { "type": "integer", "minimum": 0, "maximum": i64::MAX },
             "parameter": { "enum": Parameter::all().map(|p| p.to_string()).collect::<Vec<_>>() },
@@ -145,9 +151,10 @@ fn value(kind: Kind) -> Json {
             "maxItems": 2,
             "items": value(Kind::Real { min, max }),
         }),
-        Kind::Widths { max } => json!({
+        Kind::Widths { most, max } => json!({
             "type": "array",
             "minItems": 1,
+            "maxItems": most,
             "items": value(Kind::Integer { min: 1, max: max.into() }),
         }),
     }

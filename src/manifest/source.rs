@@ -102,19 +102,34 @@ impl Source {
     }
 }
 
-/// The characters with tabs as one space, and whatever could move or recolour a terminal's text
-/// escaped.
+/// What a character is that cannot be seen, or that changes how the text around it is seen; `None`
+/// for every other.
+pub fn hidden(character: char) -> Option<&'static str> {
+    match character {
+        c if c.is_control() => Some("a control character"),
+        '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}' => {
+            Some("a mark of text direction")
+        }
+        '\u{2028}' | '\u{2029}' => Some("a separator of lines"),
+        '\u{ad}' | '\u{34f}' | '\u{180b}'..='\u{180e}' | '\u{200b}'..='\u{200d}' => {
+            Some("a character without width")
+        }
+        '\u{2060}'..='\u{2065}' | '\u{206a}'..='\u{206f}' | '\u{feff}' => {
+            Some("a character without width")
+        }
+        '\u{fff0}'..='\u{fffb}' | '\u{e0000}'..='\u{e0fff}' => Some("a character without width"),
+        '\u{115f}' | '\u{1160}' | '\u{3164}' | '\u{ffa0}' => Some("a filler that shows nothing"),
+        _ => None,
+    }
+}
+
+/// The characters with tabs as one space, and those that are [`hidden`] escaped.
 pub(super) fn visible(characters: impl Iterator<Item = char>) -> String {
     let mut shown = String::new();
     for character in characters {
         match character {
             '\t' => shown.push(' '),
-            // Marks that reorder the text around them would show other text than the program reads.
-            c if c.is_control()
-                || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}') =>
-            {
-                shown.extend(c.escape_unicode());
-            }
+            c if hidden(c).is_some() => shown.extend(c.escape_unicode()),
             c => shown.push(c),
         }
     }
@@ -128,7 +143,7 @@ fn width(text: &str) -> usize {
 
 fn character_width(character: char) -> usize {
     match character {
-        '\u{300}'..='\u{36f}' | '\u{200b}'..='\u{200f}' | '\u{20d0}'..='\u{20ff}' => 0,
+        '\u{300}'..='\u{36f}' | '\u{20d0}'..='\u{20ff}' => 0,
         '\u{fe00}'..='\u{fe0f}' => 0,
         '\u{1100}'..='\u{115f}'
         | '\u{2e80}'..='\u{a4cf}'
@@ -169,6 +184,17 @@ mod tests {
         let excerpt = excerpt_of("\tsigma = \"\u{1b}[31m\"\r\n", "sigma");
         assert_eq!(excerpt.text, " sigma = \"\\u{1b}[31m\"");
         assert_eq!((excerpt.indent, excerpt.carets), (1, 5));
+    }
+
+    #[test]
+    fn letters_of_every_script_are_seen_and_marks_of_layout_are_not() {
+        let seen = "P-H-D é ñ 学 한 עברית عربي हिन्दी 🙂 ❤\u{fe0f} e\u{301} σ² ½ —";
+        assert_eq!(seen.chars().find(|c| hidden(*c).is_some()), None);
+        for c in
+            ['\n', '\u{7f}', '\u{9b}', '\u{200b}', '\u{200d}', '\u{202e}', '\u{2066}', '\u{feff}']
+        {
+            assert!(hidden(c).is_some(), "{}", c.escape_unicode());
+        }
     }
 
     #[test]

@@ -7,7 +7,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::fault::{Fault, FaultList};
 use super::keys::{Kind, Value};
-use super::range::{self, MOST_VALUES, RangeError, Spacing};
+use super::range::{self, MOST_VALUES, MOST_VALUES_IN_ALL, RangeError, Spacing};
 
 /// A value of the TOML tree with its place in the text.
 pub(super) type Node<'t> = Spanned<DeValue<'t>>;
@@ -17,11 +17,13 @@ pub(super) type Node<'t> = Spanned<DeValue<'t>>;
 pub(super) struct Reader<'t> {
     pub text: &'t str,
     pub faults: FaultList,
+    /// Values that lists and ranges may still have.
+    values_left: u64,
 }
 
 impl<'t> Reader<'t> {
     pub fn new(text: &'t str) -> Reader<'t> {
-        Reader { text, faults: FaultList::default() }
+        Reader { text, faults: FaultList::default(), values_left: MOST_VALUES_IN_ALL }
     }
 
     /// The values that `node` gives the key `name`; empty, with faults noted, if any is faulty.
@@ -38,6 +40,9 @@ impl<'t> Reader<'t> {
                     let message = format!("`{name}`: a sweep cannot be empty");
                     let fault = Fault::at(node.span().into(), message);
                     self.faults.add(fault.help(format!("list at least one value: {expected}")));
+                }
+                if !self.count_in(name, items.len(), node) {
+                    return Vec::new();
                 }
                 let read = |reader: &mut Self, item: &Node| reader.value(name, kind, item);
                 self.distinct(name, items.iter(), read)
@@ -80,7 +85,7 @@ impl<'t> Reader<'t> {
     /// Notes that `node` is not of `kind`, at its faulty entry where it is a list.
     fn unexpected(&mut self, name: &str, kind: Kind, node: &Node) {
         let entry_kind = match kind {
-            Kind::Widths { max } => Kind::Integer { min: 1, max: max.into() },
+            Kind::Widths { max, .. } => Kind::Integer { min: 1, max: max.into() },
             Kind::RealPair { min, max } => Kind::Real { min, max },
             other => other,
         };
@@ -91,7 +96,10 @@ impl<'t> Reader<'t> {
             Some(entry) => (entry_kind.expectation(), entry),
             None => (kind.expectation(), node),
         };
-        let found = self.found(place);
+        let found = match place.get_ref() {
+            DeValue::Array(items) if !items.is_empty() => format!("a list of {}", items.len()),
+            _ => self.found(place),
+        };
         let message = format!("`{name}`: expected {expected}, found {found}");
         let fault = Fault::at(place.span().into(), message);
         self.faults.add(hint(fault, kind, place));
@@ -141,14 +149,30 @@ impl<'t> Reader<'t> {
         if self.faults.len() > before {
             return Vec::new();
         }
-        match list(ends, step, count, scale) {
-            Some(Ok(values)) => values,
+        match list(ends, step, count, scale, self.values_left) {
+            Some(Ok(values)) => {
+                self.values_left -= values.len() as u64;
+                values
+            }
             Some(Err(error)) => {
                 self.faults.add(Fault::at(node.span().into(), format!("`{name}`: {error}")));
                 Vec::new()
             }
             None => Vec::new(),
         }
+    }
+
+    /// Counts the items of a list; notes if there are more than the manifest may still have.
+    pub fn count_in(&mut self, name: &str, items: usize, node: &Node) -> bool {
+        match self.values_left.checked_sub(items as u64) {
+            Some(left) => self.values_left = left,
+            None => {
+                let message = format!("`{name}`: {}", RangeError::TooManyInAll);
+                self.faults.add(Fault::at(node.span().into(), message));
+                return false;
+            }
+        }
+        true
     }
 
     /// Notes keys that a range does not have, lacks, or cannot have together.
@@ -181,15 +205,16 @@ fn list(
     step: Option<Value>,
     count: Option<Value>,
     scale: Option<Value>,
+    most: u64,
 ) -> Option<Result<Vec<Value>, RangeError>> {
     match (ends.0?, ends.1?) {
         (Value::Integer(from), Value::Integer(to)) => {
             let spacing = spacing(step.and_then(whole_of), count, scale)?;
-            Some(wrap(range::integers(from, to, spacing), Value::Integer))
+            Some(wrap(range::integers(from, to, spacing, most), Value::Integer))
         }
         (Value::Real(from), Value::Real(to)) => {
             let spacing = spacing(step.and_then(real_of), count, scale)?;
-            Some(wrap(range::reals(from, to, spacing), Value::Real))
+            Some(wrap(range::reals(from, to, spacing, most), Value::Real))
         }
         _ => None,
     }
@@ -241,8 +266,11 @@ fn read(kind: Kind, node: &Node) -> Option<Value> {
             }
             _ => None,
         },
-        Kind::Widths { max } => {
-            let entries = node.get_ref().as_array().filter(|entries| !entries.is_empty())?;
+        Kind::Widths { most, max } => {
+            let entries = node.get_ref().as_array()?;
+            if !(1..=most).contains(&entries.len()) {
+                return None;
+            }
             let width = |entry| u32::try_from(integer(entry, 1, max.into())?).ok();
             entries.iter().map(width).collect::<Option<_>>().map(Value::Widths)
         }

@@ -2,9 +2,12 @@
 
 use std::sync::Arc;
 
+use serde::Serialize;
+
 use crate::manifest::{Agent, Cell, Environment, Evaluation, Grid, Manifest, Section};
 
-use super::Job;
+use super::job::text;
+use super::{CanonicalForm, Job};
 
 /// A job with the name that its manifest gives the agent; the name is no part of the job.
 #[derive(Clone, Debug, PartialEq)]
@@ -13,6 +16,8 @@ pub struct PlannedJob {
     pub agent: Arc<str>,
     /// The job.
     pub job: Job,
+    /// The job's canonical form.
+    pub form: CanonicalForm,
 }
 
 /// The number of jobs that [`jobs`] gives, without making them.
@@ -50,32 +55,45 @@ struct AgentJobs<'m> {
 /// The typed parameters of a cell, kept because its neighbours share most of them.
 struct Typed {
     cell: Cell,
-    environment: Environment,
-    agent: Agent,
-    evaluation: Evaluation,
+    environment: Part<Environment>,
+    agent: Part<Agent>,
+    evaluation: Part<Evaluation>,
+}
+
+/// A part of a job with its canonical text.
+struct Part<T> {
+    value: T,
+    text: String,
+}
+
+impl<T: Serialize> Part<T> {
+    fn of(value: T) -> Part<T> {
+        Part { text: text(&value), value }
+    }
 }
 
 impl Typed {
     fn of(grid: &Grid, cell: &Cell) -> Typed {
         Typed {
-            environment: grid.environment(cell),
-            agent: grid.agent(cell),
-            evaluation: grid.evaluation(cell),
+            environment: Part::of(grid.environment(cell)),
+            agent: Part::of(grid.agent(cell)),
+            evaluation: Part::of(grid.evaluation(cell)),
             cell: cell.clone(),
         }
     }
 
-    /// The parameters of another cell: those of this one wherever the two agree.
-    fn moved(self, grid: &Grid, cell: &Cell) -> Typed {
-        let keep = |section| grid.agree(section, &self.cell, cell);
-        let (environment, evaluation) = (keep(Section::Environment), keep(Section::Evaluation));
-        let agent = keep(grid.algorithm().section());
-        Typed {
-            environment: if environment { self.environment } else { grid.environment(cell) },
-            agent: if agent { self.agent } else { grid.agent(cell) },
-            evaluation: if evaluation { self.evaluation } else { grid.evaluation(cell) },
-            cell: cell.clone(),
+    /// Goes on to another cell: what the two agree in stays.
+    fn move_to(&mut self, grid: &Grid, cell: &Cell) {
+        if !grid.agree(Section::Environment, &self.cell, cell) {
+            self.environment = Part::of(grid.environment(cell));
         }
+        if !grid.agree(grid.algorithm().section(), &self.cell, cell) {
+            self.agent = Part::of(grid.agent(cell));
+        }
+        if !grid.agree(Section::Evaluation, &self.cell, cell) {
+            self.evaluation = Part::of(grid.evaluation(cell));
+        }
+        self.cell.clone_from(cell);
     }
 }
 
@@ -85,19 +103,18 @@ impl Iterator for AgentJobs<'_> {
     fn next(&mut self) -> Option<PlannedJob> {
         let cell = self.next.take()?;
         self.next = self.grid.after(&cell);
-        let typed = match self.typed.take() {
-            Some(typed) => typed.moved(&self.grid, &cell),
-            None => Typed::of(&self.grid, &cell),
-        };
+        let typed = self.typed.get_or_insert_with(|| Typed::of(&self.grid, &cell));
+        typed.move_to(&self.grid, &cell);
+        let Typed { environment, agent, evaluation, .. } = typed;
         let job = Job {
-            environment: typed.environment.clone(),
+            environment: environment.value.clone(),
             scenario: self.grid.scenario(&cell).clone(),
-            agent: typed.agent.clone(),
-            evaluation: typed.evaluation.clone(),
+            agent: agent.value.clone(),
+            evaluation: evaluation.value.clone(),
             seed: self.grid.seed(&cell),
         };
-        self.typed = Some(typed);
-        Some(PlannedJob { agent: self.name.clone(), job })
+        let form = CanonicalForm::of(&job, &agent.text, &environment.text, &evaluation.text);
+        Some(PlannedJob { agent: self.name.clone(), job, form })
     }
 }
 
@@ -139,7 +156,7 @@ mod tests {
             "[[agent]]\nname = \"b\"\nalgorithm = \"dueling_dqn\"\n",
         );
         let rows: Vec<String> = jobs(&manifest(&text))
-            .map(|PlannedJob { agent, job }| {
+            .map(|PlannedJob { agent, job, .. }| {
                 let Environment { sigma, horizon, .. } = job.environment;
                 format!("{agent} {} {sigma} {horizon} {}", job.scenario, job.seed)
             })
@@ -234,6 +251,19 @@ mod tests {
                      environment.sigma = { from = 0.4, to = 0.6, count = 2 }\n\
                      seeds = [2, 1]\nscenarios = [\"L-T\", \"P-T\"]\nname = \"<script>\"\nformat = 1\n";
         assert_eq!(keys(one), keys(other));
+    }
+
+    #[test]
+    fn every_planned_job_has_its_own_canonical_form() {
+        let text = with(
+            "scenarios = [\"P-T\", \"C\"]\nseeds = 2",
+            "sigma = [0, 1]",
+            "gamma = [0.5, 0.9]\n[[agent]]\nname = \"b\"\nalgorithm = \"dueling_dqn\"\n\
+             [evaluation]\ntest_actions = [\"greedy\", \"as_trained\"]",
+        );
+        for planned in jobs(&manifest(&text)) {
+            assert_eq!(planned.form, planned.job.form());
+        }
     }
 
     #[test]

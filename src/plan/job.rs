@@ -5,7 +5,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use crate::manifest::{Agent, Environment, Evaluation, Scenario};
+use crate::manifest::{Agent, Algorithm, Environment, Evaluation, Scenario};
 
 /// What should run: the whole content of a training with its test.
 ///
@@ -28,7 +28,7 @@ pub struct Job {
 
 /// Versions of the code that a job's results depend on. One is raised whenever a change makes the
 /// same job end in other bits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Versions {
     /// Of the simulation and the random streams.
     pub environment: u32,
@@ -39,41 +39,39 @@ pub struct Versions {
 impl Job {
     /// The algorithm's name, as the manifest writes it.
     pub fn algorithm(&self) -> &'static str {
-        match self.agent {
-            Agent::DuelingDqn(_) => "dueling_dqn",
-            Agent::Reinforce(_) => "reinforce",
-        }
+        self.agent.algorithm().name()
     }
 
     /// The versions of the code that this job would run with.
     pub fn versions(&self) -> Versions {
         Versions {
             environment: 1,
-            algorithm: match self.agent {
-                Agent::DuelingDqn(_) => 1,
-                Agent::Reinforce(_) => 1,
+            algorithm: match self.agent.algorithm() {
+                Algorithm::DuelingDqn => 1,
+                Algorithm::Reinforce => 1,
             },
         }
     }
 
-    /// The job as one line of JSON: every parameter spelled out, keys in alphabetical order,
-    /// numbers in their shortest form that reads back equal.
+    /// The canonical form, from which both keys follow.
+    pub fn form(&self) -> CanonicalForm {
+        let (environment, evaluation) = (text(&self.environment), text(&self.evaluation));
+        CanonicalForm::of(self, &text(&self.agent), &environment, &evaluation)
+    }
+
+    /// The job as one line of JSON; see [`CanonicalForm::text`].
     pub fn canonical(&self) -> String {
-        // serde_json's map is ordered by key, which is what makes the form canonical.
-        let value = serde_json::to_value(self).expect("a job holds finite numbers and string keys");
-        value.to_string()
+        self.form().text
     }
 
-    /// Hash of the canonical form alone: the same for every version of the code.
+    /// See [`CanonicalForm::content_key`].
     pub fn content_key(&self) -> ContentKey {
-        ContentKey(hash(self.canonical().as_bytes()))
+        self.form().content_key()
     }
 
-    /// Hash of the canonical form and the versions: the identity of the job.
+    /// See [`CanonicalForm::key`].
     pub fn key(&self) -> JobKey {
-        let Versions { environment, algorithm } = self.versions();
-        let canonical = self.canonical();
-        JobKey(hash(format!("jitai job e{environment} a{algorithm}\n{canonical}").as_bytes()))
+        self.form().key()
     }
 
     /// Every parameter as a dotted name and its value, as the view `parameter` shows them.
@@ -83,6 +81,52 @@ impl Job {
         flatten("", &value, &mut parameters);
         parameters
     }
+}
+
+/// A job written out in the one way that its identity is taken from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CanonicalForm {
+    text: String,
+    versions: Versions,
+}
+
+impl CanonicalForm {
+    /// The form of a job whose agent, environment and evaluation have these [`text`]s.
+    pub(super) fn of(job: &Job, agent: &str, environment: &str, evaluation: &str) -> CanonicalForm {
+        // A scenario is letters and hyphens: nothing in it needs escaping.
+        let (scenario, seed) = (&job.scenario, job.seed);
+        CanonicalForm {
+            text: format!(
+                "{{\"agent\":{agent},\"environment\":{environment},\"evaluation\":{evaluation},\
+                 \"scenario\":\"{scenario}\",\"seed\":{seed}}}"
+            ),
+            versions: job.versions(),
+        }
+    }
+
+    /// The job as one line of JSON: every parameter spelled out, keys in alphabetical order,
+    /// numbers in their shortest form that reads back equal.
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+
+    /// Hash of the text alone: the same for every version of the code.
+    pub fn content_key(&self) -> ContentKey {
+        ContentKey(hash(&[&self.text]))
+    }
+
+    /// Hash of the text and the versions: the identity of the job.
+    pub fn key(&self) -> JobKey {
+        let Versions { environment, algorithm } = self.versions;
+        JobKey(hash(&[&format!("jitai job e{environment} a{algorithm}\n"), &self.text]))
+    }
+}
+
+/// The canonical text of a part of a job.
+pub(super) fn text(part: &impl Serialize) -> String {
+    // serde_json's map is ordered by key, which is what makes the text canonical.
+    let value = serde_json::to_value(part).expect("jobs hold finite numbers and string keys");
+    value.to_string()
 }
 
 /// A parameter's value as SQL can hold it.
@@ -119,8 +163,11 @@ fn flatten(prefix: &str, value: &serde_json::Value, out: &mut Vec<(String, Scala
     out.push((prefix.to_owned(), scalar));
 }
 
-fn hash(bytes: &[u8]) -> [u8; 16] {
-    let digest = Sha256::digest(bytes);
+/// The first half of the hash of these texts, one after the other.
+fn hash(texts: &[&str]) -> [u8; 16] {
+    let mut hasher = Sha256::new();
+    texts.iter().for_each(|text| hasher.update(text));
+    let digest = hasher.finalize();
     let mut key = [0; 16];
     key.copy_from_slice(&digest[..16]);
     key
@@ -130,7 +177,8 @@ fn hash(bytes: &[u8]) -> [u8; 16] {
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct JobKey(pub [u8; 16]);
 
-/// Identity of a job's content, whatever the version of the code; see [`Job::content_key`].
+/// Identity of a job's content, whatever the version of the code; see
+/// [`CanonicalForm::content_key`].
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ContentKey(pub [u8; 16]);
 
@@ -159,5 +207,28 @@ impl fmt::Display for ContentKey {
 impl fmt::Debug for ContentKey {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write_hex(&self.0, f)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::manifest::{DuelingDqn, Reinforce};
+
+    #[test]
+    fn the_canonical_form_is_the_whole_job_with_its_keys_in_order() {
+        for agent in
+            [Agent::DuelingDqn(DuelingDqn::default()), Agent::Reinforce(Reinforce::default())]
+        {
+            let job = Job {
+                environment: Environment::paper(0.6),
+                scenario: "P-H-D".parse().unwrap(),
+                agent,
+                evaluation: Evaluation::default(),
+                seed: i64::MAX as u64,
+            };
+            assert_eq!(job.canonical(), serde_json::to_value(&job).unwrap().to_string());
+            assert_eq!(serde_json::from_str::<Job>(&job.canonical()).unwrap(), job);
+        }
     }
 }

@@ -40,7 +40,7 @@ pub use error::{QueryError, StoreError};
 pub use experiment::{Experiment, Registered};
 pub use left::EpisodesLeft;
 pub use query::{Answer, Interrupter, Value};
-pub use read::{ExperimentCounts, FailedJob, Pace, Reader};
+pub use read::{ExperimentCounts, FailedJob, Pace, Reader, TriedJob};
 pub use session::SessionId;
 pub use state::{Counts, JobState};
 pub use weights::StoredWeights;

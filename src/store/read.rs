@@ -30,6 +30,19 @@ pub struct ExperimentCounts {
     pub counts: Counts,
 }
 
+/// A job that was tried, with what became of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TriedJob {
+    /// The job.
+    pub key: JobKey,
+    /// Its content.
+    pub content: ContentKey,
+    /// The versions of the code that it is a job of.
+    pub versions: Versions,
+    /// What became of it.
+    pub state: JobState,
+}
+
 /// A job of an experiment that failed, with its last failure.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FailedJob {
@@ -89,6 +102,28 @@ impl Reader {
                     Ok(state.unwrap_or(JobState::Pending))
                 })
                 .collect()
+        })
+    }
+
+    /// Shows `see` every job that was ever tried; the others are pending.
+    pub fn tried(&self, mut see: impl FnMut(TriedJob)) -> Result<(), StoreError> {
+        self.read("read the states of jobs", |connection| {
+            let state = state_sql("job.id", "?1");
+            let mut statement = connection.prepare_cached(&format!(
+                "SELECT unhex(key), unhex(content_key), environment_version, algorithm_version,
+                    {state}
+                 FROM (SELECT DISTINCT job FROM run) AS tried JOIN job ON job.id = tried.job"
+            ))?;
+            let mut rows = statement.query([alive(connection)?])?;
+            while let Some(row) = rows.next()? {
+                see(TriedJob {
+                    key: JobKey(row.get(0)?),
+                    content: ContentKey(row.get(1)?),
+                    versions: Versions { environment: row.get(2)?, algorithm: row.get(3)? },
+                    state: row.get(4)?,
+                });
+            }
+            Ok(())
         })
     }
 

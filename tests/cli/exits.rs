@@ -26,7 +26,7 @@ fn bad_usage_ends_with_two_and_says_what_would_be_right() {
     folder.jitai(["export"]).ended(2).says("--out");
     folder.jitai(["plan", "sweep.toml", "--resolved", "--jobs"]).ended(2);
     folder.jitai(["run", "none.toml"]).ended(2).says("none.toml: no such file");
-    folder.jitai(["run", "."]).ended(2);
+    folder.jitai(["run", "."]).ended(2).says(".: is a directory, not a manifest");
     assert!(!folder.path("jitai.sqlite").exists());
 }
 

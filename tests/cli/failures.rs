@@ -91,7 +91,7 @@ fn failed_jobs_stay_failed_until_a_retry_is_asked_for() {
 fn fail_fast_stops_at_the_first_failure_and_a_later_run_goes_on() {
     let folder = Folder::with(&partly_diverging());
     let arguments = ["run", "sweep.toml", "--fail-fast", "--workers", "1"];
-    folder.jitai(arguments).ended(1).says("1 jobs run, 0 completed in all, 1 failed");
+    folder.jitai(arguments).ended(1).says("1 job run, 0 completed in all, 1 failed");
     assert_eq!(runs(&folder), [run("wild", 1, "failed")]);
     folder.jitai(["run", "sweep.toml"]).ended(1).says("3 jobs run, 2 completed in all, 2 failed");
     assert_eq!(folder.runs(), 4);

@@ -4,9 +4,9 @@ use std::fs;
 
 use crate::support::{Folder, Running};
 
-const EXPERIMENT: &str = "<script>alert(\"1\")</script>, \u{202e}drawkcab";
+const EXPERIMENT: &str = "<script>alert(\"1\")</script>, ${HOME} %s";
 const AGENTS: [&str; 4] =
-    ["=cmd('|/C calc')!A0", "a\"b,c; d'e", "\u{2066}left\u{200f}\u{61c}", "lines\u{2028}two"];
+    ["=cmd('|/C calc')!A0", "a\"b,c; d'e", "עברית 学 ❤\u{fe0f}", "\\u{202e}`[x"];
 
 fn odd() -> String {
     let agents = AGENTS.iter().zip(10..).map(|(name, episodes)| {
@@ -43,7 +43,7 @@ fn on_the_terminal(run: Running) -> String {
 fn names_are_shown_without_what_a_terminal_would_obey() {
     let folder = Folder::with(&odd());
     let run = on_the_terminal(folder.start(["run", "sweep.toml"]));
-    assert!(run.contains("\\u{202e}drawkcab") && run.contains("lines\\u{2028}two"), "{run}");
+    assert!(run.contains("%s") && run.contains("עברית 学 ❤"), "{run}");
     let status = on_the_terminal(folder.start(["status"]));
     assert_eq!(status.lines().count(), 2, "{status}");
     let plan = on_the_terminal(folder.start(["plan", "sweep.toml", "--jobs"]));
@@ -53,8 +53,10 @@ fn names_are_shown_without_what_a_terminal_would_obey() {
     assert_eq!(query.lines().count(), 1 + AGENTS.len(), "{query}");
     assert!(query.contains("=cmd('|/C calc')!A0"), "{query}");
     on_the_terminal(folder.start(["plan", "sweep.toml"]));
-    let nowhere = folder.start(["plan", "sweep.toml", "--filter", "agent=nobody", "--jobs"]);
-    on_the_terminal(nowhere);
+    let nowhere = ["plan", "sweep.toml", "--filter", "agent=\u{202e}nobody\u{1b}[31m"];
+    let refused = folder.jitai(nowhere).ended(2);
+    assert_plain(&refused.stderr);
+    refused.says("no job has agent=\\u{202e}nobody\\u{1b}[31m; there are =cmd(");
 }
 
 #[test]
@@ -100,13 +102,26 @@ fn an_agent_is_found_by_its_odd_name() {
 }
 
 #[test]
-fn control_characters_in_names_are_refused() {
-    for escape in ["\\u0007", "\\u001b[31m", "\\n", "\\t", "\\u0000", "\\u009b"] {
-        let text = odd().replace("<script>", escape);
-        let folder = Folder::with(&text);
-        let check = folder.jitai(["check", "sweep.toml"]).ended(2);
-        assert_plain(&check.stderr);
-        check.says("`name`: expected 1 to 100 printable characters");
+fn characters_that_nobody_sees_are_refused_in_names() {
+    for (escape, code) in [
+        ("\\u0007", "U+0007, a control character"),
+        ("\\u001b[31m", "U+001B, a control character"),
+        ("\\n", "U+000A, a control character"),
+        ("\\t", "U+0009, a control character"),
+        ("\\u0000", "U+0000, a control character"),
+        ("\\u009b", "U+009B, a control character"),
+        ("\\u202edrawkcab", "U+202E, a mark of text direction"),
+        ("\u{2066}left", "U+2066, a mark of text direction"),
+        ("lines\u{2028}two", "U+2028, a separator of lines"),
+        ("z\u{200b}ero", "U+200B, a character without width"),
+        ("\u{e0041}", "U+E0041, a character without width"),
+    ] {
+        for of_what in ["<script>", "=cmd("] {
+            let folder = Folder::with(&odd().replace(of_what, escape));
+            let check = folder.jitai(["check", "sweep.toml"]).ended(2);
+            assert_plain(&check.stderr);
+            check.says(&format!("`name`: a name cannot have {code}"));
+        }
     }
 }
 

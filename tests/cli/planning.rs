@@ -1,5 +1,7 @@
 //! `check`, `plan` and `schema`: what they say about manifests before anything runs.
 
+use std::time::{Duration, Instant};
+
 use serde_json::{Value, json};
 
 use crate::support::{Effort, Folder, manifest};
@@ -168,7 +170,7 @@ fn a_filter_picks_jobs_by_any_parameter() {
         ("sigma=0.4|1.0", 8),
         ("agent=reinforce,environment.sigma=0.60,seed=2", 1),
         ("algorithm=reinforce", 6),
-        ("scenario=L-H-D", 0),
+        ("layers=[32,32],sigma=1", 2),
     ] {
         assert_eq!(jobs(&folder, &["sweep.toml", "--filter", filter]).len(), count, "{filter}");
     }
@@ -180,13 +182,76 @@ fn a_wrong_filter_is_refused_with_what_there_is() {
     for verb in ["plan", "run"] {
         let unknown = folder.jitai([verb, "sweep.toml", "--filter", "siggma=0.6"]).ended(2);
         unknown.says("no job has a parameter `siggma`").says("environment.sigma");
-        // A list has commas of its own, so its end reads as a condition.
-        for form in ["sigma", "sigma=", "=0.6", "agent=dqn,,", "layers=[32,32]"] {
+        for form in ["sigma", "sigma=", "=0.6", "agent=dqn,,", "layers=[32],32]"] {
             let wrong = folder.jitai([verb, "sweep.toml", "--filter", form]).ended(2);
             wrong.says("is not `name=value`");
         }
+        let nobody = folder.jitai([verb, "sweep.toml", "--filter", "sigma=0.6,agent=dqm"]).ended(2);
+        nobody.says("no job with sigma=0.6 has agent=dqm, did you mean dqn?; there are dqn, reinf");
+        let nowhere = folder.jitai([verb, "sweep.toml", "--filter", "sigma=7"]).ended(2);
+        nowhere.says("no job has sigma=7, did you mean 0.6?; there are 0.6");
     }
     assert!(!folder.path("jitai.sqlite").exists());
+}
+
+#[test]
+fn a_filter_has_to_meet_a_job_of_any_manifest_not_of_each() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    folder.write("other.toml", manifest("other", "0.4", "1", Effort::Trivial));
+    for verb in ["plan", "run"] {
+        let filter = [verb, "sweep.toml", "other.toml", "--filter", "sigma=0.4,agent=dqn"];
+        folder.jitai(filter).succeeded().says("1 job ");
+    }
+    assert_eq!(folder.runs(), 1);
+}
+
+#[test]
+fn plan_and_run_count_a_job_that_manifests_share_once() {
+    let folder = Folder::completed(&manifest("sweep", "0.4", "2", Effort::Trivial));
+    folder.write("wide.toml", manifest("wide", "[0.4, 0.6]", "3", Effort::Trivial));
+    folder.write("other.toml", manifest("other", "0.6", "3", Effort::Trivial));
+    let manifests = ["sweep.toml", "wide.toml", "other.toml"];
+    let plan = folder.jitai(["plan", "--format", "json"].into_iter().chain(manifests)).succeeded();
+    // Of 4, 12 and 6 jobs, 4 are of the first two and 6 of the last two.
+    let plan = plan.says("10 jobs are shared between the manifests and run once");
+    let plan = plan.says("8 jobs to run: about ");
+    let counted = |row: &Value| (row["jobs"].as_u64(), row["pending"].as_u64());
+    let rows: Vec<_> = plan.json().as_array().unwrap().iter().map(counted).collect();
+    assert_eq!(rows, [(Some(4), Some(0)), (Some(12), Some(8)), (Some(6), Some(6))]);
+    let run = folder.jitai(["run"].into_iter().chain(manifests)).succeeded();
+    run.says("8 jobs run, 12 completed in all, 0 failed");
+    let plan = folder.jitai(["plan"].into_iter().chain(manifests)).succeeded();
+    assert!(plan.says("nothing to run").stderr.lines().count() == 2);
+}
+
+#[test]
+fn plan_knows_what_is_done_of_many_jobs() {
+    let folder = Folder::completed(&manifest("sweep", "0.6", "2", Effort::Trivial));
+    folder.write("sweep.toml", manifest("sweep", "0.6", "6000", Effort::Trivial));
+    let begun = Instant::now();
+    let plan = folder.jitai(["plan", "sweep.toml", "--format", "json"]).succeeded();
+    assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
+    let row = &plan.says("11996 jobs to run: about").json()[0];
+    assert_eq!((&row["jobs"], &row["completed"]), (&json!(12_000), &json!(4)));
+    let listed = jobs(&folder, &["sweep.toml"]);
+    assert_eq!(listed.len(), 12_000);
+    let completed = listed.iter().filter(|job| job["state"] == "completed");
+    assert_eq!(completed.map(|job| &job["seed"]).collect::<Vec<_>>(), [1, 2, 1, 2]);
+}
+
+#[test]
+fn one_thing_is_told_of_in_the_singular() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    let one = ["--filter", "agent=dqn", "--workers", "1"];
+    let verb = |verb| folder.jitai([verb, "sweep.toml"].into_iter().chain(one)).succeeded();
+    verb("plan").says("1 job to run; no time can be estimated");
+    verb("run").says("1 job run, 1 completed in all, 0 failed");
+    verb("run").says("nothing to run: the job is completed");
+    folder.write("sweep.toml", manifest("sweep", "0.6", "[2]", Effort::Trivial));
+    verb("plan").says("1 job to run: about").says("with 1 worker, as fast as earlier runs");
+    let only = "[[exclude]]\nagent.name = \"dqn\"\n";
+    folder.write("sweep.toml", manifest("sweep", "0.6", "1", Effort::Trivial) + only);
+    folder.jitai(["check", "sweep.toml"]).succeeded().prints("ok, 1 job\n");
 }
 
 #[test]

@@ -6,7 +6,7 @@ use jitai::manifest::{Agent, DuelingDqn};
 use jitai::plan::{Job, Scalar, Versions};
 use jitai::record::Outcome;
 use jitai::store::{
-    Counts, EpisodesLeft, Experiment, JobState, Reader, Registered, Store, StoreError,
+    Counts, EpisodesLeft, Experiment, JobState, Reader, Registered, Store, StoreError, TriedJob,
 };
 use rusqlite::types::Value;
 
@@ -95,6 +95,16 @@ fn jobs_are_counted_by_what_became_of_them() {
     let states = Reader::open(&sample.path).unwrap().job_states(&keys).unwrap();
     use JobState::{Completed, Failed, Interrupted, Pending, Running};
     assert_eq!(states, [Completed, Failed, Interrupted, Completed, Running, Pending, Pending]);
+
+    let mut tried = Vec::new();
+    Reader::open(&sample.path).unwrap().tried(|job| tried.push(job)).unwrap();
+    let expected = jobs.iter().zip(states).take(5).map(|(job, state)| TriedJob {
+        key: job.key(),
+        content: job.content_key(),
+        versions: job.versions(),
+        state,
+    });
+    assert_eq!(tried, expected.collect::<Vec<_>>());
 }
 
 #[test]
