@@ -390,14 +390,14 @@ fn job_keys_are_what_every_store_holds() {
     let head = "format = 1\nname = \"pinned\"\nextends = \"paper\"\nscenarios = [\"P-H-D\"]\n";
     assert_first_job(
         &format!("{head}[environment]\nsigma = 0.4"),
-        r#"{"agent":{"activation":"relu","algorithm":"dueling_dqn","batch":64,"buffer":1000000,"engine":"burn","episodes":1000,"epsilon_decrement":0.001,"epsilon_floor":0.01,"epsilon_start":1.0,"gamma":0.99,"layers":[128,128],"learning_rate":0.0005,"target_period":1000,"terminal_target":"zero","trunk":"shared"},"environment":{"delta_d":0.1,"delta_h":0.1,"disengagement_threshold":1.0,"epsilon_d":0.4,"epsilon_h":0.05,"first_context":"fixed","horizon":50,"initial_disengagement":0.1,"initial_habituation":0.1,"mu":[0.1,0.1],"observed_probability":0,"rho_1":50.0,"rho_2":200.0,"sigma":0.4,"time_indicator":"lagged","time_indicator_period":2,"time_one_hot":false},"evaluation":{"curve_stride":10,"test_actions":"as_trained","test_episodes":1000},"scenario":"P-H-D","seed":1}"#,
-        "05bf73be039d70df9215f4cdb3a46d54",
+        r#"{"agent":{"activation":"relu","algorithm":"dueling_dqn","batch":64,"buffer":1000000,"engine":"fused","episodes":1000,"epsilon_decrement":0.001,"epsilon_floor":0.01,"epsilon_start":1.0,"gamma":0.99,"layers":[128,128],"learning_rate":0.0005,"target_period":1000,"terminal_target":"zero","trunk":"shared"},"environment":{"delta_d":0.1,"delta_h":0.1,"disengagement_threshold":1.0,"epsilon_d":0.4,"epsilon_h":0.05,"first_context":"fixed","horizon":50,"initial_disengagement":0.1,"initial_habituation":0.1,"mu":[0.1,0.1],"observed_probability":0,"rho_1":50.0,"rho_2":200.0,"sigma":0.4,"time_indicator":"lagged","time_indicator_period":2,"time_one_hot":false},"evaluation":{"curve_stride":10,"test_actions":"as_trained","test_episodes":1000},"scenario":"P-H-D","seed":1}"#,
+        "8e49104e121b2c9f8d6d061df80df29d",
     );
     let reinforce = "[[exclude]]\nagent.name = \"dqn\"\n[environment]\nsigma = 0.4";
     assert_first_job(
         &format!("{head}{reinforce}"),
-        r#"{"agent":{"activation":"relu","algorithm":"reinforce","engine":"burn","episodes":15000,"gamma":0.99,"layers":[128],"learning_rate":0.0006,"loss_divisor":50.0,"trajectories_per_update":1},"environment":{"delta_d":0.1,"delta_h":0.1,"disengagement_threshold":1.0,"epsilon_d":0.4,"epsilon_h":0.05,"first_context":"fixed","horizon":50,"initial_disengagement":0.1,"initial_habituation":0.1,"mu":[0.1,0.1],"observed_probability":0,"rho_1":50.0,"rho_2":200.0,"sigma":0.4,"time_indicator":"lagged","time_indicator_period":2,"time_one_hot":false},"evaluation":{"curve_stride":10,"test_actions":"as_trained","test_episodes":1000},"scenario":"P-H-D","seed":1}"#,
-        "070319ff073e6435548dac2ed6b98079",
+        r#"{"agent":{"activation":"relu","algorithm":"reinforce","engine":"fused","episodes":15000,"gamma":0.99,"layers":[128],"learning_rate":0.0006,"loss_divisor":50.0,"trajectories_per_update":1},"environment":{"delta_d":0.1,"delta_h":0.1,"disengagement_threshold":1.0,"epsilon_d":0.4,"epsilon_h":0.05,"first_context":"fixed","horizon":50,"initial_disengagement":0.1,"initial_habituation":0.1,"mu":[0.1,0.1],"observed_probability":0,"rho_1":50.0,"rho_2":200.0,"sigma":0.4,"time_indicator":"lagged","time_indicator_period":2,"time_one_hot":false},"evaluation":{"curve_stride":10,"test_actions":"as_trained","test_episodes":1000},"scenario":"P-H-D","seed":1}"#,
+        "c1e9d5b844eeee828213b879e7f95190",
     );
     assert_first_job(
         "format = 1\nname = \"odd\"\nscenarios = [\"T-C\"]\nseeds = [9223372036854775807]\n\
@@ -405,8 +405,8 @@ fn job_keys_are_what_every_store_holds() {
          rho_1 = -50\ntime_one_hot = true\nobserved_probability = 1\n\
          [[agent]]\nname = \"a\"\nalgorithm = \"reinforce\"\nlayers = [1, 4096, 3]\n\
          learning_rate = 1e-7\nactivation = \"tanh\"\n[evaluation]\ntest_actions = \"greedy\"",
-        r#"{"agent":{"activation":"tanh","algorithm":"reinforce","engine":"burn","episodes":15000,"gamma":0.99,"layers":[1,4096,3],"learning_rate":1e-7,"loss_divisor":50.0,"trajectories_per_update":1},"environment":{"delta_d":0.30000000000000004,"delta_h":0.1,"disengagement_threshold":1.0,"epsilon_d":0.4,"epsilon_h":0.05,"first_context":"fixed","horizon":50,"initial_disengagement":0.1,"initial_habituation":0.1,"mu":[0.0,1e-300],"observed_probability":1,"rho_1":-50.0,"rho_2":200.0,"sigma":1000000.0,"time_indicator":"lagged","time_indicator_period":2,"time_one_hot":true},"evaluation":{"curve_stride":10,"test_actions":"greedy","test_episodes":1000},"scenario":"T-C","seed":9223372036854775807}"#,
-        "b4544ace1e6c34aacf1fa8883f3028f3",
+        r#"{"agent":{"activation":"tanh","algorithm":"reinforce","engine":"fused","episodes":15000,"gamma":0.99,"layers":[1,4096,3],"learning_rate":1e-7,"loss_divisor":50.0,"trajectories_per_update":1},"environment":{"delta_d":0.30000000000000004,"delta_h":0.1,"disengagement_threshold":1.0,"epsilon_d":0.4,"epsilon_h":0.05,"first_context":"fixed","horizon":50,"initial_disengagement":0.1,"initial_habituation":0.1,"mu":[0.0,1e-300],"observed_probability":1,"rho_1":-50.0,"rho_2":200.0,"sigma":1000000.0,"time_indicator":"lagged","time_indicator_period":2,"time_one_hot":true},"evaluation":{"curve_stride":10,"test_actions":"greedy","test_episodes":1000},"scenario":"T-C","seed":9223372036854775807}"#,
+        "a1516ede82697670563b6082211045ce",
     );
 }
 

@@ -35,9 +35,9 @@ pub enum Effort {
 pub fn manifest(name: &str, sigma: &str, seeds: &str, effort: Effort) -> String {
     let (dqn, reinforce) = match effort {
         Effort::Trivial => (10, 10),
-        Effort::Short => (40, 300),
-        Effort::Long => (600, 8_000),
-        Effort::Endless => (100_000, 1_000_000),
+        Effort::Short => (200, 6_000),
+        Effort::Long => (4_000, 120_000),
+        Effort::Endless => (1_000_000, 10_000_000),
     };
     format!(
         "format = 1
