@@ -113,7 +113,7 @@ fn tile<S: Simd, const V: usize, const I: usize, const J: usize>(
 
 /// The sum of the virtual lanes.
 #[inline(always)]
-fn by_halves(mut lanes: [f32; LANES]) -> f32 {
+pub(super) fn by_halves(mut lanes: [f32; LANES]) -> f32 {
     let mut half = LANES / 2;
     while half > 0 {
         for lane in 0..half {

@@ -17,6 +17,7 @@ mod dot;
 mod isa;
 pub mod math;
 mod product;
+mod shallow;
 mod transpose;
 
 pub use activation::Activation;
@@ -25,4 +26,5 @@ pub use aligned::Aligned;
 pub use dot::{LANES, dot};
 pub use isa::{Isa, IsaError};
 pub use product::Product;
+pub use shallow::{MOST_INPUTS, OUTPUTS, Shallow, ShallowGradient};
 pub use transpose::transpose;

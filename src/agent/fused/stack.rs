@@ -5,7 +5,10 @@ use std::ops::Range;
 use crate::agent::layers::{self, Layer};
 use crate::agent::weights::{Tensor, Weights, WeightsError};
 use crate::env::Observations;
-use crate::kernel::{Activation, Aligned, Isa, LANES, Product, dot, transpose};
+use crate::kernel::{
+    Activation, Aligned, Isa, LANES, MOST_INPUTS, OUTPUTS, Product, Shallow, ShallowGradient, dot,
+    transpose,
+};
 use crate::manifest;
 
 /// Most rows computed at a time: what is between two layers of them stays in the nearest caches.
@@ -168,8 +171,48 @@ impl Stack {
         self.hidden[self.hidden.len() - 1].stride
     }
 
-    /// Computes the hidden units and outputs of at most [`BLOCK`] observations.
+    /// Computes the outputs of at most [`BLOCK`] observations.
     pub(super) fn forward(
+        &self,
+        isa: Isa,
+        flat: &[f32],
+        (observations, rows): (&Observations, Range<usize>),
+        room: &mut Room,
+    ) {
+        match self.shallow(flat, (observations, rows.clone())) {
+            Some(network) => {
+                let start = &flat[self.head_bias..self.head_bias + self.outputs];
+                network.forward(isa, start, &mut room.outputs[..rows.len() * self.outputs]);
+            }
+            None => self.forward_layers(isa, flat, (observations, rows), room),
+        }
+    }
+
+    /// The stack for the kernels that do it in one go, if it is one for them.
+    fn shallow<'a>(
+        &self,
+        flat: &'a [f32],
+        (observations, rows): (&'a Observations, Range<usize>),
+    ) -> Option<Shallow<'a>> {
+        let [layer] = self.hidden.as_slice() else {
+            return None;
+        };
+        let width = observations.width();
+        let fits = self.activation == Activation::Relu
+            && self.outputs == OUTPUTS
+            && (1..=MOST_INPUTS).contains(&width);
+        fits.then(|| Shallow {
+            weight: &flat[layer.weight..layer.bias],
+            bias: &flat[layer.bias..layer.bias + layer.stride],
+            head: &flat[self.head_weight..self.head_bias],
+            inputs: &observations.features()[rows.start * width..rows.end * width],
+            moments: observations.moments().get(rows.clone()).unwrap_or_default(),
+            rows: rows.len(),
+        })
+    }
+
+    /// [`Stack::forward`] layer by layer, for any stack.
+    fn forward_layers(
         &self,
         isa: Isa,
         flat: &[f32],
@@ -245,6 +288,39 @@ impl Stack {
         room: &mut Room,
         gradient: &mut [f32],
     ) {
+        let Some(network) = self.shallow(flat, (observations, rows.clone())) else {
+            return self.backward_layers(isa, flat, (observations, rows), room, gradient);
+        };
+        let by_outputs = &room.by_outputs[..rows.len() * self.outputs];
+        self.add_head_biases(by_outputs, gradient);
+        let layer = &self.hidden[0];
+        let (below, head) = gradient.split_at_mut(self.head_weight);
+        let (below, bias) = below.split_at_mut(layer.bias);
+        let gradient = ShallowGradient {
+            weight: &mut below[layer.weight..],
+            bias: &mut bias[..layer.stride],
+            head: &mut head[..self.outputs * layer.stride],
+        };
+        network.backward(isa, by_outputs, gradient);
+    }
+
+    /// The gradient by the heads' biases.
+    fn add_head_biases(&self, by_outputs: &[f32], gradient: &mut [f32]) {
+        for row in by_outputs.chunks_exact(self.outputs) {
+            let bias = &mut gradient[self.head_bias..self.head_bias + self.outputs];
+            bias.iter_mut().zip(row).for_each(|(sum, by_output)| *sum += by_output);
+        }
+    }
+
+    /// [`Stack::backward`] layer by layer, for any stack, after [`Stack::forward_layers`].
+    fn backward_layers(
+        &self,
+        isa: Isa,
+        flat: &[f32],
+        (observations, rows): (&Observations, Range<usize>),
+        room: &mut Room,
+        gradient: &mut [f32],
+    ) {
         let count = rows.len();
         self.backward_heads(isa, flat, count, room, gradient);
         let [by_units, by_previous] = &mut room.by_units;
@@ -300,10 +376,7 @@ impl Stack {
         let by_outputs = &room.by_outputs[..count * self.outputs];
         let to = &mut gradient[self.head_weight..self.head_weight + self.outputs * stride];
         outer(isa, (by_outputs, self.outputs, self.outputs), last, count, to);
-        for row in by_outputs.chunks_exact(self.outputs) {
-            let bias = &mut gradient[self.head_bias..self.head_bias + self.outputs];
-            bias.iter_mut().zip(row).for_each(|(sum, by_output)| *sum += by_output);
-        }
+        self.add_head_biases(by_outputs, gradient);
         let into = &mut room.by_units[0][..count * stride];
         into.fill(0.0);
         Product {
@@ -344,4 +417,49 @@ fn outer(
 /// to\[j\] += Σ_row values\[row, j\].
 fn sums_of_columns(isa: Isa, values: &[f32], count: usize, to: &mut [f32]) {
     outer(isa, (&[1.0], 0, 1), values, count, to);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::manifest::Reinforce;
+    use crate::rng::{Purpose, Stream};
+
+    #[test]
+    fn one_layer_in_one_go_is_that_layer_by_layer_to_the_bit() {
+        let mut stream = Stream::new(3, Purpose::Replay);
+        let mut uniform = move || 2.0 * stream.unit() as f32 - 1.0;
+        for (units, width, one_hot, rows) in
+            [(128, 3, 0, 64), (128, 3, 5, 50), (5, 1, 0, 1), (33, 6, 2, 7), (16, 4, 0, 9)]
+        {
+            let parameters = Reinforce { layers: vec![units], ..Reinforce::default() };
+            let layers = layers::policy(&parameters, width + one_hot);
+            let weights =
+                layers::draw(&[layers.clone()], &mut Stream::new(1, Purpose::InitialWeights));
+            let stack = Stack::new(layers, parameters.activation, 0);
+            let mut flat = Aligned::zeros(stack.end());
+            stack.load(&weights, &mut flat).unwrap();
+            let mut observations = Observations::new(width, one_hot);
+            for row in 0..rows {
+                let features: Vec<f32> = (0..width).map(|_| uniform()).collect();
+                let moment = (one_hot > 0).then_some(row as u32 % one_hot.max(1) as u32);
+                observations.push(&features, moment);
+            }
+            for isa in Isa::available() {
+                let given = (&observations, 0..rows);
+                assert!(stack.shallow(&flat, given.clone()).is_some());
+                let (mut at_once, mut by_layers) = (stack.room(), stack.room());
+                stack.forward(isa, &flat, given.clone(), &mut at_once);
+                stack.forward_layers(isa, &flat, given.clone(), &mut by_layers);
+                assert_eq!(at_once.outputs, by_layers.outputs);
+                at_once.by_outputs.iter_mut().for_each(|derivative| *derivative = uniform());
+                by_layers.by_outputs.clone_from(&at_once.by_outputs);
+                let mut gradients = [Aligned::zeros(flat.len()), Aligned::zeros(flat.len())];
+                let [first, second] = &mut gradients;
+                stack.backward(isa, &flat, given.clone(), &mut at_once, first);
+                stack.backward_layers(isa, &flat, given, &mut by_layers, second);
+                assert_eq!(first[..], second[..], "{units} {width} {one_hot} {rows}");
+            }
+        }
+    }
 }

@@ -1,0 +1,263 @@
+//! Networks with one hidden layer of rectified linear units and four outputs, without storing the
+//! hidden units.
+//!
+//! The results are those of [`crate::kernel::Product`], the activation and [`crate::kernel::dot`]
+//! one after the other, to the bit.
+
+use pulp::{Simd, WithSimd};
+
+use crate::kernel::dot::by_halves;
+use crate::kernel::{Isa, LANES};
+
+/// Outputs of such a network.
+pub const OUTPUTS: usize = 4;
+/// Most inputs of such a network, its one-hot aside.
+pub const MOST_INPUTS: usize = 6;
+
+/// The parameters of a network, and what it is given.
+#[derive(Clone, Copy, Debug)]
+pub struct Shallow<'a> {
+    /// \[inputs and entries of the one-hot, units\], row by row.
+    pub weight: &'a [f32],
+    /// \[units\]; a multiple of [`LANES`].
+    pub bias: &'a [f32],
+    /// \[outputs, units\], row by row.
+    pub head: &'a [f32],
+    /// \[rows, inputs\], row by row; at least one and at most [`MOST_INPUTS`] inputs.
+    pub inputs: &'a [f32],
+    /// \[rows\]: which entry of the one-hot is 1; empty where there is none.
+    pub moments: &'a [u32],
+    /// How many rows there are.
+    pub rows: usize,
+}
+
+/// The gradient by the parameters, laid out as they are; it is added to.
+#[derive(Debug)]
+pub struct ShallowGradient<'a> {
+    /// See [`Shallow::weight`].
+    pub weight: &'a mut [f32],
+    /// See [`Shallow::bias`].
+    pub bias: &'a mut [f32],
+    /// See [`Shallow::head`].
+    pub head: &'a mut [f32],
+}
+
+impl Shallow<'_> {
+    /// Writes the outputs, \[rows, outputs\], row by row, with `start`, \[outputs\], added.
+    pub fn forward(self, isa: Isa, start: &[f32], out: &mut [f32]) {
+        assert_eq!(self.bias.len() % LANES, 0, "rows are padded");
+        assert_eq!(out.len(), self.rows * OUTPUTS, "outputs for every row");
+        isa.run(Forward { network: self, start, out });
+    }
+
+    /// Adds the gradient that the derivatives by the outputs make: \[rows, outputs\], row by row.
+    pub fn backward(self, isa: Isa, by_outputs: &[f32], gradient: ShallowGradient<'_>) {
+        assert_eq!(self.bias.len() % LANES, 0, "rows are padded");
+        assert_eq!(by_outputs.len(), self.rows * OUTPUTS, "derivatives for every row");
+        match self.inputs.len() / self.rows {
+            1 => isa.run(Backward::<1> { network: self, by_outputs, gradient }),
+            2 => isa.run(Backward::<2> { network: self, by_outputs, gradient }),
+            3 => isa.run(Backward::<3> { network: self, by_outputs, gradient }),
+            4 => isa.run(Backward::<4> { network: self, by_outputs, gradient }),
+            5 => isa.run(Backward::<5> { network: self, by_outputs, gradient }),
+            6 => isa.run(Backward::<6> { network: self, by_outputs, gradient }),
+            inputs => panic!("{inputs} inputs are more than {MOST_INPUTS}"),
+        }
+    }
+}
+
+struct Forward<'a> {
+    network: Shallow<'a>,
+    start: &'a [f32],
+    out: &'a mut [f32],
+}
+
+impl WithSimd for Forward<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        // Registers of the virtual lanes, and rows at a time.
+        match S::F32_LANES {
+            16 => self.blocks::<S, 1, 4>(simd),
+            8 => self.blocks::<S, 2, 1>(simd),
+            4 => self.blocks::<S, 4, 1>(simd),
+            _ => self.blocks::<S, 16, 1>(simd),
+        }
+    }
+}
+
+impl Forward<'_> {
+    #[inline(always)]
+    fn blocks<S: Simd, const V: usize, const R: usize>(&mut self, simd: S) {
+        let mut row = 0;
+        while row + R <= self.network.rows {
+            self.tile::<S, V, R>(simd, row);
+            row += R;
+        }
+        while row < self.network.rows {
+            self.tile::<S, V, 1>(simd, row);
+            row += 1;
+        }
+    }
+
+    /// R rows. Nothing in it is a closure: the compiler would put the sums into memory.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop, clippy::manual_memcpy)]
+    fn tile<S: Simd, const V: usize, const R: usize>(&mut self, simd: S, row: usize) {
+        let Shallow { weight, bias, head, inputs, moments, rows } = self.network;
+        let (units, width) = (bias.len(), inputs.len() / rows);
+        let inputs = &inputs[row * width..(row + R) * width];
+        let zero = simd.splat_f32s(0.0);
+        let mut sums = [[[zero; V]; OUTPUTS]; R];
+        let mut unit = 0;
+        while unit < units {
+            let mut hidden = [[zero; V]; R];
+            let (start, _) = S::as_simd_f32s(&bias[unit..unit + LANES]);
+            for r in 0..R {
+                for v in 0..V {
+                    hidden[r][v] = start[v];
+                }
+            }
+            if !moments.is_empty() {
+                for r in 0..R {
+                    let at = (width + moments[row + r] as usize) * units + unit;
+                    let (entry, _) = S::as_simd_f32s(&weight[at..at + LANES]);
+                    for v in 0..V {
+                        hidden[r][v] = simd.add_f32s(hidden[r][v], entry[v]);
+                    }
+                }
+            }
+            for k in 0..width {
+                let (weight, _) = S::as_simd_f32s(&weight[k * units + unit..][..LANES]);
+                for r in 0..R {
+                    let input = simd.splat_f32s(inputs[r * width + k]);
+                    for v in 0..V {
+                        hidden[r][v] = simd.mul_add_f32s(input, weight[v], hidden[r][v]);
+                    }
+                }
+            }
+            for r in 0..R {
+                for v in 0..V {
+                    let negative = simd.less_than_f32s(hidden[r][v], zero);
+                    hidden[r][v] = simd.select_f32s(negative, zero, hidden[r][v]);
+                }
+            }
+            for j in 0..OUTPUTS {
+                let (head, _) = S::as_simd_f32s(&head[j * units + unit..][..LANES]);
+                for r in 0..R {
+                    for v in 0..V {
+                        sums[r][j][v] = simd.mul_add_f32s(hidden[r][v], head[v], sums[r][j][v]);
+                    }
+                }
+            }
+            unit += LANES;
+        }
+        for r in 0..R {
+            for j in 0..OUTPUTS {
+                let mut lanes = [0.0; LANES];
+                let (registers, _) = S::as_mut_simd_f32s(&mut lanes);
+                for v in 0..V {
+                    registers[v] = sums[r][j][v];
+                }
+                self.out[(row + r) * OUTPUTS + j] = by_halves(lanes) + self.start[j];
+            }
+        }
+    }
+}
+
+struct Backward<'a, const K: usize> {
+    network: Shallow<'a>,
+    by_outputs: &'a [f32],
+    gradient: ShallowGradient<'a>,
+}
+
+impl<const K: usize> WithSimd for Backward<'_, K> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        let units = self.network.bias.len();
+        let mut unit = 0;
+        while unit < units {
+            self.column(simd, unit);
+            unit += S::F32_LANES;
+        }
+    }
+}
+
+impl<const K: usize> Backward<'_, K> {
+    /// One register of units, over all rows.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop)]
+    fn column<S: Simd>(&mut self, simd: S, unit: usize) {
+        let Shallow { weight, bias, head, inputs, moments, rows } = self.network;
+        let units = bias.len();
+        let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
+        let (mut weights, mut by_weights) = ([zero; K], [zero; K]);
+        for k in 0..K {
+            weights[k] = load(simd, weight, k * units + unit);
+            by_weights[k] = load(simd, self.gradient.weight, k * units + unit);
+        }
+        let (mut heads, mut by_heads) = ([zero; OUTPUTS], [zero; OUTPUTS]);
+        for j in 0..OUTPUTS {
+            heads[j] = load(simd, head, j * units + unit);
+            by_heads[j] = load(simd, self.gradient.head, j * units + unit);
+        }
+        let start = load(simd, bias, unit);
+        let mut by_start = load(simd, self.gradient.bias, unit);
+        let inputs = inputs.chunks_exact(K).take(rows);
+        for (row, (inputs, by_outputs)) in
+            inputs.zip(self.by_outputs.chunks_exact(OUTPUTS)).enumerate()
+        {
+            let mut hidden = start;
+            let mut entry = 0;
+            if !moments.is_empty() {
+                entry = (K + moments[row] as usize) * units + unit;
+                hidden = simd.add_f32s(hidden, load(simd, weight, entry));
+            }
+            for k in 0..K {
+                hidden = simd.mul_add_f32s(simd.splat_f32s(inputs[k]), weights[k], hidden);
+            }
+            hidden = simd.select_f32s(simd.less_than_f32s(hidden, zero), zero, hidden);
+            let mut by_hidden = zero;
+            for j in 0..OUTPUTS {
+                let by_output = simd.splat_f32s(by_outputs[j]);
+                by_hidden = simd.mul_add_f32s(by_output, heads[j], by_hidden);
+                by_heads[j] = simd.mul_add_f32s(by_output, hidden, by_heads[j]);
+            }
+            let positive = simd.greater_than_f32s(hidden, zero);
+            by_hidden = simd.select_f32s(positive, by_hidden, zero);
+            by_start = simd.mul_add_f32s(one, by_hidden, by_start);
+            for k in 0..K {
+                let input = simd.splat_f32s(inputs[k]);
+                by_weights[k] = simd.mul_add_f32s(input, by_hidden, by_weights[k]);
+            }
+            if !moments.is_empty() {
+                let sum = simd.add_f32s(load(simd, self.gradient.weight, entry), by_hidden);
+                store::<S>(sum, self.gradient.weight, entry);
+            }
+        }
+        for k in 0..K {
+            store::<S>(by_weights[k], self.gradient.weight, k * units + unit);
+        }
+        for j in 0..OUTPUTS {
+            store::<S>(by_heads[j], self.gradient.head, j * units + unit);
+        }
+        store::<S>(by_start, self.gradient.bias, unit);
+    }
+}
+
+/// The register that starts at a position.
+#[inline(always)]
+fn load<S: Simd>(_: S, values: &[f32], at: usize) -> S::f32s {
+    let (registers, _) = S::as_simd_f32s(&values[at..at + S::F32_LANES]);
+    registers[0]
+}
+
+/// Puts a register at a position.
+#[inline(always)]
+fn store<S: Simd>(register: S::f32s, values: &mut [f32], at: usize) {
+    let (registers, _) = S::as_mut_simd_f32s(&mut values[at..at + S::F32_LANES]);
+    registers[0] = register;
+}
