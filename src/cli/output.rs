@@ -32,6 +32,8 @@ pub(super) enum Cell {
     Figure(String),
     /// Text.
     Text(String),
+    /// A list or object; as it is in JSON, and as its text elsewhere.
+    Nested(Value),
 }
 
 impl Cell {
@@ -48,6 +50,7 @@ impl Cell {
         match self {
             Cell::Rounded(value, decimals) => format!("{value:.decimals$}"),
             Cell::Text(text) => printable(text),
+            Cell::Nested(value) => printable(&value.to_string()),
             Cell::Empty | Cell::Integer(_) | Cell::Real(_) | Cell::Figure(_) => self.exact(),
         }
     }
@@ -59,6 +62,7 @@ impl Cell {
             Cell::Integer(value) => value.to_string(),
             Cell::Real(value) | Cell::Rounded(value, _) => value.to_string(),
             Cell::Figure(text) | Cell::Text(text) => text.clone(),
+            Cell::Nested(value) => value.to_string(),
         }
     }
 
@@ -68,6 +72,7 @@ impl Cell {
             Cell::Integer(value) => json!(value),
             Cell::Real(value) | Cell::Rounded(value, _) => json!(value),
             Cell::Figure(text) | Cell::Text(text) => json!(text),
+            Cell::Nested(value) => value.clone(),
         }
     }
 }
@@ -84,6 +89,18 @@ pub(super) fn printable(text: &str) -> String {
     text.chars()
         .flat_map(|c| if hidden(c) { c.escape_default().collect() } else { vec![c] })
         .collect()
+}
+
+/// A word as a shell reads it back; in quotes if it needs them.
+pub(super) fn shell_word(text: &str) -> String {
+    let plain = |c: char| c.is_alphanumeric() || "/._-".contains(c);
+    if !text.is_empty() && text.chars().all(plain) {
+        text.to_owned()
+    } else if text.contains(['"', '$', '`', '\\', '!']) || !text.contains('\'') {
+        format!("'{}'", text.replace('\'', "'\\''"))
+    } else {
+        format!("\"{text}\"")
+    }
 }
 
 /// A writer of rows that have the same columns.
@@ -199,6 +216,19 @@ mod tests {
     fn tables_round_align_and_escape() {
         let expected = "name               mean\na,\"b\"\\u{1b}[31m  1234.6\nc\n";
         assert_eq!(written(Format::Table), expected);
+    }
+
+    #[test]
+    fn words_for_a_shell_are_quoted_as_they_need() {
+        for (text, expected) in [
+            ("results/a.sqlite", "results/a.sqlite"),
+            ("a b", "'a b'"),
+            ("it's", "\"it's\""),
+            ("it's $5", "'it'\\''s $5'"),
+            ("", "''"),
+        ] {
+            assert_eq!(shell_word(text), expected);
+        }
     }
 
     #[test]

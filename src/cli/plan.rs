@@ -4,12 +4,11 @@ use std::collections::{BTreeMap, HashSet};
 use std::io::{self, Write};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
-use std::thread;
 
 use crate::cli::estimate::{Episodes, Speeds, spoken};
 use crate::cli::filter::Filter;
 use crate::cli::output::{Cell, Format, Rows};
-use crate::cli::{Error, Exit, StoreArgument, check, counts, run};
+use crate::cli::{Error, Exit, StoreArgument, check, counts, one_a_core, run};
 use crate::manifest::Manifest;
 use crate::schedule::Queued;
 use crate::store::{Counts, JobState, Reader, StoreError};
@@ -30,7 +29,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "NAME=VALUE,...")]
     filter: Option<Filter>,
     /// Workers that the estimated time is for [default: one a core]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = super::workers)]
     workers: Option<NonZeroUsize>,
     /// How rows are written
     #[arg(long, value_enum, default_value = "table")]
@@ -115,7 +114,7 @@ impl<'a> Planned<'a> {
 /// Why a job that the store has under an earlier version of the code is to run again.
 fn outdated(reader: &Reader, queued: &Queued) -> Result<Option<String>, Error> {
     let now = queued.job.versions();
-    let earlier = reader.superseded(&queued.job.content_key(), now)?;
+    let earlier = reader.superseded(&queued.job, now)?;
     Ok(earlier.last().map(|old| {
         let mut changes = Vec::new();
         if old.environment != now.environment {
@@ -131,8 +130,7 @@ fn outdated(reader: &Reader, queued: &Queued) -> Result<Option<String>, Error> {
 }
 
 fn list_experiments(planned: &[Planned<'_>], arguments: &Arguments) -> Result<Exit, Error> {
-    let cores = || thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
-    let workers = arguments.workers.unwrap_or_else(cores);
+    let workers = arguments.workers.unwrap_or_else(one_a_core);
     let columns = counts::COLUMNS.map(str::to_owned);
     let mut rows = Rows::new(arguments.format, &columns, io::stdout().lock())?;
     for one in planned {

@@ -61,19 +61,23 @@ impl Job {
     pub fn canonical(&self) -> String {
         // serde_json's map is ordered by key, which is what makes the form canonical.
         let value = serde_json::to_value(self).expect("a job holds finite numbers and string keys");
-        value.to_string()
-    }
-
-    /// Hash of the canonical form alone: the same for every version of the code.
-    pub fn content_key(&self) -> ContentKey {
-        ContentKey(hash(self.canonical().as_bytes()))
+        serde_json::to_string(&value).expect("a JSON value can be written")
     }
 
     /// Hash of the canonical form and the versions: the identity of the job.
     pub fn key(&self) -> JobKey {
-        let Versions { environment, algorithm } = self.versions();
+        self.identity().key
+    }
+
+    /// The key that the same content has under other versions of the code.
+    pub fn key_under(&self, versions: Versions) -> JobKey {
+        JobKey::of(&self.canonical(), versions)
+    }
+
+    /// Canonical form and key, for the price of one.
+    pub fn identity(&self) -> Identity {
         let canonical = self.canonical();
-        JobKey(hash(format!("jitai job e{environment} a{algorithm}\n{canonical}").as_bytes()))
+        Identity { key: JobKey::of(&canonical, self.versions()), canonical }
     }
 
     /// Every parameter as a dotted name and its value, as the view `parameter` shows them.
@@ -83,6 +87,15 @@ impl Job {
         flatten("", &value, &mut parameters);
         parameters
     }
+}
+
+/// What tells a job from every other.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Identity {
+    /// As [`Job::key`].
+    pub key: JobKey,
+    /// As [`Job::canonical`].
+    pub canonical: String,
 }
 
 /// A parameter's value as SQL can hold it.
@@ -119,20 +132,19 @@ fn flatten(prefix: &str, value: &serde_json::Value, out: &mut Vec<(String, Scala
     out.push((prefix.to_owned(), scalar));
 }
 
-fn hash(bytes: &[u8]) -> [u8; 16] {
-    let digest = Sha256::digest(bytes);
-    let mut key = [0; 16];
-    key.copy_from_slice(&digest[..16]);
-    key
-}
-
 /// Identity of a job: the first 128 bits of a SHA-256, written as 32 hexadecimal digits.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct JobKey(pub [u8; 16]);
 
-/// Identity of a job's content, whatever the version of the code; see [`Job::content_key`].
-#[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct ContentKey(pub [u8; 16]);
+impl JobKey {
+    fn of(canonical: &str, versions: Versions) -> Self {
+        let Versions { environment, algorithm } = versions;
+        let text = format!("jitai job e{environment} a{algorithm}\n{canonical}");
+        let mut key = [0; 16];
+        key.copy_from_slice(&Sha256::digest(text.as_bytes())[..16]);
+        JobKey(key)
+    }
+}
 
 fn write_hex(bytes: &[u8], f: &mut fmt::Formatter<'_>) -> fmt::Result {
     bytes.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
@@ -145,18 +157,6 @@ impl fmt::Display for JobKey {
 }
 
 impl fmt::Debug for JobKey {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write_hex(&self.0, f)
-    }
-}
-
-impl fmt::Display for ContentKey {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write_hex(&self.0, f)
-    }
-}
-
-impl fmt::Debug for ContentKey {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write_hex(&self.0, f)
     }

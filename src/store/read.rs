@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 
 use rusqlite::{Connection, OptionalExtension};
 
-use crate::plan::{ContentKey, JobKey, Versions};
+use crate::plan::{Job, JobKey, Versions};
 use crate::record::{Failure, FailureKind};
 
 use super::error::Fault;
 use super::liveness::ProcessTable;
-use super::session;
-use super::state::{Counts, JobState, state_sql};
+use super::session::{self, Holders};
+use super::state::{JobState, state_sql};
 use super::{StoreError, file, query};
 
 /// The store, open for reading. It never writes and never waits for a writer; every call sees the
@@ -19,15 +19,6 @@ use super::{StoreError, file, query};
 pub struct Reader {
     pub(super) connection: Connection,
     path: PathBuf,
-}
-
-/// How many jobs of an experiment are in each state.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ExperimentCounts {
-    /// The experiment's name.
-    pub experiment: String,
-    /// Its jobs, each counted once.
-    pub counts: Counts,
 }
 
 /// A job of an experiment that failed, with its last failure.
@@ -77,7 +68,7 @@ impl Reader {
         keys: impl IntoIterator<Item = &'k JobKey>,
     ) -> Result<Vec<JobState>, StoreError> {
         self.read("read the states of jobs", |connection| {
-            let alive = alive(connection)?;
+            let alive = holders(connection)?.alive_json();
             let state = state_sql("job.id", "?2");
             let mut statement =
                 connection.prepare_cached(&format!("SELECT {state} FROM job WHERE key = ?1"))?;
@@ -89,31 +80,6 @@ impl Reader {
                     Ok(state.unwrap_or(JobState::Pending))
                 })
                 .collect()
-        })
-    }
-
-    /// The jobs of every experiment by state, in the order the experiments were first run.
-    pub fn experiment_counts(&self) -> Result<Vec<ExperimentCounts>, StoreError> {
-        self.read("count jobs", |connection| {
-            let state = state_sql("held.job", "?1");
-            let mut statement = connection.prepare_cached(&format!(
-                "SELECT experiment.name, state, count(held) FROM experiment LEFT JOIN (
-                    SELECT experiment, 1 AS held, {state} AS state
-                    FROM (SELECT DISTINCT experiment, job FROM experiment_job) AS held
-                 ) AS job ON job.experiment = experiment.id
-                 GROUP BY experiment.id, state ORDER BY experiment.id"
-            ))?;
-            let mut rows = statement.query([alive(connection)?])?;
-            let mut experiments: Vec<ExperimentCounts> = Vec::new();
-            while let Some(row) = rows.next()? {
-                let experiment: String = row.get(0)?;
-                if experiments.last().is_none_or(|last| last.experiment != experiment) {
-                    experiments.push(ExperimentCounts { experiment, counts: Counts::default() });
-                }
-                let last = experiments.last_mut().expect("one was pushed if there was none");
-                last.counts.add(row.get(1)?, row.get(2)?);
-            }
-            Ok(experiments)
         })
     }
 
@@ -133,30 +99,31 @@ impl Reader {
                         AND later.status = 'failed' AND later.attempt > run.attempt)
                  ORDER BY experiment.id, experiment_job.position"
             ))?;
-            let rows = statement.query_map([alive(connection)?], failed_job)?;
+            let rows = statement.query_map([holders(connection)?.alive_json()], failed_job)?;
             Ok(rows.collect::<rusqlite::Result<_>>()?)
         })
     }
 
-    /// The versions of the code, other than `current`, under which this content was completed.
-    pub fn superseded(
-        &self,
-        content: &ContentKey,
-        current: Versions,
-    ) -> Result<Vec<Versions>, StoreError> {
+    /// The versions of the code, up to `current` and other than it, under which the job's content
+    /// was completed.
+    pub fn superseded(&self, job: &Job, current: Versions) -> Result<Vec<Versions>, StoreError> {
+        let earlier = (1..=current.environment)
+            .flat_map(|environment| {
+                (1..=current.algorithm).map(move |algorithm| Versions { environment, algorithm })
+            })
+            .filter(|versions| *versions != current);
         self.read("look for earlier versions of a job", |connection| {
-            let mut statement = connection.prepare_cached(
-                "SELECT environment_version, algorithm_version FROM job
-                 WHERE content_key = ?1 AND (environment_version, algorithm_version) <> (?2, ?3)
-                    AND EXISTS (SELECT 1 FROM run
-                        WHERE run.job = job.id AND run.status = 'completed')
-                 ORDER BY environment_version, algorithm_version",
+            let mut completed = connection.prepare_cached(
+                "SELECT 1 FROM job JOIN run ON run.job = job.id AND run.status = 'completed'
+                 WHERE job.key = ?1",
             )?;
-            let parameters = (content.to_string(), current.environment, current.algorithm);
-            let rows = statement.query_map(parameters, |row| {
-                Ok(Versions { environment: row.get(0)?, algorithm: row.get(1)? })
-            })?;
-            Ok(rows.collect::<rusqlite::Result<_>>()?)
+            let mut superseded = Vec::new();
+            for versions in earlier {
+                if completed.exists([job.key_under(versions).to_string()])? {
+                    superseded.push(versions);
+                }
+            }
+            Ok(superseded)
         })
     }
 
@@ -167,7 +134,7 @@ impl Reader {
                 "SELECT json_extract(job.canonical, '$.agent.algorithm') AS algorithm, count(*),
                     avg(wall_seconds),
                     sum(wall_seconds) / sum(json_extract(job.canonical, '$.agent.episodes'))
-                 FROM (SELECT job, wall_seconds FROM run
+                 FROM (SELECT job, wall_seconds FROM run NOT INDEXED
                     WHERE status = 'completed' ORDER BY id DESC LIMIT 10000)
                  JOIN job ON job.id = job
                  GROUP BY algorithm ORDER BY algorithm",
@@ -194,10 +161,9 @@ impl Reader {
     }
 }
 
-/// The living sessions that hold runs, as a JSON list.
-pub(super) fn alive(connection: &Connection) -> rusqlite::Result<String> {
-    let this = ProcessTable::of_this_system().this_process();
-    session::holders(connection, &this).map(|holders| holders.alive_json())
+/// The sessions that hold runs, as seen from this process.
+pub(super) fn holders(connection: &Connection) -> rusqlite::Result<Holders> {
+    session::holders(connection, &ProcessTable::of_this_system().this_process())
 }
 
 fn failed_job(row: &rusqlite::Row<'_>) -> rusqlite::Result<FailedJob> {
