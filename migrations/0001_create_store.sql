@@ -14,11 +14,8 @@ CREATE TABLE experiment (
 
 CREATE TABLE job (
     -- What should run. A job is its content, so a row never changes.
-    id INTEGER PRIMARY KEY,
+    id INTEGER PRIMARY KEY CHECK (id > 0),
     key TEXT NOT NULL UNIQUE CHECK (length(key) = 32 AND key NOT GLOB '*[^0-9a-f]*'),
-    -- Equal for one content under every version of the code.
-    content_key TEXT NOT NULL
-        CHECK (length(content_key) = 32 AND content_key NOT GLOB '*[^0-9a-f]*'),
     environment_version INTEGER NOT NULL CHECK (environment_version >= 1),
     algorithm_version INTEGER NOT NULL CHECK (algorithm_version >= 1),
     -- Every parameter, as one line of JSON. Parameters stand nowhere else: the views read them
@@ -26,10 +23,18 @@ CREATE TABLE job (
     canonical TEXT NOT NULL CHECK (json_valid(canonical))
 ) STRICT;
 
-CREATE INDEX job_by_content ON job (content_key);
-
 CREATE TRIGGER job_is_fixed BEFORE UPDATE ON job
 BEGIN SELECT RAISE(ABORT, 'a job never changes'); END;
+
+CREATE TRIGGER job_stays BEFORE DELETE ON job
+BEGIN SELECT RAISE(ABORT, 'a job is never deleted'); END;
+
+-- INSERT OR REPLACE deletes the rows in its way without the triggers of a deletion, so a table
+-- whose rows must stay refuses them before. An id that SQLite chooses is -1 here, and never a row's.
+CREATE TRIGGER job_is_made_once BEFORE INSERT ON job
+WHEN EXISTS (SELECT 1 FROM job WHERE id = NEW.id)
+    OR EXISTS (SELECT 1 FROM job WHERE key = NEW.key)
+BEGIN SELECT RAISE(ABORT, 'a job is made once'); END;
 
 CREATE TABLE experiment_job (
     -- The jobs of an experiment's latest manifest. Jobs that an edit dropped lose this row and
@@ -45,7 +50,7 @@ CREATE INDEX experiment_job_by_job ON experiment_job (job);
 
 CREATE TABLE session (
     -- One process that runs jobs: where it lives, and what made the runs.
-    id INTEGER PRIMARY KEY,
+    id INTEGER PRIMARY KEY CHECK (id > 0),
     host TEXT NOT NULL,
     boot_id TEXT,               -- of the running kernel; NULL where the system has none
     pid_namespace TEXT,         -- in which process_id counts; NULL where the system has none
@@ -62,6 +67,21 @@ CREATE TABLE session (
     ended_at TEXT CHECK (ended_at IS NULL OR strftime('%Y-%m-%dT%H:%M:%fZ', ended_at) IS ended_at)
 ) STRICT;
 
+CREATE TRIGGER session_stays_the_same_process BEFORE UPDATE OF
+    id, host, boot_id, pid_namespace, process_id, process_started, code_version, git_revision,
+    backend, processor, started_at ON session
+BEGIN SELECT RAISE(ABORT, 'a session stays the same process'); END;
+
+CREATE TRIGGER session_ends_once BEFORE UPDATE ON session WHEN OLD.ended_at IS NOT NULL
+BEGIN SELECT RAISE(ABORT, 'an ended session never changes'); END;
+
+CREATE TRIGGER session_stays BEFORE DELETE ON session
+BEGIN SELECT RAISE(ABORT, 'a session is never deleted'); END;
+
+CREATE TRIGGER session_begins_once BEFORE INSERT ON session
+WHEN EXISTS (SELECT 1 FROM session WHERE id = NEW.id)
+BEGIN SELECT RAISE(ABORT, 'a session begins once'); END;
+
 CREATE TABLE failure_kind (
     -- Why a run can fail.
     name TEXT PRIMARY KEY CHECK (name <> ''),
@@ -74,7 +94,7 @@ INSERT INTO failure_kind (name, meaning) VALUES
 
 CREATE TABLE run (
     -- One attempt at a job.
-    id INTEGER PRIMARY KEY,
+    id INTEGER PRIMARY KEY CHECK (id > 0),
     job INTEGER NOT NULL REFERENCES job (id),
     attempt INTEGER NOT NULL CHECK (attempt >= 1),
     session INTEGER NOT NULL REFERENCES session (id),
@@ -99,13 +119,23 @@ CREATE TABLE run (
 
 -- A job runs in one place at a time, and not again once it is completed.
 CREATE UNIQUE INDEX run_current ON run (job) WHERE status IN ('running', 'completed');
-CREATE INDEX run_running ON run (session) WHERE status = 'running';
-CREATE INDEX run_failed ON run (job) WHERE status = 'failed';
+-- The states of all jobs are read from here, without the runs themselves.
+CREATE INDEX run_by_status ON run (status, job, session);
 
 CREATE TABLE metric_name (
-    id INTEGER PRIMARY KEY,
+    id INTEGER PRIMARY KEY CHECK (id > 0),
     name TEXT NOT NULL UNIQUE CHECK (name <> '')
 ) STRICT;
+
+CREATE TRIGGER metric_name_is_fixed BEFORE UPDATE ON metric_name
+BEGIN SELECT RAISE(ABORT, 'the name of a metric never changes'); END;
+
+CREATE TRIGGER metric_name_stays BEFORE DELETE ON metric_name
+BEGIN SELECT RAISE(ABORT, 'the name of a metric is never deleted'); END;
+
+CREATE TRIGGER metric_name_is_given_once BEFORE INSERT ON metric_name
+WHEN EXISTS (SELECT 1 FROM metric_name WHERE id = NEW.id OR name = NEW.name)
+BEGIN SELECT RAISE(ABORT, 'the name of a metric is given once'); END;
 
 CREATE TABLE run_metric (
     run INTEGER NOT NULL REFERENCES run (id),
@@ -151,6 +181,19 @@ CREATE TABLE trained_weights (
 CREATE TRIGGER run_begins_running BEFORE INSERT ON run WHEN NEW.status <> 'running'
 BEGIN SELECT RAISE(ABORT, 'a run begins running'); END;
 
+CREATE TRIGGER run_begins_in_a_living_session BEFORE INSERT ON run
+WHEN NOT EXISTS (SELECT 1 FROM session WHERE id = NEW.session AND ended_at IS NULL)
+BEGIN SELECT RAISE(ABORT, 'a run begins in a session that has not ended'); END;
+
+CREATE TRIGGER run_begins_once BEFORE INSERT ON run
+WHEN EXISTS (SELECT 1 FROM run WHERE id = NEW.id)
+    OR EXISTS (SELECT 1 FROM run WHERE job = NEW.job AND attempt = NEW.attempt)
+BEGIN SELECT RAISE(ABORT, 'a run begins once'); END;
+
+CREATE TRIGGER run_is_the_only_one_of_its_job BEFORE INSERT ON run
+WHEN EXISTS (SELECT 1 FROM run WHERE job = NEW.job AND status IN ('running', 'completed'))
+BEGIN SELECT RAISE(ABORT, 'a job has one running or completed run'); END;
+
 CREATE TRIGGER run_is_one_attempt BEFORE UPDATE OF id, job, attempt, session, started_at ON run
 BEGIN SELECT RAISE(ABORT, 'a run stays the same attempt'); END;
 
@@ -162,10 +205,13 @@ BEGIN SELECT RAISE(ABORT, 'a run is never deleted'); END;
 
 CREATE TRIGGER run_completes_with_results BEFORE UPDATE OF status ON run
 WHEN NEW.status = 'completed' AND NOT (
-    EXISTS (SELECT 1 FROM run_metric WHERE run = NEW.id)
-    AND EXISTS (SELECT 1 FROM test_episode WHERE run = NEW.id)
-    AND EXISTS (SELECT 1 FROM trained_weights WHERE run = NEW.id))
-BEGIN SELECT RAISE(ABORT, 'a completed run has metrics, test episodes and weights'); END;
+    EXISTS (SELECT 1 FROM test_episode WHERE run = NEW.id)
+    AND EXISTS (SELECT 1 FROM trained_weights WHERE run = NEW.id)
+    -- The four that the view run_summary shows.
+    AND 4 = (SELECT count(*) FROM metric_name
+        JOIN run_metric ON run_metric.run = NEW.id AND run_metric.metric = metric_name.id
+        WHERE metric_name.name IN ('mean_return', 'sd_return', 'mean_length', 'disengagement_rate')))
+BEGIN SELECT RAISE(ABORT, 'a completed run has its metrics, test episodes and weights'); END;
 
 CREATE TRIGGER run_ends_without_results BEFORE UPDATE OF status ON run
 WHEN NEW.status IN ('failed', 'interrupted') AND (
@@ -191,6 +237,23 @@ BEGIN SELECT RAISE(ABORT, 'results belong to a run in progress'); END;
 CREATE TRIGGER trained_weights_are_written_in_the_run BEFORE INSERT ON trained_weights
 WHEN (SELECT status FROM run WHERE id = NEW.run) IS NOT 'running'
 BEGIN SELECT RAISE(ABORT, 'results belong to a run in progress'); END;
+
+CREATE TRIGGER run_metric_is_written_once BEFORE INSERT ON run_metric
+WHEN EXISTS (SELECT 1 FROM run_metric WHERE run = NEW.run AND metric = NEW.metric)
+BEGIN SELECT RAISE(ABORT, 'results are written once'); END;
+CREATE TRIGGER curve_point_is_written_once BEFORE INSERT ON curve_point
+WHEN EXISTS (SELECT 1 FROM curve_point WHERE run = NEW.run AND metric = NEW.metric AND episode = NEW.episode)
+BEGIN SELECT RAISE(ABORT, 'results are written once'); END;
+CREATE TRIGGER test_episode_is_written_once BEFORE INSERT ON test_episode
+WHEN EXISTS (SELECT 1 FROM test_episode WHERE run = NEW.run AND episode = NEW.episode)
+BEGIN SELECT RAISE(ABORT, 'results are written once'); END;
+CREATE TRIGGER action_count_is_written_once BEFORE INSERT ON action_count
+WHEN EXISTS (SELECT 1 FROM action_count WHERE run = NEW.run AND bin = NEW.bin AND context = NEW.context
+    AND action = NEW.action)
+BEGIN SELECT RAISE(ABORT, 'results are written once'); END;
+CREATE TRIGGER trained_weights_are_written_once BEFORE INSERT ON trained_weights
+WHEN EXISTS (SELECT 1 FROM trained_weights WHERE run = NEW.run)
+BEGIN SELECT RAISE(ABORT, 'results are written once'); END;
 
 CREATE TRIGGER run_metric_is_fixed BEFORE UPDATE ON run_metric
 BEGIN SELECT RAISE(ABORT, 'results never change'); END;
@@ -242,7 +305,9 @@ SELECT
     run.wall_seconds AS wall_seconds,
     run.started_at AS started_at,
     run.ended_at AS ended_at,
-    session.code_version AS code_version
+    session.code_version AS code_version,
+    run.failure_kind AS failure_kind,
+    run.failure_message AS failure_message
 FROM run
 JOIN job ON job.id = run.job
 JOIN session ON session.id = run.session

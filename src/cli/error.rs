@@ -4,6 +4,7 @@ use std::io::{self, Write};
 use std::process::ExitCode;
 
 use crate::manifest::Faults;
+use crate::schedule::SweepError;
 use crate::store::{QueryError, StoreError};
 
 /// How a command ended, as its exit code says it.
@@ -13,6 +14,8 @@ pub(crate) enum Exit {
     Done,
     /// Some jobs failed.
     JobsFailed,
+    /// A simulation differs from its recording.
+    Differs,
     /// The arguments or a manifest are wrong.
     Usage,
     /// The store or the system failed.
@@ -25,7 +28,7 @@ impl From<Exit> for ExitCode {
     fn from(exit: Exit) -> ExitCode {
         ExitCode::from(match exit {
             Exit::Done => 0,
-            Exit::JobsFailed => 1,
+            Exit::JobsFailed | Exit::Differs => 1,
             Exit::Usage => 2,
             Exit::System => 3,
             Exit::Interrupted => 130,
@@ -45,13 +48,16 @@ pub(crate) enum Error {
     /// The store.
     #[error(transparent)]
     Store(#[from] StoreError),
+    /// A sweep.
+    #[error(transparent)]
+    Sweep(#[from] SweepError),
     /// A query.
     #[error("{0}")]
     Query(QueryError),
     /// A file or stream.
-    #[error("{what}: {source}")]
+    #[error("failed to {what}: {source}")]
     Io {
-        /// What was being done, with the path.
+        /// What was to be done, with the path.
         what: String,
         /// What the system said.
         source: io::Error,
@@ -81,7 +87,7 @@ impl Error {
         };
         match self {
             Error::Usage(_) | Error::Manifests(_) | Error::Query(_) => Exit::Usage,
-            Error::Store(_) | Error::Io { .. } => Exit::System,
+            Error::Store(_) | Error::Sweep(_) | Error::Io { .. } => Exit::System,
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The command line: one file a verb. Reads arguments, calls the library, prints.
 //!
 //! Standard output is data; standard error is progress and messages. Exit codes: 0 done, 1 some
-//! jobs failed, 2 bad usage or manifest, 3 store or system error, 130 interrupted.
+//! jobs failed or a replay differs, 2 bad usage or manifest, 3 store or system error, 130 interrupted.
 
 mod check;
 mod counts;
@@ -21,10 +21,13 @@ mod selection;
 mod signals;
 mod simulate;
 mod status;
+mod steps;
 mod summary;
 
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::thread;
 
 use clap::{Args, Parser, Subcommand};
 
@@ -61,15 +64,31 @@ struct StoreArgument {
 }
 
 impl StoreArgument {
-    /// The argument as a further command needs it: nothing for the default.
+    /// The argument as a further command needs it: nothing for the store that it would use anyway.
     fn as_option(&self) -> String {
-        let path = self.store.display().to_string();
-        if path == DEFAULT_STORE || std::env::var_os("JITAI_STORE").is_some() {
-            String::new()
-        } else {
-            format!(" --store '{}'", path.replace('\'', "'\\''"))
+        let usual = std::env::var_os("JITAI_STORE").unwrap_or_else(|| DEFAULT_STORE.into());
+        if self.store.as_os_str() == usual {
+            return String::new();
         }
+        format!(" --store {}", output::shell_word(&self.store.display().to_string()))
     }
+}
+
+/// Most workers that can be asked for; each is a thread with its own network and buffers.
+const MOST_WORKERS: usize = 1024;
+
+/// A number of workers, as `--workers` takes it.
+fn workers(text: &str) -> Result<NonZeroUsize, String> {
+    text.parse()
+        .ok()
+        .filter(|workers: &NonZeroUsize| workers.get() <= MOST_WORKERS)
+        .ok_or_else(|| format!("expected a whole number from 1 to {MOST_WORKERS}"))
+}
+
+/// One worker a core.
+fn one_a_core() -> NonZeroUsize {
+    let most = NonZeroUsize::new(MOST_WORKERS).expect("it is not zero");
+    thread::available_parallelism().unwrap_or(NonZeroUsize::MIN).min(most)
 }
 
 /// Runs the program with the arguments of the process.

@@ -40,6 +40,8 @@ pub(super) enum Cell {
     Figure(String),
     /// Text.
     Text(String),
+    /// A list or object; as it is in JSON, and as its text elsewhere.
+    Nested(Value),
 }
 
 impl Cell {
@@ -56,6 +58,7 @@ impl Cell {
         match self {
             Cell::Rounded(value, decimals) => format!("{value:.decimals$}"),
             Cell::Text(text) => printable(text),
+            Cell::Nested(value) => printable(&value.to_string()),
             Cell::Empty | Cell::Integer(_) | Cell::Real(_) | Cell::Figure(_) => self.exact(),
         }
     }
@@ -67,6 +70,7 @@ impl Cell {
             Cell::Integer(value) => value.to_string(),
             Cell::Real(value) | Cell::Rounded(value, _) => value.to_string(),
             Cell::Figure(text) | Cell::Text(text) => text.clone(),
+            Cell::Nested(value) => value.to_string(),
         }
     }
 
@@ -76,6 +80,7 @@ impl Cell {
             Cell::Integer(value) => json!(value),
             Cell::Real(value) | Cell::Rounded(value, _) => json!(value),
             Cell::Figure(text) | Cell::Text(text) => json!(text),
+            Cell::Nested(value) => value.clone(),
         }
     }
 }
@@ -95,6 +100,18 @@ pub(super) fn counted(count: impl TryInto<u64>, noun: &str) -> String {
     match count.try_into().unwrap_or(u64::MAX) {
         1 => format!("1 {noun}"),
         count => format!("{count} {noun}s"),
+    }
+}
+
+/// A word as a shell reads it back; in quotes if it needs them.
+pub(super) fn shell_word(text: &str) -> String {
+    let plain = |c: char| c.is_alphanumeric() || "/._-".contains(c);
+    if !text.is_empty() && text.chars().all(plain) {
+        text.to_owned()
+    } else if text.contains(['"', '$', '`', '\\', '!']) || !text.contains('\'') {
+        format!("'{}'", text.replace('\'', "'\\''"))
+    } else {
+        format!("\"{text}\"")
     }
 }
 
@@ -253,6 +270,19 @@ mod tests {
     #[test]
     fn things_are_counted_as_people_say_it() {
         assert_eq!([0, 1, 2].map(|n| counted(n, "job")), ["0 jobs", "1 job", "2 jobs"]);
+    }
+
+    #[test]
+    fn words_for_a_shell_are_quoted_as_they_need() {
+        for (text, expected) in [
+            ("results/a.sqlite", "results/a.sqlite"),
+            ("a b", "'a b'"),
+            ("it's", "\"it's\""),
+            ("it's $5", "'it'\\''s $5'"),
+            ("", "''"),
+        ] {
+            assert_eq!(shell_word(text), expected);
+        }
     }
 
     #[test]

@@ -9,15 +9,14 @@ use std::fmt;
 use std::io::{self, Write};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
-use std::thread;
 
 use crate::cli::estimate::{Episodes, Speeds, spoken};
 use crate::cli::filter::Filter;
 use crate::cli::output::{Cell, Format, Rows, counted};
 use crate::cli::selection::Selection;
-use crate::cli::{Error, Exit, StoreArgument, check, counts, run};
-use crate::plan::{ContentKey, JobKey, PlannedJob, Versions};
-use crate::store::{Counts, JobState, Reader, StoreError, TriedJob};
+use crate::cli::{Error, Exit, StoreArgument, check, counts, one_a_core, run};
+use crate::plan::{JobKey, PlannedJob, Versions};
+use crate::store::{Counts, JobState, Reader, StoreError};
 
 /// Jobs that the store is asked about at a time.
 const ASKED_TOGETHER: usize = 1000;
@@ -41,7 +40,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "NAME=VALUE,...")]
     filter: Option<Filter>,
     /// Workers that the estimated time is for [default: one a core]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = super::workers)]
     workers: Option<NonZeroUsize>,
     /// How rows are written
     #[arg(long, value_enum, default_value = "table")]
@@ -74,7 +73,7 @@ struct Survey<'a> {
     /// Nothing before the first run.
     reader: Option<Reader>,
     /// All that the store has tried; read when it has been asked about many jobs.
-    tried: Option<Tried>,
+    tried: Option<HashMap<JobKey, JobState>>,
     /// By job, where it was met.
     met: HashMap<JobKey, Met>,
     /// Jobs that several manifests have.
@@ -86,28 +85,6 @@ struct Met {
     /// The last manifest.
     place: usize,
     sharing: Sharing,
-}
-
-/// All that the store has tried.
-#[derive(Default)]
-struct Tried {
-    states: HashMap<JobKey, JobState>,
-    /// By content, the latest versions of the code that completed it.
-    completed: HashMap<ContentKey, Versions>,
-}
-
-impl Tried {
-    fn read(reader: &Reader) -> Result<Tried, StoreError> {
-        let mut tried = Tried::default();
-        reader.tried(|TriedJob { key, content, versions, state }| {
-            tried.states.insert(key, state);
-            if state == JobState::Completed {
-                let latest = tried.completed.entry(content).or_insert(versions);
-                *latest = versions.max(*latest);
-            }
-        })?;
-        Ok(tried)
-    }
 }
 
 /// A job of a manifest, with what the store knows of it.
@@ -249,10 +226,14 @@ impl<'a> Survey<'a> {
     fn states(&mut self, keys: &[JobKey]) -> Result<Vec<JobState>, Error> {
         let Some(reader) = &self.reader else { return Ok(vec![JobState::Pending; keys.len()]) };
         if self.met.len() > ASKED_SINGLY && self.tried.is_none() {
-            self.tried = Some(Tried::read(reader)?);
+            let mut tried = HashMap::new();
+            reader.tried(|key, state| {
+                tried.insert(key, state);
+            })?;
+            self.tried = Some(tried);
         }
         let Some(tried) = &self.tried else { return Ok(reader.job_states(keys)?) };
-        let state = |key| tried.states.get(key).copied().unwrap_or(JobState::Pending);
+        let state = |key| tried.get(key).copied().unwrap_or(JobState::Pending);
         Ok(keys.iter().map(state).collect())
     }
 
@@ -264,10 +245,13 @@ impl<'a> Survey<'a> {
             JobState::Pending => {}
         }
         let Some(reader) = &self.reader else { return Ok(None) };
-        let content = planned.form.content_key();
+        let under = |versions| planned.form.key_under(versions);
         let earlier = match &self.tried {
-            Some(tried) => tried.completed.get(&content).copied(),
-            None => reader.superseded(&content, planned.job.versions())?.pop(),
+            Some(tried) => {
+                let completed = |v: &Versions| tried.get(&under(*v)) == Some(&JobState::Completed);
+                planned.form.versions().earlier().filter(completed).last()
+            }
+            None => reader.superseded(&planned.form, planned.form.versions())?.pop(),
         };
         Ok(earlier.map(|earlier| Reason::outdated(planned, earlier)))
     }
@@ -307,8 +291,7 @@ impl Sum {
 }
 
 fn list_experiments(mut survey: Survey<'_>, arguments: &Arguments) -> Result<(), Error> {
-    let cores = || thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
-    let workers = arguments.workers.unwrap_or_else(cores);
+    let workers = arguments.workers.unwrap_or_else(one_a_core);
     let speeds = survey.speeds()?;
     let seconds = |sum: &Sum| speeds.seconds(&sum.left).map(|s| s / workers.get() as f64);
     let columns = counts::COLUMNS.map(str::to_owned);

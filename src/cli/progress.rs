@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use crate::cli::estimate::{Episodes, Speeds, spoken};
 use crate::cli::output::{counted, printable};
 use crate::record::{Outcome, Results};
-use crate::schedule::{Event, Queued, Watcher};
+use crate::schedule::{Event, Found, Queued, Watcher};
 use crate::train::Progress;
 
 /// How a sweep is shown.
@@ -67,7 +67,7 @@ impl Shown {
             failed: 0,
             speeds,
             unbegun,
-            running: (0..workers).map(|_| None).collect(),
+            running: (0..workers.min(queue.len())).map(|_| None).collect(),
             bars,
             told_waiting: false,
         }
@@ -119,8 +119,13 @@ impl Shown {
         self.tell(json!({ "event": "started", "worker": worker, "job": described(queued) }));
     }
 
+    /// Shows a worker as idle, unless it has begun another job already.
+    fn rest(&mut self, worker: usize, queued: &Queued) {
+        self.running[worker].take_if(|(running, ..)| running.key == queued.key);
+    }
+
     fn end(&mut self, worker: usize, queued: &Queued, outcome: &Outcome, wall: Duration) {
-        self.running[worker] = None;
+        self.rest(worker, queued);
         let seconds = wall.as_secs_f64();
         let (status, what) = match outcome {
             Outcome::Completed(results) => {
@@ -153,6 +158,46 @@ impl Shown {
             Outcome::Interrupted => {}
         }
         self.tell(event);
+    }
+
+    fn lose(&mut self, worker: usize, queued: &Queued) {
+        self.rest(worker, queued);
+        // Until it is known what became of it elsewhere.
+        self.unbegun.add(queued.job.algorithm(), u64::from(queued.job.agent.episodes()));
+        self.say(&format!("{}: another process has taken it over", name(queued)));
+        self.tell(json!({ "event": "lost", "worker": worker, "job": described(queued) }));
+    }
+
+    fn skip(&mut self, queued: &Queued, found: Found) {
+        self.unbegun.remove(&queued.job);
+        self.done += 1;
+        let found = match found {
+            Found::Completed => "completed",
+            Found::Failed => {
+                self.failed += 1;
+                "failed"
+            }
+        };
+        self.tell(json!({ "event": "skipped", "found": found, "job": described(queued) }));
+    }
+
+    fn shrink(&mut self, started: usize, reason: &io::Error) {
+        let asked = self.running.len();
+        self.running.truncate(started);
+        if let Some(bars) = &mut self.bars {
+            for bar in bars.workers.drain(started..) {
+                bars.all.remove(&bar);
+            }
+        }
+        let line =
+            format!("going on with {started} of {asked} workers: no more threads ({reason})");
+        match self.style {
+            // Not even a program or a quiet run should wonder why it is slow.
+            Style::Json | Style::Quiet => {
+                let _ = writeln!(io::stderr(), "{line}");
+            }
+            Style::Bars | Style::Lines => self.say(&line),
+        }
     }
 
     fn tick(&mut self, progress: &[Option<Progress>], waiting_for: usize) {
@@ -196,10 +241,9 @@ impl Watcher for Shown {
             Event::Ended { worker, queued, outcome, wall } => {
                 self.end(worker, queued, outcome, wall);
             }
-            Event::Skipped { queued } => {
-                self.unbegun.remove(&queued.job);
-                self.done += 1;
-            }
+            Event::Lost { worker, queued } => self.lose(worker, queued),
+            Event::Skipped { queued, found } => self.skip(queued, found),
+            Event::FewerWorkers { started, reason } => self.shrink(started, reason),
             Event::Tick { progress, waiting_for } => self.tick(progress, waiting_for),
         }
         self.draw();

@@ -4,6 +4,7 @@ use std::fs;
 
 use crate::agent;
 use crate::record::Provenance;
+use crate::store;
 
 /// The provenance of runs made by this process.
 pub(super) fn of_this_process() -> Provenance {
@@ -11,16 +12,9 @@ pub(super) fn of_this_process() -> Provenance {
         code_version: env!("CARGO_PKG_VERSION").to_owned(),
         git_revision: env!("JITAI_GIT_REVISION").to_owned(),
         backend: agent::backend_name().to_owned(),
-        host: first_line("/proc/sys/kernel/hostname")
-            .or_else(|| std::env::var("HOSTNAME").ok())
-            .unwrap_or_else(|| "unknown".to_owned()),
+        host: store::host_name(),
         processor: processor().unwrap_or_else(|| std::env::consts::ARCH.to_owned()),
     }
-}
-
-fn first_line(path: &str) -> Option<String> {
-    let text = fs::read_to_string(path).ok()?;
-    text.lines().next().map(|line| line.trim().to_owned()).filter(|line| !line.is_empty())
 }
 
 fn processor() -> Option<String> {

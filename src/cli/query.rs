@@ -62,14 +62,17 @@ fn interruptible<T>(reader: &Reader, work: impl FnOnce() -> T) -> Result<T, Erro
     let interrupter = reader.interrupter();
     let done = AtomicBool::new(false);
     thread::scope(|scope| {
-        scope.spawn(|| {
+        let watch = || {
             while !done.load(Ordering::Relaxed) {
                 if stop.load(Ordering::Relaxed) {
                     interrupter.interrupt();
                 }
                 thread::park_timeout(Duration::from_millis(20));
             }
-        });
+        };
+        thread::Builder::new()
+            .spawn_scoped(scope, watch)
+            .map_err(|source| Error::Io { what: "start a thread".to_owned(), source })?;
         let result = work();
         done.store(true, Ordering::Relaxed);
         Ok(result)

@@ -1,12 +1,15 @@
-//! `jitai simulate --replay`: forces recorded contexts and actions, prints what follows from them.
+//! `jitai simulate --replay`: forces recorded contexts and actions, prints what follows from them,
+//! and says where that differs from the recording.
 
+use std::fmt::Display;
 use std::fs::File;
 use std::io::{self, Read, Write};
 use std::path::Path;
 
 use serde::Deserialize;
 
-use crate::cli::output::{Cell, Format, Rows};
+use crate::cli::output::Format;
+use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit};
 use crate::env::{Action, Ending, Episodes, Signal};
 use crate::manifest::Environment;
@@ -14,6 +17,10 @@ use crate::rng::{Purpose, Stream};
 
 /// Most bytes of a file of trajectories.
 const MOST_BYTES: u64 = 100_000_000;
+/// Differences that are listed.
+const DIFFERENCES_SHOWN: usize = 10;
+/// What a recording may have lost by being written out, as a share of numbers above 1.
+const TOLERANCE: f64 = 1e-9;
 
 /// A file of trajectories.
 #[derive(Deserialize)]
@@ -27,55 +34,46 @@ struct Case {
     sigma: f64,
     parameters: serde_json::Map<String, serde_json::Value>,
     horizon: u32,
-    steps: Vec<Step>,
+    steps: Vec<Recorded>,
+    /// The state after the last step.
+    #[serde(rename = "final")]
+    last: Option<State>,
     /// Whether the recorded episode ended in disengagement.
     disengaged: Option<bool>,
 }
 
 /// One step: what is forced, and what the recording says should follow.
 #[derive(Deserialize)]
-struct Step {
+struct Recorded {
     context: u8,
     p0: f64,
     action: usize,
+    #[serde(alias = "inferred")]
+    likely: Option<u8>,
     habituation: Option<f64>,
     disengagement: Option<f64>,
     reward: Option<f64>,
 }
 
-const COLUMNS: [&str; 10] = [
-    "case",
-    "step",
-    "context",
-    "p0",
-    "inferred",
-    "habituation",
-    "disengagement",
-    "action",
-    "reward",
-    "ending",
-];
+#[derive(Deserialize)]
+struct State {
+    habituation: Option<f64>,
+    disengagement: Option<f64>,
+}
 
 pub(super) fn run(path: &Path, format: Format) -> Result<Exit, Error> {
     let file = read(path)?;
-    let columns = COLUMNS.map(str::to_owned);
-    let mut rows = Rows::new(format, &columns, io::stdout().lock())?;
-    let mut difference = Difference::default();
-    for (number, case) in file.cases.iter().enumerate() {
-        replay(number, case, &mut rows, &mut difference).map_err(|fault| match fault {
-            Fault::Case(what) => Error::Usage(format!("{}: case {number}: {what}", path.display())),
-            Fault::Output(error) => error.into(),
-        })?;
+    let mut rows = StepRows::new(format, io::stdout().lock())?;
+    let mut differences = Differences::default();
+    for (number, case) in (1..).zip(&file.cases) {
+        let fault = |what| Error::Usage(format!("{}: episode {number}, {what}", path.display()));
+        let (steps, episodes) = replay(case).map_err(fault)?;
+        rows.episode(number, &steps)?;
+        differences.look(number, case, &steps, &episodes);
     }
     rows.finish()?;
-    let Difference { steps, largest, endings } = difference;
-    writeln!(
-        io::stderr(),
-        "{} cases, {steps} steps; largest difference from recorded habituation, disengagement \
-         and reward: {largest:.1e}; endings that differ: {endings}",
-        file.cases.len()
-    )?;
-    Ok(Exit::Done)
+    differences.tell(file.cases.len())?;
+    Ok(if differences.count == 0 { Exit::Done } else { Exit::Differs })
 }
 
 fn read(path: &Path) -> Result<Trajectories, Error> {
@@ -91,88 +89,115 @@ fn read(path: &Path) -> Result<Trajectories, Error> {
         .map_err(|error| Error::Usage(format!("{}: {error}", path.display())))
 }
 
-/// How far the simulation is from the recording.
-#[derive(Default)]
-struct Difference {
-    steps: usize,
-    largest: f64,
-    endings: usize,
-}
-
-impl Difference {
-    fn add(&mut self, ours: f64, recorded: Option<f64>) {
-        if let Some(recorded) = recorded {
-            self.largest = self.largest.max((ours - recorded).abs());
-        }
-    }
-}
-
-enum Fault {
-    /// The case cannot be replayed.
-    Case(String),
-    /// The rows cannot be written.
-    Output(io::Error),
-}
-
-impl From<io::Error> for Fault {
-    fn from(error: io::Error) -> Self {
-        Fault::Output(error)
-    }
-}
-
-fn environment(case: &Case) -> Result<Environment, Fault> {
+fn environment(case: &Case) -> Result<Environment, String> {
     let mut all = serde_json::json!(Environment::paper(case.sigma));
     all["horizon"] = case.horizon.into();
     for (name, value) in &case.parameters {
         all[name] = value.clone();
     }
-    serde_json::from_value(all).map_err(|error| Fault::Case(format!("parameters: {error}")))
+    serde_json::from_value(all).map_err(|error| format!("parameters: {error}"))
 }
 
-fn replay<W: Write>(
-    number: usize,
-    case: &Case,
-    rows: &mut Rows<W>,
-    difference: &mut Difference,
-) -> Result<(), Fault> {
+/// The steps that follow from what is forced, and the episode after the last of them; or what
+/// cannot be forced.
+fn replay(case: &Case) -> Result<(Vec<Step>, Episodes), String> {
     let environment = environment(case)?;
     // Every context is forced, so nothing of this stream is seen.
     let mut episodes =
         Episodes::start(&environment, 1, &mut Stream::new(0, Purpose::TestEnvironment));
-    for (t, step) in case.steps.iter().enumerate() {
+    let mut steps = Vec::with_capacity(case.steps.len());
+    for (t, recorded) in case.steps.iter().enumerate() {
         if !episodes.any_running() {
-            return Err(Fault::Case(format!("step {t} comes after the end of the episode")));
+            return Err(format!("step {t} comes after the end of the episode"));
         }
-        let action = Action::from_index(step.action).ok_or_else(|| {
-            Fault::Case(format!("step {t}: action {} is not 0 to 3", step.action))
-        })?;
-        if step.context > 1 || !(0.0..=1.0).contains(&step.p0) {
-            let message = format!("step {t}: the context is 0 or 1, and p0 from 0 to 1");
-            return Err(Fault::Case(message));
+        let action = Action::from_index(recorded.action)
+            .ok_or_else(|| format!("step {t}: action {} is not 0 to 3", recorded.action))?;
+        if recorded.context > 1 || !(0.0..=1.0).contains(&recorded.p0) {
+            return Err(format!("step {t}: the context is 0 or 1, and p0 from 0 to 1"));
         }
-        let signal = Signal::new(step.context, step.p0);
-        episodes.show(0, signal);
-        let (habituation, disengagement) = (episodes.habituation()[0], episodes.disengagement()[0]);
+        episodes.show(0, Signal::new(recorded.context, recorded.p0));
+        let mut step = Step::chosen(&episodes, action);
         let mut reward = [0.0];
         episodes.respond(&[action], &mut reward);
-        difference.steps += 1;
-        difference.add(habituation, step.habituation);
-        difference.add(disengagement, step.disengagement);
-        difference.add(reward[0], step.reward);
-        rows.row(&[
-            Cell::Integer(number as i64),
-            Cell::Integer(t as i64),
-            Cell::Integer(i64::from(signal.context)),
-            Cell::Real(signal.probability_of_zero),
-            Cell::Integer(i64::from(signal.likely)),
-            Cell::Real(habituation),
-            Cell::Real(disengagement),
-            Cell::Integer(action.index() as i64),
-            Cell::Real(reward[0]),
-            Cell::text(episodes.endings()[0].name()),
-        ])?;
+        step.pay(&episodes, reward[0]);
+        steps.push(step);
     }
-    let disengaged = episodes.endings()[0] == Ending::Terminated;
-    difference.endings += usize::from(case.disengaged.is_some_and(|theirs| theirs != disengaged));
-    Ok(())
+    Ok((steps, episodes))
+}
+
+/// Where the simulation differs from the recording.
+#[derive(Default)]
+struct Differences {
+    steps: usize,
+    /// Between two numbers.
+    largest: f64,
+    count: usize,
+    /// The first of them, in words.
+    first: Vec<String>,
+}
+
+impl Differences {
+    /// Compares an episode with its recording, as far as that says something.
+    fn look(&mut self, number: usize, case: &Case, steps: &[Step], episodes: &Episodes) {
+        self.steps += steps.len();
+        for (step, recorded) in steps.iter().zip(&case.steps) {
+            let place = format!("episode {number}, step {}", step.time);
+            self.word(&place, "likely", step.signal.likely, recorded.likely);
+            self.number(&place, "habituation", step.habituation, recorded.habituation);
+            self.number(&place, "disengagement", step.disengagement, recorded.disengagement);
+            self.number(&place, "reward", step.reward, recorded.reward);
+        }
+        let place = format!("episode {number}, after its last step");
+        if let Some(last) = &case.last {
+            self.number(&place, "habituation", episodes.habituation()[0], last.habituation);
+            let disengagement = episodes.disengagement()[0];
+            self.number(&place, "disengagement", disengagement, last.disengagement);
+        }
+        let disengaged = episodes.endings()[0] == Ending::Terminated;
+        self.word(&place, "disengaged", disengaged, case.disengaged);
+    }
+
+    fn number(&mut self, place: &str, name: &str, ours: f64, recorded: Option<f64>) {
+        let Some(recorded) = recorded else { return };
+        let difference = (ours - recorded).abs();
+        self.largest = self.largest.max(difference);
+        if difference > TOLERANCE * recorded.abs().max(1.0) {
+            self.add(format!("{place}: {name} is {ours}, recorded {recorded}"));
+        }
+    }
+
+    fn word<T: Display + PartialEq>(
+        &mut self,
+        place: &str,
+        name: &str,
+        ours: T,
+        recorded: Option<T>,
+    ) {
+        if let Some(recorded) = recorded.filter(|recorded| *recorded != ours) {
+            self.add(format!("{place}: {name} is {ours}, recorded {recorded}"));
+        }
+    }
+
+    fn add(&mut self, line: String) {
+        self.count += 1;
+        if self.first.len() < DIFFERENCES_SHOWN {
+            self.first.push(line);
+        }
+    }
+
+    fn tell(&self, episodes: usize) -> io::Result<()> {
+        let mut err = io::stderr();
+        for line in &self.first {
+            writeln!(err, "{line}")?;
+        }
+        if self.count > self.first.len() {
+            writeln!(err, "and {} more", self.count - self.first.len())?;
+        }
+        writeln!(
+            err,
+            "{episodes} episodes, {} steps; {} recorded values differ; largest difference of a \
+             number: {:.1e}",
+            self.steps, self.count, self.largest
+        )
+    }
 }

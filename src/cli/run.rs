@@ -3,19 +3,19 @@
 use std::io::{self, Write};
 use std::mem;
 use std::num::NonZeroUsize;
+use std::ops::ControlFlow;
 use std::path::PathBuf;
-use std::sync::atomic::Ordering;
-use std::thread;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use clap::ValueEnum;
 
 use crate::cli::estimate::Speeds;
 use crate::cli::filter::Filter;
-use crate::cli::output::{counted, printable};
+use crate::cli::output::{counted, printable, shell_word};
 use crate::cli::progress::{Shown, Style};
 use crate::cli::selection::Selection;
-use crate::cli::{Error, Exit, StoreArgument, check, provenance, signals, summary};
+use crate::cli::{Error, Exit, StoreArgument, check, one_a_core, provenance, signals, summary};
 use crate::manifest::Manifest;
 use crate::plan::{self, JobKey};
 use crate::schedule::{self, Context, OnFailure, Options, Queued, Tally};
@@ -32,8 +32,8 @@ pub(super) struct Arguments {
     /// Manifests (TOML files)
     #[arg(required = true, value_name = "MANIFEST")]
     manifests: Vec<PathBuf>,
-    /// Jobs that train at the same time [default: one a core]
-    #[arg(long, value_name = "N")]
+    /// Jobs that train at the same time, at most 1024 [default: one a core]
+    #[arg(long, value_name = "N", value_parser = super::workers)]
     workers: Option<NonZeroUsize>,
     /// Run only jobs with these parameters, such as agent=dqn,sigma=0.4|0.6
     #[arg(long, value_name = "NAME=VALUE,...")]
@@ -70,7 +70,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let wanted = Selection::new(&manifests, arguments.filter.as_ref())?.queue();
     let mut store = Store::open(&arguments.store.store)?;
     for manifest in &manifests {
-        register(&mut store, manifest)?;
+        if register(&mut store, manifest, &stop)?.is_break() {
+            let _ =
+                writeln!(io::stderr(), "stopped before the first job; the same command goes on");
+            return Ok(Exit::Interrupted);
+        }
     }
     let reader = Reader::open(&arguments.store.store)?;
     let mut todo = Todo::new(&reader, wanted, arguments.retry())?;
@@ -81,15 +85,24 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         let options = arguments.options();
         let context = Context { options, train: &train::run, stop: &stop };
         let mut shown = arguments.shown(&reader, &todo.queue, options.workers)?;
-        let tally =
-            schedule::run(&mut store, session, mem::take(&mut todo.queue), context, &mut shown)?;
+        let queue = mem::take(&mut todo.queue);
+        let swept = schedule::run(&mut store, session, queue, context, &mut shown);
         drop(shown);
-        store.end_session(session)?;
+        let ended = store.end_session(session);
+        let tally = swept?;
+        ended?;
         tally
     };
-    let mut end = End { todo: &todo, tally, stopped: false };
-    // A signal after the last job has stopped nothing.
-    end.stopped = end.left() > 0 && stop.load(Ordering::Relaxed);
+    let on_failure = arguments.options().on_failure;
+    let mut end = End { todo: &todo, tally, cause: Cause::NothingLeft };
+    if end.left() > 0 {
+        // A signal after the last job has stopped nothing.
+        end.cause = match on_failure {
+            _ if stop.load(Ordering::Relaxed) => Cause::Signal,
+            OnFailure::Stop => Cause::Failure,
+            OnFailure::Continue => Cause::NothingLeft,
+        };
+    }
     match end.show(arguments, &reader, &manifests) {
         // Who closed the pipe has read enough; the exit code still says what became of the jobs.
         Err(Error::Io { source, .. }) if source.kind() == io::ErrorKind::BrokenPipe => {}
@@ -104,9 +117,8 @@ impl Arguments {
     }
 
     fn options(&self) -> Options {
-        let cores = || thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
         Options {
-            workers: self.workers.unwrap_or_else(cores),
+            workers: self.workers.unwrap_or_else(one_a_core),
             retry_failed: self.retry(),
             on_failure: if self.fail_fast { OnFailure::Stop } else { OnFailure::Continue },
         }
@@ -138,7 +150,12 @@ pub(super) fn speeds(reader: &Reader) -> Result<Speeds, Error> {
     Ok(speeds)
 }
 
-fn register(store: &mut Store, manifest: &Manifest) -> Result<(), Error> {
+/// Registers a manifest; breaks off if `stop` is set.
+fn register(
+    store: &mut Store,
+    manifest: &Manifest,
+    stop: &AtomicBool,
+) -> Result<ControlFlow<()>, Error> {
     let experiment = Experiment {
         name: &manifest.name,
         question: manifest.question.as_deref(),
@@ -146,8 +163,8 @@ fn register(store: &mut Store, manifest: &Manifest) -> Result<(), Error> {
         manifest: &manifest.source,
     };
     let jobs = plan::jobs(manifest).map(|planned| (planned.agent, planned.job));
-    store.register(&experiment, jobs)?;
-    Ok(())
+    let registered = store.register_until(stop, &experiment, jobs)?;
+    Ok(if registered.is_some() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) })
 }
 
 /// What there is to do when the sweep begins.
@@ -177,11 +194,22 @@ impl Todo {
     }
 }
 
+/// Why a sweep ended.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Cause {
+    /// Every job has ended.
+    NothingLeft,
+    /// A signal.
+    Signal,
+    /// The first job that failed, as `--fail-fast` asks.
+    Failure,
+}
+
 /// How a sweep ended.
 struct End<'a> {
     todo: &'a Todo,
     tally: Tally,
-    stopped: bool,
+    cause: Cause,
 }
 
 impl End<'_> {
@@ -198,12 +226,11 @@ impl End<'_> {
     }
 
     fn exit(&self) -> Exit {
-        if self.stopped {
-            Exit::Interrupted
-        } else if self.failed() > 0 {
-            Exit::JobsFailed
-        } else {
-            Exit::Done
+        match self.cause {
+            Cause::Signal => Exit::Interrupted,
+            Cause::Failure => Exit::JobsFailed,
+            Cause::NothingLeft if self.failed() > 0 => Exit::JobsFailed,
+            Cause::NothingLeft => Exit::Done,
         }
     }
 
@@ -215,7 +242,8 @@ impl End<'_> {
         manifests: &[Manifest],
     ) -> Result<(), Error> {
         self.tell(arguments)?;
-        if arguments.format == Format::Json {
+        // Summarising a large experiment takes longer than a stop may.
+        if arguments.format == Format::Json || self.cause == Cause::Signal {
             return Ok(());
         }
         let experiments: Vec<&str> = manifests.iter().map(|manifest| &*manifest.name).collect();
@@ -226,13 +254,17 @@ impl End<'_> {
         if self.failed() > 0 {
             list_failures(reader, &experiments)?;
         }
-        Ok(tell_next(arguments, example)?)
+        Ok(tell_next(arguments, &experiments, example)?)
     }
 
     fn tell(&self, arguments: &Arguments) -> Result<(), Error> {
         if arguments.format == Format::Json {
             let event = serde_json::json!({
-                "event": if self.stopped { "stopped" } else { "done" },
+                "event": match self.cause {
+                    Cause::NothingLeft => "done",
+                    Cause::Signal => "stopped",
+                    Cause::Failure => "halted",
+                },
                 "ran": self.ran(), "completed": self.completed(),
                 "failed": self.failed(), "left": self.left(),
             });
@@ -243,17 +275,21 @@ impl End<'_> {
             return Ok(());
         }
         let (completed, failed, left) = (self.completed(), self.failed(), self.left());
-        let line = if self.stopped {
-            let completed = counted(completed, "job");
-            format!("stopped: {completed} completed, {left} left; the same command goes on")
-        } else if self.todo.queued == 0 && failed == 0 {
-            match completed {
+        let ran = counted(self.ran(), "job");
+        let ran = format!("{ran} run, {completed} completed in all, {failed} failed");
+        let line = match self.cause {
+            Cause::Signal => {
+                let completed = counted(completed, "job");
+                format!("stopped: {completed} completed, {left} left; the same command goes on")
+            }
+            Cause::Failure => {
+                format!("{ran}; halted after the first failure; {} left", counted(left, "job"))
+            }
+            Cause::NothingLeft if self.todo.queued == 0 && failed == 0 => match completed {
                 1 => "nothing to run: the job is completed".to_owned(),
                 _ => format!("nothing to run: all {completed} jobs are completed"),
-            }
-        } else {
-            let ran = counted(self.ran(), "job");
-            format!("{ran} run, {completed} completed in all, {failed} failed")
+            },
+            Cause::NothingLeft => ran,
         };
         // A closed standard error is no reason to fail after the work is done.
         let _ = writeln!(io::stderr(), "{line}");
@@ -285,20 +321,42 @@ fn list_failures(reader: &Reader, experiments: &[&str]) -> Result<(), Error> {
 }
 
 /// Says what a person would do next; `example` is a completed job.
-fn tell_next(arguments: &Arguments, example: Option<JobKey>) -> io::Result<()> {
+fn tell_next(
+    arguments: &Arguments,
+    experiments: &[&str],
+    example: Option<JobKey>,
+) -> io::Result<()> {
     let mut out = io::stdout().lock();
     let store = arguments.store.as_option();
     writeln!(out, "\nnext:")?;
     writeln!(out, "  jitai status{store}")?;
-    writeln!(
-        out,
-        "  jitai query{store} \"SELECT agent, scenario, sigma, avg(mean_return) FROM run_summary \
-         GROUP BY 1, 2, 3\""
-    )?;
+    writeln!(out, "  jitai query{store} {}", shell_word(&example_query(experiments)))?;
     writeln!(out, "  jitai export{store} --out results")?;
     if let Some(key) = example {
         let key = &key.to_string()[..8];
         writeln!(out, "  jitai simulate{store} --policy run:{key}")?;
     }
     Ok(())
+}
+
+/// The mean return of every arm of some experiments, as SQL.
+fn example_query(experiments: &[&str]) -> String {
+    let names: Vec<String> = experiments.iter().map(|name| sql_text(name)).collect();
+    let (column, condition, groups) = match names.as_slice() {
+        [name] => ("", format!("= {name}"), "1, 2, 3"),
+        names => ("experiment, ", format!("IN ({})", names.join(", ")), "1, 2, 3, 4"),
+    };
+    format!(
+        "SELECT {column}agent, scenario, sigma, avg(mean_return) FROM run_summary \
+         WHERE status = 'completed' AND experiment {condition} GROUP BY {groups}"
+    )
+}
+
+/// A text as SQL writes it; as its bytes where a terminal would not show it as it is.
+fn sql_text(text: &str) -> String {
+    if printable(text) == text {
+        return format!("'{}'", text.replace('\'', "''"));
+    }
+    let digits: String = text.bytes().map(|byte| format!("{byte:02x}")).collect();
+    format!("CAST(x'{digits}' AS TEXT)")
 }

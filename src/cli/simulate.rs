@@ -6,11 +6,12 @@ use std::str::FromStr;
 
 use crate::agent::{self, Actions, Rule, Weights};
 use crate::cli::output::{Cell, Format, Rows};
+use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit, StoreArgument, replay};
 use crate::env::{Action, Ending, Episodes, Observer};
 use crate::manifest::{self, Environment};
 use crate::plan;
-use crate::store::Reader;
+use crate::store::{Reader, StoreError};
 use crate::train::{self, Chooser, TestStreams, Watch};
 
 /// Roll a rule or a trained policy through the simulation and print every step
@@ -21,7 +22,8 @@ pub(super) struct Arguments {
     /// or run:<job key> (the trained policy of a completed job; a beginning of the key will do)
     #[arg(long, default_value = "match", value_name = "POLICY")]
     policy: PolicyArgument,
-    /// An environment parameter, as in a manifest's [environment]; may be repeated
+    /// An environment parameter, as in a manifest's [environment]; may be repeated. With a trained
+    /// policy, none that changes what it observes
     #[arg(long = "set", value_name = "NAME=VALUE")]
     settings: Vec<String>,
     /// Episodes to roll
@@ -36,7 +38,8 @@ pub(super) struct Arguments {
     /// Print one line about all episodes instead of every step
     #[arg(long)]
     summary: bool,
-    /// Force the contexts and actions of a file and print what follows from them
+    /// Force the contexts and actions of a file, print what follows from them, and compare it with
+    /// what the file says should follow; exit code 1 if something differs
     #[arg(long, value_name = "FILE", conflicts_with_all = ["policy", "settings", "episodes", "seed", "summary", "greedy"])]
     replay: Option<PathBuf>,
     /// How rows are written
@@ -90,8 +93,18 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
 
 /// The policy of a completed run, with the environment of its job as far as it is not set anew.
 fn trained(key: &str, arguments: &Arguments) -> Result<(Environment, Chooser), Error> {
-    let stored = Reader::open(&arguments.store.store)?.weights(key)?;
+    let stored = Reader::open(&arguments.store.store)?.weights(key).map_err(refused_key)?;
     let job = stored.job;
+    for setting in &arguments.settings {
+        let set = adjusted(job.environment.clone(), std::slice::from_ref(setting))?;
+        let observer = |environment| Observer::new(environment, &job.scenario);
+        if !observer(&set).shows_the_same_as(&observer(&job.environment)) {
+            return Err(Error::Usage(format!(
+                "--set {setting}: the policy of job {key} was trained on observations that this \
+                 would change; leave it as it was trained"
+            )));
+        }
+    }
     let environment = adjusted(job.environment, &arguments.settings)?;
     let actions = if arguments.greedy { Actions::Greedy } else { Actions::AsTrained };
     let unusable = |error: agent::WeightsError| {
@@ -102,6 +115,17 @@ fn trained(key: &str, arguments: &Arguments) -> Result<(Environment, Chooser), E
         .map_err(unusable)?;
     let observer = Observer::new(&environment, &job.scenario);
     Ok((environment, Chooser::trained(policy, observer)))
+}
+
+/// A key that leads to no policy is a wrong argument, not a fault of the store.
+fn refused_key(error: StoreError) -> Error {
+    match error {
+        StoreError::NotAKey { .. }
+        | StoreError::NoSuchJob { .. }
+        | StoreError::NotCompleted { .. }
+        | StoreError::AmbiguousKey { .. } => Error::Usage(format!("--policy run: {error}")),
+        other => other.into(),
+    }
 }
 
 /// The environment with settings as a manifest would make them, and with a manifest's checks.
@@ -159,28 +183,6 @@ struct Rolled {
     streams: TestStreams,
 }
 
-/// A step as it is printed.
-struct Step {
-    /// What was there before it: time, context, inference, habituation, disengagement, action.
-    before: Vec<Cell>,
-    message: bool,
-    reward: f64,
-    ending: Ending,
-}
-
-const COLUMNS: [&str; 10] = [
-    "step",
-    "context",
-    "probability_0",
-    "likely",
-    "habituation",
-    "disengagement",
-    "action",
-    "reward",
-    "ending",
-    "return",
-];
-
 impl Rolled {
     /// The steps of the next episode.
     fn episode(&mut self) -> Vec<Step> {
@@ -196,42 +198,20 @@ struct Steps(Vec<Step>);
 
 impl Watch for Steps {
     fn chosen(&mut self, episodes: &Episodes, actions: &[Action]) {
-        let signal = episodes.signal(0);
-        let before = vec![
-            Cell::Integer(i64::from(episodes.time())),
-            Cell::Integer(i64::from(signal.context)),
-            Cell::Rounded(signal.probability_of_zero, 4),
-            Cell::Integer(i64::from(signal.likely)),
-            Cell::Rounded(episodes.habituation()[0], 4),
-            Cell::Rounded(episodes.disengagement()[0], 4),
-            Cell::Integer(actions[0].index() as i64),
-        ];
-        let message = actions[0] != Action::NONE;
-        self.0.push(Step { before, message, reward: 0.0, ending: Ending::Running });
+        self.0.push(Step::chosen(episodes, actions[0]));
     }
 
     fn paid(&mut self, episodes: &Episodes, rewards: &[f64]) {
         if let Some(step) = self.0.last_mut() {
-            step.reward = rewards[0];
-            step.ending = episodes.endings()[0];
+            step.pay(episodes, rewards[0]);
         }
     }
 }
 
 fn print_steps(rolled: &mut Rolled, arguments: &Arguments) -> Result<(), Error> {
-    let columns: Vec<String> = ["episode"].into_iter().chain(COLUMNS).map(str::to_owned).collect();
-    let mut rows = Rows::new(arguments.format, &columns, io::stdout().lock())?;
-    for episode in 0..arguments.episodes {
-        let mut total = 0.0;
-        for step in rolled.episode() {
-            total += step.reward;
-            let mut cells = vec![Cell::Integer(i64::from(episode))];
-            cells.extend(step.before);
-            cells.push(Cell::Rounded(step.reward, 2));
-            cells.push(Cell::text(step.ending.name()));
-            cells.push(Cell::Rounded(total, 2));
-            rows.row(&cells)?;
-        }
+    let mut rows = StepRows::new(arguments.format, io::stdout().lock())?;
+    for number in 1..=arguments.episodes as usize {
+        rows.episode(number, &rolled.episode())?;
     }
     Ok(rows.finish()?)
 }
@@ -243,7 +223,7 @@ fn summarise(rolled: &mut Rolled, arguments: &Arguments) -> Result<(), Error> {
         let episode = rolled.episode();
         returns.push(episode.iter().map(|step| step.reward).sum::<f64>());
         steps += episode.len();
-        messages += episode.iter().filter(|step| step.message).count();
+        messages += episode.iter().filter(|step| step.action != Action::NONE).count();
         disengaged += usize::from(episode.last().is_some_and(|s| s.ending == Ending::Terminated));
     }
     let n = returns.len() as f64;

@@ -4,11 +4,13 @@ use std::io::{self, IsTerminal, Write};
 use std::thread;
 use std::time::Duration;
 
+use serde_json::json;
+
 use crate::cli::estimate::Episodes;
 use crate::cli::output::{Cell, Format, Rows};
 use crate::cli::run::speeds;
 use crate::cli::{Error, Exit, StoreArgument, counts};
-use crate::store::{ExperimentCounts, Reader};
+use crate::store::{ExperimentCounts, FailedJob, Reader};
 
 /// Show the experiments of a store: jobs by state, failures with their reasons
 #[derive(clap::Args)]
@@ -42,28 +44,48 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
 /// Prints the state of the store; returns how many jobs have still to end.
 fn show(reader: &Reader, format: Format) -> Result<u64, Error> {
     let speeds = speeds(reader)?;
-    let left = reader.episodes_left()?;
-    let mut rows = Rows::new(format, &counts::COLUMNS.map(str::to_owned), io::stdout().lock())?;
+    let failed = reader.failed_jobs()?;
+    let mut columns = counts::COLUMNS.map(str::to_owned).to_vec();
+    if format == Format::Json {
+        columns.push("failures".to_owned());
+    }
+    let mut rows = Rows::new(format, &columns, io::stdout().lock())?;
     let mut open = 0;
-    for ExperimentCounts { experiment, counts } in reader.experiment_counts()? {
+    for ExperimentCounts { experiment, counts, episodes_left } in reader.experiment_counts()? {
         open += counts.pending + counts.interrupted + counts.running;
         let mut episodes = Episodes::default();
-        for of in left.iter().filter(|of| of.experiment == experiment) {
-            episodes.add(&of.algorithm, of.episodes);
+        for (algorithm, left) in &episodes_left {
+            episodes.add(algorithm, *left);
         }
         // As many at a time as are running now; one if none is.
         let seconds = speeds.seconds(&episodes).map(|s| s / counts.running.max(1) as f64);
-        rows.row(&counts::cells(&experiment, &counts, seconds))?;
+        let mut cells = counts::cells(&experiment, &counts, seconds);
+        if format == Format::Json {
+            let ours = failed.iter().filter(|job| job.experiment == experiment);
+            cells.push(Cell::Nested(ours.map(described).collect()));
+        }
+        rows.row(&cells)?;
     }
     rows.finish()?;
     if format == Format::Table {
-        show_failures(reader)?;
+        show_failures(failed)?;
     }
     Ok(open)
 }
 
-fn show_failures(reader: &Reader) -> Result<(), Error> {
-    let failed = reader.failed_jobs()?;
+/// A failed job for programs.
+fn described(job: &FailedJob) -> serde_json::Value {
+    json!({
+        "job_key": job.job_key.to_string(),
+        "agent": job.agent,
+        "attempt": job.attempt,
+        "failure_kind": job.failure.kind.name(),
+        "failure_message": job.failure.message,
+        "failure_episode": job.failure.episode,
+    })
+}
+
+fn show_failures(failed: Vec<FailedJob>) -> Result<(), Error> {
     if failed.is_empty() {
         return Ok(());
     }

@@ -1,4 +1,4 @@
-//! The summary of experiments, as `run` ends with it and `status` shows it.
+//! The summary of experiments that `run` ends with.
 
 use std::io::{self, Write};
 

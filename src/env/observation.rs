@@ -117,6 +117,18 @@ impl Observer {
         Observations::new(self.features.len(), self.one_hot)
     }
 
+    /// Whether the same state gives the same observation here and there, entry by entry.
+    pub fn shows_the_same_as(&self, other: &Observer) -> bool {
+        let has = |feature| self.features.contains(&feature);
+        let has_clock = has(Feature::Time) || self.one_hot > 0;
+        self.features == other.features
+            && self.one_hot == other.one_hot
+            && (self.observed_probability == other.observed_probability
+                || !has(Feature::Probability))
+            && (self.period == other.period || !has(Feature::Time))
+            && (self.time_indicator == other.time_indicator || !has_clock)
+    }
+
     /// Replaces the rows of `out` by the observation of every lane.
     ///
     /// The last entry of the one-hot of time also stands for the horizon itself.
@@ -182,6 +194,36 @@ mod tests {
         assert_eq!(observations(&environment, "D-C-L", 1), [[0.1, 1.0, 1.0]]);
         let other = Environment { observed_probability: 1, ..environment };
         assert_eq!(observations(&other, "P", 1), [[0.75]]);
+    }
+
+    #[test]
+    fn observers_differ_where_an_entry_of_theirs_does() {
+        let paper = Environment::paper(0.6);
+        let one_hot = Environment { time_one_hot: true, ..paper.clone() };
+        type Change = fn(&mut Environment);
+        let changes: [(&str, Change, [bool; 4]); 6] = [
+            // Of P-H-D, L-T, H with and D without the one-hot of time.
+            ("sigma", |e| e.sigma = 2.0, [true, true, true, true]),
+            ("observed_probability", |e| e.observed_probability = 1, [false, true, true, true]),
+            ("time_indicator_period", |e| e.time_indicator_period = 3, [true, false, true, true]),
+            (
+                "time_indicator",
+                |e| e.time_indicator = TimeIndicator::Exact,
+                [true, false, false, true],
+            ),
+            ("time_one_hot", |e| e.time_one_hot ^= true, [false, false, false, false]),
+            ("horizon", |e| e.horizon = 40, [true, true, false, true]),
+        ];
+        for (key, change, expected) in changes {
+            let cases = [(&paper, "P-H-D"), (&paper, "L-T"), (&one_hot, "H"), (&paper, "D")];
+            for ((environment, scenario), same) in cases.into_iter().zip(expected) {
+                let mut changed = environment.clone();
+                change(&mut changed);
+                let observer = |e: &Environment| Observer::new(e, &scenario.parse().unwrap());
+                let shows = observer(&changed).shows_the_same_as(&observer(environment));
+                assert_eq!(shows, same, "{key} for {scenario}");
+            }
+        }
     }
 
     #[test]

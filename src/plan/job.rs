@@ -36,6 +36,17 @@ pub struct Versions {
     pub algorithm: u32,
 }
 
+impl Versions {
+    /// Those up to these and other than these.
+    pub fn earlier(self) -> impl Iterator<Item = Versions> {
+        (1..=self.environment)
+            .flat_map(move |environment| {
+                (1..=self.algorithm).map(move |algorithm| Versions { environment, algorithm })
+            })
+            .filter(move |versions| *versions != self)
+    }
+}
+
 impl Job {
     /// The algorithm's name, as the manifest writes it.
     pub fn algorithm(&self) -> &'static str {
@@ -62,11 +73,6 @@ impl Job {
     /// The job as one line of JSON; see [`CanonicalForm::text`].
     pub fn canonical(&self) -> String {
         self.form().text
-    }
-
-    /// See [`CanonicalForm::content_key`].
-    pub fn content_key(&self) -> ContentKey {
-        self.form().content_key()
     }
 
     /// See [`CanonicalForm::key`].
@@ -110,14 +116,19 @@ impl CanonicalForm {
         &self.text
     }
 
-    /// Hash of the text alone: the same for every version of the code.
-    pub fn content_key(&self) -> ContentKey {
-        ContentKey(hash(&[&self.text]))
+    /// The versions of the code that the job would run with.
+    pub fn versions(&self) -> Versions {
+        self.versions
     }
 
     /// Hash of the text and the versions: the identity of the job.
     pub fn key(&self) -> JobKey {
-        let Versions { environment, algorithm } = self.versions;
+        self.key_under(self.versions)
+    }
+
+    /// The key that the same content has under other versions of the code.
+    pub fn key_under(&self, versions: Versions) -> JobKey {
+        let Versions { environment, algorithm } = versions;
         JobKey(hash(&[&format!("jitai job e{environment} a{algorithm}\n"), &self.text]))
     }
 }
@@ -177,11 +188,6 @@ fn hash(texts: &[&str]) -> [u8; 16] {
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct JobKey(pub [u8; 16]);
 
-/// Identity of a job's content, whatever the version of the code; see
-/// [`CanonicalForm::content_key`].
-#[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct ContentKey(pub [u8; 16]);
-
 fn write_hex(bytes: &[u8], f: &mut fmt::Formatter<'_>) -> fmt::Result {
     bytes.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
 }
@@ -193,18 +199,6 @@ impl fmt::Display for JobKey {
 }
 
 impl fmt::Debug for JobKey {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write_hex(&self.0, f)
-    }
-}
-
-impl fmt::Display for ContentKey {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write_hex(&self.0, f)
-    }
-}
-
-impl fmt::Debug for ContentKey {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write_hex(&self.0, f)
     }

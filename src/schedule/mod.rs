@@ -6,15 +6,21 @@
 //! - One thread, the caller's, owns the store; workers never see it. It claims jobs, hands them
 //!   out, writes outcomes and tells the [`Watcher`] what happened, so that all events have one order.
 //! - A worker holds one job at a time and nothing of it survives but its outcome.
+//! - Outcomes that come within a twentieth of a second are stored together, while the workers are at
+//!   their next jobs: however slow the disk is, short jobs do not wait for it one by one. Nothing
+//!   is told of an outcome before it is on the disk.
 //! - Whether a job is free is decided by the store in the transaction that claims it, never from
 //!   memory: other processes may work on the same store.
 //! - A panic is an outcome of its job, not the end of its worker.
-//! - Nothing is retried within a sweep; which jobs are retried never depends on their results.
+//! - A job that fails is not tried again in the same sweep. Those that failed in earlier sweeps are
+//!   tried again all or none, whatever their agent, parameters or way to fail.
 
 mod panic;
 mod worker;
 
 use std::collections::VecDeque;
+use std::io;
+use std::mem;
 use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
@@ -23,17 +29,24 @@ use std::time::{Duration, Instant};
 
 use crate::plan::{Job, JobKey};
 use crate::record::Outcome;
-use crate::store::{Claim, Claimed, RetryFailed, SessionId, Store, StoreError};
+use crate::store::{Claim, Claimed, Finished, RetryFailed, RunEnd, SessionId, Store, StoreError};
 use crate::train::{Monitor, Progress};
 
 use worker::{Report, Shared, Slot, Worker};
 
-/// How long the coordinating thread sleeps at most; bounds how late it sees a request to stop.
+/// How long an outcome waits for others to be stored with it.
+const GATHER: Duration = Duration::from_millis(50);
+/// How many outcomes wait at most; bounds the memory of their results.
+const MOST_GATHERED: usize = 256;
+/// How long the coordinating thread waits for a worker, at most, before it looks at the request to
+/// stop and shows progress. A store that another process holds can keep it for longer.
 const TICK: Duration = Duration::from_millis(100);
 /// How often the session says that it is alive.
 const HEARTBEAT: Duration = Duration::from_secs(5);
 /// How often jobs that another process holds are tried again.
 const RECHECK: Duration = Duration::from_secs(1);
+/// How many jobs that need no run are passed over before workers and requests are heard again.
+const SKIPS_AT_ONCE: usize = 1000;
 
 /// A way to train a job; the program's is [`crate::train::run`].
 pub type Train<'a> = &'a (dyn Fn(&Job, &dyn Monitor) -> Outcome + Sync);
@@ -84,6 +97,27 @@ pub struct Tally {
     pub already_failed: usize,
 }
 
+/// Why a job needs no run of this sweep.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Found {
+    /// It is completed, by an earlier sweep or another process.
+    Completed,
+    /// It failed, in an earlier sweep or another process, and is not to be retried.
+    Failed,
+}
+
+/// Why a sweep broke off.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SweepError {
+    /// The store failed.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// Not one worker could be started.
+    #[error("failed to start a worker: {0}; end other programs or raise the limits on them")]
+    NoWorker(#[source] io::Error),
+}
+
 /// What happens in a sweep, in order.
 #[derive(Debug)]
 pub enum Event<'a> {
@@ -94,7 +128,7 @@ pub enum Event<'a> {
         /// The job.
         queued: &'a Queued,
     },
-    /// A run has ended and is stored.
+    /// A run has ended and is stored. Its worker may have begun another job by then.
     Ended {
         /// Which worker, from 0.
         worker: usize,
@@ -105,12 +139,29 @@ pub enum Event<'a> {
         /// Time it took.
         wall: Duration,
     },
+    /// A run has ended, but another process had taken its job over: nothing of it is stored, and
+    /// the job is waited for.
+    Lost {
+        /// Which worker, from 0.
+        worker: usize,
+        /// The job.
+        queued: &'a Queued,
+    },
     /// A job needed no run of this sweep.
     Skipped {
         /// The job.
         queued: &'a Queued,
+        /// Why it needed none.
+        found: Found,
     },
-    /// Several times a second: how far each worker has come with its job.
+    /// The system has threads for some of the workers only; the sweep goes on with these.
+    FewerWorkers {
+        /// How many there are.
+        started: usize,
+        /// What the system said about the next.
+        reason: &'a io::Error,
+    },
+    /// Whenever no job has ended for a tenth of a second: how far each worker has come with its job.
     Tick {
         /// By worker; `None` while idle or before the first report.
         progress: &'a [Option<Progress>],
@@ -127,27 +178,34 @@ pub trait Watcher {
 
 /// Runs every queued job that has no completed run yet, until all are done, or `stop` is set.
 ///
-/// **Errors**: the store fails; work under way is then lost, finished runs are stored.
+/// **Errors**: no worker can be started; the store fails: work under way is then lost, runs that
+/// were told of are stored.
 pub fn run(
     store: &mut Store,
     session: SessionId,
     queue: Vec<Queued>,
     context: Context<'_>,
     watcher: &mut dyn Watcher,
-) -> Result<Tally, StoreError> {
+) -> Result<Tally, SweepError> {
     panic::capture();
-    let workers = context.options.workers.get().min(queue.len().max(1));
-    let slots: Vec<Slot> = (0..workers).map(|_| Slot::default()).collect();
+    let wanted = context.options.workers.get().min(queue.len().max(1));
+    let slots: Vec<Slot> = (0..wanted).map(|_| Slot::default()).collect();
     // Set when the sweep must end early, for whatever reason.
     let halt = AtomicBool::new(false);
     thread::scope(|scope| {
         let (reports, inbox) = mpsc::channel();
         let shared = Shared { train: context.train, halt: &halt, reports };
-        let workers = slots
-            .iter()
-            .enumerate()
-            .map(|(index, slot)| Worker::spawn(scope, index, slot, shared.clone()))
-            .collect();
+        let mut workers = Vec::with_capacity(wanted);
+        for (index, slot) in slots.iter().enumerate() {
+            match Worker::spawn(scope, index, slot, shared.clone()) {
+                Ok(worker) => workers.push(worker),
+                Err(reason) if index == 0 => return Err(SweepError::NoWorker(reason)),
+                Err(reason) => {
+                    watcher.hear(Event::FewerWorkers { started: index, reason: &reason });
+                    break;
+                }
+            }
+        }
         let sweep = Sweep {
             store,
             session,
@@ -156,6 +214,7 @@ pub fn run(
             workers,
             waiting: queue.into(),
             held_elsewhere: VecDeque::new(),
+            gathered: Vec::new(),
             rechecked_at: Instant::now(),
             heartbeat_at: Instant::now(),
             tally: Tally::default(),
@@ -164,7 +223,7 @@ pub fn run(
         let result = sweep.run(&inbox);
         // Workers still training after an error see this and end; the scope joins them.
         halt.store(true, Ordering::Relaxed);
-        result
+        Ok(result?)
     })
 }
 
@@ -179,6 +238,31 @@ pub struct Context<'a> {
     pub stop: &'a AtomicBool,
 }
 
+/// What became of the idle workers.
+enum Assigned {
+    /// All of them have a job for which there is one.
+    AllThatCan,
+    /// Some are still idle, and there may be jobs for them.
+    SomeForNow,
+}
+
+/// An outcome that is not stored yet.
+struct Gathered {
+    worker: usize,
+    queued: Queued,
+    claim: Claim,
+    outcome: Outcome,
+    wall: Duration,
+    at: Instant,
+}
+
+impl Gathered {
+    fn end(&self) -> RunEnd<'_> {
+        let wall_seconds = self.wall.as_secs_f64();
+        RunEnd { claim: &self.claim, outcome: &self.outcome, wall_seconds }
+    }
+}
+
 struct Sweep<'scope, 'a> {
     store: &'a mut Store,
     session: SessionId,
@@ -187,6 +271,7 @@ struct Sweep<'scope, 'a> {
     workers: Vec<Worker<'scope>>,
     waiting: VecDeque<Queued>,
     held_elsewhere: VecDeque<Queued>,
+    gathered: Vec<Gathered>,
     rechecked_at: Instant,
     heartbeat_at: Instant,
     tally: Tally,
@@ -200,18 +285,34 @@ impl Sweep<'_, '_> {
             if self.context.stop.load(Ordering::Relaxed) {
                 self.halt.store(true, Ordering::Relaxed);
             }
-            if !self.halted() {
-                self.assign()?;
-            }
+            let assigned = if self.halted() { Assigned::AllThatCan } else { self.assign()? };
+            let patience = match (assigned, self.gathered.first()) {
+                (Assigned::SomeForNow, _) => Duration::ZERO,
+                (Assigned::AllThatCan, Some(first)) => GATHER.saturating_sub(first.at.elapsed()),
+                (Assigned::AllThatCan, None) => TICK,
+            };
             let busy = self.workers.iter().any(|worker| !worker.is_idle());
-            if !busy && (self.halted() || self.held_elsewhere.is_empty()) {
+            if self.is_due(busy) {
+                self.store_gathered()?;
+                continue;
+            }
+            let none_left = self.waiting.is_empty() && self.held_elsewhere.is_empty();
+            if !busy && (self.halted() || none_left) {
                 return Ok(self.tally);
             }
-            match inbox.recv_timeout(TICK) {
-                Ok(report) => self.end(report)?,
-                Err(_) => self.tick(busy)?,
+            match inbox.recv_timeout(patience) {
+                Ok(report) => self.gather(report),
+                Err(_) if self.gathered.is_empty() => self.tick(busy)?,
+                Err(_) => {}
             }
         }
+    }
+
+    /// Whether the gathered outcomes are to be stored now.
+    fn is_due(&self, busy: bool) -> bool {
+        self.gathered.first().is_some_and(|first| {
+            !busy || first.at.elapsed() >= GATHER || self.gathered.len() >= MOST_GATHERED
+        })
     }
 
     fn halted(&self) -> bool {
@@ -219,66 +320,78 @@ impl Sweep<'_, '_> {
     }
 
     /// Gives every idle worker a job, as far as there are any.
-    fn assign(&mut self) -> Result<(), StoreError> {
+    fn assign(&mut self) -> Result<Assigned, StoreError> {
         if self.rechecked_at.elapsed() >= RECHECK && !self.held_elsewhere.is_empty() {
             self.rechecked_at = Instant::now();
             self.store.release_dead_sessions(self.session)?;
             self.waiting.append(&mut self.held_elsewhere);
         }
+        let mut skips = 0;
         for index in 0..self.workers.len() {
             if !self.workers[index].is_idle() {
                 continue;
             }
-            let Some((queued, claim)) = self.claim_next()? else { break };
+            let Some((queued, claim)) = self.claim_next(&mut skips)? else { break };
             self.watcher.hear(Event::Started { worker: index, queued: &queued });
             self.workers[index].start(queued, claim);
         }
-        Ok(())
+        Ok(if skips < SKIPS_AT_ONCE { Assigned::AllThatCan } else { Assigned::SomeForNow })
     }
 
-    fn claim_next(&mut self) -> Result<Option<(Queued, Claim)>, StoreError> {
-        while let Some(queued) = self.waiting.pop_front() {
+    /// The next job that is free; `None` if there is none, or none among so many that others should
+    /// have their turn. `skips` counts those passed over.
+    fn claim_next(&mut self, skips: &mut usize) -> Result<Option<(Queued, Claim)>, StoreError> {
+        while *skips < SKIPS_AT_ONCE {
+            let Some(queued) = self.waiting.pop_front() else { break };
             let retry = self.context.options.retry_failed;
             match self.store.claim(self.session, &queued.key, retry)? {
                 Claimed::Claimed(claim) => return Ok(Some((queued, claim))),
                 Claimed::HeldElsewhere => self.held_elsewhere.push_back(queued),
                 Claimed::Completed => {
                     self.tally.already_completed += 1;
-                    self.watcher.hear(Event::Skipped { queued: &queued });
+                    self.watcher.hear(Event::Skipped { queued: &queued, found: Found::Completed });
                 }
                 Claimed::Failed => {
                     self.tally.already_failed += 1;
-                    self.watcher.hear(Event::Skipped { queued: &queued });
+                    self.watcher.hear(Event::Skipped { queued: &queued, found: Found::Failed });
                 }
             }
+            *skips += 1;
         }
         Ok(None)
     }
 
-    /// Stores an outcome and counts it.
-    fn end(&mut self, report: Report) -> Result<(), StoreError> {
+    /// Takes an outcome back, to be stored with others.
+    fn gather(&mut self, report: Report) {
         let Report { worker, outcome, wall } = report;
         let (queued, claim) = self.workers[worker].finish();
-        match self.store.finish(&claim, &outcome, wall.as_secs_f64()) {
-            Ok(()) => {}
-            // Another process took the job over and will complete it: this outcome is not needed.
-            Err(StoreError::ClaimLost { .. }) => {
-                self.held_elsewhere.push_back(queued);
-                return Ok(());
-            }
-            Err(error) => return Err(error),
+        if let (Outcome::Failed(_), OnFailure::Stop) = (&outcome, self.context.options.on_failure) {
+            self.halt.store(true, Ordering::Relaxed);
         }
-        match outcome {
-            Outcome::Completed(_) => self.tally.completed += 1,
-            Outcome::Interrupted => self.tally.interrupted += 1,
-            Outcome::Failed(_) => {
-                self.tally.failed += 1;
-                if self.context.options.on_failure == OnFailure::Stop {
-                    self.halt.store(true, Ordering::Relaxed);
+        self.gathered.push(Gathered { worker, queued, claim, outcome, wall, at: Instant::now() });
+    }
+
+    /// Stores the gathered outcomes, counts them and tells of them.
+    fn store_gathered(&mut self) -> Result<(), StoreError> {
+        let gathered = mem::take(&mut self.gathered);
+        let ends: Vec<RunEnd<'_>> = gathered.iter().map(Gathered::end).collect();
+        let finished = self.store.finish_all(&ends)?;
+        for (Gathered { worker, queued, outcome, wall, .. }, finished) in
+            gathered.into_iter().zip(finished)
+        {
+            match (finished, &outcome) {
+                // Another process will complete it: this outcome is not needed.
+                (Finished::ClaimLost, _) => {
+                    self.watcher.hear(Event::Lost { worker, queued: &queued });
+                    self.held_elsewhere.push_back(queued);
+                    continue;
                 }
+                (Finished::Stored, Outcome::Completed(_)) => self.tally.completed += 1,
+                (Finished::Stored, Outcome::Failed(_)) => self.tally.failed += 1,
+                (Finished::Stored, Outcome::Interrupted) => self.tally.interrupted += 1,
             }
+            self.watcher.hear(Event::Ended { worker, queued: &queued, outcome: &outcome, wall });
         }
-        self.watcher.hear(Event::Ended { worker, queued: &queued, outcome: &outcome, wall });
         self.beat()
     }
 

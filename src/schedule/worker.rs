@@ -1,8 +1,9 @@
 //! A thread that trains one job at a time.
 
+use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError, mpsc};
-use std::thread::Scope;
+use std::thread::{self, Scope};
 use std::time::{Duration, Instant};
 
 use crate::plan::Job;
@@ -48,14 +49,18 @@ pub(super) struct Worker<'scope> {
 }
 
 impl<'scope> Worker<'scope> {
+    /// A worker with a thread of its own.
+    ///
+    /// **Errors**: the system has no more threads.
     pub(super) fn spawn(
         scope: &'scope Scope<'scope, '_>,
         index: usize,
         slot: &'scope Slot,
         shared: Shared<'scope>,
-    ) -> Self {
+    ) -> io::Result<Self> {
         let (jobs, inbox) = mpsc::channel::<Job>();
-        scope.spawn(move || {
+        let thread = thread::Builder::new().name(format!("worker {index}"));
+        thread.spawn_scoped(scope, move || {
             let Shared { train, halt, reports } = shared;
             let monitor = SlotMonitor { slot, halt };
             // Ends when the sweep drops its end of the channel.
@@ -67,8 +72,8 @@ impl<'scope> Worker<'scope> {
                     break;
                 }
             }
-        });
-        Worker { jobs, slot, holds: None }
+        })?;
+        Ok(Worker { jobs, slot, holds: None })
     }
 
     pub(super) fn is_idle(&self) -> bool {

@@ -6,6 +6,8 @@ use rusqlite::ErrorCode;
 
 use crate::plan::JobKey;
 
+use super::VIEWS;
+
 /// Why the store could not do what it was asked.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -31,7 +33,7 @@ pub enum StoreError {
         folder: PathBuf,
     },
     /// The path leads to something that is no SQLite file.
-    #[error("`{}` is {what}, not a store; name another file with --store", .path.display())]
+    #[error("`{}` is {what}; name another file with --store", .path.display())]
     NotAStore {
         /// The path.
         path: PathBuf,
@@ -146,6 +148,15 @@ pub enum StoreError {
         /// What was wrong.
         reason: String,
     },
+    /// Another manifest took the experiment's name while this one was being registered.
+    #[error(
+        "another process is registering another manifest as `{name}`; give each experiment a name \
+         of its own, or wait until that process has ended"
+    )]
+    Contested {
+        /// The experiment's name.
+        name: String,
+    },
     /// A job was claimed that no experiment has registered.
     #[error("job {key} is in no experiment of the store; register its manifest first")]
     UnknownJob {
@@ -219,7 +230,7 @@ impl StoreError {
                 StoreError::CannotOpen { path, reason: source.to_string() }
             }
             Some(ErrorCode::NotADatabase) => {
-                StoreError::NotAStore { path, what: "not a SQLite file" }
+                StoreError::NotAStore { path, what: "no SQLite file, so it cannot be a store" }
             }
             _ => StoreError::Sqlite { path, action, source },
         }
@@ -271,6 +282,12 @@ pub enum QueryError {
         "a query can only read this store: SELECT, WITH, VALUES, EXPLAIN and PRAGMA table_info"
     )]
     NotAllowed,
+    /// There is no table or view of that name.
+    #[error("no such table: {name}; the views are {}", VIEWS.join(", "))]
+    NoSuchTable {
+        /// The name.
+        name: String,
+    },
     /// The SQL is faulty at a known place.
     #[error("{message} at line {line}, column {column}\n  {text}\n  {:>column$}", "^")]
     Sql {

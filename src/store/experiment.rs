@@ -2,11 +2,13 @@
 
 use std::borrow::Borrow;
 use std::collections::HashSet;
+use std::sync::atomic::{AtomicBool, Ordering};
 
-use rusqlite::{Connection, OptionalExtension, params};
+use rusqlite::{CachedStatement, Connection, OptionalExtension, params};
 
-use crate::plan::Job;
+use crate::plan::{CanonicalForm, Job, Versions};
 
+use super::error::Fault;
 use super::{NOW, Store, StoreError};
 
 /// A manifest as the store keeps it.
@@ -33,24 +35,79 @@ pub struct Registered {
     pub dropped: usize,
 }
 
+/// Jobs that one transaction registers. Between two of them other writers get their turn.
+const BATCH: usize = 10_000;
+
 impl Store {
     /// Makes the experiment hold exactly these jobs, each under its agent's name, in this order.
     ///
     /// Writes only what differs from the store: registering the same again writes nothing.
+    ///
+    /// **Errors**: another process registers another manifest under the same name meanwhile.
     pub fn register<A: AsRef<str>, J: Borrow<Job>>(
         &mut self,
         experiment: &Experiment<'_>,
         jobs: impl IntoIterator<Item = (A, J)>,
     ) -> Result<Registered, StoreError> {
-        self.write("register an experiment", |transaction| {
-            let experiment = upsert_experiment(transaction, experiment)?;
-            let mut registration = Registration::new(transaction, experiment);
-            for (agent, job) in jobs {
-                registration.hold(agent.as_ref(), job.borrow())?;
+        let never = AtomicBool::new(false);
+        let registered = self.register_until(&never, experiment, jobs)?;
+        Ok(registered.expect("nothing stops it"))
+    }
+
+    /// As [`Store::register`], until it is done or `stop` is set; `None` if it was stopped.
+    ///
+    /// Ten thousand jobs are registered at a time. What was registered before a stop stays, jobs
+    /// that the manifest has dropped among it; registering again goes on from there.
+    pub fn register_until<A: AsRef<str>, J: Borrow<Job>>(
+        &mut self,
+        stop: &AtomicBool,
+        experiment: &Experiment<'_>,
+        jobs: impl IntoIterator<Item = (A, J)>,
+    ) -> Result<Option<Registered>, StoreError> {
+        let action = "register an experiment";
+        let id =
+            self.write(action, |transaction| Ok(upsert_experiment(transaction, experiment)?))?;
+        let mut held = Held::default();
+        let mut jobs = jobs.into_iter().peekable();
+        while jobs.peek().is_some() {
+            if stop.load(Ordering::Relaxed) {
+                return Ok(None);
             }
-            let dropped = registration.drop_others()?;
-            Ok(Registered { jobs: registration.held.len(), added: registration.added, dropped })
-        })
+            // Hashed before the lock is taken, which others wait for.
+            let batch: Vec<(A, CanonicalForm)> = jobs
+                .by_ref()
+                .take(BATCH)
+                .map(|(agent, job)| (agent, job.borrow().form()))
+                .collect();
+            self.write(action, |transaction| {
+                require_manifest(transaction, id, experiment)?;
+                let mut registration = Registration::new(transaction, id, &mut held)?;
+                for (agent, form) in &batch {
+                    registration.hold(agent.as_ref(), form)?;
+                }
+                Ok(())
+            })?;
+        }
+        let dropped = self.write(action, |transaction| {
+            require_manifest(transaction, id, experiment)?;
+            Ok(held.drop_others(transaction, id)?)
+        })?;
+        Ok(Some(Registered { jobs: held.jobs.len(), added: held.added, dropped }))
+    }
+}
+
+/// Fails if the experiment has been given another manifest since its registration began.
+fn require_manifest(
+    connection: &Connection,
+    id: i64,
+    experiment: &Experiment<'_>,
+) -> Result<(), Fault> {
+    let ours = connection
+        .prepare_cached("SELECT manifest = ?2 FROM experiment WHERE id = ?1")?
+        .query_row(params![id, experiment.manifest], |row| row.get(0))?;
+    match ours {
+        true => Ok(()),
+        false => Err(StoreError::Contested { name: experiment.name.to_owned() }.into()),
     }
 }
 
@@ -74,52 +131,18 @@ fn upsert_experiment(
         .query_row("SELECT id FROM experiment WHERE name = ?1", [experiment.name], |row| row.get(0))
 }
 
-/// A registration under way.
-struct Registration<'a> {
-    connection: &'a Connection,
-    experiment: i64,
-    /// Names of agents, by the number that `held` knows them by.
+/// What an experiment holds, as far as its registration has come.
+#[derive(Default)]
+struct Held {
+    /// Names of agents, by the number that `jobs` knows them by.
     agents: Vec<String>,
-    /// Job and agent of every job met so far.
-    held: HashSet<(i64, usize)>,
+    /// Row id and agent of every job met so far.
+    jobs: HashSet<(i64, usize)>,
+    /// Of these, how many the experiment did not hold before.
     added: usize,
 }
 
-impl<'a> Registration<'a> {
-    fn new(connection: &'a Connection, experiment: i64) -> Self {
-        Registration { connection, experiment, agents: Vec::new(), held: HashSet::new(), added: 0 }
-    }
-
-    fn hold(&mut self, agent: &str, job: &Job) -> rusqlite::Result<()> {
-        let number = self.number(agent);
-        let id = self.job_id(job)?;
-        // Its place in the manifest's order.
-        let position = self.held.len();
-        if !self.held.insert((id, number)) {
-            return Ok(());
-        }
-        let before: Option<usize> = self
-            .connection
-            .prepare_cached(
-                "SELECT position FROM experiment_job
-                 WHERE experiment = ?1 AND job = ?2 AND agent = ?3",
-            )?
-            .query_row(params![self.experiment, id, agent], |row| row.get(0))
-            .optional()?;
-        if before == Some(position) {
-            return Ok(());
-        }
-        self.added += usize::from(before.is_none());
-        self.connection
-            .prepare_cached(
-                "INSERT INTO experiment_job (experiment, job, agent, position)
-                 VALUES (?1, ?2, ?3, ?4)
-                 ON CONFLICT (experiment, job, agent) DO UPDATE SET position = excluded.position",
-            )?
-            .execute(params![self.experiment, id, agent, position])?;
-        Ok(())
-    }
-
+impl Held {
     fn number(&mut self, agent: &str) -> usize {
         self.agents.iter().position(|name| name == agent).unwrap_or_else(|| {
             self.agents.push(agent.to_owned());
@@ -127,61 +150,114 @@ impl<'a> Registration<'a> {
         })
     }
 
-    /// The job's row id; the row is made if there is none.
-    fn job_id(&self, job: &Job) -> rusqlite::Result<i64> {
-        let key = job.key().to_string();
-        let found = self
-            .connection
-            .prepare_cached("SELECT id FROM job WHERE key = ?1")?
-            .query_row([&key], |row| row.get(0))
-            .optional()?;
-        if let Some(id) = found {
-            return Ok(id);
-        }
-        let versions = job.versions();
-        self.connection
-            .prepare_cached(
-                "INSERT INTO job
-                    (key, content_key, environment_version, algorithm_version, canonical)
-                 VALUES (?1, ?2, ?3, ?4, ?5)",
-            )?
-            .insert(params![
-                key,
-                job.content_key().to_string(),
-                versions.environment,
-                versions.algorithm,
-                job.canonical()
-            ])
-    }
-
     /// Lets go of the jobs that were not met; returns how many.
-    fn drop_others(&self) -> rusqlite::Result<usize> {
-        let stored: usize = self.connection.query_row(
+    fn drop_others(&self, connection: &Connection, experiment: i64) -> rusqlite::Result<usize> {
+        let stored: usize = connection.query_row(
             "SELECT count(*) FROM experiment_job WHERE experiment = ?1",
-            [self.experiment],
+            [experiment],
             |row| row.get(0),
         )?;
-        if stored == self.held.len() {
+        if stored == self.jobs.len() {
             return Ok(0);
         }
         let mut others = Vec::new();
-        let mut statement = self
-            .connection
-            .prepare("SELECT job, agent FROM experiment_job WHERE experiment = ?1")?;
-        let mut rows = statement.query([self.experiment])?;
+        let mut statement =
+            connection.prepare("SELECT job, agent FROM experiment_job WHERE experiment = ?1")?;
+        let mut rows = statement.query([experiment])?;
         while let Some(row) = rows.next()? {
             let (job, agent): (i64, String) = (row.get(0)?, row.get(1)?);
             let number = self.agents.iter().position(|name| *name == agent);
-            if number.is_none_or(|number| !self.held.contains(&(job, number))) {
+            if number.is_none_or(|number| !self.jobs.contains(&(job, number))) {
                 others.push((job, agent));
             }
         }
-        let mut delete = self.connection.prepare(
+        let mut delete = connection.prepare(
             "DELETE FROM experiment_job WHERE experiment = ?1 AND job = ?2 AND agent = ?3",
         )?;
         for (job, agent) in &others {
-            delete.execute(params![self.experiment, job, agent])?;
+            delete.execute(params![experiment, job, agent])?;
         }
         Ok(others.len())
+    }
+}
+
+/// The part of a registration that is in one transaction.
+struct Registration<'a> {
+    experiment: i64,
+    held: &'a mut Held,
+    find_job: CachedStatement<'a>,
+    insert_job: CachedStatement<'a>,
+    find_position: CachedStatement<'a>,
+    insert_position: CachedStatement<'a>,
+}
+
+/// A job's row.
+enum JobRow {
+    /// It was there.
+    Known(i64),
+    /// It has just been made.
+    New(i64),
+}
+
+impl<'a> Registration<'a> {
+    fn new(
+        connection: &'a Connection,
+        experiment: i64,
+        held: &'a mut Held,
+    ) -> rusqlite::Result<Self> {
+        Ok(Registration {
+            experiment,
+            held,
+            find_job: connection.prepare_cached("SELECT id FROM job WHERE key = ?1")?,
+            insert_job: connection.prepare_cached(
+                "INSERT INTO job
+                    (key, environment_version, algorithm_version, canonical)
+                 VALUES (?1, ?2, ?3, ?4)",
+            )?,
+            find_position: connection.prepare_cached(
+                "SELECT position FROM experiment_job
+                 WHERE experiment = ?1 AND job = ?2 AND agent = ?3",
+            )?,
+            insert_position: connection.prepare_cached(
+                "INSERT INTO experiment_job (experiment, job, agent, position)
+                 VALUES (?1, ?2, ?3, ?4)
+                 ON CONFLICT (experiment, job, agent) DO UPDATE SET position = excluded.position",
+            )?,
+        })
+    }
+
+    fn hold(&mut self, agent: &str, form: &CanonicalForm) -> rusqlite::Result<()> {
+        let number = self.held.number(agent);
+        let row = self.row(form)?;
+        let (JobRow::Known(id) | JobRow::New(id)) = row;
+        // Its place in the manifest's order.
+        let position = self.held.jobs.len();
+        if !self.held.jobs.insert((id, number)) {
+            return Ok(());
+        }
+        let before: Option<usize> = match row {
+            JobRow::Known(_) => self
+                .find_position
+                .query_row(params![self.experiment, id, agent], |row| row.get(0))
+                .optional()?,
+            JobRow::New(_) => None,
+        };
+        if before == Some(position) {
+            return Ok(());
+        }
+        self.held.added += usize::from(before.is_none());
+        self.insert_position.execute(params![self.experiment, id, agent, position])?;
+        Ok(())
+    }
+
+    /// The job's row, made if there is none.
+    fn row(&mut self, form: &CanonicalForm) -> rusqlite::Result<JobRow> {
+        let key = form.key().to_string();
+        let found = self.find_job.query_row([&key], |row| row.get(0)).optional()?;
+        if let Some(id) = found {
+            return Ok(JobRow::Known(id));
+        }
+        let Versions { environment, algorithm } = form.versions();
+        self.insert_job.insert(params![key, environment, algorithm, form.text()]).map(JobRow::New)
     }
 }

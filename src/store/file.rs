@@ -12,9 +12,10 @@ use rusqlite::config::DbConfig;
 use rusqlite::{Connection, ErrorCode, OpenFlags};
 
 use super::migrate::{self, APPLICATION_ID};
-use super::{SCHEMA_VERSION, StoreError};
+use super::{SCHEMA_VERSION, StoreError, query};
 
-/// How long a connection waits for a lock. Registering the largest manifest holds it for seconds.
+/// How long a connection waits for a lock. This program holds it for less than a second at a time;
+/// another that writes to the store may hold it for longer.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// What is at a path.
@@ -104,8 +105,10 @@ fn look(path: &Path) -> Result<Presence, StoreError> {
     match fs::metadata(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => return absent(path),
         Err(error) => return Err(cannot_open(error)),
-        Ok(metadata) if metadata.is_dir() => return Err(not_a_store("a folder")),
-        Ok(metadata) if !metadata.is_file() => return Err(not_a_store("a device or pipe")),
+        Ok(metadata) if metadata.is_dir() => return Err(not_a_store("a folder, not a store")),
+        Ok(metadata) if !metadata.is_file() => {
+            return Err(not_a_store("a device or pipe, not a store"));
+        }
         Ok(_) => {}
     }
     if fs::metadata(path).map_err(cannot_open)?.len() == 0 {
@@ -153,15 +156,18 @@ fn judge(application_id: u32, version: u32, path: &Path) -> Result<(), StoreErro
 fn identify(connection: &Connection, path: &Path) -> Result<u32, StoreError> {
     // One statement sees one state of the file, however many processes are making it right now.
     let (application_id, version, named) = connection
-        .query_row(
-            "SELECT application_id, user_version, (SELECT count(*) FROM sqlite_schema)
+        .prepare_cached(
+            "SELECT application_id, user_version, EXISTS (SELECT 1 FROM sqlite_schema)
              FROM pragma_application_id, pragma_user_version",
-            [],
-            |row| Ok((row.get::<_, u32>(0)?, row.get::<_, u32>(1)?, row.get::<_, u32>(2)?)),
         )
+        .and_then(|mut statement| {
+            statement.query_row([], |row| {
+                Ok((row.get::<_, u32>(0)?, row.get::<_, u32>(1)?, row.get::<_, bool>(2)?))
+            })
+        })
         .map_err(|source| StoreError::sqlite(path, "open the store", source))?;
     judge(application_id, version, path)?;
-    if version == 0 && named > 0 {
+    if version == 0 && named {
         return Err(StoreError::Foreign { path: path.to_owned() });
     }
     Ok(version)
@@ -197,12 +203,14 @@ fn use_write_ahead_log(connection: &Connection) -> rusqlite::Result<bool> {
 fn configure_writer(connection: &Connection) -> rusqlite::Result<()> {
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, false)?;
     // With a write-ahead log, NORMAL loses nothing when the process is killed and at most the last
-    // transactions when the power fails; those jobs run again. The cache keeps the index of job
-    // keys in memory while a million of them are registered.
+    // transactions when the power fails; ends of runs are written with FULL. The cache keeps the
+    // index of job keys in memory while a million of them are registered, and the log is copied
+    // into the file every 64 MiB, so that pages written again and again are copied once.
     connection.execute_batch(
         "PRAGMA synchronous = NORMAL;
          PRAGMA foreign_keys = ON;
          PRAGMA cache_size = -65536;
+         PRAGMA wal_autocheckpoint = 16384;
          PRAGMA journal_size_limit = 67108864;",
     )
 }
@@ -249,6 +257,7 @@ fn open_immutable(path: &Path) -> rusqlite::Result<Connection> {
 fn configure_reader(connection: &Connection) -> rusqlite::Result<()> {
     set_up(connection, DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE)?;
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false)?;
+    query::add_functions(connection)?;
     connection.execute_batch("PRAGMA query_only = ON")?;
     // The first read is what finds out whether the log beside the file can be used.
     connection.query_row("SELECT count(*) FROM sqlite_schema", [], |_| Ok(()))

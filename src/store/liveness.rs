@@ -12,7 +12,8 @@ use std::path::{Path, PathBuf};
 use std::process;
 use std::time::Duration;
 
-/// Silence after which a process of this machine that cannot be looked up is given up.
+/// Silence after which a process of this machine that cannot be looked up is given up: that of a
+/// container of its own, or any where the system keeps no `/proc`.
 const NEAR_SILENCE: Duration = Duration::from_secs(30);
 /// Silence after which a process of another machine is given up.
 const FAR_SILENCE: Duration = Duration::from_secs(5 * 60);
@@ -64,7 +65,7 @@ impl ProcessTable {
     pub(super) fn this_process(&self) -> Process {
         let id = process::id();
         Process {
-            host: read_line(&self.root.join("sys/kernel/hostname")).unwrap_or_default(),
+            host: host_name(),
             boot_id: read_line(&self.root.join("sys/kernel/random/boot_id")),
             pid_namespace: fs::read_link(self.root.join("self/ns/pid"))
                 .ok()
@@ -84,6 +85,8 @@ impl ProcessTable {
             (Some(mine), Some(its)) if mine == its => {}
             // The machine has been started anew since.
             (Some(_), Some(_)) if this.host == other.host => return Liveness::Dead,
+            // Nothing tells the boots of one machine apart here.
+            (None, _) | (_, None) if this.host == other.host => return silent(NEAR_SILENCE),
             _ => return silent(FAR_SILENCE),
         }
         if this.pid_namespace.is_none() || this.pid_namespace != other.pid_namespace {
@@ -109,6 +112,17 @@ impl ProcessTable {
             Err(_) => Entry::Unknown,
         }
     }
+}
+
+/// The name of this host, `unknown` where the system tells none.
+pub fn host_name() -> String {
+    let named = |text: String| Some(text.trim().to_owned()).filter(|name| !name.is_empty());
+    let of_kernel = || fs::read_to_string("/proc/sys/kernel/hostname").ok().and_then(named);
+    let of_command = || {
+        let output = process::Command::new("uname").arg("-n").output().ok()?;
+        String::from_utf8(output.stdout).ok().and_then(named)
+    };
+    of_kernel().or_else(of_command).unwrap_or_else(|| "unknown".to_owned())
 }
 
 /// "No such process" on Linux.
@@ -206,15 +220,35 @@ mod tests {
         let elsewhere = Process { host: "far".into(), boot_id: Some("boot-2".into()), ..here() };
         let contained = Process { pid_namespace: Some("pid:[2]".into()), ..here() };
         let unknown_boot = Process { boot_id: None, ..here() };
+        let unknown_boot_elsewhere = Process { host: "far".into(), ..unknown_boot.clone() };
         for (table, other, limit) in [
             (&full, &elsewhere, FAR_SILENCE),
-            (&full, &unknown_boot, FAR_SILENCE),
+            (&full, &unknown_boot, NEAR_SILENCE),
+            (&full, &unknown_boot_elsewhere, FAR_SILENCE),
             (&full, &contained, NEAR_SILENCE),
             (&empty, &here(), NEAR_SILENCE),
         ] {
             assert_eq!(table.judge(&here(), other, limit - SECOND), Liveness::Alive, "{other:?}");
             assert_eq!(table.judge(&here(), other, limit + SECOND), Liveness::Dead, "{other:?}");
         }
+    }
+
+    #[test]
+    fn without_boots_and_a_process_table_the_host_and_its_silence_decide() {
+        let folder = tempfile::tempdir().unwrap();
+        let table = ProcessTable { root: folder.path().to_owned() };
+        let bare = |host: &str| Process {
+            host: host.into(),
+            boot_id: None,
+            pid_namespace: None,
+            id: 40,
+            started: None,
+        };
+        let judge = |other: &str, silence| table.judge(&bare("mac"), &bare(other), silence);
+        assert_eq!(judge("mac", NEAR_SILENCE - SECOND), Liveness::Alive);
+        assert_eq!(judge("mac", NEAR_SILENCE + SECOND), Liveness::Dead);
+        assert_eq!(judge("far", NEAR_SILENCE + SECOND), Liveness::Alive);
+        assert_eq!(judge("far", FAR_SILENCE + SECOND), Liveness::Dead);
     }
 
     #[cfg(target_os = "linux")]

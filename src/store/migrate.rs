@@ -28,7 +28,8 @@ pub(super) const MIGRATIONS: &[Migration] = &[Migration {
 
 /// Applies the migrations that the file lacks, all or none of them.
 ///
-/// A file that has a schema already is first copied to `<file>.v<version>.bak`.
+/// A file that has a schema already is first copied to `<file>.v<version>.bak`, or with a number
+/// before the ending if there is such a copy already.
 pub(super) fn migrate(
     connection: &mut Connection,
     path: &Path,
@@ -93,7 +94,7 @@ fn apply(transaction: &Transaction<'_>, migration: &Migration) -> Result<(), Str
 /// Copies the store as it was last committed. The caller holds the write lock, so that nothing can
 /// be committed between the copy and the migration.
 fn back_up(path: &Path, version: usize) -> Result<(), StoreError> {
-    let backup = beside(path, &format!(".v{version}.bak"));
+    let backup = unused(path, version);
     // A copy under the final name is always whole.
     let partial = beside(path, &format!(".v{version}.bak.{}", process::id()));
     let copied = copy(path, &partial)
@@ -103,6 +104,17 @@ fn back_up(path: &Path, version: usize) -> Result<(), StoreError> {
         let _ = fs::remove_file(&partial);
         StoreError::Backup { path: path.to_owned(), backup, reason }
     })
+}
+
+/// The first name for a backup that nothing has yet.
+fn unused(path: &Path, version: usize) -> PathBuf {
+    let mut backup = beside(path, &format!(".v{version}.bak"));
+    let mut number = 2;
+    while backup.symlink_metadata().is_ok() {
+        backup = beside(path, &format!(".v{version}.{number}.bak"));
+        number += 1;
+    }
+    backup
 }
 
 fn copy(path: &Path, target: &Path) -> Result<(), String> {
@@ -192,6 +204,19 @@ mod tests {
     }
 
     #[test]
+    fn an_earlier_backup_is_kept() {
+        let (_folder, path) = version_one();
+        fs::write(beside(&path, ".v1.bak"), "precious").unwrap();
+        fs::write(beside(&path, ".v1.2.bak"), "too").unwrap();
+        let mut connection = Connection::open(&path).unwrap();
+        migrate(&mut connection, &path, &[FIRST, REBUILD]).unwrap();
+        assert_eq!(fs::read(beside(&path, ".v1.bak")).unwrap(), b"precious");
+        assert_eq!(fs::read(beside(&path, ".v1.2.bak")).unwrap(), b"too");
+        let backup = Connection::open(beside(&path, ".v1.3.bak")).unwrap();
+        assert_eq!((version(&backup).unwrap(), count(&backup, "child")), (1, 1));
+    }
+
+    #[test]
     fn a_file_that_is_up_to_date_is_not_copied() {
         let (_folder, path) = version_one();
         let mut connection = Connection::open(&path).unwrap();
@@ -202,7 +227,7 @@ mod tests {
     #[test]
     fn without_a_backup_nothing_is_migrated() {
         let (_folder, path) = version_one();
-        fs::create_dir(beside(&path, ".v1.bak")).unwrap();
+        fs::create_dir(beside(&path, &format!(".v1.bak.{}", process::id()))).unwrap();
         let mut connection = Connection::open(&path).unwrap();
         let error = migrate(&mut connection, &path, &[FIRST, REBUILD]).unwrap_err();
         assert!(matches!(error, StoreError::Backup { .. }), "{error}");

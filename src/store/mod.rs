@@ -6,6 +6,8 @@
 //! `migrations/*.sql`, and `docs/store.md` describes the views that others may rely on.
 //!
 //! - Every write is one immediate transaction: writers wait for each other, readers for nobody.
+//! - The end of a run is on the disk when [`Store::finish_all`] returns. Whatever else is written, the
+//!   next run would write again, so it waits for no disk.
 //! - A job has at most one run that is running or completed, whatever processes share the file. The
 //!   file itself refuses a second one.
 //! - A completed run has all its results and never changes; every other run has none.
@@ -17,10 +19,10 @@
 //! changes no setting outside its own connections.
 
 mod claim;
+mod counts;
 mod error;
 mod experiment;
 mod file;
-mod left;
 mod liveness;
 mod migrate;
 mod query;
@@ -36,11 +38,13 @@ use std::path::{Path, PathBuf};
 use rusqlite::{Connection, Transaction, TransactionBehavior};
 
 pub use claim::{Claim, Claimed, RetryFailed};
+pub use counts::ExperimentCounts;
 pub use error::{QueryError, StoreError};
 pub use experiment::{Experiment, Registered};
-pub use left::EpisodesLeft;
-pub use query::{Answer, Interrupter, Value};
-pub use read::{ExperimentCounts, FailedJob, Pace, Reader, TriedJob};
+pub use liveness::host_name;
+pub use query::{Answer, Interrupter, VIEWS, Value};
+pub use read::{FailedJob, Pace, Reader};
+pub use results::{Finished, RunEnd};
 pub use session::SessionId;
 pub use state::{Counts, JobState};
 pub use weights::StoredWeights;
@@ -66,6 +70,22 @@ impl Store {
     pub fn open(path: &Path) -> Result<Store, StoreError> {
         let (connection, path) = file::open_writer(path)?;
         Ok(Store { connection, path })
+    }
+
+    /// As [`Store::write`]; when it returns, not even a power cut undoes what was written.
+    fn write_durably<T>(
+        &mut self,
+        action: &'static str,
+        body: impl FnOnce(&Transaction<'_>) -> Result<T, Fault>,
+    ) -> Result<T, StoreError> {
+        let synchronous =
+            |connection: &Connection, level| connection.pragma_update(None, "synchronous", level);
+        synchronous(&self.connection, "FULL")
+            .map_err(|source| StoreError::sqlite(&self.path, action, source))?;
+        let done = self.write(action, body);
+        synchronous(&self.connection, "NORMAL")
+            .map_err(|source| StoreError::sqlite(&self.path, action, source))?;
+        done
     }
 
     /// Does `body` in one transaction that holds the store's write lock from its start.

@@ -2,11 +2,16 @@
 
 use std::ops::ControlFlow;
 
+use rusqlite::functions::FunctionFlags;
 use rusqlite::hooks::{AuthAction, AuthContext, Authorization};
 use rusqlite::types::ValueRef;
 use rusqlite::{Connection, Error, ErrorCode, InterruptHandle, Row, Statement};
 
 use super::{QueryError, Reader};
+
+/// The public views, which `docs/store.md` describes.
+pub const VIEWS: [&str; 6] =
+    ["run_summary", "parameter", "metric", "learning_curve", "evaluation_episode", "action_choice"];
 
 /// A value of an answer.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -104,6 +109,23 @@ fn values<'r>(row: &'r Row<'_>, columns: usize) -> rusqlite::Result<Vec<Value<'r
         .collect()
 }
 
+/// Adds what SQL lacks for means and deviations.
+pub(super) fn add_functions(connection: &Connection) -> rusqlite::Result<()> {
+    let flags = FunctionFlags::SQLITE_UTF8
+        | FunctionFlags::SQLITE_DETERMINISTIC
+        | FunctionFlags::SQLITE_INNOCUOUS;
+    // Like that of the sqlite3 shell: NULL for what has no root.
+    connection.create_scalar_function("sqrt", 1, flags, |context| {
+        Ok(match context.get_raw(0) {
+            ValueRef::Integer(whole) => Some(whole as f64),
+            ValueRef::Real(real) => Some(real),
+            ValueRef::Null | ValueRef::Text(_) | ValueRef::Blob(_) => None,
+        }
+        .map(f64::sqrt)
+        .filter(|root| !root.is_nan()))
+    })
+}
+
 /// Makes the connection refuse every statement that does not merely read the store.
 pub(super) fn allow_reading_only(connection: &mut Connection) -> rusqlite::Result<()> {
     connection.authorizer(Some(authorize))
@@ -127,6 +149,9 @@ const ACTING_FUNCTIONS: &[&str] =
 const DESCRIBING_PRAGMAS: &[&str] =
     &["table_info", "table_xinfo", "table_list", "index_list", "index_info", "foreign_key_list"];
 
+/// How SQLite begins to say that there is no table or view of a name.
+const NO_SUCH_TABLE: &str = "no such table: ";
+
 /// The error in words for whoever wrote `sql`.
 fn explain(error: Error, sql: &str) -> QueryError {
     match error {
@@ -134,6 +159,11 @@ fn explain(error: Error, sql: &str) -> QueryError {
         // What SQLite says, without a code of its own, of a function that is not allowed.
         Error::SqlInputError { msg, .. } if msg.starts_with("not authorized") => {
             QueryError::NotAllowed
+        }
+        Error::SqlInputError { msg, .. } | Error::SqliteFailure(_, Some(msg))
+            if msg.starts_with(NO_SUCH_TABLE) =>
+        {
+            QueryError::NoSuchTable { name: msg[NO_SUCH_TABLE.len()..].to_owned() }
         }
         Error::SqlInputError { msg, offset, .. } => {
             let (line, column, text) = place(sql, usize::try_from(offset).unwrap_or(0));

@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 
 use rusqlite::{Connection, OptionalExtension};
 
-use crate::plan::{ContentKey, JobKey, Versions};
+use crate::plan::{CanonicalForm, JobKey, Versions};
 use crate::record::{Failure, FailureKind};
 
 use super::error::Fault;
 use super::liveness::ProcessTable;
-use super::session;
-use super::state::{Counts, JobState, state_sql};
+use super::session::{self, Holders};
+use super::state::{JobState, state_sql};
 use super::{StoreError, file, query};
 
 /// The store, open for reading. It never writes and never waits for a writer; every call sees the
@@ -19,28 +19,6 @@ use super::{StoreError, file, query};
 pub struct Reader {
     pub(super) connection: Connection,
     path: PathBuf,
-}
-
-/// How many jobs of an experiment are in each state.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ExperimentCounts {
-    /// The experiment's name.
-    pub experiment: String,
-    /// Its jobs, each counted once.
-    pub counts: Counts,
-}
-
-/// A job that was tried, with what became of it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TriedJob {
-    /// The job.
-    pub key: JobKey,
-    /// Its content.
-    pub content: ContentKey,
-    /// The versions of the code that it is a job of.
-    pub versions: Versions,
-    /// What became of it.
-    pub state: JobState,
 }
 
 /// A job of an experiment that failed, with its last failure.
@@ -90,7 +68,7 @@ impl Reader {
         keys: impl IntoIterator<Item = &'k JobKey>,
     ) -> Result<Vec<JobState>, StoreError> {
         self.read("read the states of jobs", |connection| {
-            let alive = alive(connection)?;
+            let alive = holders(connection)?.alive_json();
             let state = state_sql("job.id", "?2");
             let mut statement =
                 connection.prepare_cached(&format!("SELECT {state} FROM job WHERE key = ?1"))?;
@@ -105,50 +83,19 @@ impl Reader {
         })
     }
 
-    /// Shows `see` every job that was ever tried; the others are pending.
-    pub fn tried(&self, mut see: impl FnMut(TriedJob)) -> Result<(), StoreError> {
+    /// Shows `see` every job that was ever tried, with its state; the others are pending.
+    pub fn tried(&self, mut see: impl FnMut(JobKey, JobState)) -> Result<(), StoreError> {
         self.read("read the states of jobs", |connection| {
             let state = state_sql("job.id", "?1");
             let mut statement = connection.prepare_cached(&format!(
-                "SELECT unhex(key), unhex(content_key), environment_version, algorithm_version,
-                    {state}
+                "SELECT unhex(key), {state}
                  FROM (SELECT DISTINCT job FROM run) AS tried JOIN job ON job.id = tried.job"
             ))?;
-            let mut rows = statement.query([alive(connection)?])?;
+            let mut rows = statement.query([holders(connection)?.alive_json()])?;
             while let Some(row) = rows.next()? {
-                see(TriedJob {
-                    key: JobKey(row.get(0)?),
-                    content: ContentKey(row.get(1)?),
-                    versions: Versions { environment: row.get(2)?, algorithm: row.get(3)? },
-                    state: row.get(4)?,
-                });
+                see(JobKey(row.get(0)?), row.get(1)?);
             }
             Ok(())
-        })
-    }
-
-    /// The jobs of every experiment by state, in the order the experiments were first run.
-    pub fn experiment_counts(&self) -> Result<Vec<ExperimentCounts>, StoreError> {
-        self.read("count jobs", |connection| {
-            let state = state_sql("held.job", "?1");
-            let mut statement = connection.prepare_cached(&format!(
-                "SELECT experiment.name, state, count(held) FROM experiment LEFT JOIN (
-                    SELECT experiment, 1 AS held, {state} AS state
-                    FROM (SELECT DISTINCT experiment, job FROM experiment_job) AS held
-                 ) AS job ON job.experiment = experiment.id
-                 GROUP BY experiment.id, state ORDER BY experiment.id"
-            ))?;
-            let mut rows = statement.query([alive(connection)?])?;
-            let mut experiments: Vec<ExperimentCounts> = Vec::new();
-            while let Some(row) = rows.next()? {
-                let experiment: String = row.get(0)?;
-                if experiments.last().is_none_or(|last| last.experiment != experiment) {
-                    experiments.push(ExperimentCounts { experiment, counts: Counts::default() });
-                }
-                let last = experiments.last_mut().expect("one was pushed if there was none");
-                last.counts.add(row.get(1)?, row.get(2)?);
-            }
-            Ok(experiments)
         })
     }
 
@@ -168,30 +115,30 @@ impl Reader {
                         AND later.status = 'failed' AND later.attempt > run.attempt)
                  ORDER BY experiment.id, experiment_job.position"
             ))?;
-            let rows = statement.query_map([alive(connection)?], failed_job)?;
+            let rows = statement.query_map([holders(connection)?.alive_json()], failed_job)?;
             Ok(rows.collect::<rusqlite::Result<_>>()?)
         })
     }
 
-    /// The versions of the code, other than `current`, under which this content was completed.
+    /// The versions of the code, up to `current` and other than it, under which the job's content
+    /// was completed.
     pub fn superseded(
         &self,
-        content: &ContentKey,
+        form: &CanonicalForm,
         current: Versions,
     ) -> Result<Vec<Versions>, StoreError> {
         self.read("look for earlier versions of a job", |connection| {
-            let mut statement = connection.prepare_cached(
-                "SELECT environment_version, algorithm_version FROM job
-                 WHERE content_key = ?1 AND (environment_version, algorithm_version) <> (?2, ?3)
-                    AND EXISTS (SELECT 1 FROM run
-                        WHERE run.job = job.id AND run.status = 'completed')
-                 ORDER BY environment_version, algorithm_version",
+            let mut completed = connection.prepare_cached(
+                "SELECT 1 FROM job JOIN run ON run.job = job.id AND run.status = 'completed'
+                 WHERE job.key = ?1",
             )?;
-            let parameters = (content.to_string(), current.environment, current.algorithm);
-            let rows = statement.query_map(parameters, |row| {
-                Ok(Versions { environment: row.get(0)?, algorithm: row.get(1)? })
-            })?;
-            Ok(rows.collect::<rusqlite::Result<_>>()?)
+            let mut superseded = Vec::new();
+            for versions in current.earlier() {
+                if completed.exists([form.key_under(versions).to_string()])? {
+                    superseded.push(versions);
+                }
+            }
+            Ok(superseded)
         })
     }
 
@@ -202,7 +149,7 @@ impl Reader {
                 "SELECT json_extract(job.canonical, '$.agent.algorithm') AS algorithm, count(*),
                     avg(wall_seconds),
                     sum(wall_seconds) / sum(json_extract(job.canonical, '$.agent.episodes'))
-                 FROM (SELECT job, wall_seconds FROM run
+                 FROM (SELECT job, wall_seconds FROM run NOT INDEXED
                     WHERE status = 'completed' ORDER BY id DESC LIMIT 10000)
                  JOIN job ON job.id = job
                  GROUP BY algorithm ORDER BY algorithm",
@@ -229,10 +176,9 @@ impl Reader {
     }
 }
 
-/// The living sessions that hold runs, as a JSON list.
-pub(super) fn alive(connection: &Connection) -> rusqlite::Result<String> {
-    let this = ProcessTable::of_this_system().this_process();
-    session::holders(connection, &this).map(|holders| holders.alive_json())
+/// The sessions that hold runs, as seen from this process.
+pub(super) fn holders(connection: &Connection) -> rusqlite::Result<Holders> {
+    session::holders(connection, &ProcessTable::of_this_system().this_process())
 }
 
 fn failed_job(row: &rusqlite::Row<'_>) -> rusqlite::Result<FailedJob> {

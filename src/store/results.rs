@@ -1,12 +1,32 @@
-//! The end of a run, with all its results, in one transaction.
+//! The ends of runs, each with all its results, in one transaction.
 
 use std::collections::HashMap;
 
-use rusqlite::{Connection, params};
+use rusqlite::{Connection, OptionalExtension, params};
 
 use crate::record::{Failure, Outcome, Results};
 
 use super::{Claim, NOW, Store, StoreError};
+
+/// The end of a claimed run.
+#[derive(Clone, Copy, Debug)]
+pub struct RunEnd<'a> {
+    /// The run.
+    pub claim: &'a Claim,
+    /// What it leaves behind.
+    pub outcome: &'a Outcome,
+    /// How long it took, in seconds of real time.
+    pub wall_seconds: f64,
+}
+
+/// What became of the end of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Finished {
+    /// It is stored.
+    Stored,
+    /// The run is no longer the claimer's; nothing of it is stored.
+    ClaimLost,
+}
 
 impl Store {
     /// Ends a claimed run, with everything that it leaves behind, or not at all.
@@ -21,28 +41,44 @@ impl Store {
         outcome: &Outcome,
         wall_seconds: f64,
     ) -> Result<(), StoreError> {
-        self.write("store the end of a run", |transaction| {
-            let held: bool = transaction
-                .prepare_cached(
-                    "SELECT EXISTS (SELECT 1 FROM run
-                        WHERE id = ?1 AND session = ?2 AND status = 'running')",
-                )?
-                .query_row([claim.run, claim.session.0], |row| row.get(0))?;
-            if !held {
-                return Err(StoreError::ClaimLost { key: claim.job_key }.into());
-            }
-            let (status, failure) = match outcome {
-                Outcome::Completed(results) => {
-                    insert_results(transaction, claim.run, results)?;
-                    ("completed", None)
-                }
-                Outcome::Failed(failure) => ("failed", Some(failure)),
-                Outcome::Interrupted => ("interrupted", None),
-            };
-            end_run(transaction, claim.run, status, failure, wall_seconds)?;
-            Ok(())
+        match self.finish_all(&[RunEnd { claim, outcome, wall_seconds }])?.as_slice() {
+            [Finished::Stored] => Ok(()),
+            _ => Err(StoreError::ClaimLost { key: claim.job_key }),
+        }
+    }
+
+    /// Ends claimed runs together, which waits for the disk once; says of each what became of it.
+    /// What was stored survives a power cut.
+    ///
+    /// **Errors**: as [`Store::finish`], but for lost claims; none of the ends is stored then.
+    pub fn finish_all(&mut self, ends: &[RunEnd<'_>]) -> Result<Vec<Finished>, StoreError> {
+        self.write_durably("store the end of a run", |transaction| {
+            ends.iter().map(|end| Ok(finish_one(transaction, end)?)).collect()
         })
     }
+}
+
+fn finish_one(connection: &Connection, end: &RunEnd<'_>) -> rusqlite::Result<Finished> {
+    let Claim { run, session, .. } = end.claim;
+    let held: bool = connection
+        .prepare_cached(
+            "SELECT EXISTS (SELECT 1 FROM run
+                WHERE id = ?1 AND session = ?2 AND status = 'running')",
+        )?
+        .query_row([run, &session.0], |row| row.get(0))?;
+    if !held {
+        return Ok(Finished::ClaimLost);
+    }
+    let (status, failure) = match end.outcome {
+        Outcome::Completed(results) => {
+            insert_results(connection, *run, results)?;
+            ("completed", None)
+        }
+        Outcome::Failed(failure) => ("failed", Some(failure)),
+        Outcome::Interrupted => ("interrupted", None),
+    };
+    end_run(connection, *run, status, failure, end.wall_seconds)?;
+    Ok(Finished::Stored)
 }
 
 fn end_run(
@@ -113,13 +149,18 @@ impl MetricNames<'_> {
         if let Some(&id) = self.ids.get(name) {
             return Ok(id);
         }
-        self.connection
-            .prepare_cached("INSERT INTO metric_name (name) VALUES (?1) ON CONFLICT DO NOTHING")?
-            .execute([name])?;
-        let id = self
+        let found = self
             .connection
             .prepare_cached("SELECT id FROM metric_name WHERE name = ?1")?
-            .query_row([name], |row| row.get(0))?;
+            .query_row([name], |row| row.get(0))
+            .optional()?;
+        let id = match found {
+            Some(id) => id,
+            None => self
+                .connection
+                .prepare_cached("INSERT INTO metric_name (name) VALUES (?1)")?
+                .insert([name])?,
+        };
         self.ids.insert(name, id);
         Ok(id)
     }

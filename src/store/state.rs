@@ -1,9 +1,12 @@
 //! What has become of a job, over all its runs.
 
+use std::collections::HashMap;
+
+use rusqlite::Connection;
 use rusqlite::types::{FromSql, FromSqlError, FromSqlResult, ValueRef};
 
-/// What has become of a job, over all its runs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+/// What has become of a job, over all its runs; ordered by how far they came.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum JobState {
     /// It was never tried.
     Pending,
@@ -60,6 +63,39 @@ impl Counts {
             JobState::Running => &mut self.running,
             JobState::Completed => &mut self.completed,
         } += jobs;
+    }
+}
+
+/// The states of all jobs that have runs, by row id. For counting: reading every run once is many
+/// times faster than asking for every job by [`state_sql`].
+pub(super) struct States(HashMap<i64, JobState>);
+
+impl States {
+    /// The states as they are now, where `alive` are the living sessions.
+    pub(super) fn read(connection: &Connection, alive: &[i64]) -> rusqlite::Result<States> {
+        let runs = "SELECT count(*) FROM run";
+        let runs: usize = connection.query_row(runs, [], |row| row.get(0))?;
+        let mut states = HashMap::with_capacity(runs);
+        let mut statement = connection.prepare_cached(
+            "SELECT job, session, CASE status
+                WHEN 'completed' THEN 4 WHEN 'running' THEN 3 WHEN 'failed' THEN 2 ELSE 1 END
+             FROM run",
+        )?;
+        let mut rows = statement.query([])?;
+        while let Some(row) = rows.next()? {
+            let mut state: JobState = row.get(2)?;
+            if state == JobState::Running && !alive.contains(&row.get(1)?) {
+                state = JobState::Interrupted;
+            }
+            let furthest = states.entry(row.get(0)?).or_insert(state);
+            *furthest = state.max(*furthest);
+        }
+        Ok(States(states))
+    }
+
+    /// The state of a job.
+    pub(super) fn of(&self, job: i64) -> JobState {
+        self.0.get(&job).copied().unwrap_or(JobState::Pending)
     }
 }
 

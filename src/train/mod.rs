@@ -28,7 +28,7 @@ pub struct Progress {
 
 /// Whom a training reports to, and who may stop it.
 pub trait Monitor {
-    /// Hears how far it has come, many times a second.
+    /// Hears how far it has come, after every span of the learner: an episode, or an update.
     fn report(&self, progress: Progress);
 
     /// Whether the training should end at the next occasion, without a result.

@@ -20,8 +20,12 @@ fn bad_usage_ends_with_two_and_says_what_would_be_right() {
     folder.jitai(["statu"]).ended(2).says("'status'");
     folder.jitai(["run"]).ended(2).says("<MANIFEST>");
     folder.jitai(["run", "sweep.toml", "--workerz", "2"]).ended(2).says("--workers");
-    folder.jitai(["run", "sweep.toml", "--workers", "0"]).ended(2).says("--workers");
-    folder.jitai(["run", "sweep.toml", "--workers", "many"]).ended(2).says("--workers");
+    for workers in ["0", "1025", "-1", "many", "1e99"] {
+        for verb in ["run", "plan"] {
+            let refused = folder.jitai([verb, "sweep.toml", &format!("--workers={workers}")]);
+            refused.ended(2).says("--workers").says("expected a whole number from 1 to 1024");
+        }
+    }
     folder.jitai(["query", "SELECT 1", "--format", "cvs"]).ended(2).says("csv");
     folder.jitai(["export"]).ended(2).says("--out");
     folder.jitai(["plan", "sweep.toml", "--resolved", "--jobs"]).ended(2);
@@ -75,7 +79,7 @@ fn a_store_of_a_newer_release_is_refused_and_left_untouched() {
 fn what_is_no_store_is_refused_and_left_untouched() {
     let text = folder();
     text.write("jitai.sqlite", "date,steps\n2024-01-01,4000\n");
-    refused(&text, "not a store");
+    refused(&text, "is no SQLite file, so it cannot be a store");
     let directory = folder();
     fs::create_dir(directory.path("jitai.sqlite")).unwrap();
     refused(&directory, "is a folder, not a store");
@@ -94,7 +98,7 @@ fn an_export_to_where_no_folder_can_be_is_refused() {
     let folder = folder();
     folder.jitai(["run", "sweep.toml"]).succeeded();
     let export = folder.jitai(["export", "--out", "sweep.toml/results"]).ended(3);
-    export.says("`sweep.toml/results`");
+    export.says("error: failed to write `sweep.toml/results`: ");
 }
 
 #[test]
@@ -118,6 +122,40 @@ fn a_run_tells_programs_everything_in_lines_of_json() {
         { "event": "done", "ran": 2, "completed": 2, "failed": 0, "left": 0 });
     assert_eq!(events.last(), Some(&done));
     assert_eq!(run.stderr, "");
+}
+
+/// The program where the threads' stacks have so many megabytes, of so many in all.
+#[cfg(target_os = "linux")]
+fn with_memory(folder: &Folder, stack: u64, all: u64, arguments: &str) -> std::process::Output {
+    let limited = format!("ulimit -v {} && exec \"$0\" {arguments}", all << 10);
+    let mut shell = folder.command_of("sh", ["-c", &limited, env!("CARGO_BIN_EXE_jitai")]);
+    shell.env("RUST_MIN_STACK", (stack << 20).to_string()).output().unwrap()
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_sweep_goes_on_with_as_many_workers_as_there_can_be() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "20", Effort::Trivial));
+    let output = with_memory(&folder, 512, 3500, "run sweep.toml --workers 40");
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    let (started, _) = said.split_once(" of 40 workers: no more threads").expect(&said);
+    let started = started.rsplit(' ').next().unwrap().parse::<u32>().unwrap();
+    assert!((1..=6).contains(&started), "{said}");
+    assert!(said.contains("40 jobs run, 40 completed in all, 0 failed"), "{said}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_sweep_without_a_single_worker_is_an_error() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    // Room for the thread that keeps the time of a stop, but for no other.
+    let output = with_memory(&folder, 1024, 1700, "run sweep.toml --workers 2");
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(3), "{said}");
+    assert!(said.starts_with("error: failed to start a worker: "), "{said}");
+    assert_eq!(folder.runs(), 0);
+    assert_eq!(folder.number("SELECT count(*) FROM session WHERE ended_at IS NULL"), 0);
 }
 
 #[test]

@@ -7,7 +7,7 @@ use jitai::manifest;
 use jitai::plan::{self, Job};
 use jitai::record::{Outcome, Provenance};
 use jitai::schedule::{self, Context, Event, OnFailure, Options, Queued, Tally, Watcher};
-use jitai::store::{Experiment, RetryFailed, Store};
+use jitai::store::{Experiment, RetryFailed, SessionId, Store};
 use jitai::train::{self, Monitor};
 
 use crate::support::{self, Effort, Folder};
@@ -70,6 +70,16 @@ fn a_job_that_diverges_is_a_failed_row_and_the_others_complete() {
     let counts = folder.jitai(["status", "--format", "json"]).succeeded().json();
     assert_eq!((&counts[0]["completed"], &counts[0]["failed"]), (&2.into(), &2.into()));
     assert_eq!(counts[0]["pending"], 0);
+    let failures = counts[0]["failures"].as_array().unwrap();
+    assert_eq!(failures.len(), 2);
+    assert_eq!(
+        (&failures[0]["failure_kind"], &failures[0]["attempt"]),
+        (&"diverged".into(), &1.into())
+    );
+    let shown = "SELECT failure_message FROM run_summary WHERE job_key = ?1";
+    let key = failures[0]["job_key"].as_str().unwrap();
+    let message: String = folder.store().query_row(shown, [key], |row| row.get(0)).unwrap();
+    assert_eq!(failures[0]["failure_message"], message);
 }
 
 #[test]
@@ -91,10 +101,22 @@ fn failed_jobs_stay_failed_until_a_retry_is_asked_for() {
 fn fail_fast_stops_at_the_first_failure_and_a_later_run_goes_on() {
     let folder = Folder::with(&partly_diverging());
     let arguments = ["run", "sweep.toml", "--fail-fast", "--workers", "1"];
-    folder.jitai(arguments).ended(1).says("1 job run, 0 completed in all, 1 failed");
+    folder.jitai(arguments).ended(1).says(
+        "1 job run, 0 completed in all, 1 failed; halted after the first failure; 3 jobs left",
+    );
     assert_eq!(runs(&folder), [run("wild", 1, "failed")]);
     folder.jitai(["run", "sweep.toml"]).ended(1).says("3 jobs run, 2 completed in all, 2 failed");
     assert_eq!(folder.runs(), 4);
+}
+
+#[test]
+fn a_program_is_told_that_fail_fast_halted_the_sweep() {
+    let folder = Folder::with(&partly_diverging());
+    let arguments = ["run", "sweep.toml", "--fail-fast", "--workers", "1", "--format", "json"];
+    let ended = folder.jitai(arguments).ended(1);
+    let last: serde_json::Value =
+        serde_json::from_str(ended.stdout.lines().last().unwrap()).unwrap();
+    assert_eq!((&last["event"], &last["left"]), (&"halted".into(), &3.into()));
 }
 
 #[test]
@@ -128,19 +150,23 @@ struct Listener(Vec<(u64, Outcome)>);
 
 impl Watcher for Listener {
     fn hear(&mut self, event: Event<'_>) {
-        if let Event::Ended { queued, outcome, .. } = event {
-            self.0.push((queued.job.seed, outcome.clone()));
+        match event {
+            Event::Ended { queued, outcome, .. } => {
+                self.0.push((queued.job.seed, outcome.clone()));
+            }
+            Event::Started { .. } | Event::Tick { .. } => {}
+            Event::Lost { .. } | Event::Skipped { .. } | Event::FewerWorkers { .. } => {
+                panic!("nothing of the kind: {event:?}");
+            }
         }
     }
 }
 
-/// Runs a sweep of two seeds and both agents in this process.
-fn sweep(folder: &Folder, train: schedule::Train<'_>) -> (Tally, Listener) {
-    let text = support::manifest("sweep", "0.6", "2", Effort::Trivial);
+/// A store with a session of this process, and the jobs of a manifest, registered and queued.
+pub fn queued(folder: &Folder, text: &str) -> (Store, SessionId, Vec<Queued>) {
     let manifest = manifest::parse("sweep.toml", text.as_bytes()).unwrap();
     let mut store = Store::open(&folder.path("jitai.sqlite")).unwrap();
-    let experiment =
-        Experiment { name: "sweep", question: None, hypothesis: None, manifest: &text };
+    let experiment = Experiment { name: "sweep", question: None, hypothesis: None, manifest: text };
     let jobs = plan::jobs(&manifest).map(|planned| (planned.agent, planned.job));
     store.register(&experiment, jobs).unwrap();
     let queue = plan::jobs(&manifest).map(|planned| Queued {
@@ -148,23 +174,34 @@ fn sweep(folder: &Folder, train: schedule::Train<'_>) -> (Tally, Listener) {
         agent: planned.agent.to_string(),
         job: planned.job,
     });
-    let provenance = Provenance {
+    let session = store.begin_session(&provenance()).unwrap();
+    (store, session, queue.collect())
+}
+
+pub fn provenance() -> Provenance {
+    Provenance {
         code_version: "0.1.0".into(),
         git_revision: "unknown".into(),
         backend: "ndarray".into(),
         host: "here".into(),
         processor: "any".into(),
-    };
-    let session = store.begin_session(&provenance).unwrap();
-    let options = Options {
-        workers: NonZeroUsize::new(2).unwrap(),
-        retry_failed: RetryFailed::No,
-        on_failure: OnFailure::Continue,
-    };
-    let context = Context { options, train, stop: &AtomicBool::new(false) };
+    }
+}
+
+/// Two workers, no retries.
+pub const OPTIONS: Options = Options {
+    workers: NonZeroUsize::new(2).unwrap(),
+    retry_failed: RetryFailed::No,
+    on_failure: OnFailure::Continue,
+};
+
+/// Runs a sweep of two seeds and both agents in this process.
+fn sweep(folder: &Folder, train: schedule::Train<'_>) -> (Tally, Listener) {
+    let text = support::manifest("sweep", "0.6", "2", Effort::Trivial);
+    let (mut store, session, queue) = queued(folder, &text);
+    let context = Context { options: OPTIONS, train, stop: &AtomicBool::new(false) };
     let mut listener = Listener::default();
-    let tally =
-        schedule::run(&mut store, session, queue.collect(), context, &mut listener).unwrap();
+    let tally = schedule::run(&mut store, session, queue, context, &mut listener).unwrap();
     store.end_session(session).unwrap();
     (tally, listener)
 }

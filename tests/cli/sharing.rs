@@ -44,6 +44,61 @@ fn a_sweep_that_waits_takes_over_the_jobs_of_one_that_is_killed() {
     assert_eq!(folder.runs(), 2);
 }
 
+/// The locks that a process has on the store's file.
+#[cfg(target_os = "linux")]
+fn locks(folder: &Folder, process: u32) -> usize {
+    use std::os::unix::fs::MetadataExt;
+    let file = std::fs::metadata(folder.path("jitai.sqlite")).unwrap();
+    // As in `1: POSIX  ADVISORY  READ 4711 fe:00:123456 1073741826 1073742335`.
+    let (process, file) = (process.to_string(), format!(":{}", file.ino()));
+    let locks = std::fs::read_to_string("/proc/locks").unwrap();
+    let held = |line: &&str| {
+        let fields: Vec<&str> = line.split_whitespace().collect();
+        fields.get(4) == Some(&process.as_str())
+            && fields.get(5).is_some_and(|f| f.ends_with(&file))
+    };
+    locks.lines().filter(held).count()
+}
+
+#[test]
+fn clients_that_come_and_go_cost_a_killed_sweep_nothing() {
+    let text = manifest("sweep", "[0.4, 0.6]", "100", Effort::Trivial);
+    let folder = Folder::with(&text);
+    let sweep = folder.start(["run", "sweep.toml", "--workers", "2", "--quiet"]);
+    until("a job runs", || folder.is_running_a_job());
+    // The last of several clients to close a store clears its log, if it believes to be alone.
+    let completed = || -> Vec<String> {
+        let client = Connection::open_with_flags(
+            folder.path("jitai.sqlite"),
+            OpenFlags::SQLITE_OPEN_READ_WRITE,
+        )
+        .unwrap();
+        let mut statement =
+            client.prepare("SELECT job_key FROM run_summary WHERE status = 'completed'").unwrap();
+        let keys = statement.query_map([], |row| row.get(0)).unwrap();
+        keys.collect::<Result<_, _>>().unwrap()
+    };
+    // Recent clients look for others in more places than the locks of the file; older ones do not.
+    #[cfg(target_os = "linux")]
+    assert!(locks(&folder, sweep.id()) > 0, "the sweep has lost its locks on the store");
+    let mut before = Vec::new();
+    for _ in 0..5 {
+        folder.jitai(["status"]).succeeded();
+        let so_far = before.len();
+        until("some more are completed", || {
+            before = completed();
+            before.len() > so_far + 5
+        });
+    }
+    sweep.kill();
+    assert!(before.len() < 400, "the sweep was killed before its end");
+    let after = completed();
+    let lost: Vec<_> = before.iter().filter(|key| !after.contains(key)).collect();
+    assert!(lost.is_empty(), "{lost:?}");
+    folder.jitai(["run", "sweep.toml"]).succeeded().says("400 completed in all, 0 failed");
+    assert_eq!(folder.number("SELECT count(*) FROM run WHERE status = 'completed'"), 400);
+}
+
 #[test]
 fn readers_never_fail_while_a_sweep_runs() {
     let folder = Folder::with(&manifest("sweep", "[0.4, 0.6]", "4", Effort::Short));

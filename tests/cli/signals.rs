@@ -1,8 +1,11 @@
 //! A sweep that is asked to stop, stops, and goes on when it is run again.
 
+use std::thread;
 use std::time::{Duration, Instant};
 
-use crate::support::{Effort, Folder, assert_same_rows, manifest, until};
+use rusqlite::Connection;
+
+use crate::support::{Effort, Finished, Folder, Running, assert_same_rows, manifest, until};
 
 /// What users are promised.
 const STOPS_WITHIN: Duration = Duration::from_secs(2);
@@ -34,6 +37,66 @@ fn an_interrupt_from_the_keyboard_stops_long_jobs_within_two_seconds() {
 #[test]
 fn a_request_to_terminate_stops_long_jobs_within_two_seconds() {
     a_signal_stops_long_jobs_at_once("TERM");
+}
+
+/// Interrupts a sweep, which must end in time, and returns what it said.
+#[track_caller]
+fn stopped_in_time(run: Running) -> Finished {
+    let asked = Instant::now();
+    run.signal("INT");
+    let ended = run.wait().ended(130);
+    assert!(asked.elapsed() < STOPS_WITHIN, "it took {:?}", asked.elapsed());
+    ended
+}
+
+#[test]
+fn a_registration_of_very_many_jobs_is_stopped_in_time() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "200000", Effort::Trivial));
+    let run = folder.start(["run", "sweep.toml"]);
+    let registered = || folder.count_if_there("SELECT count(*) FROM experiment_job");
+    until("jobs are being registered", || registered() > Some(0));
+    stopped_in_time(run).says("the same command goes on");
+    let registered = registered().unwrap();
+    assert!((1..400_000).contains(&registered), "{registered}");
+    assert_eq!(folder.runs(), 0);
+}
+
+#[test]
+fn a_sweep_that_waits_for_another_writer_is_stopped_in_time() {
+    let folder = Folder::completed(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    folder.write("sweep.toml", manifest("sweep", "0.6", "2", Effort::Trivial));
+    let stranger = Connection::open(folder.path("jitai.sqlite")).unwrap();
+    stranger.execute_batch("BEGIN IMMEDIATE").unwrap();
+    let mut run = folder.start(["run", "sweep.toml"]);
+    thread::sleep(Duration::from_millis(300));
+    assert!(!run.has_ended());
+    stopped_in_time(run).says("the same command goes on");
+    stranger.execute_batch("COMMIT").unwrap();
+    folder.jitai(["run", "sweep.toml"]).succeeded().says("2 jobs run, 4 completed in all");
+}
+
+#[test]
+fn a_training_of_a_huge_network_is_stopped_in_time() {
+    // One update of it takes longer than a stop may.
+    let huge = "format = 1
+name = \"sweep\"
+scenarios = [\"P-H-D\"]
+seeds = 1
+environment.sigma = 0.6
+[[agent]]
+name = \"huge\"
+algorithm = \"reinforce\"
+episodes = 1000
+trajectories_per_update = 500
+layers = [2048, 2048]
+";
+    let folder = Folder::with(huge);
+    let run = folder.start(["run", "sweep.toml"]);
+    until("the job runs", || folder.is_running_a_job());
+    thread::sleep(Duration::from_millis(300));
+    stopped_in_time(run).says("the same command goes on");
+    let completed = "SELECT count(*) FROM run WHERE status = 'completed'";
+    assert_eq!(folder.number(completed), 0);
 }
 
 #[test]

@@ -135,10 +135,45 @@ fn a_trained_policy_is_found_by_the_beginning_of_its_job_key() {
         .unwrap();
     let (digit, _) = begun.iter().find(|(_, keys)| *keys > 1).expect("two keys begin alike");
     let policy = |text: &str| folder.jitai(["simulate", "--policy", &format!("run:{text}")]);
-    policy(digit).ended(3).says(&format!("`{digit}` begins the keys of several completed jobs"));
-    policy("0123456789abcdef").ended(3).says("no job's key begins with `0123456789abcdef`");
-    policy("dqn").ended(3).says("`dqn` is not a job key");
-    policy("").ended(3).says("is not a job key");
+    policy(digit).ended(2).says(&format!("`{digit}` begins the keys of several completed jobs"));
+    policy("0123456789abcdef").ended(2).says("no job's key begins with `0123456789abcdef`");
+    policy("dqn").ended(2).says("`dqn` is not a job key");
+    policy("").ended(2).says("is not a job key");
+}
+
+#[test]
+fn what_a_trained_policy_observes_cannot_be_set_anew() {
+    let text = manifest("sweep", "0.6", "1", Effort::Trivial);
+    let one_hot = text.replace("0.6\n", "0.6\nenvironment.time_one_hot = true\n");
+    for (text, refused, allowed) in [
+        (
+            &text,
+            &["time_one_hot=true", "observed_probability=1"][..],
+            &["time_one_hot=false", "horizon=20", "time_indicator=exact", "epsilon_d=0.2"][..],
+        ),
+        (
+            &one_hot,
+            &["time_one_hot=false", "horizon=20", "time_indicator=exact"],
+            &["horizon=50", "sigma=1", "time_indicator_period=3"],
+        ),
+    ] {
+        let folder = Folder::completed(text);
+        let key: String = folder
+            .store()
+            .query_row("SELECT min(job_key) FROM metric", [], |row| row.get(0))
+            .unwrap();
+        let policy = format!("run:{key}");
+        let simulate = |setting: &str| {
+            folder.jitai(["simulate", "--policy", &policy, "--set", "sigma=0.5", "--set", setting])
+        };
+        for setting in refused {
+            let told = format!("--set {setting}: the policy of job {key} was trained on");
+            simulate(setting).ended(2).says(&told);
+        }
+        for setting in allowed {
+            simulate(setting).succeeded();
+        }
+    }
 }
 
 #[test]
@@ -150,7 +185,7 @@ fn a_policy_that_is_not_trained_yet_is_refused() {
     let plan = folder.jitai(plan).succeeded().json();
     let key = plan[0]["job_key"].as_str().unwrap();
     let policy = format!("run:{key}");
-    folder.jitai(["simulate", "--policy", &policy]).ended(3).says("has no completed run");
+    folder.jitai(["simulate", "--policy", &policy]).ended(2).says("has no completed run");
 }
 
 #[test]
@@ -165,8 +200,9 @@ fn recorded_trajectories_are_repeated_step_by_step() {
     for (number, case) in recorded["cases"].as_array().unwrap().iter().enumerate() {
         for (t, theirs) in case["steps"].as_array().unwrap().iter().enumerate() {
             let ours = rows.next().expect("a row a step");
-            assert_eq!((&ours["case"], &ours["step"]), (&number.into(), &t.into()));
+            assert_eq!((&ours["episode"], &ours["step"]), (&(number + 1).into(), &t.into()));
             assert_eq!(ours["action"], theirs["action"]);
+            assert_eq!(ours["likely"], theirs["inferred"]);
             for name in ["habituation", "disengagement", "reward"] {
                 let difference = ours[name].as_f64().unwrap() - theirs[name].as_f64().unwrap();
                 assert!(difference.abs() <= 1e-12, "{name}: {ours} {theirs}");
@@ -174,25 +210,75 @@ fn recorded_trajectories_are_repeated_step_by_step() {
         }
     }
     assert!(rows.next().is_none());
-    let (_, told) = replay.stderr.split_once("and reward: ").unwrap();
-    let (largest, endings) = told.trim_end().split_once("; endings that differ: ").unwrap();
+    let (counted, largest) = replay.stderr.trim_end().rsplit_once(' ').unwrap();
+    let expected =
+        "6 episodes, 274 steps; 0 recorded values differ; largest difference of a number:";
+    assert_eq!(counted, expected);
     assert!(largest.parse::<f64>().unwrap() < 1e-12, "{}", replay.stderr);
-    assert_eq!(endings, "0");
-    assert!(replay.stderr.starts_with("6 cases, 274 steps;"), "{}", replay.stderr);
 }
 
 #[test]
-fn a_difference_from_the_recording_is_told() {
+fn replayed_and_rolled_episodes_have_the_same_columns_and_count_from_one() {
+    let folder = Folder::new();
+    let header = |arguments: &[&str]| {
+        let all = ["simulate", "--format", "csv"].iter().chain(arguments).copied();
+        let stdout = folder.jitai(all).succeeded().stdout;
+        let mut lines = stdout.lines().map(str::to_owned);
+        (lines.next().unwrap(), lines.next().unwrap())
+    };
+    let (rolled, first) = header(&[]);
+    let (replayed, first_replayed) = header(&["--replay", GOLDEN]);
+    assert_eq!(rolled, replayed);
+    assert!(rolled.starts_with("episode,step,context,probability_0,likely,"), "{rolled}");
+    assert!(first.starts_with("1,0,") && first_replayed.starts_with("1,0,"), "{first}");
+}
+
+#[test]
+fn differences_from_the_recording_are_told_with_their_places() {
     let folder = Folder::new();
     let text = include_str!("../data/golden_trajectories.json");
-    let mut recorded: Value = serde_json::from_str(text).unwrap();
-    recorded["cases"][2]["steps"][3]["reward"] = 1e6.into();
-    recorded["cases"][0]["disengaged"] =
-        (!recorded["cases"][0]["disengaged"].as_bool().unwrap()).into();
-    folder.write("changed.json", recorded.to_string());
-    let replay = folder.jitai(["simulate", "--replay", "changed.json"]).succeeded();
-    assert!(!replay.stderr.contains("0.0e0"), "{}", replay.stderr);
-    replay.says("; endings that differ: 1");
+    let recorded: Value = serde_json::from_str(text).unwrap();
+    let changed = |change: &dyn Fn(&mut Value)| {
+        let mut recorded = recorded.clone();
+        change(&mut recorded["cases"]);
+        folder.write("changed.json", recorded.to_string());
+        folder.jitai(["simulate", "--replay", "changed.json"])
+    };
+    let opposite = |value: &Value| Value::from(!value.as_bool().unwrap());
+    changed(&|cases| cases[2]["steps"][3]["reward"] = 1e6.into())
+        .ended(1)
+        .says("episode 3, step 3: reward is ")
+        .says(", recorded 1000000\n")
+        .says("; 1 recorded values differ;");
+    changed(&|cases| cases[0]["disengaged"] = opposite(&cases[0]["disengaged"]))
+        .ended(1)
+        .says("episode 1, after its last step: disengaged is false, recorded true\n");
+    changed(&|cases| cases[0]["steps"][1]["inferred"] = 0.into())
+        .ended(1)
+        .says("episode 1, step 1: likely is 1, recorded 0\n");
+    changed(&|cases| cases[5]["final"]["habituation"] = 7.into())
+        .ended(1)
+        .says("episode 6, after its last step: habituation is ");
+    let all = |cases: &mut Value| {
+        for step in cases[1]["steps"].as_array_mut().unwrap() {
+            step["disengagement"] = (-1).into();
+        }
+    };
+    changed(&all).ended(1).says("episode 2, step 9: ").says("\nand ");
+    // What a recording has lost by being written with ten digits is no difference.
+    let rounded = |cases: &mut Value| {
+        let reward = &mut cases[0]["steps"][1]["reward"];
+        *reward = (reward.as_f64().unwrap() * (1.0 + 1e-10)).into();
+    };
+    changed(&rounded).succeeded();
+    // And what it does not say is not compared.
+    let silent = |cases: &mut Value| {
+        for case in cases.as_array_mut().unwrap() {
+            case.as_object_mut().unwrap().remove("final");
+            case["steps"][0].as_object_mut().unwrap().remove("inferred");
+        }
+    };
+    changed(&silent).succeeded();
 }
 
 #[test]
@@ -205,9 +291,9 @@ fn faulty_trajectories_are_refused() {
         folder.write("changed.json", recorded.to_string());
         folder.jitai(["simulate", "--replay", "changed.json"]).ended(2)
     };
-    change(|case| case["steps"][0]["action"] = 4.into()).says("case 1: step 0: action 4");
-    change(|case| case["steps"][1]["context"] = 2.into()).says("case 1: step 1: the context");
-    change(|case| case["steps"][1]["p0"] = 1.5.into()).says("case 1: step 1: the context");
+    change(|case| case["steps"][0]["action"] = 4.into()).says("episode 2, step 0: action 4");
+    change(|case| case["steps"][1]["context"] = 2.into()).says("episode 2, step 1: the context");
+    change(|case| case["steps"][1]["p0"] = 1.5.into()).says("episode 2, step 1: the context");
     change(|case| case["horizon"] = 1.into()).says("step 1 comes after the end");
     change(|case| case["horizon"] = "long".into()).says("changed.json");
     folder.write("changed.json", "{\"cases\": [");

@@ -95,7 +95,16 @@ impl Folder {
     }
 
     pub fn command<'a>(&self, arguments: impl IntoIterator<Item = &'a str>) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_jitai"));
+        self.command_of(env!("CARGO_BIN_EXE_jitai"), arguments)
+    }
+
+    /// Another program in this folder.
+    pub fn command_of<'a>(
+        &self,
+        program: &str,
+        arguments: impl IntoIterator<Item = &'a str>,
+    ) -> Command {
+        let mut command = Command::new(program);
         command.args(arguments).current_dir(self.0.path()).env_remove("JITAI_STORE");
         command.stdin(Stdio::null());
         command
@@ -136,17 +145,18 @@ impl Folder {
         self.number("SELECT count(*) FROM run")
     }
 
-    /// Whether a run is under way; not before there is a store.
-    pub fn is_running_a_job(&self) -> bool {
-        let Ok(store) = Connection::open_with_flags(
+    /// A number from the store; `None` before there is one.
+    pub fn count_if_there(&self, sql: &str) -> Option<i64> {
+        let store = Connection::open_with_flags(
             self.path("jitai.sqlite"),
             OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX,
-        ) else {
-            return false;
-        };
-        store
-            .query_row("SELECT count(*) FROM run WHERE status = 'running'", [], |row| row.get(0))
-            .is_ok_and(|runs: i64| runs > 0)
+        );
+        store.ok()?.query_row(sql, [], |row| row.get(0)).ok()
+    }
+
+    /// Whether a run is under way; not before there is a store.
+    pub fn is_running_a_job(&self) -> bool {
+        self.count_if_there("SELECT count(*) FROM run WHERE status = 'running'") > Some(0)
     }
 
     /// All that the jobs decided: every public view without the columns that tell of

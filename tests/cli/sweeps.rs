@@ -109,3 +109,55 @@ fn the_store_is_where_the_option_or_the_environment_says() {
     assert!(folder.path("here.sqlite").exists() && folder.path("there.sqlite").exists());
     assert!(!folder.path("jitai.sqlite").exists());
 }
+
+/// The commands that a run proposes, without those behind the last.
+fn proposed(stdout: &[u8]) -> Vec<String> {
+    let text = std::str::from_utf8(stdout).unwrap();
+    let (_, next) = text.split_once("\nnext:\n").unwrap();
+    next.lines().map(|line| line.trim().to_owned()).collect()
+}
+
+#[test]
+fn what_a_run_proposes_is_about_its_store_and_its_experiments() {
+    let folder = Folder::with(&manifest("it's odd", "0.6", "2", Effort::Trivial));
+    // The store's other experiment has jobs of the same arms.
+    folder.write("other.toml", manifest("other", "0.6", "4", Effort::Trivial));
+    for (variable, option, expected) in [
+        (None, None, ""),
+        (Some("there.sqlite"), None, ""),
+        (None, Some("a b.sqlite"), " --store 'a b.sqlite'"),
+        (Some("there.sqlite"), Some("jitai.sqlite"), " --store jitai.sqlite"),
+        (Some("there.sqlite"), Some("there.sqlite"), ""),
+    ] {
+        let command = |arguments: &[&str]| {
+            let mut command = folder.command(arguments.iter().copied());
+            if let Some(variable) = variable {
+                command.env("JITAI_STORE", variable);
+            }
+            command
+        };
+        let store: Vec<&str> = option.iter().flat_map(|path| ["--store", path]).collect();
+        assert!(
+            command(&[&["run", "other.toml"], &store[..]].concat()).status().unwrap().success()
+        );
+        let run = command(&[&["run", "sweep.toml"], &store[..]].concat()).output().unwrap();
+        let proposed = proposed(&run.stdout);
+        assert_eq!(proposed.len(), 4, "{proposed:?}");
+        for (line, verb) in proposed.iter().zip(["status", "query", "export", "simulate"]) {
+            let begins = format!("jitai {verb}{expected}");
+            assert!(line.starts_with(&begins), "{line:?} does not begin with {begins:?}");
+            // As a shell would run it.
+            let line = line.replacen("jitai", "\"$0\"", 1);
+            let mut shell = folder.command_of("sh", ["-c", &line, env!("CARGO_BIN_EXE_jitai")]);
+            if let Some(variable) = variable {
+                shell.env("JITAI_STORE", variable);
+            }
+            let output = shell.output().unwrap();
+            assert!(output.status.success(), "{line}: {output:?}");
+            if verb == "query" {
+                let rows = String::from_utf8(output.stdout).unwrap();
+                assert_eq!(rows.lines().count(), 3, "{rows}");
+            }
+        }
+    }
+}

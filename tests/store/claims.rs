@@ -5,7 +5,7 @@ use std::thread;
 
 use jitai::plan::{Job, JobKey};
 use jitai::record::{Outcome, Results};
-use jitai::store::{Claimed, JobState, Reader, RetryFailed, Store, StoreError};
+use jitai::store::{Claimed, Finished, JobState, Reader, RetryFailed, RunEnd, Store, StoreError};
 
 use crate::sample::{Sample, completed, dqn, failed, number, provenance, results};
 
@@ -134,6 +134,32 @@ fn the_run_of_a_killed_process_is_taken_over_and_it_cannot_write_any_more() {
     other.finish(&claim, &completed(), 1.0).unwrap();
     assert_eq!(number(&raw, "SELECT attempt FROM run WHERE status = 'completed'"), 2);
     assert!(other.finish(&claim, &completed(), 1.0).is_err(), "a run is finished once");
+}
+
+#[test]
+fn runs_that_end_together_are_stored_but_for_those_that_were_lost() {
+    let jobs: Vec<Job> = (1..=4).map(|seed| dqn(0.4, seed)).collect();
+    let mut sample = Sample::with(&jobs);
+    let claims: Vec<_> = jobs.iter().map(|job| sample.claim(job)).collect();
+    let taken = format!(
+        "UPDATE run SET status = 'interrupted', ended_at = '2026-01-31T12:00:00.000Z'
+         WHERE job = (SELECT id FROM job WHERE key = '{}')",
+        jobs[1].key()
+    );
+    sample.raw().execute_batch(&taken).unwrap();
+    let outcomes = [completed(), completed(), failed(), Outcome::Interrupted];
+    let ends: Vec<RunEnd> = claims
+        .iter()
+        .zip(&outcomes)
+        .map(|(claim, outcome)| RunEnd { claim, outcome, wall_seconds: 1.0 })
+        .collect();
+    let finished = sample.store.finish_all(&ends).unwrap();
+    use Finished::{ClaimLost, Stored};
+    assert_eq!(finished, [Stored, ClaimLost, Stored, Stored]);
+    use JobState::{Completed, Failed, Interrupted};
+    let states: Vec<_> = jobs.iter().map(|job| state(&sample, job)).collect();
+    assert_eq!(states, [Completed, Interrupted, Failed, Interrupted]);
+    assert_eq!(number(&sample.raw(), "SELECT count(*) FROM trained_weights"), 1);
 }
 
 #[cfg(target_os = "linux")]

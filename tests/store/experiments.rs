@@ -1,13 +1,15 @@
 //! Experiments, and what can be read about their jobs.
 
+use std::collections::BTreeMap;
 use std::fs;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use jitai::manifest::{Agent, DuelingDqn};
 use jitai::plan::{Job, Scalar, Versions};
 use jitai::record::Outcome;
-use jitai::store::{
-    Counts, EpisodesLeft, Experiment, JobState, Reader, Registered, Store, StoreError, TriedJob,
-};
+use jitai::store::{Counts, Experiment, JobState, Reader, Registered, Store, StoreError};
+use rusqlite::Connection;
 use rusqlite::types::Value;
 
 use crate::sample::{Sample, completed, dqn, experiment, failed, number, reinforce};
@@ -32,6 +34,53 @@ fn registering_again_writes_nothing() {
     let (second, after) = register();
     assert_eq!(second, Registered { jobs: 50, added: 0, dropped: 0 });
     assert!(before == after, "the log has grown");
+}
+
+/// Jobs that differ in their seed.
+fn many(jobs: u64) -> impl Iterator<Item = (&'static str, Job)> {
+    (1..=jobs).map(|seed| ("dqn", dqn(0.4, seed)))
+}
+
+#[test]
+fn a_large_registration_lets_others_write_and_stops_between_its_parts() {
+    let mut sample = Sample::new();
+    let stranger = Connection::open(&sample.path).unwrap();
+    stranger.busy_timeout(Duration::ZERO).unwrap();
+    let stop = AtomicBool::new(false);
+    let jobs = many(25_000).map(|(agent, job)| {
+        if job.seed == 10_001 {
+            // The first ten thousand are there for all, and the lock is free.
+            let known = number(&stranger, "SELECT count(*) FROM experiment_job");
+            assert_eq!(known, 10_000);
+            stranger.execute_batch("BEGIN IMMEDIATE; ROLLBACK").unwrap();
+        }
+        stop.store(job.seed >= 20_000, Ordering::Relaxed);
+        (agent, job)
+    });
+    let registered = sample.store.register_until(&stop, &experiment("sweep"), jobs).unwrap();
+    assert_eq!(registered, None);
+    assert_eq!(number(&stranger, "SELECT count(*) FROM experiment_job"), 20_000);
+
+    let again = sample.store.register(&experiment("sweep"), many(25_000)).unwrap();
+    assert_eq!(again, Registered { jobs: 25_000, added: 5_000, dropped: 0 });
+    let in_order = "SELECT count(*) FROM experiment_job JOIN job ON job.id = job
+         WHERE position + 1 = json_extract(canonical, '$.seed')";
+    assert_eq!(number(&stranger, in_order), 25_000);
+}
+
+#[test]
+fn two_manifests_of_one_name_cannot_be_registered_at_once() {
+    let mut sample = Sample::new();
+    let mut other = Store::open(&sample.path).unwrap();
+    let theirs = Experiment { manifest: "format = 1\nseeds = 1", ..experiment("sweep") };
+    let jobs = many(10_001).inspect(|(_, job)| {
+        if job.seed == 10_001 {
+            other.register(&theirs, many(1)).unwrap();
+        }
+    });
+    let error = sample.store.register(&experiment("sweep"), jobs).unwrap_err();
+    assert!(matches!(&error, StoreError::Contested { name } if name == "sweep"), "{error}");
+    assert_eq!(counts(&sample, "sweep").total(), 1);
 }
 
 #[test]
@@ -97,13 +146,8 @@ fn jobs_are_counted_by_what_became_of_them() {
     assert_eq!(states, [Completed, Failed, Interrupted, Completed, Running, Pending, Pending]);
 
     let mut tried = Vec::new();
-    Reader::open(&sample.path).unwrap().tried(|job| tried.push(job)).unwrap();
-    let expected = jobs.iter().zip(states).take(5).map(|(job, state)| TriedJob {
-        key: job.key(),
-        content: job.content_key(),
-        versions: job.versions(),
-        state,
-    });
+    Reader::open(&sample.path).unwrap().tried(|key, state| tried.push((key, state))).unwrap();
+    let expected = jobs.iter().zip(states).take(5).map(|(job, state)| (job.key(), state));
     assert_eq!(tried, expected.collect::<Vec<_>>());
 }
 
@@ -137,10 +181,9 @@ fn a_job_completed_under_another_version_is_found_by_its_content() {
     let reader = Reader::open(&sample.path).unwrap();
     let Versions { environment, algorithm } = job.versions();
     let next = Versions { environment, algorithm: algorithm + 1 };
-    let content = job.content_key();
-    assert_eq!(reader.superseded(&content, job.versions()).unwrap(), []);
-    assert_eq!(reader.superseded(&content, next).unwrap(), [job.versions()]);
-    assert_eq!(reader.superseded(&dqn(0.4, 2).content_key(), next).unwrap(), []);
+    assert_eq!(reader.superseded(&job.form(), job.versions()).unwrap(), []);
+    assert_eq!(reader.superseded(&job.form(), next).unwrap(), [job.versions()]);
+    assert_eq!(reader.superseded(&dqn(0.4, 2).form(), next).unwrap(), []);
 }
 
 #[test]
@@ -166,13 +209,9 @@ fn what_is_left_is_counted_in_training_episodes() {
     sample.run(&jobs[1], &Outcome::Interrupted);
     sample.claim(&jobs[2]);
     sample.run(&jobs[3], &failed());
-    let left = Reader::open(&sample.path).unwrap().episodes_left().unwrap();
-    let of = |algorithm: &str, episodes| EpisodesLeft {
-        experiment: "sweep".into(),
-        algorithm: algorithm.into(),
-        episodes,
-    };
-    assert_eq!(left, [of("dueling_dqn", 2000), of("reinforce", 15_000)]);
+    let all = Reader::open(&sample.path).unwrap().experiment_counts().unwrap();
+    let left = BTreeMap::from([("dueling_dqn".to_owned(), 2000), ("reinforce".to_owned(), 15_000)]);
+    assert_eq!(all[0].episodes_left, left);
 }
 
 #[test]

@@ -91,9 +91,10 @@ fn what_is_no_database_is_refused() {
         fs::write(&path, bytes).unwrap();
         path
     };
-    refused(&file("notes.txt", b"hello"), "is not a SQLite file, not a store");
-    refused(&file("long.txt", &[b'x'; 5000]), "is not a SQLite file, not a store");
-    refused(&file("cut.sqlite", b"SQLite format 3\0"), "is not a SQLite file, not a store");
+    let message = "is no SQLite file, so it cannot be a store; name another file";
+    refused(&file("notes.txt", b"hello"), message);
+    refused(&file("long.txt", &[b'x'; 5000]), message);
+    refused(&file("cut.sqlite", b"SQLite format 3\0"), message);
     refused(folder.path(), "is a folder, not a store");
     refused(&folder.path().join("absent/a.sqlite"), "make it first");
     refused(Path::new("/dev/null"), "is a device or pipe, not a store");

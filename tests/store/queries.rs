@@ -47,7 +47,7 @@ fn an_answer_has_its_columns_and_then_its_rows() {
     ] {
         assert_eq!(ask(&reader, sql).unwrap().len(), 4, "{sql}");
     }
-    assert_eq!(ask(&reader, "PRAGMA table_info(run_summary)").unwrap().len(), 17);
+    assert_eq!(ask(&reader, "PRAGMA table_info(run_summary)").unwrap().len(), 19);
     assert!(ask(&reader, "EXPLAIN QUERY PLAN SELECT * FROM metric").unwrap().len() > 1);
 }
 
@@ -154,7 +154,19 @@ fn faulty_sql_is_shown_with_its_place() {
     let error = ask(&reader, "SELECT * FROM").unwrap_err();
     assert!(error.to_string().contains("incomplete input"), "{error}");
     let error = ask(&reader, "SELECT * FROM runs").unwrap_err();
-    assert!(error.to_string().contains("no such table: runs"), "{error}");
+    assert_eq!(
+        error.to_string(),
+        "no such table: runs; the views are run_summary, parameter, metric, learning_curve, \
+         evaluation_episode, action_choice"
+    );
+}
+
+#[test]
+fn a_query_can_take_roots() {
+    let sample = sample();
+    let reader = Reader::open(&sample.path).unwrap();
+    let answer = ask(&reader, "SELECT sqrt(2), sqrt(9), sqrt(-1), sqrt(NULL), sqrt('x')").unwrap();
+    assert_eq!(answer[1], "Real(1.4142135623730951)|Real(3.0)|Null|Null|Null");
 }
 
 #[test]

@@ -2,10 +2,11 @@
 
 use rusqlite::Connection;
 
-use crate::sample::{Sample, completed, dqn, failed};
+use crate::sample::{Sample, completed, dqn, failed, number};
 
 const END: &str = "ended_at = '2026-01-31T12:00:00.000Z'";
-const RESULTS: &str = "INSERT INTO run_metric VALUES (1, 1, 2.5);
+const RESULTS: &str =
+    "INSERT INTO run_metric VALUES (1, 1, 2.5), (1, 2, 2.5), (1, 3, 2.5), (1, 4, 0.5);
     INSERT INTO test_episode VALUES (1, 1, 2.5, 50, 0);
     INSERT INTO trained_weights VALUES (1, x'00');";
 
@@ -15,7 +16,11 @@ fn running() -> (Sample, Connection) {
     let mut sample = Sample::with(std::slice::from_ref(&job));
     sample.claim(&job);
     let raw = sample.raw();
-    raw.execute_batch("INSERT INTO metric_name VALUES (1, 'mean_return')").unwrap();
+    raw.execute_batch(
+        "INSERT INTO metric_name VALUES (1, 'mean_return'), (2, 'sd_return'), (3, 'mean_length'),
+            (4, 'disengagement_rate'), (5, 'message_rate')",
+    )
+    .unwrap();
     (sample, raw)
 }
 
@@ -52,7 +57,19 @@ fn a_completed_run_has_metrics_episodes_and_weights() {
         for insert in RESULTS.split_inclusive(';').filter(|insert| !insert.contains(missing)) {
             raw.execute_batch(insert).unwrap();
         }
-        refused(&raw, &complete, "a completed run has metrics, test episodes and weights");
+        refused(&raw, &complete, "a completed run has its metrics, test episodes and weights");
+    }
+}
+
+#[test]
+fn a_completed_run_has_every_metric_of_the_summary() {
+    let complete = format!("UPDATE run SET status = 'completed', {END}, wall_seconds = 1");
+    for missing in 1..=4 {
+        let (_sample, raw) = running();
+        // As many metrics, but one of them is not in the summary.
+        let other = RESULTS.replace(&format!("(1, {missing}, "), "(1, 5, ");
+        raw.execute_batch(&other).unwrap();
+        refused(&raw, &complete, "a completed run has its metrics, test episodes and weights");
     }
 }
 
@@ -115,9 +132,9 @@ fn a_job_has_one_running_or_completed_run() {
     let again = "INSERT INTO run (job, attempt, session, status, started_at)
         VALUES (1, 9, 1, 'running', '2026-01-31T12:00:00.000Z')";
     let claim = sample.claim(&job);
-    refused(&raw, again, "UNIQUE constraint failed: run.job");
+    refused(&raw, again, "a job has one running or completed run");
     sample.store.finish(&claim, &completed(), 1.0).unwrap();
-    refused(&raw, again, "UNIQUE constraint failed: run.job");
+    refused(&raw, again, "a job has one running or completed run");
 }
 
 #[test]
@@ -131,7 +148,7 @@ fn attempts_at_a_job_are_told_apart() {
              VALUES (1, {attempt}, 1, 'running', '2026-01-31T12:00:00.000Z')"
         )
     };
-    refused(&sample.raw(), &insert(1), "UNIQUE");
+    refused(&sample.raw(), &insert(1), "a run begins once");
     refused(&sample.raw(), &insert(0), "CHECK");
     sample.raw().execute_batch(&insert(2)).unwrap();
 }
@@ -190,7 +207,8 @@ fn only_a_run_in_progress_takes_results() {
         let mut sample = Sample::with(std::slice::from_ref(&job));
         sample.run(&job, &outcome);
         for insert in inserts {
-            refused(&sample.raw(), insert, "results belong to a run in progress");
+            // Some are there already, and are refused for that.
+            refused(&sample.raw(), insert, "results ");
         }
     }
     // And results without a run belong to nothing.
@@ -277,13 +295,122 @@ fn a_job_is_its_content_and_never_changes() {
     refused(&raw, "UPDATE job SET canonical = '{}'", "a job never changes");
     let insert = |key: &str, canonical: &str| {
         format!(
-            "INSERT INTO job (key, content_key, environment_version, algorithm_version, canonical)
-             VALUES ('{key}', '{key}', 1, 1, '{canonical}')"
+            "INSERT INTO job (key, environment_version, algorithm_version, canonical)
+             VALUES ('{key}', 1, 1, '{canonical}')"
         )
     };
     refused(&raw, &insert("0123456789abcdef", "{}"), "CHECK");
     refused(&raw, &insert("0123456789ABCDEF0123456789ABCDEF", "{}"), "CHECK");
     refused(&raw, &insert("0123456789abcdef0123456789abcdef", "{"), "CHECK");
     raw.execute_batch(&insert("0123456789abcdef0123456789abcdef", "{}")).unwrap();
-    refused(&raw, &insert("0123456789abcdef0123456789abcdef", "{}"), "UNIQUE");
+    refused(&raw, &insert("0123456789abcdef0123456789abcdef", "{}"), "a job is made once");
+    refused(&raw, "DELETE FROM job WHERE id > 1", "a job is never deleted");
+}
+
+#[test]
+fn replacing_deletes_nothing() {
+    let jobs = [dqn(0.4, 1), dqn(0.4, 2)];
+    let mut sample = Sample::with(&jobs);
+    sample.run(&jobs[0], &completed());
+    sample.run(&jobs[1], &failed());
+    let raw = sample.raw();
+    let at = "'2026-01-31T12:00:00.000Z'";
+    let run = |id: &str, job: i64, attempt: i64| {
+        format!(
+            "INSERT OR REPLACE INTO run (id, job, attempt, session, status, started_at)
+             VALUES ({id}, {job}, {attempt}, 1, 'running', {at})"
+        )
+    };
+    let job_row = |id: &str, key: &str| {
+        format!(
+            "INSERT OR REPLACE INTO job (id, key, environment_version, algorithm_version, canonical)
+             VALUES ({id}, {key}, 1, 1, '{{}}')"
+        )
+    };
+    let process = "process_id, code_version, git_revision, backend, processor, started_at,
+        heartbeat_at) VALUES (1, 'lab', 7, '0', '0', '0', '0'";
+    for (sql, reason) in [
+        (run("1", 2, 9), "a run begins once"),
+        (run("NULL", 2, 1), "a run begins once"),
+        (run("NULL", 1, 9), "a job has one running or completed run"),
+        (job_row("1", "'0123456789abcdef0123456789abcdef'"), "a job is made once"),
+        (job_row("NULL", "(SELECT max(key) FROM job)"), "a job is made once"),
+        (
+            format!("INSERT OR REPLACE INTO session (id, host, {process}, {at}, {at})"),
+            "a session begins once",
+        ),
+        ("INSERT OR REPLACE INTO metric_name VALUES (1, 'x')".into(), "is given once"),
+        ("INSERT OR REPLACE INTO metric_name VALUES (99, 'sd_return')".into(), "is given once"),
+        ("INSERT OR REPLACE INTO trained_weights VALUES (1, x'00')".into(), "results"),
+    ] {
+        refused(&raw, &sql, reason);
+    }
+    let kept = "SELECT count(*) FROM run JOIN run_metric ON run = run.id JOIN job ON job.id = job";
+    assert_eq!(number(&raw, kept), 5);
+    assert_eq!(number(&raw, "SELECT count(*) FROM run"), 2);
+}
+
+#[test]
+fn results_are_written_once() {
+    for insert in [
+        "run_metric VALUES (1, 1, 2.5)",
+        "curve_point VALUES (1, 1, 20, 2.5)",
+        "test_episode VALUES (1, 99, 2.5, 50, 0)",
+        "action_count VALUES (1, 0, 0, 0, 1)",
+        "trained_weights VALUES (1, x'00')",
+    ] {
+        let (_sample, raw) = running();
+        raw.execute_batch(&format!("INSERT INTO {insert}")).unwrap();
+        for verb in ["INSERT", "INSERT OR REPLACE", "INSERT OR IGNORE"] {
+            refused(&raw, &format!("{verb} INTO {insert}"), "results are written once");
+        }
+    }
+}
+
+#[test]
+fn the_name_of_a_metric_never_changes() {
+    let (_sample, raw) = running();
+    refused(&raw, "UPDATE metric_name SET name = 'x' WHERE id = 1", "never changes");
+    refused(&raw, "DELETE FROM metric_name", "never deleted");
+    refused(&raw, "INSERT INTO metric_name VALUES (-1, 'x')", "CHECK");
+}
+
+#[test]
+fn a_session_stays_the_same_process_and_ends_once() {
+    let (_sample, raw) = running();
+    for column in [
+        "id",
+        "host",
+        "boot_id",
+        "pid_namespace",
+        "process_id",
+        "process_started",
+        "code_version",
+        "git_revision",
+        "backend",
+        "processor",
+        "started_at",
+    ] {
+        let change = format!("UPDATE session SET {column} = {column}");
+        refused(&raw, &change, "a session stays the same process");
+    }
+    refused(&raw, "DELETE FROM session", "a session is never deleted");
+    raw.execute_batch("UPDATE session SET heartbeat_at = '2026-01-31T12:00:00.000Z'").unwrap();
+    raw.execute_batch(&format!("UPDATE session SET {END}")).unwrap();
+    for change in [END, "ended_at = NULL", "heartbeat_at = '2026-01-31T12:00:00.000Z'"] {
+        refused(&raw, &format!("UPDATE session SET {change}"), "an ended session never changes");
+    }
+}
+
+#[test]
+fn no_run_begins_in_a_session_that_has_ended_or_never_was() {
+    let mut sample = Sample::with(&[dqn(0.4, 1)]);
+    sample.store.end_session(sample.session).unwrap();
+    for session in [1, 77] {
+        let begin = format!(
+            "INSERT INTO run (job, attempt, session, status, started_at)
+             VALUES (1, 1, {session}, 'running', '2026-01-31T12:00:00.000Z')"
+        );
+        refused(&sample.raw(), &begin, "a run begins in a session that has not ended");
+    }
 }

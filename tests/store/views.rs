@@ -100,6 +100,10 @@ fn runs_that_did_not_complete_are_in_the_summary_alone() {
     sample.run(&job, &Outcome::Interrupted);
     sample.run(&job, &failed());
     let raw = sample.raw();
+    let failure = "SELECT count(*) FROM run_summary WHERE (failure_kind, failure_message)
+        IS (iif(status = 'failed', 'diverged', NULL),
+            iif(status = 'failed', 'the loss is not a number', NULL))";
+    assert_eq!(number(&raw, failure), 2);
     let statuses = "SELECT count(*) FROM run_summary
         WHERE (attempt, status) IN (VALUES (1, 'interrupted'), (2, 'failed'))
             AND mean_return IS NULL AND ended_at >= started_at";

@@ -434,8 +434,10 @@ mod tests {
         {
             let parameters = Reinforce { layers: vec![units], ..Reinforce::default() };
             let layers = layers::policy(&parameters, width + one_hot);
-            let weights =
-                layers::draw(&[layers.clone()], &mut Stream::new(1, Purpose::InitialWeights));
+            let weights = layers::draw(
+                std::slice::from_ref(&layers),
+                &mut Stream::new(1, Purpose::InitialWeights),
+            );
             let stack = Stack::new(layers, parameters.activation, 0);
             let mut flat = Aligned::zeros(stack.end());
             stack.load(&weights, &mut flat).unwrap();
