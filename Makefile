@@ -3,7 +3,7 @@
 CARGO ?= cargo
 JITAI := $(CARGO) run --release --quiet --
 
-.PHONY: help run test test-slow test-flex doc clean
+.PHONY: help run paper test test-slow test-flex doc clean
 
 help: ## these targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -12,13 +12,18 @@ run: ## build, and run the quickstart into jitai.sqlite (minutes; Ctrl-C and `ma
 	$(CARGO) build --release
 	$(JITAI) run experiments/quickstart.toml
 
+paper: ## the three manifests of the paper, about 350 jobs, into paper.sqlite
+	$(CARGO) build --release
+	$(JITAI) run experiments/paper/context_error.toml experiments/paper/learning_curves.toml \
+		experiments/paper/disengagement.toml --store paper.sqlite
+
 # Tests are built as `make run` builds, so that Burn is compiled once and trains at full speed.
 test: ## format, lints as errors, unit and integration tests
 	$(CARGO) fmt --check
 	$(CARGO) clippy --release --all-targets --quiet -- -D warnings
 	$(CARGO) test --release --quiet
 
-test-slow: ## whole trainings of ten seeds against an independent port (about ten minutes)
+test-slow: ## whole trainings of ten seeds against an independent port (minutes)
 	$(CARGO) test --release --test learning -- --nocapture --test-threads 1
 
 test-flex: ## the tests of the networks on the other tensor backend

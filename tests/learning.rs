@@ -6,7 +6,8 @@
 use std::sync::Mutex;
 use std::thread;
 
-use jitai::manifest::{Agent, DuelingDqn, Environment, Evaluation, Reinforce, Scenario};
+use jitai::analyse;
+use jitai::manifest::{Agent, DuelingDqn, Engine, Environment, Evaluation, Reinforce, Scenario};
 use jitai::plan::Job;
 use jitai::record::Outcome;
 use jitai::train::{self, Unwatched};
@@ -51,10 +52,8 @@ fn mean_return(job: &Job) -> f64 {
 }
 
 fn mean_and_sd(values: &[f64]) -> (f64, f64) {
-    let n = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / n;
-    let squares: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
-    (mean, (squares / (n - 1.0)).sqrt())
+    let (mean, sd) = analyse::mean_and_sd(values);
+    (mean, sd.unwrap())
 }
 
 /// Our ten seeds against the port's ten, in joint standard errors.
@@ -89,6 +88,30 @@ fn reinforce_learns_p_h_d_as_the_port_does() {
 #[test]
 fn reinforce_learns_l_h_d_as_the_port_does() {
     agrees(&Agent::Reinforce(Reinforce::default()), "L-H-D", (1769.0, 77.0), 1827.0);
+}
+
+/// Two ways to train the same agent, in joint standard errors.
+fn agree(fused: &Agent, burn: &Agent) {
+    let [fused, burn] = [fused, burn].map(|agent| returns(agent, "P-H-D", 0.6));
+    let ((a, sd_a), (b, sd_b)) = (mean_and_sd(&fused), mean_and_sd(&burn));
+    let distance = (a - b) / ((sd_a * sd_a + sd_b * sd_b) / 10.0).sqrt();
+    println!(
+        "P-H-D: fused {a:.0} ± {sd_a:.0}, burn {b:.0} ± {sd_b:.0}, {distance:+.2} joint standard \
+         errors; seeds {fused:.0?} and {burn:.0?}"
+    );
+    assert!(distance.abs() < 2.0, "{distance:+.2} joint standard errors between the engines");
+}
+
+#[test]
+fn both_engines_teach_the_dueling_dqn_equally_well() {
+    let burn = DuelingDqn { engine: Engine::Burn, ..DuelingDqn::default() };
+    agree(&Agent::DuelingDqn(DuelingDqn::default()), &Agent::DuelingDqn(burn));
+}
+
+#[test]
+fn both_engines_teach_reinforce_equally_well() {
+    let burn = Reinforce { engine: Engine::Burn, ..Reinforce::default() };
+    agree(&Agent::Reinforce(Reinforce::default()), &Agent::Reinforce(burn));
 }
 
 #[test]
