@@ -8,6 +8,7 @@
 //!  what an     what     who runs     one job, from its      one       pure        tables
 //!  author      should   it and       declaration to its     SQLite    numbers     and
 //!  declares    run      when         outcome                file                  figures
+//!                         (kernel, rng)
 //!                              cli at the edge
 //! ```
 //!
@@ -26,10 +27,11 @@
 //!
 //! ## Invariants
 //!
-//! - Data flows one way: each module imports only modules to its left (`tests/imports.rs` holds
+//! - Data flows one way: each module imports only modules before it (`tests/imports.rs` holds
 //!   the table). Training knows no database; only `store` has SQL; nothing imports `cli`.
 //! - The results of a job depend on its content and the code alone. Every source of chance is a
-//!   stream named in [`rng`]; there is no global generator.
+//!   stream named in [`rng`]; there is no global generator. Every instruction set computes the same
+//!   bits (see [`kernel`]); only jobs with `engine = "burn"` may end in others on another processor.
 //! - A run's results are written in the transaction that completes it, or not at all.
 //! - Statuses, outcomes and failures are enums that carry their evidence, matched exhaustively.
 

@@ -7,6 +7,7 @@ use jitai::manifest::{Agent, DuelingDqn, Environment, Evaluation, Reinforce};
 use jitai::plan::Job;
 use jitai::record::{Outcome, Results};
 use jitai::train::{self, Unwatched};
+use sha2::{Digest, Sha256};
 
 fn job(agent: Agent, seed: u64) -> Job {
     Job {
@@ -43,6 +44,20 @@ fn results_do_not_depend_on_burns_global_generator() {
         device.seed(2);
         assert_eq!(results(&job), first);
     }
+}
+
+/// Whoever sees this fail has changed what jobs end in, and raises the version of the simulation or
+/// of the algorithm in `plan::Job::versions`.
+#[test]
+fn results_are_what_they_were_to_the_bit() {
+    let ended = |agent| {
+        let results = results(&job(agent, 1));
+        let total: f64 = results.episodes.iter().map(|episode| episode.total_reward).sum();
+        let weights = Sha256::digest(&results.weights);
+        (total.to_bits(), u32::from_be_bytes(weights[..4].try_into().unwrap()))
+    };
+    assert_eq!(ended(dueling_dqn()), (4_670_428_529_652_141_323, 3_853_771_717));
+    assert_eq!(ended(reinforce()), (4669651897133918649, 791006573));
 }
 
 #[test]

@@ -31,6 +31,8 @@ use std::thread;
 
 use clap::{Args, Parser, Subcommand};
 
+use crate::kernel::Isa;
+
 pub(crate) use error::{Error, Exit};
 
 /// Reinforcement-learning experiments for just-in-time adaptive interventions.
@@ -93,7 +95,11 @@ fn one_a_core() -> NonZeroUsize {
 
 /// Runs the program with the arguments of the process.
 pub fn main() -> ExitCode {
-    let result = match Arguments::parse().verb {
+    let verb = Arguments::parse().verb;
+    if let Err(error) = Isa::check_choice() {
+        return Error::Usage(error.to_string()).report().into();
+    }
+    let result = match verb {
         Verb::Check(arguments) => check::run(&arguments),
         Verb::Plan(arguments) => plan::run(&arguments),
         Verb::Run(arguments) => run::run(&arguments),

@@ -3,6 +3,7 @@
 use std::thread;
 use std::time::Duration;
 
+use jitai::kernel::Isa;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
@@ -20,6 +21,32 @@ fn three_workers_store_the_same_rows_as_one() {
     three.jitai(["run", "sweep.toml", "--workers", "3"]).succeeded();
     assert_eq!(one.number("SELECT count(*) FROM run_summary WHERE status = 'completed'"), 8);
     assert_same_rows(&one.dump(), &three.dump());
+}
+
+#[test]
+fn every_instruction_set_stores_the_same_rows() {
+    let text = manifest("sweep", "0.6", "1", Effort::Trivial);
+    let one_hot =
+        text.replace("environment.sigma", "environment.time_one_hot = true\nenvironment.sigma");
+    for text in [text, one_hot] {
+        let fastest = Folder::completed(&text);
+        for isa in Isa::available() {
+            let forced = Folder::with(&text);
+            let mut run = forced.command(["run", "sweep.toml"]);
+            let run = run.env("JITAI_SIMD", isa.name()).output().unwrap();
+            assert!(run.status.success(), "{run:?}");
+            assert_same_rows(&fastest.dump(), &forced.dump());
+        }
+    }
+}
+
+#[test]
+fn an_instruction_set_that_there_is_not_is_a_usage_error() {
+    let folder = Folder::new();
+    let run = folder.command(["schema"]).env("JITAI_SIMD", "abacus").output().unwrap();
+    assert_eq!(run.status.code(), Some(2), "{run:?}");
+    let said = String::from_utf8(run.stderr).unwrap();
+    assert!(said.contains("JITAI_SIMD is `abacus`; this machine has "), "{said}");
 }
 
 #[test]
