@@ -3,7 +3,10 @@
 use std::thread;
 
 use burn::tensor::Device;
-use jitai::manifest::{Agent, DuelingDqn, Environment, Evaluation, Reinforce};
+use jitai::manifest::{
+    Activation, Agent, DuelingDqn, Environment, Evaluation, FirstContext, Reinforce,
+    TerminalTarget, TimeIndicator, Trunk,
+};
 use jitai::plan::Job;
 use jitai::record::{Outcome, Results};
 use jitai::train::{self, Unwatched};
@@ -50,14 +53,35 @@ fn results_do_not_depend_on_burns_global_generator() {
 /// of the algorithm in `plan::Job::versions`.
 #[test]
 fn results_are_what_they_were_to_the_bit() {
-    let ended = |agent| {
-        let results = results(&job(agent, 1));
+    let ended = |job: Job| {
+        let results = results(&job);
         let total: f64 = results.episodes.iter().map(|episode| episode.total_reward).sum();
         let weights = Sha256::digest(&results.weights);
         (total.to_bits(), u32::from_be_bytes(weights[..4].try_into().unwrap()))
     };
-    assert_eq!(ended(dueling_dqn()), (4_670_428_529_652_141_323, 3_853_771_717));
-    assert_eq!(ended(reinforce()), (4669651897133918649, 791006573));
+    let mut far = job(
+        Agent::DuelingDqn(DuelingDqn {
+            episodes: 30,
+            activation: Activation::Tanh,
+            trunk: Trunk::Separate,
+            terminal_target: TerminalTarget::Standard,
+            target_period: 50,
+            buffer: 200,
+            ..DuelingDqn::default()
+        }),
+        1,
+    );
+    far.environment.time_one_hot = true;
+    far.environment.first_context = FirstContext::Sampled;
+    far.environment.time_indicator = TimeIndicator::Exact;
+    assert_eq!(
+        [job(dueling_dqn(), 1), job(reinforce(), 1), far].map(ended),
+        [
+            (4670428529652141323, 3853771717),
+            (4669651897133918649, 4179004084),
+            (4668886930363693733, 1413385938)
+        ]
+    );
 }
 
 #[test]

@@ -102,16 +102,15 @@ impl<E: DuelingDqnEngine> DuelingDqnLearner<E> {
         seed: u64,
     ) -> Self {
         let observer = Observer::new(environment, scenario);
-        let mut environment_stream = Stream::new(seed, Purpose::Environment);
         let none = observer.observations();
         DuelingDqnLearner {
             engine,
             replay: Replay::new(parameters.buffer as usize, &none, parameters.terminal_target),
             epsilon: parameters.epsilon_start,
             updates: 0,
-            episodes: Episodes::start(environment, 1, &mut environment_stream),
+            episodes: Episodes::ended(environment, 1),
             observer,
-            environment_stream,
+            environment_stream: Stream::new(seed, Purpose::Environment),
             exploration_stream: Stream::new(seed, Purpose::Exploration),
             replay_stream: Stream::new(seed, Purpose::Replay),
             room: Room {
@@ -231,5 +230,148 @@ impl<E: DuelingDqnEngine> Learner for DuelingDqnLearner<E> {
         let mut weights = self.engine.weights();
         weights.numbers.insert("epsilon".to_owned(), self.epsilon);
         weights
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::manifest::{FirstContext, TimeIndicator};
+
+    /// An engine whose values are a formula of the state and of how often the target was renewed,
+    /// and which looks at what it is given to learn.
+    struct Formula {
+        parameters: DuelingDqn,
+        renewals: u32,
+        updates: u32,
+        steps: Vec<Step>,
+    }
+
+    /// State, action, reward, ending and next state.
+    type Step = (Vec<f32>, Action, f32, Ending, Vec<f32>);
+
+    struct Nothing;
+
+    impl ActionNetwork for Nothing {
+        fn evaluate(&mut self, _: &Observations, _: &mut Vec<f32>) {
+            unreachable!("nobody tests it");
+        }
+    }
+
+    fn values(state: &[f32], renewals: u32) -> [f32; Action::COUNT] {
+        let sum: f32 = state.iter().sum();
+        std::array::from_fn(|action| sum * (action as f32 - 1.0) + renewals as f32)
+    }
+
+    /// The state of a row, its moment as a last number.
+    fn state(observations: &Observations, row: usize) -> Vec<f32> {
+        let moment = observations.moment(row).map(|moment| moment as f32);
+        observations.row(row).iter().copied().chain(moment).collect()
+    }
+
+    impl DuelingDqnEngine for Formula {
+        type Network = Nothing;
+
+        fn values(&mut self, observations: &Observations, out: &mut Vec<f32>) {
+            *out = values(&state(observations, 0), 0).to_vec();
+        }
+
+        fn target_values(&mut self, observations: &Observations, out: &mut Vec<f32>) {
+            let rows = 0..observations.rows();
+            *out = rows.flat_map(|row| values(&state(observations, row), self.renewals)).collect();
+        }
+
+        fn renew_target(&mut self) {
+            assert_eq!(self.updates % self.parameters.target_period, 0);
+            self.renewals += 1;
+        }
+
+        fn update(&mut self, batch: &Batch) -> f32 {
+            assert_eq!(self.renewals, self.updates / self.parameters.target_period + 1);
+            self.updates += 1;
+            let stored = self.steps.len().saturating_sub(self.parameters.buffer as usize);
+            for row in 0..batch.actions.len() {
+                let before = state(&batch.observations, row);
+                let matching =
+                    self.steps[stored..].iter().filter(|(s, action, reward, ending, next)| {
+                        let DuelingDqn { gamma, terminal_target, .. } = self.parameters;
+                        let best = values(next, self.renewals).into_iter().fold(f32::MIN, f32::max);
+                        let (action, ending) = (*action, *ending);
+                        let transition = Transition { action, reward: *reward, ending };
+                        let target = target(&transition, best, gamma, terminal_target);
+                        (s, action, target.to_bits())
+                            == (&before, batch.actions[row], batch.targets[row].to_bits())
+                    });
+                assert!(matching.count() > 0, "no stored step gives {before:?} and its target");
+            }
+            1.0
+        }
+
+        fn network(&self) -> Nothing {
+            Nothing
+        }
+
+        fn weights(&self) -> Weights {
+            Weights::default()
+        }
+    }
+
+    #[test]
+    fn batches_are_stored_steps_with_the_targets_of_their_period() {
+        for (buffer, batch, target_period) in
+            [(64, 64, 1), (100, 64, 7), (1, 1, 1), (1000, 32, 1000), (40, 8, 50)]
+        {
+            for terminal_target in [TerminalTarget::Zero, TerminalTarget::Standard] {
+                for (horizon, time_one_hot) in [(1, false), (3, true), (50, false), (50, true)] {
+                    let parameters = DuelingDqn {
+                        buffer,
+                        batch,
+                        target_period,
+                        terminal_target,
+                        ..DuelingDqn::default()
+                    };
+                    let environment = Environment {
+                        horizon,
+                        time_one_hot,
+                        first_context: FirstContext::Sampled,
+                        time_indicator: TimeIndicator::Exact,
+                        ..Environment::paper(0.6)
+                    };
+                    trains_on_what_it_did(parameters, &environment);
+                }
+            }
+        }
+    }
+
+    /// Trains for some 300 steps and tells the engine every step.
+    fn trains_on_what_it_did(parameters: DuelingDqn, environment: &Environment) {
+        let engine =
+            Formula { parameters: parameters.clone(), renewals: 0, updates: 0, steps: Vec::new() };
+        let scenario = "P-H-D".parse().unwrap();
+        let mut learner = DuelingDqnLearner::new(engine, &parameters, environment, &scenario, 1);
+        let mut steps = 0;
+        while steps < 300 {
+            learner.episodes.restart(&mut learner.environment_stream);
+            learner.observer.observe(&learner.episodes, &mut learner.observation);
+            while learner.episodes.any_running() {
+                let before = state(&learner.observation, 0);
+                let reward = learner.act();
+                let position = (steps % parameters.buffer) as usize;
+                let transition = learner.replay.transition(position);
+                assert_eq!(transition.reward, reward as f32);
+                learner.engine.steps.push((
+                    before,
+                    transition.action,
+                    transition.reward,
+                    transition.ending,
+                    state(&learner.observation, 0),
+                ));
+                steps += 1;
+                if learner.replay.len() >= parameters.batch as usize {
+                    learner.update().unwrap();
+                }
+            }
+        }
+        assert!(learner.engine.updates > 100, "{}", learner.engine.updates);
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::agent::burn::device;
 use crate::agent::dueling_dqn::{Batch, DuelingDqnEngine};
-use crate::agent::reference_tests::{assert_weights_close, gradients};
+use crate::agent::reference_tests::{assert_weights_close, gradients, sampled_by};
 use crate::agent::reinforce::{ReinforceEngine, Trajectories};
 use crate::agent::{
     BurnDuelingDqn, BurnReinforce, DuelingQNetwork, FusedDuelingDqn, FusedReinforce, PolicyNetwork,
@@ -75,7 +75,8 @@ impl Case {
 
     fn trajectories(&mut self) -> Trajectories {
         let (observations, actions) = (self.observations(), self.actions());
-        Trajectories { observations, actions, returns_to_go: self.returns() }
+        let preferences = Vec::new();
+        Trajectories { observations, actions, preferences, returns_to_go: self.returns() }
     }
 
     fn dueling_dqn(&self) -> DuelingDqn {
@@ -146,10 +147,14 @@ fn fused_policies_learn_as_burns_do() {
         let expected = gradients(&network, loss).weights();
         let mut burn = BurnReinforce::new(&parameters, inputs, &weights).unwrap();
         let mut fused = FusedReinforce::new(&parameters, inputs, &weights, Isa::chosen()).unwrap();
-        assert_weights_close(&fused.gradient(&trajectories), &expected, 1e-5, &case.name());
+        let sampled = sampled_by(&mut fused, &trajectories);
+        assert_weights_close(&fused.gradient(&sampled), &expected, 1e-5, &case.name());
         let samples: Vec<Trajectories> = (0..10).map(|_| case.trajectories()).collect();
         (0..100).for_each(|i| assert!(burn.update(&samples[i % 10]).is_finite()));
-        (0..100).for_each(|i| assert!(fused.update(&samples[i % 10]).is_finite()));
+        for i in 0..100 {
+            let sampled = sampled_by(&mut fused, &samples[i % 10]);
+            assert!(fused.update(&sampled).is_finite());
+        }
         assert_arrays_close(&fused.weights(), &burn.weights(), &case.name());
     }
 }
@@ -165,7 +170,10 @@ fn every_instruction_set_learns_the_same_bits() {
             let mut q = FusedDuelingDqn::new(&dqn, inputs, &q_weights, isa).unwrap();
             let mut p = FusedReinforce::new(&reinforce, inputs, &p_weights, isa).unwrap();
             let losses: Vec<u32> = (0..3)
-                .flat_map(|_| [q.update(&batch), p.update(&trajectories)])
+                .flat_map(|_| {
+                    let sampled = sampled_by(&mut p, &trajectories);
+                    [q.update(&batch), p.update(&sampled)]
+                })
                 .map(f32::to_bits)
                 .collect();
             (isa.name(), losses, q.weights().to_bytes(), p.weights().to_bytes())

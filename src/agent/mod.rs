@@ -29,6 +29,7 @@ use crate::manifest::{Agent, DuelingDqn, Engine, Environment, Reinforce, Scenari
 use crate::rng::{Purpose, Stream};
 
 pub use burn::device::backend_name;
+use burn::device::inference;
 pub use burn::{BurnDuelingDqn, BurnReinforce, DuelingQNetwork, PolicyNetwork};
 pub use dueling_dqn::{Batch, DuelingDqnEngine, DuelingDqnLearner};
 pub use fused::{FusedDuelingDqn, FusedDuelingNetwork, FusedPolicyNetwork, FusedReinforce};
@@ -185,7 +186,6 @@ pub fn trained_policy(
     actions: Actions,
 ) -> Result<Box<dyn Policy>, WeightsError> {
     let inputs = Observer::new(environment, scenario).inputs();
-    let device = burn::device::inference();
     Ok(match agent {
         Agent::DuelingDqn(parameters) => {
             let epsilon = match actions {
@@ -198,7 +198,7 @@ pub fn trained_policy(
                     epsilon,
                 )),
                 Engine::Burn => Box::new(EpsilonGreedy::new(
-                    DuelingQNetwork::from_weights(parameters, inputs, weights, &device)?,
+                    DuelingQNetwork::from_weights(parameters, inputs, weights, &inference())?,
                     epsilon,
                 )),
             }
@@ -209,7 +209,7 @@ pub fn trained_policy(
                 actions,
             )),
             Engine::Burn => Box::new(SoftmaxPolicy::new(
-                PolicyNetwork::from_weights(parameters, inputs, weights, &device)?,
+                PolicyNetwork::from_weights(parameters, inputs, weights, &inference())?,
                 actions,
             )),
         },

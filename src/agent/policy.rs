@@ -74,7 +74,7 @@ impl<N: ActionNetwork> Policy for SoftmaxPolicy<N> {
     fn act(&mut self, observations: &Observations, actions: &mut [Action], stream: &mut Stream) {
         self.network.evaluate(observations, &mut self.logits);
         match self.actions {
-            Actions::AsTrained => sample(&mut self.logits, actions, stream),
+            Actions::AsTrained => sample(Isa::chosen(), &mut self.logits, actions, stream),
             Actions::Greedy => {
                 for (action, logits) in actions.iter_mut().zip(self.logits.chunks(Action::COUNT)) {
                     *action = best(logits);
@@ -97,20 +97,20 @@ pub(super) fn best(values: &[f32]) -> Action {
 
 /// Samples an action for every row of logits by their softmax; the logits become their
 /// exponentials relative to the highest of the row.
-pub(super) fn sample(logits: &mut [f32], actions: &mut [Action], stream: &mut Stream) {
-    exponentials(logits);
+pub(super) fn sample(isa: Isa, logits: &mut [f32], actions: &mut [Action], stream: &mut Stream) {
+    exponentials(isa, logits);
     for (action, row) in actions.iter_mut().zip(logits.chunks_exact(Action::COUNT)) {
         *action = pick(row, stream.unit());
     }
 }
 
 /// Puts exp(logit - highest of its row) in the place of every logit.
-pub(super) fn exponentials(logits: &mut [f32]) {
+pub(super) fn exponentials(isa: Isa, logits: &mut [f32]) {
     for row in logits.chunks_exact_mut(Action::COUNT) {
         let highest = row.iter().copied().fold(f32::NEG_INFINITY, |a, b| if b > a { b } else { a });
         row.iter_mut().for_each(|logit| *logit -= highest);
     }
-    math::exp_each(Isa::chosen(), logits);
+    math::exp_each(isa, logits);
 }
 
 /// The action at which the cumulated weights pass `unit`, a number in [0, 1), times their sum.
@@ -135,12 +135,12 @@ mod tests {
     fn softmax_samples_have_the_probabilities_by_hand() {
         // Logits ln 1, ln 2, ln 3, ln 4: probabilities 0.1, 0.2, 0.3, 0.4.
         let mut weights: Vec<f32> = [1.0f32, 2.0, 3.0, 4.0].iter().map(|v| v.ln() + 50.0).collect();
-        exponentials(&mut weights);
+        exponentials(Isa::chosen(), &mut weights);
         for (unit, index) in [(0.0, 0), (0.099, 0), (0.101, 1), (0.31, 2), (0.59, 2), (0.61, 3)] {
             assert_eq!(pick(&weights, unit).index(), index, "{unit}");
         }
         let mut certain = [-1e30, 0.0, -1e30, -1e30];
-        exponentials(&mut certain);
+        exponentials(Isa::chosen(), &mut certain);
         assert_eq!(pick(&certain, 0.999).index(), 1);
         assert_eq!(pick(&[1.0; 4], 1.0).index(), 3);
     }

@@ -268,6 +268,7 @@ impl ReinforceCase {
         let trajectories = Trajectories {
             observations: observations(&rows["observations"]),
             actions: actions.map(|a| Action::from_index(a as usize).unwrap()).collect(),
+            preferences: Vec::new(),
             returns_to_go: numbers(&case["returns_to_go"]),
         };
         let name = case["name"].as_str().unwrap().to_owned();
@@ -300,10 +301,13 @@ impl ReinforceCase {
         let ours = activation::log_softmax(logits.reshape([-1, Action::COUNT as i32]), 1);
         let ours = ours.into_data().try_to_vec::<f32>().unwrap();
         assert_close(&ours, &numbers(&self.case["log_probabilities"]), 1e-6, &self.name);
-        let loss = engine.update(&self.trajectories);
-        assert_close(&[loss], &numbers(&self.case["loss"]), 1e-5, &self.name);
-        engine.update(&self.trajectories);
-        engine.update(&self.trajectories);
+        let mut update = || {
+            let sampled = sampled_by(&mut engine, &self.trajectories);
+            engine.update(&sampled)
+        };
+        assert_close(&[update()], &numbers(&self.case["loss"]), 1e-5, &self.name);
+        update();
+        update();
         let expected = weights(&self.case["after_3_adam_steps"]);
         assert_weights_close(&engine.weights(), &expected, 2e-6, &self.name);
     }
@@ -348,10 +352,23 @@ fn gradients_of_reinforce_are_those_of_pytorch() {
         let ours = gradients(&network, case.loss(&network)).weights();
         assert_weights_close(&ours, &expected, 1e-5, &case.name);
         for isa in Isa::available() {
-            let ours = case.fused(isa).gradient(&case.trajectories);
+            let mut engine = case.fused(isa);
+            let sampled = sampled_by(&mut engine, &case.trajectories);
+            let ours = engine.gradient(&sampled);
             assert_weights_close(&ours, &expected, 1e-5, &case.name);
         }
     }
+}
+
+/// The trajectories as if the engine's network had sampled them.
+pub(super) fn sampled_by(
+    engine: &mut impl ReinforceEngine,
+    trajectories: &Trajectories,
+) -> Trajectories {
+    let mut sampled = trajectories.clone();
+    engine.logits(&sampled.observations, &mut sampled.preferences);
+    policy::exponentials(engine.isa(), &mut sampled.preferences);
+    sampled
 }
 
 /// A module of nothing but numbers, to watch the optimiser alone.

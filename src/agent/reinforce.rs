@@ -7,6 +7,7 @@
 use crate::agent::policy::{ActionNetwork, Policy, SoftmaxPolicy, sample};
 use crate::agent::{Actions, Diverged, Learner, Span, TrainedEpisode, Weights};
 use crate::env::{Action, Ending, Episodes, Observations, Observer};
+use crate::kernel::Isa;
 use crate::manifest::{Environment, Reinforce, Scenario};
 use crate::rng::{Purpose, Stream};
 
@@ -17,6 +18,9 @@ pub struct Trajectories {
     pub observations: Observations,
     /// \[rows\]: the actions taken in them.
     pub actions: Vec<Action>,
+    /// What the actions were sampled by: exp(logit) relative to the highest of the row,
+    /// \[rows, actions\].
+    pub preferences: Vec<f32>,
     /// Discounted rewards to go G_t = Σ_k≥t gamma^(k-t) r_k, \[rows\].
     pub returns_to_go: Vec<f32>,
 }
@@ -26,11 +30,15 @@ pub trait ReinforceEngine {
     /// The network at one moment, to choose actions with.
     type Network: ActionNetwork + 'static;
 
+    /// The instruction set for what the algorithm computes around the engine.
+    fn isa(&self) -> Isa;
+
     /// Replaces `out` by the logits of the actions in every observation, \[rows, actions\].
     fn logits(&mut self, observations: &Observations, out: &mut Vec<f32>);
 
-    /// One step of Adam on −(1/divisor) Σ G_t log π(a_t | s_t); returns that loss. Where it is not
-    /// finite, the network may have been left as it was.
+    /// One step of Adam on −(1/divisor) Σ G_t log π(a_t | s_t); returns that loss. The trajectories
+    /// were sampled by the network as it is; an engine may use their preferences or not. Where the loss is not finite, the network may have been
+    /// left as it was.
     fn update(&mut self, trajectories: &Trajectories) -> f32;
 
     /// The network as it is now.
@@ -87,15 +95,15 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
     ) -> Self {
         let observer = Observer::new(environment, scenario);
         let lanes = parameters.trajectories_per_update as usize;
-        let mut environment_stream = Stream::new(seed, Purpose::Environment);
         ReinforceLearner {
             engine,
             updates: 0,
-            episodes: Episodes::start(environment, lanes, &mut environment_stream),
+            episodes: Episodes::ended(environment, lanes),
             room: Room {
                 trajectories: Trajectories {
                     observations: observer.observations(),
                     actions: Vec::new(),
+                    preferences: Vec::new(),
                     returns_to_go: Vec::new(),
                 },
                 positions: Vec::new(),
@@ -106,7 +114,7 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
                 logits: Vec::new(),
             },
             observer,
-            environment_stream,
+            environment_stream: Stream::new(seed, Purpose::Environment),
             exploration_stream: Stream::new(seed, Purpose::Exploration),
             parameters: parameters.clone(),
         }
@@ -120,6 +128,7 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
         self.episodes.restart(&mut self.environment_stream);
         trajectories.observations.clear();
         trajectories.actions.clear();
+        trajectories.preferences.clear();
         positions.clear();
         rewards.clear();
         lengths.fill(0);
@@ -129,7 +138,7 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
             }
             self.observer.observe(&self.episodes, observations);
             self.engine.logits(observations, logits);
-            sample(logits, actions, &mut self.exploration_stream);
+            sample(self.engine.isa(), logits, actions, &mut self.exploration_stream);
             let start = rewards.len();
             rewards.resize(start + lanes, 0.0);
             for (lane, ending) in self.episodes.endings().iter().enumerate() {
@@ -137,6 +146,8 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
                     let (row, moment) = (observations.row(lane), observations.moment(lane));
                     trajectories.observations.push(row, moment);
                     trajectories.actions.push(actions[lane]);
+                    let preferences = &logits[lane * Action::COUNT..(lane + 1) * Action::COUNT];
+                    trajectories.preferences.extend_from_slice(preferences);
                     positions.push(start + lane);
                     lengths[lane] += 1;
                 }

@@ -22,7 +22,8 @@ pub struct Transition {
 ///
 /// It grows as it fills. Only the state before a transition is kept: the state after it is the one
 /// before its successor, unless the episode ended. A transition takes 9 bytes, 4 for each feature,
-/// and 2 for the moment where observations have a one-hot of time: 21 bytes in `P-H-D`.
+/// and 2 for the moment where observations have a one-hot of time: 21 bytes in `P-H-D`. One that
+/// was truncated takes some 150 more where targets are standard.
 #[derive(Clone, Debug)]
 pub struct Replay {
     capacity: usize,
@@ -37,6 +38,8 @@ pub struct Replay {
     steps: Vec<u8>,
     /// Regression targets; not a number where they are not known.
     targets: Vec<f32>,
+    /// Positions whose target was set since targets were last forgotten.
+    known: Vec<u32>,
     /// The state after the latest transition.
     latest: Observations,
     /// States after truncated transitions, by position; kept only where a target asks for them.
@@ -62,6 +65,7 @@ impl Replay {
             rewards: Vec::new(),
             steps: Vec::new(),
             targets: Vec::new(),
+            known: Vec::new(),
             latest: observations.clone(),
             closings: BTreeMap::new(),
             terminal_target,
@@ -76,13 +80,14 @@ impl Replay {
         self.next = (position + 1) % self.capacity;
         put(&mut self.features, position * self.width, before.row(0));
         if let Some(moment) = before.moment(0) {
-            let moment = u16::try_from(moment).expect("a one-hot has at most 65,536 entries");
+            let moment = u16::try_from(moment).expect("a horizon is at most 10,000");
             put(&mut self.moments, position, &[moment]);
         }
         put(&mut self.rewards, position, &[transition.reward]);
         put(&mut self.steps, position, &[pack(transition.action, transition.ending)]);
         put(&mut self.targets, position, &[f32::NAN]);
-        self.latest.clone_from(after);
+        self.latest.clear();
+        self.latest.push(after.row(0), after.moment(0));
         self.closings.remove(&position);
         if (transition.ending, self.terminal_target)
             == (Ending::Truncated, TerminalTarget::Standard)
@@ -136,11 +141,14 @@ impl Replay {
     /// Remembers the regression target of the transition at a position.
     pub fn set_target(&mut self, position: usize, target: f32) {
         self.targets[position] = target;
+        self.known.push(position as u32);
     }
 
     /// Forgets every regression target.
     pub fn forget_targets(&mut self) {
-        self.targets.fill(f32::NAN);
+        for position in self.known.drain(..) {
+            self.targets[position as usize] = f32::NAN;
+        }
     }
 
     /// Replaces a batch by the transitions at these positions with their targets, which are not a
@@ -224,8 +232,10 @@ impl Chosen {
 
     /// Whether the position is new; it is in the table then.
     fn insert(&mut self, position: u32) -> bool {
-        // Fibonacci hashing: neighbours go far apart.
-        let mut slot = position.wrapping_mul(0x9E37_79B9) as usize;
+        // The upper bits of a product with the golden ratio (Fibonacci hashing): neighbours go far
+        // apart.
+        let bits = self.0.len().trailing_zeros();
+        let mut slot = (position.wrapping_mul(0x9E37_79B9) >> (32 - bits)) as usize;
         loop {
             slot &= self.0.len() - 1;
             match self.0[slot] {

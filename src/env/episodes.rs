@@ -1,5 +1,7 @@
 //! Episodes in lockstep.
 
+use pulp::{Simd, WithSimd};
+
 use crate::env::Signal;
 use crate::env::context::Draws;
 use crate::kernel::Isa;
@@ -8,6 +10,7 @@ use crate::rng::Stream;
 
 /// An intervention option (table 1 of the paper), 0 to 3.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(transparent)]
 pub struct Action(u8);
 
 impl Action {
@@ -42,6 +45,7 @@ impl Action {
 
 /// Whether and how an episode has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
 pub enum Ending {
     /// It goes on.
     Running,
@@ -81,7 +85,14 @@ pub struct Episodes {
 impl Episodes {
     /// As many episodes as `lanes`, at their first step.
     pub fn start(environment: &Environment, lanes: usize, stream: &mut Stream) -> Self {
-        let mut episodes = Episodes {
+        let mut episodes = Episodes::ended(environment, lanes);
+        episodes.restart(stream);
+        episodes
+    }
+
+    /// As many episodes as `lanes`, all ended, to be restarted.
+    pub fn ended(environment: &Environment, lanes: usize) -> Self {
+        Episodes {
             environment: environment.clone(),
             time: 0,
             contexts: vec![0; lanes],
@@ -89,12 +100,10 @@ impl Episodes {
             likely: vec![0; lanes],
             habituation: vec![0.0; lanes],
             disengagement: vec![0.0; lanes],
-            endings: vec![Ending::Running; lanes],
+            endings: vec![Ending::Truncated; lanes],
             words: vec![0; lanes],
             isa: Isa::chosen(),
-        };
-        episodes.restart(stream);
-        episodes
+        }
     }
 
     /// Puts every lane back to a first step.
@@ -125,49 +134,16 @@ impl Episodes {
         assert_eq!(actions.len(), self.lanes(), "one action a lane");
         assert_eq!(rewards.len(), self.lanes(), "one reward a lane");
         self.time += 1;
-        for lane in 0..self.lanes() {
-            rewards[lane] = match self.endings[lane] {
-                Ending::Running => self.respond_lane(lane, actions[lane]),
-                Ending::Terminated | Ending::Truncated => 0.0,
-            };
-        }
-    }
-
-    /// **Source**: Karine et al. (2023), section 3.1, "Dynamics". The disengagement risk is capped
-    /// at 1 before it is compared with the threshold.
-    fn respond_lane(&mut self, lane: usize, action: Action) -> f64 {
-        let e = &self.environment;
-        let context = self.contexts[lane];
-        let suits = action == Action::tailored_to(context);
-
-        let habituation = &mut self.habituation[lane];
-        *habituation = if action == Action::NONE {
-            (1.0 - e.delta_h) * *habituation
-        } else {
-            (*habituation + e.epsilon_h).min(1.0)
-        };
-
-        let disengagement = &mut self.disengagement[lane];
-        if action == Action::UNTAILORED || suits {
-            *disengagement *= 1.0 - e.delta_d;
-        } else if action != Action::NONE {
-            *disengagement = (*disengagement + e.epsilon_d).min(1.0);
-        }
-
-        if *disengagement >= e.disengagement_threshold {
-            self.endings[lane] = Ending::Terminated;
-        } else if self.time >= e.horizon {
-            self.endings[lane] = Ending::Truncated;
-        }
-
-        let base = if suits {
-            e.rho_2
-        } else if action == Action::UNTAILORED {
-            e.rho_1
-        } else {
-            return e.mu[usize::from(context)];
-        };
-        e.mu[usize::from(context)] + (1.0 - *habituation) * base
+        self.isa.run(Response {
+            environment: &self.environment,
+            last: self.time >= self.environment.horizon,
+            contexts: &self.contexts,
+            actions,
+            habituation: &mut self.habituation,
+            disengagement: &mut self.disengagement,
+            endings: &mut self.endings,
+            rewards,
+        });
     }
 
     /// The random half of a step: draws the context of every lane, ended ones included.
@@ -213,6 +189,21 @@ impl Episodes {
         }
     }
 
+    /// True contexts, 0 or 1, \[lanes\].
+    pub fn contexts(&self) -> &[u8] {
+        &self.contexts
+    }
+
+    /// Inferred probabilities of context 0, \[lanes\].
+    pub fn probabilities(&self) -> &[f64] {
+        &self.probabilities
+    }
+
+    /// Most likely contexts, 0 or 1, \[lanes\].
+    pub fn likely(&self) -> &[u8] {
+        &self.likely
+    }
+
     /// Habituation in [0, 1], \[lanes\].
     pub fn habituation(&self) -> &[f64] {
         &self.habituation
@@ -232,6 +223,81 @@ impl Episodes {
     pub fn any_running(&self) -> bool {
         self.endings.contains(&Ending::Running)
     }
+}
+
+/// The deterministic half of a step, lane by lane; every array is \[lanes\].
+///
+/// Written without branches: which way they would go is what cannot be foreseen.
+struct Response<'a> {
+    environment: &'a Environment,
+    /// Whether the horizon is reached with this step.
+    last: bool,
+    contexts: &'a [u8],
+    actions: &'a [Action],
+    habituation: &'a mut [f64],
+    disengagement: &'a mut [f64],
+    endings: &'a mut [Ending],
+    rewards: &'a mut [f64],
+}
+
+impl WithSimd for Response<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let (habituation, disengagement) = (self.habituation.iter_mut(), self.disengagement);
+        let states = habituation.zip(disengagement).zip(self.endings);
+        let given = self.contexts.iter().zip(self.actions);
+        for (((habituation, disengagement), ending), ((context, action), reward)) in
+            states.zip(given.zip(self.rewards))
+        {
+            let step = respond(self.environment, *context, *action, *habituation, *disengagement);
+            let running = *ending == Ending::Running;
+            let end = if self.last { Ending::Truncated } else { Ending::Running };
+            let disengaged = step.disengagement >= self.environment.disengagement_threshold;
+            let end = if disengaged { Ending::Terminated } else { end };
+            *habituation = if running { step.habituation } else { *habituation };
+            *disengagement = if running { step.disengagement } else { *disengagement };
+            *reward = if running { step.reward } else { 0.0 };
+            *ending = if running { end } else { *ending };
+        }
+    }
+}
+
+/// What an action makes of the state.
+struct Step {
+    habituation: f64,
+    disengagement: f64,
+    reward: f64,
+}
+
+/// **Source**: Karine et al. (2023), section 3.1, "Dynamics". The disengagement risk is capped at 1
+/// before it is compared with the threshold.
+#[inline(always)]
+fn respond(
+    e: &Environment,
+    context: u8,
+    action: Action,
+    habituation: f64,
+    disengagement: f64,
+) -> Step {
+    let sends = action != Action::NONE;
+    let untailored = action == Action::UNTAILORED;
+    let suits = action == Action::tailored_to(context);
+
+    let (rest, habit) = ((1.0 - e.delta_h) * habituation, habituation + e.epsilon_h);
+    let habit = if habit < 1.0 { habit } else { 1.0 };
+    let habituation = if sends { habit } else { rest };
+
+    let (calm, annoyed) = ((1.0 - e.delta_d) * disengagement, disengagement + e.epsilon_d);
+    let annoyed = if annoyed < 1.0 { annoyed } else { 1.0 };
+    let unwelcome = if sends { annoyed } else { disengagement };
+    let disengagement = if untailored | suits { calm } else { unwelcome };
+
+    let base = if untailored { e.rho_1 } else { 0.0 };
+    let base = if suits { e.rho_2 } else { base };
+    let mu = if context == 0 { e.mu[0] } else { e.mu[1] };
+    Step { habituation, disengagement, reward: mu + (1.0 - habituation) * base }
 }
 
 #[cfg(test)]

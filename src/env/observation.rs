@@ -1,5 +1,7 @@
 //! What an agent sees of the episodes.
 
+use std::iter;
+
 use crate::env::Episodes;
 use crate::manifest::{Environment, Feature, Scenario, TimeIndicator};
 
@@ -142,8 +144,19 @@ impl Observer {
         out.features.resize(lanes * width, 0.0);
         for (column, feature) in self.features.iter().enumerate() {
             let entries = out.features[column..].iter_mut().step_by(width);
-            for (lane, entry) in entries.enumerate() {
-                *entry = self.entry(*feature, episodes, lane, shown) as f32;
+            let probabilities = episodes.probabilities();
+            match feature {
+                Feature::Context => fill(entries, episodes.contexts().iter().map(|&c| c.into())),
+                Feature::Probability if self.observed_probability == 0 => {
+                    fill(entries, probabilities.iter().copied());
+                }
+                Feature::Probability => fill(entries, probabilities.iter().map(|p| 1.0 - p)),
+                Feature::Likely => fill(entries, episodes.likely().iter().map(|&l| l.into())),
+                Feature::Habituation => fill(entries, episodes.habituation().iter().copied()),
+                Feature::Disengagement => fill(entries, episodes.disengagement().iter().copied()),
+                Feature::Time => {
+                    fill(entries, iter::repeat_n(f64::from(shown % self.period), lanes));
+                }
             }
         }
         out.moments.clear();
@@ -151,19 +164,10 @@ impl Observer {
             out.moments.resize(lanes, shown.min(last as u32));
         }
     }
+}
 
-    fn entry(&self, feature: Feature, episodes: &Episodes, lane: usize, shown: u32) -> f64 {
-        let signal = episodes.signal(lane);
-        match feature {
-            Feature::Context => f64::from(signal.context),
-            Feature::Probability if self.observed_probability == 0 => signal.probability_of_zero,
-            Feature::Probability => 1.0 - signal.probability_of_zero,
-            Feature::Likely => f64::from(signal.likely),
-            Feature::Habituation => episodes.habituation()[lane],
-            Feature::Disengagement => episodes.disengagement()[lane],
-            Feature::Time => f64::from(shown % self.period),
-        }
-    }
+fn fill<'a>(entries: impl Iterator<Item = &'a mut f32>, values: impl Iterator<Item = f64>) {
+    entries.zip(values).for_each(|(entry, value)| *entry = value as f32);
 }
 
 #[cfg(test)]

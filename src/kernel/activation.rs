@@ -7,7 +7,7 @@ use crate::kernel::{Isa, math};
 /// A function of hidden units.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Activation {
-    /// max(0, x).
+    /// max(0, x); what is not a number becomes 0.
     Relu,
     /// Hyperbolic tangent.
     Tanh,
@@ -39,7 +39,7 @@ impl WithSimd for Apply<'_> {
         match self.activation {
             Activation::Relu => {
                 for value in self.values {
-                    *value = if *value < 0.0 { 0.0 } else { *value };
+                    *value = if *value > 0.0 { *value } else { 0.0 };
                 }
             }
             Activation::Tanh => {

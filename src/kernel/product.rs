@@ -30,6 +30,8 @@ impl Product<'_> {
     /// Adds it to `result`, \[rows, width\], row by row.
     pub fn add_to(self, isa: Isa, result: &mut [f32]) {
         assert_eq!(self.width % LANES, 0, "rows are padded");
+        assert!(self.right.len() >= self.terms * self.width, "a row of `right` for every term");
+        assert!(result.len() >= self.rows * self.width, "room for every row");
         isa.run(Operation { product: self, result });
     }
 }
@@ -135,6 +137,10 @@ impl Product<'_> {
 mod tests {
     use super::*;
 
+    fn bits(values: &[f32]) -> Vec<u32> {
+        values.iter().map(|value| value.to_bits()).collect()
+    }
+
     /// Numbers without a pattern, in [-1, 1].
     fn numbers(len: usize, seed: u32) -> Vec<f32> {
         let value = |i: u32| (i.wrapping_mul(2_654_435_761).wrapping_add(seed) >> 8) as f32;
@@ -165,7 +171,7 @@ mod tests {
                     let (left, right) = (&left[..], &right[..]);
                     Product { left, left_row_step, left_term_step, right, terms, rows, width }
                         .add_to(isa, &mut ours);
-                    assert_eq!(ours, plain, "{} {rows} {terms} {width}", isa.name());
+                    assert_eq!(bits(&ours), bits(&plain), "{} {rows} {terms} {width}", isa.name());
                 }
             }
         }

@@ -6,7 +6,6 @@
 
 use pulp::{Simd, WithSimd};
 
-use crate::kernel::dot::by_halves;
 use crate::kernel::{Isa, LANES};
 
 /// Outputs of such a network.
@@ -43,16 +42,32 @@ pub struct ShallowGradient<'a> {
 }
 
 impl Shallow<'_> {
+    fn check(&self) {
+        assert!(self.rows > 0, "at least one row");
+        assert_eq!(self.bias.len() % LANES, 0, "rows are padded");
+        assert_eq!(self.head.len(), OUTPUTS * self.bias.len(), "a row for every output");
+        assert_eq!(self.inputs.len() % self.rows, 0, "as many inputs in every row");
+        assert!([0, self.rows].contains(&self.moments.len()), "a moment for every row, or none");
+    }
+
     /// Writes the outputs, \[rows, outputs\], row by row, with `start`, \[outputs\], added.
     pub fn forward(self, isa: Isa, start: &[f32], out: &mut [f32]) {
-        assert_eq!(self.bias.len() % LANES, 0, "rows are padded");
+        self.check();
         assert_eq!(out.len(), self.rows * OUTPUTS, "outputs for every row");
-        isa.run(Forward { network: self, start, out });
+        match self.inputs.len() / self.rows {
+            1 => isa.run(Forward::<1> { network: self, start, out }),
+            2 => isa.run(Forward::<2> { network: self, start, out }),
+            3 => isa.run(Forward::<3> { network: self, start, out }),
+            4 => isa.run(Forward::<4> { network: self, start, out }),
+            5 => isa.run(Forward::<5> { network: self, start, out }),
+            6 => isa.run(Forward::<6> { network: self, start, out }),
+            inputs => panic!("{inputs} inputs are more than {MOST_INPUTS}"),
+        }
     }
 
     /// Adds the gradient that the derivatives by the outputs make: \[rows, outputs\], row by row.
     pub fn backward(self, isa: Isa, by_outputs: &[f32], gradient: ShallowGradient<'_>) {
-        assert_eq!(self.bias.len() % LANES, 0, "rows are padded");
+        self.check();
         assert_eq!(by_outputs.len(), self.rows * OUTPUTS, "derivatives for every row");
         match self.inputs.len() / self.rows {
             1 => isa.run(Backward::<1> { network: self, by_outputs, gradient }),
@@ -66,13 +81,13 @@ impl Shallow<'_> {
     }
 }
 
-struct Forward<'a> {
+struct Forward<'a, const K: usize> {
     network: Shallow<'a>,
     start: &'a [f32],
     out: &'a mut [f32],
 }
 
-impl WithSimd for Forward<'_> {
+impl<const K: usize> WithSimd for Forward<'_, K> {
     type Output = ();
 
     #[inline(always)]
@@ -87,7 +102,7 @@ impl WithSimd for Forward<'_> {
     }
 }
 
-impl Forward<'_> {
+impl<const K: usize> Forward<'_, K> {
     #[inline(always)]
     fn blocks<S: Simd, const V: usize, const R: usize>(&mut self, simd: S) {
         let mut row = 0;
@@ -105,9 +120,14 @@ impl Forward<'_> {
     #[inline(always)]
     #[allow(clippy::needless_range_loop, clippy::manual_memcpy)]
     fn tile<S: Simd, const V: usize, const R: usize>(&mut self, simd: S, row: usize) {
-        let Shallow { weight, bias, head, inputs, moments, rows } = self.network;
-        let (units, width) = (bias.len(), inputs.len() / rows);
-        let inputs = &inputs[row * width..(row + R) * width];
+        let Shallow { weight, bias, head, inputs, moments, .. } = self.network;
+        let units = bias.len();
+        let mut factors = [[simd.splat_f32s(0.0); K]; R];
+        for r in 0..R {
+            for k in 0..K {
+                factors[r][k] = simd.splat_f32s(inputs[(row + r) * K + k]);
+            }
+        }
         let zero = simd.splat_f32s(0.0);
         let mut sums = [[[zero; V]; OUTPUTS]; R];
         let mut unit = 0;
@@ -121,26 +141,25 @@ impl Forward<'_> {
             }
             if !moments.is_empty() {
                 for r in 0..R {
-                    let at = (width + moments[row + r] as usize) * units + unit;
+                    let at = (K + moments[row + r] as usize) * units + unit;
                     let (entry, _) = S::as_simd_f32s(&weight[at..at + LANES]);
                     for v in 0..V {
                         hidden[r][v] = simd.add_f32s(hidden[r][v], entry[v]);
                     }
                 }
             }
-            for k in 0..width {
+            for k in 0..K {
                 let (weight, _) = S::as_simd_f32s(&weight[k * units + unit..][..LANES]);
                 for r in 0..R {
-                    let input = simd.splat_f32s(inputs[r * width + k]);
                     for v in 0..V {
-                        hidden[r][v] = simd.mul_add_f32s(input, weight[v], hidden[r][v]);
+                        hidden[r][v] = simd.mul_add_f32s(factors[r][k], weight[v], hidden[r][v]);
                     }
                 }
             }
             for r in 0..R {
                 for v in 0..V {
-                    let negative = simd.less_than_f32s(hidden[r][v], zero);
-                    hidden[r][v] = simd.select_f32s(negative, zero, hidden[r][v]);
+                    let positive = simd.greater_than_f32s(hidden[r][v], zero);
+                    hidden[r][v] = simd.select_f32s(positive, hidden[r][v], zero);
                 }
             }
             for j in 0..OUTPUTS {
@@ -153,17 +172,46 @@ impl Forward<'_> {
             }
             unit += LANES;
         }
+        // First all to memory, then the adding up: as one loop it would not be unrolled, and the sums
+        // would be in memory from the start.
+        let mut lanes = [[[0.0; LANES]; OUTPUTS]; R];
         for r in 0..R {
             for j in 0..OUTPUTS {
-                let mut lanes = [0.0; LANES];
-                let (registers, _) = S::as_mut_simd_f32s(&mut lanes);
+                let (registers, _) = S::as_mut_simd_f32s(&mut lanes[r][j]);
                 for v in 0..V {
                     registers[v] = sums[r][j][v];
                 }
-                self.out[(row + r) * OUTPUTS + j] = by_halves(lanes) + self.start[j];
+            }
+        }
+        let out = self.out[row * OUTPUTS..(row + R) * OUTPUTS].chunks_exact_mut(OUTPUTS);
+        for (out, lanes) in out.zip(&lanes) {
+            let sums = all_by_halves(lanes);
+            for j in 0..OUTPUTS {
+                out[j] = sums[j] + self.start[j];
             }
         }
     }
+}
+
+/// The sums of the virtual lanes of every output: by halves, each half of all outputs at once.
+#[inline(always)]
+#[allow(clippy::needless_range_loop)]
+fn all_by_halves(lanes: &[[f32; LANES]; OUTPUTS]) -> [f32; OUTPUTS] {
+    let mut four = [[0.0; 4]; OUTPUTS];
+    for j in 0..OUTPUTS {
+        let mut eight = [0.0; 8];
+        for l in 0..8 {
+            eight[l] = lanes[j][l] + lanes[j][l + 8];
+        }
+        for l in 0..4 {
+            four[j][l] = eight[l] + eight[l + 4];
+        }
+    }
+    let mut sums = [0.0; OUTPUTS];
+    for j in 0..OUTPUTS {
+        sums[j] = (four[j][0] + four[j][2]) + (four[j][1] + four[j][3]);
+    }
+    sums
 }
 
 struct Backward<'a, const K: usize> {
@@ -219,14 +267,14 @@ impl<const K: usize> Backward<'_, K> {
             for k in 0..K {
                 hidden = simd.mul_add_f32s(simd.splat_f32s(inputs[k]), weights[k], hidden);
             }
-            hidden = simd.select_f32s(simd.less_than_f32s(hidden, zero), zero, hidden);
+            let positive = simd.greater_than_f32s(hidden, zero);
+            hidden = simd.select_f32s(positive, hidden, zero);
             let mut by_hidden = zero;
             for j in 0..OUTPUTS {
                 let by_output = simd.splat_f32s(by_outputs[j]);
                 by_hidden = simd.mul_add_f32s(by_output, heads[j], by_hidden);
                 by_heads[j] = simd.mul_add_f32s(by_output, hidden, by_heads[j]);
             }
-            let positive = simd.greater_than_f32s(hidden, zero);
             by_hidden = simd.select_f32s(positive, by_hidden, zero);
             by_start = simd.mul_add_f32s(one, by_hidden, by_start);
             for k in 0..K {

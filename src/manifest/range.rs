@@ -161,12 +161,12 @@ fn list<N>(from: N, to: N, count: u64, inner: impl Fn(u64) -> N) -> Vec<N> {
 
 /// The number that lies this part of the way, in logarithms, from one end to the other.
 fn log_point(from: f64, to: f64, part: f64) -> f64 {
-    from * (to / from).powf(part)
+    from * libm::pow(to / from, part)
 }
 
 /// Decimals that give a number of this size 12 significant digits.
 fn decimals(size: f64) -> usize {
-    (11.0 - size.log10().floor()).clamp(0.0, 300.0) as usize
+    (11.0 - libm::log10(size).floor()).clamp(0.0, 300.0) as usize
 }
 
 fn round_at(x: f64, decimals: usize) -> f64 {

@@ -103,8 +103,9 @@ pub(super) const RULES: &[Rule] = &[
         fault: |chosen| {
             let steps = chosen.whole(EPISODES).saturating_mul(chosen.whole(HORIZON));
             let transitions = chosen.whole(BUFFER).min(steps);
-            // An observation before and one after; action, reward, ending and bookkeeping.
-            let size = transitions.saturating_mul(2 * chosen.inputs() + 4);
+            // The features of a state; reward, target, and moment, action and ending together. What
+            // follows a truncation may be kept as well.
+            let size = transitions.saturating_mul(2 * Feature::ALL.len() as u64 + 3);
             let most = MOST_BUFFER_NUMBERS;
             let (what, unit) = ("the replay buffer comes to hold", "numbers of 4 bytes");
             (size > most).then_some(Breach::TooLarge { what, unit, size, most })

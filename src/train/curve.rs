@@ -67,13 +67,13 @@ impl CurveRecorder {
         let mean = |value: fn(&TrainedEpisode) -> f64| {
             Some(self.since_point.iter().map(value).sum::<f64>() / n)
         };
-        let updates: u32 = self.since_point.iter().map(|e| e.updates).sum();
+        let updates: u64 = self.since_point.iter().map(|e| u64::from(e.updates)).sum();
         let losses: f64 = self.since_point.iter().map(|e| e.loss_sum).sum();
         let values = [
             ("mean_return", mean(|e| e.total_reward)),
             ("mean_length", mean(|e| f64::from(e.length))),
             ("disengagement_rate", mean(|e| f64::from(u8::from(e.disengaged)))),
-            ("mean_loss", (updates > 0).then(|| losses / f64::from(updates))),
+            ("mean_loss", (updates > 0).then(|| losses / updates as f64)),
             ("epsilon", self.since_point.last().and_then(|e| e.epsilon)),
         ];
         for (metric, value) in values {

@@ -77,7 +77,8 @@ impl Tested {
     pub(super) fn metrics(&self) -> Vec<Metric> {
         let n = self.episodes.len() as f64;
         let mean = self.episodes.iter().map(|e| e.total_reward).sum::<f64>() / n;
-        let squares: f64 = self.episodes.iter().map(|e| (e.total_reward - mean).powi(2)).sum();
+        let squares: f64 =
+            self.episodes.iter().map(|e| (e.total_reward - mean) * (e.total_reward - mean)).sum();
         let steps: u64 = self.episodes.iter().map(|e| u64::from(e.length)).sum();
         let disengaged = self.episodes.iter().filter(|e| e.disengaged).count();
         vec![

@@ -28,7 +28,13 @@ fn every_instruction_set_stores_the_same_rows() {
     let text = manifest("sweep", "0.6", "1", Effort::Trivial);
     let one_hot =
         text.replace("environment.sigma", "environment.time_one_hot = true\nenvironment.sigma");
-    for text in [text, one_hot] {
+    let far = one_hot.replace(
+        "layers = [32, 32]",
+        "layers = [20]\nactivation = \"tanh\"\ntrunk = \"separate\"\nterminal_target = \"standard\"
+target_period = 50\nbuffer = 200",
+    );
+    assert_ne!(far, one_hot);
+    for text in [text, one_hot, far] {
         let fastest = Folder::completed(&text);
         for isa in Isa::available() {
             let forced = Folder::with(&text);

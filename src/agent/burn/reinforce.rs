@@ -9,6 +9,7 @@ use crate::agent::policy::ActionNetwork;
 use crate::agent::reinforce::{ReinforceEngine, Trajectories};
 use crate::agent::{Weights, WeightsError};
 use crate::env::Observations;
+use crate::kernel::Isa;
 use crate::manifest::Reinforce;
 
 /// A policy network with its optimiser.
@@ -50,6 +51,10 @@ impl BurnReinforce {
 
 impl ReinforceEngine for BurnReinforce {
     type Network = PolicyNetwork;
+
+    fn isa(&self) -> Isa {
+        Isa::chosen()
+    }
 
     fn logits(&mut self, observations: &Observations, out: &mut Vec<f32>) {
         self.network.valid().evaluate(observations, out);

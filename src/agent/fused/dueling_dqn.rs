@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use crate::agent::dueling_dqn::{Batch, DuelingDqnEngine};
-use crate::agent::fused::stack::{BLOCK, Room, Stack};
+use crate::agent::fused::stack::{Room, Stack, blocks};
 use crate::agent::policy::ActionNetwork;
 use crate::agent::{Weights, WeightsError, layers};
 use crate::env::{Action, Observations};
@@ -61,6 +61,20 @@ impl FusedDuelingNetwork {
         }
     }
 
+    /// Sets the derivatives by the outputs of a row from that by the value of an action.
+    fn derive_outputs(&mut self, row: usize, action: usize, by_value: f32) {
+        let last = self.stacks.len() - 1;
+        let mut set = |stack: usize, from: usize, derivatives: &[f32]| {
+            let at = row * self.stacks[stack].outputs() + from;
+            self.rooms[stack].by_outputs[at..at + derivatives.len()].copy_from_slice(derivatives);
+        };
+        set(0, 0, &[by_value]);
+        let by_advantages: [f32; Action::COUNT] = std::array::from_fn(|other| {
+            by_value * (f32::from(u8::from(other == action)) - 1.0 / Action::COUNT as f32)
+        });
+        set(last, if last == 0 { 1 } else { 0 }, &by_advantages);
+    }
+
     /// V and the advantages of a row after [`FusedDuelingNetwork::forward`].
     fn streams(&self, row: usize) -> (f32, &[f32]) {
         let outputs = |stack: usize| {
@@ -76,11 +90,6 @@ impl FusedDuelingNetwork {
 fn action_values((value, advantages): (f32, &[f32])) -> [f32; Action::COUNT] {
     let mean = advantages.iter().sum::<f32>() * (1.0 / Action::COUNT as f32);
     std::array::from_fn(|action| value + (advantages[action] - mean))
-}
-
-/// The rows of observations, at most [`BLOCK`] at a time.
-pub(super) fn blocks(rows: usize) -> impl Iterator<Item = Range<usize>> {
-    (0..rows).step_by(BLOCK).map(move |start| start..rows.min(start + BLOCK))
 }
 
 impl ActionNetwork for FusedDuelingNetwork {
@@ -152,22 +161,6 @@ impl FusedDuelingDqn {
             }
         }
         (squares / rows as f64) as f32
-    }
-}
-
-impl FusedDuelingNetwork {
-    /// Sets the derivatives by the outputs of a row from that by the value of an action.
-    fn derive_outputs(&mut self, row: usize, action: usize, by_value: f32) {
-        let last = self.stacks.len() - 1;
-        let mut set = |stack: usize, from: usize, derivatives: &[f32]| {
-            let at = row * self.stacks[stack].outputs() + from;
-            self.rooms[stack].by_outputs[at..at + derivatives.len()].copy_from_slice(derivatives);
-        };
-        set(0, 0, &[by_value]);
-        let by_advantages: [f32; Action::COUNT] = std::array::from_fn(|other| {
-            by_value * (f32::from(u8::from(other == action)) - 1.0 / Action::COUNT as f32)
-        });
-        set(last, if last == 0 { 1 } else { 0 }, &by_advantages);
     }
 }
 

@@ -1,8 +1,7 @@
 //! Updates of REINFORCE.
 
-use crate::agent::fused::dueling_dqn::blocks;
-use crate::agent::fused::stack::{BLOCK, Room, Stack};
-use crate::agent::policy::{ActionNetwork, exponentials};
+use crate::agent::fused::stack::{BLOCK, Room, Stack, blocks};
+use crate::agent::policy::ActionNetwork;
 use crate::agent::reinforce::{ReinforceEngine, Trajectories};
 use crate::agent::{Weights, WeightsError, layers};
 use crate::env::{Action, Observations};
@@ -66,7 +65,7 @@ pub struct FusedReinforce {
     gradient: Aligned,
     adam: Adam,
     loss_divisor: f64,
-    /// Probabilities of the actions taken, and their logarithms, for [`BLOCK`] rows.
+    /// Probabilities of the actions taken, then their logarithms, for [`BLOCK`] rows.
     likelihoods: [f64; BLOCK],
 }
 
@@ -104,27 +103,28 @@ impl FusedReinforce {
         let FusedReinforce { network, gradient, likelihoods, .. } = self;
         let FusedPolicyNetwork { isa, stack, parameters, room } = network;
         let scale = (1.0 / self.loss_divisor) as f32;
+        let preferences = trajectories.preferences.as_chunks::<{ Action::COUNT }>().0;
+        assert_eq!(preferences.len(), trajectories.actions.len(), "preferences for every action");
         stack.prepare(parameters, room);
         let mut loss = 0.0;
         for block in blocks(trajectories.actions.len()) {
             let observations = (&trajectories.observations, block.clone());
-            stack.forward(*isa, parameters, observations.clone(), room);
+            stack.remember(*isa, parameters, observations.clone(), room);
             let count = block.len();
+            let preferences = &preferences[block.clone()];
             let actions = &trajectories.actions[block.clone()];
             let returns = &trajectories.returns_to_go[block];
-            let Room { outputs, by_outputs, .. } = room;
-            exponentials(&mut outputs[..count * Action::COUNT]);
-            let rows = outputs.chunks_exact(Action::COUNT);
-            let derivatives = by_outputs.chunks_exact_mut(Action::COUNT);
-            for (i, (row, derivatives)) in rows.zip(derivatives).enumerate().take(count) {
-                let total = 1.0 / row.iter().sum::<f32>();
-                let taken = actions[i].index();
+            for (i, row) in preferences.iter().enumerate() {
+                let inverse = 1.0 / ((row[0] + row[1]) + (row[2] + row[3]));
                 let weight = returns[i] * scale;
-                for (action, derivative) in derivatives.iter_mut().enumerate() {
-                    let probability = row[action] * total;
-                    *derivative = weight * (probability - f32::from(u8::from(action == taken)));
+                let derivatives = &mut room.by_outputs[i * Action::COUNT..][..Action::COUNT];
+                for (derivative, preference) in derivatives.iter_mut().zip(row) {
+                    *derivative = weight * (preference * inverse);
                 }
-                likelihoods[i] = f64::from(row[taken] * total);
+                let taken = actions[i].index();
+                let likelihood = row[taken] * inverse;
+                derivatives[taken] = weight * (likelihood - 1.0);
+                likelihoods[i] = f64::from(likelihood);
             }
             math::ln_each(*isa, &mut likelihoods[..count]);
             let terms = likelihoods.iter().zip(returns);
@@ -137,6 +137,10 @@ impl FusedReinforce {
 
 impl ReinforceEngine for FusedReinforce {
     type Network = FusedPolicyNetwork;
+
+    fn isa(&self) -> Isa {
+        self.network.isa
+    }
 
     fn logits(&mut self, observations: &Observations, out: &mut Vec<f32>) {
         self.network.evaluate(observations, out);
