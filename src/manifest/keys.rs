@@ -228,6 +228,9 @@ const EPISODES: Kind = Kind::Integer { min: 1, max: 10_000_000 };
 const LAYERS: Kind = Kind::Widths { most: 32, max: 4096 };
 const ACTIVATION: Kind = Kind::Choice(&["relu", "tanh"]);
 const LEARNING_RATE: Kind = Kind::PositiveReal { max: 1.0 };
+const ENGINE_MEANING: &str = "which code performs the updates: \"fused\", kernels with the same \
+    results on every processor, or \"burn\", Burn's own operations, some fifteen times as slow, with \
+    results that depend on the processor";
 const ENGINE: Kind = Kind::Choice(&["fused", "burn"]);
 
 const fn key(name: &'static str, kind: Kind, doc: &'static str) -> Key {
@@ -324,7 +327,7 @@ const DUELING_DQN: &[Key] = &[
         Kind::Choice(&["zero", "standard"]),
         "target of a transition that ends its episode: 0 on any end (the authors' code), or the reward, bootstrapped at the horizon",
     ),
-    key("engine", ENGINE, "which code performs the updates; \"fused\" is the fast one"),
+    key("engine", ENGINE, ENGINE_MEANING),
 ];
 
 const REINFORCE: &[Key] = &[
@@ -343,7 +346,7 @@ const REINFORCE: &[Key] = &[
         Kind::PositiveReal { max: LARGE },
         "what the summed loss of an update is divided by",
     ),
-    key("engine", ENGINE, "which code performs the updates; \"fused\" is the fast one"),
+    key("engine", ENGINE, ENGINE_MEANING),
 ];
 
 const EVALUATION: &[Key] = &[
