@@ -141,15 +141,19 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
             sample(self.engine.isa(), logits, actions, &mut self.exploration_stream);
             let start = rewards.len();
             rewards.resize(start + lanes, 0.0);
-            for (lane, ending) in self.episodes.endings().iter().enumerate() {
-                if *ending == Ending::Running {
-                    let (row, moment) = (observations.row(lane), observations.moment(lane));
-                    trajectories.observations.push(row, moment);
-                    trajectories.actions.push(actions[lane]);
-                    let preferences = &logits[lane * Action::COUNT..(lane + 1) * Action::COUNT];
+            // Neighbours that still run are taken together.
+            let mut lane = 0;
+            for running in self.episodes.endings().chunk_by(|a, b| a == b) {
+                let lanes = lane..lane + running.len();
+                lane = lanes.end;
+                if running[0] == Ending::Running {
+                    trajectories.observations.extend(observations, lanes.clone());
+                    trajectories.actions.extend_from_slice(&actions[lanes.clone()]);
+                    let preferences =
+                        &logits[lanes.start * Action::COUNT..lanes.end * Action::COUNT];
                     trajectories.preferences.extend_from_slice(preferences);
-                    positions.push(start + lane);
-                    lengths[lane] += 1;
+                    positions.extend(start + lanes.start..start + lanes.end);
+                    lengths[lanes].iter_mut().for_each(|length| *length += 1);
                 }
             }
             self.episodes.step(actions, &mut rewards[start..], &mut self.environment_stream);

@@ -1,6 +1,7 @@
 //! What an agent sees of the episodes.
 
 use std::iter;
+use std::ops::Range;
 
 use crate::env::Episodes;
 use crate::manifest::{Environment, Feature, Scenario, TimeIndicator};
@@ -69,6 +70,14 @@ impl Observations {
         assert_eq!(moment.is_some(), self.one_hot > 0, "a moment for the one-hot");
         self.features.extend_from_slice(features);
         self.moments.extend(moment);
+    }
+
+    /// Adds a range of the rows of others as wide as these.
+    pub fn extend(&mut self, others: &Observations, rows: Range<usize>) {
+        assert_eq!((self.width, self.one_hot), (others.width, others.one_hot), "rows as wide");
+        let features = rows.start * self.width..rows.end * self.width;
+        self.features.extend_from_slice(&others.features[features]);
+        self.moments.extend_from_slice(others.moments.get(rows).unwrap_or_default());
     }
 
     /// The rows with their one-hots written out: \[rows, width + one_hot\].

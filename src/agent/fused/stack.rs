@@ -329,9 +329,13 @@ impl Stack {
 
     /// The gradient by the heads' biases.
     fn add_head_biases(&self, by_outputs: &[f32], gradient: &mut [f32]) {
-        for row in by_outputs.chunks_exact(self.outputs) {
-            let bias = &mut gradient[self.head_bias..self.head_bias + self.outputs];
-            bias.iter_mut().zip(row).for_each(|(sum, by_output)| *sum += by_output);
+        let bias = &mut gradient[self.head_bias..self.head_bias + self.outputs];
+        // The value, the advantages or logits, and both.
+        match self.outputs {
+            1 => add_rows::<1>(by_outputs, bias),
+            4 => add_rows::<4>(by_outputs, bias),
+            5 => add_rows::<5>(by_outputs, bias),
+            outputs => unreachable!("no network has {outputs} outputs"),
         }
     }
 
@@ -435,6 +439,16 @@ fn outer(
         width: right.len() / count,
     }
     .add_to(isa, to);
+}
+
+/// to\[j\] += Σ_row rows\[row, j\], the sums held in registers.
+fn add_rows<const N: usize>(rows: &[f32], to: &mut [f32]) {
+    let to: &mut [f32; N] = to.try_into().expect("a bias for every output");
+    let mut sums = *to;
+    for row in rows.as_chunks::<N>().0 {
+        sums.iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
+    }
+    *to = sums;
 }
 
 /// to\[j\] += Σ_row values\[row, j\].
