@@ -3,7 +3,7 @@
 CARGO ?= cargo
 JITAI := $(CARGO) run --release --quiet --
 
-.PHONY: help run paper test test-slow test-flex doc clean
+.PHONY: help run paper bench test test-slow test-flex doc clean
 
 help: ## these targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -16,6 +16,9 @@ paper: ## the three manifests of the paper, about 350 jobs, into paper.sqlite
 	$(CARGO) build --release
 	$(JITAI) run experiments/paper/context_error.toml experiments/paper/learning_curves.toml \
 		experiments/paper/disengagement.toml --store paper.sqlite
+
+bench: ## time kernels, simulation, store and whole jobs (minutes; BENCH=name for some)
+	$(CARGO) bench --quiet -- $(BENCH)
 
 # Tests are built as `make run` builds, so that Burn is compiled once and trains at full speed.
 test: ## format, lints as errors, unit and integration tests

@@ -1,0 +1,104 @@
+//! The parts of an update: products, heads, the one-layer network, Adam, and the simulation.
+
+use divan::Bencher;
+use divan::counter::ItemsCount;
+use jitai::env::{Action, Episodes};
+use jitai::kernel::{Adam, Aligned, Isa, Product, Shallow, ShallowGradient, dot};
+use jitai::manifest::Environment;
+use jitai::rng::{Purpose, Stream};
+
+fn main() {
+    divan::main();
+}
+
+fn numbers(len: usize) -> Aligned {
+    let mut numbers = Aligned::zeros(len);
+    numbers.iter_mut().enumerate().for_each(|(i, v)| *v = (i as f32 * 0.37).sin());
+    numbers
+}
+
+fn sets() -> impl Iterator<Item = Isa> {
+    // The portable one is there to be right, not to be fast.
+    Isa::available().into_iter().filter(|isa| isa.name() != "portable")
+}
+
+/// The product that most of a DQN update is made of; counted in floating-point operations.
+#[divan::bench(args = sets().map(|isa| isa.name()))]
+fn product_64x128x128(bencher: Bencher<'_, '_>, name: &str) {
+    let isa = sets().find(|isa| isa.name() == name).unwrap();
+    let (left, right) = (numbers(64 * 128), numbers(128 * 128));
+    let mut result = numbers(64 * 128);
+    bencher.counter(ItemsCount::new(2 * 64 * 128 * 128u32)).bench_local(|| {
+        let product = Product {
+            left: &left,
+            left_row_step: 128,
+            left_term_step: 1,
+            right: &right,
+            terms: 128,
+            rows: 64,
+            width: 128,
+        };
+        product.add_to(isa, &mut result);
+    });
+}
+
+/// The heads of a dueling network for a batch.
+#[divan::bench]
+fn dot_64x128x5(bencher: Bencher<'_, '_>) {
+    let (left, right, start) = (numbers(64 * 128), numbers(5 * 128), numbers(5));
+    let mut out = numbers(64 * 5);
+    bencher.bench_local(|| dot(Isa::chosen(), &left, &right, 128, &start, &mut out));
+}
+
+fn shallow<'a>(
+    weight: &'a [f32],
+    bias: &'a [f32],
+    head: &'a [f32],
+    inputs: &'a [f32],
+) -> Shallow<'a> {
+    Shallow { weight, bias, head, inputs, moments: &[], rows: inputs.len() / 3 }
+}
+
+/// Logits of REINFORCE's policy; counted in rows.
+#[divan::bench(args = [1, 64])]
+fn policy_forward(bencher: Bencher<'_, '_>, rows: usize) {
+    let (weight, bias, head) = (numbers(3 * 128), numbers(128), numbers(4 * 128));
+    let (inputs, start, mut out) = (numbers(3 * rows), numbers(4), numbers(4 * rows));
+    bencher.counter(ItemsCount::new(rows)).bench_local(|| {
+        shallow(&weight, &bias, &head, &inputs).forward(Isa::chosen(), &start, &mut out);
+    });
+}
+
+/// The gradient of REINFORCE's policy; counted in rows.
+#[divan::bench(args = [64])]
+fn policy_backward(bencher: Bencher<'_, '_>, rows: usize) {
+    let (weight, bias, head) = (numbers(3 * 128), numbers(128), numbers(4 * 128));
+    let (inputs, by_outputs) = (numbers(3 * rows), numbers(4 * rows));
+    let (mut by_weight, mut by_bias, mut by_head) =
+        (numbers(3 * 128), numbers(128), numbers(4 * 128));
+    bencher.counter(ItemsCount::new(rows)).bench_local(|| {
+        let gradient =
+            ShallowGradient { weight: &mut by_weight, bias: &mut by_bias, head: &mut by_head };
+        shallow(&weight, &bias, &head, &inputs).backward(Isa::chosen(), &by_outputs, gradient);
+    });
+}
+
+/// Adam for the parameters of the published dueling network.
+#[divan::bench]
+fn adam_17_776(bencher: Bencher<'_, '_>) {
+    let mut adam = Adam::new(5e-4, 17_776);
+    let (mut parameters, mut gradient) = (numbers(17_776), numbers(17_776));
+    bencher.bench_local(|| adam.update(Isa::chosen(), &mut parameters, &mut gradient));
+}
+
+/// A step of the simulation; counted in lanes.
+#[divan::bench(args = [1, 50, 1000])]
+fn simulation_step(bencher: Bencher<'_, '_>, lanes: usize) {
+    let mut stream = Stream::new(1, Purpose::Environment);
+    let environment = Environment { horizon: u32::MAX, ..Environment::paper(0.6) };
+    let mut episodes = Episodes::start(&environment, lanes, &mut stream);
+    let (actions, mut rewards) = (vec![Action::UNTAILORED; lanes], vec![0.0; lanes]);
+    bencher.counter(ItemsCount::new(lanes)).bench_local(|| {
+        episodes.step(&actions, &mut rewards, &mut stream);
+    });
+}
