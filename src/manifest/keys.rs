@@ -229,7 +229,7 @@ const LAYERS: Kind = Kind::Widths { most: 32, max: 4096 };
 const ACTIVATION: Kind = Kind::Choice(&["relu", "tanh"]);
 const LEARNING_RATE: Kind = Kind::PositiveReal { max: 1.0 };
 const ENGINE_MEANING: &str = "which code performs the updates: \"fused\", kernels with the same \
-    results on every processor, or \"burn\", Burn's own operations, some fifteen times as slow, with \
+    results on every processor, or \"burn\", Burn's own operations, many times as slow, with \
     results that depend on the processor";
 const ENGINE: Kind = Kind::Choice(&["fused", "burn"]);
 
