@@ -309,12 +309,14 @@ impl Shown {
 fn worker_line(progress: Option<Progress>, name: &str) -> String {
     let mut line = match progress {
         Some(Progress { episode, episodes, recent_return, .. }) => {
-            format!("episode {episode}/{episodes}, return {recent_return:.0}:")
+            format!("{episode}/{episodes}, return {recent_return:.0}:")
         }
         None => "begins:".to_owned(),
     };
-    for word in name.split(' ') {
-        if line.chars().count() + 1 + word.chars().count() > WORKER_WIDTH - 2 {
+    let mut words = name.split(' ').peekable();
+    while let Some(word) = words.next() {
+        let room = if words.peek().is_some() { WORKER_WIDTH - 2 } else { WORKER_WIDTH };
+        if line.chars().count() + 1 + word.chars().count() > room {
             return line + " …";
         }
         line = format!("{line} {word}");
@@ -378,11 +380,11 @@ mod tests {
     #[test]
     fn the_line_of_a_worker_leaves_out_whole_words() {
         let progress = Progress { episode: 123_456, episodes: 750_000, recent_return: -1234.4 };
-        let begin = "episode 123456/750000, return -1234: reinforce P-H-D sigma=0.6";
+        let begin = "123456/750000, return -1234: reinforce P-H-D sigma=0.6";
         let line = |name: &str| worker_line(Some(progress), name);
         let short = "reinforce P-H-D sigma=0.6 seed=12";
         assert_eq!(line(short), format!("{begin} seed=12"));
-        let long = format!("{short} learning_rate=0.00051");
+        let long = format!("{short} learning_rate=0.00051 batch=128");
         assert_eq!(line(&long), format!("{begin} seed=12 …"));
         assert_eq!(worker_line(None, short), format!("begins: {short}"));
         for digits in 1..40 {

@@ -145,9 +145,9 @@ mod tests {
     #[test]
     fn what_manifests_set_otherwise_tells_their_jobs_apart() {
         let manifests = [manifest("one", "0.1"), manifest("other", "0.2")];
-        assert_eq!(Swept::of(&manifests).names(), ["environment.delta_d", "agent.learning_rate"]);
+        assert_eq!(Swept::of(&manifests).names(), ["agent.learning_rate", "environment.delta_d"]);
         let words = words(&manifests);
-        assert_eq!(words[0], "delta_d=0.1 learning_rate=0.001");
+        assert_eq!(words[0], "learning_rate=0.001 delta_d=0.1");
         assert_eq!(words.last().unwrap(), "delta_d=0.2");
     }
 }
