@@ -4,4 +4,4 @@
 
 mod summary;
 
-pub use summary::{Arm, ArmSummary, mean_and_sd, summarise};
+pub use summary::{Arm, ArmSummary, Fate, Means, mean_and_sd, summarise};

@@ -26,6 +26,7 @@ pub(super) fn cells(experiment: &str, counts: &Counts, seconds_left: Option<f64>
         integer(counts.failed),
         integer(counts.interrupted),
         integer(counts.pending),
-        seconds_left.map_or(Cell::Empty, |seconds| Cell::Rounded(seconds, 0)),
+        // An estimate is not known to the nanosecond.
+        seconds_left.map_or(Cell::Empty, |s| Cell::Rounded((s * 10.0).round() / 10.0, 0)),
     ]
 }

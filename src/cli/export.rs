@@ -46,6 +46,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         let what = format!("write `{}`", path.display());
         move |source| Error::Io { what, source }
     };
+    if arguments.out.is_file() {
+        let out = arguments.out.display();
+        return Err(Error::Usage(format!("--out: `{out}` is a file, not a folder; name another")));
+    }
     fs::create_dir_all(&arguments.out).map_err(failure(&arguments.out))?;
     let (format, extension) = match arguments.format {
         FileFormat::Csv => (Format::Csv, "csv"),

@@ -9,10 +9,12 @@ use serde_json::{Value, json};
 
 use crate::cli::output::printable;
 use crate::manifest::{Parameter, Section, nearest};
-use crate::plan::PlannedJob;
+use crate::plan::{Job, PlannedJob};
 
 /// Values that a message lists before it breaks off.
 const VALUES_SHOWN: usize = 10;
+/// Names that a message lists, the nearest ones.
+const NAMES_SHOWN: usize = 5;
 
 /// Conditions that a job must all meet.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -35,13 +37,16 @@ pub(super) enum FilterError {
     )]
     Form(String),
     /// There is no parameter of that name.
-    #[error("no job has a parameter `{}`{}; there are {known}", printable(.name), meant(.nearest))]
+    #[error(
+        "no job has a parameter `{}`{}; the nearest names are {known}",
+        printable(.name), meant(.nearest)
+    )]
     Unknown {
         /// The name given.
         name: String,
         /// The name that was probably meant.
         nearest: Option<String>,
-        /// The names there are.
+        /// The nearest names.
         known: String,
     },
     /// None of the jobs that meet the conditions before this one has the parameter.
@@ -88,7 +93,9 @@ impl FromStr for Filter {
             if name.trim().is_empty() || values.iter().any(String::is_empty) {
                 return Err(fault());
             }
-            Ok(Condition { name: name.trim().to_owned(), values })
+            // As exclusions name it.
+            let name = if name.trim() == "agent.name" { "agent" } else { name.trim() };
+            Ok(Condition { name: name.to_owned(), values })
         };
         let mut depth = 0usize;
         let parts = text.split(|c| {
@@ -120,14 +127,31 @@ impl Filter {
         let unknown = self.0.iter().find(|condition| !condition.is_known(&known));
         if let Some(Condition { name, .. }) = unknown {
             let words = known.iter().flat_map(|word| [word.as_str(), last_part(word)]);
-            let nearest = nearest(name, words).map(|word| format!("`{word}`"));
-            return FilterError::Unknown { name: name.clone(), nearest, known: known.join(", ") };
+            let meant = nearest(name, words).map(|word| format!("`{word}`"));
+            let known = nearest_names(name, &known);
+            return FilterError::Unknown { name: name.clone(), nearest: meant, known };
         }
         let unmet = (1..self.0.len()).find(|count| {
             !jobs().any(|planned| self.0[..*count].iter().all(|c| c.meets(&planned)))
         });
         let (before, rest) = self.0.split_at(unmet.unwrap_or(self.0.len()) - 1);
         rest[0].why_unmet(before, jobs())
+    }
+
+    /// What is wrong with a value that no job has, where others of its condition are met.
+    pub(super) fn unmet_alternative<I: Iterator<Item = PlannedJob>>(
+        &self,
+        jobs: impl Fn() -> I,
+    ) -> Option<FilterError> {
+        let several = self.0.iter().filter(|condition| condition.values.len() > 1);
+        let mut alternatives: Vec<Condition> = several.flat_map(Condition::alternatives).collect();
+        for planned in jobs() {
+            if alternatives.is_empty() {
+                return None;
+            }
+            alternatives.retain(|alternative| !alternative.meets(&planned));
+        }
+        alternatives.first().map(|alternative| alternative.why_unmet(&[], jobs()))
     }
 }
 
@@ -136,9 +160,20 @@ impl Condition {
         names.iter().any(|name| *name == self.name || last_part(name) == self.name)
     }
 
+    /// A condition for each of the values.
+    fn alternatives(&self) -> impl Iterator<Item = Condition> {
+        let one =
+            |value: &String| Condition { name: self.name.clone(), values: vec![value.clone()] };
+        self.values.iter().map(one)
+    }
+
     fn meets(&self, planned: &PlannedJob) -> bool {
-        value_of(planned, &self.name)
+        value_of(&planned.agent, &planned.job, &self.name)
             .is_some_and(|value| self.values.iter().any(|wanted| allows(&value, wanted)))
+    }
+
+    fn value_in(&self, planned: &PlannedJob) -> Option<String> {
+        value_of(&planned.agent, &planned.job, &self.name).map(|value| shown(&value))
     }
 
     fn why_unmet(
@@ -150,7 +185,7 @@ impl Condition {
         let jobs = jobs.filter(|planned| before.iter().all(|condition| condition.meets(planned)));
         let mut seen = HashSet::new();
         let mut values: Vec<String> = jobs
-            .filter_map(|planned| value_of(&planned, &self.name).map(|value| shown(&value)))
+            .filter_map(|planned| self.value_in(&planned))
             .filter(|value| seen.insert(value.clone()))
             .collect();
         if values.is_empty() {
@@ -184,13 +219,22 @@ fn names() -> Vec<String> {
     names
 }
 
-fn last_part(name: &str) -> &str {
+/// The last part of a dotted name.
+pub(super) fn last_part(name: &str) -> &str {
     name.rsplit('.').next().unwrap_or(name)
 }
 
-/// The job's value of the parameter of this name; `None` if it has none.
-fn value_of(planned: &PlannedJob, name: &str) -> Option<Value> {
-    let job = &planned.job;
+/// The names nearest to one that there is not, nearest first.
+fn nearest_names(name: &str, known: &[String]) -> String {
+    let distance = |word: &str| strsim::damerau_levenshtein(name, word);
+    let mut known: Vec<&str> = known.iter().map(String::as_str).collect();
+    known.sort_by_cached_key(|word| distance(word).min(distance(last_part(word))));
+    known.truncate(NAMES_SHOWN);
+    known.join(", ")
+}
+
+/// The value that a job of this agent has of the parameter of this name; `None` if it has none.
+pub(super) fn value_of(agent: &str, job: &Job, name: &str) -> Option<Value> {
     let (section, key) = match name.split_once('.') {
         Some((section, key)) => (Some(section), key),
         None => (None, name),
@@ -199,7 +243,7 @@ fn value_of(planned: &PlannedJob, name: &str) -> Option<Value> {
         section.is_none_or(|section| section == known.name()) && known.find(key).is_some()
     };
     match (section, key) {
-        (None, "agent") => Some(json!(*planned.agent)),
+        (None, "agent") => Some(json!(agent)),
         (None, "scenario") => Some(json!(job.scenario.to_string())),
         (None, "seed") => Some(json!(job.seed)),
         (None | Some("agent"), "algorithm") => Some(json!(job.algorithm())),
@@ -242,7 +286,7 @@ fn exact(number: &serde_json::Number) -> bool {
 }
 
 /// The value as a filter writes it.
-fn shown(value: &Value) -> String {
+pub(super) fn shown(value: &Value) -> String {
     match value {
         Value::String(text) => text.clone(),
         other => other.to_string(),
@@ -304,6 +348,7 @@ mod tests {
     fn conditions_select_by_agent_scenario_and_any_parameter() {
         assert_eq!(selected("agent=dqn"), 3);
         assert_eq!(selected("agent=dqn,sigma=0.6"), 1);
+        assert_eq!(selected("agent.name=dqn"), 3);
         assert_eq!(selected("sigma=0.4|1"), 4);
         assert_eq!(selected("environment.sigma=0.40, scenario=P-H-D"), 2);
         assert_eq!(selected("agent.batch=64"), 3);
@@ -311,6 +356,21 @@ mod tests {
         assert_eq!(selected("algorithm=reinforce"), 3);
         assert_eq!(selected("time_one_hot=false"), 6);
         assert_eq!(selected("scenario=L-H-D"), 0);
+    }
+
+    #[test]
+    fn every_value_of_a_condition_has_to_be_one_that_a_job_has() {
+        let unmet = |text: &str| {
+            assert_ne!(selected(text), 0, "{text}");
+            filter(text).unmet_alternative(|| jobs().into_iter()).map(|error| error.to_string())
+        };
+        assert_eq!(
+            unmet("agent=reinforce|dq").as_deref(),
+            Some("no job has agent=dq, did you mean dqn?; there are dqn, reinforce")
+        );
+        assert_eq!(unmet("sigma=0.4|0.60|1,agent=dqn|reinforce,seed=1"), None);
+        // No job that the other conditions let through has it, but there is one that does.
+        assert_eq!(unmet("agent=reinforce,layers=[128]|[128,128]"), None);
     }
 
     #[test]
@@ -345,9 +405,11 @@ mod tests {
     #[test]
     fn a_filter_that_no_job_meets_says_which_condition_and_what_there_is() {
         let unknown = why_none("agent=dqn,siggma=1");
-        let expected = "no job has a parameter `siggma`, did you mean `sigma`?; there are agent, ";
+        let expected =
+            "no job has a parameter `siggma`, did you mean `sigma`?; the nearest names are ";
         assert!(unknown.starts_with(expected), "{unknown}");
         assert!(unknown.contains("environment.sigma"), "{unknown}");
+        assert_eq!(unknown.matches(", ").count(), NAMES_SHOWN, "{unknown}");
         assert_eq!(
             why_none("sigma=0.7,agent=nobody"),
             "no job has sigma=0.7, did you mean 0.6?; there are 0.4, 0.6, 1.0"

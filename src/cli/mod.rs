@@ -23,6 +23,7 @@ mod simulate;
 mod status;
 mod steps;
 mod summary;
+mod swept;
 
 use std::num::NonZeroUsize;
 use std::path::PathBuf;

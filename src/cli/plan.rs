@@ -14,6 +14,7 @@ use crate::cli::estimate::{Episodes, Speeds, spoken};
 use crate::cli::filter::Filter;
 use crate::cli::output::{Cell, Format, Rows, counted};
 use crate::cli::selection::Selection;
+use crate::cli::swept::Swept;
 use crate::cli::{Error, Exit, StoreArgument, check, counts, one_a_core, run};
 use crate::plan::{JobKey, PlannedJob, Versions};
 use crate::store::{Counts, JobState, Reader, StoreError};
@@ -39,7 +40,7 @@ pub(super) struct Arguments {
     /// Only jobs with these parameters, such as agent=dqn,sigma=0.4|0.6
     #[arg(long, value_name = "NAME=VALUE,...")]
     filter: Option<Filter>,
-    /// Workers that the estimated time is for [default: one a core]
+    /// Workers that the time left is estimated for [default: one a core, as for `run`]
     #[arg(long, value_name = "N", value_parser = super::workers)]
     workers: Option<NonZeroUsize>,
     /// How rows are written
@@ -173,7 +174,7 @@ impl<'a> Survey<'a> {
     fn new(selection: Selection<'a>, store: &Path) -> Result<Self, Error> {
         let reader = match Reader::open(store) {
             Ok(reader) => Some(reader),
-            Err(StoreError::Missing { .. }) => None,
+            Err(StoreError::Missing { .. } | StoreError::Empty { .. }) => None,
             Err(error) => return Err(error.into()),
         };
         Ok(Survey { selection, reader, tried: None, met: HashMap::new(), shared: 0 })
@@ -265,7 +266,7 @@ impl<'a> Survey<'a> {
 #[derive(Clone, Debug, Default)]
 struct Sum {
     counts: Counts,
-    /// What is to do.
+    /// What is to do, as `status` counts it: of running jobs all.
     left: Episodes,
     reasons: BTreeMap<Reason, u64>,
 }
@@ -277,11 +278,11 @@ impl Sum {
             *self.reasons.entry(reason).or_default() += 1;
         }
         match job.state {
-            JobState::Pending | JobState::Interrupted => {
+            JobState::Pending | JobState::Interrupted | JobState::Running => {
                 let job = &job.planned.job;
                 self.left.add(job.algorithm(), u64::from(job.agent.episodes()));
             }
-            JobState::Running | JobState::Completed | JobState::Failed => {}
+            JobState::Completed | JobState::Failed => {}
         }
     }
 
@@ -342,8 +343,9 @@ fn explain(all: &Sum, seconds: Option<f64>, workers: NonZeroUsize) -> io::Result
 
 fn list_jobs(mut survey: Survey<'_>, format: Format) -> Result<(), Error> {
     let columns =
-        ["experiment", "job_key", "agent", "scenario", "sigma", "seed", "state", "reason"];
+        ["experiment", "job_key", "agent", "scenario", "sigma", "seed", "swept", "state", "reason"];
     let mut rows = Rows::new(format, &columns.map(str::to_owned), io::stdout().lock())?;
+    let swept = Swept::of(survey.selection.manifests());
     for (place, manifest) in survey.selection.manifests().iter().enumerate() {
         survey.walk(place, |surveyed| {
             let Surveyed { key, planned, state, reason, .. } = surveyed;
@@ -354,6 +356,7 @@ fn list_jobs(mut survey: Survey<'_>, format: Format) -> Result<(), Error> {
                 Cell::text(planned.job.scenario.to_string()),
                 Cell::Real(planned.job.environment.sigma),
                 Cell::Integer(planned.job.seed as i64),
+                swept.cell(format, &planned.agent, &planned.job),
                 Cell::text(state.name()),
                 reason.map_or(Cell::Empty, |reason| Cell::text(reason.to_string())),
             ])

@@ -1,5 +1,6 @@
 //! A sweep as it is shown: bars on a terminal, lines elsewhere, JSON for programs, or nothing.
 
+use std::collections::VecDeque;
 use std::io::{self, IsTerminal, Write};
 use std::time::{Duration, Instant};
 
@@ -8,9 +9,13 @@ use serde_json::{Value, json};
 
 use crate::cli::estimate::{Episodes, Speeds, spoken};
 use crate::cli::output::{counted, printable};
+use crate::cli::swept::Swept;
 use crate::record::{Outcome, Results};
 use crate::schedule::{Event, Found, Queued, Watcher};
 use crate::train::Progress;
+
+/// Columns that the line of a worker takes at most, behind an indent of two, on a terminal of 80.
+const WORKER_WIDTH: usize = 77;
 
 /// How a sweep is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,6 +48,36 @@ pub(super) struct Shown {
     running: Vec<Option<(Queued, Instant, Option<Progress>)>>,
     bars: Option<Bars>,
     told_waiting: bool,
+    swept: Swept,
+    telling: Vec<Telling>,
+}
+
+/// What programs are told of one worker. Its jobs are stored a moment after they end, so it may be
+/// at its next ones by then: these are told of later.
+#[derive(Debug, Default)]
+struct Telling {
+    /// Whether a job that was told to have started has not been told to have ended.
+    open: bool,
+    later: VecDeque<Value>,
+}
+
+impl Telling {
+    /// What to tell now that a job has started.
+    fn start(&mut self, event: Value) -> Option<Value> {
+        if self.open {
+            self.later.push_back(event);
+            return None;
+        }
+        self.open = true;
+        Some(event)
+    }
+
+    /// What to tell after the end of the job that was told of last.
+    fn end(&mut self) -> Option<Value> {
+        let next = self.later.pop_front();
+        self.open = next.is_some();
+        next
+    }
 }
 
 struct Bars {
@@ -53,9 +88,16 @@ struct Bars {
 
 impl Shown {
     /// A sweep of the jobs in `queue`; `speeds` are those of earlier sweeps.
-    pub(super) fn new(style: Style, queue: &[Queued], workers: usize, speeds: Speeds) -> Self {
-        let bars = (style == Style::Bars && !queue.is_empty())
-            .then(|| Bars::new(queue.len(), workers.min(queue.len())));
+    pub(super) fn new(
+        style: Style,
+        queue: &[Queued],
+        workers: usize,
+        speeds: Speeds,
+        swept: Swept,
+    ) -> Self {
+        let workers = workers.min(queue.len());
+        let bars =
+            (style == Style::Bars && !queue.is_empty()).then(|| Bars::new(queue.len(), workers));
         let mut unbegun = Episodes::default();
         for Queued { job, .. } in queue {
             unbegun.add(job.algorithm(), u64::from(job.agent.episodes()));
@@ -67,9 +109,11 @@ impl Shown {
             failed: 0,
             speeds,
             unbegun,
-            running: (0..workers.min(queue.len())).map(|_| None).collect(),
+            running: (0..workers).map(|_| None).collect(),
             bars,
             told_waiting: false,
+            swept,
+            telling: (0..workers).map(|_| Telling::default()).collect(),
         }
     }
 
@@ -86,12 +130,9 @@ impl Shown {
         Some(speeds.seconds(&left)? / self.running.len().max(1) as f64)
     }
 
-    fn left(&self) -> String {
-        match self.seconds_left() {
-            _ if self.done >= self.jobs => String::new(),
-            Some(seconds) => format!(", about {} left", spoken(seconds)),
-            None => String::new(),
-        }
+    /// The time left, if it is known, as people say it.
+    fn left(&self) -> Option<String> {
+        self.seconds_left().filter(|_| self.done < self.jobs).map(spoken)
     }
 
     /// Writes a line for a person; a closed standard error ends nothing.
@@ -116,7 +157,12 @@ impl Shown {
     fn begin(&mut self, worker: usize, queued: &Queued) {
         self.unbegun.remove(&queued.job);
         self.running[worker] = Some((queued.clone(), Instant::now(), None));
-        self.tell(json!({ "event": "started", "worker": worker, "job": described(queued) }));
+        let event = json!({
+            "event": "started", "worker": worker, "job": self.described(queued),
+        });
+        if let Some(event) = self.telling[worker].start(event) {
+            self.tell(event);
+        }
     }
 
     /// Shows a worker as idle, unless it has begun another job already.
@@ -143,11 +189,13 @@ impl Shown {
         };
         // On a terminal the bars say how completed jobs did.
         if self.style == Style::Lines || matches!(outcome, Outcome::Failed(_)) {
-            let (done, jobs, left) = (self.done, self.jobs, self.left());
-            self.say(&format!("[{done}/{jobs}] {}: {what}, {seconds:.1} s{left}", name(queued)));
+            let (done, jobs, name) = (self.done, self.jobs, self.name(queued));
+            let left = self.left().map_or_else(String::new, |time| format!(", about {time} left"));
+            self.say(&format!("[{done}/{jobs}] {name}: {what}, {seconds:.1} s{left}"));
         }
         let mut event = json!({
-            "event": status, "worker": worker, "job": described(queued), "wall_seconds": seconds,
+            "event": status, "worker": worker, "job": self.described(queued),
+            "wall_seconds": seconds,
         });
         match outcome {
             Outcome::Completed(results) => event["mean_return"] = json!(mean_return(results)),
@@ -157,15 +205,24 @@ impl Shown {
             }
             Outcome::Interrupted => {}
         }
+        self.tell_end(worker, event);
+    }
+
+    /// Tells that the job of a worker has ended.
+    fn tell_end(&mut self, worker: usize, event: Value) {
         self.tell(event);
+        if let Some(next) = self.telling[worker].end() {
+            self.tell(next);
+        }
     }
 
     fn lose(&mut self, worker: usize, queued: &Queued) {
         self.rest(worker, queued);
         // Until it is known what became of it elsewhere.
         self.unbegun.add(queued.job.algorithm(), u64::from(queued.job.agent.episodes()));
-        self.say(&format!("{}: another process has taken it over", name(queued)));
-        self.tell(json!({ "event": "lost", "worker": worker, "job": described(queued) }));
+        self.say(&format!("{}: another process has taken it over", self.name(queued)));
+        let event = json!({ "event": "lost", "worker": worker, "job": self.described(queued) });
+        self.tell_end(worker, event);
     }
 
     fn skip(&mut self, queued: &Queued, found: Found) {
@@ -178,7 +235,7 @@ impl Shown {
                 "failed"
             }
         };
-        self.tell(json!({ "event": "skipped", "found": found, "job": described(queued) }));
+        self.tell(json!({ "event": "skipped", "found": found, "job": self.described(queued) }));
     }
 
     fn shrink(&mut self, started: usize, reason: &io::Error) {
@@ -216,22 +273,55 @@ impl Shown {
     fn draw(&self) {
         let Some(bars) = &self.bars else { return };
         bars.sweep.set_position(self.done as u64);
-        bars.sweep.set_message(format!("{} failed{}", self.failed, self.left()));
+        let left = self.left().map_or_else(String::new, |time| format!(", {time} left"));
+        bars.sweep.set_message(format!("{} failed{left}", self.failed));
         for (bar, running) in bars.workers.iter().zip(&self.running) {
             let text = match running {
-                Some((queued, _, Some(progress))) => format!(
-                    "{}: episode {} of {}, return {:.0}",
-                    name(queued),
-                    progress.episode,
-                    progress.episodes,
-                    progress.recent_return
-                ),
-                Some((queued, _, None)) => name(queued),
+                Some((queued, _, progress)) => {
+                    worker_line(*progress, &self.swept.name(&queued.agent, &queued.job))
+                }
                 None => "idle".to_owned(),
             };
             bar.set_message(text);
         }
     }
+
+    /// A job as people tell it from others: `dqn P-H-D sigma=0.4 seed=1 (1a2b3c4d)`.
+    fn name(&self, queued: &Queued) -> String {
+        let key = &queued.key.to_string()[..8];
+        format!("{} ({key})", self.swept.name(&queued.agent, &queued.job))
+    }
+
+    fn described(&self, queued: &Queued) -> Value {
+        json!({
+            "job_key": queued.key.to_string(),
+            "agent": queued.agent,
+            "scenario": queued.job.scenario.to_string(),
+            "sigma": queued.job.environment.sigma,
+            "seed": queued.job.seed,
+            "swept": self.swept.object(&queued.agent, &queued.job),
+        })
+    }
+}
+
+/// What a worker is at: how far it has come, then the job as far as there is room. Whole words are
+/// left out at the end, because a number without its last digits is another number.
+fn worker_line(progress: Option<Progress>, name: &str) -> String {
+    let mut line = match progress {
+        Some(Progress { episode, episodes, recent_return, .. }) => {
+            format!("{episode}/{episodes}, return {recent_return:.0}:")
+        }
+        None => "begins:".to_owned(),
+    };
+    let mut words = name.split(' ').peekable();
+    while let Some(word) = words.next() {
+        let room = if words.peek().is_some() { WORKER_WIDTH - 2 } else { WORKER_WIDTH };
+        if line.chars().count() + 1 + word.chars().count() > room {
+            return line + " …";
+        }
+        line = format!("{line} {word}");
+    }
+    line
 }
 
 impl Watcher for Shown {
@@ -267,7 +357,7 @@ impl Bars {
                 .progress_chars("=> ")
         };
         let sweep = all.add(ProgressBar::new(jobs as u64));
-        sweep.set_style(style("[{elapsed_precise}] [{bar:40}] {pos}/{len} jobs, {wide_msg}"));
+        sweep.set_style(style("{elapsed_precise} {bar:16} {pos}/{len} jobs, {wide_msg}"));
         let workers = (0..workers)
             .map(|_| {
                 let bar = all.add(ProgressBar::no_length());
@@ -279,24 +369,40 @@ impl Bars {
     }
 }
 
-/// A job as people tell it from others: `dqn P-H-D sigma=0.4 seed=1 (1a2b3c4d)`.
-pub(super) fn name(queued: &Queued) -> String {
-    let Queued { key, agent, job } = queued;
-    let key = &key.to_string()[..8];
-    let (scenario, sigma, seed) = (&job.scenario, job.environment.sigma, job.seed);
-    format!("{} {scenario} sigma={sigma} seed={seed} ({key})", printable(agent))
-}
-
-fn described(queued: &Queued) -> Value {
-    json!({
-        "job_key": queued.key.to_string(),
-        "agent": queued.agent,
-        "scenario": queued.job.scenario.to_string(),
-        "sigma": queued.job.environment.sigma,
-        "seed": queued.job.seed,
-    })
-}
-
 fn mean_return(results: &Results) -> f64 {
     results.metrics.iter().find(|m| m.name == "mean_return").map_or(f64::NAN, |m| m.value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_line_of_a_worker_leaves_out_whole_words() {
+        let progress = Progress { episode: 123_456, episodes: 750_000, recent_return: -1234.4 };
+        let begin = "123456/750000, return -1234: reinforce P-H-D sigma=0.6";
+        let line = |name: &str| worker_line(Some(progress), name);
+        let short = "reinforce P-H-D sigma=0.6 seed=12";
+        assert_eq!(line(short), format!("{begin} seed=12"));
+        let long = format!("{short} learning_rate=0.00051 batch=128");
+        assert_eq!(line(&long), format!("{begin} seed=12 …"));
+        assert_eq!(worker_line(None, short), format!("begins: {short}"));
+        for digits in 1..40 {
+            let name = format!("dqn P-H-D sigma=0.{} seed=1", "6".repeat(digits));
+            assert!(line(&name).chars().count() <= WORKER_WIDTH, "{}", line(&name));
+        }
+    }
+
+    #[test]
+    fn programs_hear_of_an_end_before_the_worker_s_next_start() {
+        let mut telling = Telling::default();
+        let [one, two, three] = ["one", "two", "three"].map(|name| json!(name));
+        assert_eq!(telling.start(one.clone()), Some(one));
+        assert_eq!(telling.start(two.clone()), None);
+        assert_eq!(telling.start(three.clone()), None);
+        assert_eq!(telling.end(), Some(two));
+        assert_eq!(telling.end(), Some(three.clone()));
+        assert_eq!(telling.end(), None);
+        assert_eq!(telling.start(three.clone()), Some(three));
+    }
 }

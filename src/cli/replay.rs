@@ -22,6 +22,10 @@ const DIFFERENCES_SHOWN: usize = 10;
 /// What a recording may have lost by being written out, as a share of numbers above 1.
 const TOLERANCE: f64 = 1e-9;
 
+/// What a file must hold.
+const EXPECTED: &str = "expected JSON like {\"cases\": [{\"sigma\": 0.6, \"parameters\": {}, \
+    \"horizon\": 50, \"steps\": [{\"context\": 0, \"p0\": 0.7, \"action\": 1}]}]}";
+
 /// A file of trajectories.
 #[derive(Deserialize)]
 struct Trajectories {
@@ -77,16 +81,19 @@ pub(super) fn run(path: &Path, format: Format) -> Result<Exit, Error> {
 }
 
 fn read(path: &Path) -> Result<Trajectories, Error> {
-    let io_error =
-        |source| Error::Io { what: format!("read trajectories `{}`", path.display()), source };
+    // As for a manifest that is not there.
+    let wrong_file = |error: io::Error| {
+        let path = path.display();
+        Error::Usage(format!("cannot read trajectories from `{path}`: {error}"))
+    };
     let mut bytes = Vec::new();
-    let file = File::open(path).map_err(io_error)?;
-    file.take(MOST_BYTES + 1).read_to_end(&mut bytes).map_err(io_error)?;
+    let file = File::open(path).map_err(wrong_file)?;
+    file.take(MOST_BYTES + 1).read_to_end(&mut bytes).map_err(wrong_file)?;
     if bytes.len() as u64 > MOST_BYTES {
         return Err(Error::Usage(format!("{}: more than {MOST_BYTES} bytes", path.display())));
     }
     serde_json::from_slice(&bytes)
-        .map_err(|error| Error::Usage(format!("{}: {error}", path.display())))
+        .map_err(|error| Error::Usage(format!("{}: {error}; {EXPECTED}", path.display())))
 }
 
 fn environment(case: &Case) -> Result<Environment, String> {

@@ -11,15 +11,16 @@ use std::time::Duration;
 use clap::ValueEnum;
 
 use crate::cli::estimate::Speeds;
-use crate::cli::filter::Filter;
+use crate::cli::filter::{Filter, last_part};
 use crate::cli::output::{counted, printable, shell_word};
 use crate::cli::progress::{Shown, Style};
 use crate::cli::selection::Selection;
+use crate::cli::swept::Swept;
 use crate::cli::{Error, Exit, StoreArgument, check, one_a_core, provenance, signals, summary};
 use crate::manifest::Manifest;
 use crate::plan::{self, JobKey};
 use crate::schedule::{self, Context, OnFailure, Options, Queued, Tally};
-use crate::store::{Experiment, JobState, Reader, RetryFailed, Store};
+use crate::store::{Experiment, FailedJob, JobState, Reader, RetryFailed, Store};
 use crate::train;
 
 /// Failed jobs that are listed at the end.
@@ -48,6 +49,14 @@ pub(super) struct Arguments {
     #[arg(long, short)]
     quiet: bool,
     /// How progress and summary are written
+    ///
+    /// With json, standard output has an object a line, each with its kind under "event". Of a
+    /// worker (from 0) and its job: started; completed, with wall_seconds and mean_return; failed,
+    /// with wall_seconds, kind and message; interrupted, with wall_seconds; lost, when another
+    /// process has taken the job over. Of a job that needs no run: skipped, with found (completed
+    /// or failed). Last: done, stopped (by a signal) or halted (by --fail-fast), with the numbers
+    /// of jobs that ran, and that are completed, failed and left in all. A worker's job is told to
+    /// have ended once it is stored, and before the worker's next is told to have started.
     #[arg(long, value_enum, default_value = "text")]
     format: Format,
     #[command(flatten)]
@@ -84,7 +93,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         let session = store.begin_session(&provenance::of_this_process())?;
         let options = arguments.options();
         let context = Context { options, train: &train::run, stop: &stop };
-        let mut shown = arguments.shown(&reader, &todo.queue, options.workers)?;
+        let mut shown = arguments.shown(&reader, &todo.queue, Swept::of(&manifests))?;
         let queue = mem::take(&mut todo.queue);
         let swept = schedule::run(&mut store, session, queue, context, &mut shown);
         drop(shown);
@@ -124,18 +133,14 @@ impl Arguments {
         }
     }
 
-    fn shown(
-        &self,
-        reader: &Reader,
-        queue: &[Queued],
-        workers: NonZeroUsize,
-    ) -> Result<Shown, Error> {
+    fn shown(&self, reader: &Reader, queue: &[Queued], swept: Swept) -> Result<Shown, Error> {
         let style = match self.format {
             Format::Json => Style::Json,
             Format::Text if self.quiet => Style::Quiet,
             Format::Text => Style::for_stderr(),
         };
-        Ok(Shown::new(style, queue, workers.get(), speeds(reader)?))
+        let workers = self.options().workers.get();
+        Ok(Shown::new(style, queue, workers, speeds(reader)?, swept))
     }
 }
 
@@ -246,15 +251,15 @@ impl End<'_> {
         if arguments.format == Format::Json || self.cause == Cause::Signal {
             return Ok(());
         }
-        let experiments: Vec<&str> = manifests.iter().map(|manifest| &*manifest.name).collect();
-        let example = summary::print(reader, &experiments)?;
+        let failed = reader.failed_jobs()?;
+        let example = summary::print(reader, manifests, &failed)?;
         if arguments.quiet {
             return Ok(());
         }
         if self.failed() > 0 {
-            list_failures(reader, &experiments)?;
+            list_failures(&failed, manifests)?;
         }
-        Ok(tell_next(arguments, &experiments, example)?)
+        Ok(tell_next(arguments, manifests, example)?)
     }
 
     fn tell(&self, arguments: &Arguments) -> Result<(), Error> {
@@ -301,17 +306,17 @@ impl End<'_> {
     }
 }
 
-/// Lists the failed jobs of experiments, the first few of them.
-fn list_failures(reader: &Reader, experiments: &[&str]) -> Result<(), Error> {
-    let failed = reader.failed_jobs()?;
-    let ours: Vec<_> =
-        failed.iter().filter(|job| experiments.contains(&job.experiment.as_str())).collect();
+/// Lists the failed jobs of the manifests' experiments, the first few of them.
+fn list_failures(failed: &[FailedJob], manifests: &[Manifest]) -> Result<(), Error> {
+    let is_ours = |job: &&FailedJob| manifests.iter().any(|ours| ours.name == job.experiment);
+    let ours: Vec<_> = failed.iter().filter(is_ours).collect();
+    let swept = Swept::of(manifests);
     let mut out = io::stdout().lock();
     writeln!(out, "\nfailed:")?;
     for job in ours.iter().take(FAILURES_SHOWN) {
         let message = printable(&job.failure.message);
-        let (key, agent) = (job.job_key, printable(&job.agent));
-        writeln!(out, "  {key} {agent}: {} ({message})", job.failure.kind)?;
+        let (key, name) = (job.job_key, swept.name_of_failed(job));
+        writeln!(out, "  {key} {name}: {} ({message})", job.failure.kind)?;
     }
     if ours.len() > FAILURES_SHOWN {
         writeln!(out, "  and {} more, which `jitai status` lists", ours.len() - FAILURES_SHOWN)?;
@@ -323,14 +328,14 @@ fn list_failures(reader: &Reader, experiments: &[&str]) -> Result<(), Error> {
 /// Says what a person would do next; `example` is a completed job.
 fn tell_next(
     arguments: &Arguments,
-    experiments: &[&str],
+    manifests: &[Manifest],
     example: Option<JobKey>,
 ) -> io::Result<()> {
     let mut out = io::stdout().lock();
     let store = arguments.store.as_option();
     writeln!(out, "\nnext:")?;
     writeln!(out, "  jitai status{store}")?;
-    writeln!(out, "  jitai query{store} {}", shell_word(&example_query(experiments)))?;
+    writeln!(out, "  jitai query{store} {}", shell_word(&example_query(manifests)))?;
     writeln!(out, "  jitai export{store} --out results")?;
     if let Some(key) = example {
         let key = &key.to_string()[..8];
@@ -339,16 +344,27 @@ fn tell_next(
     Ok(())
 }
 
-/// The mean return of every arm of some experiments, as SQL.
-fn example_query(experiments: &[&str]) -> String {
-    let names: Vec<String> = experiments.iter().map(|name| sql_text(name)).collect();
-    let (column, condition, groups) = match names.as_slice() {
-        [name] => ("", format!("= {name}"), "1, 2, 3"),
-        names => ("experiment, ", format!("IN ({})", names.join(", ")), "1, 2, 3, 4"),
+/// The mean return of every arm of the manifests' experiments, as SQL.
+fn example_query(manifests: &[Manifest]) -> String {
+    let names: Vec<String> = manifests.iter().map(|manifest| sql_text(&manifest.name)).collect();
+    let (mut columns, condition) = match names.as_slice() {
+        [name] => (Vec::new(), format!("= {name}")),
+        names => (vec!["experiment".to_owned()], format!("IN ({})", names.join(", "))),
     };
+    columns.extend(["agent", "scenario", "sigma"].map(str::to_owned));
+    for name in Swept::of(manifests).names() {
+        columns.push(format!(
+            "(SELECT value FROM parameter AS p WHERE p.job_key = s.job_key AND name = '{name}') \
+             AS {}",
+            last_part(&name)
+        ));
+    }
+    let groups: Vec<String> = (1..=columns.len()).map(|place| place.to_string()).collect();
     format!(
-        "SELECT {column}agent, scenario, sigma, avg(mean_return) FROM run_summary \
-         WHERE status = 'completed' AND experiment {condition} GROUP BY {groups}"
+        "SELECT {}, avg(mean_return) FROM run_summary AS s \
+         WHERE status = 'completed' AND experiment {condition} GROUP BY {}",
+        columns.join(", "),
+        groups.join(", ")
     )
 }
 

@@ -17,7 +17,8 @@ pub(super) struct Selection<'a> {
 impl<'a> Selection<'a> {
     /// The jobs of the manifests that meet the filter.
     ///
-    /// **Errors**: no job does; the message says which condition is at fault.
+    /// **Errors**: no job does, or no job has one of the values; the message says which condition
+    /// is at fault.
     pub(super) fn new(
         manifests: &'a [Manifest],
         filter: Option<&'a Filter>,
@@ -26,6 +27,9 @@ impl<'a> Selection<'a> {
             let jobs = || manifests.iter().flat_map(plan::jobs);
             if !jobs().any(|planned| filter.meets(&planned)) {
                 return Err(Error::Usage(filter.why_none(jobs).to_string()));
+            }
+            if let Some(unmet) = filter.unmet_alternative(jobs) {
+                return Err(Error::Usage(unmet.to_string()));
             }
         }
         Ok(Selection { manifests, filter })

@@ -18,11 +18,11 @@ use crate::train::{self, Chooser, TestStreams, Watch};
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Who acts: fixed:<action 0-3>, random, match (tailor to the most likely context),
-    /// threshold:<p> (as match where the likely context has at least probability p, else nothing),
+    /// threshold:<p> (p from 0.5 to 1; as match where the likely context has at least probability p, else nothing),
     /// or run:<job key> (the trained policy of a completed job; a beginning of the key will do)
     #[arg(long, default_value = "match", value_name = "POLICY")]
     policy: PolicyArgument,
-    /// An environment parameter, as in a manifest's [environment]; may be repeated. With a trained
+    /// An environment parameter, as in a manifest's [environment], such as sigma=0.4; may be repeated. With a trained
     /// policy, none that changes what it observes
     #[arg(long = "set", value_name = "NAME=VALUE")]
     settings: Vec<String>,
@@ -62,6 +62,14 @@ impl FromStr for PolicyArgument {
     fn from_str(text: &str) -> Result<Self, String> {
         match text.split_once(':') {
             Some(("run", key)) => Ok(PolicyArgument::Run(key.to_owned())),
+            Some(("threshold", p)) => {
+                text.parse().map(PolicyArgument::Rule).map_err(|_: agent::RuleError| {
+                    format!(
+                        "the threshold must lie in [0.5, 1], not `{p}`: it is a probability of \
+                         the likelier of two contexts"
+                    )
+                })
+            }
             _ => text
                 .parse()
                 .map(PolicyArgument::Rule)
@@ -165,6 +173,7 @@ fn name_and_value(setting: &str) -> Result<(&str, &str), Error> {
     setting
         .split_once('=')
         .map(|(name, value)| (name.trim(), value.trim()))
+        .map(|(name, value)| (name.strip_prefix("environment.").unwrap_or(name), value))
         .filter(|(name, value)| is_name(name) && !value.contains(char::is_control))
         .ok_or_else(|| Error::Usage(format!("`{setting}` is not NAME=VALUE, such as sigma=0.4")))
 }

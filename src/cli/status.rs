@@ -1,21 +1,27 @@
 //! `jitai status`: what has become of every experiment in a store.
 
+use std::collections::HashMap;
 use std::io::{self, IsTerminal, Write};
+use std::mem;
 use std::thread;
 use std::time::Duration;
 
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::cli::estimate::Episodes;
-use crate::cli::output::{Cell, Format, Rows};
+use crate::cli::output::{Cell, Format, Rows, counted};
 use crate::cli::run::speeds;
-use crate::cli::{Error, Exit, StoreArgument, counts};
+use crate::cli::swept::Swept;
+use crate::cli::{Error, Exit, StoreArgument, counts, one_a_core};
+use crate::manifest;
 use crate::store::{ExperimentCounts, FailedJob, Reader};
 
 /// Show the experiments of a store: jobs by state, failures with their reasons
+///
+/// The seconds left are estimated from earlier runs, for one worker a core, as `jitai run` takes it.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Show it again every two seconds, until all jobs have ended
+    /// Show it again every two seconds, until all jobs have ended or no process runs any
     #[arg(long)]
     watch: bool,
     /// How rows are written
@@ -26,83 +32,132 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
+    let mut rested = false;
     loop {
         let reader = Reader::open(&arguments.store.store)?;
         if arguments.watch && io::stdout().is_terminal() {
             // Clear the screen, cursor home.
             write!(io::stdout(), "\u{1b}[2J\u{1b}[H")?;
         }
-        let open = show(&reader, arguments.format)?;
-        if !arguments.watch || open == 0 {
+        let Unfinished { running, waiting } = show(&reader, arguments.format)?;
+        if !arguments.watch || running + waiting == 0 {
             return Ok(Exit::Done);
         }
+        // Between two jobs none may be running, so one look is not enough.
+        if running == 0 && mem::replace(&mut rested, true) {
+            let jobs = counted(waiting, "job");
+            writeln!(io::stderr(), "{jobs} left, but no process runs any; `jitai run` goes on")?;
+            return Ok(Exit::Done);
+        }
+        rested &= running == 0;
         drop(reader);
         thread::sleep(Duration::from_secs(2));
     }
 }
 
-/// Prints the state of the store; returns how many jobs have still to end.
-fn show(reader: &Reader, format: Format) -> Result<u64, Error> {
+/// Jobs that have still to end.
+#[derive(Default)]
+struct Unfinished {
+    running: u64,
+    /// Pending or interrupted.
+    waiting: u64,
+}
+
+/// Prints the state of the store.
+fn show(reader: &Reader, format: Format) -> Result<Unfinished, Error> {
     let speeds = speeds(reader)?;
-    let failed = reader.failed_jobs()?;
+    let failed = Failed::read(reader)?;
+    let workers = one_a_core().get() as f64;
     let mut columns = counts::COLUMNS.map(str::to_owned).to_vec();
     if format == Format::Json {
         columns.push("failures".to_owned());
     }
     let mut rows = Rows::new(format, &columns, io::stdout().lock())?;
-    let mut open = 0;
+    let mut unfinished = Unfinished::default();
     for ExperimentCounts { experiment, counts, episodes_left } in reader.experiment_counts()? {
-        open += counts.pending + counts.interrupted + counts.running;
+        unfinished.running += counts.running;
+        unfinished.waiting += counts.pending + counts.interrupted;
         let mut episodes = Episodes::default();
         for (algorithm, left) in &episodes_left {
             episodes.add(algorithm, *left);
         }
-        // As many at a time as are running now; one if none is.
-        let seconds = speeds.seconds(&episodes).map(|s| s / counts.running.max(1) as f64);
+        let seconds = speeds.seconds(&episodes).map(|s| s / workers);
         let mut cells = counts::cells(&experiment, &counts, seconds);
         if format == Format::Json {
-            let ours = failed.iter().filter(|job| job.experiment == experiment);
-            cells.push(Cell::Nested(ours.map(described).collect()));
+            cells.push(Cell::Nested(failed.described(&experiment)));
         }
         rows.row(&cells)?;
     }
     rows.finish()?;
     if format == Format::Table {
-        show_failures(failed)?;
+        failed.list()?;
     }
-    Ok(open)
+    Ok(unfinished)
 }
 
-/// A failed job for programs.
-fn described(job: &FailedJob) -> serde_json::Value {
-    json!({
-        "job_key": job.job_key.to_string(),
-        "agent": job.agent,
-        "attempt": job.attempt,
-        "failure_kind": job.failure.kind.name(),
-        "failure_message": job.failure.message,
-        "failure_episode": job.failure.episode,
-    })
+/// The failed jobs of a store, with what tells them from others of their experiments.
+struct Failed {
+    jobs: Vec<FailedJob>,
+    /// By experiment, of those that have failed jobs.
+    swept: HashMap<String, Swept>,
 }
 
-fn show_failures(failed: Vec<FailedJob>) -> Result<(), Error> {
-    if failed.is_empty() {
-        return Ok(());
+impl Failed {
+    fn read(reader: &Reader) -> Result<Failed, Error> {
+        let jobs = reader.failed_jobs()?;
+        let mut swept = HashMap::new();
+        for FailedJob { experiment, .. } in &jobs {
+            if !swept.contains_key(experiment) {
+                let text = reader.manifest(experiment)?.unwrap_or_default();
+                // A manifest of another release may mean nothing to this one.
+                let manifest = manifest::parse(experiment, text.as_bytes()).ok();
+                swept.insert(experiment.clone(), Swept::of(manifest.as_slice()));
+            }
+        }
+        Ok(Failed { jobs, swept })
     }
-    let mut out = io::stdout().lock();
-    writeln!(out, "\nfailed:")?;
-    let columns = ["experiment", "job_key", "agent", "attempt", "kind", "episode", "message"];
-    let mut rows = Rows::new(Format::Table, &columns.map(str::to_owned), &mut out)?;
-    for job in failed {
-        rows.row(&[
-            Cell::text(job.experiment),
-            Cell::text(job.job_key.to_string()),
-            Cell::text(job.agent),
-            Cell::Integer(i64::from(job.attempt)),
-            Cell::text(job.failure.kind.name()),
-            Cell::Integer(i64::from(job.failure.episode)),
-            Cell::text(job.failure.message),
-        ])?;
+
+    /// The failed jobs of an experiment for programs.
+    fn described(&self, experiment: &str) -> Value {
+        let ours = self.jobs.iter().filter(|job| job.experiment == experiment);
+        ours.map(|failed| {
+            json!({
+                "job_key": failed.job_key.to_string(),
+                "agent": failed.agent,
+                "scenario": failed.job.as_ref().map(|job| job.scenario.to_string()),
+                "sigma": failed.job.as_ref().map(|job| job.environment.sigma),
+                "seed": failed.job.as_ref().map(|job| job.seed),
+                "swept": failed.job.as_ref().map(|job| {
+                    self.swept[experiment].object(&failed.agent, job)
+                }),
+                "attempt": failed.attempt,
+                "failure_kind": failed.failure.kind.name(),
+                "failure_message": failed.failure.message,
+                "failure_episode": failed.failure.episode,
+            })
+        })
+        .collect()
     }
-    Ok(rows.finish()?)
+
+    fn list(&self) -> Result<(), Error> {
+        if self.jobs.is_empty() {
+            return Ok(());
+        }
+        let mut out = io::stdout().lock();
+        writeln!(out, "\nfailed:")?;
+        let columns = ["experiment", "job_key", "job", "attempt", "kind", "episode", "message"];
+        let mut rows = Rows::new(Format::Table, &columns.map(str::to_owned), &mut out)?;
+        for failed in &self.jobs {
+            rows.row(&[
+                Cell::text(&failed.experiment),
+                Cell::text(failed.job_key.to_string()),
+                Cell::text(self.swept[&failed.experiment].name_of_failed(failed)),
+                Cell::Integer(i64::from(failed.attempt)),
+                Cell::text(failed.failure.kind.name()),
+                Cell::Integer(i64::from(failed.failure.episode)),
+                Cell::text(&failed.failure.message),
+            ])?;
+        }
+        Ok(rows.finish()?)
+    }
 }

@@ -1,20 +1,16 @@
 //! The summary of an experiment as a table.
 
-use crate::analyse::ArmSummary;
+use crate::analyse::{ArmSummary, Means};
 
 /// One line of the summary: the words that tell the arm, then its numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line {
     /// Agent, scenario, sigma and the swept parameters, in the order of the columns.
     pub arm: Vec<String>,
-    /// Seeds completed.
-    pub seeds: usize,
-    /// Mean over seeds of the mean return, in steps walked.
-    pub mean_return: f64,
-    /// Standard deviation over seeds; `None` for one seed.
-    pub sd_return: Option<f64>,
-    /// Mean over seeds of the share of test episodes that ended in disengagement.
-    pub disengagement_rate: f64,
+    /// Seeds completed, and of how many if some are missing: `6`, `1 of 6`.
+    pub seeds: String,
+    /// Means over the seeds completed; `None` if there are none.
+    pub means: Option<Means>,
 }
 
 /// The names of the columns that tell the arms, and a line an arm.
@@ -36,10 +32,11 @@ pub fn summary_table(arms: &[ArmSummary]) -> (Vec<String>, Vec<Line>) {
         }));
         Line {
             arm: words,
-            seeds: summary.seeds,
-            mean_return: summary.mean_return,
-            sd_return: summary.sd_return,
-            disengagement_rate: summary.disengagement_rate,
+            seeds: match (summary.seeds, summary.declared) {
+                (seeds, declared) if seeds == declared => seeds.to_string(),
+                (seeds, declared) => format!("{seeds} of {declared}"),
+            },
+            means: summary.means,
         }
     };
     (columns, arms.iter().map(line).collect())
@@ -51,7 +48,7 @@ mod tests {
     use crate::analyse::Arm;
 
     #[test]
-    fn swept_parameters_get_columns_and_arms_without_them_stay_empty() {
+    fn swept_parameters_get_columns_and_missing_seeds_are_told() {
         let arm = |swept: &[(&str, &str)]| ArmSummary {
             arm: Arm {
                 agent: "dqn".to_owned(),
@@ -59,15 +56,15 @@ mod tests {
                 sigma: 0.6,
                 swept: swept.iter().map(|(n, v)| ((*n).to_owned(), (*v).to_owned())).collect(),
             },
-            seeds: 3,
-            mean_return: 1.0,
-            sd_return: None,
-            disengagement_rate: 0.0,
+            declared: 3,
+            seeds: if swept[0].0 == "agent.batch" { 3 } else { 0 },
+            means: None,
         };
         let (columns, lines) =
             summary_table(&[arm(&[("agent.batch", "32")]), arm(&[("environment.delta_d", "0.1")])]);
         assert_eq!(columns, ["agent", "scenario", "sigma", "batch", "delta_d"]);
         assert_eq!(lines[0].arm, ["dqn", "P-H-D", "0.6", "32", ""]);
         assert_eq!(lines[1].arm, ["dqn", "P-H-D", "0.6", "", "0.1"]);
+        assert_eq!((lines[0].seeds.as_str(), lines[1].seeds.as_str()), ("3", "0 of 3"));
     }
 }

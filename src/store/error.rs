@@ -21,6 +21,15 @@ pub enum StoreError {
         /// Where it was looked for.
         path: PathBuf,
     },
+    /// The file is there and has nothing in it.
+    #[error(
+        "`{}` is an empty file; `jitai run` makes a store of it, and --store names another",
+        .path.display()
+    )]
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
     /// The folder that should hold the store does not exist.
     #[error(
         "cannot make `{}`: there is no folder `{}`; make it first",

@@ -58,7 +58,8 @@ pub(super) fn open_writer(path: &Path) -> Result<(Connection, PathBuf), StoreErr
 pub(super) fn open_reader(path: &Path) -> Result<(Connection, PathBuf), StoreError> {
     let path = absolute(path)?;
     match look(&path)? {
-        Presence::Absent | Presence::Blank => return Err(StoreError::Missing { path }),
+        Presence::Absent => return Err(StoreError::Missing { path }),
+        Presence::Blank => return Err(StoreError::Empty { path }),
         Presence::Database => {}
     }
     let action = "open the store";

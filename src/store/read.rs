@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use rusqlite::{Connection, OptionalExtension};
 
-use crate::plan::{CanonicalForm, JobKey, Versions};
+use crate::plan::{CanonicalForm, Job, JobKey, Versions};
 use crate::record::{Failure, FailureKind};
 
 use super::error::Fault;
@@ -22,12 +22,14 @@ pub struct Reader {
 }
 
 /// A job of an experiment that failed, with its last failure.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct FailedJob {
     /// The experiment's name.
     pub experiment: String,
     /// The job.
     pub job_key: JobKey,
+    /// Its content; `None` if another release wrote it in a way that this one cannot read.
+    pub job: Option<Job>,
     /// Its agent's name in the experiment.
     pub agent: String,
     /// The attempt that failed, from 1.
@@ -105,7 +107,8 @@ impl Reader {
             let state = state_sql("run.job", "?1");
             let mut statement = connection.prepare_cached(&format!(
                 "SELECT experiment.name, unhex(job.key), experiment_job.agent, run.attempt,
-                    run.failure_kind, run.failure_message, run.failure_episode, run.ended_at
+                    run.failure_kind, run.failure_message, run.failure_episode, run.ended_at,
+                    job.canonical
                  FROM run
                  JOIN job ON job.id = run.job
                  JOIN experiment_job ON experiment_job.job = job.id
@@ -117,6 +120,15 @@ impl Reader {
             ))?;
             let rows = statement.query_map([holders(connection)?.alive_json()], failed_job)?;
             Ok(rows.collect::<rusqlite::Result<_>>()?)
+        })
+    }
+
+    /// The manifest of an experiment, as its file was last read; `None` for an unknown experiment.
+    pub fn manifest(&self, experiment: &str) -> Result<Option<String>, StoreError> {
+        self.read("read a manifest", |connection| {
+            let mut statement =
+                connection.prepare_cached("SELECT manifest FROM experiment WHERE name = ?1")?;
+            Ok(statement.query_row([experiment], |row| row.get(0)).optional()?)
         })
     }
 
@@ -188,6 +200,7 @@ fn failed_job(row: &rusqlite::Row<'_>) -> rusqlite::Result<FailedJob> {
     Ok(FailedJob {
         experiment: row.get(0)?,
         job_key: JobKey(row.get(1)?),
+        job: serde_json::from_str(row.get_ref(8)?.as_str()?).ok(),
         agent: row.get(2)?,
         attempt: row.get(3)?,
         failure: Failure { kind, message: row.get(5)?, episode: row.get(6)? },

@@ -45,6 +45,19 @@ fn there_is_nothing_to_read_before_a_run() {
     assert!(!folder.path("jitai.sqlite").exists() && !folder.path("out").exists());
 }
 
+#[test]
+fn an_empty_file_is_told_to_be_one_and_a_run_makes_a_store_of_it() {
+    let folder = folder();
+    folder.write("jitai.sqlite", "");
+    for reader in &STORE_READERS[..3] {
+        let ended = folder.jitai(reader.iter().copied()).ended(3);
+        ended.says("is an empty file; `jitai run` makes a store of it");
+    }
+    folder.jitai(["plan", "sweep.toml"]).succeeded().says("2 jobs to run");
+    folder.jitai(["run", "sweep.toml"]).succeeded();
+    folder.jitai(["status"]).succeeded();
+}
+
 /// Asserts that no command accepts what lies at the store's path, nor changes it.
 #[track_caller]
 fn refused(folder: &Folder, message: &str) {
@@ -99,6 +112,8 @@ fn an_export_to_where_no_folder_can_be_is_refused() {
     folder.jitai(["run", "sweep.toml"]).succeeded();
     let export = folder.jitai(["export", "--out", "sweep.toml/results"]).ended(3);
     export.says("error: failed to write `sweep.toml/results`: ");
+    let export = folder.jitai(["export", "--out", "sweep.toml"]).ended(2);
+    export.says("--out: `sweep.toml` is a file, not a folder");
 }
 
 #[test]
@@ -122,6 +137,35 @@ fn a_run_tells_programs_everything_in_lines_of_json() {
         { "event": "done", "ran": 2, "completed": 2, "failed": 0, "left": 0 });
     assert_eq!(events.last(), Some(&done));
     assert_eq!(run.stderr, "");
+}
+
+#[test]
+fn programs_hear_that_a_worker_s_job_has_ended_before_its_next_starts() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "10", Effort::Trivial));
+    for workers in ["1", "2"] {
+        let store = format!("{workers}.sqlite");
+        let arguments =
+            ["run", "sweep.toml", "--workers", workers, "--format", "json", "--store", &store];
+        let run = folder.jitai(arguments).succeeded();
+        let events = run.stdout.lines().map(|line| serde_json::from_str(line).unwrap());
+        let events: Vec<serde_json::Value> = events.collect();
+        for worker in 0..workers.parse().unwrap() {
+            let ours: Vec<_> = events.iter().filter(|event| event["worker"] == worker).collect();
+            for pair in ours.chunks(2) {
+                let [start, end] = pair else { panic!("{pair:?}") };
+                assert_eq!(
+                    (&start["event"], &end["event"]),
+                    (&"started".into(), &"completed".into())
+                );
+                assert_eq!(start["job"], end["job"]);
+            }
+        }
+        assert_eq!(events.len(), 41);
+    }
+    let help = folder.jitai(["run", "--help"]).succeeded().stdout;
+    for event in ["started", "completed", "failed", "interrupted", "lost", "skipped", "halted"] {
+        assert!(help.contains(event), "{event}");
+    }
 }
 
 /// The program where the threads' stacks have so many megabytes, of so many in all.

@@ -56,7 +56,12 @@ fn run(agent: &str, attempt: i64, status: &str) -> (String, i64, String) {
 fn a_job_that_diverges_is_a_failed_row_and_the_others_complete() {
     let folder = Folder::with(&partly_diverging());
     let ended = folder.jitai(["run", "sweep.toml"]).ended(1);
-    let ended = ended.says("4 jobs run, 2 completed in all, 2 failed").prints("wild: diverged");
+    let ended = ended
+        .says("4 jobs run, 2 completed in all, 2 failed")
+        .prints("wild P-H-D sigma=0.6 seed=1: diverged");
+    let row = |agent| ended.stdout.lines().find(|line| line.starts_with(agent)).unwrap();
+    assert!(row("wild ").ends_with("0 of 2"), "{}", ended.stdout);
+    assert!(row("tame ").contains("  2  "), "{}", ended.stdout);
     assert!(ended.stdout.contains("`--retry-failed` runs them again"), "{}", ended.stdout);
     let expected =
         [("tame", "completed"), ("tame", "completed"), ("wild", "failed"), ("wild", "failed")];
@@ -66,7 +71,11 @@ fn a_job_that_diverges_is_a_failed_row_and_the_others_complete() {
     assert_eq!(folder.number(told), 2);
 
     let status = folder.jitai(["status"]).succeeded();
-    status.prints("failed:").prints("diverged").prints("the loss of update");
+    status
+        .prints("failed:")
+        .prints("wild P-H-D sigma=0.6 seed=2")
+        .prints("diverged")
+        .prints("the loss of update");
     let counts = folder.jitai(["status", "--format", "json"]).succeeded().json();
     assert_eq!((&counts[0]["completed"], &counts[0]["failed"]), (&2.into(), &2.into()));
     assert_eq!(counts[0]["pending"], 0);
@@ -125,7 +134,10 @@ fn a_run_lists_the_failures_of_its_own_manifests() {
     folder.jitai(["run", "sweep.toml"]).ended(1);
     let wilder = partly_diverging().replace("\"sweep\"", "\"other\"").replace("wild", "wilder");
     folder.write("other.toml", wilder.replace("seeds = 2", "seeds = [3]"));
-    let ended = folder.jitai(["run", "other.toml"]).ended(1).prints(" wilder: diverged");
+    let ended = folder
+        .jitai(["run", "other.toml"])
+        .ended(1)
+        .prints(" wilder P-H-D sigma=0.6 seed=3: diverged");
     assert!(!ended.stdout.contains(" wild:"), "{}", ended.stdout);
 }
 

@@ -109,7 +109,7 @@ fn plan_knows_what_is_done_and_estimates_the_rest() {
     let plan = folder.jitai(arguments).succeeded().says("with 3 workers, as fast as earlier runs");
     let plan = plan.json();
     assert_eq!((&plan[0]["completed"], &plan[0]["pending"]), (&json!(8), &json!(4)));
-    assert!(plan[0]["seconds_left"].as_f64().unwrap() > 0.0, "{plan}");
+    assert!(plan[0]["seconds_left"].as_f64().unwrap() >= 0.0, "{plan}");
 }
 
 /// The jobs of a manifest: keys, agents, sigmas and seeds.
@@ -145,6 +145,21 @@ fn plan_lists_jobs_as_the_run_makes_them() {
 }
 
 #[test]
+fn jobs_are_told_apart_by_what_the_manifest_sweeps() {
+    let rates = manifest("sweep", "0.6", "2", Effort::Trivial)
+        .replace("layers = [32, 32]", "layers = [32, 32]\nlearning_rate = [1e-3, 5e-4]");
+    let folder = Folder::with(&rates);
+    let listed = jobs(&folder, &["sweep.toml"]);
+    assert_eq!(listed[0]["swept"], json!({ "agent.learning_rate": 0.001 }));
+    assert_eq!(listed[5]["swept"], json!({}));
+    let table = folder.jitai(["plan", "sweep.toml", "--jobs"]).succeeded();
+    table.prints("learning_rate=0.001 ").prints("learning_rate=0.0005 ");
+    let run = folder.jitai(["run", "sweep.toml"]).succeeded();
+    run.says("dqn P-H-D sigma=0.6 seed=2 learning_rate=0.0005 (")
+        .says("reinforce P-H-D sigma=0.6 seed=1 (");
+}
+
+#[test]
 fn a_resolved_manifest_declares_the_same_jobs() {
     let folder = Folder::new();
     folder.write(
@@ -170,6 +185,7 @@ fn a_filter_picks_jobs_by_any_parameter() {
         ("sigma=0.4|1.0", 8),
         ("agent=reinforce,environment.sigma=0.60,seed=2", 1),
         ("algorithm=reinforce", 6),
+        ("agent.name=reinforce", 6),
         ("layers=[32,32],sigma=1", 2),
     ] {
         assert_eq!(jobs(&folder, &["sweep.toml", "--filter", filter]).len(), count, "{filter}");
@@ -190,6 +206,8 @@ fn a_wrong_filter_is_refused_with_what_there_is() {
         nobody.says("no job with sigma=0.6 has agent=dqm, did you mean dqn?; there are dqn, reinf");
         let nowhere = folder.jitai([verb, "sweep.toml", "--filter", "sigma=7"]).ended(2);
         nowhere.says("no job has sigma=7, did you mean 0.6?; there are 0.6");
+        let partly = folder.jitai([verb, "sweep.toml", "--filter", "agent=reinforce|dq"]).ended(2);
+        partly.says("no job has agent=dq, did you mean dqn?; there are dqn, reinforce");
     }
     assert!(!folder.path("jitai.sqlite").exists());
 }

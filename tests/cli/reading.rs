@@ -33,6 +33,27 @@ fn status_shows_every_experiment_to_people_and_programs() {
 }
 
 #[test]
+fn a_watch_ends_when_no_process_runs_what_is_left() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "2", Effort::Trivial));
+    folder.jitai(["run", "sweep.toml", "--filter", "seed=1"]).succeeded();
+    let watch = folder.jitai(["status", "--watch"]).succeeded();
+    watch.says("2 jobs left, but no process runs any; `jitai run` goes on");
+}
+
+#[test]
+fn status_and_plan_agree_on_the_time_left() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "400", Effort::Short));
+    folder.jitai(["run", "sweep.toml", "--filter", "seed=1"]).succeeded();
+    let left = |arguments: &[&str]| {
+        let arguments = arguments.iter().copied().chain(["--format", "json"]);
+        folder.jitai(arguments).succeeded().json()[0]["seconds_left"].as_f64().unwrap()
+    };
+    let seconds = left(&["status"]);
+    assert_eq!(seconds, left(&["plan", "sweep.toml"]));
+    assert!(seconds > 0.0 && (seconds * 10.0).fract() == 0.0, "{seconds}");
+}
+
+#[test]
 fn a_query_answers_in_three_formats() {
     let folder = completed();
     let sql = "SELECT agent, sigma, count(*) AS runs, NULL AS gap, 'a,\"b\"' AS words

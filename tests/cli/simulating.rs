@@ -51,6 +51,7 @@ fn matching_rules_follow_the_likely_context() {
     let matched = steps(&folder, &["--policy", "match", "--set", "sigma=0.8"]);
     assert!(matched.iter().all(|step| step["action"] == tailored(step)));
     assert_eq!(steps(&folder, &["--set", "sigma=0.8"]), matched, "it is the default");
+    assert_eq!(steps(&folder, &["--set", "environment.sigma=0.8"]), matched);
 
     let careful = steps(&folder, &["--policy", "threshold:0.9", "--set", "sigma=0.8"]);
     for step in &careful {
@@ -108,7 +109,12 @@ fn faulty_settings_and_rules_are_refused_with_what_is_valid() {
         set(form).says("is not NAME=VALUE");
     }
     let rules = "the rules are fixed:<action 0-3>, random, match, threshold:<0.5-1>, run:<job key>";
-    for rule in ["fixed:4", "fixed", "threshold:0.2", "threshold:nan", "best", ""] {
+    for threshold in ["0.3", "1.01", "nan", ""] {
+        let policy = format!("threshold:{threshold}");
+        let refused = folder.jitai(["simulate", "--policy", &policy]).ended(2);
+        refused.says("the threshold must lie in [0.5, 1]");
+    }
+    for rule in ["fixed:4", "fixed", "best", ""] {
         refused(&folder, &["--policy", rule]).says(rules);
     }
     refused(&folder, &["--episodes", "0"]);
@@ -297,9 +303,13 @@ fn faulty_trajectories_are_refused() {
     change(|case| case["horizon"] = 1.into()).says("step 1 comes after the end");
     change(|case| case["horizon"] = "long".into()).says("changed.json");
     folder.write("changed.json", "{\"cases\": [");
-    folder.jitai(["simulate", "--replay", "changed.json"]).ended(2).says("changed.json: EOF");
-    folder.jitai(["simulate", "--replay", "none.json"]).ended(3).says("`none.json`");
-    folder.jitai(["simulate", "--replay", "."]).ended(3);
+    folder
+        .jitai(["simulate", "--replay", "changed.json"])
+        .ended(2)
+        .says("changed.json: EOF")
+        .says("; expected JSON like {\"cases\": [");
+    folder.jitai(["simulate", "--replay", "none.json"]).ended(2).says("`none.json`");
+    folder.jitai(["simulate", "--replay", "."]).ended(2).says("`.`");
     let both = ["simulate", "--replay", GOLDEN, "--policy", "match"];
     folder.jitai(both).ended(2).says("cannot be used with");
 }

@@ -93,7 +93,10 @@ fn an_edit_that_drops_jobs_keeps_their_runs() {
 fn a_filter_runs_its_jobs_and_leaves_the_rest_for_later() {
     let folder = Folder::with(&manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial));
     let filtered = ["run", "sweep.toml", "--filter", "agent=dqn,sigma=0.6"];
-    folder.jitai(filtered).succeeded().says("2 jobs run");
+    let first = folder.jitai(["run", "sweep.toml", "--filter", "agent=dqn,sigma=0.6,seed=2"]);
+    let first = first.succeeded().prints("1 of 2");
+    assert_eq!(first.stdout.matches("P-H-D").count(), 1, "{}", first.stdout);
+    folder.jitai(filtered).succeeded().says("1 job run, 2 completed in all");
     let strangers = "SELECT count(*) FROM run_summary WHERE agent <> 'dqn' OR sigma <> 0.6";
     assert_eq!(folder.number(strangers), 0);
     folder.jitai(["run", "sweep.toml"]).succeeded().says("6 jobs run, 8 completed in all");
@@ -115,6 +118,30 @@ fn proposed(stdout: &[u8]) -> Vec<String> {
     let text = std::str::from_utf8(stdout).unwrap();
     let (_, next) = text.split_once("\nnext:\n").unwrap();
     next.lines().map(|line| line.trim().to_owned()).collect()
+}
+
+#[test]
+fn the_query_that_a_run_proposes_has_a_row_for_every_arm() {
+    let text = manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial)
+        .replace("evaluation", "environment.delta_d = [0.1, 0.2]\nevaluation")
+        .replace("layers = [32, 32]", "layers = [32, 32]\nlearning_rate = [1e-3, 5e-4]");
+    let folder = Folder::with(&text);
+    folder.write("other.toml", manifest("other", "0.6", "2", Effort::Trivial));
+    for (manifests, columns, arms) in [
+        (&["sweep.toml"][..], "agent,scenario,sigma,delta_d,learning_rate,avg(mean_return)", 12),
+        (&["sweep.toml", "other.toml"], "experiment,agent,scenario,sigma,", 14),
+    ] {
+        let run = folder.jitai(["run"].into_iter().chain(manifests.iter().copied())).succeeded();
+        let rows = run.stdout.lines().filter(|line| line.contains("P-H-D")).count();
+        assert_eq!(rows, arms, "{}", run.stdout);
+        let query = proposed(run.stdout.as_bytes()).remove(1);
+        let query = query.replacen("jitai", "\"$0\"", 1) + " --format csv";
+        let output =
+            folder.command_of("sh", ["-c", &query, env!("CARGO_BIN_EXE_jitai")]).output().unwrap();
+        let answer = String::from_utf8(output.stdout).unwrap();
+        assert!(answer.starts_with(columns), "{answer}");
+        assert_eq!(answer.lines().count(), 1 + arms, "{query}\n{answer}");
+    }
 }
 
 #[test]

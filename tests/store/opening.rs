@@ -116,7 +116,7 @@ fn a_reader_never_makes_a_store() {
     assert!(matches!(Reader::open(&path), Err(StoreError::Missing { .. })));
     assert!(!path.exists());
     fs::write(&path, b"").unwrap();
-    assert!(matches!(Reader::open(&path), Err(StoreError::Missing { .. })));
+    assert!(matches!(Reader::open(&path), Err(StoreError::Empty { .. })));
     drop(Store::open(&path).unwrap());
     Reader::open(&path).unwrap();
 }
