@@ -62,7 +62,7 @@ fn locks(folder: &Folder, process: u32) -> usize {
 
 #[test]
 fn clients_that_come_and_go_cost_a_killed_sweep_nothing() {
-    let text = manifest("sweep", "[0.4, 0.6]", "100", Effort::Trivial);
+    let text = manifest("sweep", "[0.4, 0.6]", "25", Effort::Short);
     let folder = Folder::with(&text);
     let sweep = folder.start(["run", "sweep.toml", "--workers", "2", "--quiet"]);
     until("a job runs", || folder.is_running_a_job());
@@ -91,12 +91,12 @@ fn clients_that_come_and_go_cost_a_killed_sweep_nothing() {
         });
     }
     sweep.kill();
-    assert!(before.len() < 400, "the sweep was killed before its end");
+    assert!(before.len() < 100, "the sweep was killed before its end");
     let after = completed();
     let lost: Vec<_> = before.iter().filter(|key| !after.contains(key)).collect();
     assert!(lost.is_empty(), "{lost:?}");
-    folder.jitai(["run", "sweep.toml"]).succeeded().says("400 completed in all, 0 failed");
-    assert_eq!(folder.number("SELECT count(*) FROM run WHERE status = 'completed'"), 400);
+    folder.jitai(["run", "sweep.toml"]).succeeded().says("100 completed in all, 0 failed");
+    assert_eq!(folder.number("SELECT count(*) FROM run WHERE status = 'completed'"), 100);
 }
 
 #[test]
