@@ -122,55 +122,53 @@ impl<const K: usize> Forward<'_, K> {
     fn tile<S: Simd, const V: usize, const R: usize>(&mut self, simd: S, row: usize) {
         let Shallow { weight, bias, head, inputs, moments, .. } = self.network;
         let units = bias.len();
-        let mut factors = [[simd.splat_f32s(0.0); K]; R];
+        let zero = simd.splat_f32s(0.0);
+        // Registers of every row of weights, so that a unit is one index for all.
+        let (start, _) = S::as_simd_f32s(bias);
+        let (mut weights, mut heads) = ([start; K], [start; OUTPUTS]);
+        for k in 0..K {
+            weights[k] = S::as_simd_f32s(&weight[k * units..(k + 1) * units]).0;
+        }
+        for j in 0..OUTPUTS {
+            heads[j] = S::as_simd_f32s(&head[j * units..(j + 1) * units]).0;
+        }
+        let (mut entries, mut factors) = ([start; R], [[zero; K]; R]);
         for r in 0..R {
+            if !moments.is_empty() {
+                let at = (K + moments[row + r] as usize) * units;
+                entries[r] = S::as_simd_f32s(&weight[at..at + units]).0;
+            }
             for k in 0..K {
                 factors[r][k] = simd.splat_f32s(inputs[(row + r) * K + k]);
             }
         }
-        let zero = simd.splat_f32s(0.0);
         let mut sums = [[[zero; V]; OUTPUTS]; R];
-        let mut unit = 0;
-        while unit < units {
-            let mut hidden = [[zero; V]; R];
-            let (start, _) = S::as_simd_f32s(&bias[unit..unit + LANES]);
-            for r in 0..R {
-                for v in 0..V {
-                    hidden[r][v] = start[v];
+        for block in 0..start.len() / V {
+            for v in 0..V {
+                let unit = block * V + v;
+                let mut hidden = [start[unit]; R];
+                if !moments.is_empty() {
+                    for r in 0..R {
+                        hidden[r] = simd.add_f32s(hidden[r], entries[r][unit]);
+                    }
                 }
-            }
-            if !moments.is_empty() {
+                for k in 0..K {
+                    let weight = weights[k][unit];
+                    for r in 0..R {
+                        hidden[r] = simd.mul_add_f32s(factors[r][k], weight, hidden[r]);
+                    }
+                }
                 for r in 0..R {
-                    let at = (K + moments[row + r] as usize) * units + unit;
-                    let (entry, _) = S::as_simd_f32s(&weight[at..at + LANES]);
-                    for v in 0..V {
-                        hidden[r][v] = simd.add_f32s(hidden[r][v], entry[v]);
+                    let positive = simd.greater_than_f32s(hidden[r], zero);
+                    hidden[r] = simd.select_f32s(positive, hidden[r], zero);
+                }
+                for j in 0..OUTPUTS {
+                    let head = heads[j][unit];
+                    for r in 0..R {
+                        sums[r][j][v] = simd.mul_add_f32s(hidden[r], head, sums[r][j][v]);
                     }
                 }
             }
-            for k in 0..K {
-                let (weight, _) = S::as_simd_f32s(&weight[k * units + unit..][..LANES]);
-                for r in 0..R {
-                    for v in 0..V {
-                        hidden[r][v] = simd.mul_add_f32s(factors[r][k], weight[v], hidden[r][v]);
-                    }
-                }
-            }
-            for r in 0..R {
-                for v in 0..V {
-                    let positive = simd.greater_than_f32s(hidden[r][v], zero);
-                    hidden[r][v] = simd.select_f32s(positive, hidden[r][v], zero);
-                }
-            }
-            for j in 0..OUTPUTS {
-                let (head, _) = S::as_simd_f32s(&head[j * units + unit..][..LANES]);
-                for r in 0..R {
-                    for v in 0..V {
-                        sums[r][j][v] = simd.mul_add_f32s(hidden[r][v], head[v], sums[r][j][v]);
-                    }
-                }
-            }
-            unit += LANES;
         }
         // First all to memory, then the adding up: as one loop it would not be unrolled, and the sums
         // would be in memory from the start.
