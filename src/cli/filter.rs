@@ -59,7 +59,7 @@ pub(super) enum FilterError {
     },
     /// None of the jobs that meet the conditions before this one meets it.
     #[error(
-        "no job{} has {}{}; there are {values}",
+        "no job{} has {}{}; its values: {values}",
         with(.before), printable(.condition), meant(.nearest)
     )]
     Unmet {
@@ -366,7 +366,7 @@ mod tests {
         };
         assert_eq!(
             unmet("agent=reinforce|dq").as_deref(),
-            Some("no job has agent=dq, did you mean dqn?; there are dqn, reinforce")
+            Some("no job has agent=dq, did you mean dqn?; its values: dqn, reinforce")
         );
         assert_eq!(unmet("sigma=0.4|0.60|1,agent=dqn|reinforce,seed=1"), None);
         // No job that the other conditions let through has it, but there is one that does.
@@ -412,21 +412,21 @@ mod tests {
         assert_eq!(unknown.matches(", ").count(), NAMES_SHOWN, "{unknown}");
         assert_eq!(
             why_none("sigma=0.7,agent=nobody"),
-            "no job has sigma=0.7, did you mean 0.6?; there are 0.4, 0.6, 1.0"
+            "no job has sigma=0.7, did you mean 0.6?; its values: 0.4, 0.6, 1.0"
         );
         assert_eq!(
             why_none("sigma=0.6,agent=reinforced"),
-            "no job with sigma=0.6 has agent=reinforced, did you mean reinforce?; there are dqn, \
+            "no job with sigma=0.6 has agent=reinforced, did you mean reinforce?; its values: dqn, \
              reinforce"
         );
-        assert_eq!(why_none("scenario=C\u{1b}"), "no job has scenario=C\\u{1b}; there are P-H-D");
+        assert_eq!(why_none("scenario=C\u{1b}"), "no job has scenario=C\\u{1b}; its values: P-H-D");
         assert_eq!(
             why_none("agent=dqn,loss_divisor=50"),
             "no job with agent=dqn has a parameter `loss_divisor`"
         );
         assert_eq!(
             why_none("agent=dqn,layers=[128]"),
-            "no job with agent=dqn has layers=[128]; there are [128,128]"
+            "no job with agent=dqn has layers=[128]; its values: [128,128]"
         );
     }
 }

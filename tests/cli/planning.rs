@@ -203,11 +203,12 @@ fn a_wrong_filter_is_refused_with_what_there_is() {
             wrong.says("is not `name=value`");
         }
         let nobody = folder.jitai([verb, "sweep.toml", "--filter", "sigma=0.6,agent=dqm"]).ended(2);
-        nobody.says("no job with sigma=0.6 has agent=dqm, did you mean dqn?; there are dqn, reinf");
+        nobody
+            .says("no job with sigma=0.6 has agent=dqm, did you mean dqn?; its values: dqn, reinf");
         let nowhere = folder.jitai([verb, "sweep.toml", "--filter", "sigma=7"]).ended(2);
-        nowhere.says("no job has sigma=7, did you mean 0.6?; there are 0.6");
+        nowhere.says("no job has sigma=7, did you mean 0.6?; its values: 0.6");
         let partly = folder.jitai([verb, "sweep.toml", "--filter", "agent=reinforce|dq"]).ended(2);
-        partly.says("no job has agent=dq, did you mean dqn?; there are dqn, reinforce");
+        partly.says("no job has agent=dq, did you mean dqn?; its values: dqn, reinforce");
     }
     assert!(!folder.path("jitai.sqlite").exists());
 }
