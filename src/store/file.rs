@@ -117,13 +117,20 @@ fn look(path: &Path) -> Result<Presence, StoreError> {
     }
     // By SQLite, not by reading the file: POSIX drops every lock of a process on a file as soon as
     // any descriptor of it is closed, and only SQLite knows which of its locks that would cost.
-    let (application_id, version) =
-        header(path).map_err(|source| StoreError::sqlite(path, "open the store", source))?;
-    judge(application_id, version, path).map(|()| Presence::Database)
+    match header(path) {
+        Ok((application_id, version)) => {
+            judge(application_id, version, path).map(|()| Presence::Database)
+        }
+        // A writer may be moving pages from the log into the file: for a moment the header counts
+        // more pages than there are. Whoever opens the file with its locks sees what it is.
+        Err(error) if error.sqlite_error_code() == Some(ErrorCode::DatabaseCorrupt) => {
+            Ok(Presence::Database)
+        }
+        Err(source) => Err(StoreError::sqlite(path, "open the store", source)),
+    }
 }
 
-/// Application id and schema version in the file itself, whatever its log says. Nothing but the
-/// header is read: a writer may be moving pages from the log into the file.
+/// Application id and schema version in the file itself, whatever its log says.
 fn header(path: &Path) -> rusqlite::Result<(u32, u32)> {
     let connection = open_immutable(path)?;
     let number = |name| connection.pragma_query_value(None, name, |row| row.get(0));
