@@ -10,8 +10,14 @@ use std::process::{Command, Output};
 use jitai::manifest;
 use jitai::store::{Answer, Reader, Value};
 
-const DOCUMENTS: [&str; 5] =
-    ["README.md", "docs/manifest.md", "docs/store.md", "docs/analysis.md", "docs/fidelity.md"];
+const DOCUMENTS: [&str; 6] = [
+    "README.md",
+    "docs/manifest.md",
+    "docs/store.md",
+    "docs/analysis.md",
+    "docs/fidelity.md",
+    "docs/performance.md",
+];
 
 /// The job key that the documents show where a reader puts one of their own.
 const KEY_TO_REPLACE: &str = "0123456789abcdef0123456789abcdef";
