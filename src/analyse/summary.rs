@@ -104,7 +104,6 @@ mod tests {
             scenario: "P-H-D".to_owned(),
             sigma,
             seed,
-            swept: Vec::new(),
             mean_return,
             sd_return: 1.0,
             mean_length: 50.0,
@@ -114,8 +113,8 @@ mod tests {
     }
 
     fn arm(run: &RunSummary) -> Arm {
-        let RunSummary { agent, scenario, sigma, swept, .. } = run.clone();
-        Arm { agent, scenario, sigma, swept }
+        let RunSummary { agent, scenario, sigma, .. } = run.clone();
+        Arm { agent, scenario, sigma, swept: Vec::new() }
     }
 
     fn completed(runs: &[RunSummary]) -> Vec<ArmSummary> {
@@ -145,9 +144,11 @@ mod tests {
 
     #[test]
     fn further_swept_parameters_make_arms_of_their_own() {
-        let mut other = run("dqn", 0.4, 2, 10.0);
-        other.swept = vec![("agent.batch".to_owned(), "32".to_owned())];
-        assert_eq!(completed(&[run("dqn", 0.4, 1, 20.0), other]).len(), 2);
+        let runs = [run("dqn", 0.4, 1, 20.0), run("dqn", 0.4, 2, 10.0)];
+        let swept = vec![("agent.batch".to_owned(), "32".to_owned())];
+        let other = Arm { swept, ..arm(&runs[1]) };
+        let jobs = [(arm(&runs[0]), Fate::Completed(&runs[0])), (other, Fate::Completed(&runs[1]))];
+        assert_eq!(summarise(jobs).len(), 2);
     }
 
     #[test]

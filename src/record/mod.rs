@@ -172,9 +172,6 @@ pub struct RunSummary {
     pub sigma: f64,
     /// Seed.
     pub seed: u64,
-    /// The other parameters that differ between the experiment's jobs with this agent: dotted name
-    /// and value as text, by name.
-    pub swept: Vec<(String, String)>,
     /// Mean undiscounted return over the test episodes, in steps walked.
     pub mean_return: f64,
     /// Standard deviation of the return over the test episodes (n - 1), in steps walked.
