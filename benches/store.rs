@@ -1,7 +1,6 @@
-//! Writing: a sweep of trivial jobs, one after the other, through claim and completion.
+//! Writing: the jobs of an experiment.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use divan::Bencher;
@@ -40,7 +39,7 @@ fn registering(bencher: Bencher<'_, '_>, count: u64) {
         |(folder, mut store)| {
             let experiment =
                 Experiment { name: "bench", question: None, hypothesis: None, manifest: "" };
-            let stop = Arc::new(AtomicBool::new(false));
+            let stop = AtomicBool::new(false);
             store
                 .register_until(&stop, &experiment, jobs.iter().map(|job| ("reinforce", job)))
                 .unwrap()
