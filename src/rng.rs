@@ -49,6 +49,18 @@ impl Stream {
         words.fill_with(|| self.bits());
     }
 
+    /// Fills `halves` with random bits, two for each call of [`Stream::bits`], the lower one first.
+    pub fn fill_halves(&mut self, halves: &mut [u32]) {
+        let (pairs, last) = halves.as_chunks_mut();
+        for [low, high] in pairs {
+            let bits = self.bits();
+            (*low, *high) = (bits as u32, (bits >> 32) as u32);
+        }
+        if let [half] = last {
+            *half = self.bits() as u32;
+        }
+    }
+
     /// A number in [0, 1), a multiple of 2^-53.
     pub fn unit(&mut self) -> f64 {
         unit_from_bits(self.bits())
@@ -103,6 +115,19 @@ mod tests {
         let chi_squared: f64 =
             counts.iter().map(|&n| (f64::from(n) - 10_000.0).powi(2) / 10_000.0).sum();
         assert!(chi_squared < 20.5, "chi-squared {chi_squared} of {counts:?}");
+    }
+
+    #[test]
+    fn halves_are_those_of_the_words() {
+        let (mut words, mut halves) = ([0; 2], [0; 3]);
+        Stream::new(4, Purpose::Exploration).fill(&mut words);
+        let mut stream = Stream::new(4, Purpose::Exploration);
+        stream.fill_halves(&mut halves);
+        assert_eq!(u64::from(halves[0]) | (u64::from(halves[1]) << 32), words[0]);
+        assert_eq!(halves[2], words[1] as u32);
+        let mut twice = Stream::new(4, Purpose::Exploration);
+        twice.fill(&mut words);
+        assert_eq!(stream.bits(), twice.bits());
     }
 
     #[test]

@@ -4,6 +4,8 @@
 //! reinforcement learning", 1992; Karine et al. (2023), equations 1 to 3. Equation 3 prints the
 //! discount as gamma^(t-k); gamma^(k-t) is meant.
 
+use std::ops::Range;
+
 use crate::agent::policy::{ActionNetwork, Policy, SoftmaxPolicy, sample};
 use crate::agent::{Actions, Diverged, Learner, Span, TrainedEpisode, Weights};
 use crate::env::{Action, Ending, Episodes, Observations, Observer};
@@ -37,8 +39,8 @@ pub trait ReinforceEngine {
     fn logits(&mut self, observations: &Observations, out: &mut Vec<f32>);
 
     /// One step of Adam on −(1/divisor) Σ G_t log π(a_t | s_t); returns that loss. The trajectories
-    /// were sampled by the network as it is; an engine may use their preferences or not. Where the loss is not finite, the network may have been
-    /// left as it was.
+    /// were sampled by the network as it is; an engine may use their preferences or not. Where the
+    /// loss is not finite, the network may have been left as it was.
     fn update(&mut self, trajectories: &Trajectories) -> f32;
 
     /// The network as it is now.
@@ -52,8 +54,10 @@ pub trait ReinforceEngine {
 ///
 /// **Shapes**: `rewards` is \[time, lanes\], row by row.
 pub fn returns_to_go(rewards: &mut [f64], lanes: usize, gamma: f64) {
-    for earlier in (0..rewards.len().saturating_sub(lanes)).rev() {
-        rewards[earlier] += gamma * rewards[earlier + lanes];
+    let mut later: &[f64] = &[];
+    for earlier in rewards.rchunks_exact_mut(lanes) {
+        earlier.iter_mut().zip(later).for_each(|(sum, later)| *sum += gamma * later);
+        later = earlier;
     }
 }
 
@@ -72,16 +76,19 @@ pub struct ReinforceLearner<E> {
 /// Room to work in, so that an update allocates nothing.
 struct Room {
     trajectories: Trajectories,
-    /// Position \[time, lane\] of every row: a lane that has ended has no rows.
-    positions: Vec<usize>,
+    /// Positions \[time, lane\] of the rows: a lane that has ended has none.
+    positions: Vec<Range<usize>>,
     /// \[time, lane\].
     rewards: Vec<f64>,
+    /// Undiscounted returns, \[lane\].
+    totals: Vec<f64>,
     /// \[lane\].
     lengths: Vec<u32>,
     /// \[lane\].
     actions: Vec<Action>,
     observations: Observations,
     logits: Vec<f32>,
+    halves: Vec<u32>,
 }
 
 impl<E: ReinforceEngine> ReinforceLearner<E> {
@@ -108,10 +115,12 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
                 },
                 positions: Vec::new(),
                 rewards: Vec::new(),
+                totals: vec![0.0; lanes],
                 lengths: vec![0; lanes],
                 actions: vec![Action::NONE; lanes],
                 observations: observer.observations(),
                 logits: Vec::new(),
+                halves: Vec::new(),
             },
             observer,
             environment_stream: Stream::new(seed, Purpose::Environment),
@@ -122,8 +131,17 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
 
     /// Samples the trajectories of one update, all in lockstep.
     fn sample(&mut self, stop: &dyn Fn() -> bool) -> Span {
-        let Room { trajectories, positions, rewards, lengths, actions, observations, logits } =
-            &mut self.room;
+        let Room {
+            trajectories,
+            positions,
+            rewards,
+            totals,
+            lengths,
+            actions,
+            observations,
+            logits,
+            halves,
+        } = &mut self.room;
         let lanes = self.episodes.lanes();
         self.episodes.restart(&mut self.environment_stream);
         trajectories.observations.clear();
@@ -131,6 +149,7 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
         trajectories.preferences.clear();
         positions.clear();
         rewards.clear();
+        totals.fill(0.0);
         lengths.fill(0);
         while self.episodes.any_running() {
             if stop() {
@@ -138,7 +157,7 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
             }
             self.observer.observe(&self.episodes, observations);
             self.engine.logits(observations, logits);
-            sample(self.engine.isa(), logits, actions, &mut self.exploration_stream);
+            sample(self.engine.isa(), logits, actions, halves, &mut self.exploration_stream);
             let start = rewards.len();
             rewards.resize(start + lanes, 0.0);
             // Neighbours that still run are taken together.
@@ -152,22 +171,23 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
                     let preferences =
                         &logits[lanes.start * Action::COUNT..lanes.end * Action::COUNT];
                     trajectories.preferences.extend_from_slice(preferences);
-                    positions.extend(start + lanes.start..start + lanes.end);
+                    positions.push(start + lanes.start..start + lanes.end);
                     lengths[lanes].iter_mut().for_each(|length| *length += 1);
                 }
             }
-            self.episodes.step(actions, &mut rewards[start..], &mut self.environment_stream);
+            let paid = &mut rewards[start..];
+            self.episodes.step(actions, paid, &mut self.environment_stream);
+            totals.iter_mut().zip(paid).for_each(|(total, reward)| *total += *reward);
         }
         Span::Whole
     }
 
-    /// The episodes just sampled, before their rewards become returns.
+    /// The episodes just sampled.
     fn finished(&self) -> impl Iterator<Item = TrainedEpisode> {
-        let lanes = self.episodes.lanes();
-        let Room { rewards, lengths, .. } = &self.room;
-        lengths.iter().zip(self.episodes.endings()).enumerate().map(
-            move |(lane, (length, ending))| TrainedEpisode {
-                total_reward: rewards.iter().skip(lane).step_by(lanes).sum(),
+        let Room { totals, lengths, .. } = &self.room;
+        totals.iter().zip(lengths).zip(self.episodes.endings()).map(
+            |((total_reward, length), ending)| TrainedEpisode {
+                total_reward: *total_reward,
                 length: *length,
                 disengaged: *ending == Ending::Terminated,
                 ..TrainedEpisode::default()
@@ -189,7 +209,10 @@ impl<E: ReinforceEngine> Learner for ReinforceLearner<E> {
         let Room { trajectories, positions, rewards, .. } = &mut self.room;
         returns_to_go(rewards, self.episodes.lanes(), self.parameters.gamma);
         trajectories.returns_to_go.clear();
-        trajectories.returns_to_go.extend(positions.iter().map(|&at| rewards[at] as f32));
+        for rows in positions {
+            let returns = rewards[rows.clone()].iter();
+            trajectories.returns_to_go.extend(returns.map(|&sum| sum as f32));
+        }
         let loss = self.engine.update(trajectories);
         self.updates += 1;
         if !loss.is_finite() {

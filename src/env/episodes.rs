@@ -3,7 +3,7 @@
 use pulp::{Simd, WithSimd};
 
 use crate::env::Signal;
-use crate::env::context::Draws;
+use crate::env::context::{Draws, drawn};
 use crate::kernel::Isa;
 use crate::manifest::{Environment, FirstContext};
 use crate::rng::Stream;
@@ -66,7 +66,8 @@ impl Ending {
     }
 }
 
-/// Many episodes that share a clock; lane i of every array belongs to episode i.
+/// Many episodes that share a clock; lane i of every array belongs to episode i. What is drawn has
+/// room for whole registers of lanes.
 #[derive(Clone, Debug)]
 pub struct Episodes {
     environment: Environment,
@@ -77,7 +78,7 @@ pub struct Episodes {
     habituation: Vec<f64>,
     disengagement: Vec<f64>,
     endings: Vec<Ending>,
-    /// Words of the stream for the next signals, \[lanes\].
+    /// Words of the stream for the next signals.
     words: Vec<u64>,
     isa: Isa,
 }
@@ -92,16 +93,17 @@ impl Episodes {
 
     /// As many episodes as `lanes`, all ended, to be restarted.
     pub fn ended(environment: &Environment, lanes: usize) -> Self {
+        let padded = drawn(lanes);
         Episodes {
             environment: environment.clone(),
             time: 0,
-            contexts: vec![0; lanes],
-            probabilities: vec![0.0; lanes],
-            likely: vec![0; lanes],
+            contexts: vec![0; padded],
+            probabilities: vec![0.0; padded],
+            likely: vec![0; padded],
             habituation: vec![0.0; lanes],
             disengagement: vec![0.0; lanes],
             endings: vec![Ending::Truncated; lanes],
-            words: vec![0; lanes],
+            words: vec![0; padded],
             isa: Isa::chosen(),
         }
     }
@@ -137,6 +139,7 @@ impl Episodes {
         self.isa.run(Response {
             environment: &self.environment,
             last: self.time >= self.environment.horizon,
+            // As many as there are actions; what is behind is of no meaning.
             contexts: &self.contexts,
             actions,
             habituation: &mut self.habituation,
@@ -148,7 +151,8 @@ impl Episodes {
 
     /// The random half of a step: draws the context of every lane, ended ones included.
     pub fn sense(&mut self, stream: &mut Stream) {
-        stream.fill(&mut self.words);
+        let lanes = self.lanes();
+        stream.fill(&mut self.words[..lanes]);
         self.isa.run(Draws {
             sigma: self.environment.sigma,
             words: &self.words,
@@ -167,7 +171,7 @@ impl Episodes {
 
     /// How many episodes there are.
     pub fn lanes(&self) -> usize {
-        self.contexts.len()
+        self.endings.len()
     }
 
     /// Steps taken, the same in every lane.
@@ -191,17 +195,17 @@ impl Episodes {
 
     /// True contexts, 0 or 1, \[lanes\].
     pub fn contexts(&self) -> &[u8] {
-        &self.contexts
+        &self.contexts[..self.lanes()]
     }
 
     /// Inferred probabilities of context 0, \[lanes\].
     pub fn probabilities(&self) -> &[f64] {
-        &self.probabilities
+        &self.probabilities[..self.lanes()]
     }
 
     /// Most likely contexts, 0 or 1, \[lanes\].
     pub fn likely(&self) -> &[u8] {
-        &self.likely
+        &self.likely[..self.lanes()]
     }
 
     /// Habituation in [0, 1], \[lanes\].

@@ -2,7 +2,7 @@
 
 use pulp::{Simd, WithSimd};
 
-use crate::kernel::{Aligned, Isa};
+use crate::kernel::{Aligned, Isa, math};
 
 const BETA_1: f64 = 0.9;
 const BETA_2: f64 = 0.999;
@@ -79,7 +79,7 @@ impl WithSimd for Update<'_> {
             let v = if v < QUIET { 0.0 } else { v };
             *first = m;
             *second = v;
-            *parameter -= self.step * m / self.scale.mul_add(v.sqrt(), EPSILON);
+            *parameter -= self.step * m / self.scale.mul_add(math::root_f32(v), EPSILON);
         }
     }
 }
