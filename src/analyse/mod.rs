@@ -24,6 +24,11 @@ mod summary;
 mod t_test;
 mod undefined;
 
+#[cfg(test)]
+mod invariance_tests;
+#[cfg(test)]
+mod reference_tests;
+
 pub use agreement::{Agreement, Estimate, Verdict, agreement};
 pub use bootstrap::{Aggregate, RESAMPLES, interquartile_mean};
 pub use contrast::{Contrast, Design, Tests};
