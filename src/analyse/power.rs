@@ -15,7 +15,8 @@ pub const POWER: f64 = 0.8;
 pub const FEW_SEEDS: usize = 10;
 
 /// The standardised difference (in standard deviations that the arms share) that Student's
-/// two-sided t test of so many seeds detects with probability [`POWER`], at 1 - [`LEVEL`](super::LEVEL).
+/// two-sided t test of so many seeds detects with probability [`POWER`], its level being
+/// 1 - [`LEVEL`](super::LEVEL).
 ///
 /// **Errors**: fewer than two seeds in an arm.
 ///

@@ -5,7 +5,8 @@ use statrs::function::beta::beta_reg;
 use super::interval::LEVEL;
 use super::root::root;
 
-/// The number that bounds the middle [`LEVEL`] of the standard normal distribution: what [`critical`] tends to.
+/// The number that bounds the middle [`LEVEL`] of the standard normal distribution: what
+/// [`critical`] tends to.
 pub(super) const NORMAL_CRITICAL: f64 = 1.959963984540054;
 
 /// Probability that Student's t with `df` degrees of freedom (at least 1) is at least as far from
