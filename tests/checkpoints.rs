@@ -235,10 +235,10 @@ fn larger_jobs_go_on_from_checkpoints_anywhere_to_the_same_bits() {
         // More than one batch of lanes.
         job.evaluation.test_episodes = 1500;
         let undisturbed = completed(train::run(&job, &Unwatched));
-        let shelf = Shelf::every(37);
+        let shelf = Shelf::every(17);
         assert_same_bits(&completed(train::run(&job, &shelf)), &undisturbed, "kept");
         let kept = shelf.kept.into_inner();
-        assert!(kept.len() > 30, "{} checkpoints", kept.len());
+        assert!(kept.len() > 20, "{} checkpoints", kept.len());
         for _ in 0..20 {
             let chosen = chance.next_u32() as usize % kept.len();
             let results = completed(train::run(&job, &Shelf::showing(kept[chosen].clone())));
@@ -253,7 +253,7 @@ fn a_checkpoint() -> (Job, Vec<u8>) {
     let job = job(Agent::Reinforce(agent), |_| {});
     let (kept, _) = every_checkpoint(&job);
     let checkpoint = kept[7].clone();
-    assert!(checkpoint.len() < 2000, "{} bytes", checkpoint.len());
+    assert!(checkpoint.len() < 4000, "{} bytes", checkpoint.len());
     (job, checkpoint)
 }
 

@@ -64,12 +64,15 @@ pub fn run(job: &Job, monitor: &dyn Monitor) -> Outcome {
     let checkpoints = monitor.checkpoints();
     let mut training = begin(job, checkpoints);
     let pause = || monitor.stop_requested() || checkpoints.are_due();
-    while training.stage() != Stage::Over {
+    loop {
         if let Err(failure) = training.advance(&pause) {
             return Outcome::Failed(failure);
         }
         monitor.report(training.progress());
-        let stopped = monitor.stop_requested() && training.stage() != Stage::Over;
+        if training.stage() == Stage::Over {
+            break;
+        }
+        let stopped = monitor.stop_requested();
         if stopped || checkpoints.are_due() {
             checkpoints.keep(&mut |out| checkpoint::write(&training, out));
         }
