@@ -204,7 +204,7 @@ impl Resumable for Replay {
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         const WHAT: &str = "transitions";
-        let next = from.one::<u64>()?;
+        let next = from.one::<u64>()? as usize;
         self.features = from.many(self.capacity.saturating_mul(self.width), WHAT)?;
         self.moments = from.many(self.capacity, WHAT)?;
         self.rewards = from.many(self.capacity, WHAT)?;
@@ -220,14 +220,16 @@ impl Resumable for Replay {
         })?;
         let moments = if self.one_hot > 0 { stored } else { 0 };
         let lengths = [self.moments.len(), self.rewards.len(), self.targets.len()];
-        let fits = self.features.len() == stored * self.width
+        let whole = self.features.len() == stored * self.width
             && lengths == [moments, stored, stored]
-            && next == (stored % self.capacity) as u64
-            || next < stored as u64 && stored == self.capacity;
-        if !fits || closings.iter().any(|(position, _)| *position >= stored) {
+            && self.latest.rows() == stored.min(1)
+            && closings.iter().all(|(position, closing)| *position < stored && closing.rows() == 1);
+        // Until it is full, the next transition goes behind the last.
+        let fits = if stored < self.capacity { next == stored } else { next < stored };
+        if !(whole && fits) {
             return Err(StateError::Misfit(WHAT));
         }
-        self.next = next as usize;
+        self.next = next;
         self.closings = closings.into_iter().collect();
         let known = (0..).zip(&self.targets).filter(|(_, target)| !target.is_nan());
         self.known = known.map(|(position, _)| position).collect();

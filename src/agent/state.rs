@@ -15,6 +15,10 @@ use crate::rng::Stream;
 
 /// Bytes that are converted at a time.
 const CHUNK: usize = 16 * 1024;
+/// Numbers for which a buffer does not pay.
+const FEW: usize = 64;
+/// Bytes of the widest number.
+const WIDEST: usize = 8;
 
 /// Something that can be written down and gone on with.
 pub trait Resumable {
@@ -77,7 +81,10 @@ impl<'a> StateWriter<'a> {
 
     /// Writes a number.
     pub fn one<T: Number>(&mut self, number: T) -> io::Result<()> {
-        self.put(&[number])
+        let mut bytes = [0; WIDEST];
+        let bytes = &mut bytes[..size_of::<T>()];
+        number.put(bytes);
+        self.0.write_all(bytes)
     }
 
     /// Writes numbers, their count first.
@@ -100,6 +107,9 @@ impl<'a> StateWriter<'a> {
     }
 
     fn put<T: Number>(&mut self, numbers: &[T]) -> io::Result<()> {
+        if numbers.len() <= FEW {
+            return numbers.iter().try_for_each(|number| self.one(*number));
+        }
         let mut buffer = [0; CHUNK];
         for some in numbers.chunks(CHUNK / size_of::<T>()) {
             let places = buffer.chunks_exact_mut(size_of::<T>());
@@ -121,9 +131,10 @@ impl<'a> StateReader<'a> {
 
     /// Reads a number.
     pub fn one<T: Number>(&mut self) -> Result<T, StateError> {
-        let mut one = [T::default()];
-        self.get(&mut one)?;
-        Ok(one[0])
+        let mut bytes = [0; WIDEST];
+        let bytes = &mut bytes[..size_of::<T>()];
+        self.0.read_exact(bytes)?;
+        Ok(T::get(bytes))
     }
 
     /// Reads as many numbers as there are places, and no fewer may have been written.
@@ -174,6 +185,9 @@ impl<'a> StateReader<'a> {
     }
 
     fn get<T: Number>(&mut self, places: &mut [T]) -> Result<(), StateError> {
+        if places.len() <= FEW {
+            return places.iter_mut().try_for_each(|place| Ok(*place = self.one()?));
+        }
         let mut buffer = [0; CHUNK];
         for some in places.chunks_mut(CHUNK / size_of::<T>()) {
             let bytes = &mut buffer[..size_of_val(some)];
