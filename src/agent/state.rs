@@ -186,7 +186,10 @@ impl<'a> StateReader<'a> {
 
     fn get<T: Number>(&mut self, places: &mut [T]) -> Result<(), StateError> {
         if places.len() <= FEW {
-            return places.iter_mut().try_for_each(|place| Ok(*place = self.one()?));
+            for place in places {
+                *place = self.one()?;
+            }
+            return Ok(());
         }
         let mut buffer = [0; CHUNK];
         for some in places.chunks_mut(CHUNK / size_of::<T>()) {

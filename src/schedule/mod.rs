@@ -25,7 +25,7 @@ use std::mem;
 use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
-use std::thread;
+use std::thread::{self, Scope};
 use std::time::{Duration, Instant};
 
 use crate::plan::{Job, JobKey};
@@ -210,13 +210,7 @@ pub fn run(
     let halt = AtomicBool::new(false);
     let folder = CheckpointFolder::beside(store.path());
     thread::scope(|scope| {
-        // Held as long as the sweep runs.
-        let (_running, ended) = mpsc::channel();
-        let (clock_slots, clock_halt) = (&slots, &halt);
-        thread::Builder::new()
-            .name("clock".to_owned())
-            .spawn_scoped(scope, move || watch_clock(&ended, clock_slots, context.stop, clock_halt))
-            .map_err(SweepError::NoWorker)?;
+        let _clock = start_clock(scope, &slots, context.stop, &halt)?;
         let (messages, inbox) = mpsc::channel();
         let shared = Shared {
             train: context.train,
@@ -225,17 +219,8 @@ pub fn run(
             checkpoint_every: context.options.checkpoint_every,
             messages,
         };
-        let mut workers = Vec::with_capacity(wanted);
-        for (index, slot) in slots.iter().enumerate() {
-            match Worker::spawn(scope, index, slot, shared.clone()) {
-                Ok(worker) => workers.push(worker),
-                Err(reason) if index == 0 => return Err(SweepError::NoWorker(reason)),
-                Err(reason) => {
-                    watcher.hear(Event::FewerWorkers { started: index, reason: &reason });
-                    break;
-                }
-            }
-        }
+        let workers = start_workers(scope, &slots, &shared, watcher)?;
+        drop(shared);
         let sweep = Sweep {
             store,
             session,
@@ -258,15 +243,48 @@ pub fn run(
     })
 }
 
-/// Tells workers that checkpoints are due and that the sweep is to stop, until it has ended. The
-/// coordinating thread could not: another process may hold the store, and it waits for that.
-fn watch_clock(ended: &mpsc::Receiver<()>, slots: &[Slot], stop: &AtomicBool, halt: &AtomicBool) {
-    while ended.recv_timeout(LOOK) == Err(mpsc::RecvTimeoutError::Timeout) {
-        slots.iter().for_each(|slot| slot.alarm.look());
-        if stop.load(Ordering::Relaxed) {
-            halt.store(true, Ordering::Relaxed);
+/// A worker a slot, or as many as the system has threads for.
+fn start_workers<'scope>(
+    scope: &'scope Scope<'scope, '_>,
+    slots: &'scope [Slot],
+    shared: &Shared<'scope>,
+    watcher: &mut dyn Watcher,
+) -> Result<Vec<Worker<'scope>>, SweepError> {
+    let mut workers = Vec::with_capacity(slots.len());
+    for (index, slot) in slots.iter().enumerate() {
+        match Worker::spawn(scope, index, slot, shared.clone()) {
+            Ok(worker) => workers.push(worker),
+            Err(reason) if index == 0 => return Err(SweepError::NoWorker(reason)),
+            Err(reason) => {
+                watcher.hear(Event::FewerWorkers { started: index, reason: &reason });
+                break;
+            }
         }
     }
+    Ok(workers)
+}
+
+/// Tells workers that checkpoints are due and that the sweep is to stop, until what it returns is
+/// dropped. The coordinating thread could not: it may be waiting for a store that another process
+/// holds.
+fn start_clock<'scope>(
+    scope: &'scope Scope<'scope, '_>,
+    slots: &'scope [Slot],
+    stop: &'scope AtomicBool,
+    halt: &'scope AtomicBool,
+) -> Result<mpsc::Sender<()>, SweepError> {
+    let (running, ended) = mpsc::channel();
+    let watch = move || {
+        while ended.recv_timeout(LOOK) == Err(mpsc::RecvTimeoutError::Timeout) {
+            slots.iter().for_each(|slot| slot.alarm.look());
+            if stop.load(Ordering::Relaxed) {
+                halt.store(true, Ordering::Relaxed);
+            }
+        }
+    };
+    let thread = thread::Builder::new().name("clock".to_owned());
+    thread.spawn_scoped(scope, watch).map_err(SweepError::NoWorker)?;
+    Ok(running)
 }
 
 /// What a sweep is run with.
