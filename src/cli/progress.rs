@@ -460,7 +460,7 @@ mod tests {
         assert_eq!(telling.note(note.clone()), None);
         assert_eq!(telling.start(three.clone()), None);
         assert_eq!(telling.end(), [two, note]);
-        assert_eq!(telling.end(), [three.clone()]);
+        assert_eq!(telling.end(), vec![three.clone()]);
         assert_eq!(telling.note(json!("now")), Some(json!("now")));
         assert!(telling.end().is_empty());
         assert_eq!(telling.start(three.clone()), Some(three));
