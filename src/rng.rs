@@ -41,6 +41,16 @@ impl Stream {
         Stream(generator)
     }
 
+    /// How many times [`Stream::bits`] has been called.
+    pub fn position(&self) -> u64 {
+        (self.0.get_word_pos() / 2) as u64
+    }
+
+    /// Goes to where `position` calls of [`Stream::bits`] lead from the start.
+    pub fn go_to(&mut self, position: u64) {
+        self.0.set_word_pos(u128::from(position) * 2);
+    }
+
     /// 64 random bits.
     pub fn bits(&mut self) -> u64 {
         self.0.next_u64()
@@ -105,6 +115,22 @@ mod tests {
     const STREAM_1_ENVIRONMENT: u64 = 15715005604373573095;
     const STREAM_1_TEST_ACTIONS: u64 = 9345421689931614251;
     const STREAM_MAX_REPLAY: u64 = 10223169959992702069;
+
+    #[test]
+    fn a_stream_goes_on_from_every_position() {
+        let mut stream = Stream::new(3, Purpose::Exploration);
+        for position in 0..300 {
+            assert_eq!(stream.position(), position);
+            let mut other = Stream::new(3, Purpose::Exploration);
+            other.go_to(position);
+            assert_eq!(other.position(), position);
+            let mut undisturbed = stream.clone();
+            assert!((0..100).all(|_| other.bits() == undisturbed.bits()), "{position}");
+            stream.bits();
+        }
+        stream.go_to(u64::MAX);
+        assert_eq!(stream.position(), u64::MAX);
+    }
 
     #[test]
     fn whole_numbers_below_a_bound_are_equally_likely() {

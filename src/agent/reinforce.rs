@@ -4,10 +4,15 @@
 //! reinforcement learning", 1992; Karine et al. (2023), equations 1 to 3. Equation 3 prints the
 //! discount as gamma^(t-k); gamma^(k-t) is meant.
 
+use std::io;
 use std::ops::Range;
 
 use crate::agent::policy::{ActionNetwork, Policy, SoftmaxPolicy, sample};
-use crate::agent::{Actions, Diverged, Learner, Span, TrainedEpisode, Weights};
+use crate::agent::state::{restore_actions, save_actions};
+use crate::agent::{
+    Actions, Diverged, Learner, Resumable, Span, StateError, StateReader, StateWriter,
+    TrainedEpisode, Weights,
+};
 use crate::env::{Action, Ending, Episodes, Observations, Observer};
 use crate::kernel::Isa;
 use crate::manifest::{Environment, Reinforce, Scenario};
@@ -28,7 +33,7 @@ pub struct Trajectories {
 }
 
 /// What trains a policy network: the engine under the algorithm.
-pub trait ReinforceEngine {
+pub trait ReinforceEngine: Resumable {
     /// The network at one moment, to choose actions with.
     type Network: ActionNetwork + 'static;
 
@@ -129,8 +134,8 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
         }
     }
 
-    /// Samples the trajectories of one update, all in lockstep.
-    fn sample(&mut self, stop: &dyn Fn() -> bool) -> Span {
+    /// Samples the trajectories of one update, all in lockstep, or the rest of them.
+    fn sample(&mut self, pause: &dyn Fn() -> bool) -> Span {
         let Room {
             trajectories,
             positions,
@@ -143,16 +148,18 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
             halves,
         } = &mut self.room;
         let lanes = self.episodes.lanes();
-        self.episodes.restart(&mut self.environment_stream);
-        trajectories.observations.clear();
-        trajectories.actions.clear();
-        trajectories.preferences.clear();
-        positions.clear();
-        rewards.clear();
-        totals.fill(0.0);
-        lengths.fill(0);
+        if !self.episodes.any_running() {
+            self.episodes.restart(&mut self.environment_stream);
+            trajectories.observations.clear();
+            trajectories.actions.clear();
+            trajectories.preferences.clear();
+            positions.clear();
+            rewards.clear();
+            totals.fill(0.0);
+            lengths.fill(0);
+        }
         while self.episodes.any_running() {
-            if stop() {
+            if pause() {
                 return Span::BrokenOff;
             }
             self.observer.observe(&self.episodes, observations);
@@ -200,9 +207,9 @@ impl<E: ReinforceEngine> Learner for ReinforceLearner<E> {
     fn advance(
         &mut self,
         finished: &mut Vec<TrainedEpisode>,
-        stop: &dyn Fn() -> bool,
+        pause: &dyn Fn() -> bool,
     ) -> Result<Span, Diverged> {
-        if self.sample(stop) == Span::BrokenOff {
+        if self.sample(pause) == Span::BrokenOff {
             return Ok(Span::BrokenOff);
         }
         finished.extend(self.finished());
@@ -231,6 +238,65 @@ impl<E: ReinforceEngine> Learner for ReinforceLearner<E> {
 
     fn weights(&self) -> Weights {
         self.engine.weights()
+    }
+}
+
+impl<E: ReinforceEngine> Resumable for ReinforceLearner<E> {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        self.engine.save(out)?;
+        out.one(self.updates)?;
+        self.environment_stream.save(out)?;
+        self.exploration_stream.save(out)?;
+        self.episodes.save(out)?;
+        // Between two updates nothing of the trajectories is needed any more.
+        if self.episodes.any_running() { self.room.save(out) } else { Ok(()) }
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.engine.restore(from)?;
+        self.updates = from.one()?;
+        self.environment_stream.restore(from)?;
+        self.exploration_stream.restore(from)?;
+        self.episodes.restore(from)?;
+        if self.episodes.any_running() { self.room.restore(from) } else { Ok(()) }
+    }
+}
+
+/// The trajectories sampled so far.
+impl Resumable for Room {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        self.trajectories.observations.save(out)?;
+        save_actions(&self.trajectories.actions, out)?;
+        out.many(&self.trajectories.preferences)?;
+        out.each(self.positions.iter(), |out, rows| out.one(rows.start as u64))?;
+        out.each(self.positions.iter(), |out, rows| out.one(rows.end as u64))?;
+        out.many(&self.rewards)?;
+        out.many(&self.totals)?;
+        out.many(&self.lengths)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        const WHAT: &str = "trajectories";
+        let Trajectories { observations, actions, preferences, .. } = &mut self.trajectories;
+        observations.restore(from)?;
+        *actions = restore_actions(from)?;
+        *preferences = from.many(usize::MAX, WHAT)?;
+        let rows = observations.rows();
+        let starts: Vec<u64> = from.many(rows, WHAT)?;
+        let ends: Vec<u64> = from.many(starts.len(), WHAT)?;
+        self.rewards = from.many(usize::MAX, WHAT)?;
+        from.fill(&mut self.totals, WHAT)?;
+        from.fill(&mut self.lengths, WHAT)?;
+        let ranges = starts.iter().zip(&ends).map(|(start, end)| *start as usize..*end as usize);
+        self.positions = ranges.collect();
+        let paid = self.rewards.len();
+        let fits = starts.len() == ends.len()
+            && actions.len() == rows
+            && preferences.len() == rows * Action::COUNT
+            && paid.is_multiple_of(self.lengths.len())
+            && self.positions.iter().all(|rows| rows.start <= rows.end && rows.end <= paid)
+            && self.positions.iter().map(Range::len).sum::<usize>() == rows;
+        if fits { Ok(()) } else { Err(StateError::Misfit(WHAT)) }
     }
 }
 

@@ -66,6 +66,19 @@ impl Ending {
     }
 }
 
+/// The state of one of many episodes, their clock aside.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lane {
+    /// Its context with the inference.
+    pub signal: Signal,
+    /// Habituation, in [0, 1].
+    pub habituation: f64,
+    /// Disengagement risk, in [0, 1].
+    pub disengagement: f64,
+    /// Whether and how it has ended.
+    pub ending: Ending,
+}
+
 /// Many episodes that share a clock; lane i of every array belongs to episode i. What is drawn has
 /// room for whole registers of lanes.
 #[derive(Clone, Debug)]
@@ -167,6 +180,30 @@ impl Episodes {
         self.contexts[lane] = signal.context;
         self.probabilities[lane] = signal.probability_of_zero;
         self.likely[lane] = signal.likely;
+    }
+
+    /// The state of a lane.
+    pub fn lane(&self, lane: usize) -> Lane {
+        Lane {
+            signal: self.signal(lane),
+            habituation: self.habituation[lane],
+            disengagement: self.disengagement[lane],
+            ending: self.endings[lane],
+        }
+    }
+
+    /// Puts every lane into a state that [`Episodes::lane`] gave, and the clock to its time.
+    ///
+    /// **Shapes**: `states` is \[lanes\].
+    pub fn resume(&mut self, time: u32, states: &[Lane]) {
+        assert_eq!(states.len(), self.lanes(), "one state a lane");
+        self.time = time;
+        for (lane, state) in states.iter().enumerate() {
+            self.show(lane, state.signal);
+            self.habituation[lane] = state.habituation;
+            self.disengagement[lane] = state.disengagement;
+            self.endings[lane] = state.ending;
+        }
     }
 
     /// How many episodes there are.

@@ -35,6 +35,17 @@ impl Adam {
         }
     }
 
+    /// The first and second moments of every parameter, and beta_1 and beta_2 to the power of the
+    /// updates made: all that an update depends on.
+    pub fn state(&self) -> ([&[f32]; 2], [f64; 2]) {
+        ([&self.first, &self.second], self.powers)
+    }
+
+    /// As [`Adam::state`], to be changed.
+    pub fn state_mut(&mut self) -> ([&mut [f32]; 2], &mut [f64; 2]) {
+        ([&mut self.first, &mut self.second], &mut self.powers)
+    }
+
     /// Moves the parameters by their gradient, which becomes 0.
     pub fn update(&mut self, isa: Isa, parameters: &mut [f32], gradient: &mut [f32]) {
         self.powers[0] *= BETA_1;

@@ -1,11 +1,15 @@
 //! Updates of REINFORCE.
 
+use std::io;
+
 use pulp::{Simd, WithSimd};
 
 use crate::agent::fused::stack::{BLOCK, Room, Stack, blocks};
 use crate::agent::policy::ActionNetwork;
 use crate::agent::reinforce::{ReinforceEngine, Trajectories};
-use crate::agent::{Weights, WeightsError, layers};
+use crate::agent::{
+    Resumable, StateError, StateReader, StateWriter, Weights, WeightsError, layers,
+};
 use crate::env::{Action, Observations};
 use crate::kernel::{Adam, Aligned, Isa, LANES, math};
 use crate::manifest::Reinforce;
@@ -198,5 +202,18 @@ impl ReinforceEngine for FusedReinforce {
 
     fn weights(&self) -> Weights {
         self.network.weights()
+    }
+}
+
+impl Resumable for FusedReinforce {
+    // The gradient is 0 between updates.
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        out.many(&self.network.parameters)?;
+        self.adam.save(out)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        from.fill(&mut self.network.parameters, "weights")?;
+        self.adam.restore(from)
     }
 }
