@@ -44,6 +44,7 @@ pub mod cli;
 pub mod env;
 pub mod kernel;
 pub mod manifest;
+pub mod optimum;
 pub mod plan;
 pub mod record;
 pub mod report;
