@@ -56,13 +56,12 @@ pub struct StateHidden {
 ///
 /// **Errors**: it does not.
 pub fn shows_state(scenario: &Scenario) -> Result<(), StateHidden> {
-    let hidden = |feature: &Feature| !scenario.features().contains(feature);
-    let state = [Feature::Habituation, Feature::Disengagement];
-    let lacking: String =
-        state.into_iter().filter(hidden).map(|f| format!("-{}", f.letter())).collect();
-    if lacking.is_empty() {
+    if scenario.shows_state() {
         return Ok(());
     }
+    let hidden = |feature: &Feature| !scenario.features().contains(feature);
+    let state = [Feature::Habituation, Feature::Disengagement].into_iter();
+    let lacking: String = state.filter(hidden).map(|f| format!("-{}", f.letter())).collect();
     let shown = format!("{scenario}{lacking}");
     Err(StateHidden { scenario: scenario.clone(), shown })
 }

@@ -7,9 +7,10 @@ mod curve;
 mod roll;
 mod test;
 
-use crate::agent::{self, Learner, Span, TrainedEpisode};
+use crate::agent::{self, Learner, Span, Start, TrainedEpisode};
+use crate::env::Observer;
 use crate::plan::Job;
-use crate::record::{Failure, FailureKind, Outcome, Results};
+use crate::record::{CurvePoint, Failure, FailureKind, Outcome, Results};
 
 use curve::CurveRecorder;
 
@@ -49,7 +50,13 @@ impl Monitor for Unwatched {
 
 /// Trains the job's agent, tests it, and returns what came out.
 pub fn run(job: &Job, monitor: &dyn Monitor) -> Outcome {
-    let mut learner = agent::learner(&job.agent, &job.environment, &job.scenario, job.seed);
+    let start = agent::start(&job.agent, &job.environment, &job.scenario, job.seed);
+    let mut learner = match start {
+        Start::Learner(learner) => learner,
+        Start::Rule(rule) => {
+            return tested(job, Chooser::Rule(rule), monitor, Learnt::default());
+        }
+    };
     let mut curve = CurveRecorder::new(job.evaluation.curve_stride);
     match train(job, learner.as_mut(), &mut curve, monitor) {
         Ended::Trained => {}
@@ -65,15 +72,29 @@ pub fn run(job: &Job, monitor: &dyn Monitor) -> Outcome {
         });
     }
     let policy = learner.policy(job.evaluation.test_actions.into());
-    let Some(tested) = test::run(job, policy, monitor) else {
+    let chooser = Chooser::trained(policy, Observer::new(&job.environment, &job.scenario));
+    let learnt = Learnt { curve: curve.finish(), weights: Some(weights.to_bytes()) };
+    tested(job, chooser, monitor, learnt)
+}
+
+/// What training leaves behind; nothing, for a rule.
+#[derive(Default)]
+struct Learnt {
+    curve: Vec<CurvePoint>,
+    weights: Option<Vec<u8>>,
+}
+
+/// Tests who chooses, and completes the job.
+fn tested(job: &Job, chooser: Chooser, monitor: &dyn Monitor, learnt: Learnt) -> Outcome {
+    let Some(tested) = test::run(job, chooser, monitor) else {
         return Outcome::Interrupted;
     };
     Outcome::Completed(Results {
         metrics: tested.metrics(),
-        curve: curve.finish(),
+        curve: learnt.curve,
         episodes: tested.episodes,
         actions: tested.actions,
-        weights: weights.to_bytes(),
+        weights: learnt.weights,
     })
 }
 

@@ -1,7 +1,6 @@
 //! The test episodes of a trained agent and what is kept of them.
 
-use crate::agent::Policy;
-use crate::env::{Action, Ending, Episodes, Observer, Signal};
+use crate::env::{Action, Ending, Episodes, Signal};
 use crate::plan::Job;
 use crate::record::{ActionCount, Metric, PROBABILITY_BINS, TestEpisode};
 use crate::train::{Chooser, Monitor, TestStreams, Watch, roll};
@@ -16,10 +15,8 @@ pub(super) struct Tested {
     messages: u64,
 }
 
-/// Tests a policy; `None` if it was stopped.
-pub(super) fn run(job: &Job, policy: Box<dyn Policy>, monitor: &dyn Monitor) -> Option<Tested> {
-    let observer = Observer::new(&job.environment, &job.scenario);
-    let mut chooser = Chooser::trained(policy, observer);
+/// Tests who chooses; `None` if the test was stopped.
+pub(super) fn run(job: &Job, mut chooser: Chooser, monitor: &dyn Monitor) -> Option<Tested> {
     let mut streams = TestStreams::new(job.seed);
     let mut counts = ActionCounts::default();
     let mut tested = Vec::new();
@@ -52,7 +49,7 @@ struct Batch<'a> {
 }
 
 impl Watch for Batch<'_> {
-    fn chosen(&mut self, episodes: &Episodes, actions: &[Action]) {
+    fn chosen(&mut self, episodes: &Episodes, actions: &[Action], _: &mut Chooser) {
         for (lane, episode) in self.played.iter_mut().enumerate() {
             if episodes.endings()[lane] == Ending::Running {
                 episode.length += 1;
