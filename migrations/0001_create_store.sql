@@ -206,7 +206,9 @@ BEGIN SELECT RAISE(ABORT, 'a run is never deleted'); END;
 CREATE TRIGGER run_completes_with_results BEFORE UPDATE OF status ON run
 WHEN NEW.status = 'completed' AND NOT (
     EXISTS (SELECT 1 FROM test_episode WHERE run = NEW.id)
+    -- A rule learns nothing; every other agent has weights.
     AND EXISTS (SELECT 1 FROM trained_weights WHERE run = NEW.id)
+        = (SELECT json_extract(canonical, '$.agent.algorithm') IS NOT 'rule' FROM job WHERE id = NEW.job)
     -- The four that the view run_summary shows.
     AND 4 = (SELECT count(*) FROM metric_name
         JOIN run_metric ON run_metric.run = NEW.id AND run_metric.metric = metric_name.id

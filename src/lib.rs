@@ -8,7 +8,8 @@
 //!  what an     what     who runs     one job, from its      one       pure        tables
 //!  author      should   it and       declaration to its     SQLite    numbers     and
 //!  declares    run      when         outcome                file                  figures
-//!                         (kernel, rng)
+//!                         (kernel, rng,
+//!                          optimum)
 //!                              cli at the edge
 //! ```
 //!
@@ -46,6 +47,7 @@ pub mod cli;
 pub mod env;
 pub mod kernel;
 pub mod manifest;
+pub mod optimum;
 pub mod plan;
 pub mod record;
 pub mod report;

@@ -35,6 +35,7 @@ fn burn_agents() -> [Agent; 2] {
     [dueling_dqn(), reinforce()].map(|agent| match agent {
         Agent::DuelingDqn(dqn) => Agent::DuelingDqn(DuelingDqn { engine: Engine::Burn, ..dqn }),
         Agent::Reinforce(other) => Agent::Reinforce(Reinforce { engine: Engine::Burn, ..other }),
+        Agent::Rule(_) => panic!("a rule runs on no engine"),
     })
 }
 
@@ -73,7 +74,7 @@ fn results_are_what_they_were_to_the_bit() {
     let ended = |job: Job| {
         let results = results(&job);
         let total: f64 = results.episodes.iter().map(|episode| episode.total_reward).sum();
-        let weights = Sha256::digest(&results.weights);
+        let weights = Sha256::digest(results.weights.unwrap());
         (total.to_bits(), u32::from_be_bytes(weights[..4].try_into().unwrap()))
     };
     let mut far = job(
@@ -147,7 +148,7 @@ fn the_tested_policy_is_the_one_whose_weights_are_kept() {
 
     struct Total(f64);
     impl Watch for Total {
-        fn chosen(&mut self, _: &Episodes, _: &[jitai::env::Action]) {}
+        fn chosen(&mut self, _: &Episodes, _: &[jitai::env::Action], _: &mut Chooser) {}
         fn paid(&mut self, _: &Episodes, rewards: &[f64]) {
             self.0 += rewards.iter().sum::<f64>();
         }
@@ -155,7 +156,7 @@ fn the_tested_policy_is_the_one_whose_weights_are_kept() {
     for agent in [dueling_dqn(), reinforce()].into_iter().chain(burn_agents()) {
         let job = job(agent, 1);
         let results = results(&job);
-        let weights = Weights::from_bytes(&results.weights).unwrap();
+        let weights = Weights::from_bytes(&results.weights.unwrap()).unwrap();
         let policy = agent::trained_policy(
             &job.agent,
             &job.environment,

@@ -91,6 +91,21 @@ test_episodes = 20
     )
 }
 
+/// A manifest of a rule that needs no training, in the cells of the quickstart.
+fn manifest_of_the_optimum() -> String {
+    "format = 1
+name = \"reference\"
+scenarios = [\"P-H-D\", \"L-H-D\"]
+seeds = 2
+environment.sigma = [0.4, 0.6]
+[[agent]]
+name = \"optimal\"
+algorithm = \"rule\"
+rule = \"optimal\"
+"
+    .to_owned()
+}
+
 /// A manifest whose one job's loss overflows.
 fn manifest_that_diverges() -> String {
     format!(
@@ -121,6 +136,7 @@ fn fill_store(folder: &Path) {
             manifest_of_short_jobs("disengagement", "sigma = 0.6\ndelta_d = [0.1, 0.2]"),
             0,
         ),
+        ("reference", manifest_of_the_optimum(), 0),
         ("too-fast", manifest_that_diverges(), 1),
     ];
     for (name, text, code) in manifests {

@@ -12,7 +12,8 @@ const TABLE: &[(&str, &[&str])] = &[
     ("plan", &["manifest"]),
     ("record", &["plan"]),
     ("env", &["rng", "kernel", "manifest"]),
-    ("agent", &["rng", "kernel", "manifest", "env"]),
+    ("optimum", &["manifest", "env"]),
+    ("agent", &["rng", "kernel", "manifest", "env", "optimum"]),
     ("train", &["rng", "plan", "record", "env", "agent"]),
     ("store", &["plan", "record"]),
     ("schedule", &["plan", "record", "train", "store"]),
@@ -22,8 +23,8 @@ const TABLE: &[(&str, &[&str])] = &[
     (
         "cli",
         &[
-            "rng", "kernel", "manifest", "plan", "record", "env", "agent", "train", "store",
-            "schedule", "analyse", "report",
+            "rng", "kernel", "manifest", "plan", "record", "env", "optimum", "agent", "train",
+            "store", "schedule", "analyse", "report",
         ],
     ),
 ];

@@ -85,6 +85,7 @@ fn shipped() -> Vec<(&'static str, u64)> {
     vec![
         ("experiments/quickstart.toml", 24),
         ("experiments/readings.toml", 126),
+        ("experiments/reference.toml", 324),
         ("experiments/paper/context_error.toml", 144),
         ("experiments/paper/disengagement.toml", 192),
         ("experiments/paper/hyperparameters.toml", 780),
@@ -182,6 +183,7 @@ fn the_reference_lists_every_key_with_its_values_and_default() {
         ("environment", Section::Environment),
         ("dueling_dqn", Section::DuelingDqn),
         ("reinforce", Section::Reinforce),
+        ("rule", Section::Rule),
         ("evaluation", Section::Evaluation),
     ];
     for (name, section) in sections {

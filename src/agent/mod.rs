@@ -37,7 +37,7 @@ pub use fused::{FusedDuelingDqn, FusedDuelingNetwork, FusedPolicyNetwork, FusedR
 pub use policy::{ActionNetwork, EpsilonGreedy, Policy, SoftmaxPolicy};
 pub use reinforce::{ReinforceEngine, ReinforceLearner, Trajectories};
 pub use replay::{Replay, Transition};
-pub use rule::{Rule, RuleError};
+pub use rule::{DecisionRuleError, RulePolicy, read_rule};
 pub use state::{Number, Resumable, StateError, StateReader, StateWriter};
 pub use weights::{Tensor as WeightTensor, Weights, WeightsError};
 
@@ -115,18 +115,27 @@ impl From<TestActions> for Actions {
     }
 }
 
-/// A learner for an agent, at the start of its training.
-pub fn learner(
-    agent: &Agent,
-    environment: &Environment,
-    scenario: &Scenario,
-    seed: u64,
-) -> Box<dyn Learner> {
+/// An agent before its first episode.
+pub enum Start {
+    /// One that has everything to learn.
+    Learner(Box<dyn Learner>),
+    /// One that has nothing to learn.
+    Rule(RulePolicy),
+}
+
+/// An agent at the start of its job.
+pub fn start(agent: &Agent, environment: &Environment, scenario: &Scenario, seed: u64) -> Start {
     match agent {
         Agent::DuelingDqn(parameters) => {
-            dueling_dqn_learner(parameters, environment, scenario, seed)
+            Start::Learner(dueling_dqn_learner(parameters, environment, scenario, seed))
         }
-        Agent::Reinforce(parameters) => reinforce_learner(parameters, environment, scenario, seed),
+        Agent::Reinforce(parameters) => {
+            Start::Learner(reinforce_learner(parameters, environment, scenario, seed))
+        }
+        Agent::Rule(rule) => {
+            let policy = RulePolicy::new(rule, environment, scenario);
+            Start::Rule(policy.expect("a manifest has the optimal rule where H and D are shown"))
+        }
     }
 }
 
@@ -179,7 +188,7 @@ fn reinforce_learner(
 /// The policy of an agent that was trained before, on the engine that trained it. A dueling DQN
 /// explores at the rate that is kept with its weights.
 ///
-/// **Errors**: the weights do not fit the agent's network.
+/// **Errors**: the weights do not fit the agent's network; a rule has none.
 pub fn trained_policy(
     agent: &Agent,
     environment: &Environment,
@@ -215,5 +224,6 @@ pub fn trained_policy(
                 actions,
             )),
         },
+        Agent::Rule(_) => return Err(WeightsError::NoNetwork),
     })
 }

@@ -14,6 +14,11 @@ pub trait Policy {
     /// **Shapes**: `actions` is \[rows\]. The stream is drawn from at most once a row, and not at all
     /// where chance plays no part.
     fn act(&mut self, observations: &Observations, actions: &mut [Action], stream: &mut Stream);
+
+    /// The probability with which each observation leads to each of these actions.
+    ///
+    /// **Shapes**: `actions` and what is returned are \[rows\].
+    fn probabilities(&mut self, observations: &Observations, actions: &[Action]) -> Vec<f64>;
 }
 
 /// A network that gives a number for every action: its value, or its logit.
@@ -46,6 +51,15 @@ impl<N: ActionNetwork> Policy for EpsilonGreedy<N> {
         for ((action, explored), values) in actions.iter_mut().zip(&self.explored).zip(values) {
             *action = explored.unwrap_or_else(|| best(values));
         }
+    }
+
+    fn probabilities(&mut self, observations: &Observations, actions: &[Action]) -> Vec<f64> {
+        self.network.evaluate(observations, &mut self.values);
+        let any = self.epsilon / Action::COUNT as f64;
+        let of = |(action, values): (&Action, &[f32])| {
+            if *action == best(values) { 1.0 - self.epsilon + any } else { any }
+        };
+        actions.iter().zip(self.values.chunks_exact(Action::COUNT)).map(of).collect()
     }
 }
 
@@ -86,6 +100,21 @@ impl<N: ActionNetwork> Policy for SoftmaxPolicy<N> {
                 }
             }
         }
+    }
+
+    fn probabilities(&mut self, observations: &Observations, actions: &[Action]) -> Vec<f64> {
+        self.network.evaluate(observations, &mut self.logits);
+        if let Actions::AsTrained = self.actions {
+            exponentials(Isa::chosen(), &mut self.logits);
+        }
+        let of = |(action, row): (&Action, &[f32])| match self.actions {
+            Actions::Greedy => f64::from(u8::from(*action == best(row))),
+            Actions::AsTrained => {
+                let total: f64 = row.iter().copied().map(f64::from).sum();
+                f64::from(row[action.index()]) / total
+            }
+        };
+        actions.iter().zip(self.logits.chunks_exact(Action::COUNT)).map(of).collect()
     }
 }
 

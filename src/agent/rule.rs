@@ -1,111 +1,160 @@
 //! Decision rules that need no training: what researchers compare with.
 
-use std::fmt;
-use std::str::FromStr;
-
-use crate::env::{Action, Signal};
+use crate::env::{Action, Belief, Episodes};
+use crate::manifest::{DecisionRule, Environment, Rule, Scenario};
+use crate::optimum::{OptimalPolicy, StateHidden};
 use crate::rng::Stream;
 
-/// A decision rule on the inferred context.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Rule {
-    /// The same action always.
-    Fixed(Action),
-    /// Any action, each equally likely.
-    Random,
-    /// A message tailored to the most likely context l.
-    Match,
-    /// As `Match` where the most likely context has at least this probability, else nothing.
-    Threshold(f64),
+/// A decision rule at work. It knows of the context what a scenario shows of it; only the optimal
+/// rule also goes by habituation, disengagement risk and time.
+#[derive(Clone, Debug)]
+pub struct RulePolicy {
+    choice: Choice,
+    belief: Belief,
 }
 
-impl Rule {
-    /// The names a rule can be written by, for messages.
-    pub const NAMES: &'static str = "fixed:<action 0-3>, random, match, threshold:<0.5-1>";
+#[derive(Clone, Debug)]
+enum Choice {
+    Always(Action),
+    Tailored,
+    Threshold(f64),
+    Random,
+    Optimal(Box<OptimalPolicy>),
+}
 
-    /// The action for an inferred context; draws from the stream once if the rule is `Random`.
-    pub fn choose(self, signal: &Signal, stream: &mut Stream) -> Action {
-        match self {
-            Rule::Fixed(action) => action,
-            Rule::Random => Action::from_low_bits(stream.bits()),
-            Rule::Match => Action::tailored_to(signal.likely),
-            Rule::Threshold(least) => {
-                let p = signal.probability_of_zero;
-                if p.max(1.0 - p) >= least {
-                    Action::tailored_to(signal.likely)
-                } else {
-                    Action::NONE
-                }
+impl RulePolicy {
+    /// The rule in an environment, for a scenario. The optimal one takes a moment to be computed.
+    ///
+    /// **Errors**: the optimal rule, and the scenario does not show what it goes by.
+    pub fn new(
+        rule: &DecisionRule,
+        environment: &Environment,
+        scenario: &Scenario,
+    ) -> Result<Self, StateHidden> {
+        let choice = match rule.rule {
+            Rule::Never => Choice::Always(Action::NONE),
+            Rule::Untailored => Choice::Always(Action::UNTAILORED),
+            Rule::Tailored => Choice::Tailored,
+            Rule::Threshold => Choice::Threshold(rule.threshold),
+            Rule::Random => Choice::Random,
+            Rule::Optimal => Choice::Optimal(Box::new(OptimalPolicy::new(environment, scenario)?)),
+        };
+        Ok(RulePolicy { choice, belief: Belief::new(environment, scenario) })
+    }
+
+    /// The rule that always takes one action.
+    pub fn fixed(action: Action) -> Self {
+        RulePolicy { choice: Choice::Always(action), belief: Belief::Ignorant }
+    }
+
+    /// The action in a lane; draws from the stream once if the rule is random.
+    pub fn choose(&self, episodes: &Episodes, lane: usize, stream: &mut Stream) -> Action {
+        let zero = self.belief.probability_of_zero(&episodes.signal(lane));
+        let tailored = Action::tailored_to(u8::from(zero < 0.5));
+        match &self.choice {
+            Choice::Always(action) => *action,
+            Choice::Tailored => tailored,
+            Choice::Threshold(least) if zero.max(1.0 - zero) >= *least => tailored,
+            Choice::Threshold(_) => Action::NONE,
+            Choice::Random => Action::from_low_bits(stream.bits()),
+            Choice::Optimal(policy) => {
+                let (habituation, disengagement) =
+                    (episodes.habituation()[lane], episodes.disengagement()[lane]);
+                policy.choose(episodes.time(), zero, habituation, disengagement)
             }
+        }
+    }
+
+    /// The probability with which it takes the actions that it takes.
+    pub fn probability(&self) -> f64 {
+        match self.choice {
+            Choice::Random => 1.0 / Action::COUNT as f64,
+            Choice::Always(_) | Choice::Tailored | Choice::Threshold(_) | Choice::Optimal(_) => 1.0,
         }
     }
 }
 
 /// A text that names no rule.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("`{0}` is not a rule; the rules are {names}", names = Rule::NAMES)]
-pub struct RuleError(String);
-
-impl FromStr for Rule {
-    type Err = RuleError;
-
-    fn from_str(text: &str) -> Result<Self, RuleError> {
-        let (name, argument) = text.split_once(':').map_or((text, None), |(n, a)| (n, Some(a)));
-        let rule = match (name, argument) {
-            ("random", None) => Some(Rule::Random),
-            ("match", None) => Some(Rule::Match),
-            ("fixed", Some(index)) => {
-                index.parse().ok().and_then(Action::from_index).map(Rule::Fixed)
-            }
-            ("threshold", Some(p)) => {
-                p.parse().ok().filter(|p| (0.5..=1.0).contains(p)).map(Rule::Threshold)
-            }
-            _ => None,
-        };
-        rule.ok_or_else(|| RuleError(text.to_owned()))
-    }
+pub enum DecisionRuleError {
+    /// The threshold is no probability of the likelier of two contexts.
+    #[error(
+        "the threshold must lie in [0.5, 1], not `{0}`: it is a probability of the likelier of \
+         two contexts"
+    )]
+    Threshold(String),
+    /// There is no such rule.
+    #[error(
+        "`{0}` is not a rule; the rules are never, untailored, tailored, threshold:<0.5-1>, random, optimal"
+    )]
+    Unknown(String),
 }
 
-impl fmt::Display for Rule {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Rule::Fixed(action) => write!(f, "fixed:{}", action.index()),
-            Rule::Random => f.write_str("random"),
-            Rule::Match => f.write_str("match"),
-            Rule::Threshold(p) => write!(f, "threshold:{p}"),
-        }
+/// The rule of this name; the threshold stands behind a colon, as in `threshold:0.9`.
+///
+/// **Errors**: there is none.
+pub fn read_rule(text: &str) -> Result<DecisionRule, DecisionRuleError> {
+    if let Some(("threshold", number)) = text.split_once(':') {
+        let threshold = number.parse().ok().filter(|p| (0.5..=1.0).contains(p));
+        let fault = || DecisionRuleError::Threshold(number.to_owned());
+        return Ok(DecisionRule { rule: Rule::Threshold, threshold: threshold.ok_or_else(fault)? });
     }
+    let rule = match text {
+        "never" => Rule::Never,
+        "untailored" => Rule::Untailored,
+        "tailored" => Rule::Tailored,
+        "random" => Rule::Random,
+        "optimal" => Rule::Optimal,
+        _ => return Err(DecisionRuleError::Unknown(text.to_owned())),
+    };
+    Ok(DecisionRule::new(rule))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::env::Signal;
     use crate::rng::Purpose;
 
     #[test]
-    fn rules_choose_by_the_inferred_context() {
+    fn rules_choose_by_what_the_scenario_shows_of_the_context() {
+        let environment = Environment::paper(1.0);
         let mut stream = Stream::new(1, Purpose::TestActions);
-        let mut choose = |rule: &str, p: f64| {
-            rule.parse::<Rule>().unwrap().choose(&Signal::new(0, p), &mut stream).index()
+        let mut choose = |rule: &str, scenario: &str, p: f64| {
+            let mut episodes = Episodes::start(&environment, 1, &mut stream);
+            episodes.show(0, Signal::new(0, p));
+            let (rule, scenario) = (read_rule(rule).unwrap(), scenario.parse().unwrap());
+            let policy = RulePolicy::new(&rule, &environment, &scenario).unwrap();
+            policy.choose(&episodes, 0, &mut stream).index()
         };
-        assert_eq!(choose("fixed:1", 0.2), 1);
-        assert_eq!(choose("match", 0.2), 3);
-        assert_eq!(choose("match", 0.8), 2);
-        assert_eq!(choose("threshold:0.75", 0.7), 0);
-        assert_eq!(choose("threshold:0.75", 0.75), 2);
-        assert_eq!(choose("threshold:0.75", 0.1), 3);
+        assert_eq!([choose("never", "P", 0.2), choose("untailored", "P", 0.2)], [0, 1]);
+        assert_eq!([choose("tailored", "P", 0.2), choose("tailored", "L-T", 0.8)], [3, 2]);
+        assert_eq!([choose("tailored", "C", 0.2), choose("tailored", "T", 0.2)], [2, 2]);
+        assert_eq!(choose("threshold:0.75", "P", 0.7), 0);
+        assert_eq!(choose("threshold:0.75", "P", 0.75), 2);
+        assert_eq!(choose("threshold:0.75", "P", 0.1), 3);
+        // The most likely context is right with probability Phi(1 / 2) = 0.69.
+        assert_eq!([choose("threshold:0.7", "L", 0.1), choose("threshold:0.69", "L", 0.1)], [0, 3]);
+        assert_eq!(choose("threshold:1", "C", 0.1), 2);
         let seen: std::collections::HashSet<usize> =
-            (0..100).map(|_| choose("random", 0.5)).collect();
+            (0..100).map(|_| choose("random", "P", 0.5)).collect();
         assert_eq!(seen.len(), 4);
+        assert_eq!(choose("optimal", "P-H-D", 0.5), 2);
     }
 
     #[test]
-    fn rules_read_back_as_written_and_faults_are_named() {
-        for text in ["fixed:0", "random", "match", "threshold:0.9"] {
-            assert_eq!(text.parse::<Rule>().unwrap().to_string(), text);
+    fn names_of_rules_are_those_of_the_manifest_and_faults_are_told() {
+        for word in ["never", "untailored", "tailored", "random", "optimal"] {
+            let rule = read_rule(word).unwrap().rule;
+            assert_eq!(serde_json::to_value(rule).unwrap(), word);
         }
-        for text in ["", "fixed", "fixed:4", "fixed:-1", "threshold:0.4", "threshold:NaN", "matc"] {
-            assert!(text.parse::<Rule>().is_err(), "{text}");
+        let read = read_rule("threshold:0.9").unwrap();
+        assert_eq!((read.rule, read.threshold), (Rule::Threshold, 0.9));
+        for text in ["threshold:0.4", "threshold:NaN", "threshold:"] {
+            assert!(matches!(read_rule(text), Err(DecisionRuleError::Threshold(_))), "{text}");
+        }
+        for text in ["", "threshold", "never:1", "match", "tailore"] {
+            assert!(matches!(read_rule(text), Err(DecisionRuleError::Unknown(_))), "{text}");
         }
     }
 }

@@ -41,6 +41,9 @@ pub enum WeightsError {
     /// A number is missing.
     #[error("the weights have no number `{0}`")]
     MissingNumber(String),
+    /// The agent is a rule.
+    #[error("a rule has no network to put weights into")]
+    NoNetwork,
 }
 
 impl Weights {

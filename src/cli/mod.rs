@@ -9,6 +9,7 @@ mod error;
 mod estimate;
 mod export;
 mod filter;
+mod optimum;
 mod output;
 mod plan;
 mod progress;
@@ -18,6 +19,7 @@ mod replay;
 mod run;
 mod schema;
 mod selection;
+mod setting;
 mod signals;
 mod simulate;
 mod status;
@@ -53,6 +55,7 @@ enum Verb {
     Query(query::Arguments),
     Export(export::Arguments),
     Simulate(Box<simulate::Arguments>),
+    Optimum(optimum::Arguments),
     Schema(schema::Arguments),
 }
 
@@ -108,6 +111,7 @@ pub fn main() -> ExitCode {
         Verb::Query(arguments) => query::run(&arguments),
         Verb::Export(arguments) => export::run(&arguments),
         Verb::Simulate(arguments) => simulate::run(&arguments),
+        Verb::Optimum(arguments) => optimum::run(&arguments),
         Verb::Schema(arguments) => schema::run(&arguments),
     };
     match result {

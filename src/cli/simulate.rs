@@ -4,24 +4,28 @@ use std::io;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use crate::agent::{self, Actions, Rule, Weights};
+use crate::agent::{self, Actions, DecisionRuleError, RulePolicy, Start, Weights};
 use crate::cli::output::{Cell, Format, Rows};
+use crate::cli::setting::adjusted;
 use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit, StoreArgument, replay};
 use crate::env::{Action, Ending, Episodes, Observer};
-use crate::manifest::{self, Environment};
-use crate::plan;
+use crate::manifest::{DecisionRule, Environment, Scenario};
 use crate::store::{Reader, StoreError};
 use crate::train::{self, Chooser, TestStreams, Watch};
 
 /// Roll a rule or a trained policy through the simulation and print every step
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Who acts: fixed:<action 0-3>, random, match (tailor to the most likely context),
-    /// threshold:<p> (p from 0.5 to 1; as match where the likely context has at least probability p, else nothing),
-    /// or run:<job key> (the trained policy of a completed job; a beginning of the key will do)
-    #[arg(long, default_value = "match", value_name = "POLICY")]
+    /// Who acts: never (sends nothing), untailored, tailored (to the likelier context),
+    /// threshold:<p> (p from 0.5 to 1; as tailored where the likelier context has at least probability p, else
+    /// nothing), random, optimal (what maximises the mean return), fixed:<action 0-3>,
+    /// or run:<job key> (the agent of a completed job; a beginning of the key will do)
+    #[arg(long, default_value = "tailored", value_name = "POLICY")]
     policy: PolicyArgument,
+    /// What a rule knows of the context: what this scenario shows of it [default: P-H-D]
+    #[arg(long, value_name = "SCENARIO")]
+    scenario: Option<Scenario>,
     /// An environment parameter, as in a manifest's [environment], such as sigma=0.4; may be repeated. With a trained
     /// policy, none that changes what it observes
     #[arg(long = "set", value_name = "NAME=VALUE")]
@@ -40,7 +44,7 @@ pub(super) struct Arguments {
     summary: bool,
     /// Force the contexts and actions of a file, print what follows from them, and compare it with
     /// what the file says should follow; exit code 1 if something differs
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["policy", "settings", "episodes", "seed", "summary", "greedy"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["policy", "scenario", "settings", "episodes", "seed", "summary", "greedy"])]
     replay: Option<PathBuf>,
     /// How rows are written
     #[arg(long, value_enum, default_value = "table")]
@@ -52,7 +56,8 @@ pub(super) struct Arguments {
 /// Who acts.
 #[derive(Clone, Debug, PartialEq)]
 enum PolicyArgument {
-    Rule(Rule),
+    Rule(DecisionRule),
+    Fixed(Action),
     Run(String),
 }
 
@@ -60,20 +65,18 @@ impl FromStr for PolicyArgument {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
+        let fixed = text.strip_prefix("fixed:").and_then(|index| index.parse().ok());
+        if let Some(action) = fixed.and_then(Action::from_index) {
+            return Ok(PolicyArgument::Fixed(action));
+        }
         match text.split_once(':') {
             Some(("run", key)) => Ok(PolicyArgument::Run(key.to_owned())),
-            Some(("threshold", p)) => {
-                text.parse().map(PolicyArgument::Rule).map_err(|_: agent::RuleError| {
-                    format!(
-                        "the threshold must lie in [0.5, 1], not `{p}`: it is a probability of \
-                         the likelier of two contexts"
-                    )
-                })
-            }
-            _ => text
-                .parse()
-                .map(PolicyArgument::Rule)
-                .map_err(|error: agent::RuleError| format!("{error}, run:<job key>")),
+            _ => agent::read_rule(text).map(PolicyArgument::Rule).map_err(|error| match error {
+                DecisionRuleError::Threshold(_) => error.to_string(),
+                DecisionRuleError::Unknown(_) => {
+                    format!("{error}, fixed:<action 0-3>, run:<job key>")
+                }
+            }),
         }
     }
 }
@@ -85,9 +88,22 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let (environment, chooser) = match &arguments.policy {
         PolicyArgument::Rule(rule) => {
             let environment = adjusted(Environment::paper(0.6), &arguments.settings)?;
-            (environment, Chooser::Rule(*rule))
+            let usual = || "P-H-D".parse().expect("its letters are features");
+            let scenario = arguments.scenario.clone().unwrap_or_else(usual);
+            let policy = RulePolicy::new(rule, &environment, &scenario);
+            let policy = policy.map_err(|error| Error::Usage(error.to_string()))?;
+            (environment, Chooser::Rule(policy))
         }
-        PolicyArgument::Run(key) => trained(key, arguments)?,
+        PolicyArgument::Fixed(action) => {
+            let environment = adjusted(Environment::paper(0.6), &arguments.settings)?;
+            (environment, Chooser::Rule(RulePolicy::fixed(*action)))
+        }
+        PolicyArgument::Run(_) if arguments.scenario.is_some() => {
+            return Err(Error::Usage(
+                "--scenario is for rules; a run observes the scenario of its job".to_owned(),
+            ));
+        }
+        PolicyArgument::Run(key) => of_run(key, arguments)?,
     };
     let streams = TestStreams::new(arguments.seed);
     let mut rolled = Rolled { environment, chooser, streams };
@@ -99,8 +115,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     Ok(Exit::Done)
 }
 
-/// The policy of a completed run, with the environment of its job as far as it is not set anew.
-fn trained(key: &str, arguments: &Arguments) -> Result<(Environment, Chooser), Error> {
+/// The agent of a completed run, with the environment of its job as far as it is not set anew.
+fn of_run(key: &str, arguments: &Arguments) -> Result<(Environment, Chooser), Error> {
     let stored = Reader::open(&arguments.store.store)?.weights(key).map_err(refused_key)?;
     let job = stored.job;
     for setting in &arguments.settings {
@@ -114,11 +130,20 @@ fn trained(key: &str, arguments: &Arguments) -> Result<(Environment, Chooser), E
         }
     }
     let environment = adjusted(job.environment, &arguments.settings)?;
+    let Some(safetensors) = stored.safetensors else {
+        // A rule needs no training, and acts as it would in a job with this environment.
+        return match agent::start(&job.agent, &environment, &job.scenario, job.seed) {
+            Start::Rule(rule) => Ok((environment, Chooser::Rule(rule))),
+            Start::Learner(_) => {
+                Err(Error::Usage(format!("job {key} has left no weights; its store is damaged")))
+            }
+        };
+    };
     let actions = if arguments.greedy { Actions::Greedy } else { Actions::AsTrained };
     let unusable = |error: agent::WeightsError| {
         Error::Usage(format!("the policy of job {key} cannot be used: {error}"))
     };
-    let weights = Weights::from_bytes(&stored.safetensors).map_err(unusable)?;
+    let weights = Weights::from_bytes(&safetensors).map_err(unusable)?;
     let policy = agent::trained_policy(&job.agent, &environment, &job.scenario, &weights, actions)
         .map_err(unusable)?;
     let observer = Observer::new(&environment, &job.scenario);
@@ -134,55 +159,6 @@ fn refused_key(error: StoreError) -> Error {
         | StoreError::AmbiguousKey { .. } => Error::Usage(format!("--policy run: {error}")),
         other => other.into(),
     }
-}
-
-/// The environment with settings as a manifest would make them, and with a manifest's checks.
-fn adjusted(environment: Environment, settings: &[String]) -> Result<Environment, Error> {
-    let mut table = serde_json::json!(environment);
-    for setting in settings {
-        let (name, value) = name_and_value(setting)?;
-        let environment = format!("{name} = {}", quoted(value));
-        let text = format!(
-            "format = 1\nextends = \"paper\"\nname = \"simulate\"\nscenarios = [\"C\"]\nseeds = 1\n\
-             [environment]\n{}{environment}\n",
-            if name == "sigma" { "" } else { "sigma = 1\n" }
-        );
-        let manifest = manifest::parse("--set", text.as_bytes()).map_err(|faults| {
-            let said = faults.list().iter().map(|fault| match fault.hint() {
-                Some(hint) => format!("{} ({hint})", fault.message()),
-                None => fault.message().to_owned(),
-            });
-            let said: Vec<String> = said.collect();
-            Error::Usage(format!("--set {setting}: {}", said.join("; ")))
-        })?;
-        if manifest.environment.iter().any(|(_, values)| values.len() > 1) {
-            return Err(Error::Usage(format!("--set {setting}: expected one value, not a sweep")));
-        }
-        let set = plan::jobs(&manifest).next().map(|planned| planned.job.environment);
-        let set = serde_json::json!(set);
-        table[name] = set[name].clone();
-    }
-    Ok(serde_json::from_value(table).expect("every value was checked as a manifest's"))
-}
-
-/// The parts of a setting. They become a line of TOML, so neither may hold more than one.
-fn name_and_value(setting: &str) -> Result<(&str, &str), Error> {
-    let is_name = |name: &str| {
-        !name.is_empty() && name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_')
-    };
-    setting
-        .split_once('=')
-        .map(|(name, value)| (name.trim(), value.trim()))
-        .map(|(name, value)| (name.strip_prefix("environment.").unwrap_or(name), value))
-        .filter(|(name, value)| is_name(name) && !value.contains(char::is_control))
-        .ok_or_else(|| Error::Usage(format!("`{setting}` is not NAME=VALUE, such as sigma=0.4")))
-}
-
-/// A value as TOML: words get the quotes that a shell has taken.
-fn quoted(value: &str) -> String {
-    let bare = value.starts_with(|c: char| c.is_ascii_alphabetic())
-        && !matches!(value, "true" | "false" | "inf" | "nan");
-    if bare { format!("{value:?}") } else { value.to_owned() }
 }
 
 /// Episodes one after the other, from named streams.
@@ -206,8 +182,9 @@ impl Rolled {
 struct Steps(Vec<Step>);
 
 impl Watch for Steps {
-    fn chosen(&mut self, episodes: &Episodes, actions: &[Action]) {
-        self.0.push(Step::chosen(episodes, actions[0]));
+    fn chosen(&mut self, episodes: &Episodes, actions: &[Action], chooser: &mut Chooser) {
+        let probability = chooser.probabilities(episodes, actions).first().copied();
+        self.0.push(Step { probability, ..Step::chosen(episodes, actions[0]) });
     }
 
     fn paid(&mut self, episodes: &Episodes, rewards: &[f64]) {

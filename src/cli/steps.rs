@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use crate::cli::output::{Cell, Format, Rows};
 use crate::env::{Action, Ending, Episodes, Signal};
 
-const COLUMNS: [&str; 11] = [
+const COLUMNS: [&str; 12] = [
     "episode",
     "step",
     "context",
@@ -14,6 +14,7 @@ const COLUMNS: [&str; 11] = [
     "habituation",
     "disengagement",
     "action",
+    "action_probability",
     "reward",
     "ending",
     "return",
@@ -31,6 +32,8 @@ pub(super) struct Step {
     pub(super) disengagement: f64,
     /// What was chosen.
     pub(super) action: Action,
+    /// The probability with which it was chosen; `None` where it was forced.
+    pub(super) probability: Option<f64>,
     /// What was paid for it, in steps walked.
     pub(super) reward: f64,
     /// Whether and how the episode ended with it.
@@ -46,6 +49,7 @@ impl Step {
             habituation: episodes.habituation()[0],
             disengagement: episodes.disengagement()[0],
             action,
+            probability: None,
             reward: 0.0,
             ending: Ending::Running,
         }
@@ -80,6 +84,7 @@ impl<W: Write> StepRows<W> {
                 Cell::Rounded(step.habituation, 4),
                 Cell::Rounded(step.disengagement, 4),
                 Cell::Integer(step.action.index() as i64),
+                step.probability.map_or(Cell::Empty, |p| Cell::Rounded(p, 4)),
                 Cell::Rounded(step.reward, 2),
                 Cell::text(step.ending.name()),
                 Cell::Rounded(total, 2),

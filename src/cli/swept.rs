@@ -101,7 +101,7 @@ fn keys<'m>(
     let keys = sections.flat_map(|parameters| {
         let named = match parameters.section() {
             Section::Environment => Parameter::Environment,
-            Section::DuelingDqn | Section::Reinforce => Parameter::Agent,
+            Section::DuelingDqn | Section::Reinforce | Section::Rule => Parameter::Agent,
             Section::Evaluation => Parameter::Evaluation,
         };
         parameters.iter().map(move |(key, values)| (named(key.name), values))

@@ -1,10 +1,8 @@
 //! The context process and what an inference of it shows.
 
-use pulp::{Simd, WithSimd};
-use statrs::distribution::{ContinuousCDF, Normal};
-
 use crate::kernel::math;
 use crate::rng::Stream;
+use pulp::{Simd, WithSimd};
 
 /// The context of a step with its inference.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -104,12 +102,13 @@ pub fn inference_error(sigma: f64) -> f64 {
     if sigma == 0.0 {
         return 0.0;
     }
-    Normal::standard().cdf(-1.0 / (2.0 * sigma))
+    // Phi(-z) = erfc(z / sqrt 2) / 2.
+    0.5 * libm::erfc(std::f64::consts::FRAC_1_SQRT_2 / (2.0 * sigma))
 }
 
 #[cfg(test)]
 mod tests {
-    use statrs::distribution::Continuous;
+    use statrs::distribution::{Continuous, Normal};
 
     use super::*;
     use crate::rng::Purpose;

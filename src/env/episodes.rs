@@ -306,22 +306,28 @@ impl WithSimd for Response<'_> {
 }
 
 /// What an action makes of the state.
-struct Step {
-    habituation: f64,
-    disengagement: f64,
-    reward: f64,
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Effect {
+    /// Habituation after the step, in [0, 1].
+    pub habituation: f64,
+    /// Disengagement risk after the step, in [0, 1]; from the threshold on it ends the episode.
+    pub disengagement: f64,
+    /// What is paid, in steps walked.
+    pub reward: f64,
 }
 
+/// The effect of an action in a context, from the habituation and disengagement risk before it.
+///
 /// **Source**: Karine et al. (2023), section 3.1, "Dynamics". The disengagement risk is capped at 1
 /// before it is compared with the threshold.
 #[inline(always)]
-fn respond(
+pub fn respond(
     e: &Environment,
     context: u8,
     action: Action,
     habituation: f64,
     disengagement: f64,
-) -> Step {
+) -> Effect {
     let sends = action != Action::NONE;
     let untailored = action == Action::UNTAILORED;
     let suits = action == Action::tailored_to(context);
@@ -338,7 +344,7 @@ fn respond(
     let base = if untailored { e.rho_1 } else { 0.0 };
     let base = if suits { e.rho_2 } else { base };
     let mu = if context == 0 { e.mu[0] } else { e.mu[1] };
-    Step { habituation, disengagement, reward: mu + (1.0 - habituation) * base }
+    Effect { habituation, disengagement, reward: mu + (1.0 - habituation) * base }
 }
 
 #[cfg(test)]

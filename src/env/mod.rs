@@ -4,10 +4,12 @@
 //! advance in lockstep, as structure of arrays: one call steps every lane. Numbers are f64, as in
 //! the authors' simulator, whose trajectories this one repeats. It knows no agent and no budget.
 
+mod belief;
 mod context;
 mod episodes;
 mod observation;
 
+pub use belief::Belief;
 pub use context::{Signal, inference_error, probability_of_zero};
-pub use episodes::{Action, Ending, Episodes, Lane};
+pub use episodes::{Action, Effect, Ending, Episodes, Lane, respond};
 pub use observation::{Observations, Observer};

@@ -9,17 +9,20 @@ pub enum Algorithm {
     DuelingDqn,
     /// `reinforce`.
     Reinforce,
+    /// `rule`.
+    Rule,
 }
 
 impl Algorithm {
     /// Every algorithm.
-    pub const ALL: [Algorithm; 2] = [Algorithm::DuelingDqn, Algorithm::Reinforce];
+    pub const ALL: [Algorithm; 3] = [Algorithm::DuelingDqn, Algorithm::Reinforce, Algorithm::Rule];
 
     /// The word that manifests, jobs and the store write.
     pub fn name(self) -> &'static str {
         match self {
             Algorithm::DuelingDqn => "dueling_dqn",
             Algorithm::Reinforce => "reinforce",
+            Algorithm::Rule => "rule",
         }
     }
 }
@@ -32,6 +35,8 @@ pub enum Agent {
     DuelingDqn(DuelingDqn),
     /// Monte-Carlo policy gradient (Williams 1992).
     Reinforce(Reinforce),
+    /// A decision rule, which learns nothing: what learners are compared with.
+    Rule(DecisionRule),
 }
 
 impl Agent {
@@ -40,14 +45,16 @@ impl Agent {
         match self {
             Agent::DuelingDqn(_) => Algorithm::DuelingDqn,
             Agent::Reinforce(_) => Algorithm::Reinforce,
+            Agent::Rule(_) => Algorithm::Rule,
         }
     }
 
-    /// Episodes of training: the job's budget.
+    /// Episodes of training: the job's budget. None for a rule.
     pub fn episodes(&self) -> u32 {
         match self {
             Agent::DuelingDqn(agent) => agent.episodes,
             Agent::Reinforce(agent) => agent.episodes,
+            Agent::Rule(_) => 0,
         }
     }
 }
@@ -144,6 +151,42 @@ impl Default for Reinforce {
     }
 }
 
+/// A decision rule that needs no training.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DecisionRule {
+    /// Which rule.
+    pub rule: Rule,
+    /// The least probability of the likelier context at which `Threshold` sends a message, in
+    /// [0.5, 1]. Other rules do not read it.
+    pub threshold: f64,
+}
+
+impl DecisionRule {
+    /// A rule, with the threshold 0.8.
+    pub fn new(rule: Rule) -> Self {
+        DecisionRule { rule, threshold: 0.8 }
+    }
+}
+
+/// The decision rules. What they know of the context is what the scenario shows of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Rule {
+    /// No message, ever.
+    Never,
+    /// A message that is not tailored, always.
+    Untailored,
+    /// A message tailored to the likelier context, always.
+    Tailored,
+    /// As `Tailored` where the likelier context is probable enough, else nothing.
+    Threshold,
+    /// Any action, each equally likely: a micro-randomised trial.
+    Random,
+    /// What maximises the mean return; the scenario must show habituation and disengagement risk.
+    Optimal,
+}
+
 /// Activation of a hidden layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -219,9 +262,11 @@ mod tests {
 
     #[test]
     fn an_agent_is_written_under_its_algorithms_name() {
-        for agent in
-            [Agent::DuelingDqn(DuelingDqn::default()), Agent::Reinforce(Reinforce::default())]
-        {
+        for agent in [
+            Agent::DuelingDqn(DuelingDqn::default()),
+            Agent::Reinforce(Reinforce::default()),
+            Agent::Rule(DecisionRule::new(Rule::Never)),
+        ] {
             let json = serde_json::to_value(&agent).unwrap();
             assert_eq!(json["algorithm"], agent.algorithm().name());
         }

@@ -23,6 +23,9 @@ pub(super) fn check(draft: &Draft, mut manifest: Manifest, faults: &mut FaultLis
         (0..manifest.agents.len()).map(|agent| Grid::of(&manifest, agent)).collect();
     let agents = manifest.agents.iter().zip(&grids).enumerate();
     for (place, (declared, grid)) in agents {
+        if !draft.lost_cells {
+            optimum(draft, place, grid, faults);
+        }
         for rule in RULES.iter().filter(|rule| rule.algorithm == declared.algorithm) {
             if is_certain(draft, place, grid, rule, &broken) {
                 hold(draft, place, grid, rule, faults);
@@ -223,6 +226,25 @@ fn hold(draft: &Draft, agent: usize, grid: &Grid, rule: &Rule, faults: &mut Faul
             fault(format!("agent `{name}`: {says}")).help(format!("with {}", chosen.listed()))
         }
     });
+}
+
+/// Notes an optimal rule in a scenario that does not show what it goes by.
+fn optimum(draft: &Draft, agent: usize, grid: &Grid, faults: &mut FaultList) {
+    let rule = Parameter::Agent("rule");
+    if draft.is_lost_for(agent, rule) || draft.is_lost(Parameter::Scenario) {
+        return;
+    }
+    let Some(scenario) = grid.blind_optimum() else { return };
+    let name = &draft.agents[agent].name;
+    let span = draft.span_of(agent, rule).unwrap_or(name.span);
+    let message = format!(
+        "agent `{}`: rule = \"optimal\" needs scenarios with H and D, found {scenario}",
+        name.value
+    );
+    faults.add(Fault::at(span, message).help(format!(
+        "leave such cells out: [[exclude]] with agent.rule = \"optimal\" and scenario = \
+         \"{scenario}\""
+    )));
 }
 
 /// Notes exclusions that leave out nothing, or everything.

@@ -3,7 +3,7 @@
 use super::declared::{DeclaredAgent, Exclusion, Manifest, Zip};
 use super::draft::{Draft, Settings};
 use super::fault::{Fault, FaultList};
-use super::keys::{Kind, Value};
+use super::keys::{Kind, Section, Value};
 use super::parameter::Parameters;
 use super::scenario::{Feature, Scenario};
 use super::source::Span;
@@ -68,7 +68,11 @@ fn parameters(settings: &Settings, faults: &mut FaultList) -> Parameters {
         let given = settings.given.get(&place).map(|values| values.value.clone());
         if given.is_none() && default.is_none() {
             let span = settings.span.unwrap_or(Span { start: 0, end: 0 });
-            let message = format!("missing key `{}` in [{}]", key.name, section.name());
+            let place = match section {
+                Section::Environment | Section::Evaluation => format!("[{}]", section.name()),
+                Section::DuelingDqn | Section::Reinforce | Section::Rule => "[[agent]]".to_owned(),
+            };
+            let message = format!("missing key `{}` in {place}", key.name);
             let help = format!("it is {}: {}", key.kind.expectation(), key.doc);
             faults.add(Fault::at(span, message).help(help));
         }

@@ -97,6 +97,19 @@ impl<'m> Grid<'m> {
         })
     }
 
+    /// A scenario that hides the state from an optimal rule, in a cell that is not excluded.
+    pub(super) fn blind_optimum(&self) -> Option<&'m Scenario> {
+        let rules = self.manifest.values(self.agent, Parameter::Agent("rule"))?;
+        let axes = [Parameter::Scenario, Parameter::Agent("rule")];
+        let [scenarios, rule] = axes.map(|parameter| axis_of(&self.axes, parameter));
+        let is_optimal = |cell: &Cell| {
+            rules.get(rule.map_or(0, |axis| cell.0[axis])) == Some(&Value::Choice("optimal"))
+        };
+        let concerned = self.concerned(&[scenarios, rule]);
+        let mut cells = self.projected(&concerned).filter(is_optimal);
+        cells.find_map(|cell| Some(self.scenario(&cell)).filter(|scenario| !scenario.shows_state()))
+    }
+
     /// Whether the parameter has several values.
     pub(super) fn is_swept(&self, parameter: Parameter) -> bool {
         self.manifest.length(self.agent, parameter) > 1
@@ -151,7 +164,7 @@ impl<'m> Grid<'m> {
     pub fn agree(&self, section: Section, one: &Cell, other: &Cell) -> bool {
         let axes = match section {
             Section::Environment => &self.environment,
-            Section::DuelingDqn | Section::Reinforce => &self.hyper_parameters,
+            Section::DuelingDqn | Section::Reinforce | Section::Rule => &self.hyper_parameters,
             Section::Evaluation => &self.evaluation,
         };
         axes.iter().flatten().all(|axis| one.0[*axis] == other.0[*axis])
@@ -187,6 +200,7 @@ impl<'m> Grid<'m> {
         match self.agent.algorithm {
             Algorithm::DuelingDqn => Agent::DuelingDqn(self.agent.parameters.typed(choose)),
             Algorithm::Reinforce => Agent::Reinforce(self.agent.parameters.typed(choose)),
+            Algorithm::Rule => Agent::Rule(self.agent.parameters.typed(choose)),
         }
     }
 

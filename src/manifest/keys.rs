@@ -7,7 +7,7 @@ use std::hash::{Hash, Hasher};
 
 use serde::Serialize;
 
-use super::{Algorithm, DuelingDqn, Environment, Evaluation, Reinforce};
+use super::{Algorithm, DecisionRule, DuelingDqn, Environment, Evaluation, Reinforce, Rule};
 
 /// A single value of a key.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -151,20 +151,27 @@ pub enum Section {
     DuelingDqn,
     /// `[[agent]]` with `algorithm = "reinforce"`.
     Reinforce,
+    /// `[[agent]]` with `algorithm = "rule"`.
+    Rule,
     /// `[evaluation]`.
     Evaluation,
 }
 
 impl Section {
     /// Every section, in the order of the grid.
-    pub const ALL: [Section; 4] =
-        [Section::Environment, Section::DuelingDqn, Section::Reinforce, Section::Evaluation];
+    pub const ALL: [Section; 5] = [
+        Section::Environment,
+        Section::DuelingDqn,
+        Section::Reinforce,
+        Section::Rule,
+        Section::Evaluation,
+    ];
 
     /// The section's name in a manifest and in dotted names.
     pub fn name(self) -> &'static str {
         match self {
             Section::Environment => "environment",
-            Section::DuelingDqn | Section::Reinforce => "agent",
+            Section::DuelingDqn | Section::Reinforce | Section::Rule => "agent",
             Section::Evaluation => "evaluation",
         }
     }
@@ -175,6 +182,7 @@ impl Section {
             Section::Environment => ENVIRONMENT,
             Section::DuelingDqn => DUELING_DQN,
             Section::Reinforce => REINFORCE,
+            Section::Rule => RULE,
             Section::Evaluation => EVALUATION,
         }
     }
@@ -188,15 +196,18 @@ impl Section {
     /// [`Section::keys`]; `None` where a manifest must.
     pub fn defaults(self) -> Vec<Option<Value>> {
         let json = match self {
-            // Sigma is what studies vary: the placeholder given here is taken out below.
+            // Sigma is what studies vary, and the rule what such an agent is: the placeholders
+            // given here are taken out below.
             Section::Environment => serde_json::to_value(Environment::paper(0.0)),
             Section::DuelingDqn => serde_json::to_value(DuelingDqn::default()),
             Section::Reinforce => serde_json::to_value(Reinforce::default()),
+            Section::Rule => serde_json::to_value(DecisionRule::new(Rule::Never)),
             Section::Evaluation => serde_json::to_value(Evaluation::default()),
         };
         let json = json.expect("the structs hold finite numbers and string keys");
+        let is_required = |key: &Key| matches!(key.name, "sigma" | "rule");
         let default =
-            |key: &Key| (key.name != "sigma").then(|| key.kind.value(&json[key.name])).flatten();
+            |key: &Key| (!is_required(key)).then(|| key.kind.value(&json[key.name])).flatten();
         self.keys().iter().map(default).collect()
     }
 }
@@ -207,6 +218,7 @@ impl Algorithm {
         match self {
             Algorithm::DuelingDqn => Section::DuelingDqn,
             Algorithm::Reinforce => Section::Reinforce,
+            Algorithm::Rule => Section::Rule,
         }
     }
 }
@@ -349,6 +361,19 @@ const REINFORCE: &[Key] = &[
     key("engine", ENGINE, ENGINE_MEANING),
 ];
 
+const RULE: &[Key] = &[
+    key(
+        "rule",
+        Kind::Choice(&["never", "untailored", "tailored", "threshold", "random", "optimal"]),
+        "the rule: \"never\" sends nothing, \"tailored\" tailors to the likelier context, \"threshold\" only where that is probable enough, \"optimal\" maximises the mean return",
+    ),
+    key(
+        "threshold",
+        Kind::Real { min: 0.5, max: 1.0 },
+        "the least probability of the likelier context at which \"threshold\" sends a message",
+    ),
+];
+
 const EVALUATION: &[Key] = &[
     key("test_episodes", EPISODES, "test episodes after training"),
     key(
@@ -368,6 +393,7 @@ mod tests {
             Section::Environment => serde_json::to_value(Environment::paper(0.4)),
             Section::DuelingDqn => serde_json::to_value(DuelingDqn::default()),
             Section::Reinforce => serde_json::to_value(Reinforce::default()),
+            Section::Rule => serde_json::to_value(DecisionRule::new(Rule::Never)),
             Section::Evaluation => serde_json::to_value(Evaluation::default()),
         }
         .unwrap()
@@ -386,12 +412,12 @@ mod tests {
     }
 
     #[test]
-    fn every_default_is_a_valid_value_and_only_sigma_has_none() {
+    fn every_default_is_a_valid_value_and_only_sigma_and_the_rule_have_none() {
         for section in Section::ALL {
             let fields = fields(section);
             for (key, default) in section.keys().iter().zip(section.defaults()) {
                 let Some(default) = default else {
-                    assert_eq!(key.name, "sigma");
+                    assert!(["sigma", "rule"].contains(&key.name));
                     continue;
                 };
                 assert_eq!(serde_json::to_value(&default).unwrap(), fields[key.name]);
@@ -427,6 +453,7 @@ mod tests {
                         Section::Environment => serde_json::from_value::<Environment>(json).err(),
                         Section::DuelingDqn => serde_json::from_value::<DuelingDqn>(json).err(),
                         Section::Reinforce => serde_json::from_value::<Reinforce>(json).err(),
+                        Section::Rule => serde_json::from_value::<DecisionRule>(json).err(),
                         Section::Evaluation => serde_json::from_value::<Evaluation>(json).err(),
                     };
                     assert!(read.is_none(), "{} = {word}: {read:?}", key.name);

@@ -33,8 +33,8 @@ mod source;
 mod sweep;
 
 pub use agent::{
-    Activation, Agent, Algorithm, DuelingDqn, Engine, Evaluation, Reinforce, TerminalTarget,
-    TestActions, Trunk,
+    Activation, Agent, Algorithm, DecisionRule, DuelingDqn, Engine, Evaluation, Reinforce, Rule,
+    TerminalTarget, TestActions, Trunk,
 };
 pub use declared::{Condition, DeclaredAgent, Exclusion, MOST_JOBS, Manifest, Zip};
 pub use environment::{Environment, FirstContext, TimeIndicator};

@@ -26,7 +26,7 @@ impl Parameter {
     pub(super) fn of(section: Section, name: &'static str) -> Parameter {
         match section {
             Section::Environment => Parameter::Environment(name),
-            Section::DuelingDqn | Section::Reinforce => Parameter::Agent(name),
+            Section::DuelingDqn | Section::Reinforce | Section::Rule => Parameter::Agent(name),
             Section::Evaluation => Parameter::Evaluation(name),
         }
     }

@@ -65,6 +65,11 @@ impl Scenario {
     pub fn features(&self) -> &[Feature] {
         &self.0
     }
+
+    /// Whether it shows both habituation and disengagement risk.
+    pub fn shows_state(&self) -> bool {
+        [Feature::Habituation, Feature::Disengagement].iter().all(|f| self.0.contains(f))
+    }
 }
 
 /// Why a text is not a scenario.

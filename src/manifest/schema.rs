@@ -41,6 +41,7 @@ pub fn schema() -> Json {
             "environment": section(Section::Environment, Map::new()),
             "dueling_dqn": agent(Algorithm::DuelingDqn),
             "reinforce": agent(Algorithm::Reinforce),
+            "rule": agent(Algorithm::Rule),
             "evaluation": section(Section::Evaluation, Map::new()),
             "exclude": exclude(),
         },
@@ -77,7 +78,11 @@ fn top() -> Json {
             "type": "array",
             "maxItems": MOST_ENTRIES,
             "items": {
-                "anyOf": [{ "$ref": "#/$defs/dueling_dqn" }, { "$ref": "#/$defs/reinforce" }],
+                "anyOf": [
+                    { "$ref": "#/$defs/dueling_dqn" },
+                    { "$ref": "#/$defs/reinforce" },
+                    { "$ref": "#/$defs/rule" },
+                ],
             },
         },
         "evaluation": { "$ref": "#/$defs/evaluation" },
@@ -186,6 +191,7 @@ fn exclude() -> Json {
     };
     let mut of_agents = keys("dueling_dqn", Section::DuelingDqn);
     of_agents.extend(keys("reinforce", Section::Reinforce));
+    of_agents.extend(keys("rule", Section::Rule));
     of_agents.insert("name".to_owned(), one_or_more("#/$defs/name"));
     let table = |properties| json!({ "type": "object", "additionalProperties": false, "properties": properties });
     let mut schema = table(Map::from_iter([

@@ -178,6 +178,7 @@ mod tests {
         let gamma = |job: &Job| match &job.agent {
             Agent::Reinforce(agent) => agent.gamma,
             Agent::DuelingDqn(agent) => agent.gamma,
+            Agent::Rule(_) => f64::NAN,
         };
         let pairs = column(&text, |job| (job.environment.delta_d, gamma(job), job.seed));
         let expected = [

@@ -60,6 +60,7 @@ impl Job {
             algorithm: match self.agent.algorithm() {
                 Algorithm::DuelingDqn => 1,
                 Algorithm::Reinforce => 1,
+                Algorithm::Rule => 1,
             },
         }
     }

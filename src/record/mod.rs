@@ -78,14 +78,14 @@ pub struct ActionCount {
 pub struct Results {
     /// Summary numbers, each of [`METRICS`] once.
     pub metrics: Vec<Metric>,
-    /// Learning curve, by episode.
+    /// Learning curve, by episode; empty for a rule.
     pub curve: Vec<CurvePoint>,
     /// Test episodes, by position.
     pub episodes: Vec<TestEpisode>,
     /// Choices of action in the test, counts above 0 only.
     pub actions: Vec<ActionCount>,
-    /// Trained weights, in the safetensors format.
-    pub weights: Vec<u8>,
+    /// Trained weights, in the safetensors format; none for a rule, which learns nothing.
+    pub weights: Option<Vec<u8>>,
 }
 
 /// Why a run failed.

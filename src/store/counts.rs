@@ -48,7 +48,8 @@ fn count(connection: &Connection) -> rusqlite::Result<HashMap<i64, Counted>> {
     let states = States::read(connection, &holders(connection)?.alive)?;
     let mut budget = connection.prepare_cached(
         "SELECT json_extract(canonical, '$.agent.algorithm'),
-            json_extract(canonical, '$.agent.episodes')
+            -- A rule has none: it is not trained.
+            ifnull(json_extract(canonical, '$.agent.episodes'), 0)
          FROM job WHERE id = ?1",
     )?;
     let mut counted: HashMap<i64, Counted> = HashMap::new();

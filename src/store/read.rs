@@ -154,7 +154,8 @@ impl Reader {
         })
     }
 
-    /// How long jobs took, by algorithm, over the latest ten thousand completed runs.
+    /// How long training took, by algorithm, over the latest ten thousand completed runs; rules,
+    /// which are not trained, left out.
     pub fn paces(&self) -> Result<Vec<Pace>, StoreError> {
         self.read("read the times of runs", |connection| {
             let mut statement = connection.prepare_cached(
@@ -164,7 +165,9 @@ impl Reader {
                  FROM (SELECT job, wall_seconds FROM run NOT INDEXED
                     WHERE status = 'completed' ORDER BY id DESC LIMIT 10000)
                  JOIN job ON job.id = job
-                 GROUP BY algorithm ORDER BY algorithm",
+                 GROUP BY algorithm
+                 HAVING sum(json_extract(job.canonical, '$.agent.episodes')) > 0
+                 ORDER BY algorithm",
             )?;
             let rows = statement.query_map([], |row| {
                 Ok(Pace {

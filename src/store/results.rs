@@ -132,9 +132,11 @@ fn insert_results(connection: &Connection, run: i64, results: &Results) -> rusql
     for choice in &results.actions {
         insert.execute(params![run, choice.bin, choice.context, choice.action, choice.count])?;
     }
-    connection
-        .prepare_cached("INSERT INTO trained_weights VALUES (?1, ?2)")?
-        .execute(params![run, results.weights])?;
+    if let Some(weights) = &results.weights {
+        connection
+            .prepare_cached("INSERT INTO trained_weights VALUES (?1, ?2)")?
+            .execute(params![run, weights])?;
+    }
     Ok(())
 }
 

@@ -14,8 +14,8 @@ pub struct StoredWeights {
     pub job_key: JobKey,
     /// The job.
     pub job: Job,
-    /// The weights, in the safetensors format.
-    pub safetensors: Vec<u8>,
+    /// The weights, in the safetensors format; none for a rule.
+    pub safetensors: Option<Vec<u8>>,
 }
 
 /// How many keys an error about an ambiguous beginning shows.
@@ -73,7 +73,7 @@ fn load(connection: &Connection, job: i64, key: &str) -> Result<StoredWeights, F
             "SELECT unhex(job.key), job.canonical, trained_weights.safetensors
              FROM job
              JOIN run ON run.job = job.id AND run.status = 'completed'
-             JOIN trained_weights ON trained_weights.run = run.id
+             LEFT JOIN trained_weights ON trained_weights.run = run.id
              WHERE job.id = ?1",
         )?
         .query_row([job], |row| Ok((row.get(0)?, row.get::<_, String>(1)?, row.get(2)?)))?;

@@ -1,13 +1,13 @@
 //! Rolling a policy through episodes, for tests and for `simulate`.
 
-use crate::agent::{Policy, Rule};
+use crate::agent::{Policy, RulePolicy};
 use crate::env::{Action, Episodes, Observations, Observer};
 use crate::rng::{Purpose, Stream};
 
 /// What chooses the actions.
 pub enum Chooser {
-    /// A decision rule on the inferred context.
-    Rule(Rule),
+    /// A decision rule.
+    Rule(RulePolicy),
     /// A trained policy with the observations it was trained on.
     Trained {
         /// The policy.
@@ -31,12 +31,23 @@ impl Chooser {
         match self {
             Chooser::Rule(rule) => {
                 for (lane, action) in actions.iter_mut().enumerate() {
-                    *action = rule.choose(&episodes.signal(lane), stream);
+                    *action = rule.choose(episodes, lane, stream);
                 }
             }
             Chooser::Trained { policy, observer, observations } => {
                 observer.observe(episodes, observations);
                 policy.act(observations, actions, stream);
+            }
+        }
+    }
+
+    /// The probability with which it chooses these actions, \[lanes\], in the present step.
+    pub fn probabilities(&mut self, episodes: &Episodes, actions: &[Action]) -> Vec<f64> {
+        match self {
+            Chooser::Rule(rule) => vec![rule.probability(); actions.len()],
+            Chooser::Trained { policy, observer, observations } => {
+                observer.observe(episodes, observations);
+                policy.probabilities(observations, actions)
             }
         }
     }
@@ -64,8 +75,8 @@ impl TestStreams {
 /// Whoever looks at every step of a roll. Lanes that have ended are still shown; their endings
 /// tell them.
 pub trait Watch {
-    /// Sees the state of a step with the actions chosen in it.
-    fn chosen(&mut self, episodes: &Episodes, actions: &[Action]);
+    /// Sees the state of a step with the actions chosen in it, and who chose them.
+    fn chosen(&mut self, episodes: &Episodes, actions: &[Action], chooser: &mut Chooser);
 
     /// Sees the rewards paid, 0 in lanes that had ended, and the state after the step.
     fn paid(&mut self, episodes: &Episodes, rewards: &[f64]);
@@ -87,7 +98,7 @@ pub fn roll(
     let mut rewards = vec![0.0; episodes.lanes()];
     while episodes.any_running() && !watch.stop_requested() {
         chooser.choose(episodes, &mut actions, &mut streams.actions);
-        watch.chosen(episodes, &actions);
+        watch.chosen(episodes, &actions, chooser);
         episodes.step(&actions, &mut rewards, &mut streams.environment);
         watch.paid(episodes, &rewards);
     }

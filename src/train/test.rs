@@ -87,7 +87,7 @@ struct Player<'a> {
 }
 
 impl Watch for Player<'_> {
-    fn chosen(&mut self, episodes: &Episodes, actions: &[Action]) {
+    fn chosen(&mut self, episodes: &Episodes, actions: &[Action], _: &mut Chooser) {
         for (lane, episode) in self.played.iter_mut().enumerate() {
             if episodes.endings()[lane] == Ending::Running {
                 episode.length += 1;

@@ -4,7 +4,7 @@ use std::io;
 use std::time::{Duration, Instant};
 
 use crate::agent::{
-    self, Diverged, Learner, Resumable, StateError, StateReader, StateWriter, TrainedEpisode,
+    self, Diverged, Learner, Resumable, Start, StateError, StateReader, StateWriter, TrainedEpisode,
 };
 use crate::env::Observer;
 use crate::plan::Job;
@@ -13,13 +13,17 @@ use crate::train::curve::CurveRecorder;
 use crate::train::test::Test;
 use crate::train::{Chooser, Progress};
 
+/// Why there is a learner where training episodes are played or a policy was trained.
+const LEARNS: &str = "an agent with training episodes learns";
+
 /// A job under way.
 pub(super) struct Training<'j> {
     job: &'j Job,
-    learner: Box<dyn Learner>,
+    /// `None` for a rule, which learns nothing.
+    learner: Option<Box<dyn Learner>>,
     curve: CurveRecorder,
     test: Test,
-    /// The trained policy, once the test has begun.
+    /// Who is tested: the trained policy, once the test has begun, or the rule.
     chooser: Option<Chooser>,
     /// Room for the episodes of a span.
     finished: Vec<TrainedEpisode>,
@@ -42,12 +46,17 @@ pub(super) enum Stage {
 impl<'j> Training<'j> {
     /// A job at its beginning.
     pub(super) fn new(job: &'j Job) -> Self {
+        let start = agent::start(&job.agent, &job.environment, &job.scenario, job.seed);
+        let (learner, chooser) = match start {
+            Start::Learner(learner) => (Some(learner), None),
+            Start::Rule(rule) => (None, Some(Chooser::Rule(rule))),
+        };
         Training {
             job,
-            learner: agent::learner(&job.agent, &job.environment, &job.scenario, job.seed),
+            learner,
             curve: CurveRecorder::new(job.evaluation.curve_stride),
             test: Test::new(job),
-            chooser: None,
+            chooser,
             finished: Vec::new(),
             before: Duration::ZERO,
             begun: Instant::now(),
@@ -97,7 +106,8 @@ impl<'j> Training<'j> {
     pub(super) fn advance(&mut self, pause: &dyn Fn() -> bool) -> Result<(), Failure> {
         match self.stage() {
             Stage::Training => {
-                let learned = self.learner.advance(&mut self.finished, pause);
+                let learner = self.learner.as_mut().expect(LEARNS);
+                let learned = learner.advance(&mut self.finished, pause);
                 learned.map_err(|diverged| self.diverged(&diverged))?;
                 let Training { finished, curve, .. } = self;
                 finished.drain(..).for_each(|episode| curve.add(&episode));
@@ -127,14 +137,15 @@ impl<'j> Training<'j> {
     ///
     /// **Errors**: a weight is not finite.
     fn trained(&self) -> Result<Chooser, Failure> {
-        if !self.learner.weights().are_finite() {
+        let learner = self.learner.as_ref().expect(LEARNS);
+        if !learner.weights().are_finite() {
             return Err(Failure {
                 kind: FailureKind::Diverged,
                 message: "a weight is infinite or not a number after training".to_owned(),
                 episode: self.episodes(),
             });
         }
-        let policy = self.learner.policy(self.job.evaluation.test_actions.into());
+        let policy = learner.policy(self.job.evaluation.test_actions.into());
         let observer = Observer::new(&self.job.environment, &self.job.scenario);
         Ok(Chooser::trained(policy, observer))
     }
@@ -147,20 +158,20 @@ impl<'j> Training<'j> {
             curve: self.curve.finish(),
             episodes: tested.episodes,
             actions: tested.actions,
-            weights: self.learner.weights().to_bytes(),
+            weights: self.learner.map(|learner| learner.weights().to_bytes()),
         }
     }
 }
 
 impl Resumable for Training<'_> {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        self.learner.save(out)?;
+        self.learner.iter().try_for_each(|learner| learner.save(out))?;
         self.curve.save(out)?;
         self.test.save(out)
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.learner.restore(from)?;
+        self.learner.iter_mut().try_for_each(|learner| learner.restore(from))?;
         self.curve.restore(from)?;
         self.test.restore(from)
     }

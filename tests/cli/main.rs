@@ -5,6 +5,7 @@ mod events;
 mod exits;
 mod failures;
 mod names;
+mod optimum;
 mod pipes;
 mod planning;
 mod reading;

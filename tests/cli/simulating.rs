@@ -48,7 +48,7 @@ fn a_random_rule_takes_every_action_and_follows_its_seed() {
 #[test]
 fn matching_rules_follow_the_likely_context() {
     let folder = Folder::new();
-    let matched = steps(&folder, &["--policy", "match", "--set", "sigma=0.8"]);
+    let matched = steps(&folder, &["--policy", "tailored", "--set", "sigma=0.8"]);
     assert!(matched.iter().all(|step| step["action"] == tailored(step)));
     assert_eq!(steps(&folder, &["--set", "sigma=0.8"]), matched, "it is the default");
     assert_eq!(steps(&folder, &["--set", "environment.sigma=0.8"]), matched);
@@ -63,14 +63,63 @@ fn matching_rules_follow_the_likely_context() {
 }
 
 #[test]
+fn every_step_tells_the_probability_of_its_action() {
+    let folder = Folder::new();
+    let probabilities = |arguments: &[&str]| -> Vec<f64> {
+        let steps = steps(&folder, arguments);
+        steps.iter().map(|step| step["action_probability"].as_f64().unwrap()).collect()
+    };
+    assert!(probabilities(&["--policy", "random"]).iter().all(|p| *p == 0.25));
+    for rule in ["never", "untailored", "tailored", "threshold:0.8", "optimal", "fixed:3"] {
+        assert!(probabilities(&["--policy", rule]).iter().all(|p| *p == 1.0), "{rule}");
+    }
+    let replayed = steps(&folder, &["--replay", GOLDEN]);
+    assert!(replayed.iter().all(|step| step["action_probability"].is_null()));
+
+    let folder = Folder::completed(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    let keys = "SELECT agent, job_key FROM run_summary ORDER BY scenario, agent LIMIT 2";
+    let store = folder.store();
+    let mut statement = store.prepare(keys).unwrap();
+    let keys: Vec<(String, String)> = statement
+        .query_map([], |row| Ok((row.get(0)?, row.get(1)?)))
+        .unwrap()
+        .collect::<Result<_, _>>()
+        .unwrap();
+    for (agent, key) in keys {
+        let policy = format!("run:{key}");
+        let explored = steps(&folder, &["--policy", &policy, "--episodes", "20"]);
+        let of = |step: &Value| step["action_probability"].as_f64().unwrap();
+        assert!(explored.iter().map(of).all(|p| p > 0.0 && p < 1.0), "{agent}");
+        let greedy = steps(&folder, &["--policy", &policy, "--greedy"]);
+        assert!(greedy.iter().map(of).all(|p| p == 1.0), "{agent}");
+    }
+}
+
+#[test]
+fn a_rule_knows_what_its_scenario_shows() {
+    let folder = Folder::new();
+    let certain = steps(&folder, &["--policy", "tailored", "--scenario", "C", "--set", "sigma=2"]);
+    assert!(
+        certain.iter().all(|step| {
+            step["action"].as_i64().unwrap() == step["context"].as_i64().unwrap() + 2
+        })
+    );
+    let blind = ["--policy", "optimal", "--scenario", "P-T"];
+    refused(&folder, &blind)
+        .says("no optimum is computed for P-T")
+        .says("P-T-H-D is an upper bound");
+    refused(&folder, &["--policy", "run:00", "--scenario", "P"]).says("--scenario is for rules");
+}
+
+#[test]
 fn rewards_add_up_to_the_return() {
     let folder = Folder::new();
     let mut total = 0.0;
-    for step in steps(&folder, &["--policy", "match"]) {
+    for step in steps(&folder, &["--policy", "tailored"]) {
         total += step["reward"].as_f64().unwrap();
         assert!((step["return"].as_f64().unwrap() - total).abs() < 1e-9, "{step}");
     }
-    let summary = steps(&folder, &["--policy", "match", "--summary"]);
+    let summary = steps(&folder, &["--policy", "tailored", "--summary"]);
     assert!((summary[0]["mean_return"].as_f64().unwrap() - total).abs() < 1e-9, "{summary:?}");
 }
 
@@ -108,7 +157,8 @@ fn faulty_settings_and_rules_are_refused_with_what_is_valid() {
     for form in ["sigma", "=1", "sigma=0.4\nhorizon=3", "\"horizon\"=3", "mu.x=3", "a b=1"] {
         set(form).says("is not NAME=VALUE");
     }
-    let rules = "the rules are fixed:<action 0-3>, random, match, threshold:<0.5-1>, run:<job key>";
+    let rules = "the rules are never, untailored, tailored, threshold:<0.5-1>, random, optimal, \
+                 fixed:<action 0-3>, run:<job key>";
     for threshold in ["0.3", "1.01", "nan", ""] {
         let policy = format!("threshold:{threshold}");
         let refused = folder.jitai(["simulate", "--policy", &policy]).ended(2);
@@ -310,6 +360,6 @@ fn faulty_trajectories_are_refused() {
         .says("; expected JSON like {\"cases\": [");
     folder.jitai(["simulate", "--replay", "none.json"]).ended(2).says("`none.json`");
     folder.jitai(["simulate", "--replay", "."]).ended(2).says("`.`");
-    let both = ["simulate", "--replay", GOLDEN, "--policy", "match"];
+    let both = ["simulate", "--replay", GOLDEN, "--policy", "tailored"];
     folder.jitai(both).ended(2).says("cannot be used with");
 }

@@ -7,7 +7,7 @@ use jitai::plan::{Job, JobKey};
 use jitai::record::{Outcome, Results};
 use jitai::store::{Claimed, Finished, JobState, Reader, RetryFailed, RunEnd, Store, StoreError};
 
-use crate::sample::{Sample, completed, dqn, failed, number, provenance, results};
+use crate::sample::{Sample, completed, dqn, failed, number, provenance, results, rule};
 
 fn state(sample: &Sample, job: &Job) -> JobState {
     Reader::open(&sample.path).unwrap().job_states([&job.key()]).unwrap()[0]
@@ -194,13 +194,27 @@ fn ending_a_session_interrupts_what_it_holds() {
 }
 
 #[test]
+fn a_rule_is_completed_without_weights_and_never_with_them() {
+    let job = rule(0.4, 1);
+    let mut sample = Sample::with(std::slice::from_ref(&job));
+    let claim = sample.claim(&job);
+    let error = sample.store.finish(&claim, &completed(), 1.0).unwrap_err().to_string();
+    assert!(error.contains("failed to store the end of a run"), "{error}");
+    let learnt_nothing = Results { weights: None, curve: Vec::new(), ..results() };
+    sample.store.finish(&claim, &Outcome::Completed(learnt_nothing), 1.0).unwrap();
+    assert_eq!(state(&sample, &job), JobState::Completed);
+    let found = Reader::open(&sample.path).unwrap().weights(&job.key().to_string()).unwrap();
+    assert_eq!((found.job, found.safetensors), (job, None));
+}
+
+#[test]
 fn results_are_stored_whole_or_not_at_all() {
     let job = dqn(0.4, 1);
     let mut sample = Sample::with(std::slice::from_ref(&job));
     let claim = sample.claim(&job);
     let mut faulty = results();
     faulty.episodes[1].total_reward = f64::INFINITY;
-    let without_weights = Results { weights: Vec::new(), ..results() };
+    let without_weights = Results { weights: None, ..results() };
     for results in [faulty, without_weights] {
         let outcome = Outcome::Completed(results);
         let error = sample.store.finish(&claim, &outcome, 1.0).unwrap_err().to_string();

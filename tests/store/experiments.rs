@@ -258,7 +258,7 @@ fn weights_are_found_by_the_beginning_of_a_key() {
     };
     let found = weights(&prefix.to_uppercase()).unwrap();
     assert_eq!((&found.job, found.job_key), (first, first.key()));
-    assert_eq!(found.safetensors, [8, 0, 0, 0]);
+    assert_eq!(found.safetensors, Some(vec![8, 0, 0, 0]));
     assert_eq!(weights(&first.key().to_string()).unwrap(), found);
     assert!(weights(&other.key().to_string()).unwrap_err().contains("has no completed run"));
     assert!(weights(&"0".repeat(32)).unwrap_err().starts_with("no job's key begins with"));

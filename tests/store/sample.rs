@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use jitai::manifest::{Agent, DuelingDqn, Environment, Evaluation, Reinforce};
+use jitai::manifest::{Agent, DecisionRule, DuelingDqn, Environment, Evaluation, Reinforce, Rule};
 use jitai::plan::Job;
 use jitai::record::{
     ActionCount, CURVE_METRICS, CurvePoint, Failure, FailureKind, METRICS, Metric, Outcome,
@@ -107,6 +107,10 @@ pub fn reinforce(sigma: f64, seed: u64) -> Job {
     Job { agent: Agent::Reinforce(Reinforce::default()), ..dqn(sigma, seed) }
 }
 
+pub fn rule(sigma: f64, seed: u64) -> Job {
+    Job { agent: Agent::Rule(DecisionRule::new(Rule::Tailored)), ..dqn(sigma, seed) }
+}
+
 /// Results as small as they can be.
 pub fn results() -> Results {
     Results {
@@ -120,7 +124,7 @@ pub fn results() -> Results {
             TestEpisode { total_reward: 310.0, length: 7, disengaged: true },
         ],
         actions: vec![ActionCount { bin: 9, context: 0, action: 2, count: 17 }],
-        weights: vec![8, 0, 0, 0],
+        weights: Some(vec![8, 0, 0, 0]),
     }
 }
 
@@ -142,6 +146,7 @@ pub fn realistic(job: &Job) -> Results {
         // One test network: 3 entries, 128-128, heads of 1 and 4; or 128 and 4.
         Agent::DuelingDqn(_) => (5, 4 * (3 * 128 + 128 + 128 * 128 + 128 + 128 * 5 + 5) + 600),
         Agent::Reinforce(_) => (4, 4 * (3 * 128 + 128 + 128 * 4 + 4) + 400),
+        Agent::Rule(_) => panic!("a rule has neither curve nor weights"),
     };
     // Any numbers that do not compress: the bits of a multiplicative generator.
     let mut state = job.seed;
@@ -166,6 +171,6 @@ pub fn realistic(job: &Job) -> Results {
         actions: (0..80)
             .map(|i: u8| ActionCount { bin: i / 8, context: i / 4 % 2, action: i % 4, count: 600 })
             .collect(),
-        weights: (0..weights).map(|_| (256.0 * uniform()) as u8).collect(),
+        weights: Some((0..weights).map(|_| (256.0 * uniform()) as u8).collect()),
     }
 }

@@ -1,0 +1,138 @@
+//! `jitai optimum`: the best mean return that any policy can reach, in environments given on the
+//! command line or by manifests.
+
+use std::collections::HashSet;
+use std::io::{self, Write};
+use std::path::PathBuf;
+
+use crate::cli::output::{Cell, Format, Rows};
+use crate::cli::setting::adjusted;
+use crate::cli::{Error, Exit, check};
+use crate::env::inference_error;
+use crate::manifest::{Environment, Manifest, Scenario};
+use crate::optimum::{self, StateHidden};
+use crate::plan;
+
+/// Compute the best mean return that any policy can reach, in scenarios that show H and D
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// Manifests (TOML files): the optimum of each of their environments and scenarios
+    #[arg(value_name = "MANIFEST", conflicts_with_all = ["scenarios", "sigmas", "settings"])]
+    manifests: Vec<PathBuf>,
+    /// What the policy observes; several with commas
+    #[arg(
+        long = "scenario",
+        value_name = "SCENARIO",
+        value_delimiter = ',',
+        default_value = "C-H-D,P-H-D,L-H-D"
+    )]
+    scenarios: Vec<Scenario>,
+    /// Standard deviation of the context feature; several with commas
+    #[arg(long = "sigma", value_name = "SIGMA", value_delimiter = ',', default_value = "0.6")]
+    sigmas: Vec<String>,
+    /// Another environment parameter, as in a manifest's [environment], such as horizon=100; may be
+    /// repeated
+    #[arg(long = "set", value_name = "NAME=VALUE")]
+    settings: Vec<String>,
+    /// How rows are written
+    #[arg(long, value_enum, default_value = "table")]
+    format: Format,
+}
+
+const COLUMNS: [&str; 5] = ["scenario", "sigma", "context_error", "optimum", "grid_error"];
+
+pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
+    if arguments.manifests.is_empty() {
+        of_arguments(arguments)?;
+    } else {
+        of_manifests(&check::load_all(&arguments.manifests)?, arguments.format)?;
+    }
+    Ok(Exit::Done)
+}
+
+fn of_manifests(manifests: &[Manifest], format: Format) -> Result<(), Error> {
+    let swept = swept(manifests);
+    let columns = ["experiment"].iter().chain(&COLUMNS).chain(&swept);
+    let columns: Vec<String> = columns.map(ToString::to_string).collect();
+    let mut rows = Rows::new(format, &columns, io::stdout().lock())?;
+    let mut hidden: Vec<StateHidden> = Vec::new();
+    for manifest in manifests {
+        for (environment, scenario) in cells(manifest) {
+            let found = found(&environment, &scenario).unwrap_or_else(|error| {
+                if !hidden.contains(&error) {
+                    hidden.push(error);
+                }
+                [Cell::Empty, Cell::Empty]
+            });
+            let of_key = |key: &&str| match &serde_json::json!(environment)[*key] {
+                serde_json::Value::String(word) => Cell::text(word),
+                other => Cell::Nested(other.clone()),
+            };
+            let mut row = vec![Cell::text(&manifest.name)];
+            row.extend(known(&environment, &scenario).into_iter().chain(found));
+            row.extend(swept.iter().map(of_key));
+            rows.row(&row)?;
+        }
+    }
+    rows.finish()?;
+    Ok(hidden.iter().try_for_each(|error| writeln!(io::stderr(), "{error}"))?)
+}
+
+fn of_arguments(arguments: &Arguments) -> Result<(), Error> {
+    let refused = |error: StateHidden| Error::Usage(error.to_string());
+    for scenario in &arguments.scenarios {
+        optimum::shows_state(scenario).map_err(refused)?;
+    }
+    let environment = |sigma: &String| {
+        let settings = arguments.settings.iter().cloned().chain([format!("sigma={sigma}")]);
+        adjusted(Environment::paper(0.0), &settings.collect::<Vec<_>>())
+    };
+    let environments = arguments.sigmas.iter().map(environment).collect::<Result<Vec<_>, _>>()?;
+    let mut rows = Rows::new(arguments.format, &COLUMNS.map(str::to_owned), io::stdout().lock())?;
+    for scenario in &arguments.scenarios {
+        for environment in &environments {
+            let found = found(environment, scenario).map_err(refused)?;
+            let row: Vec<Cell> = known(environment, scenario).into_iter().chain(found).collect();
+            rows.row(&row)?;
+        }
+    }
+    Ok(rows.finish()?)
+}
+
+/// The first of [`COLUMNS`], which need no computation.
+fn known(environment: &Environment, scenario: &Scenario) -> [Cell; 3] {
+    let error = inference_error(environment.sigma);
+    let sigma = Cell::Real(environment.sigma);
+    [Cell::text(scenario.to_string()), sigma, Cell::Rounded(error, 4)]
+}
+
+/// The last of [`COLUMNS`].
+fn found(environment: &Environment, scenario: &Scenario) -> Result<[Cell; 2], StateHidden> {
+    let found = optimum::optimum(environment, scenario)?;
+    Ok([Cell::Rounded(found.mean_return, 1), Cell::Rounded(found.grid_error, 2)])
+}
+
+/// The environments and scenarios of a manifest's jobs, in their order, none twice.
+fn cells(manifest: &Manifest) -> Vec<(Environment, Scenario)> {
+    let mut seen = HashSet::new();
+    let distinct = plan::jobs(manifest).filter_map(|planned| {
+        let (environment, scenario) = (planned.job.environment, planned.job.scenario);
+        let is_new = seen.insert((serde_json::json!(environment).to_string(), scenario.clone()));
+        is_new.then_some((environment, scenario))
+    });
+    distinct.collect()
+}
+
+/// The keys of the environment, sigma aside, in which the manifests' environments differ.
+fn swept(manifests: &[Manifest]) -> Vec<&'static str> {
+    let Some(first) = manifests.first() else { return Vec::new() };
+    let differs = |key: &str| {
+        let usual = first.environment.get(key);
+        manifests.iter().any(|manifest| {
+            let ours = manifest.environment.get(key);
+            ours.is_some_and(|values| values.len() > 1) || ours != usual
+        })
+    };
+    let keys = first.environment.iter().map(|(key, _)| key.name);
+    keys.filter(|key| *key != "sigma" && differs(key)).collect()
+}

@@ -1,0 +1,57 @@
+//! Environment parameters on the command line, `--set NAME=VALUE`: as a manifest writes them.
+
+use crate::cli::Error;
+use crate::manifest::{self, Environment};
+use crate::plan;
+
+/// The environment with settings as a manifest would make them, and with a manifest's checks.
+pub(super) fn adjusted(
+    environment: Environment,
+    settings: &[String],
+) -> Result<Environment, Error> {
+    let mut table = serde_json::json!(environment);
+    for setting in settings {
+        let (name, value) = name_and_value(setting)?;
+        let environment = format!("{name} = {}", quoted(value));
+        let text = format!(
+            "format = 1\nextends = \"paper\"\nname = \"simulate\"\nscenarios = [\"C\"]\nseeds = 1\n\
+             [environment]\n{}{environment}\n",
+            if name == "sigma" { "" } else { "sigma = 1\n" }
+        );
+        let manifest = manifest::parse("--set", text.as_bytes()).map_err(|faults| {
+            let said = faults.list().iter().map(|fault| match fault.hint() {
+                Some(hint) => format!("{} ({hint})", fault.message()),
+                None => fault.message().to_owned(),
+            });
+            let said: Vec<String> = said.collect();
+            Error::Usage(format!("--set {setting}: {}", said.join("; ")))
+        })?;
+        if manifest.environment.iter().any(|(_, values)| values.len() > 1) {
+            return Err(Error::Usage(format!("--set {setting}: expected one value, not a sweep")));
+        }
+        let set = plan::jobs(&manifest).next().map(|planned| planned.job.environment);
+        let set = serde_json::json!(set);
+        table[name] = set[name].clone();
+    }
+    Ok(serde_json::from_value(table).expect("every value was checked as a manifest's"))
+}
+
+/// The parts of a setting. They become a line of TOML, so neither may hold more than one.
+fn name_and_value(setting: &str) -> Result<(&str, &str), Error> {
+    let is_name = |name: &str| {
+        !name.is_empty() && name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_')
+    };
+    setting
+        .split_once('=')
+        .map(|(name, value)| (name.trim(), value.trim()))
+        .map(|(name, value)| (name.strip_prefix("environment.").unwrap_or(name), value))
+        .filter(|(name, value)| is_name(name) && !value.contains(char::is_control))
+        .ok_or_else(|| Error::Usage(format!("`{setting}` is not NAME=VALUE, such as sigma=0.4")))
+}
+
+/// A value as TOML: words get the quotes that a shell has taken.
+fn quoted(value: &str) -> String {
+    let bare = value.starts_with(|c: char| c.is_ascii_alphabetic())
+        && !matches!(value, "true" | "false" | "inf" | "nan");
+    if bare { format!("{value:?}") } else { value.to_owned() }
+}

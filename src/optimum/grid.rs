@@ -1,0 +1,295 @@
+//! Values of states on a grid of habituation and disengagement risk, and backward induction on it.
+//!
+//! The value is continuous in habituation and jumps in disengagement risk: a wrong message ends the
+//! episode from threshold - epsilon_d on. Every jump is carried to the states that lead to it, by
+//! decay or by an increment, and there it is a smaller jump. The grid has a line at each of the
+//! largest, so that nothing is interpolated across them. In habituation, an increment leads from line
+//! to line.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+use std::mem;
+
+use crate::env::{Action, Belief, respond};
+use crate::manifest::{Environment, FirstContext};
+
+use super::Prospects;
+use super::axis::{Axis, Place, Side};
+use super::expectation::Expectation;
+
+/// Jumps nearer to each other than this are one.
+const APART: f64 = 1e-9;
+/// How much smaller a jump becomes by a wrong message, in decays: what it is worth to be followed.
+const DECAYS_A_MISTAKE: u32 = 4;
+/// How far the steps before a step may still differ from it in what they add, in all, in steps
+/// walked, for the induction to take them as equal.
+const SETTLED: f64 = 1e-3;
+
+/// How fine a grid is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Resolution {
+    /// Steps of habituation from 0 to 1.
+    pub habituation: usize,
+    /// Steps of disengagement risk from 0 to the threshold.
+    pub disengagement: usize,
+    /// Most jumps of the value that have a line of their own.
+    pub jumps: usize,
+}
+
+impl Resolution {
+    /// About half as fine in everything.
+    pub fn halved(self) -> Resolution {
+        self.scaled(0.5)
+    }
+
+    /// As fine as this, or less if that makes more than `most` values in all steps together.
+    pub fn within(self, horizon: u32, most: usize) -> Resolution {
+        // A jump has two nodes and cuts a step in two.
+        let nodes = self.habituation * (self.disengagement + 2 * self.jumps) * horizon as usize;
+        self.scaled((most as f64 / nodes as f64).sqrt().min(1.0))
+    }
+
+    fn scaled(self, factor: f64) -> Resolution {
+        let scaled = |number: usize, least: usize| ((number as f64 * factor) as usize).max(least);
+        Resolution {
+            habituation: scaled(self.habituation, 10),
+            disengagement: scaled(self.disengagement, 10),
+            jumps: scaled(self.jumps, 1),
+        }
+    }
+}
+
+/// What a step adds to the values: the least and the most of all states.
+#[derive(Clone, Copy, Debug)]
+struct Added {
+    least: f64,
+    most: f64,
+}
+
+impl Added {
+    fn between(later: &[f64], now: &[f64]) -> Added {
+        let none = Added { least: f64::INFINITY, most: f64::NEG_INFINITY };
+        let added = now.iter().zip(later).map(|(now, later)| now - later);
+        added.fold(none, |all, x| all.or(Added { least: x, most: x }))
+    }
+
+    fn or(self, other: Added) -> Added {
+        Added { least: self.least.min(other.least), most: self.most.max(other.most) }
+    }
+
+    fn spread(self) -> f64 {
+        self.most - self.least
+    }
+}
+
+/// The states that have a value, and where actions lead from them.
+///
+/// **Shapes**: a layer of values is \[habituation, disengagement\], row by row.
+#[derive(Clone, Debug)]
+pub(super) struct Grid {
+    /// Its baseline rewards are 0: they are the same whatever is done.
+    environment: Environment,
+    baseline: [f64; 2],
+    expectation: Expectation,
+    habituation: Axis,
+    disengagement: Axis,
+    rows: Vec<Row>,
+    columns: Vec<Column>,
+}
+
+/// Where the states of one habituation lead.
+#[derive(Clone, Copy, Debug)]
+struct Row {
+    messaged: Place,
+    rested: Place,
+    /// Reward of an untailored and of a suitable message, the baseline aside.
+    untailored: f64,
+    suitable: f64,
+}
+
+/// Where the states of one disengagement risk lead.
+#[derive(Clone, Copy, Debug)]
+struct Column {
+    calmed: Place,
+    /// `None` where the episode ends.
+    annoyed: Option<Place>,
+}
+
+impl Grid {
+    /// The grid of an environment, for a policy that knows so much of the context.
+    pub fn new(environment: &Environment, belief: Belief, resolution: Resolution) -> Grid {
+        let e = &Environment { mu: [0.0; 2], ..environment.clone() };
+        let habituation = Axis::with_stride(e.epsilon_h, resolution.habituation);
+        let jumps = jumps(e, resolution.jumps);
+        let threshold = e.disengagement_threshold;
+        let disengagement = Axis::with_jumps(threshold, resolution.disengagement, &jumps);
+        let row = |h: &f64| {
+            let of = |action| respond(e, 0, action, *h, 0.0);
+            let suitable = of(Action::tailored_to(0));
+            Row {
+                messaged: habituation.place(suitable.habituation, Side::At),
+                rested: habituation.place(of(Action::NONE).habituation, Side::At),
+                untailored: of(Action::UNTAILORED).reward,
+                suitable: suitable.reward,
+            }
+        };
+        let rows = habituation.nodes().iter().map(row).collect();
+        let column = |(node, d): (usize, &f64)| {
+            let side = disengagement.side(node);
+            let calm = respond(e, 0, Action::tailored_to(0), 0.0, *d).disengagement;
+            // Without the cap at 1, at which a limit from below could not be told.
+            let annoyed = d + e.epsilon_d;
+            let ends = match side {
+                Side::At => annoyed >= threshold - APART / 2.0,
+                Side::Below => annoyed > threshold + APART / 2.0,
+            };
+            let annoyed = (!ends).then(|| disengagement.place(annoyed, side));
+            Column { calmed: disengagement.place(calm, side), annoyed }
+        };
+        let columns = disengagement.nodes().iter().enumerate().map(column).collect();
+        let (environment, baseline) = (e.clone(), environment.mu);
+        let expectation = Expectation::new(belief);
+        Grid { environment, baseline, expectation, habituation, disengagement, rows, columns }
+    }
+
+    pub fn environment(&self) -> &Environment {
+        &self.environment
+    }
+
+    /// The mean return of the optimal policy.
+    pub fn best_return(&self) -> f64 {
+        let e = &self.environment;
+        let mut later = Vec::new();
+        // Steps before the last one that was computed, each of which adds the same.
+        let mut settled = 0.0;
+        self.induce(|gain, layer| {
+            later.clear();
+            later.extend_from_slice(layer);
+            settled = gain;
+        });
+        let start = self.prospects(&later, e.initial_habituation, e.initial_disengagement);
+        let first = match e.first_context {
+            FirstContext::Fixed => self.baseline[0] + Expectation::Certain.of_best(&start),
+            FirstContext::Sampled => self.baseline() + self.expectation.of_best(&start),
+        };
+        first + settled
+    }
+
+    /// Shows `see` the values with 0, 1, 2, … steps left, at most one fewer than the horizon. They
+    /// end sooner if the steps before them would all add the same; the first argument is then what
+    /// those add in all, and 0 otherwise.
+    ///
+    /// Two steps that both add g >= 0 to every value show that: the second step's best choices would
+    /// add less if they could end the episode, so they never do, and go on adding g.
+    pub fn induce(&self, mut see: impl FnMut(f64, &[f64])) {
+        let mut later = vec![0.0; self.rows.len() * self.columns.len()];
+        let mut now = later.clone();
+        let mut added_before = Added { least: f64::NEG_INFINITY, most: f64::INFINITY };
+        see(0.0, &later);
+        for left in 1..self.environment.horizon {
+            self.step_back(&later, &mut now);
+            let added = Added::between(&later, &now);
+            let steps_before = f64::from(self.environment.horizon - 1 - left);
+            let spread = added.or(added_before).spread();
+            let is_settled = added.least >= 0.0 && spread * steps_before < SETTLED;
+            if is_settled && steps_before > 0.0 {
+                see(steps_before * (added.least + added.most) / 2.0, &now);
+                return;
+            }
+            see(0.0, &now);
+            mem::swap(&mut later, &mut now);
+            added_before = added;
+        }
+    }
+
+    /// The values one step earlier.
+    fn step_back(&self, later: &[f64], now: &mut [f64]) {
+        let columns = self.columns.len();
+        let baseline = self.baseline();
+        let (mut messaged, mut rested) = (vec![0.0; columns], vec![0.0; columns]);
+        for (row, now) in self.rows.iter().zip(now.chunks_exact_mut(columns)) {
+            self.blend(row.messaged, later, &mut messaged);
+            self.blend(row.rested, later, &mut rested);
+            let columns = self.columns.iter().zip(&rested);
+            for ((column, rested), value) in columns.zip(now) {
+                let calm = column.calmed.of(&messaged);
+                let prospects = Prospects {
+                    nothing: *rested,
+                    untailored: row.untailored + calm,
+                    suitable: row.suitable + calm,
+                    unsuitable: column.annoyed.map_or(0.0, |place| place.of(&messaged)),
+                };
+                *value = baseline + self.expectation.of_best(&prospects);
+            }
+        }
+    }
+
+    /// A row of a layer between two of its rows.
+    fn blend(&self, place: Place, layer: &[f64], out: &mut [f64]) {
+        let columns = out.len();
+        let lower = &layer[place.node * columns..][..columns];
+        let upper = &layer[(place.node + 1) * columns..][..columns];
+        for ((out, lower), upper) in out.iter_mut().zip(lower).zip(upper) {
+            *out = (1.0 - place.weight) * lower + place.weight * upper;
+        }
+    }
+
+    /// What each choice brings in a state, given the values of the states after it.
+    pub fn prospects(&self, later: &[f64], habituation: f64, disengagement: f64) -> Prospects {
+        let after = |action| {
+            let effect = respond(&self.environment, 0, action, habituation, disengagement);
+            effect.reward + self.value(later, effect.habituation, effect.disengagement)
+        };
+        Prospects {
+            nothing: after(Action::NONE),
+            untailored: after(Action::UNTAILORED),
+            suitable: after(Action::tailored_to(0)),
+            unsuitable: after(Action::tailored_to(1)),
+        }
+    }
+
+    /// The value of a state; 0 where the episode has ended.
+    fn value(&self, layer: &[f64], habituation: f64, disengagement: f64) -> f64 {
+        if disengagement >= self.environment.disengagement_threshold {
+            return 0.0;
+        }
+        let row = self.habituation.place(habituation, Side::At);
+        let column = self.disengagement.place(disengagement, Side::At);
+        let columns = self.columns.len();
+        let of_row = |row: usize| column.of(&layer[row * columns..][..columns]);
+        (1.0 - row.weight) * of_row(row.node) + row.weight * of_row(row.node + 1)
+    }
+
+    /// Mean baseline reward of a step whose context is drawn.
+    fn baseline(&self) -> f64 {
+        (self.baseline[0] + self.baseline[1]) / 2.0
+    }
+}
+
+/// The disengagement risks at which the value jumps, increasing: the largest jumps, at most so many.
+fn jumps(e: &Environment, most: usize) -> Vec<f64> {
+    let threshold = e.disengagement_threshold;
+    let mut found: Vec<f64> = Vec::new();
+    // Numbers above 0 are in the order of their bits.
+    let mut waiting =
+        BinaryHeap::from([Reverse((0, (threshold - e.epsilon_d).max(0.0).to_bits()))]);
+    while let Some(Reverse((smallness, bits))) = waiting.pop() {
+        let jump = f64::from_bits(bits);
+        let is_inside = jump > APART && jump < threshold - APART;
+        if !is_inside || found.iter().any(|other| (other - jump).abs() < APART) {
+            continue;
+        }
+        found.push(jump);
+        if found.len() >= most {
+            break;
+        }
+        // At 1 a suitable message leads to 0 from everywhere.
+        if e.delta_d < 1.0 {
+            waiting.push(Reverse((smallness + 1, (jump / (1.0 - e.delta_d)).to_bits())));
+        }
+        let mistaken = (jump - e.epsilon_d).max(0.0);
+        waiting.push(Reverse((smallness + DECAYS_A_MISTAKE, mistaken.to_bits())));
+    }
+    found.sort_by(f64::total_cmp);
+    found
+}

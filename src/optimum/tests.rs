@@ -1,0 +1,143 @@
+//! The optimum against published values, against every course of short episodes, and at the edges
+//! of its parameters.
+
+use super::expectation::Expectation;
+use super::*;
+use crate::env::{Signal, inference_error, respond};
+
+fn value(environment: &Environment, scenario: &str) -> Optimum {
+    optimum(environment, &scenario.parse().unwrap()).unwrap()
+}
+
+fn assert_known(first_context: FirstContext, scenario: &str, known: &[(f64, f64)]) {
+    for (sigma, known) in known {
+        let environment = Environment { first_context, ..Environment::paper(*sigma) };
+        let ours = value(&environment, scenario);
+        assert!((ours.mean_return - known).abs() < 3.0, "{scenario} {sigma}: {ours:?}");
+        assert!(ours.grid_error < 0.5, "{scenario} {sigma}: {ours:?}");
+    }
+}
+
+/// Of an independent program, whose grid error is at most 3.
+#[test]
+fn optima_with_the_papers_parameters_are_the_known_ones() {
+    use FirstContext::{Fixed, Sampled};
+    assert_known(Sampled, "C-H-D", &[(0.4, 3397.8), (2.0, 3397.8)]);
+    assert_known(Fixed, "C-H-D", &[(0.4, 3397.8)]);
+    let sigmas = [0.4, 0.6, 0.8, 1.0, 2.0];
+    let of = |values: [f64; 5]| -> Vec<(f64, f64)> { sigmas.into_iter().zip(values).collect() };
+    assert_known(Sampled, "P-H-D", &of([3238.0, 2879.0, 2477.0, 2179.0, 1603.0]));
+    assert_known(Sampled, "L-H-D", &of([2847.0, 2254.0, 1938.0, 1761.0, 1457.0]));
+    assert_known(Fixed, "P-H-D", &of([3254.0, 2924.0, 2547.0, 2263.0, 1706.0]));
+    assert_known(Fixed, "L-H-D", &of([2880.0, 2317.0, 2016.0, 1848.0, 1557.0]));
+}
+
+/// The optimum by following every course of an episode, without a grid.
+fn by_every_course(e: &Environment, belief: &Expectation, time: u32, state: [f64; 2]) -> f64 {
+    if time == e.horizon {
+        return 0.0;
+    }
+    let is_known = time == 0 && e.first_context == FirstContext::Fixed;
+    let unbiased = Environment { mu: [0.0; 2], ..e.clone() };
+    let after = |action| {
+        let effect = respond(&unbiased, 0, action, state[0], state[1]);
+        let ends = effect.disengagement >= e.disengagement_threshold;
+        let state = [effect.habituation, effect.disengagement];
+        effect.reward + if ends { 0.0 } else { by_every_course(e, belief, time + 1, state) }
+    };
+    let prospects = Prospects {
+        nothing: after(Action::NONE),
+        untailored: after(Action::UNTAILORED),
+        suitable: after(Action::tailored_to(0)),
+        unsuitable: after(Action::tailored_to(1)),
+    };
+    match is_known {
+        true => e.mu[0] + Expectation::Certain.of_best(&prospects),
+        false => (e.mu[0] + e.mu[1]) / 2.0 + belief.of_best(&prospects),
+    }
+}
+
+fn odd_environments() -> Vec<Environment> {
+    let paper = || Environment { horizon: 7, ..Environment::paper(0.7) };
+    vec![
+        paper(),
+        Environment { first_context: FirstContext::Sampled, mu: [-30.0, 70.0], ..paper() },
+        Environment { delta_h: 0.37, epsilon_h: 0.23, delta_d: 0.31, epsilon_d: 0.17, ..paper() },
+        Environment { initial_disengagement: 0.2, initial_habituation: 0.97, ..paper() },
+        Environment { epsilon_d: 1.0, disengagement_threshold: 0.55, ..paper() },
+        Environment { epsilon_d: 0.0, epsilon_h: 0.0, delta_h: 1.0, delta_d: 1.0, ..paper() },
+        Environment { delta_h: 0.0, delta_d: 0.0, epsilon_h: 1.0, ..paper() },
+        Environment { initial_disengagement: 1.0, ..paper() },
+        Environment { rho_1: -50.0, rho_2: -200.0, mu: [-1e5, -1e5], ..paper() },
+        Environment { sigma: 0.0, epsilon_d: 0.3, ..paper() },
+        Environment { sigma: 1e6, delta_d: 0.5, epsilon_d: 0.25, ..paper() },
+        Environment { horizon: 1, ..paper() },
+    ]
+}
+
+#[test]
+fn the_optimum_of_short_episodes_is_the_best_of_every_course() {
+    for environment in odd_environments() {
+        for scenario in ["C-H-D", "P-H-D", "L-H-D", "D-T-H"] {
+            let scenario: Scenario = scenario.parse().unwrap();
+            let ours = optimum(&environment, &scenario).unwrap();
+            let start = [environment.initial_habituation, environment.initial_disengagement];
+            let belief = Expectation::new(Belief::new(&environment, &scenario));
+            let exact = by_every_course(&environment, &belief, 0, start);
+            let difference = (ours.mean_return - exact).abs();
+            assert!(
+                difference < 0.02 + 2.0 * ours.grid_error,
+                "{scenario} {environment:?}: {ours:?} {exact}"
+            );
+            assert!(ours.grid_error < 0.2, "{scenario} {environment:?}: {ours:?}");
+        }
+    }
+}
+
+#[test]
+fn other_parameters_and_horizons_converge_too() {
+    for (horizon, epsilon_d) in [(50, 0.13), (200, 0.4), (50, 0.05), (400, 0.4)] {
+        let environment = Environment { horizon, epsilon_d, ..Environment::paper(0.8) };
+        for scenario in ["C-H-D", "P-H-D", "L-H-D"] {
+            let ours = value(&environment, scenario);
+            assert!(ours.grid_error < 0.5, "{horizon} {epsilon_d} {scenario}: {ours:?}");
+        }
+    }
+}
+
+#[test]
+fn the_optimal_policy_knows_a_fixed_first_context_and_what_is_left() {
+    let policy = |scenario: &str| {
+        OptimalPolicy::new(&Environment::paper(1.0), &scenario.parse().unwrap()).unwrap()
+    };
+    let policy = policy("P-H-D");
+    assert_eq!(policy.choose(0, 0.5, 0.1, 0.1), Action::tailored_to(0));
+    assert_eq!(policy.choose(1, 0.01, 0.1, 0.1), Action::tailored_to(1));
+    // Where a mistake would end the episode, certainty counts, until the last step.
+    assert_ne!(policy.choose(1, 0.6, 0.1, 0.9), Action::tailored_to(0));
+    assert_eq!(policy.choose(49, 0.6, 0.1, 0.9), Action::tailored_to(0));
+}
+
+#[test]
+fn scenarios_that_hide_the_state_have_no_optimum() {
+    let refused = |scenario: &str| {
+        let error = optimum(&Environment::paper(1.0), &scenario.parse().unwrap()).unwrap_err();
+        error.to_string()
+    };
+    assert_eq!(
+        refused("P-T"),
+        "no optimum is computed for P-T, which does not show both habituation (H) and \
+         disengagement risk (D); that of P-T-H-D is an upper bound"
+    );
+    assert!(refused("D-L").ends_with("that of D-L-H is an upper bound"));
+}
+
+#[test]
+fn what_a_scenario_shows_besides_makes_no_difference() {
+    let environment = Environment { observed_probability: 1, ..Environment::paper(0.6) };
+    assert_eq!(value(&environment, "T-H-P-L-D"), value(&Environment::paper(0.6), "P-H-D"));
+    let exact = Environment { sigma: 0.0, ..environment };
+    assert_eq!(inference_error(0.0), 0.0);
+    assert_eq!(value(&exact, "L-H-D"), value(&exact, "C-H-D"));
+    assert_eq!(Belief::Certain.probability_of_zero(&Signal::new(1, 0.0)), 0.0);
+}

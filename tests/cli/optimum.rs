@@ -1,0 +1,113 @@
+//! `optimum`, and rules as agents of a sweep.
+
+use serde_json::Value;
+
+use crate::support::Folder;
+
+fn rows(folder: &Folder, arguments: &[&str]) -> Vec<Value> {
+    let all = ["optimum", "--format", "json"].iter().chain(arguments).copied();
+    folder.jitai(all).succeeded().json().as_array().unwrap().clone()
+}
+
+#[test]
+fn optima_are_told_for_scenarios_and_sigmas_with_their_grid_error() {
+    let folder = Folder::new();
+    let sampled = ["--set", "first_context=sampled", "--sigma", "0.6,2"];
+    let rows = rows(&folder, &[&["--scenario", "P-H-D,L-H-D"][..], &sampled].concat());
+    let known = [
+        ("P-H-D", 0.6, 2879.0),
+        ("P-H-D", 2.0, 1603.0),
+        ("L-H-D", 0.6, 2254.0),
+        ("L-H-D", 2.0, 1457.0),
+    ];
+    assert_eq!(rows.len(), known.len());
+    for (row, (scenario, sigma, optimum)) in rows.iter().zip(known) {
+        assert_eq!((&row["scenario"], &row["sigma"]), (&scenario.into(), &sigma.into()));
+        assert!((row["optimum"].as_f64().unwrap() - optimum).abs() < 3.0, "{row}");
+        assert!(row["grid_error"].as_f64().unwrap() < 0.5, "{row}");
+    }
+}
+
+#[test]
+fn arguments_without_an_optimum_are_refused() {
+    let folder = Folder::new();
+    let refused = |arguments: &[&str]| {
+        let refused = folder.jitai(["optimum"].iter().chain(arguments).copied()).ended(2);
+        assert_eq!(refused.stdout, "");
+        refused
+    };
+    refused(&["--scenario", "P-H-D,P-T"]).says("no optimum is computed for P-T");
+    refused(&["--scenario", "X"]).says("`X` is not a feature");
+    refused(&["--sigma=-1"]).says("expected a number from 0 to 1000000, found -1");
+    refused(&["--set", "horizn=3"]).says("did you mean `horizon`?");
+}
+
+/// Rules beside each other in a scenario with an optimum and one without.
+const RULES: &str = "format = 1
+name = \"rules\"
+scenarios = [\"P-H-D\", \"P-T\"]
+seeds = 2
+environment.sigma = 0.6
+environment.horizon = [10, 20]
+evaluation.test_episodes = 50
+[[agent]]
+name = \"careful\"
+algorithm = \"rule\"
+rule = \"threshold\"
+threshold = [0.6, 0.9]
+[[agent]]
+name = \"plain\"
+algorithm = \"rule\"
+rule = [\"never\", \"untailored\", \"tailored\", \"random\", \"optimal\"]
+[[exclude]]
+scenario = \"P-T\"
+agent.rule = \"optimal\"
+";
+
+#[test]
+fn a_manifests_optima_are_told_and_where_there_is_none() {
+    let folder = Folder::with(RULES);
+    let told = folder.jitai(["optimum", "sweep.toml", "--format", "json"]).succeeded();
+    let told = told.says("no optimum is computed for P-T");
+    let rows = told.json();
+    let rows = rows.as_array().unwrap();
+    assert_eq!(rows.len(), 4, "two scenarios, two horizons");
+    for row in rows {
+        assert_eq!(row["experiment"], "rules");
+        assert_eq!(row["optimum"].is_null(), row["scenario"] == "P-T", "{row}");
+    }
+    assert!(rows[0]["optimum"].as_f64().unwrap() < rows[1]["optimum"].as_f64().unwrap());
+    assert_eq!((&rows[0]["horizon"], &rows[1]["horizon"]), (&10.into(), &20.into()));
+}
+
+#[test]
+fn rules_are_jobs_like_others_and_run_once() {
+    let folder = Folder::with(RULES);
+    folder.jitai(["run", "sweep.toml", "--filter", "rule=random"]).succeeded();
+    // With rules done and rules to do.
+    for verb in [&["status"][..], &["plan", "sweep.toml"], &["run", "sweep.toml"]] {
+        folder.jitai(verb.iter().copied()).succeeded();
+    }
+    // Two scenarios, horizons and seeds; seven rules, of which one is not in one scenario.
+    let count = "SELECT count(*) FROM run_summary WHERE status = 'completed'";
+    let store = folder.store();
+    let number = |sql: &str| store.query_row(sql, [], |row| row.get::<_, i64>(0)).unwrap();
+    assert_eq!(number(count), 8 * 7 - 4);
+    assert_eq!(number("SELECT count(*) FROM learning_curve"), 0);
+    assert_eq!(
+        number(
+            "SELECT count(DISTINCT value) FROM parameter WHERE name = 'agent.threshold' \
+        AND job_key IN (SELECT job_key FROM run_summary WHERE agent = 'careful')"
+        ),
+        2
+    );
+    let again = folder.jitai(["run", "sweep.toml"]).succeeded();
+    again.says("nothing to run: all 52 jobs are completed");
+    folder.jitai(["plan", "sweep.toml"]).succeeded();
+    let key: String = store
+        .query_row("SELECT min(job_key) FROM run_summary WHERE agent = 'careful'", [], |row| {
+            row.get(0)
+        })
+        .unwrap();
+    folder.jitai(["simulate", "--policy", &format!("run:{key}")]).succeeded();
+}

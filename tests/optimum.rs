@@ -1,0 +1,108 @@
+//! The optimum and the reference rules against simulated episodes.
+
+use jitai::agent::RulePolicy;
+use jitai::env::{Action, Episodes};
+use jitai::manifest::{Agent, DecisionRule, Environment, Evaluation, FirstContext, Rule, Scenario};
+use jitai::optimum::optimum;
+use jitai::plan::Job;
+use jitai::record::{Outcome, Results};
+use jitai::train::{self, Chooser, TestStreams, Unwatched, Watch};
+
+/// Returns of episodes while they are rolled.
+struct Returns(Vec<f64>);
+
+impl Watch for Returns {
+    fn chosen(&mut self, _: &Episodes, _: &[Action], _: &mut Chooser) {}
+
+    fn paid(&mut self, _: &Episodes, rewards: &[f64]) {
+        self.0.iter_mut().zip(rewards).for_each(|(total, reward)| *total += reward);
+    }
+}
+
+/// Mean return of a rule in so many episodes, and its standard error.
+fn simulated(rule: Rule, environment: &Environment, scenario: &Scenario, lanes: usize) -> [f64; 2] {
+    let policy = RulePolicy::new(&DecisionRule::new(rule), environment, scenario).unwrap();
+    let mut streams = TestStreams::new(7);
+    let mut episodes = Episodes::start(environment, lanes, &mut streams.environment);
+    let mut returns = Returns(vec![0.0; lanes]);
+    train::roll(&mut episodes, &mut Chooser::Rule(policy), &mut streams, &mut returns);
+    let n = lanes as f64;
+    let mean = returns.0.iter().sum::<f64>() / n;
+    let variance = returns.0.iter().map(|x| (x - mean) * (x - mean)).sum::<f64>() / (n - 1.0);
+    [mean, (variance / n).sqrt()]
+}
+
+#[test]
+fn the_optimal_policy_reaches_the_optimum_in_a_hundred_thousand_episodes() {
+    for (sigma, first_context) in [(0.6, FirstContext::Fixed), (1.0, FirstContext::Sampled)] {
+        let environment = Environment { first_context, ..Environment::paper(sigma) };
+        for scenario in ["C-H-D", "P-H-D", "L-H-D"] {
+            let scenario: Scenario = scenario.parse().unwrap();
+            let best = optimum(&environment, &scenario).unwrap().mean_return;
+            let [mean, error] = simulated(Rule::Optimal, &environment, &scenario, 100_000);
+            // C-H-D leaves nothing to chance, and its policy comes from a coarser grid.
+            assert!((mean - best).abs() < 4.0 * error + 0.5, "{scenario} {sigma}: {mean} {best}");
+        }
+    }
+}
+
+#[test]
+fn the_optimal_policy_reaches_the_optimum_of_another_environment() {
+    let environment = Environment {
+        horizon: 30,
+        epsilon_d: 0.25,
+        delta_d: 0.2,
+        epsilon_h: 0.12,
+        disengagement_threshold: 0.7,
+        mu: [-20.0, 40.0],
+        ..Environment::paper(0.8)
+    };
+    let scenario: Scenario = "P-H-D".parse().unwrap();
+    let best = optimum(&environment, &scenario).unwrap().mean_return;
+    let [mean, error] = simulated(Rule::Optimal, &environment, &scenario, 100_000);
+    assert!((mean - best).abs() < 4.0 * error + 0.5, "{mean} ± {error}, {best}");
+}
+
+#[test]
+fn no_rule_is_better_than_the_optimal_one() {
+    let environment = Environment::paper(0.8);
+    let scenario: Scenario = "P-H-D".parse().unwrap();
+    let best = optimum(&environment, &scenario).unwrap().mean_return;
+    let rules = [Rule::Never, Rule::Untailored, Rule::Tailored, Rule::Threshold, Rule::Random];
+    for rule in rules {
+        let [mean, error] = simulated(rule, &environment, &scenario, 2000);
+        assert!(mean < best - 4.0 * error, "{rule:?}: {mean} {best}");
+    }
+    // Nothing but the baseline of fifty steps.
+    let [mean, error] = simulated(Rule::Never, &environment, &scenario, 10);
+    assert!((mean - 5.0).abs() < 1e-9 && error < 1e-9, "{mean}");
+}
+
+fn tested(rule: Rule, scenario: &str) -> Results {
+    let job = Job {
+        environment: Environment::paper(0.6),
+        scenario: scenario.parse().unwrap(),
+        agent: Agent::Rule(DecisionRule::new(rule)),
+        evaluation: Evaluation::default(),
+        seed: 1,
+    };
+    match train::run(&job, &Unwatched) {
+        Outcome::Completed(results) => results,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_rule_is_tested_like_any_agent_and_learns_nothing() {
+    let results = tested(Rule::Tailored, "L-T");
+    assert_eq!((results.episodes.len(), results.curve.len()), (1000, 0));
+    assert_eq!(results.weights, None);
+    assert_eq!(tested(Rule::Tailored, "P"), results, "what it goes by is the same");
+    assert_ne!(tested(Rule::Tailored, "C"), results);
+    // The contexts of the test are the same whoever acts: common random numbers.
+    let contexts = |results: &Results| {
+        let of_zero = results.actions.iter().filter(|choice| choice.context == 0);
+        of_zero.map(|choice| choice.count).sum::<u64>()
+    };
+    assert_eq!(contexts(&tested(Rule::Never, "P")), contexts(&tested(Rule::Optimal, "C-H-D")));
+}
