@@ -105,6 +105,8 @@ CREATE TABLE run (
     failure_kind TEXT REFERENCES failure_kind (name),
     failure_message TEXT,
     failure_episode INTEGER CHECK (failure_episode >= 0),       -- training episodes before it
+    -- Of all its results, so that a change of them on the disk is seen.
+    results_sha256 BLOB CHECK (length(results_sha256) = 32),
     UNIQUE (job, attempt),
     CHECK ((status = 'running') = (ended_at IS NULL)),
     -- A run that was killed has no wall time: nobody was there to measure it.
@@ -114,7 +116,8 @@ CREATE TABLE run (
         ELSE wall_seconds IS NOT NULL END),
     CHECK ((status = 'failed') = (failure_kind IS NOT NULL)),
     CHECK ((status = 'failed') = (failure_message IS NOT NULL)),
-    CHECK ((status = 'failed') = (failure_episode IS NOT NULL))
+    CHECK ((status = 'failed') = (failure_episode IS NOT NULL)),
+    CHECK ((status = 'completed') = (results_sha256 IS NOT NULL))
 ) STRICT;
 
 -- A job runs in one place at a time, and not again once it is completed.

@@ -215,6 +215,40 @@ pub enum StoreError {
         /// What was wrong with it.
         reason: String,
     },
+    /// The file is not as it was written.
+    #[error(
+        "`{}` is damaged: {reason}; `jitai doctor` says what can be saved",
+        .path.display()
+    )]
+    Damaged {
+        /// The path.
+        path: PathBuf,
+        /// What was seen.
+        reason: String,
+    },
+    /// The disk is full.
+    #[error(
+        "failed to {action}: no room is left for `{}`; make room, and the same command goes on",
+        .path.display()
+    )]
+    Full {
+        /// The path.
+        path: PathBuf,
+        /// What was to be done.
+        action: &'static str,
+    },
+    /// The file that a salvage is to write is there already.
+    #[error("`{}` is there already; a salvage writes a new file, name another", .path.display())]
+    InTheWay {
+        /// The path.
+        path: PathBuf,
+    },
+    /// A salvage found nothing.
+    #[error("nothing in `{}` can be read as a store, so nothing was written", .path.display())]
+    NothingToSave {
+        /// The path.
+        path: PathBuf,
+    },
     /// SQLite failed.
     #[error("failed to {action} in `{}`: {source}", .path.display())]
     Sqlite {
@@ -230,7 +264,11 @@ pub enum StoreError {
 impl StoreError {
     pub(super) fn sqlite(path: &Path, action: &'static str, source: rusqlite::Error) -> Self {
         let path = path.to_owned();
+        if is_damage(&source) {
+            return StoreError::Damaged { path, reason: source.to_string() };
+        }
         match source.sqlite_error_code() {
+            Some(ErrorCode::DiskFull) => StoreError::Full { path, action },
             Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked) => {
                 StoreError::Busy { path, action }
             }
@@ -243,6 +281,19 @@ impl StoreError {
             }
             _ => StoreError::Sqlite { path, action, source },
         }
+    }
+}
+
+/// Whether an error of SQLite, or of reading a value, says that the file is not as it was written.
+pub(super) fn is_damage(error: &rusqlite::Error) -> bool {
+    use rusqlite::Error;
+    match error {
+        // The tables are strict, so a value of another type or form was not written by anybody.
+        Error::InvalidColumnType(..)
+        | Error::FromSqlConversionFailure(..)
+        | Error::IntegralValueOutOfRange(..)
+        | Error::Utf8Error(..) => true,
+        other => other.sqlite_error_code() == Some(ErrorCode::DatabaseCorrupt),
     }
 }
 
@@ -312,6 +363,12 @@ pub enum QueryError {
     /// [`Interrupter::interrupt`](super::Interrupter::interrupt) was called.
     #[error("the query was interrupted")]
     Interrupted,
+    /// The file is not as it was written.
+    #[error("the store is damaged: {reason}; `jitai doctor` says what can be saved")]
+    Damaged {
+        /// What was seen.
+        reason: String,
+    },
     /// SQLite failed in another way.
     #[error("the query failed: {0}")]
     Sqlite(#[source] rusqlite::Error),

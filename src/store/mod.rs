@@ -20,6 +20,8 @@
 
 mod claim;
 mod counts;
+mod digest;
+mod doctor;
 mod error;
 mod experiment;
 mod file;
@@ -28,6 +30,8 @@ mod migrate;
 mod query;
 mod read;
 mod results;
+mod salvage;
+mod schema;
 mod session;
 mod state;
 mod summary;
@@ -39,12 +43,14 @@ use rusqlite::{Connection, Transaction, TransactionBehavior};
 
 pub use claim::{Claim, Claimed, RetryFailed};
 pub use counts::ExperimentCounts;
+pub use doctor::{Diagnosis, Finding, Loads, examine};
 pub use error::{QueryError, StoreError};
 pub use experiment::{Experiment, Registered};
 pub use liveness::host_name;
 pub use query::{Answer, Interrupter, VIEWS, Value};
 pub use read::{FailedJob, Pace, Reader};
 pub use results::{Finished, RunEnd};
+pub use salvage::{Salvaged, salvage};
 pub use session::SessionId;
 pub use state::{Counts, JobState};
 pub use weights::StoredWeights;

@@ -7,6 +7,7 @@ use rusqlite::hooks::{AuthAction, AuthContext, Authorization};
 use rusqlite::types::ValueRef;
 use rusqlite::{Connection, Error, ErrorCode, InterruptHandle, Row, Statement};
 
+use super::error::is_damage;
 use super::{QueryError, Reader};
 
 /// The public views, which `docs/store.md` describes.
@@ -169,6 +170,7 @@ fn explain(error: Error, sql: &str) -> QueryError {
             let (line, column, text) = place(sql, usize::try_from(offset).unwrap_or(0));
             QueryError::Sql { message: msg, line, column, text }
         }
+        other if is_damage(&other) => QueryError::Damaged { reason: other.to_string() },
         other => match other.sqlite_error_code() {
             Some(ErrorCode::OperationInterrupted) => QueryError::Interrupted,
             Some(ErrorCode::AuthorizationForStatementDenied | ErrorCode::ReadOnly) => {

@@ -62,9 +62,17 @@ impl Sample {
         // The id is private, but its debug form shows it.
         let id: i64 =
             format!("{session:?}").trim_matches(|c: char| !c.is_ascii_digit()).parse().unwrap();
+        let rule: String = raw
+            .query_row(
+                "SELECT sql FROM sqlite_schema WHERE name = 'session_stays_the_same_process'",
+                [],
+                |row| row.get(0),
+            )
+            .unwrap();
         // No client could do this.
         raw.execute_batch("DROP TRIGGER session_stays_the_same_process").unwrap();
         raw.execute("UPDATE session SET process_id = ?1 WHERE id = ?2", (child.id(), id)).unwrap();
+        raw.execute_batch(&rule).unwrap();
     }
 }
 
