@@ -89,6 +89,7 @@ CREATE TABLE failure_kind (
 ) STRICT, WITHOUT ROWID;
 
 INSERT INTO failure_kind (name, meaning) VALUES
+    ('crashed', 'the process that trained it crashed, again and again'),
     ('diverged', 'a loss or weight became infinite or not a number'),
     ('panicked', 'the training code panicked');
 
@@ -105,6 +106,8 @@ CREATE TABLE run (
     failure_kind TEXT REFERENCES failure_kind (name),
     failure_message TEXT,
     failure_episode INTEGER CHECK (failure_episode >= 0),       -- training episodes before it
+    -- Jobs that its process was running when it crashed, this one among them; NULL unless it did.
+    suspects INTEGER CHECK (suspects >= 1),
     -- Of all its results, so that a change of them on the disk is seen.
     results_sha256 BLOB CHECK (length(results_sha256) = 32),
     UNIQUE (job, attempt),
@@ -117,6 +120,7 @@ CREATE TABLE run (
     CHECK ((status = 'failed') = (failure_kind IS NOT NULL)),
     CHECK ((status = 'failed') = (failure_message IS NOT NULL)),
     CHECK ((status = 'failed') = (failure_episode IS NOT NULL)),
+    CHECK (suspects IS NULL OR status = 'interrupted'),
     CHECK ((status = 'completed') = (results_sha256 IS NOT NULL))
 ) STRICT;
 

@@ -363,6 +363,9 @@ pub enum QueryError {
     /// [`Interrupter::interrupt`](super::Interrupter::interrupt) was called.
     #[error("the query was interrupted")]
     Interrupted,
+    /// A value of the answer, or what it takes to find it, is too large.
+    #[error("the query needs more memory than a query may have; ask for less at a time")]
+    TooLarge,
     /// The file is not as it was written.
     #[error("the store is damaged: {reason}; `jitai doctor` says what can be saved")]
     Damaged {

@@ -20,6 +20,7 @@
 
 mod claim;
 mod counts;
+mod crash;
 mod digest;
 mod doctor;
 mod error;
@@ -41,7 +42,7 @@ use std::path::{Path, PathBuf};
 
 use rusqlite::{Connection, Transaction, TransactionBehavior};
 
-pub use claim::{Claim, Claimed, RetryFailed};
+pub use claim::{Claim, Claimed, Company, RetryFailed};
 pub use counts::ExperimentCounts;
 pub use doctor::{Diagnosis, Finding, Loads, examine};
 pub use error::{QueryError, StoreError};

@@ -97,7 +97,8 @@ fn complete_run(connection: &Connection, run: i64, wall_seconds: f64) -> rusqlit
     Ok(())
 }
 
-fn end_run(
+/// Ends a run that leaves no results.
+pub(super) fn end_run(
     connection: &Connection,
     run: i64,
     status: &str,

@@ -158,7 +158,7 @@ fn put_schema(damaged: &mut [u8], template: &[u8], pages: &[usize]) {
 
 /// The columns of a run, but for its id.
 const RUN: &str = "job, attempt, session, status, started_at, ended_at, wall_seconds,
-    failure_kind, failure_message, failure_episode, results_sha256";
+    failure_kind, failure_message, failure_episode, suspects, results_sha256";
 
 /// A copy from one store to another. What cannot be read, or breaks a rule of the schema, is left
 /// out.
@@ -346,7 +346,8 @@ impl Copy<'_> {
             return Ok(false);
         }
         let finish = "UPDATE run SET status = ?2, ended_at = ?3, wall_seconds = ?4,
-                failure_kind = ?5, failure_message = ?6, failure_episode = ?7, results_sha256 = ?8
+                failure_kind = ?5, failure_message = ?6, failure_episode = ?7, suspects = ?8,
+                results_sha256 = ?9
              WHERE id = ?1";
         let ended: Vec<Value> = [&id_value, status].into_iter().chain(end).cloned().collect();
         let completed = *status == Value::Text("completed".to_owned());
