@@ -117,6 +117,32 @@ pub enum StoreError {
         /// The path.
         path: PathBuf,
     },
+    /// The file lies on another machine.
+    #[error(
+        "`{}` lies on a network file system ({kind}), where SQLite cannot rely on locks; put the \
+         store on a local disk, and copy it when its jobs have run",
+        .path.display()
+    )]
+    Network {
+        /// The path.
+        path: PathBuf,
+        /// The kind of file system.
+        kind: String,
+    },
+    /// The disk refuses to read or write.
+    #[error(
+        "failed to {action} in `{}`: {reason}; see whether its disk is full or failing; nothing \
+         is half written, and the same command goes on",
+        .path.display()
+    )]
+    Disk {
+        /// The path.
+        path: PathBuf,
+        /// What was to be done.
+        action: &'static str,
+        /// What SQLite said.
+        reason: String,
+    },
     /// Another process holds the write lock for too long.
     #[error(
         "failed to {action}: another process has held `{}` for over a minute; let it end, then \
@@ -269,6 +295,9 @@ impl StoreError {
         }
         match source.sqlite_error_code() {
             Some(ErrorCode::DiskFull) => StoreError::Full { path, action },
+            Some(ErrorCode::SystemIoFailure) => {
+                StoreError::Disk { path, action, reason: source.to_string() }
+            }
             Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked) => {
                 StoreError::Busy { path, action }
             }

@@ -12,7 +12,7 @@ use rusqlite::config::DbConfig;
 use rusqlite::{Connection, ErrorCode, OpenFlags};
 
 use super::migrate::{self, APPLICATION_ID};
-use super::{SCHEMA_VERSION, StoreError, query, schema};
+use super::{SCHEMA_VERSION, StoreError, mount, query, schema};
 
 /// How long a connection waits for a lock. This program holds it for less than a second at a time;
 /// another that writes to the store may hold it for longer.
@@ -30,6 +30,9 @@ enum Presence {
 pub(super) fn open_writer(path: &Path) -> Result<(Connection, PathBuf), StoreError> {
     let path = absolute(path)?;
     look(&path)?;
+    if let Some(kind) = mount::network_file_system(&path) {
+        return Err(StoreError::Network { path, kind });
+    }
     let flags = OpenFlags::SQLITE_OPEN_READ_WRITE
         | OpenFlags::SQLITE_OPEN_CREATE
         | OpenFlags::SQLITE_OPEN_NO_MUTEX;

@@ -28,6 +28,7 @@ mod experiment;
 mod file;
 mod liveness;
 mod migrate;
+mod mount;
 mod query;
 mod read;
 mod results;
