@@ -33,6 +33,8 @@
 //!   stream named in [`rng`]; there is no global generator. Every instruction set computes the same
 //!   bits (see [`kernel`]); only jobs with `engine = "burn"` may end in others on another processor.
 //! - A run's results are written in the transaction that completes it, or not at all.
+//! - A completed run keeps the digest of its results, and an opened store has the schema that its
+//!   migrations make: what has changed since can be found out.
 //! - Statuses, outcomes and failures are enums that carry their evidence, matched exhaustively.
 
 #![forbid(unsafe_code)]

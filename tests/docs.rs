@@ -10,13 +10,14 @@ use std::process::{Command, Output};
 use jitai::manifest;
 use jitai::store::{Answer, Reader, Value};
 
-const DOCUMENTS: [&str; 6] = [
+const DOCUMENTS: [&str; 7] = [
     "README.md",
     "docs/manifest.md",
     "docs/store.md",
     "docs/analysis.md",
     "docs/fidelity.md",
     "docs/performance.md",
+    "docs/reliability.md",
 ];
 
 /// The job key that the documents show where a reader puts one of their own.

@@ -13,6 +13,8 @@
 //! - A completed run has all its results and never changes; every other run has none.
 //! - A run ends only by the session that claimed it, or when that session is known to be dead
 //!   (`liveness.rs`). Whoever lost a claim cannot write ([`StoreError::ClaimLost`]).
+//! - A completed run keeps a digest of its results (`digest.rs`), by which [`examine`] and [`salvage`]
+//!   know whether they are still those that were stored.
 //! - Nothing is ever deleted but an experiment's hold on a job that its manifest dropped.
 //!
 //! It does not know how jobs are trained, in what order they are claimed, or what is printed. It
