@@ -89,6 +89,7 @@ CREATE TABLE failure_kind (
 ) STRICT, WITHOUT ROWID;
 
 INSERT INTO failure_kind (name, meaning) VALUES
+    ('crashed', 'the process that trained it crashed, again and again'),
     ('diverged', 'a loss or weight became infinite or not a number'),
     ('panicked', 'the training code panicked');
 
@@ -105,6 +106,10 @@ CREATE TABLE run (
     failure_kind TEXT REFERENCES failure_kind (name),
     failure_message TEXT,
     failure_episode INTEGER CHECK (failure_episode >= 0),       -- training episodes before it
+    -- Jobs that its process was running when it crashed, this one among them; NULL unless it did.
+    suspects INTEGER CHECK (suspects >= 1),
+    -- Of all its results, so that a change of them on the disk is seen.
+    results_sha256 BLOB CHECK (length(results_sha256) = 32),
     UNIQUE (job, attempt),
     CHECK ((status = 'running') = (ended_at IS NULL)),
     -- A run that was killed has no wall time: nobody was there to measure it.
@@ -114,7 +119,9 @@ CREATE TABLE run (
         ELSE wall_seconds IS NOT NULL END),
     CHECK ((status = 'failed') = (failure_kind IS NOT NULL)),
     CHECK ((status = 'failed') = (failure_message IS NOT NULL)),
-    CHECK ((status = 'failed') = (failure_episode IS NOT NULL))
+    CHECK ((status = 'failed') = (failure_episode IS NOT NULL)),
+    CHECK (suspects IS NULL OR status = 'interrupted'),
+    CHECK ((status = 'completed') = (results_sha256 IS NOT NULL))
 ) STRICT;
 
 -- A job runs in one place at a time, and not again once it is completed.

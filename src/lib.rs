@@ -36,6 +36,8 @@
 //! - A job that was stopped or killed goes on from a checkpoint of the same code to the same bits, or
 //!   starts over; a checkpoint that is not to the byte what was written is never gone on with.
 //! - A run's results are written in the transaction that completes it, or not at all.
+//! - A completed run keeps the digest of its results, and an opened store has the schema that its
+//!   migrations make: what has changed since can be found out.
 //! - Statuses, outcomes and failures are enums that carry their evidence, matched exhaustively.
 
 #![forbid(unsafe_code)]

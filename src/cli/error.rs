@@ -86,6 +86,7 @@ impl Error {
             _ => writeln!(stderr, "error: {self}"),
         };
         match self {
+            Error::Query(QueryError::Damaged { .. }) => Exit::System,
             Error::Usage(_) | Error::Manifests(_) | Error::Query(_) => Exit::Usage,
             Error::Store(_) | Error::Sweep(_) | Error::Io { .. } => Exit::System,
         }

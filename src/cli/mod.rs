@@ -5,6 +5,7 @@
 
 mod check;
 mod counts;
+mod doctor;
 mod error;
 mod estimate;
 mod export;
@@ -54,6 +55,7 @@ enum Verb {
     Status(status::Arguments),
     Query(query::Arguments),
     Export(export::Arguments),
+    Doctor(doctor::Arguments),
     Simulate(Box<simulate::Arguments>),
     Optimum(optimum::Arguments),
     Schema(schema::Arguments),
@@ -110,6 +112,7 @@ pub fn main() -> ExitCode {
         Verb::Status(arguments) => status::run(&arguments),
         Verb::Query(arguments) => query::run(&arguments),
         Verb::Export(arguments) => export::run(&arguments),
+        Verb::Doctor(arguments) => doctor::run(&arguments),
         Verb::Simulate(arguments) => simulate::run(&arguments),
         Verb::Optimum(arguments) => optimum::run(&arguments),
         Verb::Schema(arguments) => schema::run(&arguments),

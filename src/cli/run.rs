@@ -99,6 +99,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         Tally::default()
     } else {
         let session = store.begin_session(&provenance::of_this_process())?;
+        // Without the mark a crash counts as a kill, which is no reason not to run.
+        let _ = signals::mark_crash(store.crash_mark(session)?);
         let options = arguments.options();
         let context = Context { options, train: &train::run, stop: &stop };
         let mut shown = arguments.shown(&reader, &todo.queue, Swept::of(&manifests))?;

@@ -1,5 +1,6 @@
 //! Signals that ask the program to stop.
 
+use std::fs::File;
 use std::io::{self, Write};
 use std::process;
 use std::sync::Arc;
@@ -7,8 +8,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGABRT, SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
+use signal_hook::low_level::pipe;
 
 /// Exit code after a signal.
 const INTERRUPTED: i32 = 130;
@@ -44,5 +46,14 @@ pub(super) fn end_in_time(stop: Arc<AtomicBool>) -> io::Result<()> {
         let _ = writeln!(io::stderr(), "stopped in the middle of a step; the same command goes on");
         process::exit(INTERRUPTED)
     })?;
+    Ok(())
+}
+
+/// Writes a byte to the mark when the process aborts: when an allocation fails, a stack overflows,
+/// or a panic cannot be caught.
+pub(super) fn mark_crash(mark: File) -> io::Result<()> {
+    pipe::register(SIGABRT, mark)?;
+    // In this order: then the process ends as it would without the mark.
+    flag::register_conditional_default(SIGABRT, Arc::new(AtomicBool::new(true)))?;
     Ok(())
 }

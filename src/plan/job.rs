@@ -45,6 +45,12 @@ impl Versions {
             })
             .filter(move |versions| *versions != self)
     }
+
+    /// The key of a job whose canonical text is this, if it is run with these.
+    pub fn key_of(self, canonical: &str) -> JobKey {
+        let Versions { environment, algorithm } = self;
+        JobKey(hash(&[&format!("jitai job e{environment} a{algorithm}\n"), canonical]))
+    }
 }
 
 impl Job {
@@ -129,8 +135,7 @@ impl CanonicalForm {
 
     /// The key that the same content has under other versions of the code.
     pub fn key_under(&self, versions: Versions) -> JobKey {
-        let Versions { environment, algorithm } = versions;
-        JobKey(hash(&[&format!("jitai job e{environment} a{algorithm}\n"), &self.text]))
+        versions.key_of(&self.text)
     }
 }
 

@@ -91,6 +91,8 @@ pub struct Results {
 /// Why a run failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FailureKind {
+    /// The process that trained it crashed, again and again.
+    Crashed,
     /// A loss or weight became infinite or not a number.
     Diverged,
     /// The training code panicked.
@@ -99,7 +101,8 @@ pub enum FailureKind {
 
 impl FailureKind {
     /// Every kind.
-    pub const ALL: [FailureKind; 2] = [FailureKind::Diverged, FailureKind::Panicked];
+    pub const ALL: [FailureKind; 3] =
+        [FailureKind::Crashed, FailureKind::Diverged, FailureKind::Panicked];
 
     /// The kind of this name.
     pub fn from_name(name: &str) -> Option<FailureKind> {
@@ -109,6 +112,7 @@ impl FailureKind {
     /// The word the store and the command line use.
     pub fn name(self) -> &'static str {
         match self {
+            FailureKind::Crashed => "crashed",
             FailureKind::Diverged => "diverged",
             FailureKind::Panicked => "panicked",
         }

@@ -12,6 +12,8 @@
 //! - Whether a job is free is decided by the store in the transaction that claims it, never from
 //!   memory: other processes may work on the same store.
 //! - A panic is an outcome of its job, not the end of its worker.
+//! - A job whose process crashed is a suspect: it runs when nothing else does, so that it brings
+//!   down no other, and a further crash has no other suspect.
 //! - A job that fails is not tried again in the same sweep. Those that failed in earlier sweeps are
 //!   tried again all or none, whatever their agent, parameters or way to fail.
 
@@ -30,7 +32,9 @@ use std::time::{Duration, Instant};
 
 use crate::plan::{Job, JobKey};
 use crate::record::Outcome;
-use crate::store::{Claim, Claimed, Finished, RetryFailed, RunEnd, SessionId, Store, StoreError};
+use crate::store::{
+    Claim, Claimed, Company, Finished, RetryFailed, RunEnd, SessionId, Store, StoreError,
+};
 use crate::train::{Monitor, Progress};
 
 use worker::{Message, Report, Shared, Slot, Worker};
@@ -229,6 +233,8 @@ pub fn run(
             workers,
             waiting: queue.into(),
             held_elsewhere: VecDeque::new(),
+            suspects: VecDeque::new(),
+            company: Company::Others,
             gathered: Vec::new(),
             rechecked_at: Instant::now(),
             heartbeat_at: Instant::now(),
@@ -331,6 +337,9 @@ struct Sweep<'scope, 'a> {
     workers: Vec<Worker<'scope>>,
     waiting: VecDeque<Queued>,
     held_elsewhere: VecDeque<Queued>,
+    suspects: VecDeque<Queued>,
+    /// Of the jobs under way.
+    company: Company,
     gathered: Vec<Gathered>,
     rechecked_at: Instant,
     heartbeat_at: Instant,
@@ -357,7 +366,9 @@ impl Sweep<'_, '_> {
                 self.store_gathered()?;
                 continue;
             }
-            let none_left = self.waiting.is_empty() && self.held_elsewhere.is_empty();
+            let none_left = self.waiting.is_empty()
+                && self.held_elsewhere.is_empty()
+                && self.suspects.is_empty();
             if !busy && (self.halted() || none_left) {
                 return Ok(self.tally);
             }
@@ -391,6 +402,11 @@ impl Sweep<'_, '_> {
             self.store.release_dead_sessions(self.session)?;
             self.waiting.append(&mut self.held_elsewhere);
         }
+        let busy = self.workers.iter().any(|worker| !worker.is_idle());
+        if busy && self.company == Company::Nothing {
+            return Ok(Assigned::AllThatCan);
+        }
+        self.choose_company(busy);
         let mut skips = 0;
         for index in 0..self.workers.len() {
             if !self.workers[index].is_idle() {
@@ -403,14 +419,27 @@ impl Sweep<'_, '_> {
         Ok(if skips < SKIPS_AT_ONCE { Assigned::AllThatCan } else { Assigned::SomeForNow })
     }
 
+    /// Lets a suspect be the next job if there is nothing else to run, and nothing runs.
+    fn choose_company(&mut self, busy: bool) {
+        self.company = Company::Others;
+        if !busy
+            && self.waiting.is_empty()
+            && let Some(suspect) = self.suspects.pop_front()
+        {
+            self.company = Company::Nothing;
+            self.waiting.push_back(suspect);
+        }
+    }
+
     /// The next job that is free; `None` if there is none, or none among so many that others should
     /// have their turn. `skips` counts those passed over.
     fn claim_next(&mut self, skips: &mut usize) -> Result<Option<(Queued, Claim)>, StoreError> {
         while *skips < SKIPS_AT_ONCE {
             let Some(queued) = self.waiting.pop_front() else { break };
             let retry = self.context.options.retry_failed;
-            match self.store.claim(self.session, &queued.key, retry)? {
+            match self.store.claim(self.session, &queued.key, retry, self.company)? {
                 Claimed::Claimed(claim) => return Ok(Some((queued, claim))),
+                Claimed::Suspect => self.suspects.push_back(queued),
                 Claimed::HeldElsewhere => self.held_elsewhere.push_back(queued),
                 Claimed::Completed => {
                     self.tally.already_completed += 1;

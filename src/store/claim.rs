@@ -4,7 +4,9 @@ use rusqlite::{Connection, OptionalExtension};
 
 use crate::plan::JobKey;
 
+use super::crash::{self, Record};
 use super::error::Fault;
+use super::results;
 use super::session::{self, SessionId};
 use super::state::{JobState, state_sql};
 use super::{NOW, Store, StoreError};
@@ -31,6 +33,17 @@ pub enum Claimed {
     HeldElsewhere,
     /// It failed, and is not to be retried.
     Failed,
+    /// A process crashed while it ran: it is to be claimed again when it would run alone.
+    Suspect,
+}
+
+/// What else the claiming process will run at the same time as the job.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Company {
+    /// Other jobs, now or later.
+    Others,
+    /// Nothing.
+    Nothing,
 }
 
 /// Whether jobs that failed may be claimed.
@@ -45,7 +58,8 @@ pub enum RetryFailed {
 impl Store {
     /// Claims a job for a session, unless it is completed, running in a living session, or failed.
     ///
-    /// A job that a dead session was running is taken over.
+    /// A job that a dead session was running is taken over. One whose processes crashed may be run
+    /// without company only, and is recorded as failed when they did so too often.
     ///
     /// **Errors**: the job is not registered.
     pub fn claim(
@@ -53,6 +67,7 @@ impl Store {
         session: SessionId,
         key: &JobKey,
         retry: RetryFailed,
+        company: Company,
     ) -> Result<Claimed, StoreError> {
         self.write("claim a job", |transaction| {
             let job = transaction
@@ -67,7 +82,23 @@ impl Store {
                     Ok(Claimed::Failed)
                 }
                 JobState::Failed | JobState::Interrupted | JobState::Pending => {
-                    begin_run(transaction, session, job, key).map(Claimed::Claimed)
+                    match (crash::record(transaction, job)?, company) {
+                        (Record::Clean, _) | (Record::Suspect, Company::Nothing) => {
+                            begin_run(transaction, session, job, key).map(Claimed::Claimed)
+                        }
+                        (Record::Suspect, Company::Others) => Ok(Claimed::Suspect),
+                        (Record::Guilty(failure), _) => {
+                            let claim = begin_run(transaction, session, job, key)?;
+                            results::end_run(
+                                transaction,
+                                claim.run,
+                                "failed",
+                                Some(&failure),
+                                0.0,
+                            )?;
+                            Ok(Claimed::Failed)
+                        }
+                    }
                 }
             }
         })
@@ -85,7 +116,7 @@ fn state(connection: &Connection, session: SessionId, job: i64) -> rusqlite::Res
         let this = session::process_of(connection, session)?;
         let holders = session::holders(connection, &this)?;
         if holders.dead.contains(&holder) {
-            session::release(connection, holder)?;
+            session::release_dead(connection, holder)?;
         }
         alive = holders.alive_json();
     }

@@ -117,6 +117,32 @@ pub enum StoreError {
         /// The path.
         path: PathBuf,
     },
+    /// The file lies on another machine.
+    #[error(
+        "`{}` lies on a network file system ({kind}), where SQLite cannot rely on locks; put the \
+         store on a local disk, and copy it when its jobs have run",
+        .path.display()
+    )]
+    Network {
+        /// The path.
+        path: PathBuf,
+        /// The kind of file system.
+        kind: String,
+    },
+    /// The disk refuses to read or write.
+    #[error(
+        "failed to {action} in `{}`: {reason}; see whether its disk is full or failing; nothing \
+         is half written, and the same command goes on",
+        .path.display()
+    )]
+    Disk {
+        /// The path.
+        path: PathBuf,
+        /// What was to be done.
+        action: &'static str,
+        /// What SQLite said.
+        reason: String,
+    },
     /// Another process holds the write lock for too long.
     #[error(
         "failed to {action}: another process has held `{}` for over a minute; let it end, then \
@@ -215,6 +241,40 @@ pub enum StoreError {
         /// What was wrong with it.
         reason: String,
     },
+    /// The file is not as it was written.
+    #[error(
+        "`{}` is damaged: {reason}; `jitai doctor` says what can be saved",
+        .path.display()
+    )]
+    Damaged {
+        /// The path.
+        path: PathBuf,
+        /// What was seen.
+        reason: String,
+    },
+    /// The disk is full.
+    #[error(
+        "failed to {action}: no room is left for `{}`; make room, and the same command goes on",
+        .path.display()
+    )]
+    Full {
+        /// The path.
+        path: PathBuf,
+        /// What was to be done.
+        action: &'static str,
+    },
+    /// The file that a salvage is to write is there already.
+    #[error("`{}` is there already; a salvage writes a new file, name another", .path.display())]
+    InTheWay {
+        /// The path.
+        path: PathBuf,
+    },
+    /// A salvage found nothing.
+    #[error("nothing in `{}` can be read as a store, so nothing was written", .path.display())]
+    NothingToSave {
+        /// The path.
+        path: PathBuf,
+    },
     /// SQLite failed.
     #[error("failed to {action} in `{}`: {source}", .path.display())]
     Sqlite {
@@ -230,7 +290,14 @@ pub enum StoreError {
 impl StoreError {
     pub(super) fn sqlite(path: &Path, action: &'static str, source: rusqlite::Error) -> Self {
         let path = path.to_owned();
+        if is_damage(&source) {
+            return StoreError::Damaged { path, reason: source.to_string() };
+        }
         match source.sqlite_error_code() {
+            Some(ErrorCode::DiskFull) => StoreError::Full { path, action },
+            Some(ErrorCode::SystemIoFailure) => {
+                StoreError::Disk { path, action, reason: source.to_string() }
+            }
             Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked) => {
                 StoreError::Busy { path, action }
             }
@@ -243,6 +310,19 @@ impl StoreError {
             }
             _ => StoreError::Sqlite { path, action, source },
         }
+    }
+}
+
+/// Whether an error of SQLite, or of reading a value, says that the file is not as it was written.
+pub(super) fn is_damage(error: &rusqlite::Error) -> bool {
+    use rusqlite::Error;
+    match error {
+        // The tables are strict, so a value of another type or form was not written by anybody.
+        Error::InvalidColumnType(..)
+        | Error::FromSqlConversionFailure(..)
+        | Error::IntegralValueOutOfRange(..)
+        | Error::Utf8Error(..) => true,
+        other => other.sqlite_error_code() == Some(ErrorCode::DatabaseCorrupt),
     }
 }
 
@@ -312,6 +392,15 @@ pub enum QueryError {
     /// [`Interrupter::interrupt`](super::Interrupter::interrupt) was called.
     #[error("the query was interrupted")]
     Interrupted,
+    /// A value of the answer, or what it takes to find it, is too large.
+    #[error("the query needs more memory than a query may have; ask for less at a time")]
+    TooLarge,
+    /// The file is not as it was written.
+    #[error("the store is damaged: {reason}; `jitai doctor` says what can be saved")]
+    Damaged {
+        /// What was seen.
+        reason: String,
+    },
     /// SQLite failed in another way.
     #[error("the query failed: {0}")]
     Sqlite(#[source] rusqlite::Error),

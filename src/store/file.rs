@@ -12,7 +12,7 @@ use rusqlite::config::DbConfig;
 use rusqlite::{Connection, ErrorCode, OpenFlags};
 
 use super::migrate::{self, APPLICATION_ID};
-use super::{SCHEMA_VERSION, StoreError, query};
+use super::{SCHEMA_VERSION, StoreError, mount, query, schema};
 
 /// How long a connection waits for a lock. This program holds it for less than a second at a time;
 /// another that writes to the store may hold it for longer.
@@ -30,6 +30,9 @@ enum Presence {
 pub(super) fn open_writer(path: &Path) -> Result<(Connection, PathBuf), StoreError> {
     let path = absolute(path)?;
     look(&path)?;
+    if let Some(kind) = mount::network_file_system(&path) {
+        return Err(StoreError::Network { path, kind });
+    }
     let flags = OpenFlags::SQLITE_OPEN_READ_WRITE
         | OpenFlags::SQLITE_OPEN_CREATE
         | OpenFlags::SQLITE_OPEN_NO_MUTEX;
@@ -51,10 +54,12 @@ pub(super) fn open_writer(path: &Path) -> Result<(Connection, PathBuf), StoreErr
         return Err(StoreError::NoSharing { path });
     }
     migrate::migrate(&mut connection, &path, migrate::MIGRATIONS)?;
+    schema::require(&connection, &path)?;
     Ok((connection, path))
 }
 
-/// A reading connection to the store at `path`, and the absolute path.
+/// A reading connection to the store at `path`, and the absolute path. Whether its tables are as
+/// they were made is not looked at.
 pub(super) fn open_reader(path: &Path) -> Result<(Connection, PathBuf), StoreError> {
     let path = absolute(path)?;
     match look(&path)? {
@@ -78,6 +83,51 @@ pub(super) fn open_reader(path: &Path) -> Result<(Connection, PathBuf), StoreErr
         }
         _ => Ok((connection, path)),
     }
+}
+
+/// A connection that reads whatever can be read of a damaged store.
+///
+/// **Errors**: [`StoreError::Damaged`] if its header or schema cannot be read; it is no regular
+/// file, or a store of a newer release.
+pub(super) fn open_damaged(path: &Path) -> Result<Connection, StoreError> {
+    let path = absolute(path)?;
+    match look(&path) {
+        Ok(Presence::Absent) => return Err(StoreError::Missing { path }),
+        Ok(Presence::Blank) => return Err(StoreError::Empty { path }),
+        Ok(Presence::Database) => {}
+        // One changed byte of the header makes a store look like any of these.
+        Err(
+            StoreError::NotAStore { .. } | StoreError::Foreign { .. } | StoreError::Sqlite { .. },
+        ) if path.is_file() => {}
+        Err(error) => return Err(error),
+    }
+    let damaged = |error: rusqlite::Error| StoreError::Damaged {
+        path: path.clone(),
+        reason: error.to_string(),
+    };
+    let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    let connection = Connection::open_with_flags(&path, flags).map_err(damaged)?;
+    let ready = connection
+        .busy_timeout(BUSY_TIMEOUT)
+        .and_then(|()| {
+            connection.set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true)?;
+            connection.set_db_config(DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false)?;
+            // Without it SQLite reads nothing of a file that is shorter than its header says.
+            connection.execute_batch("PRAGMA writable_schema = ON; PRAGMA query_only = ON")
+        })
+        .and_then(|()| schema::faults(&connection))
+        .map_err(damaged)?;
+    match ready.into_iter().next() {
+        None => Ok(connection),
+        Some(reason) => Err(StoreError::Damaged { path, reason }),
+    }
+}
+
+/// `path` with an ending behind it, as SQLite names the files beside its own.
+pub(super) fn beside(path: &Path, ending: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(ending);
+    PathBuf::from(name)
 }
 
 /// Fails unless the file still has the schema of this program.
@@ -186,7 +236,8 @@ fn set_up(connection: &Connection, flag: DbConfig) -> rusqlite::Result<()> {
     connection.set_db_config(flag, true)?;
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_DQS_DML, false)?;
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_DEFENSIVE, true)?;
-    Ok(())
+    // A page whose rows do not fit into it is seen when it is read.
+    connection.pragma_update(None, "cell_size_check", true)
 }
 
 /// Whether the file now has a write-ahead log.
@@ -232,9 +283,7 @@ fn connect_reader(path: &Path) -> rusqlite::Result<Connection> {
 
 /// Whether no log of changes lies beside the store: then all of it is in its one file.
 fn at_rest(path: &Path) -> bool {
-    let mut log = path.as_os_str().to_owned();
-    log.push("-wal");
-    fs::metadata(log).map_or(true, |metadata| metadata.len() == 0)
+    fs::metadata(beside(path, "-wal")).map_or(true, |metadata| metadata.len() == 0)
 }
 
 /// A connection that asks for no lock and no file beside the store: for folders in which this

@@ -7,6 +7,7 @@ use std::process;
 use rusqlite::{Connection, OpenFlags, Transaction, TransactionBehavior};
 
 use super::StoreError;
+use super::file::beside;
 
 /// Marks a SQLite file as a store: the letters `JITA`.
 pub(super) const APPLICATION_ID: u32 = 0x4A49_5441;
@@ -76,6 +77,13 @@ fn migrate_locked(
         .map_err(failed)
 }
 
+/// The schema of this release in a database of its own, in memory.
+pub(super) fn newest() -> rusqlite::Result<Connection> {
+    let connection = Connection::open_in_memory()?;
+    MIGRATIONS.iter().try_for_each(|migration| connection.execute_batch(migration.sql))?;
+    Ok(connection)
+}
+
 fn version(connection: &Connection) -> rusqlite::Result<usize> {
     connection.query_row("PRAGMA user_version", [], |row| row.get::<_, u32>(0)).map(|v| v as usize)
 }
@@ -127,12 +135,6 @@ fn copy(path: &Path, target: &Path) -> Result<(), String> {
         .and_then(|source| source.execute("VACUUM INTO ?1", [name]))
         .map_err(|error| error.to_string())?;
     File::open(target).and_then(|file| file.sync_all()).map_err(|error| error.to_string())
-}
-
-fn beside(path: &Path, suffix: &str) -> PathBuf {
-    let mut name = path.as_os_str().to_owned();
-    name.push(suffix);
-    PathBuf::from(name)
 }
 
 #[cfg(test)]

@@ -13,6 +13,8 @@
 //! - A completed run has all its results and never changes; every other run has none.
 //! - A run ends only by the session that claimed it, or when that session is known to be dead
 //!   (`liveness.rs`). Whoever lost a claim cannot write ([`StoreError::ClaimLost`]).
+//! - A completed run keeps a digest of its results (`digest.rs`), by which [`examine`] and [`salvage`]
+//!   know whether they are still those that were stored.
 //! - Nothing is ever deleted but an experiment's hold on a job that its manifest dropped.
 //!
 //! It does not know how jobs are trained, in what order they are claimed, or what is printed. It
@@ -20,14 +22,20 @@
 
 mod claim;
 mod counts;
+mod crash;
+mod digest;
+mod doctor;
 mod error;
 mod experiment;
 mod file;
 mod liveness;
 mod migrate;
+mod mount;
 mod query;
 mod read;
 mod results;
+mod salvage;
+mod schema;
 mod session;
 mod state;
 mod summary;
@@ -37,14 +45,16 @@ use std::path::{Path, PathBuf};
 
 use rusqlite::{Connection, Transaction, TransactionBehavior};
 
-pub use claim::{Claim, Claimed, RetryFailed};
+pub use claim::{Claim, Claimed, Company, RetryFailed};
 pub use counts::ExperimentCounts;
+pub use doctor::{Diagnosis, Finding, Loads, examine};
 pub use error::{QueryError, StoreError};
 pub use experiment::{Experiment, Registered};
 pub use liveness::host_name;
 pub use query::{Answer, Interrupter, VIEWS, Value};
 pub use read::{FailedJob, Pace, Reader};
 pub use results::{Finished, RunEnd};
+pub use salvage::{Salvaged, salvage};
 pub use session::SessionId;
 pub use state::{Counts, JobState};
 pub use weights::StoredWeights;

@@ -4,9 +4,11 @@ use std::ops::ControlFlow;
 
 use rusqlite::functions::FunctionFlags;
 use rusqlite::hooks::{AuthAction, AuthContext, Authorization};
+use rusqlite::limits::Limit;
 use rusqlite::types::ValueRef;
 use rusqlite::{Connection, Error, ErrorCode, InterruptHandle, Row, Statement};
 
+use super::error::is_damage;
 use super::{QueryError, Reader};
 
 /// The public views, which `docs/store.md` describes.
@@ -126,10 +128,21 @@ pub(super) fn add_functions(connection: &Connection) -> rusqlite::Result<()> {
     })
 }
 
-/// Makes the connection refuse every statement that does not merely read the store.
+/// Makes the connection refuse every statement that does not merely read the store, and those that
+/// would fill the memory with one value or many.
 pub(super) fn allow_reading_only(connection: &mut Connection) -> rusqlite::Result<()> {
+    connection.set_limit(Limit::SQLITE_LIMIT_LENGTH, LONGEST_VALUE)?;
+    connection.set_limit(Limit::SQLITE_LIMIT_ATTACHED, 0)?;
+    // Of all connections of the process together; what is sorted goes to a file long before.
+    connection.pragma_update(None, "hard_heap_limit", MOST_MEMORY)?;
     connection.authorizer(Some(authorize))
 }
+
+/// Bytes of a value, a row or the SQL itself, at most; the weights of the largest network are a
+/// quarter of it.
+const LONGEST_VALUE: i32 = 256 << 20;
+/// Bytes that SQLite may hold, at most.
+const MOST_MEMORY: i64 = 768 << 20;
 
 fn authorize(context: AuthContext<'_>) -> Authorization {
     let allowed = match context.action {
@@ -169,8 +182,10 @@ fn explain(error: Error, sql: &str) -> QueryError {
             let (line, column, text) = place(sql, usize::try_from(offset).unwrap_or(0));
             QueryError::Sql { message: msg, line, column, text }
         }
+        other if is_damage(&other) => QueryError::Damaged { reason: other.to_string() },
         other => match other.sqlite_error_code() {
             Some(ErrorCode::OperationInterrupted) => QueryError::Interrupted,
+            Some(ErrorCode::OutOfMemory | ErrorCode::TooBig) => QueryError::TooLarge,
             Some(ErrorCode::AuthorizationForStatementDenied | ErrorCode::ReadOnly) => {
                 QueryError::NotAllowed
             }

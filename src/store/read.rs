@@ -11,7 +11,7 @@ use super::error::Fault;
 use super::liveness::ProcessTable;
 use super::session::{self, Holders};
 use super::state::{JobState, state_sql};
-use super::{StoreError, file, query};
+use super::{StoreError, file, query, schema};
 
 /// The store, open for reading. It never writes and never waits for a writer; every call sees the
 /// store as it was last committed.
@@ -59,6 +59,7 @@ impl Reader {
     /// **Errors**: there is none, or the file is something else, of an older or of a newer release.
     pub fn open(path: &Path) -> Result<Reader, StoreError> {
         let (mut connection, path) = file::open_reader(path)?;
+        schema::require(&connection, &path)?;
         query::allow_reading_only(&mut connection)
             .map_err(|source| StoreError::sqlite(&path, "open the store", source))?;
         Ok(Reader { connection, path })

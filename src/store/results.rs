@@ -6,7 +6,7 @@ use rusqlite::{Connection, OptionalExtension, params};
 
 use crate::record::{Failure, Outcome, Results};
 
-use super::{Claim, NOW, Store, StoreError};
+use super::{Claim, NOW, Store, StoreError, digest};
 
 /// The end of a claimed run.
 #[derive(Clone, Copy, Debug)]
@@ -69,19 +69,36 @@ fn finish_one(connection: &Connection, end: &RunEnd<'_>) -> rusqlite::Result<Fin
     if !held {
         return Ok(Finished::ClaimLost);
     }
-    let (status, failure) = match end.outcome {
+    match end.outcome {
         Outcome::Completed(results) => {
             insert_results(connection, *run, results)?;
-            ("completed", None)
+            complete_run(connection, *run, end.wall_seconds)?;
         }
-        Outcome::Failed(failure) => ("failed", Some(failure)),
-        Outcome::Interrupted => ("interrupted", None),
-    };
-    end_run(connection, *run, status, failure, end.wall_seconds)?;
+        Outcome::Failed(failure) => {
+            end_run(connection, *run, "failed", Some(failure), end.wall_seconds)?;
+        }
+        Outcome::Interrupted => {
+            end_run(connection, *run, "interrupted", None, end.wall_seconds)?;
+        }
+    }
     Ok(Finished::Stored)
 }
 
-fn end_run(
+/// Completes a run whose results are in the file, with their digest.
+fn complete_run(connection: &Connection, run: i64, wall_seconds: f64) -> rusqlite::Result<()> {
+    let results = digest::of_run(connection, run)?;
+    connection
+        .prepare_cached(&format!(
+            "UPDATE run SET status = 'completed', ended_at = {NOW}, wall_seconds = ?2,
+                results_sha256 = ?3
+             WHERE id = ?1"
+        ))?
+        .execute(params![run, wall_seconds, results])?;
+    Ok(())
+}
+
+/// Ends a run that leaves no results.
+pub(super) fn end_run(
     connection: &Connection,
     run: i64,
     status: &str,

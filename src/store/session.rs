@@ -1,12 +1,14 @@
 //! Sessions: one a process that runs jobs, with a heartbeat; and what becomes of the runs of a
 //! session that died.
 
+use std::fs::File;
 use std::time::Duration;
 
 use rusqlite::{Connection, Row, named_params};
 
 use crate::record::Provenance;
 
+use super::crash::{self, Crashed};
 use super::liveness::{Liveness, Process, ProcessTable};
 use super::{NOW, Store, StoreError};
 
@@ -63,8 +65,20 @@ impl Store {
                 &format!("UPDATE session SET heartbeat_at = {NOW}, ended_at = {NOW} WHERE id = ?1"),
                 [session.0],
             )?;
+            // It was needed in case the session would not come this far.
+            crash::take(transaction, session.0);
             Ok(())
         })
+    }
+
+    /// A file for one byte, written by whoever notices that the process crashes: a signal handler
+    /// can do no more. What is in it when the session is found dead tells a crash from a kill.
+    ///
+    /// **Errors**: it cannot be made.
+    pub fn crash_mark(&self, session: SessionId) -> Result<File, StoreError> {
+        let path = crash::mark(&self.path, session.0);
+        File::create(&path)
+            .map_err(|error| StoreError::CannotOpen { path, reason: error.to_string() })
     }
 
     /// Interrupts the runs of dead sessions, so that their jobs can be claimed; returns how many.
@@ -82,9 +96,30 @@ impl Store {
         }
         self.write(action, |transaction| {
             // A dead process stays dead, and a run that it no longer holds is not touched.
-            dead.iter().try_fold(0, |runs, &id| Ok(runs + release(transaction, id)?))
+            dead.iter().try_fold(0, |runs, &id| Ok(runs + release_dead(transaction, id)?))
         })
     }
+}
+
+/// Interrupts the running runs of a session whose process is dead; returns how many. If it crashed,
+/// they say so.
+pub(super) fn release_dead(connection: &Connection, session: i64) -> rusqlite::Result<usize> {
+    if let Crashed::Yes = crash::take(connection, session) {
+        connection
+            .prepare_cached(&format!(
+                "UPDATE run SET status = 'interrupted', ended_at = {NOW}, suspects = ?2
+                 WHERE session = ?1 AND status = 'running'"
+            ))?
+            .execute([session, running(connection, session)?])
+    } else {
+        release(connection, session)
+    }
+}
+
+fn running(connection: &Connection, session: i64) -> rusqlite::Result<i64> {
+    connection
+        .prepare_cached("SELECT count(*) FROM run WHERE session = ?1 AND status = 'running'")?
+        .query_row([session], |row| row.get(0))
 }
 
 /// Interrupts the running runs of a session; returns how many.

@@ -1,6 +1,9 @@
 //! The program as its users meet it: every test drives the real binary in a folder of its own.
 
 mod checkpoints;
+mod crashes;
+mod damage;
+mod disk;
 mod events;
 mod exits;
 mod failures;

@@ -5,7 +5,9 @@ use std::thread;
 
 use jitai::plan::{Job, JobKey};
 use jitai::record::{Outcome, Results};
-use jitai::store::{Claimed, Finished, JobState, Reader, RetryFailed, RunEnd, Store, StoreError};
+use jitai::store::{
+    Claimed, Company, Finished, JobState, Reader, RetryFailed, RunEnd, Store, StoreError,
+};
 
 use crate::sample::{Sample, completed, dqn, failed, number, provenance, results, rule};
 
@@ -24,12 +26,12 @@ fn a_job_is_claimed_by_one_and_then_completed() {
     assert_eq!(state(&sample, &job), JobState::Running);
     let mut other = Store::open(&sample.path).unwrap();
     let session = other.begin_session(&provenance()).unwrap();
-    let again = other.claim(session, &job.key(), RetryFailed::Yes).unwrap();
+    let again = other.claim(session, &job.key(), RetryFailed::Yes, Company::Others).unwrap();
     assert_eq!(again, Claimed::HeldElsewhere);
 
     sample.store.finish(&claim, &completed(), 1.5).unwrap();
     assert_eq!(state(&sample, &job), JobState::Completed);
-    let again = other.claim(session, &job.key(), RetryFailed::Yes).unwrap();
+    let again = other.claim(session, &job.key(), RetryFailed::Yes, Company::Others).unwrap();
     assert_eq!(again, Claimed::Completed);
 }
 
@@ -48,7 +50,8 @@ fn a_failed_job_is_claimed_again_when_asked_and_once_a_session() {
     let mut sample = Sample::with(std::slice::from_ref(&job));
     sample.run(&job, &failed());
     let session = sample.session;
-    let mut claim = |session, retry| sample.store.claim(session, &job.key(), retry).unwrap();
+    let mut claim =
+        |session, retry| sample.store.claim(session, &job.key(), retry, Company::Others).unwrap();
     assert_eq!(claim(session, RetryFailed::No), Claimed::Failed);
     assert_eq!(claim(session, RetryFailed::Yes), Claimed::Failed);
 
@@ -56,7 +59,8 @@ fn a_failed_job_is_claimed_again_when_asked_and_once_a_session() {
     let claim = sample.claim(&job);
     assert_eq!(claim.attempt, 2);
     sample.store.finish(&claim, &failed(), 1.5).unwrap();
-    let again = sample.store.claim(sample.session, &job.key(), RetryFailed::Yes).unwrap();
+    let again =
+        sample.store.claim(sample.session, &job.key(), RetryFailed::Yes, Company::Others).unwrap();
     assert_eq!(again, Claimed::Failed);
 }
 
@@ -68,14 +72,16 @@ fn a_failure_outlasts_an_interrupted_retry() {
     sample.session = sample.store.begin_session(&provenance()).unwrap();
     sample.run(&job, &Outcome::Interrupted);
     assert_eq!(state(&sample, &job), JobState::Failed);
-    let again = sample.store.claim(sample.session, &job.key(), RetryFailed::No).unwrap();
+    let again =
+        sample.store.claim(sample.session, &job.key(), RetryFailed::No, Company::Others).unwrap();
     assert_eq!(again, Claimed::Failed);
 }
 
 #[test]
 fn a_job_of_no_experiment_cannot_be_claimed() {
     let mut sample = Sample::new();
-    let error = sample.store.claim(sample.session, &dqn(0.4, 1).key(), RetryFailed::No);
+    let error =
+        sample.store.claim(sample.session, &dqn(0.4, 1).key(), RetryFailed::No, Company::Others);
     assert!(matches!(error, Err(StoreError::UnknownJob { .. })), "{error:?}");
 }
 
@@ -88,13 +94,13 @@ fn two_processes_with_one_list_never_share_a_job() {
         let session = store.begin_session(&provenance()).unwrap();
         let mut done = Vec::new();
         for job in &jobs {
-            match store.claim(session, &job.key(), RetryFailed::No).unwrap() {
+            match store.claim(session, &job.key(), RetryFailed::No, Company::Others).unwrap() {
                 Claimed::Claimed(claim) => {
                     store.finish(&claim, &completed(), 0.1).unwrap();
                     done.push(job.key());
                 }
                 Claimed::Completed | Claimed::HeldElsewhere => {}
-                Claimed::Failed => panic!("nothing fails here"),
+                Claimed::Failed | Claimed::Suspect => panic!("nothing fails here"),
             }
         }
         done
@@ -120,7 +126,9 @@ fn the_run_of_a_killed_process_is_taken_over_and_it_cannot_write_any_more() {
 
     let mut other = Store::open(&sample.path).unwrap();
     let session = other.begin_session(&provenance()).unwrap();
-    let Claimed::Claimed(claim) = other.claim(session, &job.key(), RetryFailed::No).unwrap() else {
+    let Claimed::Claimed(claim) =
+        other.claim(session, &job.key(), RetryFailed::No, Company::Others).unwrap()
+    else {
         panic!("the job of a dead process is free");
     };
     assert_eq!(claim.attempt, 2);

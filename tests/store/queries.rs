@@ -128,6 +128,86 @@ fn a_query_cannot_change_anything_or_reach_another_file() {
 }
 
 #[test]
+fn a_query_cannot_reach_outside_by_any_way_that_sql_has() {
+    let sample = sample();
+    let folder = sample.path.parent().unwrap();
+    let before = fs::read(&sample.path).unwrap();
+    let reader = Reader::open(&sample.path).unwrap();
+    for sql in [
+        // Writing, in disguise.
+        "WITH x AS (SELECT 1) INSERT INTO metric_name (name) SELECT 'x' FROM x",
+        "WITH x AS (SELECT 1) DELETE FROM experiment_job",
+        "REPLACE INTO metric_name (id, name) VALUES (1, 'x')",
+        "INSERT INTO sqlite_schema VALUES ('table', 'x', 'x', 0, 'x')",
+        "UPDATE sqlite_schema SET sql = ''",
+        "EXPLAIN DELETE FROM run; DELETE FROM run",
+        "SELECT 1; ATTACH 'other.sqlite' AS other",
+        "CREATE TEMP TRIGGER t AFTER INSERT ON run BEGIN SELECT 1; END",
+        "CREATE TABLE copy AS SELECT * FROM run",
+        "CREATE VIRTUAL TABLE temp.t USING rtree(a, b, c)",
+        "CREATE INDEX i ON run (job)",
+        // Other files.
+        "ATTACH 'file:other.sqlite?mode=rwc' AS other",
+        "ATTACH DATABASE ':memory:' AS other",
+        "VACUUM main INTO 'other.sqlite'",
+        "PRAGMA temp_store_directory = '/tmp'",
+        "PRAGMA data_store_directory = '/tmp'",
+        "SELECT * FROM fsdir('/')",
+        "SELECT * FROM csv('/etc/passwd')",
+        "SELECT * FROM zipfile('x.zip')",
+        "SELECT * FROM fts5_source('/etc/passwd')",
+        // Extensions.
+        "SELECT load_extension('other')",
+        "SELECT load_extension('other', 'sqlite3_extension_init') FROM run",
+        "SELECT (SELECT load_extension('other'))",
+        "WITH x AS (SELECT load_extension('other') AS a) SELECT a FROM x",
+        // Settings, and locks on others.
+        "PRAGMA locking_mode = EXCLUSIVE",
+        "PRAGMA hard_heap_limit = 0",
+        "PRAGMA trusted_schema = ON",
+        "PRAGMA mmap_size = 1000000000",
+        "PRAGMA schema_version = 9",
+        "PRAGMA application_id = 1",
+        "PRAGMA integrity_check",
+        "PRAGMA table_info = 1; DROP TABLE run",
+        "SELECT * FROM pragma_writable_schema",
+        "SELECT * FROM pragma_database_list",
+        "SELECT sqlite_compileoption_get(load_extension('other'))",
+        "BEGIN EXCLUSIVE",
+        "ROLLBACK",
+        "RELEASE s",
+    ] {
+        let error = ask(&reader, sql).expect_err(sql);
+        assert!(!matches!(error, QueryError::Damaged { .. }), "{sql}: {error}");
+    }
+    assert_eq!(fs::read(&sample.path).unwrap(), before);
+    let names: Vec<_> = fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name()).collect();
+    let of_store = |name: &std::ffi::OsString| name.to_str().unwrap().starts_with("jitai.sqlite");
+    assert!(names.iter().all(of_store), "{names:?}");
+    assert_eq!(ask(&reader, "SELECT count(*) FROM run").unwrap()[1], "Integer(1)");
+}
+
+#[test]
+fn a_query_cannot_fill_the_memory() {
+    let sample = sample();
+    let reader = Reader::open(&sample.path).unwrap();
+    for sql in [
+        "SELECT length(zeroblob(1000000000))",
+        "SELECT length(randomblob(1000000000))",
+        "SELECT length(printf('%1000000000d', 1))",
+        "SELECT length(replace(hex(zeroblob(1000000)), '0', hex(zeroblob(1000))))",
+        "WITH RECURSIVE n (i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n LIMIT 1000)
+         SELECT length(group_concat(hex(zeroblob(1000000)))) FROM n",
+        "WITH RECURSIVE n (i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n LIMIT 1000)
+         SELECT json_group_array(hex(zeroblob(1000000))) FROM n",
+    ] {
+        let error = ask(&reader, sql).expect_err(sql);
+        assert!(matches!(error, QueryError::TooLarge), "{sql}: {error}");
+    }
+    assert_eq!(ask(&reader, "SELECT length(zeroblob(1000000))").unwrap()[1], "Integer(1000000)");
+}
+
+#[test]
 fn a_query_is_one_statement() {
     let sample = sample();
     let reader = Reader::open(&sample.path).unwrap();

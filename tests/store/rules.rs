@@ -5,6 +5,7 @@ use rusqlite::Connection;
 use crate::sample::{Sample, completed, dqn, failed, number};
 
 const END: &str = "ended_at = '2026-01-31T12:00:00.000Z'";
+const DIGEST: &str = "results_sha256 = zeroblob(32)";
 const RESULTS: &str =
     "INSERT INTO run_metric VALUES (1, 1, 2.5), (1, 2, 2.5), (1, 3, 2.5), (1, 4, 0.5);
     INSERT INTO test_episode VALUES (1, 1, 2.5, 50, 0);
@@ -30,28 +31,45 @@ fn refused(raw: &Connection, sql: &str, reason: &str) {
 }
 
 #[test]
-fn a_completed_run_has_an_end_and_a_wall_time() {
+fn a_completed_run_has_an_end_a_wall_time_and_a_digest() {
     let (_sample, raw) = running();
     raw.execute_batch(RESULTS).unwrap();
-    refused(&raw, "UPDATE run SET status = 'completed', wall_seconds = 1", "CHECK");
-    refused(&raw, &format!("UPDATE run SET status = 'completed', {END}"), "CHECK");
     refused(
         &raw,
-        &format!("UPDATE run SET status = 'completed', {END}, wall_seconds = -1"),
+        "UPDATE run SET status = 'completed', wall_seconds = 1, results_sha256 = zeroblob(32)",
+        "CHECK",
+    );
+    refused(&raw, &format!("UPDATE run SET status = 'completed', {END}, {DIGEST}"), "CHECK");
+    refused(
+        &raw,
+        &format!("UPDATE run SET status = 'completed', {END}, wall_seconds = 1"),
         "CHECK",
     );
     refused(
         &raw,
-        &format!("UPDATE run SET status = 'completed', {END}, wall_seconds = 9e999"),
+        &format!("UPDATE run SET status = 'interrupted', {END}, {DIGEST}"),
+        "only a completed run",
+    );
+    refused(
+        &raw,
+        &format!("UPDATE run SET status = 'completed', {END}, wall_seconds = -1, {DIGEST}"),
         "CHECK",
     );
-    raw.execute_batch(&format!("UPDATE run SET status = 'completed', {END}, wall_seconds = 1"))
-        .unwrap();
+    refused(
+        &raw,
+        &format!("UPDATE run SET status = 'completed', {END}, wall_seconds = 9e999, {DIGEST}"),
+        "CHECK",
+    );
+    raw.execute_batch(&format!(
+        "UPDATE run SET status = 'completed', {END}, wall_seconds = 1, {DIGEST}"
+    ))
+    .unwrap();
 }
 
 #[test]
 fn a_completed_run_has_metrics_episodes_and_weights() {
-    let complete = format!("UPDATE run SET status = 'completed', {END}, wall_seconds = 1");
+    let complete =
+        format!("UPDATE run SET status = 'completed', {END}, wall_seconds = 1, {DIGEST}");
     for missing in ["run_metric", "test_episode", "trained_weights"] {
         let (_sample, raw) = running();
         for insert in RESULTS.split_inclusive(';').filter(|insert| !insert.contains(missing)) {
@@ -63,7 +81,8 @@ fn a_completed_run_has_metrics_episodes_and_weights() {
 
 #[test]
 fn a_completed_run_has_every_metric_of_the_summary() {
-    let complete = format!("UPDATE run SET status = 'completed', {END}, wall_seconds = 1");
+    let complete =
+        format!("UPDATE run SET status = 'completed', {END}, wall_seconds = 1, {DIGEST}");
     for missing in 1..=4 {
         let (_sample, raw) = running();
         // As many metrics, but one of them is not in the summary.

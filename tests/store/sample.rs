@@ -8,7 +8,7 @@ use jitai::record::{
     ActionCount, CURVE_METRICS, CurvePoint, Failure, FailureKind, METRICS, Metric, Outcome,
     Provenance, Results, TestEpisode,
 };
-use jitai::store::{Claim, Claimed, Experiment, RetryFailed, SessionId, Store};
+use jitai::store::{Claim, Claimed, Company, Experiment, RetryFailed, SessionId, Store};
 use rusqlite::Connection;
 
 /// A store in a folder of its own, with a session of this process.
@@ -37,7 +37,8 @@ impl Sample {
 
     /// Claims a job that must be free.
     pub fn claim(&mut self, job: &Job) -> Claim {
-        match self.store.claim(self.session, &job.key(), RetryFailed::Yes).unwrap() {
+        match self.store.claim(self.session, &job.key(), RetryFailed::Yes, Company::Others).unwrap()
+        {
             Claimed::Claimed(claim) => claim,
             other => panic!("the job is not free: {other:?}"),
         }
@@ -62,9 +63,17 @@ impl Sample {
         // The id is private, but its debug form shows it.
         let id: i64 =
             format!("{session:?}").trim_matches(|c: char| !c.is_ascii_digit()).parse().unwrap();
+        let rule: String = raw
+            .query_row(
+                "SELECT sql FROM sqlite_schema WHERE name = 'session_stays_the_same_process'",
+                [],
+                |row| row.get(0),
+            )
+            .unwrap();
         // No client could do this.
         raw.execute_batch("DROP TRIGGER session_stays_the_same_process").unwrap();
         raw.execute("UPDATE session SET process_id = ?1 WHERE id = ?2", (child.id(), id)).unwrap();
+        raw.execute_batch(&rule).unwrap();
     }
 }
 

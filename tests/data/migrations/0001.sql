@@ -30,7 +30,8 @@ INSERT INTO test_episode (run, episode, total_reward, length, disengaged) VALUES
 INSERT INTO action_count (run, bin, context, action, count) VALUES (1, 0, 1, 3, 40), (1, 9, 0, 2, 17);
 INSERT INTO trained_weights (run, safetensors) VALUES (1, x'0800000000000000');
 
-UPDATE run SET status = 'completed', ended_at = '2026-01-31T12:10:00.000Z', wall_seconds = 599.0 WHERE id = 1;
+UPDATE run SET status = 'completed', ended_at = '2026-01-31T12:10:00.000Z', wall_seconds = 599.0,
+    results_sha256 = x'0000000000000000000000000000000000000000000000000000000000000000' WHERE id = 1;
 UPDATE run SET status = 'failed', ended_at = '2026-01-31T12:11:00.000Z', wall_seconds = 658.0,
     failure_kind = 'diverged', failure_message = 'the loss is not a number', failure_episode = 17 WHERE id = 2;
 UPDATE run SET status = 'interrupted', ended_at = '2026-01-31T13:00:00.000Z', wall_seconds = 3597.0 WHERE id = 3;

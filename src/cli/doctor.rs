@@ -1,0 +1,131 @@
+//! `jitai doctor`: whether a store is as it was written, and what can be saved of it.
+
+use std::io::{self, Write};
+use std::path::PathBuf;
+
+use clap::ValueEnum;
+use serde_json::json;
+
+use crate::agent::{self, Actions, Weights};
+use crate::cli::output::{counted, printable, shell_word};
+use crate::cli::{Error, Exit, StoreArgument};
+use crate::plan::Job;
+use crate::store::{self, Diagnosis, Finding, Salvaged};
+
+/// Look for damage in a store: its file, its references, and every result against its digest
+///
+/// Exits with 0 if the store is healthy and with 3 if it is damaged.
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// Write a new store with every completed run that is intact; the damaged one is only read
+    ///
+    /// Exits with 0 if the new store could be written.
+    #[arg(long, value_name = "NEW")]
+    salvage: Option<PathBuf>,
+    /// How the answer is written
+    #[arg(long, value_enum, default_value = "text")]
+    format: Format,
+    #[command(flatten)]
+    store: StoreArgument,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Format {
+    /// Lines, for reading.
+    Text,
+    /// One object.
+    Json,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
+    match &arguments.salvage {
+        Some(new) => {
+            let salvaged = store::salvage(&arguments.store.store, new, &loads)?;
+            show_salvaged(arguments, &new.display().to_string(), salvaged)?;
+            Ok(Exit::Done)
+        }
+        None => {
+            let diagnosis = store::examine(&arguments.store.store, &loads)?;
+            show_diagnosis(arguments, &diagnosis)?;
+            Ok(if diagnosis.findings.is_empty() { Exit::Done } else { Exit::System })
+        }
+    }
+}
+
+/// Why the weights make no policy for the job, if they do not.
+fn loads(job: &Job, safetensors: &[u8]) -> Result<(), String> {
+    let weights = Weights::from_bytes(safetensors).map_err(|error| error.to_string())?;
+    if !weights.are_finite() {
+        return Err("a weight is infinite or not a number".to_owned());
+    }
+    let Job { agent, environment, scenario, .. } = job;
+    agent::trained_policy(agent, environment, scenario, &weights, Actions::AsTrained)
+        .map(|_| ())
+        .map_err(|error| error.to_string())
+}
+
+fn show_diagnosis(arguments: &Arguments, diagnosis: &Diagnosis) -> Result<(), Error> {
+    let Diagnosis { findings, completed, intact } = diagnosis;
+    let mut out = io::stdout().lock();
+    if arguments.format == Format::Json {
+        let findings: Vec<_> = findings
+            .iter()
+            .map(|Finding { part, job_key, what }| {
+                json!({ "part": part, "job_key": job_key, "what": what })
+            })
+            .collect();
+        let healthy = findings.is_empty();
+        let answer = json!({
+            "healthy": healthy, "completed": completed, "intact": intact, "findings": findings,
+        });
+        return Ok(writeln!(out, "{answer}")?);
+    }
+    let store = printable(&arguments.store.store.display().to_string());
+    let runs = counted(*completed, "completed run");
+    if findings.is_empty() {
+        return Ok(writeln!(out, "{store} is healthy: {runs}, all as they were stored")?);
+    }
+    writeln!(out, "{store} is damaged:")?;
+    for Finding { part, job_key, what } in findings {
+        let of_job = job_key.as_ref().map(|key| format!(" of job {key}")).unwrap_or_default();
+        let part = if *part == "job" { "" } else { part };
+        let subject = format!("{part}{of_job}");
+        let subject = if subject.is_empty() { "job" } else { subject.trim_start() };
+        writeln!(out, "  {}: {}", printable(subject), printable(what))?;
+    }
+    let option = arguments.store.as_option();
+    writeln!(
+        out,
+        "{intact} of {runs} found intact; `jitai doctor --salvage NEW{option}` writes what is \
+         intact to a new store"
+    )?;
+    Ok(())
+}
+
+fn show_salvaged(arguments: &Arguments, new: &str, salvaged: Salvaged) -> Result<(), Error> {
+    let Salvaged { experiments, jobs, completed, lost, others } = salvaged;
+    let mut out = io::stdout().lock();
+    if arguments.format == Format::Json {
+        let answer = json!({
+            "store": new, "experiments": experiments, "jobs": jobs, "completed": completed,
+            "lost": lost, "failed_or_interrupted": others,
+        });
+        return Ok(writeln!(out, "{answer}")?);
+    }
+    writeln!(
+        out,
+        "{}: {}, {}, {}, {} that failed or were interrupted; {} lost",
+        printable(new),
+        counted(experiments as u64, "experiment"),
+        counted(jobs as u64, "job"),
+        counted(completed as u64, "completed run"),
+        counted(others as u64, "run"),
+        counted(lost as u64, "completed run"),
+    )?;
+    writeln!(
+        out,
+        "`jitai run` with the same manifests and --store {} runs what is missing",
+        shell_word(new)
+    )?;
+    Ok(())
+}

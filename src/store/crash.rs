@@ -1,0 +1,83 @@
+//! Crashes: processes that ended by a fault of their own, and the jobs they were running.
+//!
+//! A process that is killed (by a person, a batch system, the kernel when memory is short) says
+//! nothing about its jobs: they run again, however often. One that aborts (a failed allocation, an
+//! overflowing stack, a panic within a panic) may have been brought down by one of its jobs, which
+//! would bring down every later process, too. It leaves a mark, and all its jobs are suspects. A
+//! suspect runs alone from then on, so that the next crash has one suspect only; after three crashes,
+//! the last of them alone, the job has failed.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use rusqlite::Connection;
+
+use crate::record::{Failure, FailureKind};
+
+use super::file::beside;
+
+/// Crashes of its process after which a job has failed, if it was alone at the last.
+const MOST_CRASHES: u32 = 3;
+
+/// Whether a dead process crashed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Crashed {
+    /// It ended by a fault of its own.
+    Yes,
+    /// It was killed, or nothing is known of its end.
+    No,
+}
+
+/// The file that a session marks as it crashes.
+pub(super) fn mark(store: &Path, session: i64) -> PathBuf {
+    beside(store, &format!("-session-{session}"))
+}
+
+/// Whether a dead session left a mark, which is taken away. Should the transaction that this is
+/// part of not be committed, one crash is not counted.
+pub(super) fn take(connection: &Connection, session: i64) -> Crashed {
+    let Some(store) = connection.path() else { return Crashed::No };
+    let mark = mark(Path::new(store), session);
+    let crashed = match fs::metadata(&mark) {
+        Ok(metadata) if metadata.len() > 0 => Crashed::Yes,
+        Ok(_) | Err(_) => Crashed::No,
+    };
+    // What stays behind is an empty file that nobody asks for again.
+    let _ = fs::remove_file(mark);
+    crashed
+}
+
+/// What the crashes so far say of a job.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Record {
+    /// No process crashed while it ran.
+    Clean,
+    /// One did, and it may have been this job.
+    Suspect,
+    /// Enough did, the last one with no other job beside it.
+    Guilty(Failure),
+}
+
+/// What the crashes since a job's last failure say of it.
+pub(super) fn record(connection: &Connection, job: i64) -> rusqlite::Result<Record> {
+    let (crashes, last): (u32, Option<u32>) = connection
+        .prepare_cached(
+            "SELECT count(suspects), (SELECT suspects FROM run WHERE job = ?1
+                AND suspects IS NOT NULL ORDER BY attempt DESC LIMIT 1)
+             FROM run WHERE job = ?1 AND attempt > (SELECT coalesce(max(attempt), 0) FROM run
+                WHERE job = ?1 AND status = 'failed')",
+        )?
+        .query_row([job], |row| Ok((row.get(0)?, row.get(1)?)))?;
+    Ok(match (crashes, last) {
+        (0, _) => Record::Clean,
+        (MOST_CRASHES.., Some(1)) => Record::Guilty(Failure {
+            kind: FailureKind::Crashed,
+            message: format!(
+                "the process crashed in {crashes} attempts at this job, in the last with no other \
+                 job beside it; what it said of it is in the output of that `jitai run`"
+            ),
+            episode: 0,
+        }),
+        _ => Record::Suspect,
+    })
+}

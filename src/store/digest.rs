@@ -1,0 +1,68 @@
+//! The digest of a run's results: what they were when they were stored.
+//!
+//! SQLite checks that a file is well formed, not that a number in it is the one that was written.
+//! The transaction that completes a run keeps a SHA-256 of its results beside it, taken from the
+//! rows as they stand in the file, so that a byte that changes later is noticed by whoever asks.
+
+use rusqlite::types::ValueRef;
+use rusqlite::{Connection, Statement};
+use sha2::{Digest, Sha256};
+
+/// Every result of run `?1`, in an order that the row ids of one file do not decide.
+const RESULTS: [&str; 5] = [
+    "SELECT name, value FROM run_metric JOIN metric_name ON metric_name.id = metric
+     WHERE run = ?1 ORDER BY name",
+    "SELECT name, episode, value FROM curve_point JOIN metric_name ON metric_name.id = metric
+     WHERE run = ?1 ORDER BY name, episode",
+    "SELECT episode, total_reward, length, disengaged FROM test_episode
+     WHERE run = ?1 ORDER BY episode",
+    "SELECT bin, context, action, count FROM action_count
+     WHERE run = ?1 ORDER BY bin, context, action",
+    "SELECT safetensors FROM trained_weights WHERE run = ?1",
+];
+
+/// The digest of a run's results, with the key of its job. The same results of the same job have
+/// the same digest in every store.
+pub(super) fn of_run(connection: &Connection, run: i64) -> rusqlite::Result<[u8; 32]> {
+    let mut hasher = Sha256::new();
+    hasher.update("jitai results 1\n");
+    let key: String = connection
+        .prepare_cached("SELECT key FROM run JOIN job ON job.id = run.job WHERE run.id = ?1")?
+        .query_row([run], |row| row.get(0))?;
+    hasher.update(&key);
+    for sql in RESULTS {
+        hasher.update("\n");
+        let mut statement = connection.prepare_cached(sql)?;
+        add_rows(&mut hasher, &mut statement, run)?;
+    }
+    Ok(hasher.finalize().into())
+}
+
+/// Adds the rows of a statement; every value says its type and its length, so that no two answers
+/// are the same bytes.
+fn add_rows(hasher: &mut Sha256, statement: &mut Statement<'_>, run: i64) -> rusqlite::Result<()> {
+    let columns = statement.column_count();
+    let mut rows = statement.query([run])?;
+    while let Some(row) = rows.next()? {
+        for column in 0..columns {
+            match row.get_ref(column)? {
+                ValueRef::Null => hasher.update("n"),
+                ValueRef::Integer(whole) => add(hasher, "i", &whole.to_le_bytes()),
+                ValueRef::Real(real) => add(hasher, "r", &real.to_bits().to_le_bytes()),
+                ValueRef::Text(bytes) => add_sized(hasher, "t", bytes),
+                ValueRef::Blob(bytes) => add_sized(hasher, "b", bytes),
+            }
+        }
+    }
+    Ok(())
+}
+
+fn add(hasher: &mut Sha256, kind: &str, bytes: &[u8]) {
+    hasher.update(kind);
+    hasher.update(bytes);
+}
+
+fn add_sized(hasher: &mut Sha256, kind: &str, bytes: &[u8]) {
+    add(hasher, kind, &(bytes.len() as u64).to_le_bytes());
+    hasher.update(bytes);
+}

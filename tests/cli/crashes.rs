@@ -1,0 +1,104 @@
+//! Processes that crash: the job that brings them down is found and recorded, the jobs beside it
+//! complete, and a process that is killed condemns nobody.
+
+use std::fs;
+use std::process::Stdio;
+
+use crate::support::{Effort, Folder, Running, manifest, until};
+
+const RUNNING: &str = "SELECT count(*) FROM run WHERE status = 'running'";
+const CRASHED: &str = "SELECT count(*) FROM run WHERE failure_kind = 'crashed'";
+
+/// Starts a sweep of two workers, waits until `jobs` jobs run in its session, and ends it so.
+fn ended_while_running(folder: &Folder, sessions: i64, jobs: i64, signal: &str) {
+    let run = folder.start(["run", "sweep.toml", "--workers", "2"]);
+    let running = format!("{RUNNING} AND session = {sessions}");
+    until("jobs run", || folder.count_if_there(&running) == Some(jobs));
+    run.signal(signal);
+    assert_eq!(run.wait().code, None);
+}
+
+fn marks(folder: &Folder) -> usize {
+    let names = fs::read_dir(folder.path("")).unwrap().map(|entry| entry.unwrap().file_name());
+    names.filter(|name| name.to_str().unwrap().contains("-session-")).count()
+}
+
+#[test]
+fn a_job_that_brings_its_process_down_three_times_has_failed_and_its_neighbour_has_not() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Endless));
+    // Two suspects; then the first of them alone, twice.
+    ended_while_running(&folder, 1, 2, "ABRT");
+    ended_while_running(&folder, 2, 1, "ABRT");
+    assert_eq!(folder.number("SELECT count(*) FROM run WHERE suspects = 2"), 2);
+    ended_while_running(&folder, 3, 1, "ABRT");
+    assert_eq!(folder.number(CRASHED), 0);
+    // Now the other one has its turn; a kill says nothing about it, however often it happens.
+    for session in 4..=7 {
+        ended_while_running(&folder, session, 1, "KILL");
+        assert_eq!(folder.number(CRASHED), 1);
+    }
+    let run: Running = folder.start(["run", "sweep.toml", "--workers", "2"]);
+    let eighth = format!("{RUNNING} AND session = 8");
+    until("the other runs on", || folder.count_if_there(&eighth) == Some(1));
+    assert_eq!(marks(&folder), 1);
+    run.signal("INT");
+    run.wait().ended(130);
+    assert_eq!(marks(&folder), 0);
+    assert_eq!(folder.number("SELECT count(DISTINCT job) FROM run WHERE suspects = 1"), 1);
+    let status = folder.jitai(["status"]).succeeded().prints("crashed");
+    let status =
+        status.prints("the process crashed in 3 attempts at this job, in the last with no");
+    assert!(status.stdout.contains("dqn P-H-D"), "{}", status.stdout);
+    folder.jitai(["doctor"]).succeeded();
+}
+
+#[test]
+fn suspects_that_did_nothing_wrong_complete() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "2", Effort::Short));
+    ended_while_running(&folder, 1, 2, "ABRT");
+    folder.jitai(["run", "sweep.toml", "--workers", "2"]).succeeded();
+    assert_eq!(folder.number("SELECT count(*) FROM run WHERE status = 'completed'"), 4);
+    assert_eq!(folder.number("SELECT count(*) FROM run WHERE suspects = 2"), 2);
+}
+
+#[test]
+fn a_job_that_needs_more_memory_than_there_is_has_failed_in_the_end() {
+    let folder = Folder::with(
+        "format = 1
+name = \"sweep\"
+scenarios = [\"P-H-D\"]
+seeds = 1
+environment.sigma = 0.6
+evaluation.test_episodes = 20
+[[agent]]
+name = \"huge\"
+algorithm = \"dueling_dqn\"
+episodes = 10
+layers = [4096, 4096]
+[[agent]]
+name = \"small\"
+algorithm = \"reinforce\"
+episodes = 10
+layers = [8]
+",
+    );
+    let run = || {
+        let program = env!("CARGO_BIN_EXE_jitai");
+        let script = format!("ulimit -v 250000; exec {program} run sweep.toml --workers 1");
+        folder.command_of("sh", ["-c", &script]).stdout(Stdio::null()).output().unwrap()
+    };
+    for attempt in 1..=3 {
+        let ended = run();
+        let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+        assert_eq!(ended.status.code(), None, "attempt {attempt}: {said}");
+        assert!(said.contains("memory allocation of"), "{said}");
+    }
+    assert_eq!(run().status.code(), Some(1));
+    let failed =
+        "SELECT count(*) FROM run_summary WHERE agent = 'huge' AND failure_kind = 'crashed'";
+    assert_eq!(folder.number(failed), 1);
+    let completed =
+        "SELECT count(*) FROM run_summary WHERE agent = 'small' AND status = 'completed'";
+    assert_eq!(folder.number(completed), 1);
+    folder.jitai(["doctor"]).succeeded();
+}

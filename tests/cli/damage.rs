@@ -1,0 +1,293 @@
+//! Damaged stores: nothing panics, nothing is silently different without `doctor` knowing it, and
+//! what is intact can be saved.
+
+use std::fs;
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+
+use crate::failures::partly_diverging;
+use crate::support::{Effort, Finished, Folder, assert_same_rows, manifest};
+
+/// Places of a store at which a byte is changed.
+const PLACES: usize = 500;
+
+/// Seed of the places and of the changes.
+const SEED: u64 = 7;
+
+const VIEWS: [&str; 5] =
+    ["parameter", "metric", "learning_curve", "evaluation_episode", "action_choice"];
+
+/// A folder whose store has completed runs of two agents, and failed ones.
+fn healthy() -> Folder {
+    let folder = Folder::with(&manifest("sweep", "[0.4, 0.6]", "3", Effort::Trivial));
+    folder.write("wild.toml", partly_diverging().replace("\"sweep\"", "\"wild\""));
+    folder.jitai(["run", "sweep.toml", "wild.toml", "--quiet"]).ended(1);
+    folder.jitai(["doctor"]).succeeded().prints("is healthy: 14 completed runs");
+    folder
+}
+
+fn store(folder: &Folder) -> Vec<u8> {
+    // A reader may leave a log behind, but then an empty one.
+    let log = fs::metadata(folder.path("jitai.sqlite-wal")).map_or(0, |log| log.len());
+    assert_eq!(log, 0);
+    fs::read(folder.path("jitai.sqlite")).unwrap()
+}
+
+/// A folder with the manifests of another and these bytes for a store.
+fn with_store(of: &Folder, bytes: &[u8]) -> Folder {
+    let folder = Folder::with(&of.read("sweep.toml"));
+    folder.write("wild.toml", of.read("wild.toml"));
+    folder.write("jitai.sqlite", bytes);
+    folder
+}
+
+/// What commands answered.
+#[derive(Debug)]
+struct Answers {
+    /// `doctor` found the store healthy.
+    healthy: bool,
+    /// Of every command that answered: what it was, and its answer.
+    given: Vec<(String, String)>,
+}
+
+/// Asks every reading command, and asserts that it answers or says what is wrong.
+fn ask(folder: &Folder, place: &str) -> Answers {
+    let mut given = Vec::new();
+    let mut hear = |name: String, finished: Finished, codes: &[i32]| {
+        let code = finished.code.unwrap_or(-1);
+        let told = &finished.stderr;
+        assert!(codes.contains(&code), "{place}: {name} ended with {code}: {told}");
+        assert!(!told.contains("panicked at"), "{place}: {name}: {told}");
+        if code == 0 {
+            given.push((name, finished.stdout));
+        } else {
+            assert!(told.contains("error: "), "{place}: {name} says nothing: {told:?}");
+        }
+    };
+    let status = folder.jitai(["status", "--format", "json"]);
+    hear("status".to_owned(), status, &[0, 3]);
+    hear("plan".to_owned(), folder.jitai(["plan", "sweep.toml", "--jobs"]), &[0, 3]);
+    let summary = "SELECT experiment, job_key, agent, scenario, sigma, seed, status, mean_return,
+        sd_return, mean_length, disengagement_rate, failure_kind, failure_message
+        FROM run_summary ORDER BY 1, 2, 3, attempt";
+    // A damaged text is a faulty argument to SQL's functions, as far as SQLite knows.
+    hear("query".to_owned(), folder.jitai(["query", "--format", "csv", summary]), &[0, 2, 3]);
+    let exported = folder.jitai(["export", "--out", "out"]);
+    let whole = exported.code == Some(0);
+    hear("export".to_owned(), Finished { stdout: String::new(), ..exported }, &[0, 2, 3]);
+    if whole {
+        let files = VIEWS.map(|view| (view.to_owned(), folder.read(&format!("out/{view}.csv"))));
+        given.extend(files);
+    }
+    let doctor = folder.jitai(["doctor"]);
+    assert!(matches!(doctor.code, Some(0 | 3)), "{place}: {doctor:?}");
+    assert!(!doctor.stderr.contains("panicked at"), "{place}: {doctor:?}");
+    let said = doctor.stdout.contains("damaged") || doctor.stderr.contains("error: ");
+    assert!(doctor.code == Some(0) || said, "{place}: {doctor:?}");
+    Answers { healthy: doctor.code == Some(0), given }
+}
+
+/// What became of a damaged store.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Seen {
+    /// Everything answers as before.
+    Harmless,
+    /// A command or `doctor` says that it is damaged, and no answer differs.
+    Told,
+    /// An answer differs, and `doctor` says that the store is damaged.
+    DoctorOnly,
+}
+
+/// Asks a damaged store, compares it with a healthy one, and saves what can be saved: the runs
+/// saved, and what was seen.
+fn examine(damaged: &Folder, expected: &Answers, rows: &[String], place: &str) -> (usize, Seen) {
+    let before = fs::read(damaged.path("jitai.sqlite")).unwrap();
+    let answers = ask(damaged, place);
+    let differs = answers.given.iter().any(|answer| !expected.given.contains(answer));
+    assert!(!(differs && answers.healthy), "{place}: silently different");
+    let salvage = damaged.jitai(["doctor", "--salvage", "new.sqlite", "--format", "json"]);
+    assert!(fs::read(damaged.path("jitai.sqlite")).unwrap() == before, "{place}: written to");
+    let salvage = salvage.succeeded();
+    damaged.jitai(["doctor", "--store", "new.sqlite"]).succeeded().prints("is healthy");
+    fs::rename(damaged.path("new.sqlite"), damaged.path("jitai.sqlite")).unwrap();
+    for row in damaged.dump().iter().filter(|row| !row.starts_with("run_summary")) {
+        assert!(rows.binary_search(row).is_ok(), "{place}: saved what never was: {row:.200}");
+    }
+    let saved = salvage.json()["completed"].as_u64().unwrap() as usize;
+    let seen = match (differs, answers.healthy) {
+        (true, _) => Seen::DoctorOnly,
+        (false, true) => Seen::Harmless,
+        (false, false) => Seen::Told,
+    };
+    (saved, seen)
+}
+
+#[test]
+fn a_changed_byte_anywhere_is_harmless_or_told_and_the_intact_runs_are_saved() {
+    let origin = healthy();
+    let (bytes, rows) = (store(&origin), origin.dump());
+    let expected = ask(&with_store(&origin, &bytes), "the healthy store");
+    let mut chance = ChaCha8Rng::seed_from_u64(SEED);
+    let places: Vec<(usize, u8)> = (0..PLACES)
+        .map(|_| (chance.next_u64() as usize % bytes.len(), 1 + (chance.next_u32() % 255) as u8))
+        .collect();
+    let next = AtomicUsize::new(0);
+    let counts: [AtomicUsize; 3] = Default::default();
+    let saved_in_all = AtomicUsize::new(0);
+    thread::scope(|scope| {
+        for _ in 0..2 {
+            scope.spawn(|| {
+                while let Some(&(at, change)) = places.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    let mut changed = bytes.clone();
+                    changed[at] ^= change;
+                    let damaged = with_store(&origin, &changed);
+                    let place = format!("byte {at} ^ {change}");
+                    let (saved, seen) = examine(&damaged, &expected, &rows, &place);
+                    counts[seen as usize].fetch_add(1, Ordering::Relaxed);
+                    saved_in_all.fetch_add(saved, Ordering::Relaxed);
+                }
+            });
+        }
+    });
+    let [harmless, told, doctor_only] = counts.map(AtomicUsize::into_inner);
+    let saved = saved_in_all.into_inner();
+    println!(
+        "{PLACES} changed bytes of a store of {} bytes: {harmless} harmless, {told} told, \
+         {doctor_only} told by doctor alone; {saved} of {} runs saved",
+        bytes.len(),
+        14 * PLACES
+    );
+    assert!(saved * 100 >= 14 * PLACES * 85, "{saved}");
+}
+
+#[test]
+fn a_store_cut_short_is_told_and_what_is_left_is_saved() {
+    let origin = healthy();
+    let (bytes, rows) = (store(&origin), origin.dump());
+    let expected = ask(&with_store(&origin, &bytes), "the healthy store");
+    let mut saved_before = 0;
+    for step in 1..=40 {
+        let length = bytes.len() * step / 41 + 17 * step;
+        let damaged = with_store(&origin, &bytes[..length]);
+        let place = format!("cut to {length}");
+        let answers = ask(&damaged, &place);
+        assert!(!answers.healthy, "{place}");
+        assert!(answers.given.iter().all(|answer| expected.given.contains(answer)), "{place}");
+        let salvage = damaged.jitai(["doctor", "--salvage", "new.sqlite", "--format", "json"]);
+        if salvage.code == Some(0) {
+            let saved = salvage.json()["completed"].as_u64().unwrap();
+            assert!(saved >= saved_before, "{place}: a longer piece holds no less");
+            saved_before = saved;
+            damaged.jitai(["doctor", "--store", "new.sqlite"]).succeeded();
+            fs::rename(damaged.path("new.sqlite"), damaged.path("jitai.sqlite")).unwrap();
+            for row in damaged.dump().iter().filter(|row| !row.starts_with("run_summary")) {
+                assert!(rows.binary_search(row).is_ok(), "{place}: {row:.200}");
+            }
+        } else {
+            salvage.ended(3).says("nothing in `jitai.sqlite` can be read as a store");
+        }
+    }
+}
+
+#[test]
+fn a_run_goes_on_with_the_salvaged_store_to_the_same_rows() {
+    let origin = healthy();
+    let (mut bytes, rows) = (store(&origin), origin.dump());
+    let weights: i64 = origin.number(
+        "SELECT min(pageno) FROM dbstat WHERE name = 'trained_weights' AND pagetype = 'leaf'",
+    );
+    let page = 4096 * (weights as usize - 1);
+    bytes[page..page + 4096].fill(0xa5);
+    let damaged = with_store(&origin, &bytes);
+    damaged.jitai(["doctor"]).ended(3).prints("jitai.sqlite is damaged:").prints("--salvage");
+    let salvage = damaged.jitai(["doctor", "--salvage", "saved.sqlite"]).succeeded();
+    let salvage = salvage.prints("2 experiments, 16 jobs");
+    assert!(!salvage.stdout.contains("14 completed runs"), "{}", salvage.stdout);
+    let run = ["run", "sweep.toml", "wild.toml", "--store", "saved.sqlite", "--quiet"];
+    damaged.jitai(run).ended(1);
+    fs::rename(damaged.path("saved.sqlite"), damaged.path("jitai.sqlite")).unwrap();
+    assert_same_rows(&damaged.dump(), &rows);
+    damaged.jitai(["doctor"]).succeeded().prints("14 completed runs");
+}
+
+#[test]
+fn a_result_that_was_changed_is_found_by_its_digest() {
+    let folder = healthy();
+    let raw = rusqlite::Connection::open(folder.path("jitai.sqlite")).unwrap();
+    raw.execute_batch("PRAGMA writable_schema = ON").unwrap();
+    // As a changed byte would: past the rules, and so that SQLite sees nothing.
+    let rule: String = raw
+        .query_row("SELECT sql FROM sqlite_schema WHERE name = 'curve_point_is_fixed'", [], |row| {
+            row.get(0)
+        })
+        .unwrap();
+    raw.execute_batch(&format!(
+        "DROP TRIGGER curve_point_is_fixed;
+         UPDATE curve_point SET value = value + 1 WHERE run = 2 AND episode = 10 AND metric = 1;
+         {rule};"
+    ))
+    .unwrap();
+    drop(raw);
+    folder.jitai(["query", "SELECT count(*) FROM learning_curve"]).succeeded();
+    let diagnosis = folder.jitai(["doctor", "--format", "json"]).ended(3).json();
+    assert_eq!((&diagnosis["completed"], &diagnosis["intact"]), (&14.into(), &13.into()));
+    let findings = diagnosis["findings"].as_array().unwrap();
+    assert_eq!(findings.len(), 1, "{findings:?}");
+    assert_eq!(findings[0]["what"], "its results are not those that were stored");
+    assert_eq!(findings[0]["job_key"].as_str().unwrap().len(), 32);
+}
+
+#[test]
+fn a_log_left_behind_is_read_and_one_cut_short_loses_its_end_alone() {
+    let origin = Folder::with(&manifest("sweep", "0.6", "2", Effort::Trivial));
+    origin.jitai(["run", "sweep.toml", "--quiet"]).succeeded();
+    let rows = origin.dump();
+    // A reader that stays keeps the log from being cleared away.
+    let reader = origin.store();
+    reader.execute_batch("BEGIN; SELECT * FROM run;").unwrap();
+    origin.write("more.toml", manifest("more", "0.4", "2", Effort::Trivial));
+    origin.jitai(["run", "more.toml", "--quiet"]).succeeded();
+    let main = fs::read(origin.path("jitai.sqlite")).unwrap();
+    let log = fs::read(origin.path("jitai.sqlite-wal")).unwrap();
+    drop(reader);
+    for cut in 0..=20 {
+        let folder = Folder::with(&origin.read("sweep.toml"));
+        folder.write("jitai.sqlite", &main);
+        folder.write("jitai.sqlite-wal", &log[..log.len() * cut / 20]);
+        folder.jitai(["doctor"]).succeeded().prints("is healthy");
+        folder.jitai(["status"]).succeeded();
+        let read = folder.dump();
+        assert!(rows.iter().all(|row| read.contains(row)), "cut to {cut} twentieths");
+        folder.write("more.toml", origin.read("more.toml"));
+        folder.jitai(["run", "sweep.toml", "more.toml", "--quiet"]).succeeded();
+        let (run, undisturbed) = (folder.dump(), origin.dump());
+        assert_same_rows(&run, &undisturbed);
+        folder.jitai(["doctor"]).succeeded();
+    }
+}
+
+#[test]
+fn doctor_refuses_what_is_no_store_and_salvage_what_is_in_the_way() {
+    let folder = Folder::new();
+    folder.jitai(["doctor"]).ended(3).says("there is no store at");
+    folder.write("jitai.sqlite", "");
+    folder.jitai(["doctor"]).ended(3).says("is an empty file");
+    folder.jitai(["doctor", "--salvage", "new.sqlite"]).ended(3).says("is an empty file");
+    folder.write("jitai.sqlite", "text ".repeat(2000));
+    folder.jitai(["doctor"]).ended(3).says("is no SQLite file");
+    fs::remove_file(folder.path("jitai.sqlite")).unwrap();
+    let foreign = rusqlite::Connection::open(folder.path("jitai.sqlite")).unwrap();
+    foreign.execute_batch("CREATE TABLE note (text TEXT); INSERT INTO note VALUES ('x')").unwrap();
+    folder.jitai(["doctor"]).ended(3).says("a SQLite file that jitai did not make");
+    let salvage = folder.jitai(["doctor", "--salvage", "new.sqlite"]).ended(3);
+    salvage.says("nothing in `jitai.sqlite` can be read as a store");
+    folder.write("new.sqlite", "precious");
+    let salvage = folder.jitai(["doctor", "--salvage", "new.sqlite"]).ended(3);
+    salvage.says("`new.sqlite` is there already");
+    assert_eq!(folder.read("new.sqlite"), "precious");
+    assert!(!Path::new(&folder.path("new.sqlite.salvaging")).exists());
+}

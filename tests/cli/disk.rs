@@ -1,0 +1,100 @@
+//! Disks that are full or cannot be written: one clear message, nothing half written, and the
+//! sweep goes on when there is room.
+
+use std::fs;
+use std::process::Command;
+
+use crate::support::{Effort, Folder, assert_same_rows, manifest};
+
+/// A file system in memory, mounted on a folder; taken away at the end.
+struct Disk<'a>(&'a Folder);
+
+impl<'a> Disk<'a> {
+    /// A disk of so many kilobytes at `disk`; `None`, with the reason printed, where this process
+    /// may not mount any.
+    fn mount(folder: &'a Folder, options: &str) -> Option<Disk<'a>> {
+        fs::create_dir_all(folder.path("disk")).unwrap();
+        let mount = Command::new("mount")
+            .args(["-t", "tmpfs", "-o", options, "tmpfs"])
+            .arg(folder.path("disk"))
+            .output();
+        match mount {
+            Ok(output) if output.status.success() => Some(Disk(folder)),
+            Ok(output) => {
+                println!("skipped: {}", String::from_utf8_lossy(&output.stderr).trim());
+                None
+            }
+            Err(error) => {
+                println!("skipped: no mount command: {error}");
+                None
+            }
+        }
+    }
+
+    fn remount(&self, options: &str) {
+        let options = format!("remount,{options}");
+        let place = self.0.path("disk");
+        let mounted = Command::new("mount").args(["-o", &options]).arg(place).status().unwrap();
+        assert!(mounted.success());
+    }
+}
+
+impl Drop for Disk<'_> {
+    fn drop(&mut self) {
+        // The folder below is removed in any case; a mount that stays is seen by whoever runs this.
+        let _ = Command::new("umount").arg(self.0.path("disk")).status();
+    }
+}
+
+const RUN: [&str; 7] =
+    ["run", "sweep.toml", "--store", "disk/jitai.sqlite", "--quiet", "--workers", "2"];
+
+#[test]
+fn a_disk_that_fills_in_the_middle_of_a_sweep_costs_nothing_but_the_time_to_make_room() {
+    let text = manifest("sweep", "[0.4, 0.6]", "20", Effort::Trivial);
+    let folder = Folder::with(&text);
+    let Some(disk) = Disk::mount(&folder, "size=700k") else { return };
+    let mut sizes = vec![];
+    for kilobytes in [700, 900, 1200, 1500] {
+        disk.remount(&format!("size={kilobytes}k"));
+        let full = folder.jitai(RUN).ended(3);
+        assert_eq!(full.stderr.lines().count(), 1, "{}", full.stderr);
+        assert!(full.stderr.starts_with("error: failed to "), "{}", full.stderr);
+        assert!(full.stderr.contains("the same command goes on"), "{}", full.stderr);
+        sizes.push(kilobytes);
+    }
+    disk.remount("size=50m");
+    let doctor = ["doctor", "--store", "disk/jitai.sqlite"];
+    folder.jitai(doctor).succeeded().prints("is healthy");
+    folder.jitai(RUN).succeeded();
+    fs::copy(folder.path("disk/jitai.sqlite"), folder.path("jitai.sqlite")).unwrap();
+    let once = "SELECT count(*) FROM run WHERE status = 'completed'";
+    assert_eq!(folder.number(once), 80);
+    assert_same_rows(&folder.dump(), &Folder::completed(&text).dump());
+    println!("filled at {sizes:?} kB");
+}
+
+#[test]
+fn a_disk_that_cannot_be_written_is_refused_before_any_training() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    let Some(disk) = Disk::mount(&folder, "size=10m") else { return };
+    disk.remount("ro");
+    folder.jitai(RUN).ended(3).says("disk/jitai.sqlite").says("check the rights of the file");
+    disk.remount("rw");
+    folder.jitai(RUN).succeeded();
+    disk.remount("ro");
+    folder.jitai(RUN).ended(3).says("`").says("cannot be written; check the rights of the file");
+    // What is complete can be read all the same.
+    folder.jitai(["status", "--store", "disk/jitai.sqlite"]).succeeded().prints("sweep");
+    folder.jitai(["doctor", "--store", "disk/jitai.sqlite"]).succeeded();
+}
+
+#[test]
+fn a_store_that_is_a_folder_or_in_none_is_refused_before_any_training() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    let run = |store: &str| folder.jitai(["run", "sweep.toml", "--store", store]).ended(3);
+    fs::create_dir(folder.path("results")).unwrap();
+    run("results").says("results` is a folder, not a store; name another file with --store");
+    run("absent/jitai.sqlite").says("there is no folder").says("absent`; make it first");
+    run("/dev/null").says("is a device or pipe, not a store");
+}
