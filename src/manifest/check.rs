@@ -3,6 +3,7 @@
 
 use std::collections::HashSet;
 
+use super::analyses;
 use super::declared::{Condition, Exclusion, MOST_COMPARISONS, MOST_JOBS, Manifest};
 use super::draft::Draft;
 use super::fault::{Fault, FaultList};
@@ -14,6 +15,7 @@ use super::source::Span;
 /// Notes what is wrong between the keys of `manifest`, which was completed from `draft`.
 pub(super) fn check(draft: &Draft, mut manifest: Manifest, faults: &mut FaultList) -> Manifest {
     let broken = zips(draft, &manifest, faults);
+    analyses::hold(draft, &manifest, faults);
     manifest.zips.retain(|zip| !zip.parameters.iter().any(|name| broken.contains(name)));
     if !size_fits(draft, &manifest, faults) || !comparisons_fit(draft, &manifest, faults) {
         return manifest;
@@ -95,7 +97,7 @@ fn exclusions(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -> boo
 }
 
 /// A value of the condition that does not occur, with the parameter's name and what does occur.
-fn absent(
+pub(super) fn absent(
     draft: &Draft,
     manifest: &Manifest,
     condition: &Condition,

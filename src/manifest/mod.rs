@@ -11,6 +11,8 @@
 //! It does not know what a job is, what has run, or how anything is simulated or trained.
 
 mod agent;
+mod analyses;
+mod analysis;
 mod cells;
 mod check;
 mod complete;
@@ -35,6 +37,9 @@ mod sweep;
 pub use agent::{
     Activation, Agent, Algorithm, DuelingDqn, Engine, Evaluation, Reinforce, TerminalTarget,
     TestActions, Trunk,
+};
+pub use analysis::{
+    ANALYSED_METRICS, Analysis, AnalysisKind, Contrast, CurveAxis, Pairing, SelectionRule, Sides,
 };
 pub use declared::{Condition, DeclaredAgent, Exclusion, MOST_JOBS, Manifest, Zip};
 pub use environment::{Environment, FirstContext, TimeIndicator};
