@@ -19,12 +19,14 @@
 //! changes no setting outside its own connections.
 
 mod claim;
+mod completed;
 mod counts;
 mod error;
 mod experiment;
 mod file;
 mod liveness;
 mod migrate;
+mod provided;
 mod query;
 mod read;
 mod results;
@@ -38,10 +40,12 @@ use std::path::{Path, PathBuf};
 use rusqlite::{Connection, Transaction, TransactionBehavior};
 
 pub use claim::{Claim, Claimed, RetryFailed};
+pub use completed::Parts;
 pub use counts::ExperimentCounts;
 pub use error::{QueryError, StoreError};
 pub use experiment::{Experiment, Registered};
 pub use liveness::host_name;
+pub use provided::{Provided, ProvidedPart};
 pub use query::{Answer, Interrupter, VIEWS, Value};
 pub use read::{FailedJob, Pace, Reader};
 pub use results::{Finished, RunEnd};
