@@ -25,6 +25,8 @@ pub enum Purpose {
     TestEnvironment = 5,
     /// The agent's choice among actions in the test.
     TestActions = 6,
+    /// Which seeds a resample of an analysis is made of; no job draws from it.
+    Bootstrap = 7,
 }
 
 /// A stream of random numbers (ChaCha with 8 rounds).

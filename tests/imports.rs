@@ -16,7 +16,8 @@ const TABLE: &[(&str, &[&str])] = &[
     ("train", &["rng", "plan", "record", "env", "agent"]),
     ("store", &["plan", "record"]),
     ("schedule", &["plan", "record", "train", "store"]),
-    ("analyse", &["manifest", "record"]),
+    // The bootstrap draws from a stream of its own.
+    ("analyse", &["rng", "manifest", "record"]),
     ("report", &["record", "analyse"]),
     (
         "cli",

@@ -1,7 +1,47 @@
 //! From records to summaries: pure functions, no database, no output.
 //!
-//! The unit of analysis is the trained policy (a seed), never the test episode.
+//! The unit of analysis is the trained policy (a seed), never the test episode. Statistics take
+//! [`Sample`]s, one value a seed, or their values; what is not defined is an [`Undefined`] with the
+//! reason that a table prints, never a NaN. `docs/statistics.md` lists them with their sources.
 
+mod agreement;
+mod bootstrap;
+mod contrast;
+mod effect_size;
+mod improvement;
+mod interval;
+mod moments;
+mod multiplicity;
+mod noncentral;
+mod permutation;
+mod power;
+mod quantile;
+mod root;
+mod sample;
+mod smooth;
+mod student;
 mod summary;
+mod t_test;
+mod undefined;
 
-pub use summary::{Arm, ArmSummary, Fate, Means, mean_and_sd, summarise};
+#[cfg(test)]
+mod invariance_tests;
+#[cfg(test)]
+mod reference_tests;
+
+pub use agreement::{Agreement, Estimate, Verdict, agreement};
+pub use bootstrap::{Aggregate, RESAMPLES, interquartile_mean};
+pub use contrast::{Contrast, Design, Tests};
+pub use effect_size::{HedgesG, hedges_g, paired_hedges_g};
+pub use improvement::{Improvement, average_improvement, improvement, paired_improvement};
+pub use interval::{Interval, LEVEL, mean_interval};
+pub use moments::{Moments, mean_and_sd};
+pub use multiplicity::{Corrected, correct};
+pub use permutation::{MOST_ARRANGEMENTS, paired_permutation_p, permutation_p};
+pub use power::{FEW_SEEDS, POWER, detectable, paired_detectable};
+pub use quantile::{lower_quartile, quantile};
+pub use sample::{DuplicateSeed, Lost, Sample};
+pub use smooth::moving_mean;
+pub use summary::{Arm, ArmSummary, Fate, Means, summarise};
+pub use t_test::{TTest, paired_t_test, student_t_test, welch_t_test};
+pub use undefined::Undefined;

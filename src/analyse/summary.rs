@@ -1,5 +1,6 @@
 //! Means over seeds, arm by arm.
 
+use super::moments::mean_and_sd;
 use crate::record::RunSummary;
 
 /// Jobs that differ in their seed alone.
@@ -82,14 +83,6 @@ fn means(runs: &[&RunSummary]) -> Option<Means> {
     let (mean_return, sd_return) = mean_and_sd(&of(|run| run.mean_return));
     let (disengagement_rate, _) = mean_and_sd(&of(|run| run.disengagement_rate));
     Some(Means { mean_return, sd_return, disengagement_rate })
-}
-
-/// Mean and standard deviation (n - 1) of at least one value; no deviation of a single one.
-pub fn mean_and_sd(values: &[f64]) -> (f64, Option<f64>) {
-    let n = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / n;
-    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
-    (mean, (values.len() > 1).then(|| (squares / (n - 1.0)).sqrt()))
 }
 
 #[cfg(test)]

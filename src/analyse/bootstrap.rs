@@ -1,0 +1,89 @@
+//! Stratified bootstrap: intervals for statistics over several conditions.
+//!
+//! Seeds are drawn anew within each condition, conditions stay. The stream of draws is always the
+//! same, so that an interval depends on the values alone, and not on where in a report it stands.
+
+use super::interval::{Interval, LEVEL};
+use super::quantile::quantile_of_sorted;
+use super::sample::Sample;
+use super::undefined::{Undefined, at_least, finite};
+use crate::rng::{Purpose, Stream};
+
+/// Times that the seeds are drawn anew.
+pub const RESAMPLES: usize = 10_000;
+
+/// Which stream of [`Purpose::Bootstrap`] is drawn from.
+const STREAM: u64 = 0;
+
+/// A statistic over conditions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Aggregate {
+    /// The statistic of the values themselves.
+    pub value: f64,
+    /// Percentile interval of the statistic over [`RESAMPLES`] resamples.
+    pub interval: Result<Interval, Undefined>,
+}
+
+/// Inter-quartile mean: the mean of all values, of all conditions and seeds, without the lowest and
+/// the highest quarter (rounded down to whole values).
+///
+/// Conditions count by their number of seeds.
+///
+/// **Errors**: no condition, or one without values. The interval: fewer than two seeds in a
+/// condition, or no variance.
+///
+/// **Source**: Agarwal et al., "Deep reinforcement learning at the edge of the statistical
+/// precipice", 2021; Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13.
+pub fn interquartile_mean(conditions: &[&Sample]) -> Result<Aggregate, Undefined> {
+    let strata: Vec<&[f64]> = conditions.iter().map(|sample| sample.values()).collect();
+    at_least(1, strata.iter().map(|values| values.len()).min().unwrap_or(0))?;
+    let value = finite(middle_mean(&mut strata.concat()))?;
+    Ok(Aggregate { value, interval: percentile_interval(&strata, middle_mean) })
+}
+
+/// The mean without the lowest and the highest quarter; sorts the values.
+fn middle_mean(values: &mut [f64]) -> f64 {
+    values.sort_unstable_by(f64::total_cmp);
+    let cut = values.len() / 4;
+    let middle = &values[cut..values.len() - cut];
+    middle.iter().sum::<f64>() / middle.len() as f64
+}
+
+/// Percentile interval of a statistic under drawing anew within strata.
+///
+/// The statistic is given the values of all strata, one stratum behind the other, and may reorder
+/// them.
+pub(super) fn percentile_interval(
+    strata: &[&[f64]],
+    statistic: impl Fn(&mut [f64]) -> f64,
+) -> Result<Interval, Undefined> {
+    at_least(2, strata.iter().map(|values| values.len()).min().unwrap_or(0))?;
+    // By size, so that it does not matter which seed had which value.
+    let sorted = strata.iter().map(|values| {
+        let mut values = values.to_vec();
+        values.sort_unstable_by(f64::total_cmp);
+        values
+    });
+    let strata: Vec<Vec<f64>> = sorted.collect();
+    let mut stream = Stream::new(STREAM, Purpose::Bootstrap);
+    let mut drawn = strata.concat();
+    let mut seen = Vec::with_capacity(RESAMPLES);
+    for _ in 0..RESAMPLES {
+        let mut places = drawn.iter_mut();
+        for values in &strata {
+            let n = u32::try_from(values.len()).map_err(|_| Undefined::OutOfRange)?;
+            for place in places.by_ref().take(values.len()) {
+                *place = values[stream.below(n) as usize];
+            }
+        }
+        seen.push(finite(statistic(&mut drawn))?);
+    }
+    seen.sort_unstable_by(f64::total_cmp);
+    if seen[0] == seen[RESAMPLES - 1] {
+        // Resampling that changes nothing says nothing about the width.
+        return Err(Undefined::NoVariance);
+    }
+    let tail = (1.0 - LEVEL) / 2.0;
+    let [low, high] = [tail, 1.0 - tail].map(|share| quantile_of_sorted(&seen, share));
+    Ok(Interval { low, high })
+}

@@ -1,0 +1,42 @@
+//! Intervals, all of the same level.
+
+use super::moments::{Moments, vary};
+use super::student::critical;
+use super::undefined::Undefined;
+
+/// Confidence level of every interval.
+pub const LEVEL: f64 = 0.95;
+
+/// A confidence interval of level [`LEVEL`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Interval {
+    /// Lower end.
+    pub low: f64,
+    /// Upper end, not below the lower.
+    pub high: f64,
+}
+
+impl Interval {
+    /// Whether a number lies inside, the ends included.
+    pub fn contains(&self, number: f64) -> bool {
+        (self.low..=self.high).contains(&number)
+    }
+
+    /// The interval of Student's t around a centre.
+    pub(super) fn around(centre: f64, standard_error: f64, df: f64) -> Interval {
+        let half = critical(df) * standard_error;
+        Interval { low: centre - half, high: centre + half }
+    }
+}
+
+/// Interval of the mean: mean ± t(0.975, n - 1) sd / sqrt(n).
+///
+/// **Errors**: fewer than two values, or values that do not differ.
+///
+/// **Source**: Student, "The probable error of a mean", 1908.
+pub fn mean_interval(values: &[f64]) -> Result<Interval, Undefined> {
+    let Moments { n, mean, sd } = Moments::of(values)?;
+    let standard_error = sd? / (n as f64).sqrt();
+    vary(standard_error, mean)?;
+    Ok(Interval::around(mean, standard_error, n as f64 - 1.0))
+}

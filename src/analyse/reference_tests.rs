@@ -1,0 +1,234 @@
+//! Statistics against numbers from scipy, statsmodels, mpmath and R (`tests/reference`).
+
+use serde_json::Value;
+
+use super::noncentral::noncentral_t;
+use super::student::{critical, t_of_p, two_sided_p};
+use super::*;
+
+/// Relative tolerance of what is computed to the end.
+const TOLERANCE: f64 = 1e-9;
+
+fn reference() -> Value {
+    serde_json::from_str(include_str!("../../tests/reference/statistics.json")).unwrap()
+}
+
+fn cases(name: &str) -> Vec<Value> {
+    let cases = reference()[name].as_array().unwrap().clone();
+    assert!(!cases.is_empty(), "{name}");
+    cases
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    value.as_array().unwrap().iter().map(number).collect()
+}
+
+/// Numbers of a list of lists.
+fn rows(value: &Value) -> Vec<Vec<f64>> {
+    value.as_array().unwrap().iter().map(numbers).collect()
+}
+
+fn assert_near(ours: f64, theirs: f64, what: &str) {
+    let off = (ours - theirs).abs();
+    assert!(off <= TOLERANCE * theirs.abs().max(1e-300), "{what}: {ours}, not {theirs}");
+}
+
+/// Ends near 0 are compared by the interval's width.
+fn assert_interval(ours: Interval, theirs: &Value, tolerance: f64, what: &str) {
+    let [low, high] = numbers(theirs)[..] else { panic!("{theirs} is no interval") };
+    let most = tolerance * (high - low).max(low.abs()).max(high.abs());
+    let off = (ours.low - low).abs().max((ours.high - high).abs());
+    assert!(off <= most, "{what}: {ours:?}, not [{low}, {high}]");
+}
+
+fn sample(values: &[f64]) -> Sample {
+    Sample::new((1..).zip(values.iter().copied()), 0, 0).unwrap()
+}
+
+fn samples(values: &Value) -> Vec<Sample> {
+    rows(values).iter().map(|values| sample(values)).collect()
+}
+
+#[test]
+fn tails_of_students_t_are_exact_to_1e_200() {
+    for row in rows(&reference()["two_sided_p"]) {
+        let (t, df, p) = (row[0], row[1], row[2]);
+        assert_near(two_sided_p(t, df), p, &format!("p of t {t}, df {df}"));
+        assert_eq!(two_sided_p(-t, df), two_sided_p(t, df));
+    }
+}
+
+#[test]
+fn bounds_of_students_t() {
+    for row in rows(&reference()["critical"]) {
+        assert_near(critical(row[0]), row[1], &format!("critical t of df {}", row[0]));
+    }
+    for row in rows(&reference()["t_of_p"]) {
+        assert_near(t_of_p(row[0], row[1]), row[2], &format!("t of p {}, df {}", row[0], row[1]));
+    }
+}
+
+#[test]
+fn noncentral_t_is_exact_to_1e_12() {
+    for row in rows(&reference()["noncentral_t"]) {
+        let ours = noncentral_t(row[0], row[1], row[2]);
+        assert!((ours - row[3]).abs() <= 1e-12, "{row:?}: {ours}");
+    }
+}
+
+#[test]
+fn intervals_of_means() {
+    for case in cases("mean_interval") {
+        let ours = mean_interval(&numbers(&case["values"])).unwrap();
+        assert_interval(ours, &case["interval"], TOLERANCE, "mean");
+    }
+}
+
+fn assert_t_test(ours: Result<TTest, Undefined>, theirs: &Value, what: &str) {
+    let ours = ours.unwrap();
+    assert_near(ours.t, number(&theirs["t"]), &format!("{what}: t"));
+    assert_near(ours.df, number(&theirs["df"]), &format!("{what}: df"));
+    assert_near(ours.p, number(&theirs["p"]), &format!("{what}: p"));
+    assert_interval(ours.interval, &theirs["interval"], TOLERANCE, what);
+}
+
+fn assert_effect(ours: &Contrast, theirs: &Value, prefix: &str, what: &str) {
+    let of = |name: &str| &theirs[format!("{prefix}{name}")];
+    if !of("hedges_g").is_null() {
+        let g = ours.hedges_g.unwrap();
+        assert_near(g.g, number(&of("hedges_g")["g"]), what);
+        assert_interval(g.interval, &of("hedges_g")["interval"], TOLERANCE, what);
+    }
+    let improvement = ours.improvement.unwrap();
+    assert_near(improvement.probability, number(&of("improvement")["probability"]), what);
+    assert_interval(improvement.interval, &of("improvement")["interval"], TOLERANCE, what);
+    assert_near(ours.permutation_p.unwrap(), number(of("permutation_p")), what);
+}
+
+#[test]
+fn contrasts_of_independent_and_of_matched_seeds() {
+    for case in cases("contrast") {
+        let (first, second) = (numbers(&case["first"]), numbers(&case["second"]));
+        let (first, second) = (sample(&first), sample(&second));
+        let what = format!("{:?} against {:?}", first.values(), second.values());
+        let ours = Contrast::new(&first, &second, Design::Independent);
+        let Tests::Independent { welch, student } = ours.tests else { panic!("{ours:?}") };
+        assert_t_test(student, &case["student"], &what);
+        assert_t_test(welch, &case["welch"], &what);
+        assert_effect(&ours, &case, "", &what);
+        if !case["paired"].is_null() {
+            let ours = Contrast::new(&first, &second, Design::Matched);
+            assert_t_test(ours.test(), &case["paired"], &what);
+            assert_effect(&ours, &case, "paired_", &what);
+        }
+    }
+}
+
+#[test]
+fn corrections_for_families_with_ties_and_with_undefined_tests() {
+    for case in cases("multiplicity") {
+        let p = case["p"].as_array().unwrap().iter();
+        let family: Vec<_> = p.map(|p| p.as_f64().ok_or(Undefined::NoSeeds)).collect();
+        for (place, corrected) in correct(&family).iter().enumerate() {
+            let Ok(ours) = corrected else {
+                assert_eq!(*corrected, Err(Undefined::NoSeeds));
+                assert!(case["holm"][place].is_null());
+                continue;
+            };
+            assert_near(ours.holm, number(&case["holm"][place]), "Holm");
+            let theirs = number(&case["benjamini_hochberg"][place]);
+            assert_near(ours.benjamini_hochberg, theirs, "Benjamini-Hochberg");
+        }
+    }
+}
+
+#[test]
+fn minimum_detectable_differences_are_those_of_statsmodels() {
+    // statsmodels stops looking at some 1e-6; the last column goes on.
+    let near = |ours: f64, row: &[f64]| {
+        let [.., theirs, exact] = row else { panic!("{row:?}") };
+        assert!((ours - theirs).abs() <= 1e-5 * theirs, "{ours}, not {theirs}");
+        assert_near(ours, *exact, "minimum detectable difference");
+    };
+    for row in rows(&reference()["detectable"]["independent"]) {
+        near(detectable(row[0] as usize, row[1] as usize).unwrap(), &row);
+    }
+    for row in rows(&reference()["detectable"]["paired"]) {
+        near(paired_detectable(row[0] as usize).unwrap(), &row);
+    }
+}
+
+#[test]
+fn quantiles_are_those_of_numpy() {
+    for case in cases("quantile") {
+        let ours = quantile(&numbers(&case["values"]), number(&case["share"])).unwrap();
+        assert_near(ours, number(&case["quantile"]), "quantile");
+    }
+}
+
+/// Both sides draw: theirs 200,000 times, ours 10,000 times, which leaves ends uncertain by some
+/// 2 % of the width (three standard errors).
+const DRAWN: f64 = 0.02;
+
+fn assert_drawn(ours: Interval, theirs: &Value) {
+    let [low, high] = numbers(theirs)[..] else { panic!("{theirs} is no interval") };
+    let off = (ours.low - low).abs().max((ours.high - high).abs());
+    assert!(off <= DRAWN * (high - low), "{ours:?}, not [{low}, {high}]");
+}
+
+#[test]
+fn interquartile_means_with_stratified_bootstrap_intervals() {
+    for case in cases("interquartile_mean") {
+        let conditions = samples(&case["conditions"]);
+        let ours = interquartile_mean(&conditions.iter().collect::<Vec<_>>()).unwrap();
+        assert_near(ours.value, number(&case["value"]), "inter-quartile mean");
+        assert_drawn(ours.interval.unwrap(), &case["interval"]);
+    }
+}
+
+#[test]
+fn improvement_averaged_over_conditions() {
+    for case in cases("average_improvement") {
+        let conditions: Vec<Vec<Sample>> =
+            case["conditions"].as_array().unwrap().iter().map(samples).collect();
+        let pairs: Vec<(&Sample, &Sample)> =
+            conditions.iter().map(|pair| (&pair[0], &pair[1])).collect();
+        let ours = average_improvement(&pairs).unwrap();
+        assert_near(ours.value, number(&case["value"]), "average improvement");
+        assert_drawn(ours.interval.unwrap(), &case["interval"]);
+    }
+}
+
+#[test]
+fn moving_means_are_those_of_single_episodes() {
+    for case in cases("moving_mean") {
+        let pairs = |value: &Value| -> Vec<(u32, f64)> {
+            rows(value).iter().map(|row| (row[0] as u32, row[1])).collect()
+        };
+        let [stride, window] = ["stride", "window"].map(|name| number(&case[name]) as u32);
+        let (ours, theirs) =
+            (moving_mean(&pairs(&case["points"]), stride, window), pairs(&case["smooth"]));
+        assert_eq!(ours.len(), theirs.len());
+        for (ours, theirs) in ours.iter().zip(theirs) {
+            assert_eq!(ours.0, theirs.0);
+            assert_near(ours.1, theirs.1, "moving mean");
+        }
+    }
+}
+
+#[test]
+fn joint_intervals_with_published_numbers() {
+    for case in cases("agreement") {
+        let (ours, published) = (numbers(&case["ours"]), numbers(&case["published"]));
+        let ours = Estimate { value: ours[0], standard_error: ours[1], df: ours[2] };
+        let theirs = Estimate::of_published(published[0], published[1], published[2]).unwrap();
+        assert_near(theirs.standard_error, number(&case["standard_error"]), "published error");
+        let joint = agreement(&ours, &theirs).unwrap();
+        assert_interval(joint.interval, &case["interval"], TOLERANCE, "joint");
+        assert_eq!(joint.verdict == Verdict::Inside, case["inside"].as_bool().unwrap());
+    }
+}

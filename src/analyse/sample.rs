@@ -1,0 +1,139 @@
+//! What goes into every statistic: one value a trained policy.
+//!
+//! A sample knows its seeds, so that arms can be matched, and counts the seeds that have no value,
+//! so that no table can forget them. It does not know which arm or metric it is of.
+
+use super::summary::Fate;
+use super::undefined::Undefined;
+use crate::record::RunSummary;
+
+/// One metric of the seeds of an arm, by seed.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Sample {
+    seeds: Vec<u64>,
+    values: Vec<f64>,
+    lost: Lost,
+}
+
+/// Seeds of an arm that have no value.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Lost {
+    /// Seeds whose last run failed.
+    pub failed: u32,
+    /// Seeds that have not ended.
+    pub open: u32,
+    /// Seeds whose value is infinite or not a number.
+    pub not_finite: u32,
+}
+
+/// Two values of one seed: what is put together is not one arm.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("seed {seed} comes twice in one arm; tell its jobs apart by the parameter that differs")]
+pub struct DuplicateSeed {
+    /// The seed.
+    pub seed: u64,
+}
+
+impl Sample {
+    /// The sample of these seeds and values, in any order. Values that are not finite are set
+    /// aside and counted.
+    ///
+    /// **Errors**: a seed that comes twice.
+    pub fn new(
+        values: impl IntoIterator<Item = (u64, f64)>,
+        failed: u32,
+        open: u32,
+    ) -> Result<Sample, DuplicateSeed> {
+        let mut pairs: Vec<(u64, f64)> = values.into_iter().collect();
+        pairs.sort_by_key(|(seed, _)| *seed);
+        if let Some(twice) = pairs.windows(2).find(|pair| pair[0].0 == pair[1].0) {
+            return Err(DuplicateSeed { seed: twice[0].0 });
+        }
+        let given = pairs.len();
+        pairs.retain(|(_, value)| value.is_finite());
+        let not_finite = u32::try_from(given - pairs.len()).unwrap_or(u32::MAX);
+        let (seeds, values) = pairs.into_iter().unzip();
+        Ok(Sample { seeds, values, lost: Lost { failed, open, not_finite } })
+    }
+
+    /// The sample of an arm's jobs, `value` being the metric.
+    ///
+    /// **Errors**: a seed that comes twice.
+    pub fn from_fates<'a>(
+        fates: impl IntoIterator<Item = Fate<'a>>,
+        value: impl Fn(&RunSummary) -> f64,
+    ) -> Result<Sample, DuplicateSeed> {
+        let (mut values, mut failed, mut open) = (Vec::new(), 0, 0);
+        for fate in fates {
+            match fate {
+                Fate::Completed(run) => values.push((run.seed, value(run))),
+                Fate::Failed => failed += 1,
+                Fate::Open => open += 1,
+            }
+        }
+        Sample::new(values, failed, open)
+    }
+
+    /// Values by seed, all of them finite.
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// Seeds that have a value, ascending.
+    pub fn seeds(&self) -> &[u64] {
+        &self.seeds
+    }
+
+    /// Number of values.
+    pub fn n(&self) -> usize {
+        self.values.len()
+    }
+
+    /// Seeds that have none.
+    pub fn lost(&self) -> Lost {
+        self.lost
+    }
+
+    /// Values of the seeds that both samples have, by seed.
+    ///
+    /// **Errors**: there are none.
+    pub fn matched(&self, other: &Sample) -> Result<Vec<(f64, f64)>, Undefined> {
+        let of_other = |seed| other.seeds.binary_search(seed).ok().map(|at| other.values[at]);
+        let both = self.seeds.iter().zip(&self.values);
+        let pairs: Vec<(f64, f64)> =
+            both.filter_map(|(seed, &value)| Some((value, of_other(seed)?))).collect();
+        match (self.n().min(other.n()), pairs.len()) {
+            (0, _) => Err(Undefined::NoSeeds),
+            (_, 0) => Err(Undefined::NoMatchedSeeds),
+            _ => Ok(pairs),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_stand_by_seed_and_the_lost_are_counted() {
+        let sample = Sample::new([(3, 1.0), (1, f64::NAN), (2, 5.0)], 2, 1).unwrap();
+        assert_eq!((sample.seeds(), sample.values()), ([2, 3].as_slice(), [5.0, 1.0].as_slice()));
+        assert_eq!(sample.lost(), Lost { failed: 2, open: 1, not_finite: 1 });
+    }
+
+    #[test]
+    fn a_seed_that_comes_twice_is_no_arm() {
+        assert_eq!(Sample::new([(1, 0.0), (1, 2.0)], 0, 0), Err(DuplicateSeed { seed: 1 }));
+        assert!(Sample::new([(1, f64::NAN), (1, 2.0)], 0, 0).is_err());
+    }
+
+    #[test]
+    fn seeds_are_matched_by_their_number_and_not_by_position() {
+        let first = Sample::new([(1, 10.0), (2, 20.0), (4, 40.0)], 0, 0).unwrap();
+        let second = Sample::new([(4, 4.0), (3, 3.0), (2, 2.0)], 0, 0).unwrap();
+        assert_eq!(first.matched(&second).unwrap(), [(20.0, 2.0), (40.0, 4.0)]);
+        let apart = Sample::new([(9, 0.0)], 0, 0).unwrap();
+        assert_eq!(first.matched(&apart), Err(Undefined::NoMatchedSeeds));
+        assert_eq!(first.matched(&Sample::default()), Err(Undefined::NoSeeds));
+    }
+}

@@ -1,0 +1,126 @@
+//! Student's, Welch's and the paired t test, with the interval of the difference.
+
+use super::interval::Interval;
+use super::moments::{Moments, vary};
+use super::student::two_sided_p;
+use super::undefined::{Undefined, at_least, finite};
+
+/// A two-sided t test that a difference of means is 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TTest {
+    /// Difference of means, the first minus the second.
+    pub difference: f64,
+    /// Its standard error, above 0.
+    pub standard_error: f64,
+    /// Degrees of freedom, at least 1; Welch's are no whole number.
+    pub df: f64,
+    /// Difference over standard error.
+    pub t: f64,
+    /// Two-sided p value, not corrected for other tests; 0 only below 1e-307.
+    pub p: f64,
+    /// Interval of the difference.
+    pub interval: Interval,
+}
+
+impl TTest {
+    /// `size` is that of the values, which tells rounding from variance.
+    fn new(difference: f64, standard_error: f64, df: f64, size: f64) -> Result<TTest, Undefined> {
+        vary(standard_error, size)?;
+        let difference = finite(difference)?;
+        let t = finite(difference / standard_error)?;
+        let interval = Interval::around(difference, standard_error, df);
+        Ok(TTest { difference, standard_error, df, t, p: two_sided_p(t, df), interval })
+    }
+}
+
+/// Student's t test of two independent arms, whose variances are taken to be equal.
+///
+/// **Errors**: fewer than two values in an arm, or no variance in both.
+///
+/// **Source**: Student, "The probable error of a mean", 1908; Fisher, 1925.
+pub fn student_t_test(first: &[f64], second: &[f64]) -> Result<TTest, Undefined> {
+    let ([one, two], _) = both(first, second)?;
+    let pooled = pooled_sd(first, second)?;
+    let standard_error = pooled * (1.0 / one.n as f64 + 1.0 / two.n as f64).sqrt();
+    let df = (one.n + two.n - 2) as f64;
+    TTest::new(one.mean - two.mean, standard_error, df, one.mean.abs().max(two.mean.abs()))
+}
+
+/// Welch's t test of two independent arms, whose variances may differ.
+///
+/// **Errors**: fewer than two values in an arm, or no variance in both.
+///
+/// **Source**: Welch, "The generalization of 'Student's' problem when several different population
+/// variances are involved", 1947.
+pub fn welch_t_test(first: &[f64], second: &[f64]) -> Result<TTest, Undefined> {
+    let ([one, two], [var_1, var_2]) = both(first, second)?;
+    let (part_1, part_2) = (var_1 / one.n as f64, var_2 / two.n as f64);
+    let standard_error = (part_1 + part_2).sqrt();
+    let size = one.mean.abs().max(two.mean.abs());
+    vary(standard_error, size)?;
+    // By shares, so that no fourth power of a deviation over- or underflows.
+    let share = part_1 / (part_1 + part_2);
+    let df =
+        1.0 / (share.powi(2) / (one.n as f64 - 1.0) + (1.0 - share).powi(2) / (two.n as f64 - 1.0));
+    TTest::new(one.mean - two.mean, standard_error, df, size)
+}
+
+/// Student's t test of the differences of pairs.
+///
+/// **Errors**: fewer than two pairs, or differences that do not vary.
+///
+/// **Source**: Student, "The probable error of a mean", 1908.
+pub fn paired_t_test(pairs: &[(f64, f64)]) -> Result<TTest, Undefined> {
+    at_least(2, pairs.len())?;
+    let differences: Vec<f64> = pairs.iter().map(|(a, b)| a - b).collect();
+    let Moments { n, mean, sd } = Moments::of(&differences)?;
+    // A difference is rounded as the numbers it is between.
+    let size = pairs.iter().map(|(a, b)| a.abs().max(b.abs())).fold(0.0, f64::max);
+    TTest::new(mean, sd? / (n as f64).sqrt(), n as f64 - 1.0, size)
+}
+
+/// Standard deviation that two arms share: what Student's test estimates it by.
+///
+/// **Errors**: fewer than two values in an arm.
+pub(super) fn pooled_sd(first: &[f64], second: &[f64]) -> Result<f64, Undefined> {
+    let ([one, two], [var_1, var_2]) = both(first, second)?;
+    let (free_1, free_2) = (one.n as f64 - 1.0, two.n as f64 - 1.0);
+    finite(((free_1 * var_1 + free_2 * var_2) / (free_1 + free_2)).sqrt())
+}
+
+/// Moments and variances of two arms of at least two values.
+fn both(first: &[f64], second: &[f64]) -> Result<([Moments; 2], [f64; 2]), Undefined> {
+    at_least(2, first.len().min(second.len()))?;
+    let (one, two) = (Moments::of(first)?, Moments::of(second)?);
+    let variances = [finite(one.sd?.powi(2))?, finite(two.sd?.powi(2))?];
+    Ok(([one, two], variances))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rounding_is_not_taken_for_variance() {
+        let pairs: Vec<(f64, f64)> =
+            [3.0f64, 1001.7, 47.3].map(|x| (x * 1.1 + 0.1, x * 1.1)).to_vec();
+        let differences: Vec<f64> = pairs.iter().map(|(a, b)| a - b).collect();
+        assert!(Moments::of(&differences).unwrap().sd.unwrap() > 0.0);
+        assert_eq!(paired_t_test(&pairs), Err(Undefined::NoVariance));
+    }
+
+    #[test]
+    fn degenerate_arms_have_a_stated_answer() {
+        let few = Err(Undefined::TooFewSeeds { have: 1, need: 2 });
+        for test in [student_t_test, welch_t_test] {
+            assert_eq!(test(&[], &[1.0, 2.0]), Err(Undefined::NoSeeds));
+            assert_eq!(test(&[1.0], &[1.0, 2.0]), few);
+            assert_eq!(test(&[1.0, 1.0], &[2.0, 2.0]), Err(Undefined::NoVariance));
+            assert_eq!(test(&[1e160, 0.0], &[1.0, 2.0]), Err(Undefined::OutOfRange));
+            let one_constant = test(&[1.0, 1.0], &[2.0, 3.0, 4.0]).unwrap();
+            assert_eq!(one_constant.difference, -2.0);
+        }
+        assert_eq!(paired_t_test(&[(1.0, 2.0)]), few);
+        assert_eq!(welch_t_test(&[1.0, 1.0], &[2.0, 3.0, 4.0]).unwrap().df, 2.0);
+    }
+}
