@@ -15,6 +15,7 @@ mod progress;
 mod provenance;
 mod query;
 mod replay;
+mod report;
 mod run;
 mod schema;
 mod selection;
@@ -51,6 +52,7 @@ enum Verb {
     Run(run::Arguments),
     Status(status::Arguments),
     Query(query::Arguments),
+    Report(report::Arguments),
     Export(export::Arguments),
     Simulate(Box<simulate::Arguments>),
     Schema(schema::Arguments),
@@ -106,6 +108,7 @@ pub fn main() -> ExitCode {
         Verb::Run(arguments) => run::run(&arguments),
         Verb::Status(arguments) => status::run(&arguments),
         Verb::Query(arguments) => query::run(&arguments),
+        Verb::Report(arguments) => report::run(&arguments),
         Verb::Export(arguments) => export::run(&arguments),
         Verb::Simulate(arguments) => simulate::run(&arguments),
         Verb::Schema(arguments) => schema::run(&arguments),

@@ -21,7 +21,9 @@ pub fn caption(finding: &Finding) -> String {
         Content::LearningCurve { panels, .. } => learning(panels),
         Content::HeatMap(figures) => figures.iter().filter_map(heat).collect(),
         Content::ActionChoice(panels) => actions(panels),
-        Content::Selection(chosen) => chosen.iter().filter_map(|one| selected(one, metric)).collect(),
+        Content::Selection(chosen) => {
+            chosen.iter().filter_map(|one| selected(one, metric)).collect()
+        }
         Content::InferenceError(figure) => errors(figure),
     };
     let jobs = finding.jobs;
@@ -85,7 +87,8 @@ fn mean(values: &[f64]) -> Option<f64> {
 }
 
 fn ends(line: &CurveLine) -> Option<((f64, f64), (f64, f64))> {
-    let seen = || line.points.iter().filter_map(|point| Some((point.x, mean(point.sample.values())?)));
+    let seen =
+        || line.points.iter().filter_map(|point| Some((point.x, mean(point.sample.values())?)));
     Some((seen().next()?, seen().next_back()?))
 }
 
@@ -211,8 +214,7 @@ fn errors(figure: &ErrorFigure) -> Vec<String> {
 
 /// What a comparison with published numbers came to.
 pub fn reproduction(reproduction: &Reproduction) -> Vec<String> {
-    let subjects =
-        [Subject::Effect, Subject::CurvePoint, Subject::HeatCell, Subject::ErrorRate];
+    let subjects = [Subject::Effect, Subject::CurvePoint, Subject::HeatCell, Subject::ErrorRate];
     let counts = subjects.iter().filter_map(|subject| {
         let (inside, outside, open) = reproduction.counts(*subject);
         let total = inside + outside + open;
@@ -233,11 +235,15 @@ pub fn reproduction(reproduction: &Reproduction) -> Vec<String> {
     )];
     for (agent, error, points) in reproduction.curve_errors() {
         let error = shown(error, 0);
-        sentences.push(format!("{agent}: root mean square error of {error} steps over {points} curve points."));
+        sentences.push(format!(
+            "{agent}: root mean square error of {error} steps over {points} curve points."
+        ));
     }
     let (same, all) = reproduction.signs();
     if all > 0 {
-        sentences.push(format!("Of the effects with a published p below 0.01, {same} of {all} have the published sign."));
+        sentences.push(format!(
+            "Of the effects with a published p below 0.01, {same} of {all} have the published sign."
+        ));
     }
     sentences
 }

@@ -58,8 +58,9 @@ fn mean(values: &[f64]) -> Result<f64, Undefined> {
 }
 
 fn contrast(title: &str, rows: &[ContrastRow], metric: &str) -> DataTable {
-    let (first, second) =
-        rows.first().map_or(("first", "second"), |row| (row.sides.0.as_str(), row.sides.1.as_str()));
+    let (first, second) = rows
+        .first()
+        .map_or(("first", "second"), |row| (row.sides.0.as_str(), row.sides.1.as_str()));
     let columns = [
         ("arm", "Arm"),
         ("error", "Error, %"),
@@ -294,9 +295,10 @@ fn selection(title: &str, chosen: &[Chosen], metric: &str) -> DataTable {
     let mut table = DataTable::new(title, &columns);
     for agent in chosen {
         for (rank, candidate) in agent.candidates.iter().enumerate() {
-            let settings = candidate.name.settings.iter().map(|(key, value)| {
-                format!("{}={value}", key.rsplit('.').next().unwrap_or(key))
-            });
+            let settings =
+                candidate.name.settings.iter().map(|(key, value)| {
+                    format!("{}={value}", key.rsplit('.').next().unwrap_or(key))
+                });
             table.rows.push(vec![
                 Cell::text(&agent.agent),
                 Cell::number(rank as f64 + 1.0, 0),

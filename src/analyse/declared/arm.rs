@@ -4,7 +4,7 @@ use crate::analyse::{Sample, lower_quartile};
 use crate::manifest::{Condition, Value};
 use crate::record::{JobRecord, Progress};
 
-pub use crate::record::Setting;
+use crate::record::Setting;
 
 /// What tells an arm from the others of its analysis.
 #[derive(Clone, Debug, PartialEq)]

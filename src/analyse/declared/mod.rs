@@ -16,7 +16,7 @@ mod maps;
 mod reproduction;
 mod selection;
 
-pub use arm::{Group, Name, Setting};
+pub use arm::{Group, Name, setting};
 pub use choices::{ActionPanel, BinShares};
 pub use contrasts::ContrastRow;
 pub use curves::{CurveFigure, CurveLine, CurvePoint};
