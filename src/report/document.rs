@@ -131,27 +131,30 @@ fn names(content: &Content) -> Vec<&Name> {
 
 fn shown<'e>(finding: &'e Finding, sql: &'e str, stem: String, looks: &Looks) -> Shown<'e> {
     let one = |scene: Scene| vec![(stem.clone(), scene)];
-    let scenes = match &finding.content {
+    let mut scenes = match &finding.content {
         Content::Contrast(rows) => one(forest_figure(rows, finding.metric)),
         Content::Curve(figure) => one(curve_figure(figure, finding.metric, looks)),
         Content::LearningCurve { window, panels } => panels
             .iter()
             .map(|panel| {
-                let stem = file_stem(&format!("{stem} {}", panel.scenario));
-                (stem, learning_figure(panel, *window, looks))
+                (
+                    format!("{stem}-{}", file_stem(&panel.scenario)),
+                    learning_figure(panel, *window, looks),
+                )
             })
             .collect(),
         Content::HeatMap(figures) => figures
             .iter()
             .map(|figure| {
-                let stem = file_stem(&format!("{stem} {} {}", figure.agent, figure.subject));
-                (stem, heat_figure(figure))
+                let panel = file_stem(&format!("{} {}", figure.agent, figure.subject));
+                (format!("{stem}-{panel}"), heat_figure(figure))
             })
             .collect(),
         Content::ActionChoice(panels) => one(action_figure(panels)),
         Content::Selection(_) => Vec::new(),
         Content::InferenceError(figure) => one(error_figure(figure)),
     };
+    tell_apart(&mut scenes);
     Shown {
         caption: captions::caption(finding),
         table: tables::table(finding),
@@ -160,6 +163,17 @@ fn shown<'e>(finding: &'e Finding, sql: &'e str, stem: String, looks: &Looks) ->
         stem,
         scenes,
         sql,
+    }
+}
+
+/// Numbers the stems that two panels of a finding share.
+fn tell_apart(scenes: &mut [(String, Scene)]) {
+    for at in 0..scenes.len() {
+        let (before, rest) = scenes.split_at_mut(at);
+        let taken: Vec<String> = before.iter().map(|(stem, _)| stem.clone()).collect();
+        if taken.contains(&rest[0].0) {
+            rest[0].0 = format!("{}-{}", rest[0].0, at + 1);
+        }
     }
 }
 

@@ -7,6 +7,7 @@ mod names;
 mod pipes;
 mod planning;
 mod reading;
+mod reporting;
 mod same_bits;
 mod sharing;
 mod signals;

@@ -35,9 +35,9 @@ pub fn action_figure(panels: &[ActionPanel]) -> Scene {
     let title = "inferred probability of context 0";
     marks.push(text(at, title, plain, INK, Anchor::Middle).into());
     let note = format!(
-        "Mean shares over {}; 95 % half-widths at most {} points.",
+        "Mean shares over {}; 95 % half-width: median {} points.",
         seeds(panels.iter().map(|panel| panel.seeds.0)),
-        shown(widest(panels) * 100.0, 0)
+        shown(median_half_width(panels) * 100.0, 0)
     );
     let at = (WIDTH / 2.0, height - 5.0);
     marks.push(text(at, note, (NOTE, Weight::Regular), FAINT, Anchor::Middle).into());
@@ -45,11 +45,14 @@ pub fn action_figure(panels: &[ActionPanel]) -> Scene {
     Scene { width: WIDTH, height, description, marks }
 }
 
-/// The largest half of an interval of a share.
-fn widest(panels: &[ActionPanel]) -> f64 {
+/// The median half of an interval of a share, over the shares that have one; 0 if none has.
+fn median_half_width(panels: &[ActionPanel]) -> f64 {
     let shares = panels.iter().flat_map(|panel| &panel.bins).filter_map(|bin| bin.shares);
     let intervals = shares.flatten().filter_map(|(_, interval)| interval);
-    intervals.map(|interval| (interval.high - interval.low) / 2.0).fold(0.0, f64::max)
+    let mut halves: Vec<f64> =
+        intervals.map(|interval| (interval.high - interval.low) / 2.0).collect();
+    halves.sort_by(f64::total_cmp);
+    halves.get(halves.len() / 2).copied().unwrap_or(0.0)
 }
 
 fn legend() -> Vec<Mark> {

@@ -94,7 +94,7 @@ impl Axis {
 /// Ends of an axis that the numbers fill to a round one.
 pub fn round_range(low: f64, high: f64) -> (f64, f64) {
     let span = if high > low { high - low } else { high.abs().max(1.0) };
-    let step = round_step(span / 5.0);
+    let step = round_step(span / 8.0);
     ((low / step).floor() * step, (high / step).ceil() * step)
 }
 
@@ -108,7 +108,8 @@ fn round_step(step: f64) -> f64 {
 impl Frame {
     /// The place of a point.
     pub fn place(&self, (x, y): (&Axis, &Axis), at: (f64, f64)) -> (f64, f64) {
-        let down = (1.0 - y.share(at.1)).clamp(-0.02, 1.02);
+        // What lies beyond the ends is drawn to the edge.
+        let down = (1.0 - y.share(at.1)).clamp(0.0, 1.0);
         (self.left + x.share(at.0) * self.width, self.top + down * self.height)
     }
 
@@ -170,7 +171,9 @@ mod tests {
         let ticks = axis((100.0, 15000.0), AxisScale::Log).ticks(5);
         assert_eq!(ticks, [100.0, 300.0, 1000.0, 3000.0, 10000.0]);
         assert_eq!(round_range(-30.0, 812.0), (-200.0, 1000.0));
-        assert_eq!(round_range(5.0, 5.0), (5.0, 5.0_f64.max(5.0)));
+        assert_eq!(round_range(0.0, 3254.0), (0.0, 3500.0));
+        let (low, high) = round_range(5.0, 5.0);
+        assert!(low <= 5.0 && high >= 5.0);
     }
 
     #[test]

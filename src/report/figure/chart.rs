@@ -44,6 +44,8 @@ enum Spread {
     Bars,
     /// As a band.
     Band,
+    /// Marked points without a line, which have none.
+    Points,
 }
 
 /// A point of a line.
@@ -215,8 +217,13 @@ pub fn error_figure(figure: &ErrorFigure) -> Scene {
     let blue = Color(0, 114, 178);
     let mut lines = vec![
         line("Φ(−1/2σ)", look(blue, Marker::Disc), exact.collect(), Spread::Band),
-        line("seen in tests", look(INK, Marker::Disc), seen.collect(), Spread::Bars),
-        line("published", look(Color(213, 94, 0), Marker::Ring), reported.collect(), Spread::Bars),
+        line("seen in tests", look(INK, Marker::Disc), seen.collect(), Spread::Points),
+        line(
+            "published",
+            look(Color(213, 94, 0), Marker::Ring),
+            reported.collect(),
+            Spread::Points,
+        ),
     ];
     lines.retain(|line| !line.points.is_empty());
     let runs: usize = figure.points.iter().map(|point| point.runs).sum();
@@ -329,7 +336,7 @@ fn line_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame) -> Vec<Mark> {
         }
     }
     let points: Vec<Point> = line.points.iter().map(|point| place(point.x, point.y)).collect();
-    if points.len() > 1 {
+    if points.len() > 1 && line.spread != Spread::Points {
         let width = if line.spread == Spread::Bars { 1.6 } else { 1.3 };
         let stroke = Stroke { color, width, dash: line.look.dash, opacity: 1.0 };
         marks.push(Shape::Line { points, stroke }.into());
@@ -341,7 +348,7 @@ fn line_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame) -> Vec<Mark> {
             marks.push(Shape::Line { points, stroke: Stroke::solid(color, 1.0) }.into());
         }
         let mark: Mark = match line.spread {
-            Spread::Bars => marker(at, &line.look, 2.6).into(),
+            Spread::Bars | Spread::Points => marker(at, &line.look, 2.6).into(),
             Spread::Band => {
                 let fill = Fill { color, opacity: 0.0 };
                 Shape::Circle { centre: at, radius: 3.0, fill, stroke: None }.into()
@@ -349,7 +356,7 @@ fn line_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame) -> Vec<Mark> {
         };
         match (point.tip.is_empty(), line.spread) {
             (false, _) => marks.push(mark.saying(&point.tip)),
-            (true, Spread::Bars) => marks.push(mark),
+            (true, Spread::Bars | Spread::Points) => marks.push(mark),
             (true, Spread::Band) => {}
         }
     }
@@ -378,37 +385,44 @@ pub(super) fn marker(at: Point, look: &Look, radius: f64) -> Shape {
     }
 }
 
-/// The labels of the lines at their right ends, moved apart where they would overlap, each with a
-/// hair to its line where it was moved far.
+/// The labels of the lines at their ends: those at the right edge moved apart where they would
+/// overlap, with a hair to their line where they were moved far.
 fn end_labels(chart: &Chart, frame: &Frame) -> Vec<Mark> {
     let axes = (&chart.axes.0, &chart.axes.1);
     let right = frame.left + frame.width;
     let mut ends: Vec<(usize, Point, f64)> = Vec::new();
+    let mut inside: Vec<(usize, Point)> = Vec::new();
     for (series, line) in chart.lines.iter().enumerate() {
         if let Some(last) = line.points.last() {
             let end = frame.place(axes, (last.x, last.y));
-            ends.push((series, end, end.1));
+            match end.0 < right - 40.0 {
+                true => inside.push((series, end)),
+                false => ends.push((series, end, end.1)),
+            }
         }
     }
     ends.sort_by(|one, other| one.2.total_cmp(&other.2));
     spread_out(&mut ends, TEXT + 1.5, (frame.top, frame.top + frame.height));
-    let mut marks = Vec::new();
-    for (series, end, height) in ends {
+    let label = |series: usize, at: Point, anchor: Anchor| {
         let line = &chart.lines[series];
-        if end.0 < right - 2.0 || (height - end.1).abs() > TEXT {
-            let color = line.look.color;
+        // Light colours are hard to read as letters.
+        let darker = if line.look.color.lightness() > 0.5 { 0.35 } else { 0.0 };
+        let color = line.look.color.towards(INK, darker);
+        Mark::from(text(at, &line.label, (TEXT, Weight::SemiBold), color, anchor)).of(series)
+    };
+    // A line that ends early has its label above its end.
+    let mut marks: Vec<Mark> = inside
+        .into_iter()
+        .map(|(series, end)| label(series, (end.0, end.1 - 7.0), Anchor::End))
+        .collect();
+    for (series, end, height) in ends {
+        if (height - end.1).abs() > TEXT {
+            let color = chart.lines[series].look.color;
             let stroke = Stroke { color, width: 0.5, dash: None, opacity: 0.6 };
-            let points = vec![(end.0 + 3.0, end.1), (right + 4.0, height)];
+            let points = vec![(end.0 + 3.0, end.1), (right + 5.0, height)];
             marks.push(Mark::from(Shape::Line { points, stroke }).of(series));
         }
-        let at = (right + 6.0, height + TEXT * 0.35);
-        // Light colours are hard to read as letters.
-        let color = line
-            .look
-            .color
-            .towards(INK, if line.look.color.lightness() > 0.5 { 0.35 } else { 0.0 });
-        let label = text(at, &line.label, (TEXT, Weight::SemiBold), color, Anchor::Start);
-        marks.push(Mark::from(label).of(series));
+        marks.push(label(series, (right + 6.0, height + TEXT * 0.35), Anchor::Start));
     }
     marks
 }

@@ -61,7 +61,7 @@ fn header(
 ) -> String {
     let jobs = all_jobs(experiments);
     let state = match jobs {
-        JobCounts { completed, failed: 0, open: 0 } => format!("all {completed} jobs completed"),
+        JobCounts { completed, failed: 0, open: 0 } => format!("All {completed} jobs completed"),
         JobCounts { completed, failed, open } => format!(
             "{completed} of {} jobs completed, {failed} failed, {open} not ended",
             jobs.total()

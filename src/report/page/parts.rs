@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::analyse::declared::Content;
 use crate::report::data_table::{Cell, DataTable};
 use crate::report::document::{ReportedExperiment, Shown};
 use crate::report::escape::markup;
@@ -31,7 +32,9 @@ pub fn figure_card(shown: &Shown<'_>) -> String {
         (1, _) if shown.table.shown_columns().count() <= 10 => "card",
         _ => "card wide",
     };
-    let open = if shown.scenes.is_empty() { " open" } else { "" };
+    // Tables that are tables in papers are seen at once.
+    let is_table = matches!(shown.finding.content, Content::Contrast(_) | Content::Selection(_));
+    let open = if is_table { " open" } else { "" };
     let rows = shown.table.rows.len();
     format!(
         "<article class=\"{size}\" id=\"{stem}\"><h3>{title}</h3>{switches}\
