@@ -96,7 +96,7 @@ impl Reader<'_> {
             None => ANALYSED_METRICS[0],
         };
         let jobs = table.get("where").and_then(|node| self.table("where", node));
-        let mut located = jobs.map(|jobs| self.conditions(jobs, "where")).unwrap_or_default();
+        let mut located = jobs.map(|jobs| self.conditions(jobs, "`where`")).unwrap_or_default();
         let conditions = located.iter().map(|condition| condition.value.clone()).collect();
         let mut axes = Vec::new();
         let kind = self.analysis_kind(kind, name, (span, table), &mut axes)?;

@@ -105,7 +105,11 @@ fn two_reports_of_one_store_are_equal_to_the_byte_and_hold_every_analysis() {
     assert_eq!(drawn, 4 + 2 + 4, "{names:?}");
     let page = String::from_utf8(one["report/index.html"].clone()).unwrap();
     assert!(!page.contains("</script><b>") && !page.contains("every <kind>"));
-    assert!(!page.contains("http://") || page.matches("http://").count() == page.matches("http://www.w3.org/2000/svg").count());
+    assert!(
+        !page.contains("http://")
+            || page.matches("http://").count()
+                == page.matches("http://www.w3.org/2000/svg").count()
+    );
     let table = String::from_utf8(one[stem].clone()).unwrap();
     assert!(table.contains("'=dqn&co"), "{table}");
     assert!(!page.contains("NaN") && !table.contains("NaN"));
@@ -122,7 +126,8 @@ fn the_query_beside_a_figure_reads_its_rows() {
         let rows = answer.stdout.lines().count() - 1;
         assert!(rows > 0, "{name}: {sql}");
         // 2 agents, 2 scenarios, 2 sigmas, 2 values of delta_d, 2 seeds.
-        if ["every-kind-gain.sql", "every-kind-map.sql", "every-kind-chosen.sql"].contains(&&*name) {
+        if ["every-kind-gain.sql", "every-kind-map.sql", "every-kind-chosen.sql"].contains(&&*name)
+        {
             assert_eq!(rows, 32, "{name}: {sql}");
         }
     }

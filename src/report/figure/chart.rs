@@ -385,35 +385,41 @@ pub(super) fn marker(at: Point, look: &Look, radius: f64) -> Shape {
     }
 }
 
-/// The labels of the lines at their ends: those at the right edge moved apart where they would
-/// overlap, with a hair to their line where they were moved far.
+/// The labels of the lines at their ends, moved apart where they would overlap: beside the frame,
+/// with a hair to their line where they were moved far; above the end of a line that ends early.
 fn end_labels(chart: &Chart, frame: &Frame) -> Vec<Mark> {
     let axes = (&chart.axes.0, &chart.axes.1);
     let right = frame.left + frame.width;
     let mut ends: Vec<(usize, Point, f64)> = Vec::new();
-    let mut inside: Vec<(usize, Point)> = Vec::new();
+    let mut inside: Vec<(usize, Point, f64)> = Vec::new();
     for (series, line) in chart.lines.iter().enumerate() {
         if let Some(last) = line.points.last() {
             let end = frame.place(axes, (last.x, last.y));
             match end.0 < right - 40.0 {
-                true => inside.push((series, end)),
+                // Above the end, not on it.
+                true => inside.push((series, end, end.1 - 8.0)),
                 false => ends.push((series, end, end.1)),
             }
         }
     }
-    ends.sort_by(|one, other| one.2.total_cmp(&other.2));
-    spread_out(&mut ends, TEXT + 1.5, (frame.top, frame.top + frame.height));
-    let label = |series: usize, at: Point, anchor: Anchor| {
+    for list in [&mut ends, &mut inside] {
+        list.sort_by(|one, other| one.2.total_cmp(&other.2));
+        spread_out(list, TEXT + 1.5, (frame.top, frame.top + frame.height));
+    }
+    let label = |series: usize, at: Point| {
         let line = &chart.lines[series];
         // Light colours are hard to read as letters.
         let darker = if line.look.color.lightness() > 0.5 { 0.35 } else { 0.0 };
         let color = line.look.color.towards(INK, darker);
-        Mark::from(text(at, &line.label, (TEXT, Weight::SemiBold), color, anchor)).of(series)
+        let looks = (TEXT, Weight::SemiBold);
+        Mark::from(text(at, &line.label, looks, color, Anchor::Start)).of(series)
     };
-    // A line that ends early has its label above its end.
     let mut marks: Vec<Mark> = inside
         .into_iter()
-        .map(|(series, end)| label(series, (end.0, end.1 - 7.0), Anchor::End))
+        .map(|(series, end, height)| {
+            let wide = width(&chart.lines[series].label, TEXT, Weight::SemiBold);
+            label(series, ((end.0 - wide).max(frame.left + 3.0), height + TEXT * 0.35))
+        })
         .collect();
     for (series, end, height) in ends {
         if (height - end.1).abs() > TEXT {
@@ -422,7 +428,7 @@ fn end_labels(chart: &Chart, frame: &Frame) -> Vec<Mark> {
             let points = vec![(end.0 + 3.0, end.1), (right + 5.0, height)];
             marks.push(Mark::from(Shape::Line { points, stroke }).of(series));
         }
-        marks.push(label(series, (right + 6.0, height + TEXT * 0.35), Anchor::Start));
+        marks.push(label(series, (right + 6.0, height + TEXT * 0.35)));
     }
     marks
 }
