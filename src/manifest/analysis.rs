@@ -175,6 +175,16 @@ impl AnalysisKind {
     }
 }
 
+impl Sides {
+    /// The dotted name of the key that tells the sides apart; empty where no key does.
+    pub fn key(&self) -> String {
+        match &self.first {
+            Condition::Key { parameter, .. } => parameter.to_string(),
+            Condition::Scenario(_) | Condition::Seed(_) | Condition::AgentName(_) => String::new(),
+        }
+    }
+}
+
 impl Pairing {
     /// The word that manifests write.
     pub fn name(self) -> &'static str {

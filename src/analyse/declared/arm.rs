@@ -102,6 +102,24 @@ pub fn wanted(condition: &Condition) -> Setting {
     }
 }
 
+/// A group's name without what its side decides.
+pub fn shared(side: &Condition, name: Name) -> Name {
+    match side {
+        Condition::Scenario(_) => Name { scenario: String::new(), ..name },
+        Condition::AgentName(_) => Name { agent: String::new(), ..name },
+        Condition::Seed(_) | Condition::Key { .. } => name,
+    }
+}
+
+/// Whether a job is at the place that a row's name tells; an empty word is any.
+pub fn is_at(job: &JobRecord, name: &Name) -> bool {
+    let is = |wanted: &str, found: &str| wanted.is_empty() || wanted == found;
+    let set = |(key, value): &(String, Setting)| job.setting(key) == Some(value);
+    is(&name.agent, &job.agent)
+        && is(&name.scenario, &job.scenario)
+        && name.settings.iter().all(set)
+}
+
 /// The parameters that differ between jobs of one agent, by name.
 pub fn varying(jobs: &[&JobRecord]) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();

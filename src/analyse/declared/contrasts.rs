@@ -1,11 +1,11 @@
 //! Differences of means between two sides, at every setting of the other parameters.
 
-use super::arm::{Name, groups, meets, wanted};
+use super::arm::{Name, groups, is_at, meets, shared, wanted};
 use super::inference::inference_error;
 use super::{Content, Finding};
 use crate::analyse::{self, Corrected, Design, Sample, Undefined, correct};
-use crate::manifest::{Analysis, AnalysisKind, Condition, Contrast, Pairing, Published};
-use crate::record::{JobRecord, Setting};
+use crate::manifest::{Analysis, AnalysisKind, Condition, Contrast, Pairing, Published, Sides};
+use crate::record::JobRecord;
 
 /// A difference at one setting of the other parameters.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,10 +45,7 @@ pub fn rows(
         .filter(|job| meets(job, &sides.first) || meets(job, &sides.second))
         .copied()
         .collect();
-    let by = match &sides.first {
-        Condition::Key { parameter, .. } => parameter.to_string(),
-        Condition::Scenario(_) | Condition::Seed(_) | Condition::AgentName(_) => String::new(),
-    };
+    let by = sides.key();
     let mut rows = Vec::new();
     let mut names: Vec<Name> = Vec::new();
     for group in groups(&both, &[&by]) {
@@ -57,51 +54,45 @@ pub fn rows(
             names.push(name);
         }
     }
-    for name in names {
+    rows.extend(names.into_iter().filter_map(|name| {
         let here = |side: &Condition| {
             let jobs = both.iter().filter(|job| meets(job, side) && is_at(job, &name));
             super::Group { name: name.clone(), jobs: jobs.copied().collect() }
         };
-        let (first, second) = (here(&sides.first), here(&sides.second));
-        if first.jobs.is_empty() || second.jobs.is_empty() {
-            continue;
-        }
-        let sigma = first.jobs[0].number("environment.sigma");
-        let (first, second) = (first.sample(metric), second.sample(metric));
-        let words = (wanted(&sides.first).to_string(), wanted(&sides.second).to_string());
-        let found = published
-            .filter(|_| metric == "mean_return")
-            .and_then(|published| published_test(published, &words, &name, sigma?));
-        rows.push(ContrastRow {
-            sides: words,
-            error: sigma.map(inference_error),
-            contrast: analyse::Contrast::new(&first, &second, design),
-            corrected: Err(Undefined::NoSeeds),
-            published: found,
-            name,
-            first,
-            second,
-        });
-    }
+        row(
+            name.clone(),
+            (sides, design, metric),
+            (here(&sides.first), here(&sides.second)),
+            published,
+        )
+    }));
     rows
 }
 
-/// A group's name without what its side decides.
-fn shared(side: &Condition, name: Name) -> Name {
-    match side {
-        Condition::Scenario(_) => Name { scenario: String::new(), ..name },
-        Condition::AgentName(_) => Name { agent: String::new(), ..name },
-        Condition::Seed(_) | Condition::Key { .. } => name,
+/// A difference; `None` where a side has no jobs.
+fn row(
+    name: Name,
+    (sides, design, metric): (&Sides, Design, &str),
+    (first, second): (super::Group<'_>, super::Group<'_>),
+    published: Option<&Published>,
+) -> Option<ContrastRow> {
+    if second.jobs.is_empty() {
+        return None;
     }
-}
-
-/// Whether a job is at the place that a row's name tells; an empty word is any.
-fn is_at(job: &JobRecord, name: &Name) -> bool {
-    let is = |wanted: &str, found: &str| wanted.is_empty() || wanted == found;
-    let set = |(key, value): &(String, Setting)| job.setting(key) == Some(value);
-    is(&name.agent, &job.agent)
-        && is(&name.scenario, &job.scenario)
-        && name.settings.iter().all(set)
+    let sigma = first.jobs.first()?.number("environment.sigma");
+    let (first, second) = (first.sample(metric), second.sample(metric));
+    let words = (wanted(&sides.first).to_string(), wanted(&sides.second).to_string());
+    let published = published.filter(|_| metric == "mean_return");
+    Some(ContrastRow {
+        published: published.and_then(|known| published_test(known, &words, &name, sigma?)),
+        sides: words,
+        error: sigma.map(inference_error),
+        contrast: analyse::Contrast::new(&first, &second, design),
+        corrected: Err(Undefined::NoSeeds),
+        name,
+        first,
+        second,
+    })
 }
 
 fn published_test(

@@ -1,17 +1,17 @@
 //! Means, or differences of means, over two parameters.
 
-use super::arm::{distinct, meets, wanted};
+use super::arm::{distinct, groups, is_at, meets, shared, wanted};
 use super::{Group, Name};
 use crate::analyse::{Contrast, Design, Interval, Moments, Sample, Undefined, mean_interval};
 use crate::manifest::{Parameter, Published, Sides};
 use crate::record::JobRecord;
 
-/// A map of one agent.
+/// A map of one arm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeatFigure {
-    /// The agent.
+    /// The agent; empty where agents are the sides.
     pub agent: String,
-    /// The scenario, or both sides as `first - second`.
+    /// The scenario, or both sides as `first - second`, and what else tells the map from others.
     pub subject: String,
     /// Whether its values are differences.
     pub scale: Scale,
@@ -49,7 +49,7 @@ pub struct HeatCell {
     pub published: Option<f64>,
 }
 
-/// A map an agent, or an agent and scenario where no difference is shown.
+/// A map an arm: what the axes and the sides do not decide makes maps of their own.
 pub fn figures(
     (x, y): (Parameter, Parameter),
     sides: Option<&Sides>,
@@ -57,58 +57,71 @@ pub fn figures(
     jobs: &[&JobRecord],
     published: Option<&Published>,
 ) -> Vec<HeatFigure> {
-    let subject = |job: &JobRecord| match sides {
-        Some(sides) => format!("{} - {}", wanted(&sides.first), wanted(&sides.second)),
-        None => job.scenario.clone(),
-    };
-    let mut names: Vec<(String, String)> = Vec::new();
-    for job in jobs {
-        let name = (job.agent.clone(), subject(job));
+    let by = sides.map_or_else(String::new, Sides::key);
+    let axes = (x.to_string(), y.to_string());
+    let mut names: Vec<Name> = Vec::new();
+    for group in groups(jobs, &[&axes.0, &axes.1, &by]) {
+        let name = match sides {
+            Some(sides) => shared(&sides.first, group.name),
+            None => group.name,
+        };
         if !names.contains(&name) {
             names.push(name);
         }
     }
-    let (x, y) = (x.to_string(), y.to_string());
-    let figure = |(agent, subject_here): (String, String)| {
-        let ours = |job: &&&JobRecord| job.agent == agent && subject(job) == subject_here;
-        let ours: Vec<&JobRecord> = jobs.iter().filter(ours).copied().collect();
-        let along = |name: &str| distinct(ours.iter().filter_map(|job| job.number(name)).collect());
-        let (columns, rows) = (along(&x), along(&y));
-        let map = published
-            .into_iter()
-            .filter(|_| metric == "mean_return")
-            .filter(|_| {
-                (x.as_str(), y.as_str()) == ("environment.epsilon_d", "environment.delta_d")
-            })
-            .flat_map(|published| &published.heat_maps)
-            .find(|map| map.agent == agent && map.contrast == subject_here);
-        let mut cells = Vec::new();
-        for &row in &rows {
-            for &column in &columns {
-                let here = |job: &&&JobRecord| {
-                    job.number(&x) == Some(column) && job.number(&y) == Some(row)
-                };
-                let here: Vec<&JobRecord> = ours.iter().filter(here).copied().collect();
-                let mut cell = cell(&here, sides, metric);
-                (cell.x, cell.y) = (column, row);
-                cell.published = map.and_then(|map| {
-                    let row = map.delta_d.iter().position(|one| *one == row)?;
-                    let column = map.epsilon_d.iter().position(|one| *one == column)?;
-                    Some(map.effect[row][column])
-                });
-                cells.push(cell);
-            }
-        }
-        HeatFigure {
-            scale: if sides.is_some() { Scale::Difference } else { Scale::Mean },
-            x: (x.clone(), columns),
-            y: (y.clone(), rows),
-            subject: subject_here,
-            agent,
-            cells,
-        }
+    let published = published.filter(|_| metric == "mean_return");
+    let figure = |name: Name| {
+        let ours: Vec<&JobRecord> = jobs.iter().filter(|job| is_at(job, &name)).copied().collect();
+        figure(name, &axes, (sides, metric), &ours, published)
     };
     names.into_iter().map(figure).collect()
+}
+
+fn figure(
+    name: Name,
+    (x, y): &(String, String),
+    (sides, metric): (Option<&Sides>, &str),
+    jobs: &[&JobRecord],
+    published: Option<&Published>,
+) -> HeatFigure {
+    let contrast = match sides {
+        Some(sides) => format!("{} - {}", wanted(&sides.first), wanted(&sides.second)),
+        None => name.scenario.clone(),
+    };
+    let along = |name: &str| distinct(jobs.iter().filter_map(|job| job.number(name)).collect());
+    let (columns, rows) = (along(x), along(y));
+    let is_of_paper = (x.as_str(), y.as_str()) == ("environment.epsilon_d", "environment.delta_d");
+    let map = published
+        .filter(|_| is_of_paper && name.settings.is_empty())
+        .into_iter()
+        .flat_map(|published| &published.heat_maps)
+        .find(|map| map.agent == name.agent && map.contrast == contrast);
+    let mut cells = Vec::new();
+    for &row in &rows {
+        for &column in &columns {
+            let here =
+                |job: &&&JobRecord| job.number(x) == Some(column) && job.number(y) == Some(row);
+            let here: Vec<&JobRecord> = jobs.iter().filter(here).copied().collect();
+            let published = map.and_then(|map| {
+                let row = map.delta_d.iter().position(|one| *one == row)?;
+                let column = map.epsilon_d.iter().position(|one| *one == column)?;
+                Some(map.effect[row][column])
+            });
+            cells.push(HeatCell { x: column, y: row, published, ..cell(&here, sides, metric) });
+        }
+    }
+    let settings = name
+        .settings
+        .iter()
+        .map(|(key, value)| format!(" {}={value}", key.rsplit('.').next().unwrap_or(key)));
+    HeatFigure {
+        scale: if sides.is_some() { Scale::Difference } else { Scale::Mean },
+        x: (x.clone(), columns),
+        y: (y.clone(), rows),
+        subject: contrast + &settings.collect::<String>(),
+        agent: name.agent,
+        cells,
+    }
 }
 
 fn cell(jobs: &[&JobRecord], sides: Option<&Sides>, metric: &str) -> HeatCell {

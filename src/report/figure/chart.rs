@@ -3,7 +3,10 @@
 use super::axis::{Axis, AxisScale, Frame, Numbers, round_range};
 use super::look::{Look, Looks, Marker, arm_label, labels};
 use super::{FAINT, INK, NOTE, TEXT, WIDTH, seeds, text};
-use crate::analyse::declared::{CurveFigure, ErrorFigure, LearningPanel, Name, inference_error};
+use crate::analyse::declared::{
+    CurveFigure, CurveLine, CurvePoint, ErrorFigure, LearningLine, LearningPanel, Name,
+    inference_error,
+};
 use crate::analyse::mean_interval;
 use crate::report::data_table::shown;
 use crate::report::scene::{
@@ -59,36 +62,14 @@ struct Place {
 /// A curve: means over seeds with their intervals, and the published line.
 pub fn curve_figure(figure: &CurveFigure, metric: &str, looks: &Looks) -> Scene {
     let names: Vec<&Name> = figure.lines.iter().map(|line| &line.name).collect();
-    let (numbers, decimals) = unit_numbers(metric);
-    let scaled = |value: f64| match numbers {
-        Numbers::Percent => format!("{} %", shown(value * 100.0, 1)),
-        Numbers::Plain => shown(value, decimals),
-    };
+    let numbers = unit_numbers(metric).0;
     let is_error = figure.axis == "context_inference_error";
-    let line = |(line, label): (&crate::analyse::declared::CurveLine, String)| {
-        let place = |point: &crate::analyse::declared::CurvePoint| {
-            let values = point.sample.values();
-            let interval = mean_interval(values).ok();
-            let y = values.iter().sum::<f64>() / values.len() as f64;
-            let spread = interval.map_or_else(String::new, |interval| {
-                format!(", 95 % interval {} to {}", scaled(interval.low), scaled(interval.high))
-            });
-            let at = match is_error {
-                true => format!("σ = {}, error {} %", point.parameter, shown(point.x * 100.0, 1)),
-                false => point.parameter.to_string(),
-            };
-            let tip = format!(
-                "{}, {at}: {}{spread}, {}",
-                arm_label(&line.name),
-                scaled(y),
-                seeds(std::iter::once(point.sample.n()))
-            );
-            Place { x: point.x, y, interval: interval.map(|i| (i.low, i.high)), tip }
-        };
+    let line = |(line, label): (&CurveLine, String)| {
+        let seen = line.points.iter().filter(|point| point.sample.n() > 0);
         Line {
             label,
             look: looks.look(&line.name),
-            points: line.points.iter().filter(|point| point.sample.n() > 0).map(place).collect(),
+            points: seen.map(|point| curve_place(point, &line.name, (metric, is_error))).collect(),
             reference: line.published.clone(),
             spread: Spread::Bars,
         }
@@ -107,17 +88,38 @@ pub fn curve_figure(figure: &CurveFigure, metric: &str, looks: &Looks) -> Scene 
             (figure.axis.rsplit('.').next().unwrap_or(&figure.axis).to_owned(), Numbers::Plain)
         }
     };
-    let agents = shared_agent(&names);
+    let agents = shared_word(&names);
     let axes = axes(&lines, (x_title, x_numbers, AxisScale::Linear), (metric, numbers));
     let description = format!("{} against {}", metric_title(metric), axes.0.title);
     draw(&Chart { heading: agents, description, axes, lines, note })
+}
+
+/// A point of a curve; the axis shows the context inference error, or a parameter.
+fn curve_place(point: &CurvePoint, name: &Name, (metric, is_error): (&str, bool)) -> Place {
+    let scaled = |value: f64| match unit_numbers(metric) {
+        (Numbers::Percent, decimals) => format!("{} %", shown(value * 100.0, decimals)),
+        (Numbers::Plain, decimals) => shown(value, decimals),
+    };
+    let values = point.sample.values();
+    let interval = mean_interval(values).ok();
+    let y = values.iter().sum::<f64>() / values.len() as f64;
+    let spread = interval.map_or_else(String::new, |interval| {
+        format!(", 95 % interval {} to {}", scaled(interval.low), scaled(interval.high))
+    });
+    let at = match is_error {
+        true => format!("σ = {}, error {} %", point.parameter, shown(point.x * 100.0, 1)),
+        false => point.parameter.to_string(),
+    };
+    let n = seeds(std::iter::once(values.len()));
+    let tip = format!("{}, {at}: {}{spread}, {n}", arm_label(name), scaled(y));
+    Place { x: point.x, y, interval: interval.map(|i| (i.low, i.high)), tip }
 }
 
 /// Learning curves of a scenario.
 pub fn learning_figure(panel: &LearningPanel, window: u32, looks: &Looks) -> Scene {
     const TIPS: usize = 60;
     let names: Vec<&Name> = panel.lines.iter().map(|line| &line.name).collect();
-    let line = |(line, label): (&crate::analyse::declared::LearningLine, String)| {
+    let line = |(line, label): (&LearningLine, String)| {
         let every = line.points.len().div_ceil(TIPS).max(1);
         let last = line.points.len().saturating_sub(1);
         let place = |(at, (episode, mean, interval)): (usize, &(u32, f64, Option<_>))| {
@@ -227,29 +229,30 @@ pub fn error_figure(figure: &ErrorFigure) -> Scene {
     ];
     lines.retain(|line| !line.points.is_empty());
     let runs: usize = figure.points.iter().map(|point| point.runs).sum();
-    let note = format!("Line: exact. Points: test steps of n = {runs} runs; 1000 draws each.");
-    let note = if figure.published.is_empty() {
-        note.replace("; 1000 draws each", "")
-    } else {
-        note.replace("; 1000 draws each", "; published: 1000 draws each")
-    };
-    let y = Axis {
-        title: "context inference error, %".to_owned(),
-        range: (0.0, 0.45),
-        scale: AxisScale::Linear,
-        numbers: Numbers::Percent,
-    };
+    let drawn = if figure.published.is_empty() { "" } else { "; published: 1000 draws each" };
+    let note = format!("Line: exact. Points: test steps of n = {runs} runs{drawn}.");
+    let description = "context inference error against feature noise".to_owned();
+    draw(&Chart { heading: None, description, axes: error_axes(most), lines, note })
+}
+
+fn error_axes(most: f64) -> (Axis, Axis) {
     let x = Axis {
         title: "feature noise σ".to_owned(),
         range: (0.0, most),
         scale: AxisScale::Linear,
         numbers: Numbers::Plain,
     };
-    let description = "context inference error against feature noise".to_owned();
-    draw(&Chart { heading: None, description, axes: (x, y), lines, note })
+    let y = Axis {
+        title: "context inference error, %".to_owned(),
+        range: (0.0, 0.5),
+        scale: AxisScale::Linear,
+        numbers: Numbers::Percent,
+    };
+    (x, y)
 }
 
-fn shared_agent(names: &[&Name]) -> Option<String> {
+/// What all arms of a figure share: an agent or a scenario.
+fn shared_word(names: &[&Name]) -> Option<String> {
     let first = names.first()?;
     let same_agent = names.iter().all(|name| name.agent == first.agent);
     let same_scenario = names.iter().all(|name| name.scenario == first.scenario);
@@ -397,7 +400,7 @@ fn end_labels(chart: &Chart, frame: &Frame) -> Vec<Mark> {
             let end = frame.place(axes, (last.x, last.y));
             match end.0 < right - 40.0 {
                 // Above the end, not on it.
-                true => inside.push((series, end, end.1 - 8.0)),
+                true => inside.push((series, end, end.1 - 12.0)),
                 false => ends.push((series, end, end.1)),
             }
         }

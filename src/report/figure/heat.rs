@@ -110,7 +110,11 @@ fn frame(figure: &HeatFigure, cell_width: f64, height: f64) -> Vec<Mark> {
     let plain = (TEXT, Weight::Regular);
     let (columns, rows) = (&figure.x.1, &figure.y.1);
     let bottom = TOP + CELL_HEIGHT * rows.len() as f64;
-    let heading = format!("{}, {}", figure.agent, figure.subject.replace(" - ", " − "));
+    let subject = figure.subject.replace(" - ", " − ");
+    let heading = match figure.agent.as_str() {
+        "" => subject,
+        agent => format!("{agent}, {subject}"),
+    };
     let mut marks: Vec<Mark> = vec![
         text((LEFT, 17.0), heading, (TEXT + 1.0, Weight::SemiBold), INK, Anchor::Start).into(),
     ];
