@@ -15,11 +15,11 @@ use super::source::Span;
 /// Notes what is wrong between the keys of `manifest`, which was completed from `draft`.
 pub(super) fn check(draft: &Draft, mut manifest: Manifest, faults: &mut FaultList) -> Manifest {
     let broken = zips(draft, &manifest, faults);
-    analyses::hold(draft, &manifest, faults);
     manifest.zips.retain(|zip| !zip.parameters.iter().any(|name| broken.contains(name)));
     if !size_fits(draft, &manifest, faults) || !comparisons_fit(draft, &manifest, faults) {
         return manifest;
     }
+    analyses::hold(draft, &manifest, faults);
     let exclusions_hold = exclusions(draft, &manifest, faults);
     let grids: Vec<Grid> =
         (0..manifest.agents.len()).map(|agent| Grid::of(&manifest, agent)).collect();
