@@ -1,22 +1,34 @@
-//! Whole jobs in the published settings, P-H-D at sigma 0.6: training and 1000 test episodes.
+//! Whole jobs in the published settings, P-H-D at sigma 0.6: training and 1000 test episodes; and
+//! checkpoints of them.
 
+use std::cell::{Cell, RefCell};
+use std::fs::File;
+use std::io::Write;
+
+use divan::Bencher;
 use jitai::manifest::{Agent, DuelingDqn, Engine, Environment, Evaluation, Reinforce};
 use jitai::plan::Job;
 use jitai::record::Outcome;
-use jitai::train::{self, Unwatched};
+use jitai::train::{
+    self, Checkpoints, Monitor, Progress, ReadCheckpoint, Unwatched, WriteCheckpoint,
+};
 
 fn main() {
     divan::main();
 }
 
-fn run(agent: Agent, time_one_hot: bool) {
-    let job = Job {
+fn job(agent: Agent, time_one_hot: bool) -> Job {
+    Job {
         environment: Environment { time_one_hot, ..Environment::paper(0.6) },
         scenario: "P-H-D".parse().unwrap(),
         agent,
         evaluation: Evaluation { curve_stride: 500, ..Evaluation::default() },
         seed: 1,
-    };
+    }
+}
+
+fn run(agent: Agent, time_one_hot: bool) {
+    let job = job(agent, time_one_hot);
     assert!(matches!(train::run(&job, &Unwatched), Outcome::Completed(_)));
 }
 
@@ -48,4 +60,55 @@ fn a_tenth_of_dueling_dqn(engine: Engine) {
 #[divan::bench(sample_count = 5, sample_size = 1, args = [Engine::Fused, Engine::Burn])]
 fn a_tenth_of_reinforce(engine: Engine) {
     run(Agent::Reinforce(Reinforce { episodes: 1500, engine, ..Reinforce::default() }), false);
+}
+
+/// Times the checkpoint that a training leaves after so many steps, when it is stopped.
+struct Timer<'a, 'b> {
+    bencher: RefCell<Option<Bencher<'a, 'b>>>,
+    steps_left: Cell<u32>,
+    file: RefCell<File>,
+}
+
+impl Checkpoints for Timer<'_, '_> {
+    fn are_due(&self) -> bool {
+        false
+    }
+
+    fn resume(&self, _: &mut ReadCheckpoint<'_>) {}
+
+    fn keep(&self, write: &mut WriteCheckpoint<'_>) {
+        let bencher = self.bencher.take().expect("a stopped training leaves one checkpoint");
+        bencher.bench_local(|| {
+            let mut file: &File = &self.file.borrow();
+            file.set_len(0).and_then(|()| write(&mut file)).and_then(|()| file.flush()).unwrap();
+            file.sync_all().unwrap();
+        });
+    }
+}
+
+impl Monitor for Timer<'_, '_> {
+    fn report(&self, _: Progress) {}
+
+    fn stop_requested(&self) -> bool {
+        self.steps_left.set(self.steps_left.get().saturating_sub(1));
+        self.steps_left.get() == 0
+    }
+
+    fn checkpoints(&self) -> &dyn Checkpoints {
+        self
+    }
+}
+
+/// Of a dueling DQN with so many transitions in its replay buffer; synced to the disk.
+#[divan::bench(sample_count = 10, sample_size = 1, args = [1_000, 50_000, 1_000_000])]
+fn checkpoint(bencher: Bencher<'_, '_>, transitions: u32) {
+    // An agent that only fills its buffer.
+    let dqn = DuelingDqn { episodes: transitions, batch: 1_000_000, ..DuelingDqn::default() };
+    let timer = Timer {
+        bencher: RefCell::new(Some(bencher)),
+        steps_left: Cell::new(transitions),
+        file: RefCell::new(tempfile::tempfile_in(".").unwrap()),
+    };
+    let outcome = train::run(&job(Agent::DuelingDqn(dqn), false), &timer);
+    assert_eq!(outcome, Outcome::Interrupted);
 }

@@ -60,7 +60,7 @@ fn shallow<'a>(
 }
 
 /// Logits of REINFORCE's policy; counted in rows.
-#[divan::bench(args = [1, 64])]
+#[divan::bench(args = [1, 50, 64])]
 fn policy_forward(bencher: Bencher<'_, '_>, rows: usize) {
     let (weight, bias, head) = (numbers(3 * 128), numbers(128), numbers(4 * 128));
     let (inputs, start, mut out) = (numbers(3 * rows), numbers(4), numbers(4 * rows));

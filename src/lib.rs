@@ -32,6 +32,8 @@
 //! - The results of a job depend on its content and the code alone. Every source of chance is a
 //!   stream named in [`rng`]; there is no global generator. Every instruction set computes the same
 //!   bits (see [`kernel`]); only jobs with `engine = "burn"` may end in others on another processor.
+//! - A job that was stopped or killed goes on from a checkpoint of the same code to the same bits, or
+//!   starts over; a checkpoint that is not to the byte what was written is never gone on with.
 //! - A run's results are written in the transaction that completes it, or not at all.
 //! - Statuses, outcomes and failures are enums that carry their evidence, matched exhaustively.
 

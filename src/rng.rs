@@ -41,6 +41,16 @@ impl Stream {
         Stream(generator)
     }
 
+    /// How many times [`Stream::bits`] has been called.
+    pub fn position(&self) -> u64 {
+        (self.0.get_word_pos() / 2) as u64
+    }
+
+    /// Goes to where `position` calls of [`Stream::bits`] lead from the start.
+    pub fn go_to(&mut self, position: u64) {
+        self.0.set_word_pos(u128::from(position) * 2);
+    }
+
     /// 64 random bits.
     pub fn bits(&mut self) -> u64 {
         self.0.next_u64()
@@ -49,6 +59,18 @@ impl Stream {
     /// Fills `words` with random bits, as so many calls of [`Stream::bits`] would.
     pub fn fill(&mut self, words: &mut [u64]) {
         words.fill_with(|| self.bits());
+    }
+
+    /// Fills `halves` with random bits, two for each call of [`Stream::bits`], the lower one first.
+    pub fn fill_halves(&mut self, halves: &mut [u32]) {
+        let (pairs, last) = halves.as_chunks_mut();
+        for [low, high] in pairs {
+            let bits = self.bits();
+            (*low, *high) = (bits as u32, (bits >> 32) as u32);
+        }
+        if let [half] = last {
+            *half = self.bits() as u32;
+        }
     }
 
     /// A number in [0, 1), a multiple of 2^-53.
@@ -95,6 +117,22 @@ mod tests {
     const STREAM_MAX_REPLAY: u64 = 10223169959992702069;
 
     #[test]
+    fn a_stream_goes_on_from_every_position() {
+        let mut stream = Stream::new(3, Purpose::Exploration);
+        for position in 0..300 {
+            assert_eq!(stream.position(), position);
+            let mut other = Stream::new(3, Purpose::Exploration);
+            other.go_to(position);
+            assert_eq!(other.position(), position);
+            let mut undisturbed = stream.clone();
+            assert!((0..100).all(|_| other.bits() == undisturbed.bits()), "{position}");
+            stream.bits();
+        }
+        stream.go_to(u64::MAX);
+        assert_eq!(stream.position(), u64::MAX);
+    }
+
+    #[test]
     fn whole_numbers_below_a_bound_are_equally_likely() {
         let mut stream = Stream::new(7, Purpose::Replay);
         let mut counts = [0u32; 6];
@@ -105,6 +143,19 @@ mod tests {
         let chi_squared: f64 =
             counts.iter().map(|&n| (f64::from(n) - 10_000.0).powi(2) / 10_000.0).sum();
         assert!(chi_squared < 20.5, "chi-squared {chi_squared} of {counts:?}");
+    }
+
+    #[test]
+    fn halves_are_those_of_the_words() {
+        let (mut words, mut halves) = ([0; 2], [0; 3]);
+        Stream::new(4, Purpose::Exploration).fill(&mut words);
+        let mut stream = Stream::new(4, Purpose::Exploration);
+        stream.fill_halves(&mut halves);
+        assert_eq!(u64::from(halves[0]) | (u64::from(halves[1]) << 32), words[0]);
+        assert_eq!(halves[2], words[1] as u32);
+        let mut twice = Stream::new(4, Purpose::Exploration);
+        twice.fill(&mut words);
+        assert_eq!(stream.bits(), twice.bits());
     }
 
     #[test]

@@ -10,7 +10,7 @@ use std::process::{Command, Output};
 use jitai::manifest;
 use jitai::store::{Answer, Reader, Value};
 
-const DOCUMENTS: [&str; 8] = [
+const DOCUMENTS: [&str; 9] = [
     "README.md",
     "docs/manifest.md",
     "docs/store.md",
@@ -19,6 +19,7 @@ const DOCUMENTS: [&str; 8] = [
     "docs/statistics.md",
     "docs/fidelity.md",
     "docs/performance.md",
+    "docs/reliability.md",
 ];
 
 /// The job key that the documents show where a reader puts one of their own.

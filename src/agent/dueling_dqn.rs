@@ -3,10 +3,13 @@
 //! **Source**: Mnih et al., "Playing Atari with deep reinforcement learning", 2013; Wang et al.,
 //! 2016 (the network); the maximum is over the target network's own values (not double Q-learning).
 
-use std::mem;
+use std::{io, mem};
 
 use crate::agent::policy::{ActionNetwork, EpsilonGreedy, Policy, best, explore};
-use crate::agent::{Actions, Diverged, Learner, Replay, Span, TrainedEpisode, Transition, Weights};
+use crate::agent::{
+    Actions, Diverged, Learner, Replay, Resumable, Span, StateError, StateReader, StateWriter,
+    TrainedEpisode, Transition, Weights,
+};
 use crate::env::{Action, Ending, Episodes, Observations, Observer};
 use crate::manifest::{DuelingDqn, Environment, Scenario, TerminalTarget};
 use crate::rng::{Purpose, Stream};
@@ -23,7 +26,7 @@ pub struct Batch {
 }
 
 /// What trains a dueling network: the engine under the algorithm.
-pub trait DuelingDqnEngine {
+pub trait DuelingDqnEngine: Resumable {
     /// The network at one moment, to choose actions with.
     type Network: ActionNetwork + 'static;
 
@@ -72,7 +75,9 @@ pub struct DuelingDqnLearner<E> {
     epsilon: f64,
     updates: u64,
     observer: Observer,
+    /// The running episode, if there is one, and what is known of it.
     episodes: Episodes,
+    episode: TrainedEpisode,
     environment_stream: Stream,
     exploration_stream: Stream,
     replay_stream: Stream,
@@ -109,6 +114,7 @@ impl<E: DuelingDqnEngine> DuelingDqnLearner<E> {
             epsilon: parameters.epsilon_start,
             updates: 0,
             episodes: Episodes::ended(environment, 1),
+            episode: TrainedEpisode::default(),
             observer,
             environment_stream: Stream::new(seed, Purpose::Environment),
             exploration_stream: Stream::new(seed, Purpose::Exploration),
@@ -196,25 +202,27 @@ impl<E: DuelingDqnEngine> Learner for DuelingDqnLearner<E> {
     fn advance(
         &mut self,
         finished: &mut Vec<TrainedEpisode>,
-        stop: &dyn Fn() -> bool,
+        pause: &dyn Fn() -> bool,
     ) -> Result<Span, Diverged> {
-        self.episodes.restart(&mut self.environment_stream);
-        self.observer.observe(&self.episodes, &mut self.observation);
-        let mut episode = TrainedEpisode::default();
+        if !self.episodes.any_running() {
+            self.episodes.restart(&mut self.environment_stream);
+            self.observer.observe(&self.episodes, &mut self.observation);
+            self.episode = TrainedEpisode::default();
+        }
         while self.episodes.any_running() {
-            if stop() {
+            if pause() {
                 return Ok(Span::BrokenOff);
             }
-            episode.total_reward += self.act();
-            episode.length += 1;
+            self.episode.total_reward += self.act();
+            self.episode.length += 1;
             if self.replay.len() >= self.parameters.batch as usize {
-                episode.loss_sum += f64::from(self.update()?);
-                episode.updates += 1;
+                self.episode.loss_sum += f64::from(self.update()?);
+                self.episode.updates += 1;
             }
         }
-        episode.disengaged = self.episodes.endings()[0] == Ending::Terminated;
-        episode.epsilon = Some(self.epsilon);
-        finished.push(episode);
+        self.episode.disengaged = self.episodes.endings()[0] == Ending::Terminated;
+        self.episode.epsilon = Some(self.epsilon);
+        finished.push(self.episode);
         Ok(Span::Whole)
     }
 
@@ -230,6 +238,35 @@ impl<E: DuelingDqnEngine> Learner for DuelingDqnLearner<E> {
         let mut weights = self.engine.weights();
         weights.numbers.insert("epsilon".to_owned(), self.epsilon);
         weights
+    }
+}
+
+impl<E: DuelingDqnEngine> Resumable for DuelingDqnLearner<E> {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        self.engine.save(out)?;
+        self.replay.save(out)?;
+        out.one(self.epsilon)?;
+        out.one(self.updates)?;
+        self.episodes.save(out)?;
+        self.episode.save(out)?;
+        self.environment_stream.save(out)?;
+        self.exploration_stream.save(out)?;
+        self.replay_stream.save(out)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.engine.restore(from)?;
+        self.replay.restore(from)?;
+        self.epsilon = from.one()?;
+        self.updates = from.one()?;
+        self.episodes.restore(from)?;
+        self.episode.restore(from)?;
+        self.environment_stream.restore(from)?;
+        self.exploration_stream.restore(from)?;
+        self.replay_stream.restore(from)?;
+        // Between two steps the agent sees what there is to see.
+        self.observer.observe(&self.episodes, &mut self.observation);
+        Ok(())
     }
 }
 
@@ -313,6 +350,16 @@ mod tests {
 
         fn weights(&self) -> Weights {
             Weights::default()
+        }
+    }
+
+    impl Resumable for Formula {
+        fn save(&self, _: &mut StateWriter<'_>) -> io::Result<()> {
+            unreachable!("nobody saves it");
+        }
+
+        fn restore(&mut self, _: &mut StateReader<'_>) -> Result<(), StateError> {
+            unreachable!("nobody restores it");
         }
     }
 

@@ -21,6 +21,7 @@ mod reference_tests;
 mod reinforce;
 mod replay;
 mod rule;
+mod state;
 mod weights;
 
 use crate::env::Observer;
@@ -37,6 +38,7 @@ pub use policy::{ActionNetwork, EpsilonGreedy, Policy, SoftmaxPolicy};
 pub use reinforce::{ReinforceEngine, ReinforceLearner, Trajectories};
 pub use replay::{Replay, Transition};
 pub use rule::{Rule, RuleError};
+pub use state::{Number, Resumable, StateError, StateReader, StateWriter};
 pub use weights::{Tensor as WeightTensor, Weights, WeightsError};
 
 /// A training episode that has just ended.
@@ -71,21 +73,21 @@ pub struct Diverged {
 pub enum Span {
     /// At its end.
     Whole,
-    /// Broken off, because a stop was asked for.
+    /// Broken off, because a pause was asked for.
     BrokenOff,
 }
 
-/// An agent in training.
-pub trait Learner {
+/// An agent in training. Its state can be written down whenever it is not at work.
+pub trait Learner: Resumable {
     /// Trains for the shortest span the algorithm has (an episode, or the episodes of one update)
-    /// and appends the episodes that ended. `stop` is asked at every step; once it says yes the
-    /// span is broken off, and the learner is of no further use.
+    /// and appends the episodes that ended. `pause` is asked at every step; once it says yes the
+    /// span is broken off, and the next call goes on with it, to the same bits.
     ///
     /// **Errors**: the loss is not finite; the learner is then of no further use.
     fn advance(
         &mut self,
         finished: &mut Vec<TrainedEpisode>,
-        stop: &dyn Fn() -> bool,
+        pause: &dyn Fn() -> bool,
     ) -> Result<Span, Diverged>;
 
     /// The policy as it would act now in training, or greedily.

@@ -1,5 +1,7 @@
 //! Policies made of networks: how observations become actions.
 
+use pulp::{Simd, WithSimd};
+
 use crate::agent::Actions;
 use crate::env::{Action, Observations};
 use crate::kernel::{Isa, math};
@@ -9,8 +11,8 @@ use crate::rng::{Stream, unit_from_bits};
 pub trait Policy {
     /// Chooses an action for every observation.
     ///
-    /// **Shapes**: `actions` is \[rows\]. The stream is drawn from once a row where chance plays a
-    /// part, and not at all otherwise.
+    /// **Shapes**: `actions` is \[rows\]. The stream is drawn from at most once a row, and not at all
+    /// where chance plays no part.
     fn act(&mut self, observations: &Observations, actions: &mut [Action], stream: &mut Stream);
 }
 
@@ -61,12 +63,13 @@ pub struct SoftmaxPolicy<N> {
     network: N,
     actions: Actions,
     logits: Vec<f32>,
+    halves: Vec<u32>,
 }
 
 impl<N: ActionNetwork> SoftmaxPolicy<N> {
     /// A policy that samples ([`Actions::AsTrained`]) or takes the most likely action.
     pub fn new(network: N, actions: Actions) -> Self {
-        SoftmaxPolicy { network, actions, logits: Vec::new() }
+        SoftmaxPolicy { network, actions, logits: Vec::new(), halves: Vec::new() }
     }
 }
 
@@ -74,7 +77,9 @@ impl<N: ActionNetwork> Policy for SoftmaxPolicy<N> {
     fn act(&mut self, observations: &Observations, actions: &mut [Action], stream: &mut Stream) {
         self.network.evaluate(observations, &mut self.logits);
         match self.actions {
-            Actions::AsTrained => sample(Isa::chosen(), &mut self.logits, actions, stream),
+            Actions::AsTrained => {
+                sample(Isa::chosen(), &mut self.logits, actions, &mut self.halves, stream);
+            }
             Actions::Greedy => {
                 for (action, logits) in actions.iter_mut().zip(self.logits.chunks(Action::COUNT)) {
                     *action = best(logits);
@@ -96,34 +101,79 @@ pub(super) fn best(values: &[f32]) -> Action {
 }
 
 /// Samples an action for every row of logits by their softmax; the logits become their
-/// exponentials relative to the highest of the row.
-pub(super) fn sample(isa: Isa, logits: &mut [f32], actions: &mut [Action], stream: &mut Stream) {
+/// exponentials relative to the highest of the row. Takes half a word of the stream a row; `halves`
+/// is room to work in.
+pub(super) fn sample(
+    isa: Isa,
+    logits: &mut [f32],
+    actions: &mut [Action],
+    halves: &mut Vec<u32>,
+    stream: &mut Stream,
+) {
+    halves.resize(actions.len(), 0);
+    stream.fill_halves(halves);
     exponentials(isa, logits);
-    for (action, row) in actions.iter_mut().zip(logits.chunks_exact(Action::COUNT)) {
-        *action = pick(row, stream.unit());
-    }
+    let weights = logits.as_chunks().0;
+    assert_eq!(weights.len(), actions.len(), "logits for every action");
+    isa.run(Pick { weights, halves, actions });
 }
 
 /// Puts exp(logit - highest of its row) in the place of every logit.
 pub(super) fn exponentials(isa: Isa, logits: &mut [f32]) {
-    for row in logits.chunks_exact_mut(Action::COUNT) {
-        let highest = row.iter().copied().fold(f32::NEG_INFINITY, |a, b| if b > a { b } else { a });
-        row.iter_mut().for_each(|logit| *logit -= highest);
+    isa.run(Exponentials(logits.as_chunks_mut().0));
+}
+
+/// \[rows\]
+struct Exponentials<'a>(&'a mut [[f32; Action::COUNT]]);
+
+impl WithSimd for Exponentials<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.0.iter_mut().for_each(relative);
+        self.0.as_flattened_mut().iter_mut().for_each(|x| *x = math::exp_f32(*x));
     }
-    math::exp_each(isa, logits);
+}
+
+/// The second half of [`sample`]; every array is \[rows\].
+struct Pick<'a> {
+    weights: &'a [[f32; Action::COUNT]],
+    halves: &'a [u32],
+    actions: &'a mut [Action],
+}
+
+impl WithSimd for Pick<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let given = self.weights.iter().zip(self.halves);
+        for (action, (weights, half)) in self.actions.iter_mut().zip(given) {
+            // In [0, 1), a multiple of 2^-32.
+            *action = pick(weights, f64::from(*half) * (1.0 / 4_294_967_296.0));
+        }
+    }
+}
+
+/// Makes logits relative to the highest.
+#[inline(always)]
+fn relative(logits: &mut [f32; Action::COUNT]) {
+    let [a, b, c, d] = *logits;
+    let (a, c) = (if b > a { b } else { a }, if d > c { d } else { c });
+    let highest = if c > a { c } else { a };
+    logits.iter_mut().for_each(|logit| *logit -= highest);
 }
 
 /// The action at which the cumulated weights pass `unit`, a number in [0, 1), times their sum.
-fn pick(weights: &[f32], unit: f64) -> Action {
-    let mut total = 0.0;
-    let cumulated: [f64; Action::COUNT] = std::array::from_fn(|action| {
-        total += f64::from(weights[action]);
-        total
-    });
-    let threshold = unit * total;
+#[inline(always)]
+fn pick(weights: &[f32; Action::COUNT], unit: f64) -> Action {
+    let [a, b, c, d] = weights.map(f64::from);
+    let (ab, abc) = (a + b, a + b + c);
+    let threshold = unit * (abc + d);
     // Without a branch: where it would go is what cannot be foreseen.
-    let passed = cumulated[..Action::COUNT - 1].iter().map(|&sum| usize::from(sum <= threshold));
-    Action::from_index(passed.sum()).expect("at most all but the last are passed")
+    let passed = u8::from(a <= threshold) + u8::from(ab <= threshold) + u8::from(abc <= threshold);
+    Action::from_low_bits(passed.into())
 }
 
 #[cfg(test)]
@@ -137,7 +187,7 @@ mod tests {
         let mut weights: Vec<f32> = [1.0f32, 2.0, 3.0, 4.0].iter().map(|v| v.ln() + 50.0).collect();
         exponentials(Isa::chosen(), &mut weights);
         for (unit, index) in [(0.0, 0), (0.099, 0), (0.101, 1), (0.31, 2), (0.59, 2), (0.61, 3)] {
-            assert_eq!(pick(&weights, unit).index(), index, "{unit}");
+            assert_eq!(pick(weights.as_array().unwrap(), unit).index(), index, "{unit}");
         }
         let mut certain = [-1e30, 0.0, -1e30, -1e30];
         exponentials(Isa::chosen(), &mut certain);

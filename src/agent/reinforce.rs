@@ -4,8 +4,15 @@
 //! reinforcement learning", 1992; Karine et al. (2023), equations 1 to 3. Equation 3 prints the
 //! discount as gamma^(t-k); gamma^(k-t) is meant.
 
+use std::io;
+use std::ops::Range;
+
 use crate::agent::policy::{ActionNetwork, Policy, SoftmaxPolicy, sample};
-use crate::agent::{Actions, Diverged, Learner, Span, TrainedEpisode, Weights};
+use crate::agent::state::{restore_actions, save_actions};
+use crate::agent::{
+    Actions, Diverged, Learner, Resumable, Span, StateError, StateReader, StateWriter,
+    TrainedEpisode, Weights,
+};
 use crate::env::{Action, Ending, Episodes, Observations, Observer};
 use crate::kernel::Isa;
 use crate::manifest::{Environment, Reinforce, Scenario};
@@ -26,7 +33,7 @@ pub struct Trajectories {
 }
 
 /// What trains a policy network: the engine under the algorithm.
-pub trait ReinforceEngine {
+pub trait ReinforceEngine: Resumable {
     /// The network at one moment, to choose actions with.
     type Network: ActionNetwork + 'static;
 
@@ -37,8 +44,8 @@ pub trait ReinforceEngine {
     fn logits(&mut self, observations: &Observations, out: &mut Vec<f32>);
 
     /// One step of Adam on −(1/divisor) Σ G_t log π(a_t | s_t); returns that loss. The trajectories
-    /// were sampled by the network as it is; an engine may use their preferences or not. Where the loss is not finite, the network may have been
-    /// left as it was.
+    /// were sampled by the network as it is; an engine may use their preferences or not. Where the
+    /// loss is not finite, the network may have been left as it was.
     fn update(&mut self, trajectories: &Trajectories) -> f32;
 
     /// The network as it is now.
@@ -52,8 +59,10 @@ pub trait ReinforceEngine {
 ///
 /// **Shapes**: `rewards` is \[time, lanes\], row by row.
 pub fn returns_to_go(rewards: &mut [f64], lanes: usize, gamma: f64) {
-    for earlier in (0..rewards.len().saturating_sub(lanes)).rev() {
-        rewards[earlier] += gamma * rewards[earlier + lanes];
+    let mut later: &[f64] = &[];
+    for earlier in rewards.rchunks_exact_mut(lanes) {
+        earlier.iter_mut().zip(later).for_each(|(sum, later)| *sum += gamma * later);
+        later = earlier;
     }
 }
 
@@ -72,16 +81,19 @@ pub struct ReinforceLearner<E> {
 /// Room to work in, so that an update allocates nothing.
 struct Room {
     trajectories: Trajectories,
-    /// Position \[time, lane\] of every row: a lane that has ended has no rows.
-    positions: Vec<usize>,
+    /// Positions \[time, lane\] of the rows: a lane that has ended has none.
+    positions: Vec<Range<usize>>,
     /// \[time, lane\].
     rewards: Vec<f64>,
+    /// Undiscounted returns, \[lane\].
+    totals: Vec<f64>,
     /// \[lane\].
     lengths: Vec<u32>,
     /// \[lane\].
     actions: Vec<Action>,
     observations: Observations,
     logits: Vec<f32>,
+    halves: Vec<u32>,
 }
 
 impl<E: ReinforceEngine> ReinforceLearner<E> {
@@ -108,10 +120,12 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
                 },
                 positions: Vec::new(),
                 rewards: Vec::new(),
+                totals: vec![0.0; lanes],
                 lengths: vec![0; lanes],
                 actions: vec![Action::NONE; lanes],
                 observations: observer.observations(),
                 logits: Vec::new(),
+                halves: Vec::new(),
             },
             observer,
             environment_stream: Stream::new(seed, Purpose::Environment),
@@ -120,25 +134,37 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
         }
     }
 
-    /// Samples the trajectories of one update, all in lockstep.
-    fn sample(&mut self, stop: &dyn Fn() -> bool) -> Span {
-        let Room { trajectories, positions, rewards, lengths, actions, observations, logits } =
-            &mut self.room;
+    /// Samples the trajectories of one update, all in lockstep, or the rest of them.
+    fn sample(&mut self, pause: &dyn Fn() -> bool) -> Span {
+        let Room {
+            trajectories,
+            positions,
+            rewards,
+            totals,
+            lengths,
+            actions,
+            observations,
+            logits,
+            halves,
+        } = &mut self.room;
         let lanes = self.episodes.lanes();
-        self.episodes.restart(&mut self.environment_stream);
-        trajectories.observations.clear();
-        trajectories.actions.clear();
-        trajectories.preferences.clear();
-        positions.clear();
-        rewards.clear();
-        lengths.fill(0);
+        if !self.episodes.any_running() {
+            self.episodes.restart(&mut self.environment_stream);
+            trajectories.observations.clear();
+            trajectories.actions.clear();
+            trajectories.preferences.clear();
+            positions.clear();
+            rewards.clear();
+            totals.fill(0.0);
+            lengths.fill(0);
+        }
         while self.episodes.any_running() {
-            if stop() {
+            if pause() {
                 return Span::BrokenOff;
             }
             self.observer.observe(&self.episodes, observations);
             self.engine.logits(observations, logits);
-            sample(self.engine.isa(), logits, actions, &mut self.exploration_stream);
+            sample(self.engine.isa(), logits, actions, halves, &mut self.exploration_stream);
             let start = rewards.len();
             rewards.resize(start + lanes, 0.0);
             // Neighbours that still run are taken together.
@@ -152,22 +178,23 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
                     let preferences =
                         &logits[lanes.start * Action::COUNT..lanes.end * Action::COUNT];
                     trajectories.preferences.extend_from_slice(preferences);
-                    positions.extend(start + lanes.start..start + lanes.end);
+                    positions.push(start + lanes.start..start + lanes.end);
                     lengths[lanes].iter_mut().for_each(|length| *length += 1);
                 }
             }
-            self.episodes.step(actions, &mut rewards[start..], &mut self.environment_stream);
+            let paid = &mut rewards[start..];
+            self.episodes.step(actions, paid, &mut self.environment_stream);
+            totals.iter_mut().zip(paid).for_each(|(total, reward)| *total += *reward);
         }
         Span::Whole
     }
 
-    /// The episodes just sampled, before their rewards become returns.
+    /// The episodes just sampled.
     fn finished(&self) -> impl Iterator<Item = TrainedEpisode> {
-        let lanes = self.episodes.lanes();
-        let Room { rewards, lengths, .. } = &self.room;
-        lengths.iter().zip(self.episodes.endings()).enumerate().map(
-            move |(lane, (length, ending))| TrainedEpisode {
-                total_reward: rewards.iter().skip(lane).step_by(lanes).sum(),
+        let Room { totals, lengths, .. } = &self.room;
+        totals.iter().zip(lengths).zip(self.episodes.endings()).map(
+            |((total_reward, length), ending)| TrainedEpisode {
+                total_reward: *total_reward,
                 length: *length,
                 disengaged: *ending == Ending::Terminated,
                 ..TrainedEpisode::default()
@@ -180,16 +207,19 @@ impl<E: ReinforceEngine> Learner for ReinforceLearner<E> {
     fn advance(
         &mut self,
         finished: &mut Vec<TrainedEpisode>,
-        stop: &dyn Fn() -> bool,
+        pause: &dyn Fn() -> bool,
     ) -> Result<Span, Diverged> {
-        if self.sample(stop) == Span::BrokenOff {
+        if self.sample(pause) == Span::BrokenOff {
             return Ok(Span::BrokenOff);
         }
         finished.extend(self.finished());
         let Room { trajectories, positions, rewards, .. } = &mut self.room;
         returns_to_go(rewards, self.episodes.lanes(), self.parameters.gamma);
         trajectories.returns_to_go.clear();
-        trajectories.returns_to_go.extend(positions.iter().map(|&at| rewards[at] as f32));
+        for rows in positions {
+            let returns = rewards[rows.clone()].iter();
+            trajectories.returns_to_go.extend(returns.map(|&sum| sum as f32));
+        }
         let loss = self.engine.update(trajectories);
         self.updates += 1;
         if !loss.is_finite() {
@@ -208,6 +238,65 @@ impl<E: ReinforceEngine> Learner for ReinforceLearner<E> {
 
     fn weights(&self) -> Weights {
         self.engine.weights()
+    }
+}
+
+impl<E: ReinforceEngine> Resumable for ReinforceLearner<E> {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        self.engine.save(out)?;
+        out.one(self.updates)?;
+        self.environment_stream.save(out)?;
+        self.exploration_stream.save(out)?;
+        self.episodes.save(out)?;
+        // Between two updates nothing of the trajectories is needed any more.
+        if self.episodes.any_running() { self.room.save(out) } else { Ok(()) }
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.engine.restore(from)?;
+        self.updates = from.one()?;
+        self.environment_stream.restore(from)?;
+        self.exploration_stream.restore(from)?;
+        self.episodes.restore(from)?;
+        if self.episodes.any_running() { self.room.restore(from) } else { Ok(()) }
+    }
+}
+
+/// The trajectories sampled so far.
+impl Resumable for Room {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        self.trajectories.observations.save(out)?;
+        save_actions(&self.trajectories.actions, out)?;
+        out.many(&self.trajectories.preferences)?;
+        out.each(self.positions.iter(), |out, rows| out.one(rows.start as u64))?;
+        out.each(self.positions.iter(), |out, rows| out.one(rows.end as u64))?;
+        out.many(&self.rewards)?;
+        out.many(&self.totals)?;
+        out.many(&self.lengths)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        const WHAT: &str = "trajectories";
+        let Trajectories { observations, actions, preferences, .. } = &mut self.trajectories;
+        observations.restore(from)?;
+        *actions = restore_actions(from)?;
+        *preferences = from.many(usize::MAX, WHAT)?;
+        let rows = observations.rows();
+        let starts: Vec<u64> = from.many(rows, WHAT)?;
+        let ends: Vec<u64> = from.many(starts.len(), WHAT)?;
+        self.rewards = from.many(usize::MAX, WHAT)?;
+        from.fill(&mut self.totals, WHAT)?;
+        from.fill(&mut self.lengths, WHAT)?;
+        let ranges = starts.iter().zip(&ends).map(|(start, end)| *start as usize..*end as usize);
+        self.positions = ranges.collect();
+        let paid = self.rewards.len();
+        let fits = starts.len() == ends.len()
+            && actions.len() == rows
+            && preferences.len() == rows * Action::COUNT
+            && paid.is_multiple_of(self.lengths.len())
+            && self.positions.iter().all(|rows| rows.start <= rows.end && rows.end <= paid)
+            && self.positions.iter().map(Range::len).sum::<usize>() == rows;
+        if fits { Ok(()) } else { Err(StateError::Misfit(WHAT)) }
     }
 }
 

@@ -1,8 +1,10 @@
 //! The replay buffer, and draws from it.
 
 use std::collections::BTreeMap;
+use std::io;
 
 use crate::agent::dueling_dqn::Batch;
+use crate::agent::{Resumable, StateError, StateReader, StateWriter};
 use crate::env::{Action, Ending, Observations};
 use crate::manifest::TerminalTarget;
 use crate::rng::Stream;
@@ -182,6 +184,56 @@ impl Replay {
                 last
             };
         }
+    }
+}
+
+impl Resumable for Replay {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        out.one(self.next as u64)?;
+        out.many(&self.features)?;
+        out.many(&self.moments)?;
+        out.many(&self.rewards)?;
+        out.many(&self.steps)?;
+        out.many(&self.targets)?;
+        self.latest.save(out)?;
+        out.each(self.closings.iter(), |out, (position, closing)| {
+            out.one(*position as u64)?;
+            closing.save(out)
+        })
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        const WHAT: &str = "transitions";
+        let next = from.one::<u64>()? as usize;
+        self.features = from.many(self.capacity.saturating_mul(self.width), WHAT)?;
+        self.moments = from.many(self.capacity, WHAT)?;
+        self.rewards = from.many(self.capacity, WHAT)?;
+        self.steps = from.many(self.capacity, WHAT)?;
+        self.targets = from.many(self.capacity, WHAT)?;
+        self.latest.restore(from)?;
+        let stored = self.steps.len();
+        let closings = from.each(stored, WHAT, |from| {
+            let position = from.one::<u64>()? as usize;
+            let mut closing = self.latest.clone();
+            closing.restore(from)?;
+            Ok((position, closing))
+        })?;
+        let moments = if self.one_hot > 0 { stored } else { 0 };
+        let lengths = [self.moments.len(), self.rewards.len(), self.targets.len()];
+        let whole = self.features.len() == stored * self.width
+            && lengths == [moments, stored, stored]
+            && self.latest.rows() == stored.min(1)
+            && closings.iter().all(|(position, closing)| *position < stored && closing.rows() == 1);
+        // Until it is full, the next transition goes behind the last.
+        let fits = if stored < self.capacity { next == stored } else { next < stored };
+        if !(whole && fits) {
+            return Err(StateError::Misfit(WHAT));
+        }
+        self.next = next;
+        self.closings = closings.into_iter().collect();
+        let known = (0..).zip(&self.targets).filter(|(_, target)| !target.is_nan());
+        self.known = known.map(|(position, _)| position).collect();
+        Ok(())
     }
 }
 

@@ -11,7 +11,7 @@ use crate::cli::estimate::{Episodes, Speeds, spoken};
 use crate::cli::output::{counted, printable};
 use crate::cli::swept::Swept;
 use crate::record::{Outcome, Results};
-use crate::schedule::{Event, Found, Queued, Watcher};
+use crate::schedule::{CheckpointNote, Event, Found, Queued, Watcher};
 use crate::train::Progress;
 
 /// Columns that the line of a worker takes at most, behind an indent of two, on a terminal of 80.
@@ -62,6 +62,15 @@ struct Telling {
 }
 
 impl Telling {
+    /// What to tell now that something happened to the job that started last.
+    fn note(&mut self, event: Value) -> Option<Value> {
+        if self.later.is_empty() {
+            return Some(event);
+        }
+        self.later.push_back(event);
+        None
+    }
+
     /// What to tell now that a job has started.
     fn start(&mut self, event: Value) -> Option<Value> {
         if self.open {
@@ -72,11 +81,15 @@ impl Telling {
         Some(event)
     }
 
-    /// What to tell after the end of the job that was told of last.
-    fn end(&mut self) -> Option<Value> {
-        let next = self.later.pop_front();
-        self.open = next.is_some();
-        next
+    /// What to tell after the end of the job that was told of last: the start of the next, and what
+    /// happened to it since.
+    fn end(&mut self) -> Vec<Value> {
+        let starts = |event: &Value| event["event"] == "started";
+        let next = self.later.iter().skip(1).position(starts);
+        let count = next.map_or(self.later.len(), |after_first| after_first + 1);
+        let told: Vec<Value> = self.later.drain(..count).collect();
+        self.open = !told.is_empty();
+        told
     }
 }
 
@@ -211,8 +224,46 @@ impl Shown {
     /// Tells that the job of a worker has ended.
     fn tell_end(&mut self, worker: usize, event: Value) {
         self.tell(event);
-        if let Some(next) = self.telling[worker].end() {
+        for next in self.telling[worker].end() {
             self.tell(next);
+        }
+    }
+
+    fn note(&mut self, worker: usize, queued: &Queued, note: &CheckpointNote) {
+        let name = self.name(queued);
+        let mut event = json!({ "worker": worker, "job": self.described(queued) });
+        match note {
+            CheckpointNote::Resumed(resumed) => {
+                if let Some((_, started, _)) = &mut self.running[worker] {
+                    *started = started.checked_sub(resumed.worked).unwrap_or(*started);
+                }
+                if self.style == Style::Lines {
+                    let (episode, episodes) = (resumed.episode, queued.job.agent.episodes());
+                    self.say(&format!("{name}: goes on from episode {episode} of {episodes}"));
+                }
+                event["event"] = json!("resumed");
+                event["episode"] = json!(resumed.episode);
+            }
+            CheckpointNote::Refused { path, reason } => {
+                let path = printable(&path.display().to_string());
+                self.warn(&format!("{name}: the checkpoint {path} is not used: {reason}"));
+                event["event"] = json!("checkpoint_refused");
+                event["file"] = json!(path);
+                event["reason"] = json!(reason.to_string());
+            }
+            CheckpointNote::NotKept { path, reason } => {
+                let path = printable(&path.display().to_string());
+                self.warn(&format!(
+                    "{name}: failed to write the checkpoint {path}: {reason}; the job goes on, and \
+                     loses what it has done if it is killed"
+                ));
+                event["event"] = json!("checkpoint_not_kept");
+                event["file"] = json!(path);
+                event["reason"] = json!(reason.to_string());
+            }
+        }
+        if let Some(event) = self.telling[worker].note(event) {
+            self.tell(event);
         }
     }
 
@@ -246,14 +297,18 @@ impl Shown {
                 bars.all.remove(&bar);
             }
         }
-        let line =
-            format!("going on with {started} of {asked} workers: no more threads ({reason})");
+        self.warn(&format!(
+            "going on with {started} of {asked} workers: no more threads ({reason})"
+        ));
+    }
+
+    /// Writes what not even a program or a quiet run should have to wonder about.
+    fn warn(&self, line: &str) {
         match self.style {
-            // Not even a program or a quiet run should wonder why it is slow.
             Style::Json | Style::Quiet => {
                 let _ = writeln!(io::stderr(), "{line}");
             }
-            Style::Bars | Style::Lines => self.say(&line),
+            Style::Bars | Style::Lines => self.say(line),
         }
     }
 
@@ -331,6 +386,7 @@ impl Watcher for Shown {
             Event::Ended { worker, queued, outcome, wall } => {
                 self.end(worker, queued, outcome, wall);
             }
+            Event::Checkpoint { worker, queued, note } => self.note(worker, queued, note),
             Event::Lost { worker, queued } => self.lose(worker, queued),
             Event::Skipped { queued, found } => self.skip(queued, found),
             Event::FewerWorkers { started, reason } => self.shrink(started, reason),
@@ -396,13 +452,17 @@ mod tests {
     #[test]
     fn programs_hear_of_an_end_before_the_worker_s_next_start() {
         let mut telling = Telling::default();
-        let [one, two, three] = ["one", "two", "three"].map(|name| json!(name));
+        let start = |job| json!({ "event": "started", "job": job });
+        let [one, two, three] = [1, 2, 3].map(start);
+        let note = json!({ "event": "resumed", "job": 2 });
         assert_eq!(telling.start(one.clone()), Some(one));
         assert_eq!(telling.start(two.clone()), None);
+        assert_eq!(telling.note(note.clone()), None);
         assert_eq!(telling.start(three.clone()), None);
-        assert_eq!(telling.end(), Some(two));
-        assert_eq!(telling.end(), Some(three.clone()));
-        assert_eq!(telling.end(), None);
+        assert_eq!(telling.end(), [two, note]);
+        assert_eq!(telling.end(), vec![three.clone()]);
+        assert_eq!(telling.note(json!("now")), Some(json!("now")));
+        assert!(telling.end().is_empty());
         assert_eq!(telling.start(three.clone()), Some(three));
     }
 }

@@ -19,7 +19,7 @@ use crate::cli::swept::Swept;
 use crate::cli::{Error, Exit, StoreArgument, check, one_a_core, provenance, signals, summary};
 use crate::manifest::Manifest;
 use crate::plan::{self, JobKey};
-use crate::schedule::{self, Context, OnFailure, Options, Queued, Tally};
+use crate::schedule::{self, CheckpointFolder, Context, OnFailure, Options, Queued, Tally};
 use crate::store::{Experiment, FailedJob, JobState, Reader, RetryFailed, Store};
 use crate::train;
 
@@ -45,6 +45,12 @@ pub(super) struct Arguments {
     /// Stop at the first job that fails
     #[arg(long)]
     fail_fast: bool,
+    /// Write a checkpoint of every job after so many seconds, and again
+    ///
+    /// A job that is killed loses what it did since its last one; one that is stopped loses
+    /// nothing. Where writing one takes long, there is more time between two, up to 25 seconds.
+    #[arg(long, value_name = "SECONDS", default_value = "20", value_parser = seconds)]
+    checkpoint_every: Duration,
     /// Show no progress
     #[arg(long, short)]
     quiet: bool,
@@ -54,7 +60,8 @@ pub(super) struct Arguments {
     /// worker (from 0) and its job: started; completed, with wall_seconds and mean_return; failed,
     /// with wall_seconds, kind and message; interrupted, with wall_seconds; lost, when another
     /// process has taken the job over. Of a job that needs no run: skipped, with found (completed
-    /// or failed). Last: done, stopped (by a signal) or halted (by --fail-fast), with the numbers
+    /// or failed). Of a checkpoint of a started job: resumed, with the episode that the job goes on
+    /// from; checkpoint_refused and checkpoint_not_kept, with file and reason. Last: done, stopped (by a signal) or halted (by --fail-fast), with the numbers
     /// of jobs that ran, and that are completed, failed and left in all. A worker's job is told to
     /// have ended once it is stored, and before the worker's next is told to have started.
     #[arg(long, value_enum, default_value = "text")]
@@ -86,6 +93,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         }
     }
     let reader = Reader::open(&arguments.store.store)?;
+    CheckpointFolder::beside(&arguments.store.store).clear(&reader)?;
     let mut todo = Todo::new(&reader, wanted, arguments.retry())?;
     let tally = if todo.queue.is_empty() {
         Tally::default()
@@ -130,6 +138,7 @@ impl Arguments {
             workers: self.workers.unwrap_or_else(one_a_core),
             retry_failed: self.retry(),
             on_failure: if self.fail_fast { OnFailure::Stop } else { OnFailure::Continue },
+            checkpoint_every: self.checkpoint_every,
         }
     }
 
@@ -142,6 +151,14 @@ impl Arguments {
         let workers = self.options().workers.get();
         Ok(Shown::new(style, queue, workers, speeds(reader)?, swept))
     }
+}
+
+/// A time between two checkpoints.
+fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds = text.parse().ok().filter(|seconds| (0.01..=86_400.0).contains(seconds));
+    seconds
+        .map(Duration::from_secs_f64)
+        .ok_or_else(|| "expected a number of seconds from 0.01 to 86400".to_owned())
 }
 
 /// The speeds of the runs in a store.

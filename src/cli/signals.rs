@@ -31,8 +31,9 @@ pub(super) fn stop_flag() -> io::Result<Arc<AtomicBool>> {
 
 /// Ends the process 1.5 seconds after the flag is set, if it has not ended by itself: a single
 /// update of a very large network, the registration of a very large manifest, or a store that
-/// another program has locked would keep it for longer. Nothing is lost by it that a stop would
-/// keep: transactions are whole or not there, and the next run takes the jobs over.
+/// another program has locked would keep it for longer. Transactions and checkpoints are whole or
+/// not there, and the next run takes the jobs over: those that had no time for a last checkpoint,
+/// from the one before.
 pub(super) fn end_in_time(stop: Arc<AtomicBool>) -> io::Result<()> {
     thread::Builder::new().name("deadline".to_owned()).spawn(move || {
         while !stop.load(Ordering::Relaxed) {

@@ -45,7 +45,7 @@ fn context_and_deviate(bits: u64) -> (u8, f64) {
     let uniform = (f64::from((bits >> 1) as i32 & i32::MAX) + 0.5) * (1.0 / 2_147_483_648.0);
     // In [-1/2, 1/2).
     let turns = f64::from((bits >> 32) as i32) * (1.0 / 4_294_967_296.0);
-    (context, (-2.0 * math::ln(uniform)).sqrt() * math::cos_turns(turns))
+    (context, math::root(-2.0 * math::ln(uniform)) * math::cos_turns(turns))
 }
 
 /// P(C = 0 | x) for the feature x = context + sigma * deviate.
@@ -58,12 +58,22 @@ pub fn probability_of_zero(context: u8, deviate: f64, sigma: f64) -> f64 {
         return f64::from(1 - context);
     }
     let feature = f64::from(context) + sigma * deviate;
-    1.0 / (1.0 + math::exp((2.0 * feature - 1.0) / (2.0 * sigma * sigma)))
+    let steepness = 1.0 / (2.0 * sigma * sigma);
+    1.0 / (1.0 + math::exp((2.0 * feature - 1.0) * steepness))
+}
+
+/// How many signals to draw for so many lanes: a few alone are faster than a whole register.
+pub(super) fn drawn(lanes: usize) -> usize {
+    match lanes {
+        0..3 => lanes,
+        _ => lanes.next_multiple_of(8),
+    }
 }
 
 /// Draws of many signals at once, each as [`Signal::draw`] makes it.
 ///
-/// **Shapes**: every array is \[lanes\]; `words` are the words of the stream.
+/// **Shapes**: every array is \[[`drawn`]\]; `words` are the words of the stream, and of no meaning
+/// behind the lanes.
 pub(super) struct Draws<'a> {
     pub(super) sigma: f64,
     pub(super) words: &'a [u64],

@@ -3,7 +3,7 @@
 use pulp::{Simd, WithSimd};
 
 use crate::env::Signal;
-use crate::env::context::Draws;
+use crate::env::context::{Draws, drawn};
 use crate::kernel::Isa;
 use crate::manifest::{Environment, FirstContext};
 use crate::rng::Stream;
@@ -66,7 +66,21 @@ impl Ending {
     }
 }
 
-/// Many episodes that share a clock; lane i of every array belongs to episode i.
+/// The state of one of many episodes, their clock aside.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lane {
+    /// Its context with the inference.
+    pub signal: Signal,
+    /// Habituation, in [0, 1].
+    pub habituation: f64,
+    /// Disengagement risk, in [0, 1].
+    pub disengagement: f64,
+    /// Whether and how it has ended.
+    pub ending: Ending,
+}
+
+/// Many episodes that share a clock; lane i of every array belongs to episode i. What is drawn has
+/// room for whole registers of lanes.
 #[derive(Clone, Debug)]
 pub struct Episodes {
     environment: Environment,
@@ -77,7 +91,7 @@ pub struct Episodes {
     habituation: Vec<f64>,
     disengagement: Vec<f64>,
     endings: Vec<Ending>,
-    /// Words of the stream for the next signals, \[lanes\].
+    /// Words of the stream for the next signals.
     words: Vec<u64>,
     isa: Isa,
 }
@@ -92,16 +106,17 @@ impl Episodes {
 
     /// As many episodes as `lanes`, all ended, to be restarted.
     pub fn ended(environment: &Environment, lanes: usize) -> Self {
+        let padded = drawn(lanes);
         Episodes {
             environment: environment.clone(),
             time: 0,
-            contexts: vec![0; lanes],
-            probabilities: vec![0.0; lanes],
-            likely: vec![0; lanes],
+            contexts: vec![0; padded],
+            probabilities: vec![0.0; padded],
+            likely: vec![0; padded],
             habituation: vec![0.0; lanes],
             disengagement: vec![0.0; lanes],
             endings: vec![Ending::Truncated; lanes],
-            words: vec![0; lanes],
+            words: vec![0; padded],
             isa: Isa::chosen(),
         }
     }
@@ -137,6 +152,7 @@ impl Episodes {
         self.isa.run(Response {
             environment: &self.environment,
             last: self.time >= self.environment.horizon,
+            // As many as there are actions; what is behind is of no meaning.
             contexts: &self.contexts,
             actions,
             habituation: &mut self.habituation,
@@ -148,7 +164,8 @@ impl Episodes {
 
     /// The random half of a step: draws the context of every lane, ended ones included.
     pub fn sense(&mut self, stream: &mut Stream) {
-        stream.fill(&mut self.words);
+        let lanes = self.lanes();
+        stream.fill(&mut self.words[..lanes]);
         self.isa.run(Draws {
             sigma: self.environment.sigma,
             words: &self.words,
@@ -165,9 +182,33 @@ impl Episodes {
         self.likely[lane] = signal.likely;
     }
 
+    /// The state of a lane.
+    pub fn lane(&self, lane: usize) -> Lane {
+        Lane {
+            signal: self.signal(lane),
+            habituation: self.habituation[lane],
+            disengagement: self.disengagement[lane],
+            ending: self.endings[lane],
+        }
+    }
+
+    /// Puts every lane into a state that [`Episodes::lane`] gave, and the clock to its time.
+    ///
+    /// **Shapes**: `states` is \[lanes\].
+    pub fn resume(&mut self, time: u32, states: &[Lane]) {
+        assert_eq!(states.len(), self.lanes(), "one state a lane");
+        self.time = time;
+        for (lane, state) in states.iter().enumerate() {
+            self.show(lane, state.signal);
+            self.habituation[lane] = state.habituation;
+            self.disengagement[lane] = state.disengagement;
+            self.endings[lane] = state.ending;
+        }
+    }
+
     /// How many episodes there are.
     pub fn lanes(&self) -> usize {
-        self.contexts.len()
+        self.endings.len()
     }
 
     /// Steps taken, the same in every lane.
@@ -191,17 +232,17 @@ impl Episodes {
 
     /// True contexts, 0 or 1, \[lanes\].
     pub fn contexts(&self) -> &[u8] {
-        &self.contexts
+        &self.contexts[..self.lanes()]
     }
 
     /// Inferred probabilities of context 0, \[lanes\].
     pub fn probabilities(&self) -> &[f64] {
-        &self.probabilities
+        &self.probabilities[..self.lanes()]
     }
 
     /// Most likely contexts, 0 or 1, \[lanes\].
     pub fn likely(&self) -> &[u8] {
-        &self.likely
+        &self.likely[..self.lanes()]
     }
 
     /// Habituation in [0, 1], \[lanes\].

@@ -9,5 +9,5 @@ mod episodes;
 mod observation;
 
 pub use context::{Signal, inference_error, probability_of_zero};
-pub use episodes::{Action, Ending, Episodes};
+pub use episodes::{Action, Ending, Episodes, Lane};
 pub use observation::{Observations, Observer};

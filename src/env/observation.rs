@@ -152,7 +152,7 @@ impl Observer {
         };
         out.features.resize(lanes * width, 0.0);
         for (column, feature) in self.features.iter().enumerate() {
-            let entries = out.features[column..].iter_mut().step_by(width);
+            let entries = out.features.chunks_exact_mut(width).map(|row| &mut row[column]);
             let probabilities = episodes.probabilities();
             match feature {
                 Feature::Context => fill(entries, episodes.contexts().iter().map(|&c| c.into())),

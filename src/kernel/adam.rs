@@ -2,7 +2,7 @@
 
 use pulp::{Simd, WithSimd};
 
-use crate::kernel::{Aligned, Isa};
+use crate::kernel::{Aligned, Isa, math};
 
 const BETA_1: f64 = 0.9;
 const BETA_2: f64 = 0.999;
@@ -33,6 +33,17 @@ impl Adam {
             second: Aligned::zeros(parameters),
             powers: [1.0, 1.0],
         }
+    }
+
+    /// The first and second moments of every parameter, and beta_1 and beta_2 to the power of the
+    /// updates made: all that an update depends on.
+    pub fn state(&self) -> ([&[f32]; 2], [f64; 2]) {
+        ([&self.first, &self.second], self.powers)
+    }
+
+    /// As [`Adam::state`], to be changed.
+    pub fn state_mut(&mut self) -> ([&mut [f32]; 2], &mut [f64; 2]) {
+        ([&mut self.first, &mut self.second], &mut self.powers)
     }
 
     /// Moves the parameters by their gradient, which becomes 0.
@@ -79,7 +90,7 @@ impl WithSimd for Update<'_> {
             let v = if v < QUIET { 0.0 } else { v };
             *first = m;
             *second = v;
-            *parameter -= self.step * m / self.scale.mul_add(v.sqrt(), EPSILON);
+            *parameter -= self.step * m / self.scale.mul_add(math::root_f32(v), EPSILON);
         }
     }
 }

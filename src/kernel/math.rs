@@ -3,10 +3,6 @@
 //! The functions of single numbers are branch-free, so that loops over slices become vector code.
 //! What is not a number stays so, if it came from arithmetic.
 
-use pulp::{Simd, WithSimd};
-
-use crate::kernel::Isa;
-
 /// 1.5 * 2^23: added to a number of moderate size it leaves its nearest whole number in the low
 /// bits.
 const ROUND_F32: f32 = 12_582_912.0;
@@ -35,6 +31,39 @@ pub fn exp_f32(x: f32) -> f32 {
     f32::from_bits(p.to_bits().wrapping_add(shifted.to_bits() << 23))
 }
 
+/// The square root in f32 within 2 units in the last place, of 0 or a normal positive number below
+/// infinity; about twice as fast as the processor's.
+///
+/// **Source**: a first guess of 1 / sqrt(x) by its bits, then Goldschmidt's iteration for both roots
+/// (Muller et al., "Handbook of floating-point arithmetic", 2018, section 4.7.3); each doubles the
+/// digits, from 3 % to 5e-10.
+#[inline(always)]
+pub fn root_f32(x: f32) -> f32 {
+    let guess = f32::from_bits(0x5F37_59DFu32.wrapping_sub(x.to_bits() >> 1));
+    let (mut root, mut half_inverse) = (x * guess, 0.5 * guess);
+    for _ in 0..2 {
+        let rest = (-root).mul_add(half_inverse, 0.5);
+        root = root.mul_add(rest, root);
+        half_inverse = half_inverse.mul_add(rest, half_inverse);
+    }
+    let rest = (-root).mul_add(root, x);
+    rest.mul_add(half_inverse, root)
+}
+
+/// The square root in f64 within 2 units in the last place; see [`root_f32`].
+#[inline(always)]
+pub fn root(x: f64) -> f64 {
+    let guess = f64::from_bits(0x5FE6_EB50_C7B5_37A9u64.wrapping_sub(x.to_bits() >> 1));
+    let (mut root, mut half_inverse) = (x * guess, 0.5 * guess);
+    for _ in 0..3 {
+        let rest = (-root).mul_add(half_inverse, 0.5);
+        root = root.mul_add(rest, root);
+        half_inverse = half_inverse.mul_add(rest, half_inverse);
+    }
+    let rest = (-root).mul_add(root, x);
+    rest.mul_add(half_inverse, root)
+}
+
 /// e^x in f64 within 2 units in the last place; x is clamped to [-708, 709].
 ///
 /// **Source**: reduction as in [`exp_f32`]; the series of e^r to the order 13 on |r| <= ln 2 / 2
@@ -47,20 +76,21 @@ pub fn exp(x: f64) -> f64 {
     let power = shifted - ROUND_F64;
     let r = power.mul_add(-6.931_471_803_691_238e-1, x);
     let r = power.mul_add(-1.908_214_929_270_587_7e-10, r);
-    // 1/n! from n = 13 down to 2.
-    let p = (1.0 / 6_227_020_800.0_f64)
-        .mul_add(r, 1.0 / 479_001_600.0)
-        .mul_add(r, 1.0 / 39_916_800.0)
-        .mul_add(r, 1.0 / 3_628_800.0)
-        .mul_add(r, 1.0 / 362_880.0)
-        .mul_add(r, 1.0 / 40_320.0)
-        .mul_add(r, 1.0 / 5_040.0)
-        .mul_add(r, 1.0 / 720.0)
-        .mul_add(r, 1.0 / 120.0)
-        .mul_add(r, 1.0 / 24.0)
-        .mul_add(r, 1.0 / 6.0)
-        .mul_add(r, 0.5);
-    let p = p.mul_add(r * r, r) + 1.0;
+    // 1/n! from n = 13 down to 2, odd and even ones apart: two short chains are faster than one.
+    let z = r * r;
+    let odd = (1.0 / 6_227_020_800.0_f64)
+        .mul_add(z, 1.0 / 39_916_800.0)
+        .mul_add(z, 1.0 / 362_880.0)
+        .mul_add(z, 1.0 / 5_040.0)
+        .mul_add(z, 1.0 / 120.0)
+        .mul_add(z, 1.0 / 6.0);
+    let even = (1.0 / 479_001_600.0_f64)
+        .mul_add(z, 1.0 / 3_628_800.0)
+        .mul_add(z, 1.0 / 40_320.0)
+        .mul_add(z, 1.0 / 720.0)
+        .mul_add(z, 1.0 / 24.0)
+        .mul_add(z, 0.5);
+    let p = odd.mul_add(r, even).mul_add(z, r) + 1.0;
     f64::from_bits(p.to_bits().wrapping_add(shifted.to_bits() << 52))
 }
 
@@ -79,16 +109,18 @@ pub fn ln(x: f64) -> f64 {
         f64::from_bits(ROUND_F64.to_bits().wrapping_add(((above as i64) >> 52) as u64)) - ROUND_F64;
     let s = (m - 1.0) / (m + 1.0);
     let z = s * s;
-    let p = (1.0 / 21.0_f64)
-        .mul_add(z, 1.0 / 19.0)
-        .mul_add(z, 1.0 / 17.0)
-        .mul_add(z, 1.0 / 15.0)
-        .mul_add(z, 1.0 / 13.0)
-        .mul_add(z, 1.0 / 11.0)
-        .mul_add(z, 1.0 / 9.0)
-        .mul_add(z, 1.0 / 7.0)
-        .mul_add(z, 1.0 / 5.0)
-        .mul_add(z, 1.0 / 3.0);
+    let w = z * z;
+    let odd = (1.0 / 21.0_f64)
+        .mul_add(w, 1.0 / 17.0)
+        .mul_add(w, 1.0 / 13.0)
+        .mul_add(w, 1.0 / 9.0)
+        .mul_add(w, 1.0 / 5.0);
+    let even = (1.0 / 19.0_f64)
+        .mul_add(w, 1.0 / 15.0)
+        .mul_add(w, 1.0 / 11.0)
+        .mul_add(w, 1.0 / 7.0)
+        .mul_add(w, 1.0 / 3.0);
+    let p = odd.mul_add(z, even);
     let series = 2.0 * (s * z).mul_add(p, s);
     // 0, unless x is not a number.
     let nothing = x * 0.0;
@@ -105,45 +137,19 @@ pub fn cos_turns(x: f64) -> f64 {
     let a = std::f64::consts::TAU * (0.25 - y.abs());
     let z = -(a * a);
     // 1/n! for n = 21, 19, … 3; the signs come with z.
-    let p = (1.0 / 51_090_942_171_709_440_000.0_f64)
-        .mul_add(z, 1.0 / 121_645_100_408_832_000.0)
-        .mul_add(z, 1.0 / 355_687_428_096_000.0)
-        .mul_add(z, 1.0 / 1_307_674_368_000.0)
-        .mul_add(z, 1.0 / 6_227_020_800.0)
-        .mul_add(z, 1.0 / 39_916_800.0)
-        .mul_add(z, 1.0 / 362_880.0)
-        .mul_add(z, 1.0 / 5_040.0)
-        .mul_add(z, 1.0 / 120.0)
-        .mul_add(z, 1.0 / 6.0);
+    let w = z * z;
+    let odd = (1.0 / 51_090_942_171_709_440_000.0_f64)
+        .mul_add(w, 1.0 / 355_687_428_096_000.0)
+        .mul_add(w, 1.0 / 6_227_020_800.0)
+        .mul_add(w, 1.0 / 362_880.0)
+        .mul_add(w, 1.0 / 120.0);
+    let even = (1.0 / 121_645_100_408_832_000.0_f64)
+        .mul_add(w, 1.0 / 1_307_674_368_000.0)
+        .mul_add(w, 1.0 / 39_916_800.0)
+        .mul_add(w, 1.0 / 5_040.0)
+        .mul_add(w, 1.0 / 6.0);
+    let p = odd.mul_add(z, even);
     (a * z).mul_add(p, a)
-}
-
-/// Puts e^x in the place of every x.
-pub fn exp_each(isa: Isa, values: &mut [f32]) {
-    struct Each<'a>(&'a mut [f32]);
-    impl WithSimd for Each<'_> {
-        type Output = ();
-
-        #[inline(always)]
-        fn with_simd<S: Simd>(self, _: S) {
-            self.0.iter_mut().for_each(|x| *x = exp_f32(*x));
-        }
-    }
-    isa.run(Each(values));
-}
-
-/// Puts ln x in the place of every x; see [`ln`].
-pub fn ln_each(isa: Isa, values: &mut [f64]) {
-    struct Each<'a>(&'a mut [f64]);
-    impl WithSimd for Each<'_> {
-        type Output = ();
-
-        #[inline(always)]
-        fn with_simd<S: Simd>(self, _: S) {
-            self.0.iter_mut().for_each(|x| *x = ln(*x));
-        }
-    }
-    isa.run(Each(values));
 }
 
 /// tanh x in f32, within 5e-7.
@@ -172,7 +178,10 @@ pub fn tanh(x: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use pulp::{Simd, WithSimd};
+
     use super::*;
+    use crate::kernel::Isa;
 
     /// Numbers from `low` to `high` in steps that hit no pattern.
     fn numbers(low: f64, high: f64) -> impl Iterator<Item = f64> {
@@ -218,13 +227,10 @@ mod tests {
         for isa in Isa::available() {
             for len in [1, 3, 16, 37, 1000] {
                 let x = |i: usize| (i as f64 * 0.731).sin() * 40.0;
-                let mut many: Vec<f32> = (0..len).map(|i| x(i) as f32).collect();
-                exp_each(isa, &mut many);
-                let mut logarithms: Vec<f64> = (0..len).map(|i| x(i).abs() + 1e-9).collect();
-                ln_each(isa, &mut logarithms);
-                for i in 0..len {
-                    assert_eq!(many[i].to_bits(), exp_f32(x(i) as f32).to_bits());
-                    assert_eq!(logarithms[i].to_bits(), ln(x(i).abs() + 1e-9).to_bits());
+                let singles: Vec<f32> = (0..len).map(|i| x(i) as f32).collect();
+                let many: Vec<f32> = on(isa, || singles.iter().map(|x| exp_f32(*x)).collect());
+                for (x, y) in singles.into_iter().zip(many) {
+                    assert_eq!(y.to_bits(), exp_f32(x).to_bits());
                 }
             }
         }
@@ -242,6 +248,22 @@ mod tests {
         assert_eq!((exp(0.0), exp_f32(0.0)), (1.0, 1.0));
         assert!(exp(f64::NAN).is_nan() && exp_f32(f32::NAN).is_nan());
         assert!(exp(1e9).is_finite() && exp(-1e9) > 0.0);
+    }
+
+    #[test]
+    fn roots_are_those_of_the_processor() {
+        for exponent in -120..120 {
+            for x in numbers(1.0, 4.0).step_by(97) {
+                let x = x as f32 * 2f32.powi(exponent);
+                let ours = f64::from(root_f32(x)) / f64::from(x).sqrt();
+                assert!((ours - 1.0).abs() < 2.4e-7, "{x}: {ours}");
+            }
+        }
+        for x in numbers(1.0, 4.0).chain(numbers(0.0, 100.0)) {
+            assert_relative(root(x), x.sqrt(), 2.0, x);
+        }
+        assert_eq!((root_f32(0.0), root(0.0)), (0.0, 0.0));
+        assert!(root_f32(f32::NAN).is_nan() && root_f32(f32::INFINITY).is_nan());
     }
 
     #[test]

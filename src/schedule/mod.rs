@@ -5,7 +5,7 @@
 //!
 //! - One thread, the caller's, owns the store; workers never see it. It claims jobs, hands them
 //!   out, writes outcomes and tells the [`Watcher`] what happened, so that all events have one order.
-//! - A worker holds one job at a time and nothing of it survives but its outcome.
+//! - A worker holds one job at a time; nothing of it survives but its outcome and its checkpoint.
 //! - Outcomes that come within a twentieth of a second are stored together, while the workers are at
 //!   their next jobs: however slow the disk is, short jobs do not wait for it one by one. Nothing
 //!   is told of an outcome before it is on the disk.
@@ -15,6 +15,7 @@
 //! - A job that fails is not tried again in the same sweep. Those that failed in earlier sweeps are
 //!   tried again all or none, whatever their agent, parameters or way to fail.
 
+mod checkpoint;
 mod panic;
 mod worker;
 
@@ -24,7 +25,7 @@ use std::mem;
 use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
-use std::thread;
+use std::thread::{self, Scope};
 use std::time::{Duration, Instant};
 
 use crate::plan::{Job, JobKey};
@@ -32,7 +33,9 @@ use crate::record::Outcome;
 use crate::store::{Claim, Claimed, Finished, RetryFailed, RunEnd, SessionId, Store, StoreError};
 use crate::train::{Monitor, Progress};
 
-use worker::{Report, Shared, Slot, Worker};
+use worker::{Message, Report, Shared, Slot, Worker};
+
+pub use checkpoint::{CheckpointFolder, CheckpointNote};
 
 /// How long an outcome waits for others to be stored with it.
 const GATHER: Duration = Duration::from_millis(50);
@@ -41,6 +44,8 @@ const MOST_GATHERED: usize = 256;
 /// How long the coordinating thread waits for a worker, at most, before it looks at the request to
 /// stop and shows progress. A store that another process holds can keep it for longer.
 const TICK: Duration = Duration::from_millis(100);
+/// How often the clock is looked at for checkpoints that are due, and the request to stop.
+const LOOK: Duration = Duration::from_millis(50);
 /// How often the session says that it is alive.
 const HEARTBEAT: Duration = Duration::from_secs(5);
 /// How often jobs that another process holds are tried again.
@@ -60,6 +65,8 @@ pub struct Options {
     pub retry_failed: RetryFailed,
     /// What a failed job does to the jobs after it.
     pub on_failure: OnFailure,
+    /// Time between two checkpoints of a job. Where writing one takes long it is more, up to 25 s.
+    pub checkpoint_every: Duration,
 }
 
 /// What a failed job does to the jobs after it.
@@ -147,6 +154,15 @@ pub enum Event<'a> {
         /// The job.
         queued: &'a Queued,
     },
+    /// Something happened to a checkpoint of a job that a worker has begun.
+    Checkpoint {
+        /// Which worker, from 0.
+        worker: usize,
+        /// The job.
+        queued: &'a Queued,
+        /// What happened.
+        note: &'a CheckpointNote,
+    },
     /// A job needed no run of this sweep.
     Skipped {
         /// The job.
@@ -192,20 +208,19 @@ pub fn run(
     let slots: Vec<Slot> = (0..wanted).map(|_| Slot::default()).collect();
     // Set when the sweep must end early, for whatever reason.
     let halt = AtomicBool::new(false);
+    let folder = CheckpointFolder::beside(store.path());
     thread::scope(|scope| {
-        let (reports, inbox) = mpsc::channel();
-        let shared = Shared { train: context.train, halt: &halt, reports };
-        let mut workers = Vec::with_capacity(wanted);
-        for (index, slot) in slots.iter().enumerate() {
-            match Worker::spawn(scope, index, slot, shared.clone()) {
-                Ok(worker) => workers.push(worker),
-                Err(reason) if index == 0 => return Err(SweepError::NoWorker(reason)),
-                Err(reason) => {
-                    watcher.hear(Event::FewerWorkers { started: index, reason: &reason });
-                    break;
-                }
-            }
-        }
+        let _clock = start_clock(scope, &slots, context.stop, &halt)?;
+        let (messages, inbox) = mpsc::channel();
+        let shared = Shared {
+            train: context.train,
+            halt: &halt,
+            folder: &folder,
+            checkpoint_every: context.options.checkpoint_every,
+            messages,
+        };
+        let workers = start_workers(scope, &slots, &shared, watcher)?;
+        drop(shared);
         let sweep = Sweep {
             store,
             session,
@@ -219,12 +234,57 @@ pub fn run(
             heartbeat_at: Instant::now(),
             tally: Tally::default(),
             halt: &halt,
+            folder: &folder,
         };
         let result = sweep.run(&inbox);
         // Workers still training after an error see this and end; the scope joins them.
         halt.store(true, Ordering::Relaxed);
         Ok(result?)
     })
+}
+
+/// A worker a slot, or as many as the system has threads for.
+fn start_workers<'scope>(
+    scope: &'scope Scope<'scope, '_>,
+    slots: &'scope [Slot],
+    shared: &Shared<'scope>,
+    watcher: &mut dyn Watcher,
+) -> Result<Vec<Worker<'scope>>, SweepError> {
+    let mut workers = Vec::with_capacity(slots.len());
+    for (index, slot) in slots.iter().enumerate() {
+        match Worker::spawn(scope, index, slot, shared.clone()) {
+            Ok(worker) => workers.push(worker),
+            Err(reason) if index == 0 => return Err(SweepError::NoWorker(reason)),
+            Err(reason) => {
+                watcher.hear(Event::FewerWorkers { started: index, reason: &reason });
+                break;
+            }
+        }
+    }
+    Ok(workers)
+}
+
+/// Tells workers that checkpoints are due and that the sweep is to stop, until what it returns is
+/// dropped. The coordinating thread could not: it may be waiting for a store that another process
+/// holds.
+fn start_clock<'scope>(
+    scope: &'scope Scope<'scope, '_>,
+    slots: &'scope [Slot],
+    stop: &'scope AtomicBool,
+    halt: &'scope AtomicBool,
+) -> Result<mpsc::Sender<()>, SweepError> {
+    let (running, ended) = mpsc::channel();
+    let watch = move || {
+        while ended.recv_timeout(LOOK) == Err(mpsc::RecvTimeoutError::Timeout) {
+            slots.iter().for_each(|slot| slot.alarm.look());
+            if stop.load(Ordering::Relaxed) {
+                halt.store(true, Ordering::Relaxed);
+            }
+        }
+    };
+    let thread = thread::Builder::new().name("clock".to_owned());
+    thread.spawn_scoped(scope, watch).map_err(SweepError::NoWorker)?;
+    Ok(running)
 }
 
 /// What a sweep is run with.
@@ -276,10 +336,11 @@ struct Sweep<'scope, 'a> {
     heartbeat_at: Instant,
     tally: Tally,
     halt: &'a AtomicBool,
+    folder: &'a CheckpointFolder,
 }
 
 impl Sweep<'_, '_> {
-    fn run(mut self, inbox: &mpsc::Receiver<Report>) -> Result<Tally, StoreError> {
+    fn run(mut self, inbox: &mpsc::Receiver<Message>) -> Result<Tally, StoreError> {
         self.store.release_dead_sessions(self.session)?;
         loop {
             if self.context.stop.load(Ordering::Relaxed) {
@@ -301,7 +362,11 @@ impl Sweep<'_, '_> {
                 return Ok(self.tally);
             }
             match inbox.recv_timeout(patience) {
-                Ok(report) => self.gather(report),
+                Ok(Message::Ended(report)) => self.gather(report),
+                Ok(Message::Noted { worker, note }) => {
+                    let queued = self.workers[worker].job();
+                    self.watcher.hear(Event::Checkpoint { worker, queued, note: &note });
+                }
                 Err(_) if self.gathered.is_empty() => self.tick(busy)?,
                 Err(_) => {}
             }
@@ -376,9 +441,16 @@ impl Sweep<'_, '_> {
         let gathered = mem::take(&mut self.gathered);
         let ends: Vec<RunEnd<'_>> = gathered.iter().map(Gathered::end).collect();
         let finished = self.store.finish_all(&ends)?;
-        for (Gathered { worker, queued, outcome, wall, .. }, finished) in
+        for (Gathered { worker, queued, claim, outcome, wall, .. }, finished) in
             gathered.into_iter().zip(finished)
         {
+            match (finished, &outcome) {
+                (Finished::ClaimLost, _) => self.folder.forget_run(&queued.key, claim.attempt),
+                (Finished::Stored, Outcome::Completed(_) | Outcome::Failed(_)) => {
+                    self.folder.forget(&queued.key, claim.attempt);
+                }
+                (Finished::Stored, Outcome::Interrupted) => {}
+            }
             match (finished, &outcome) {
                 // Another process will complete it: this outcome is not needed.
                 (Finished::ClaimLost, _) => {

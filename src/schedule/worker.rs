@@ -1,4 +1,4 @@
-//! A thread that trains one job at a time.
+//! A thread that trains one job at a time, and tells what becomes of it.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -6,30 +6,44 @@ use std::sync::{Mutex, PoisonError, mpsc};
 use std::thread::{self, Scope};
 use std::time::{Duration, Instant};
 
-use crate::plan::Job;
+use crate::plan::{Job, JobKey};
 use crate::record::{Failure, FailureKind, Outcome};
+use crate::schedule::checkpoint::{Alarm, CheckpointFolder, CheckpointNote, Keeper};
 use crate::schedule::{Queued, Train, panic};
 use crate::store::Claim;
-use crate::train::{Monitor, Progress};
+use crate::train::{Checkpoints, Monitor, Progress};
 
-/// Where a worker leaves its latest progress for the coordinating thread.
+/// Where a worker leaves its latest progress for the coordinating thread, and hears that a
+/// checkpoint is due.
 #[derive(Default)]
-pub(super) struct Slot(Mutex<Option<Progress>>);
+pub(super) struct Slot {
+    progress: Mutex<Option<Progress>>,
+    pub(super) alarm: Alarm,
+}
 
 impl Slot {
     fn get(&self) -> Option<Progress> {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        *self.progress.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn set(&self, progress: Option<Progress>) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = progress;
+        *self.progress.lock().unwrap_or_else(PoisonError::into_inner) = progress;
     }
 }
 
-/// What a worker sends when its job has ended.
+/// What a worker sends.
+pub(super) enum Message {
+    /// Its job has ended.
+    Ended(Report),
+    /// Something happened to a checkpoint of its job.
+    Noted { worker: usize, note: CheckpointNote },
+}
+
+/// How a job has ended.
 pub(super) struct Report {
     pub(super) worker: usize,
     pub(super) outcome: Outcome,
+    /// Time that it took, that of the runs included that it went on from.
     pub(super) wall: Duration,
 }
 
@@ -38,12 +52,22 @@ pub(super) struct Report {
 pub(super) struct Shared<'a> {
     pub(super) train: Train<'a>,
     pub(super) halt: &'a AtomicBool,
-    pub(super) reports: mpsc::Sender<Report>,
+    pub(super) folder: &'a CheckpointFolder,
+    /// Time between two checkpoints.
+    pub(super) checkpoint_every: Duration,
+    pub(super) messages: mpsc::Sender<Message>,
+}
+
+/// A job to train.
+struct Task {
+    job: Job,
+    key: JobKey,
+    attempt: u32,
 }
 
 /// The coordinating thread's end of a worker.
 pub(super) struct Worker<'scope> {
-    jobs: mpsc::Sender<Job>,
+    tasks: mpsc::Sender<Task>,
     slot: &'scope Slot,
     holds: Option<(Queued, Claim)>,
 }
@@ -58,22 +82,18 @@ impl<'scope> Worker<'scope> {
         slot: &'scope Slot,
         shared: Shared<'scope>,
     ) -> io::Result<Self> {
-        let (jobs, inbox) = mpsc::channel::<Job>();
+        let (tasks, inbox) = mpsc::channel::<Task>();
         let thread = thread::Builder::new().name(format!("worker {index}"));
         thread.spawn_scoped(scope, move || {
-            let Shared { train, halt, reports } = shared;
-            let monitor = SlotMonitor { slot, halt };
             // Ends when the sweep drops its end of the channel.
-            for job in inbox {
-                let started = Instant::now();
-                let outcome = train_caught(train, &job, &monitor);
-                let report = Report { worker: index, outcome, wall: started.elapsed() };
-                if reports.send(report).is_err() {
+            for task in inbox {
+                let report = work(index, &task, slot, &shared);
+                if shared.messages.send(Message::Ended(report)).is_err() {
                     break;
                 }
             }
         })?;
-        Ok(Worker { jobs, slot, holds: None })
+        Ok(Worker { tasks, slot, holds: None })
     }
 
     pub(super) fn is_idle(&self) -> bool {
@@ -82,8 +102,15 @@ impl<'scope> Worker<'scope> {
 
     pub(super) fn start(&mut self, queued: Queued, claim: Claim) {
         self.slot.set(None);
-        self.jobs.send(queued.job.clone()).expect("a worker lives as long as its sweep");
+        let task = Task { job: queued.job.clone(), key: queued.key, attempt: claim.attempt };
+        self.tasks.send(task).expect("a worker lives as long as its sweep");
         self.holds = Some((queued, claim));
+    }
+
+    /// The job that it is at.
+    pub(super) fn job(&self) -> &Queued {
+        let (queued, _) = self.holds.as_ref().expect("a message comes from a worker with a job");
+        queued
     }
 
     /// Takes back the job that has ended.
@@ -97,9 +124,25 @@ impl<'scope> Worker<'scope> {
     }
 }
 
+/// Trains a job.
+fn work(worker: usize, task: &Task, slot: &Slot, shared: &Shared<'_>) -> Report {
+    let started = Instant::now();
+    let tell = |note| {
+        // A sweep that has ended early hears nothing any more.
+        let _ = shared.messages.send(Message::Noted { worker, note });
+    };
+    let Task { job, key, attempt } = task;
+    let clock = (&slot.alarm, shared.checkpoint_every);
+    let keeper = Keeper::new(shared.folder, (*key, *attempt), clock, &tell);
+    let monitor = SlotMonitor { slot, halt: shared.halt, keeper };
+    let outcome = train_caught(shared.train, job, &monitor);
+    Report { worker, outcome, wall: monitor.keeper.before() + started.elapsed() }
+}
+
 struct SlotMonitor<'a> {
     slot: &'a Slot,
     halt: &'a AtomicBool,
+    keeper: Keeper<'a>,
 }
 
 impl Monitor for SlotMonitor<'_> {
@@ -109,6 +152,10 @@ impl Monitor for SlotMonitor<'_> {
 
     fn stop_requested(&self) -> bool {
         self.halt.load(Ordering::Relaxed)
+    }
+
+    fn checkpoints(&self) -> &dyn Checkpoints {
+        &self.keeper
     }
 }
 

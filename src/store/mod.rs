@@ -76,6 +76,11 @@ impl Store {
         Ok(Store { connection, path })
     }
 
+    /// Where its file is, from the root.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// As [`Store::write`]; when it returns, not even a power cut undoes what was written.
     fn write_durably<T>(
         &mut self,

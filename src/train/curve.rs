@@ -1,9 +1,10 @@
 //! The learning curve: training episodes averaged over a stride.
 
 use std::collections::VecDeque;
+use std::io;
 
-use crate::agent::TrainedEpisode;
-use crate::record::CurvePoint;
+use crate::agent::{Resumable, StateError, StateReader, StateWriter, TrainedEpisode};
+use crate::record::{CURVE_METRICS, CurvePoint};
 
 /// Episodes that the reported recent return averages over.
 const RECENT: usize = 100;
@@ -82,6 +83,38 @@ impl CurveRecorder {
             }
         }
         self.since_point.clear();
+    }
+}
+
+impl Resumable for CurveRecorder {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        out.one(self.episodes)?;
+        out.each(self.since_point.iter(), |out, episode| episode.save(out))?;
+        out.each(self.points.iter(), |out, point| {
+            let metric = CURVE_METRICS.iter().position(|(name, _)| *name == point.metric);
+            out.one(point.episode)?;
+            out.one(metric.expect("every metric of a curve is listed") as u8)?;
+            out.one(point.value)
+        })?;
+        out.each(self.recent.iter(), |out, recent| out.one(*recent))
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        const WHAT: &str = "points of the curve";
+        self.episodes = from.one()?;
+        self.since_point = from.each(self.stride as usize, WHAT, |from| {
+            let mut episode = TrainedEpisode::default();
+            episode.restore(from)?;
+            Ok(episode)
+        })?;
+        self.points = from.each(usize::MAX, WHAT, |from| {
+            let episode = from.one()?;
+            let metric = CURVE_METRICS.get(usize::from(from.one::<u8>()?));
+            let (metric, _) = *metric.ok_or(StateError::Misfit(WHAT))?;
+            Ok(CurvePoint { episode, metric, value: from.one()? })
+        })?;
+        self.recent = from.many::<f64>(RECENT, WHAT)?.into();
+        Ok(())
     }
 }
 

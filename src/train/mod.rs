@@ -1,18 +1,24 @@
 //! One job, from its declaration to its outcome.
 //!
 //! In: a [`Job`] and a [`Monitor`] to report to. Out: an [`Outcome`] that depends on the job and
-//! the code alone. It knows no database, no worker and no other job.
+//! the code alone, however often the training was stopped and gone on with. It knows no database,
+//! no worker and no other job, and of [`Checkpoints`] neither where they lie nor when they are due.
 
+mod checkpoint;
 mod curve;
 mod roll;
 mod test;
+mod training;
 
-use crate::agent::{self, Learner, Span, TrainedEpisode};
 use crate::plan::Job;
-use crate::record::{Failure, FailureKind, Outcome, Results};
+use crate::record::Outcome;
 
-use curve::CurveRecorder;
+use training::{Stage, Training};
 
+pub use checkpoint::{
+    CheckpointError, CheckpointFile, Checkpoints, KeptNowhere, ReadCheckpoint, Resumed,
+    WriteCheckpoint,
+};
 pub use roll::{Chooser, TestStreams, Watch, roll};
 
 /// How far a training has come.
@@ -26,13 +32,18 @@ pub struct Progress {
     pub recent_return: f64,
 }
 
-/// Whom a training reports to, and who may stop it.
+/// Whom a training reports to, who may stop it, and who keeps its checkpoints.
 pub trait Monitor {
     /// Hears how far it has come, after every span of the learner: an episode, or an update.
     fn report(&self, progress: Progress);
 
     /// Whether the training should end at the next occasion, without a result.
     fn stop_requested(&self) -> bool;
+
+    /// Who keeps its checkpoints; nobody, unless there is someone.
+    fn checkpoints(&self) -> &dyn Checkpoints {
+        &KeptNowhere
+    }
 }
 
 /// A monitor that nobody watches.
@@ -47,68 +58,39 @@ impl Monitor for Unwatched {
     }
 }
 
-/// Trains the job's agent, tests it, and returns what came out.
+/// Trains the job's agent, tests it, and returns what came out. Goes on from a checkpoint if there
+/// is one, and leaves one if it is stopped.
 pub fn run(job: &Job, monitor: &dyn Monitor) -> Outcome {
-    let mut learner = agent::learner(&job.agent, &job.environment, &job.scenario, job.seed);
-    let mut curve = CurveRecorder::new(job.evaluation.curve_stride);
-    match train(job, learner.as_mut(), &mut curve, monitor) {
-        Ended::Trained => {}
-        Ended::Stopped => return Outcome::Interrupted,
-        Ended::Failed(failure) => return Outcome::Failed(failure),
-    }
-    let weights = learner.weights();
-    if !weights.are_finite() {
-        return Outcome::Failed(Failure {
-            kind: FailureKind::Diverged,
-            message: "a weight is infinite or not a number after training".to_owned(),
-            episode: job.agent.episodes(),
-        });
-    }
-    let policy = learner.policy(job.evaluation.test_actions.into());
-    let Some(tested) = test::run(job, policy, monitor) else {
-        return Outcome::Interrupted;
-    };
-    Outcome::Completed(Results {
-        metrics: tested.metrics(),
-        curve: curve.finish(),
-        episodes: tested.episodes,
-        actions: tested.actions,
-        weights: weights.to_bytes(),
-    })
-}
-
-enum Ended {
-    Trained,
-    Stopped,
-    Failed(Failure),
-}
-
-fn train(
-    job: &Job,
-    learner: &mut dyn Learner,
-    curve: &mut CurveRecorder,
-    monitor: &dyn Monitor,
-) -> Ended {
-    let episodes = job.agent.episodes();
-    let mut finished: Vec<TrainedEpisode> = Vec::new();
-    while curve.episodes() < episodes {
-        match learner.advance(&mut finished, &|| monitor.stop_requested()) {
-            Ok(Span::Whole) => {}
-            Ok(Span::BrokenOff) => return Ended::Stopped,
-            Err(diverged) => {
-                return Ended::Failed(Failure {
-                    kind: FailureKind::Diverged,
-                    message: diverged.to_string(),
-                    episode: curve.episodes(),
-                });
-            }
+    let checkpoints = monitor.checkpoints();
+    let mut training = begin(job, checkpoints);
+    let pause = || monitor.stop_requested() || checkpoints.are_due();
+    loop {
+        if let Err(failure) = training.advance(&pause) {
+            return Outcome::Failed(failure);
         }
-        finished.drain(..).for_each(|episode| curve.add(&episode));
-        monitor.report(Progress {
-            episode: curve.episodes(),
-            episodes,
-            recent_return: curve.recent_return(),
-        });
+        monitor.report(training.progress());
+        if training.stage() == Stage::Over {
+            break;
+        }
+        let stopped = monitor.stop_requested();
+        if stopped || checkpoints.are_due() {
+            checkpoints.keep(&mut |out| checkpoint::write(&training, out));
+        }
+        if stopped {
+            return Outcome::Interrupted;
+        }
     }
-    Ended::Trained
+    Outcome::Completed(training.results())
+}
+
+/// A job at its beginning, or where a checkpoint was made.
+fn begin<'j>(job: &'j Job, checkpoints: &dyn Checkpoints) -> Training<'j> {
+    let mut found = None;
+    checkpoints.resume(&mut |file| {
+        let training = checkpoint::read(job, file)?;
+        let resumed = Resumed { episode: training.episodes(), worked: training.worked() };
+        found = Some(training);
+        Ok(resumed)
+    });
+    found.unwrap_or_else(|| Training::new(job))
 }

@@ -1,13 +1,27 @@
 //! The test episodes of a trained agent and what is kept of them.
 
-use crate::agent::Policy;
-use crate::env::{Action, Ending, Episodes, Observer, Signal};
+use std::io;
+
+use crate::agent::{Resumable, StateError, StateReader, StateWriter};
+use crate::env::{Action, Ending, Episodes, Signal};
 use crate::plan::Job;
 use crate::record::{ActionCount, Metric, PROBABILITY_BINS, TestEpisode};
-use crate::train::{Chooser, Monitor, TestStreams, Watch, roll};
+use crate::train::{Chooser, TestStreams, Watch, roll};
 
 /// Episodes that advance in lockstep; part of what fixes the results, because lanes share streams.
-const LANES: u32 = 1000;
+const LANES: usize = 1000;
+
+const UNPLAYED: TestEpisode = TestEpisode { total_reward: 0.0, length: 0, disengaged: false };
+
+/// A test under way.
+pub(super) struct Test {
+    /// Episodes that it has in all.
+    episodes: usize,
+    streams: TestStreams,
+    counts: ActionCounts,
+    played: Vec<TestEpisode>,
+    batch: Batch,
+}
 
 /// What the test episodes were.
 pub(super) struct Tested {
@@ -16,42 +30,63 @@ pub(super) struct Tested {
     messages: u64,
 }
 
-/// Tests a policy; `None` if it was stopped.
-pub(super) fn run(job: &Job, policy: Box<dyn Policy>, monitor: &dyn Monitor) -> Option<Tested> {
-    let observer = Observer::new(&job.environment, &job.scenario);
-    let mut chooser = Chooser::trained(policy, observer);
-    let mut streams = TestStreams::new(job.seed);
-    let mut counts = ActionCounts::default();
-    let mut tested = Vec::new();
-    let mut left = job.evaluation.test_episodes;
-    while left > 0 {
-        let lanes = left.min(LANES);
-        left -= lanes;
-        let mut episodes =
-            Episodes::start(&job.environment, lanes as usize, &mut streams.environment);
-        let unplayed = TestEpisode { total_reward: 0.0, length: 0, disengaged: false };
-        let played = vec![unplayed; lanes as usize];
-        let mut batch = Batch { counts: &mut counts, played, monitor };
-        roll(&mut episodes, &mut chooser, &mut streams, &mut batch);
-        if monitor.stop_requested() {
-            return None;
+impl Test {
+    /// The test of a job, before its first episode.
+    pub(super) fn new(job: &Job) -> Self {
+        Test {
+            episodes: job.evaluation.test_episodes as usize,
+            streams: TestStreams::new(job.seed),
+            counts: ActionCounts::default(),
+            played: Vec::new(),
+            batch: Batch { episodes: Episodes::ended(&job.environment, 0), played: Vec::new() },
         }
-        for (episode, ending) in batch.played.iter_mut().zip(episodes.endings()) {
+    }
+
+    pub(super) fn is_over(&self) -> bool {
+        self.played.len() == self.episodes
+    }
+
+    /// Plays a batch of episodes to its end, or until `pause` says yes; the next call goes on.
+    pub(super) fn advance(&mut self, chooser: &mut Chooser, pause: &dyn Fn() -> bool) {
+        let Test { streams, counts, batch, .. } = self;
+        if batch.played.is_empty() {
+            let lanes = LANES.min(self.episodes - self.played.len());
+            let environment = batch.episodes.environment();
+            batch.episodes = Episodes::start(environment, lanes, &mut streams.environment);
+            batch.played = vec![UNPLAYED; lanes];
+        }
+        let mut player = Player { counts, played: &mut batch.played, pause };
+        roll(&mut batch.episodes, chooser, streams, &mut player);
+        if batch.episodes.any_running() {
+            return;
+        }
+        for (episode, ending) in batch.played.iter_mut().zip(batch.episodes.endings()) {
             episode.disengaged = *ending == Ending::Terminated;
         }
-        tested.append(&mut batch.played);
+        self.played.append(&mut batch.played);
     }
-    Some(Tested { episodes: tested, messages: counts.messages(), actions: counts.rows() })
+
+    /// What the episodes were, once all are played.
+    pub(super) fn finish(self) -> Tested {
+        let (messages, actions) = (self.counts.messages(), self.counts.rows());
+        Tested { episodes: self.played, messages, actions }
+    }
 }
 
-/// Test episodes while they are played.
-struct Batch<'a> {
-    counts: &'a mut ActionCounts,
+/// Test episodes that are being played; none between two batches.
+struct Batch {
+    episodes: Episodes,
     played: Vec<TestEpisode>,
-    monitor: &'a dyn Monitor,
 }
 
-impl Watch for Batch<'_> {
+/// Notes what happens in the episodes of a batch.
+struct Player<'a> {
+    counts: &'a mut ActionCounts,
+    played: &'a mut [TestEpisode],
+    pause: &'a dyn Fn() -> bool,
+}
+
+impl Watch for Player<'_> {
     fn chosen(&mut self, episodes: &Episodes, actions: &[Action]) {
         for (lane, episode) in self.played.iter_mut().enumerate() {
             if episodes.endings()[lane] == Ending::Running {
@@ -68,8 +103,48 @@ impl Watch for Batch<'_> {
     }
 
     fn stop_requested(&self) -> bool {
-        self.monitor.stop_requested()
+        (self.pause)()
     }
+}
+
+impl Resumable for Test {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        self.streams.environment.save(out)?;
+        self.streams.actions.save(out)?;
+        out.many(self.counts.0.as_flattened().as_flattened())?;
+        out.each(self.played.iter(), save_episode)?;
+        out.each(self.batch.played.iter(), save_episode)?;
+        if self.batch.played.is_empty() { Ok(()) } else { self.batch.episodes.save(out) }
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        const WHAT: &str = "test episodes";
+        self.streams.environment.restore(from)?;
+        self.streams.actions.restore(from)?;
+        from.fill(self.counts.0.as_flattened_mut().as_flattened_mut(), "counts of actions")?;
+        self.played = from.each(self.episodes, WHAT, restore_episode)?;
+        let most = LANES.min(self.episodes - self.played.len());
+        self.batch.played = from.each(most, WHAT, restore_episode)?;
+        match self.batch.played.len() {
+            0 => Ok(()),
+            lanes if lanes == most => {
+                self.batch.episodes = Episodes::ended(self.batch.episodes.environment(), lanes);
+                self.batch.episodes.restore(from)
+            }
+            _ => Err(StateError::Misfit(WHAT)),
+        }
+    }
+}
+
+fn save_episode(out: &mut StateWriter<'_>, episode: &TestEpisode) -> io::Result<()> {
+    out.one(episode.total_reward)?;
+    out.one(episode.length)?;
+    out.one(u8::from(episode.disengaged))
+}
+
+fn restore_episode(from: &mut StateReader<'_>) -> Result<TestEpisode, StateError> {
+    let (total_reward, length) = (from.one()?, from.one()?);
+    Ok(TestEpisode { total_reward, length, disengaged: from.one::<u8>()? != 0 })
 }
 
 impl Tested {

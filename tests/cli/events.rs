@@ -30,7 +30,7 @@ impl Watcher for Listener<'_> {
                     Found::Failed => ("failed elsewhere", queued),
                 }
             }
-            Event::FewerWorkers { .. } | Event::Tick { .. } => return,
+            Event::FewerWorkers { .. } | Event::Checkpoint { .. } | Event::Tick { .. } => return,
         };
         self.heard.push((name, queued.job.seed));
     }

@@ -163,7 +163,18 @@ fn programs_hear_that_a_worker_s_job_has_ended_before_its_next_starts() {
         assert_eq!(events.len(), 41);
     }
     let help = folder.jitai(["run", "--help"]).succeeded().stdout;
-    for event in ["started", "completed", "failed", "interrupted", "lost", "skipped", "halted"] {
+    for event in [
+        "started",
+        "completed",
+        "failed",
+        "interrupted",
+        "lost",
+        "skipped",
+        "halted",
+        "resumed",
+        "checkpoint_refused",
+        "checkpoint_not_kept",
+    ] {
         assert!(help.contains(event), "{event}");
     }
 }

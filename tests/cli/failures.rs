@@ -2,6 +2,7 @@
 
 use std::num::NonZeroUsize;
 use std::sync::atomic::AtomicBool;
+use std::time::Duration;
 
 use jitai::manifest;
 use jitai::plan::{self, Job};
@@ -167,7 +168,10 @@ impl Watcher for Listener {
                 self.0.push((queued.job.seed, outcome.clone()));
             }
             Event::Started { .. } | Event::Tick { .. } => {}
-            Event::Lost { .. } | Event::Skipped { .. } | Event::FewerWorkers { .. } => {
+            Event::Lost { .. }
+            | Event::Checkpoint { .. }
+            | Event::Skipped { .. }
+            | Event::FewerWorkers { .. } => {
                 panic!("nothing of the kind: {event:?}");
             }
         }
@@ -205,6 +209,7 @@ pub const OPTIONS: Options = Options {
     workers: NonZeroUsize::new(2).unwrap(),
     retry_failed: RetryFailed::No,
     on_failure: OnFailure::Continue,
+    checkpoint_every: Duration::from_secs(20),
 };
 
 /// Runs a sweep of two seeds and both agents in this process.

@@ -1,5 +1,6 @@
 //! The program as its users meet it: every test drives the real binary in a folder of its own.
 
+mod checkpoints;
 mod events;
 mod exits;
 mod failures;

@@ -1,13 +1,16 @@
 //! Updates of the dueling DQN.
 
+use std::io;
+
 use burn::module::Module;
 use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
 use burn::tensor::Tensor;
 
+use crate::agent::burn::state::{restore_module, restore_optimizer, save_module, save_optimizer};
 use crate::agent::burn::{ADAM_EPSILON, DuelingQNetwork, column, device, input, matrix};
 use crate::agent::dueling_dqn::{Batch, DuelingDqnEngine};
 use crate::agent::policy::ActionNetwork;
-use crate::agent::{Weights, WeightsError};
+use crate::agent::{Resumable, StateError, StateReader, StateWriter, Weights, WeightsError};
 use crate::env::Observations;
 use crate::manifest::DuelingDqn;
 
@@ -79,5 +82,19 @@ impl DuelingDqnEngine for BurnDuelingDqn {
 
     fn weights(&self) -> Weights {
         self.network.weights()
+    }
+}
+
+impl Resumable for BurnDuelingDqn {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        save_module(&self.network, out)?;
+        save_module(&self.target, out)?;
+        save_optimizer(&self.optimizer, out)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        restore_module(&mut self.network, from)?;
+        restore_module(&mut self.target, from)?;
+        restore_optimizer(&mut self.optimizer, from)
     }
 }

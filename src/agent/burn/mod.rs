@@ -8,6 +8,7 @@ pub(super) mod device;
 mod dueling_dqn;
 mod network;
 mod reinforce;
+mod state;
 
 use burn::tensor::{Device, Int, Tensor, TensorData};
 

@@ -1,13 +1,16 @@
 //! Updates of REINFORCE.
 
+use std::io;
+
 use burn::module::Module;
 use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
 use burn::tensor::{Tensor, activation};
 
+use crate::agent::burn::state::{restore_module, restore_optimizer, save_module, save_optimizer};
 use crate::agent::burn::{ADAM_EPSILON, PolicyNetwork, column, device, input, matrix};
 use crate::agent::policy::ActionNetwork;
 use crate::agent::reinforce::{ReinforceEngine, Trajectories};
-use crate::agent::{Weights, WeightsError};
+use crate::agent::{Resumable, StateError, StateReader, StateWriter, Weights, WeightsError};
 use crate::env::Observations;
 use crate::kernel::Isa;
 use crate::manifest::Reinforce;
@@ -77,5 +80,17 @@ impl ReinforceEngine for BurnReinforce {
 
     fn weights(&self) -> Weights {
         self.network.weights()
+    }
+}
+
+impl Resumable for BurnReinforce {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        save_module(&self.network, out)?;
+        save_optimizer(&self.optimizer, out)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        restore_module(&mut self.network, from)?;
+        restore_optimizer(&mut self.optimizer, from)
     }
 }

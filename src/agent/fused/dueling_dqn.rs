@@ -1,11 +1,14 @@
 //! Updates of the dueling DQN.
 
+use std::io;
 use std::ops::Range;
 
 use crate::agent::dueling_dqn::{Batch, DuelingDqnEngine};
 use crate::agent::fused::stack::{Room, Stack, blocks};
 use crate::agent::policy::ActionNetwork;
-use crate::agent::{Weights, WeightsError, layers};
+use crate::agent::{
+    Resumable, StateError, StateReader, StateWriter, Weights, WeightsError, layers,
+};
 use crate::env::{Action, Observations};
 use crate::kernel::{Adam, Aligned, Isa};
 use crate::manifest::DuelingDqn;
@@ -191,5 +194,20 @@ impl DuelingDqnEngine for FusedDuelingDqn {
 
     fn weights(&self) -> Weights {
         self.network.weights()
+    }
+}
+
+impl Resumable for FusedDuelingDqn {
+    // The gradient is 0 between updates.
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        out.many(&self.network.parameters)?;
+        out.many(&self.target.parameters)?;
+        self.adam.save(out)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        from.fill(&mut self.network.parameters, "weights")?;
+        from.fill(&mut self.target.parameters, "weights")?;
+        self.adam.restore(from)
     }
 }

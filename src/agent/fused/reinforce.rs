@@ -1,11 +1,17 @@
 //! Updates of REINFORCE.
 
+use std::io;
+
+use pulp::{Simd, WithSimd};
+
 use crate::agent::fused::stack::{BLOCK, Room, Stack, blocks};
 use crate::agent::policy::ActionNetwork;
 use crate::agent::reinforce::{ReinforceEngine, Trajectories};
-use crate::agent::{Weights, WeightsError, layers};
+use crate::agent::{
+    Resumable, StateError, StateReader, StateWriter, Weights, WeightsError, layers,
+};
 use crate::env::{Action, Observations};
-use crate::kernel::{Adam, Aligned, Isa, math};
+use crate::kernel::{Adam, Aligned, Isa, LANES, math};
 use crate::manifest::Reinforce;
 
 /// A policy network in flat arrays.
@@ -65,7 +71,7 @@ pub struct FusedReinforce {
     gradient: Aligned,
     adam: Adam,
     loss_divisor: f64,
-    /// Probabilities of the actions taken, then their logarithms, for [`BLOCK`] rows.
+    /// Probabilities of the actions taken, then their logarithms.
     likelihoods: [f64; BLOCK],
 }
 
@@ -110,28 +116,66 @@ impl FusedReinforce {
         for block in blocks(trajectories.actions.len()) {
             let observations = (&trajectories.observations, block.clone());
             stack.remember(*isa, parameters, observations.clone(), room);
-            let count = block.len();
-            let preferences = &preferences[block.clone()];
-            let actions = &trajectories.actions[block.clone()];
-            let returns = &trajectories.returns_to_go[block];
-            for (i, row) in preferences.iter().enumerate() {
-                let inverse = 1.0 / ((row[0] + row[1]) + (row[2] + row[3]));
-                let weight = returns[i] * scale;
-                let derivatives = &mut room.by_outputs[i * Action::COUNT..][..Action::COUNT];
-                for (derivative, preference) in derivatives.iter_mut().zip(row) {
-                    *derivative = weight * (preference * inverse);
-                }
-                let taken = actions[i].index();
-                let likelihood = row[taken] * inverse;
-                derivatives[taken] = weight * (likelihood - 1.0);
-                likelihoods[i] = f64::from(likelihood);
-            }
-            math::ln_each(*isa, &mut likelihoods[..count]);
-            let terms = likelihoods.iter().zip(returns);
-            loss -= terms.map(|(ln, weight)| ln * f64::from(*weight)).sum::<f64>();
+            loss += isa.run(Likelihoods {
+                preferences: &preferences[block.clone()],
+                actions: &trajectories.actions[block.clone()],
+                returns: &trajectories.returns_to_go[block],
+                scale,
+                derivatives: room.by_outputs.as_chunks_mut().0,
+                likelihoods,
+            });
             stack.backward(*isa, parameters, observations, room, gradient);
         }
         (loss / self.loss_divisor) as f32
+    }
+}
+
+/// The loss of steps by the likelihoods of their actions, not yet divided, and its derivatives by
+/// the logits.
+///
+/// **Shapes**: all are \[rows\]; there is room for [`BLOCK`] derivatives and likelihoods.
+struct Likelihoods<'a> {
+    preferences: &'a [[f32; Action::COUNT]],
+    actions: &'a [Action],
+    returns: &'a [f32],
+    /// 1 / the divisor of the loss.
+    scale: f32,
+    derivatives: &'a mut [[f32; Action::COUNT]],
+    likelihoods: &'a mut [f64; BLOCK],
+}
+
+impl WithSimd for Likelihoods<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop)]
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        let rows = self.preferences.len();
+        let likelihoods = &mut self.likelihoods[..rows];
+        let given = self.preferences.iter().zip(self.actions).zip(self.returns);
+        for (((row, action), weight), (derivatives, likelihood)) in
+            given.zip(self.derivatives.iter_mut().zip(likelihoods.iter_mut()))
+        {
+            let inverse = 1.0 / ((row[0] + row[1]) + (row[2] + row[3]));
+            let weight = weight * self.scale;
+            let mut of_taken = 0.0;
+            for j in 0..Action::COUNT {
+                let likelihood = row[j] * inverse;
+                let taken = action.index() == j;
+                derivatives[j] = weight * (likelihood - if taken { 1.0 } else { 0.0 });
+                of_taken = if taken { likelihood } else { of_taken };
+            }
+            *likelihood = f64::from(of_taken);
+        }
+        likelihoods.iter_mut().for_each(|likelihood| *likelihood = math::ln(*likelihood));
+        let mut sums = [0.0; LANES];
+        for (terms, returns) in likelihoods.chunks(LANES).zip(self.returns.chunks(LANES)) {
+            let terms = terms.iter().zip(returns);
+            sums.iter_mut()
+                .zip(terms)
+                .for_each(|(sum, (ln, weight))| *sum -= ln * f64::from(*weight));
+        }
+        sums.iter().sum()
     }
 }
 
@@ -158,5 +202,18 @@ impl ReinforceEngine for FusedReinforce {
 
     fn weights(&self) -> Weights {
         self.network.weights()
+    }
+}
+
+impl Resumable for FusedReinforce {
+    // The gradient is 0 between updates.
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        out.many(&self.network.parameters)?;
+        self.adam.save(out)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        from.fill(&mut self.network.parameters, "weights")?;
+        self.adam.restore(from)
     }
 }

@@ -1,0 +1,50 @@
+//! The state of modules and of their optimiser, in Burn's own format.
+//!
+//! The optimiser finds its moments by the identities of a module's parameters, which are drawn anew
+//! for every module that is made: both are written, and both come back with those they had.
+
+use std::io;
+
+use burn::module::Module;
+use burn::optim::ModuleOptimizer;
+use burn::store::ModuleRecord;
+use burn::tensor::Bytes;
+
+use crate::agent::{StateError, StateReader, StateWriter};
+
+pub(super) fn save_module(module: &impl Module, out: &mut StateWriter<'_>) -> io::Result<()> {
+    let bytes = module.clone().into_record().into_bytes().map_err(io::Error::other)?;
+    out.many(&bytes[..])
+}
+
+/// Replaces the parameters of a module by those of one that was made like it.
+pub(super) fn restore_module<M: Module>(
+    module: &mut M,
+    from: &mut StateReader<'_>,
+) -> Result<(), StateError> {
+    let misfit = |_| StateError::Misfit("weights");
+    let record = ModuleRecord::from_bytes(bytes(from, "weights")?).map_err(misfit)?;
+    // The record is put into a module, and gives it back.
+    *module = module.clone().try_load_record(record).map_err(misfit)?;
+    Ok(())
+}
+
+pub(super) fn save_optimizer(
+    optimizer: &ModuleOptimizer,
+    out: &mut StateWriter<'_>,
+) -> io::Result<()> {
+    out.many(&optimizer.into_bytes().map_err(io::Error::other)?[..])
+}
+
+pub(super) fn restore_optimizer(
+    optimizer: &mut ModuleOptimizer,
+    from: &mut StateReader<'_>,
+) -> Result<(), StateError> {
+    let bytes = bytes(from, "moments")?;
+    *optimizer = optimizer.clone().from_bytes(bytes).map_err(|_| StateError::Misfit("moments"))?;
+    Ok(())
+}
+
+fn bytes(from: &mut StateReader<'_>, what: &'static str) -> Result<Bytes, StateError> {
+    Ok(Bytes::from_bytes_vec(from.many(usize::MAX, what)?))
+}

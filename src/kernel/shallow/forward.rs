@@ -1,0 +1,271 @@
+//! The outputs: a register of rows at a time where there are enough of them, else of units.
+//!
+//! Both ways take the same sums in the same order: those of the virtual lanes, then by halves.
+
+use pulp::{Simd, WithSimd};
+
+use super::{OUTPUTS, Shallow};
+use crate::kernel::LANES;
+
+/// Most rows of a tile: three registers of sixteen.
+const MOST_ROWS: usize = 48;
+
+/// The virtual lanes in an order in which the halves that are added follow each other.
+const BY_HALVES: [usize; LANES] = [0, 8, 4, 12, 2, 10, 6, 14, 1, 9, 5, 13, 3, 11, 7, 15];
+/// How often the virtual lanes can be halved.
+const HALVINGS: usize = LANES.ilog2() as usize;
+
+/// Writes the outputs, with `start` added.
+pub(super) struct Forward<'a, const K: usize> {
+    pub(super) network: Shallow<'a>,
+    /// \[outputs\]
+    pub(super) start: &'a [f32],
+    /// \[rows, outputs\], row by row.
+    pub(super) out: &'a mut [f32],
+}
+
+impl<const K: usize> WithSimd for Forward<'_, K> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        // By rows, the registers of rows at a time; by units, the registers of the virtual lanes, and
+        // the rows at a time.
+        match S::F32_LANES {
+            16 => {
+                let row = self.by_rows::<S, 3>(simd, 0);
+                let row = self.by_rows::<S, 1>(simd, row);
+                self.by_units::<S, 1, 4>(simd, row);
+            }
+            8 => {
+                let row = self.by_rows::<S, 2>(simd, 0);
+                let row = self.by_rows::<S, 1>(simd, row);
+                self.by_units::<S, 2, 1>(simd, row);
+            }
+            4 => {
+                let row = self.by_rows::<S, 4>(simd, 0);
+                let row = self.by_rows::<S, 1>(simd, row);
+                self.by_units::<S, 4, 1>(simd, row);
+            }
+            _ => self.by_units::<S, 16, 1>(simd, 0),
+        }
+    }
+}
+
+impl<const K: usize> Forward<'_, K> {
+    /// The rows from `row` on by as many registers of rows as there are full ones, if they share
+    /// their moment; returns the first row that is left.
+    #[inline(always)]
+    fn by_rows<S: Simd, const R: usize>(&mut self, simd: S, mut row: usize) -> usize {
+        let moments = self.network.moments;
+        if moments.iter().any(|moment| *moment != moments[0]) {
+            return row;
+        }
+        while row + R * S::F32_LANES <= self.network.rows {
+            self.tall_tile::<S, R>(simd, row);
+            row += R * S::F32_LANES;
+        }
+        row
+    }
+
+    /// All rows from `row` on.
+    #[inline(always)]
+    fn by_units<S: Simd, const V: usize, const R: usize>(&mut self, simd: S, mut row: usize) {
+        while row + R <= self.network.rows {
+            self.wide_tile::<S, V, R>(simd, row);
+            row += R;
+        }
+        if R > 2 {
+            while row + 2 <= self.network.rows {
+                self.wide_tile::<S, V, 2>(simd, row);
+                row += 2;
+            }
+        }
+        while row < self.network.rows {
+            self.wide_tile::<S, V, 1>(simd, row);
+            row += 1;
+        }
+    }
+
+    /// R registers of rows of one moment: a virtual lane after the other, so that the sums across
+    /// lanes are sums of registers. Nothing in it is a closure: the compiler would put the sums into
+    /// memory.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop)]
+    fn tall_tile<S: Simd, const R: usize>(&mut self, simd: S, row: usize) {
+        let Shallow { weight, bias, head, inputs, moments, .. } = self.network;
+        let units = bias.len();
+        let zero = simd.splat_f32s(0.0);
+        let mut columns = [[0.0; MOST_ROWS]; K];
+        for (r, inputs) in inputs.as_chunks::<K>().0[row..row + R * S::F32_LANES].iter().enumerate()
+        {
+            for k in 0..K {
+                columns[k][r] = inputs[k];
+            }
+        }
+        let biases = lanes(bias);
+        let (mut factors, mut weights, mut heads) =
+            ([[zero; R]; K], [biases; K], [biases; OUTPUTS]);
+        for k in 0..K {
+            factors[k].copy_from_slice(&S::as_simd_f32s(&columns[k]).0[..R]);
+            weights[k] = lanes(&weight[k * units..(k + 1) * units]);
+        }
+        for j in 0..OUTPUTS {
+            heads[j] = lanes(&head[j * units..(j + 1) * units]);
+        }
+        let entries = moments.first().map(|moment| {
+            let at = (K + *moment as usize) * units;
+            lanes(&weight[at..at + units])
+        });
+        let mut waiting = [[[zero; R]; OUTPUTS]; HALVINGS];
+        let mut sums = [[zero; R]; OUTPUTS];
+        for (at, lane) in BY_HALVES.into_iter().enumerate() {
+            sums = [[zero; R]; OUTPUTS];
+            for block in 0..biases.len() {
+                let mut start = biases[block][lane];
+                if let Some(entries) = entries {
+                    start += entries[block][lane];
+                }
+                let mut hidden = [simd.splat_f32s(start); R];
+                for k in 0..K {
+                    let weight = simd.splat_f32s(weights[k][block][lane]);
+                    for r in 0..R {
+                        hidden[r] = simd.mul_add_f32s(factors[k][r], weight, hidden[r]);
+                    }
+                }
+                // What is not a number may become 0 here or not: such a training fails either way.
+                for r in 0..R {
+                    hidden[r] = simd.max_f32s(hidden[r], zero);
+                }
+                for j in 0..OUTPUTS {
+                    let head = simd.splat_f32s(heads[j][block][lane]);
+                    for r in 0..R {
+                        sums[j][r] = simd.mul_add_f32s(hidden[r], head, sums[j][r]);
+                    }
+                }
+            }
+            // The sum of a half that is whole is added to the one that waits for it.
+            let whole = at.trailing_ones() as usize;
+            for level in 0..whole {
+                for j in 0..OUTPUTS {
+                    for r in 0..R {
+                        sums[j][r] = simd.add_f32s(waiting[level][j][r], sums[j][r]);
+                    }
+                }
+            }
+            if whole < HALVINGS {
+                waiting[whole] = sums;
+            }
+        }
+        let mut outputs = [[0.0; MOST_ROWS]; OUTPUTS];
+        for j in 0..OUTPUTS {
+            S::as_mut_simd_f32s(&mut outputs[j]).0[..R].copy_from_slice(&sums[j]);
+        }
+        let out = &mut self.out.as_chunks_mut::<OUTPUTS>().0[row..row + R * S::F32_LANES];
+        for (r, out) in out.iter_mut().enumerate() {
+            for j in 0..OUTPUTS {
+                out[j] = outputs[j][r] + self.start[j];
+            }
+        }
+    }
+
+    /// R rows. Nothing in it is a closure: the compiler would put the sums into memory.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop, clippy::manual_memcpy)]
+    fn wide_tile<S: Simd, const V: usize, const R: usize>(&mut self, simd: S, row: usize) {
+        let Shallow { weight, bias, head, inputs, moments, .. } = self.network;
+        let units = bias.len();
+        let zero = simd.splat_f32s(0.0);
+        // Registers of every row of weights, so that a unit is one index for all.
+        let (start, _) = S::as_simd_f32s(bias);
+        let (mut weights, mut heads) = ([start; K], [start; OUTPUTS]);
+        for k in 0..K {
+            weights[k] = S::as_simd_f32s(&weight[k * units..(k + 1) * units]).0;
+        }
+        for j in 0..OUTPUTS {
+            heads[j] = S::as_simd_f32s(&head[j * units..(j + 1) * units]).0;
+        }
+        let (mut entries, mut factors) = ([start; R], [[zero; K]; R]);
+        for r in 0..R {
+            if !moments.is_empty() {
+                let at = (K + moments[row + r] as usize) * units;
+                entries[r] = S::as_simd_f32s(&weight[at..at + units]).0;
+            }
+            for k in 0..K {
+                factors[r][k] = simd.splat_f32s(inputs[(row + r) * K + k]);
+            }
+        }
+        let mut sums = [[[zero; V]; OUTPUTS]; R];
+        for block in 0..start.len() / V {
+            for v in 0..V {
+                let unit = block * V + v;
+                let mut hidden = [start[unit]; R];
+                if !moments.is_empty() {
+                    for r in 0..R {
+                        hidden[r] = simd.add_f32s(hidden[r], entries[r][unit]);
+                    }
+                }
+                for k in 0..K {
+                    let weight = weights[k][unit];
+                    for r in 0..R {
+                        hidden[r] = simd.mul_add_f32s(factors[r][k], weight, hidden[r]);
+                    }
+                }
+                for r in 0..R {
+                    let positive = simd.greater_than_f32s(hidden[r], zero);
+                    hidden[r] = simd.select_f32s(positive, hidden[r], zero);
+                }
+                for j in 0..OUTPUTS {
+                    let head = heads[j][unit];
+                    for r in 0..R {
+                        sums[r][j][v] = simd.mul_add_f32s(hidden[r], head, sums[r][j][v]);
+                    }
+                }
+            }
+        }
+        // First all to memory, then the adding up: as one loop it would not be unrolled, and the sums
+        // would be in memory from the start.
+        let mut lanes = [[[0.0; LANES]; OUTPUTS]; R];
+        for r in 0..R {
+            for j in 0..OUTPUTS {
+                let (registers, _) = S::as_mut_simd_f32s(&mut lanes[r][j]);
+                for v in 0..V {
+                    registers[v] = sums[r][j][v];
+                }
+            }
+        }
+        let out = self.out[row * OUTPUTS..(row + R) * OUTPUTS].chunks_exact_mut(OUTPUTS);
+        for (out, lanes) in out.zip(&lanes) {
+            let sums = all_by_halves(lanes);
+            for j in 0..OUTPUTS {
+                out[j] = sums[j] + self.start[j];
+            }
+        }
+    }
+}
+
+/// The sums of the virtual lanes of every output: by halves, each half of all outputs at once.
+#[inline(always)]
+#[allow(clippy::needless_range_loop)]
+fn all_by_halves(lanes: &[[f32; LANES]; OUTPUTS]) -> [f32; OUTPUTS] {
+    let mut four = [[0.0; 4]; OUTPUTS];
+    for j in 0..OUTPUTS {
+        let mut eight = [0.0; 8];
+        for l in 0..8 {
+            eight[l] = lanes[j][l] + lanes[j][l + 8];
+        }
+        for l in 0..4 {
+            four[j][l] = eight[l] + eight[l + 4];
+        }
+    }
+    let mut sums = [0.0; OUTPUTS];
+    for j in 0..OUTPUTS {
+        sums[j] = (four[j][0] + four[j][2]) + (four[j][1] + four[j][3]);
+    }
+    sums
+}
+
+/// Numbers of units by block and virtual lane.
+fn lanes(numbers: &[f32]) -> &[[f32; LANES]] {
+    numbers.as_chunks().0
+}

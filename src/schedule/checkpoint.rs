@@ -1,0 +1,401 @@
+//! Where checkpoints lie, and when they are due.
+//!
+//! They lie in a folder beside the store, `<store>.checkpoints`, in a file for every run that left
+//! one: `<job key>.<attempt>.checkpoint`. What is in them is for training to know.
+//!
+//! - No two runs have a file in common: of the processes that train a job, one that lost its claim
+//!   without knowing it included, none writes or removes what a later run has written.
+//! - A file is written under another name, synced and renamed: it is whole or not there.
+//! - The files of a job are removed once its completed or failed run is stored, and not before.
+//! - A checkpoint that cannot be read or written costs time, never a job: trainings go on.
+
+use std::cell::Cell;
+use std::fs::{self, File};
+use std::io::{self, ErrorKind};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use crate::plan::JobKey;
+use crate::store::{JobState, Reader, StoreError};
+use crate::train::{CheckpointError, Checkpoints, ReadCheckpoint, Resumed, WriteCheckpoint};
+
+/// The time between two checkpoints is at least so many times what one takes, as far as
+/// [`MOST_BETWEEN`] allows.
+const COSTS_BETWEEN: u32 = 100;
+/// Time between two checkpoints that their cost is no reason to exceed: with the writing itself, a
+/// killed process loses at most 30 seconds.
+const MOST_BETWEEN: Duration = Duration::from_secs(25);
+
+/// The folder of a store's checkpoints.
+#[derive(Clone, Debug)]
+pub struct CheckpointFolder {
+    path: PathBuf,
+}
+
+/// What happened to a checkpoint.
+#[derive(Debug)]
+pub enum CheckpointNote {
+    /// A job went on from it.
+    Resumed(Resumed),
+    /// It cannot be gone on with: the job goes on from another, or from its beginning.
+    Refused {
+        /// Its file.
+        path: PathBuf,
+        /// Why not.
+        reason: CheckpointError,
+    },
+    /// It could not be written; the training goes on. Told once a run.
+    NotKept {
+        /// Its file.
+        path: PathBuf,
+        /// What the system said.
+        reason: io::Error,
+    },
+}
+
+/// A file of the folder.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Entry {
+    key: JobKey,
+    attempt: u32,
+    form: Form,
+}
+
+/// Whether a file is a checkpoint.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Form {
+    Whole,
+    /// Being written, or left by a process that was killed while it wrote.
+    Unfinished,
+}
+
+impl Entry {
+    fn name(&self) -> String {
+        let Entry { key, attempt, form } = self;
+        let form = match form {
+            Form::Whole => "checkpoint",
+            Form::Unfinished => "unfinished",
+        };
+        format!("{key}.{attempt}.{form}")
+    }
+
+    /// The entry of this name; `None` for files of others.
+    fn parse(name: &str) -> Option<Entry> {
+        let mut parts = name.split('.');
+        let key = u128::from_str_radix(parts.next()?, 16).ok()?;
+        let attempt = parts.next()?.parse().ok()?;
+        let form = match parts.next()? {
+            "checkpoint" => Form::Whole,
+            "unfinished" => Form::Unfinished,
+            _ => return None,
+        };
+        let entry = Entry { key: JobKey(key.to_be_bytes()), attempt, form };
+        (entry.name() == name).then_some(entry)
+    }
+}
+
+impl CheckpointFolder {
+    /// The folder beside a store, which need not exist.
+    pub fn beside(store: &Path) -> Self {
+        // Beside the file itself, however it is linked to, as SQLite's own files are.
+        let mut path =
+            fs::canonicalize(store).unwrap_or_else(|_| store.to_owned()).into_os_string();
+        path.push(".checkpoints");
+        CheckpointFolder { path: path.into() }
+    }
+
+    /// Removes what nobody will go on from: checkpoints of jobs that are completed or failed, and
+    /// files that a killed process left unfinished.
+    ///
+    /// **Errors**: the store cannot be read.
+    pub fn clear(&self, reader: &Reader) -> Result<(), StoreError> {
+        let entries = self.entries();
+        let states = reader.job_states(entries.iter().map(|entry| &entry.key))?;
+        for (entry, state) in entries.iter().zip(states) {
+            let over = match state {
+                JobState::Completed | JobState::Failed => true,
+                JobState::Pending | JobState::Interrupted => entry.form == Form::Unfinished,
+                JobState::Running => false,
+            };
+            if over {
+                self.remove(entry);
+            }
+        }
+        self.remove_if_empty();
+        Ok(())
+    }
+
+    /// Removes the files of a job's runs up to an attempt.
+    pub(super) fn forget(&self, key: &JobKey, attempt: u32) {
+        self.remove_where(|entry| entry.key == *key && entry.attempt <= attempt);
+        self.remove_if_empty();
+    }
+
+    /// Removes the files of one run.
+    pub(super) fn forget_run(&self, key: &JobKey, attempt: u32) {
+        self.remove_where(|entry| entry.key == *key && entry.attempt == attempt);
+        self.remove_if_empty();
+    }
+
+    fn remove_where(&self, is_meant: impl Fn(&Entry) -> bool) {
+        self.entries().iter().filter(|entry| is_meant(entry)).for_each(|entry| self.remove(entry));
+    }
+
+    /// The files of the folder; none if it cannot be read, which the next write will tell of.
+    fn entries(&self) -> Vec<Entry> {
+        let Ok(files) = fs::read_dir(&self.path) else { return Vec::new() };
+        let names = files.flatten().map(|file| file.file_name());
+        names.filter_map(|name| Entry::parse(name.to_str()?)).collect()
+    }
+
+    fn file(&self, entry: &Entry) -> PathBuf {
+        self.path.join(entry.name())
+    }
+
+    fn remove(&self, entry: &Entry) {
+        // Another process may have done it; what stays is removed by the next sweep.
+        let _ = fs::remove_file(self.file(entry));
+    }
+
+    fn remove_if_empty(&self) {
+        let _ = fs::remove_dir(&self.path);
+    }
+
+    /// Writes a file whole, or leaves the one that there was.
+    fn write(&self, entry: &Entry, write: &mut WriteCheckpoint<'_>) -> io::Result<()> {
+        let unfinished = Entry { form: Form::Unfinished, ..entry.clone() };
+        let written = self.create(&unfinished).and_then(|mut file| {
+            write(&mut file)?;
+            file.sync_all()?;
+            fs::rename(self.file(&unfinished), self.file(entry))?;
+            File::open(&self.path)?.sync_all()
+        });
+        if written.is_err() {
+            self.remove(&unfinished);
+        }
+        written
+    }
+
+    fn create(&self, entry: &Entry) -> io::Result<File> {
+        fs::create_dir_all(&self.path)?;
+        match File::create(self.file(entry)) {
+            // Another process found the folder empty and removed it.
+            Err(error) if error.kind() == ErrorKind::NotFound => {
+                fs::create_dir_all(&self.path)?;
+                File::create(self.file(entry))
+            }
+            created => created,
+        }
+    }
+}
+
+/// Rings when the checkpoint of a worker's job is due.
+#[derive(Debug, Default)]
+pub(super) struct Alarm {
+    at: Mutex<Option<Instant>>,
+    rings: AtomicBool,
+}
+
+impl Alarm {
+    /// Makes it ring after this time, and no sooner.
+    fn set(&self, after: Duration) {
+        let mut at = self.at.lock().unwrap_or_else(PoisonError::into_inner);
+        *at = Instant::now().checked_add(after);
+        self.rings.store(false, Ordering::Relaxed);
+    }
+
+    /// Looks at the clock.
+    pub(super) fn look(&self) {
+        let mut at = self.at.lock().unwrap_or_else(PoisonError::into_inner);
+        if at.take_if(|at| *at <= Instant::now()).is_some() {
+            self.rings.store(true, Ordering::Relaxed);
+        }
+    }
+}
+
+/// The keeper of one run's checkpoints.
+pub(super) struct Keeper<'a> {
+    folder: &'a CheckpointFolder,
+    entry: Entry,
+    alarm: &'a Alarm,
+    every: Duration,
+    tell: &'a dyn Fn(CheckpointNote),
+    before: Cell<Duration>,
+    complained: Cell<bool>,
+}
+
+impl<'a> Keeper<'a> {
+    /// The keeper of a run that begins now. `every` is the time between two checkpoints; `tell`
+    /// hears what happens to them.
+    pub(super) fn new(
+        folder: &'a CheckpointFolder,
+        (key, attempt): (JobKey, u32),
+        (alarm, every): (&'a Alarm, Duration),
+        tell: &'a dyn Fn(CheckpointNote),
+    ) -> Self {
+        alarm.set(every);
+        let entry = Entry { key, attempt, form: Form::Whole };
+        let (before, complained) = (Cell::new(Duration::ZERO), Cell::new(false));
+        Keeper { folder, entry, alarm, every, tell, before, complained }
+    }
+
+    /// What earlier runs had worked that this one went on from.
+    pub(super) fn before(&self) -> Duration {
+        self.before.get()
+    }
+
+    /// The checkpoints of earlier runs, the latest first.
+    fn earlier(&self) -> Vec<Entry> {
+        let mut earlier = self.folder.entries();
+        earlier.retain(|entry| entry.key == self.entry.key && entry.form == Form::Whole);
+        earlier.sort_unstable_by_key(|entry| std::cmp::Reverse(entry.attempt));
+        earlier
+    }
+}
+
+impl Checkpoints for Keeper<'_> {
+    fn are_due(&self) -> bool {
+        self.alarm.rings.load(Ordering::Relaxed)
+    }
+
+    fn resume(&self, read: &mut ReadCheckpoint<'_>) {
+        for entry in self.earlier() {
+            let path = self.folder.file(&entry);
+            let opened = File::open(&path).map_err(CheckpointError::from);
+            match opened.and_then(|mut file| read(&mut file)) {
+                Ok(resumed) => {
+                    self.before.set(resumed.worked);
+                    (self.tell)(CheckpointNote::Resumed(resumed));
+                    return;
+                }
+                Err(reason) => (self.tell)(CheckpointNote::Refused { path, reason }),
+            }
+        }
+    }
+
+    fn keep(&self, write: &mut WriteCheckpoint<'_>) {
+        let begun = Instant::now();
+        let Entry { key, attempt, .. } = &self.entry;
+        match self.folder.write(&self.entry, write) {
+            Ok(()) => self.folder.remove_where(|e| e.key == *key && e.attempt < *attempt),
+            Err(reason) => {
+                if !self.complained.replace(true) {
+                    let path = self.folder.file(&self.entry);
+                    (self.tell)(CheckpointNote::NotKept { path, reason });
+                }
+            }
+        }
+        self.alarm.set(self.every.max(MOST_BETWEEN.min(COSTS_BETWEEN * begun.elapsed())));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn folder() -> (tempfile::TempDir, CheckpointFolder) {
+        let place = tempfile::tempdir().unwrap();
+        let folder = CheckpointFolder::beside(&place.path().join("jitai.sqlite"));
+        (place, folder)
+    }
+
+    fn entry(key: u8, attempt: u32) -> Entry {
+        Entry { key: JobKey([key; 16]), attempt, form: Form::Whole }
+    }
+
+    fn write(folder: &CheckpointFolder, entry: &Entry) {
+        folder.write(entry, &mut |out| out.write_all(b"state")).unwrap();
+    }
+
+    fn names(folder: &CheckpointFolder) -> Vec<String> {
+        let mut names: Vec<String> = folder.entries().iter().map(Entry::name).collect();
+        names.sort_unstable();
+        names
+    }
+
+    #[test]
+    fn names_say_job_and_attempt_and_those_of_others_are_left_alone() {
+        let unfinished = Entry { form: Form::Unfinished, ..entry(0, 4_000_000_000) };
+        for entry in [entry(0xab, 1), entry(1, 27), unfinished] {
+            assert_eq!(Entry::parse(&entry.name()), Some(entry));
+        }
+        let key = "ab".repeat(16);
+        for name in ["", "notes.txt", &key, &format!("{key}.1"), &format!("{key}.01.checkpoint")] {
+            assert_eq!(Entry::parse(name), None, "{name}");
+        }
+        for name in [format!("{key}.1.checkpoint.bak"), format!("{key}.-1.checkpoint")] {
+            assert_eq!(Entry::parse(&name), None, "{name}");
+        }
+    }
+
+    #[test]
+    fn runs_remove_their_own_files_and_earlier_ones_and_the_last_removes_the_folder() {
+        let (_place, folder) = folder();
+        for entry in [entry(1, 1), entry(1, 2), entry(1, 3), entry(2, 1)] {
+            write(&folder, &entry);
+        }
+        folder.forget_run(&JobKey([1; 16]), 2);
+        assert_eq!(names(&folder), [entry(1, 1), entry(1, 3), entry(2, 1)].map(|e| e.name()));
+        folder.forget(&JobKey([1; 16]), 2);
+        assert_eq!(names(&folder), [entry(1, 3), entry(2, 1)].map(|e| e.name()));
+        folder.forget(&JobKey([1; 16]), 3);
+        assert!(folder.path.exists());
+        folder.forget(&JobKey([2; 16]), 1);
+        assert!(!folder.path.exists());
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_written_whole_leaves_the_one_before() {
+        let (_place, folder) = folder();
+        write(&folder, &entry(1, 1));
+        let failed = folder.write(&entry(1, 1), &mut |out| {
+            out.write_all(b"st")?;
+            Err(ErrorKind::StorageFull.into())
+        });
+        assert_eq!(failed.unwrap_err().kind(), ErrorKind::StorageFull);
+        assert_eq!(names(&folder), [entry(1, 1).name()]);
+        assert_eq!(fs::read(folder.file(&entry(1, 1))).unwrap(), b"state");
+    }
+
+    #[test]
+    fn a_checkpoint_is_due_when_the_alarm_has_rung_and_not_after_it_was_tried() {
+        let (_place, folder) = folder();
+        let (alarm, notes) = (Alarm::default(), Cell::new(0));
+        let tell = |_| notes.set(notes.get() + 1);
+        let key = (JobKey([1; 16]), 1);
+        let keeper = Keeper::new(&folder, key, (&alarm, Duration::ZERO), &tell);
+        assert!(!keeper.are_due());
+        for told in [1, 1] {
+            // The second is due after a hundred times what the first took.
+            while !keeper.are_due() {
+                alarm.look();
+            }
+            keeper.keep(&mut |_| Err(ErrorKind::StorageFull.into()));
+            assert!(!keeper.are_due());
+            assert_eq!(notes.get(), told);
+        }
+        let hour = Duration::from_secs(3600);
+        let keeper = Keeper::new(&folder, key, (&alarm, hour), &tell);
+        alarm.look();
+        assert!(!keeper.are_due());
+    }
+
+    #[test]
+    fn a_run_that_lost_its_claim_and_wakes_up_leaves_the_later_run_alone() {
+        let (_place, folder) = folder();
+        let (alarm, tell) = (Alarm::default(), |_| {});
+        let keeper = |attempt| {
+            Keeper::new(&folder, (JobKey([1; 16]), attempt), (&alarm, Duration::ZERO), &tell)
+        };
+        let (stopped, later) = (keeper(1), keeper(2));
+        stopped.keep(&mut |out| out.write_all(b"early"));
+        later.keep(&mut |out| out.write_all(b"late"));
+        assert_eq!(names(&folder), [entry(1, 2).name()]);
+        stopped.keep(&mut |out| out.write_all(b"early"));
+        folder.forget_run(&JobKey([1; 16]), 1);
+        assert_eq!(names(&folder), [entry(1, 2).name()]);
+        assert_eq!(fs::read(folder.file(&entry(1, 2))).unwrap(), b"late");
+    }
+}

@@ -1,0 +1,167 @@
+//! A job under way: its learner, its curve and its test, and what of them a checkpoint holds.
+
+use std::io;
+use std::time::{Duration, Instant};
+
+use crate::agent::{
+    self, Diverged, Learner, Resumable, StateError, StateReader, StateWriter, TrainedEpisode,
+};
+use crate::env::Observer;
+use crate::plan::Job;
+use crate::record::{Failure, FailureKind, Results};
+use crate::train::curve::CurveRecorder;
+use crate::train::test::Test;
+use crate::train::{Chooser, Progress};
+
+/// A job under way.
+pub(super) struct Training<'j> {
+    job: &'j Job,
+    learner: Box<dyn Learner>,
+    curve: CurveRecorder,
+    test: Test,
+    /// The trained policy, once the test has begun.
+    chooser: Option<Chooser>,
+    /// Room for the episodes of a span.
+    finished: Vec<TrainedEpisode>,
+    /// What was worked before this process began.
+    before: Duration,
+    begun: Instant,
+}
+
+/// Whether there is more to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Stage {
+    /// Training episodes are left.
+    Training,
+    /// Test episodes are left.
+    Testing,
+    /// Nothing is left.
+    Over,
+}
+
+impl<'j> Training<'j> {
+    /// A job at its beginning.
+    pub(super) fn new(job: &'j Job) -> Self {
+        Training {
+            job,
+            learner: agent::learner(&job.agent, &job.environment, &job.scenario, job.seed),
+            curve: CurveRecorder::new(job.evaluation.curve_stride),
+            test: Test::new(job),
+            chooser: None,
+            finished: Vec::new(),
+            before: Duration::ZERO,
+            begun: Instant::now(),
+        }
+    }
+
+    /// The same with this much work done before.
+    pub(super) fn after(self, before: Duration) -> Self {
+        Training { before, ..self }
+    }
+
+    pub(super) fn job(&self) -> &'j Job {
+        self.job
+    }
+
+    /// Training episodes finished.
+    pub(super) fn episodes(&self) -> u32 {
+        self.curve.episodes()
+    }
+
+    /// Time spent on it, in this process and before.
+    pub(super) fn worked(&self) -> Duration {
+        self.before + self.begun.elapsed()
+    }
+
+    pub(super) fn stage(&self) -> Stage {
+        if self.episodes() < self.job.agent.episodes() {
+            Stage::Training
+        } else if self.test.is_over() {
+            Stage::Over
+        } else {
+            Stage::Testing
+        }
+    }
+
+    pub(super) fn progress(&self) -> Progress {
+        Progress {
+            episode: self.episodes(),
+            episodes: self.job.agent.episodes(),
+            recent_return: self.curve.recent_return(),
+        }
+    }
+
+    /// Goes on with training or test for a span, which is broken off as soon as `pause` says yes.
+    ///
+    /// **Errors**: a loss or weight is not finite.
+    pub(super) fn advance(&mut self, pause: &dyn Fn() -> bool) -> Result<(), Failure> {
+        match self.stage() {
+            Stage::Training => {
+                let learned = self.learner.advance(&mut self.finished, pause);
+                learned.map_err(|diverged| self.diverged(&diverged))?;
+                let Training { finished, curve, .. } = self;
+                finished.drain(..).for_each(|episode| curve.add(&episode));
+            }
+            Stage::Testing => {
+                let mut chooser = match self.chooser.take() {
+                    Some(chooser) => chooser,
+                    None => self.trained()?,
+                };
+                self.test.advance(&mut chooser, pause);
+                self.chooser = Some(chooser);
+            }
+            Stage::Over => {}
+        }
+        Ok(())
+    }
+
+    fn diverged(&self, diverged: &Diverged) -> Failure {
+        Failure {
+            kind: FailureKind::Diverged,
+            message: diverged.to_string(),
+            episode: self.episodes(),
+        }
+    }
+
+    /// The policy to be tested.
+    ///
+    /// **Errors**: a weight is not finite.
+    fn trained(&self) -> Result<Chooser, Failure> {
+        if !self.learner.weights().are_finite() {
+            return Err(Failure {
+                kind: FailureKind::Diverged,
+                message: "a weight is infinite or not a number after training".to_owned(),
+                episode: self.episodes(),
+            });
+        }
+        let policy = self.learner.policy(self.job.evaluation.test_actions.into());
+        let observer = Observer::new(&self.job.environment, &self.job.scenario);
+        Ok(Chooser::trained(policy, observer))
+    }
+
+    /// What it leaves behind once it is over.
+    pub(super) fn results(self) -> Results {
+        let tested = self.test.finish();
+        Results {
+            metrics: tested.metrics(),
+            curve: self.curve.finish(),
+            episodes: tested.episodes,
+            actions: tested.actions,
+            weights: self.learner.weights().to_bytes(),
+        }
+    }
+}
+
+impl Resumable for Training<'_> {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        self.learner.save(out)?;
+        self.curve.save(out)?;
+        self.test.save(out)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.learner.restore(from)?;
+        self.curve.restore(from)?;
+        self.test.restore(from)
+    }
+}

@@ -1,0 +1,403 @@
+//! A training goes on from any of its checkpoints to the bits that it would have ended in, and from
+//! nothing else.
+
+use std::cell::{Cell, RefCell};
+use std::io::{Cursor, Write};
+
+use jitai::manifest::{
+    Activation, Agent, DuelingDqn, Engine, Environment, Evaluation, FirstContext, Reinforce,
+    TerminalTarget, TimeIndicator, Trunk,
+};
+use jitai::plan::Job;
+use jitai::record::{Outcome, Results};
+use jitai::train::{
+    self, CheckpointError, Checkpoints, Monitor, Progress, ReadCheckpoint, Resumed, Unwatched,
+    WriteCheckpoint,
+};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use sha2::{Digest, Sha256};
+
+/// Bytes of the hash at the end of a checkpoint.
+const SEAL: usize = 32;
+
+/// A keeper in memory.
+#[derive(Default)]
+struct Shelf {
+    /// What it shows to a training that begins.
+    shown: Option<Vec<u8>>,
+    /// What became of that.
+    answer: RefCell<Option<Result<Resumed, CheckpointError>>>,
+    /// What it was given to keep.
+    kept: RefCell<Vec<Vec<u8>>>,
+    /// Steps between two checkpoints, or until the training is stopped; 0 for neither.
+    every: u32,
+    stops: bool,
+    asked: Cell<u32>,
+}
+
+impl Shelf {
+    /// Asks for a checkpoint every so many steps.
+    fn every(steps: u32) -> Self {
+        Shelf { every: steps, ..Shelf::default() }
+    }
+
+    /// Shows a checkpoint to a training that is stopped before its first step.
+    fn that_only_shows(checkpoint: Vec<u8>) -> Self {
+        Shelf { every: 1, stops: true, asked: Cell::new(1), ..Shelf::showing(checkpoint) }
+    }
+
+    fn showing(checkpoint: Vec<u8>) -> Self {
+        Shelf { shown: Some(checkpoint), ..Shelf::default() }
+    }
+
+    fn is_time(&self) -> bool {
+        if self.every == 0 || self.asked.get() >= self.every {
+            return self.every > 0;
+        }
+        self.asked.set(self.asked.get() + 1);
+        false
+    }
+
+    /// What the training that it was shown to said.
+    #[track_caller]
+    fn answer(self) -> Result<Resumed, CheckpointError> {
+        self.answer.into_inner().expect("the training asked for a checkpoint")
+    }
+}
+
+impl Checkpoints for Shelf {
+    fn are_due(&self) -> bool {
+        !self.stops && self.is_time()
+    }
+
+    fn resume(&self, read: &mut ReadCheckpoint<'_>) {
+        if let Some(checkpoint) = &self.shown {
+            *self.answer.borrow_mut() = Some(read(&mut Cursor::new(checkpoint)));
+        }
+    }
+
+    fn keep(&self, write: &mut WriteCheckpoint<'_>) {
+        let mut kept = Vec::new();
+        write(&mut kept).unwrap();
+        self.kept.borrow_mut().push(kept);
+        self.asked.set(0);
+    }
+}
+
+impl Monitor for Shelf {
+    fn report(&self, _: Progress) {}
+
+    fn stop_requested(&self) -> bool {
+        self.stops && self.is_time()
+    }
+
+    fn checkpoints(&self) -> &dyn Checkpoints {
+        self
+    }
+}
+
+fn job(agent: Agent, change: impl FnOnce(&mut Environment)) -> Job {
+    let mut environment = Environment { horizon: 5, ..Environment::paper(0.6) };
+    change(&mut environment);
+    Job {
+        environment,
+        scenario: "P-H-D".parse().unwrap(),
+        agent,
+        evaluation: Evaluation { test_episodes: 3, curve_stride: 2, ..Evaluation::default() },
+        seed: 4,
+    }
+}
+
+/// So few transitions to a batch, a target and a buffer that all of them change within 20 steps.
+fn dueling_dqn(engine: Engine) -> DuelingDqn {
+    DuelingDqn {
+        episodes: 5,
+        layers: vec![6, 3],
+        batch: 4,
+        buffer: 9,
+        target_period: 3,
+        epsilon_decrement: 0.02,
+        learning_rate: 0.01,
+        engine,
+        ..DuelingDqn::default()
+    }
+}
+
+fn reinforce(engine: Engine, trajectories_per_update: u32) -> Reinforce {
+    Reinforce {
+        episodes: 6,
+        trajectories_per_update,
+        layers: vec![5],
+        learning_rate: 0.01,
+        engine,
+        ..Reinforce::default()
+    }
+}
+
+/// Short jobs of every kind of state that there is.
+fn small_jobs() -> Vec<(String, Job)> {
+    let mut jobs = Vec::new();
+    for engine in [Engine::Fused, Engine::Burn] {
+        let shared = Agent::DuelingDqn(dueling_dqn(engine));
+        let separate = Agent::DuelingDqn(DuelingDqn {
+            trunk: Trunk::Separate,
+            activation: Activation::Tanh,
+            terminal_target: TerminalTarget::Standard,
+            ..dueling_dqn(engine)
+        });
+        let one = Agent::Reinforce(reinforce(engine, 1));
+        let three = Agent::Reinforce(reinforce(engine, 3));
+        for (name, agent) in
+            [("shared", shared), ("separate", separate), ("one", one), ("three", three)]
+        {
+            jobs.push((format!("{name} {engine:?}"), job(agent.clone(), |_| {})));
+            let with_clock = job(agent, |environment| {
+                environment.time_one_hot = true;
+                environment.time_indicator = TimeIndicator::Exact;
+                environment.first_context = FirstContext::Sampled;
+            });
+            jobs.push((format!("{name} {engine:?} with one-hot"), with_clock));
+        }
+    }
+    jobs
+}
+
+#[track_caller]
+fn completed(outcome: Outcome) -> Results {
+    match outcome {
+        Outcome::Completed(results) => results,
+        other => panic!("the job did not complete: {other:?}"),
+    }
+}
+
+#[track_caller]
+fn assert_same_bits(ours: &Results, theirs: &Results, what: &str) {
+    let bits = |results: &Results| {
+        let metrics: Vec<u64> = results.metrics.iter().map(|m| m.value.to_bits()).collect();
+        let curve: Vec<u64> = results.curve.iter().map(|point| point.value.to_bits()).collect();
+        let returns: Vec<u64> = results.episodes.iter().map(|e| e.total_reward.to_bits()).collect();
+        (metrics, curve, returns, results.weights.clone())
+    };
+    assert!(ours == theirs && bits(ours) == bits(theirs), "{what}: other results");
+}
+
+/// Every checkpoint of a job, one before each step but the first, and its results.
+fn every_checkpoint(job: &Job) -> (Vec<Vec<u8>>, Results) {
+    let shelf = Shelf::every(1);
+    let results = completed(train::run(job, &shelf));
+    (shelf.kept.into_inner(), results)
+}
+
+#[test]
+fn small_jobs_go_on_from_every_checkpoint_to_the_same_bits() {
+    for (name, job) in small_jobs() {
+        let undisturbed = completed(train::run(&job, &Unwatched));
+        let (kept, interrupted) = every_checkpoint(&job);
+        assert_same_bits(&interrupted, &undisturbed, &name);
+        // Some twenty steps of training and those of the test.
+        assert!(kept.len() > 10, "{name}: {} checkpoints", kept.len());
+        for (step, checkpoint) in kept.into_iter().enumerate() {
+            let shelf = Shelf::showing(checkpoint);
+            let results = completed(train::run(&job, &shelf));
+            assert_same_bits(&results, &undisturbed, &format!("{name}, checkpoint {step}"));
+            shelf.answer().unwrap();
+        }
+    }
+}
+
+#[test]
+fn a_job_that_is_stopped_at_every_step_ends_in_the_same_bits() {
+    for (name, job) in small_jobs() {
+        let undisturbed = completed(train::run(&job, &Unwatched));
+        let mut shelf = Shelf { stops: true, ..Shelf::every(1) };
+        let mut stops = 0;
+        let results = loop {
+            match train::run(&job, &shelf) {
+                Outcome::Interrupted => stops += 1,
+                other => break completed(other),
+            }
+            let kept = shelf.kept.borrow_mut().pop().expect("a stopped training leaves one");
+            shelf = Shelf { stops: true, every: 1, ..Shelf::showing(kept) };
+        };
+        assert!(stops > 10, "{name}: {stops} stops");
+        assert_same_bits(&results, &undisturbed, &name);
+    }
+}
+
+#[test]
+fn larger_jobs_go_on_from_checkpoints_anywhere_to_the_same_bits() {
+    let mut chance = ChaCha8Rng::seed_from_u64(1);
+    let dqn = DuelingDqn { episodes: 40, buffer: 700, ..DuelingDqn::default() };
+    let policy = Reinforce { episodes: 600, trajectories_per_update: 20, ..Reinforce::default() };
+    for agent in [Agent::DuelingDqn(dqn), Agent::Reinforce(policy)] {
+        let mut job = job(agent, |environment| environment.horizon = 50);
+        // More than one batch of lanes.
+        job.evaluation.test_episodes = 1500;
+        let undisturbed = completed(train::run(&job, &Unwatched));
+        let shelf = Shelf::every(17);
+        assert_same_bits(&completed(train::run(&job, &shelf)), &undisturbed, "kept");
+        let kept = shelf.kept.into_inner();
+        assert!(kept.len() > 20, "{} checkpoints", kept.len());
+        for _ in 0..20 {
+            let chosen = chance.next_u32() as usize % kept.len();
+            let results = completed(train::run(&job, &Shelf::showing(kept[chosen].clone())));
+            assert_same_bits(&results, &undisturbed, &format!("checkpoint {chosen}"));
+        }
+    }
+}
+
+/// A checkpoint of a small job in the middle of its training.
+fn a_checkpoint() -> (Job, Vec<u8>) {
+    let agent = Reinforce { layers: vec![2], ..reinforce(Engine::Fused, 2) };
+    let job = job(Agent::Reinforce(agent), |_| {});
+    let (kept, _) = every_checkpoint(&job);
+    let checkpoint = kept[7].clone();
+    assert!(checkpoint.len() < 4000, "{} bytes", checkpoint.len());
+    (job, checkpoint)
+}
+
+fn shown(job: &Job, checkpoint: Vec<u8>) -> Result<Resumed, CheckpointError> {
+    let shelf = Shelf::that_only_shows(checkpoint);
+    assert_eq!(train::run(job, &shelf), Outcome::Interrupted);
+    shelf.answer()
+}
+
+#[test]
+fn a_checkpoint_with_any_byte_changed_is_refused_and_the_job_starts_over() {
+    let (job, checkpoint) = a_checkpoint();
+    assert!(shown(&job, checkpoint.clone()).is_ok());
+    for place in 0..checkpoint.len() {
+        for flip in [0x01, 0x80, 0xff] {
+            let mut damaged = checkpoint.clone();
+            damaged[place] ^= flip;
+            let refused = shown(&job, damaged);
+            assert!(refused.is_err(), "byte {place} with {flip:#x}: {refused:?}");
+        }
+    }
+    let undisturbed = completed(train::run(&job, &Unwatched));
+    let mut damaged = checkpoint;
+    let middle = damaged.len() / 2;
+    damaged[middle] ^= 1;
+    let shelf = Shelf::showing(damaged);
+    assert_same_bits(&completed(train::run(&job, &shelf)), &undisturbed, "started over");
+    assert!(matches!(shelf.answer(), Err(CheckpointError::Damaged)));
+}
+
+#[test]
+fn a_checkpoint_of_any_other_length_is_refused() {
+    let (job, checkpoint) = a_checkpoint();
+    for length in 0..checkpoint.len() {
+        let refused = shown(&job, checkpoint[..length].to_vec());
+        assert!(matches!(refused, Err(CheckpointError::Damaged)), "{length} bytes: {refused:?}");
+    }
+    for more in [1, SEAL, 4096] {
+        let mut longer = checkpoint.clone();
+        longer.extend(vec![0; more]);
+        assert!(matches!(shown(&job, longer), Err(CheckpointError::Damaged)));
+    }
+}
+
+/// The checkpoint with its text changed and its hash made right again.
+fn rewritten(checkpoint: &[u8], from: &str, to: &str) -> Vec<u8> {
+    let body = &checkpoint[..checkpoint.len() - SEAL];
+    let at = body.windows(from.len()).position(|text| text == from.as_bytes()).unwrap();
+    let mut changed = [&body[..at], to.as_bytes(), &body[at + from.len()..]].concat();
+    let seal = Sha256::digest(&changed);
+    changed.extend(&seal[..]);
+    changed
+}
+
+#[test]
+fn a_checkpoint_of_other_code_or_another_job_is_refused_and_says_so() {
+    let (job, checkpoint) = a_checkpoint();
+    let says = |from: &str, to: &str| {
+        shown(&job, rewritten(&checkpoint, from, to)).unwrap_err().to_string()
+    };
+    assert_eq!(says("checkpoint 1", "checkpoint 2"), "another release of jitai made it");
+    let release = format!("\"release\":\"{}\"", env!("CARGO_PKG_VERSION"));
+    let other = says(&release, "\"release\":\"9.8.7\"");
+    assert!(other.starts_with("other code made it: jitai 9.8.7, simulation 1"), "{other}");
+    let other = says("\"algorithm\":1", "\"algorithm\":7");
+    assert!(other.contains("algorithm 7"), "{other}");
+    let other = says("\"environment\":1", "\"environment\":7");
+    assert!(other.contains("simulation 7"), "{other}");
+
+    let mut sibling = job.clone();
+    sibling.seed += 1;
+    let refused = shown(&sibling, checkpoint).unwrap_err().to_string();
+    assert_eq!(refused, format!("it is of another job, {}", job.key()));
+}
+
+#[test]
+fn states_that_make_no_sense_are_no_reason_to_panic() {
+    for (name, job) in small_jobs() {
+        if name.contains("Burn") {
+            continue;
+        }
+        let (kept, _) = every_checkpoint(&job);
+        let checkpoint = &kept[kept.len() / 2];
+        let state =
+            1 + checkpoint.iter().enumerate().filter(|(_, b)| **b == b'\n').nth(1).unwrap().0;
+        for place in state..checkpoint.len() - SEAL {
+            let mut changed = checkpoint[..checkpoint.len() - SEAL].to_vec();
+            changed[place] ^= 0xff;
+            let seal = Sha256::digest(&changed);
+            changed.extend(&seal[..]);
+            // Whether it fits or not: nothing panics, and memory is taken for what is there alone.
+            let _ = shown(&job, changed);
+        }
+    }
+}
+
+#[test]
+fn a_checkpoint_says_how_far_it_is_and_what_it_took() {
+    let job = job(Agent::DuelingDqn(dueling_dqn(Engine::Fused)), |_| {});
+    let (kept, _) = every_checkpoint(&job);
+    let resumed: Vec<Resumed> =
+        kept.into_iter().map(|checkpoint| shown(&job, checkpoint).unwrap()).collect();
+    assert!(resumed.is_sorted_by_key(|resumed| resumed.episode));
+    assert_eq!((resumed[0].episode, resumed.last().unwrap().episode), (0, 5));
+    assert!(resumed.iter().all(|resumed| resumed.worked.as_secs_f64() > 0.0));
+}
+
+#[test]
+fn a_training_whose_checkpoints_cannot_be_kept_goes_on() {
+    struct Full;
+    impl Write for Full {
+        fn write(&mut self, _: &[u8]) -> std::io::Result<usize> {
+            Err(std::io::ErrorKind::StorageFull.into())
+        }
+
+        fn flush(&mut self) -> std::io::Result<()> {
+            Ok(())
+        }
+    }
+    struct FullDisk(Cell<u32>);
+    impl Checkpoints for FullDisk {
+        fn are_due(&self) -> bool {
+            self.0.set(self.0.get() + 1);
+            self.0.get().is_multiple_of(5)
+        }
+
+        fn resume(&self, _: &mut ReadCheckpoint<'_>) {}
+
+        fn keep(&self, write: &mut WriteCheckpoint<'_>) {
+            write(&mut Full).unwrap_err();
+        }
+    }
+    impl Monitor for FullDisk {
+        fn report(&self, _: Progress) {}
+
+        fn stop_requested(&self) -> bool {
+            false
+        }
+
+        fn checkpoints(&self) -> &dyn Checkpoints {
+            self
+        }
+    }
+    let (job, _) = a_checkpoint();
+    let results = completed(train::run(&job, &FullDisk(Cell::new(0))));
+    assert_same_bits(&results, &completed(train::run(&job, &Unwatched)), "full disk");
+}

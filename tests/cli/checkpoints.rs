@@ -1,0 +1,227 @@
+//! Jobs that were stopped or killed go on from their checkpoints, and nothing of these stays.
+
+use std::fs;
+use std::path::PathBuf;
+use std::process::Stdio;
+use std::sync::LazyLock;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use rusqlite::Connection;
+
+use crate::support::{Effort, Folder, Running, assert_same_rows, manifest, until};
+
+/// What users are promised.
+const STOPS_WITHIN: Duration = Duration::from_secs(2);
+
+/// Two jobs of a second or so.
+fn text() -> String {
+    let long = manifest("sweep", "0.6", "1", Effort::Long);
+    long.replace("episodes = 4000", "episodes = 2000").replace("120000", "60000")
+}
+
+/// What they end in if nothing happens to them.
+fn undisturbed() -> &'static [String] {
+    static DUMP: LazyLock<Vec<String>> = LazyLock::new(|| {
+        let folder = Folder::completed(&text());
+        assert_nothing_stays(&folder);
+        folder.dump()
+    });
+    &DUMP
+}
+
+/// The files in the folder of checkpoints.
+fn checkpoints(folder: &Folder) -> Vec<PathBuf> {
+    let Ok(files) = fs::read_dir(folder.path("jitai.sqlite.checkpoints")) else {
+        return Vec::new();
+    };
+    let mut paths: Vec<PathBuf> = files.map(|file| file.unwrap().path()).collect();
+    paths.retain(|path| path.extension().is_some_and(|form| form == "checkpoint"));
+    paths.sort_unstable();
+    paths
+}
+
+#[track_caller]
+fn assert_nothing_stays(folder: &Folder) {
+    assert!(!folder.path("jitai.sqlite.checkpoints").exists(), "{:?}", checkpoints(folder));
+}
+
+fn running(folder: &Folder) -> i64 {
+    folder.count_if_there("SELECT count(*) FROM run WHERE status = 'running'").unwrap_or(0)
+}
+
+/// Starts a sweep of two workers and lets both train for a moment.
+#[track_caller]
+fn well_under_way(folder: &Folder, options: &[&str]) -> Running {
+    let arguments = [&["run", "sweep.toml", "--workers", "2"], options].concat();
+    let run = folder.start(arguments);
+    until("both jobs run", || running(folder) == 2);
+    thread::sleep(Duration::from_millis(150));
+    run
+}
+
+#[test]
+fn a_stopped_job_goes_on_from_where_it_was_to_the_same_rows() {
+    for signal in ["TERM", "INT", "HUP"] {
+        let folder = Folder::with(&text());
+        let run = well_under_way(&folder, &[]);
+        let asked = Instant::now();
+        run.signal(signal);
+        run.wait().ended(130).says("2 left; the same command goes on");
+        assert!(asked.elapsed() < STOPS_WITHIN, "{signal} took {:?}", asked.elapsed());
+        assert_eq!(checkpoints(&folder).len(), 2);
+        let ended = folder.jitai(["run", "sweep.toml"]).succeeded();
+        assert_eq!(ended.stderr.matches(": goes on from episode ").count(), 2, "{}", ended.stderr);
+        assert!(!ended.stderr.contains("goes on from episode 0 of"), "{}", ended.stderr);
+        assert_same_rows(&folder.dump(), undisturbed());
+        assert_nothing_stays(&folder);
+        // The second attempts say what the jobs took in all.
+        let shorter = "SELECT count(*) FROM run AS late JOIN run AS early ON early.job = late.job
+            WHERE late.attempt = 2 AND early.attempt = 1
+                AND late.wall_seconds <= early.wall_seconds";
+        assert_eq!(folder.number(shorter), 0);
+    }
+}
+
+#[test]
+fn a_killed_job_goes_on_from_its_last_checkpoint_to_the_same_rows() {
+    let mut chance = ChaCha8Rng::seed_from_u64(5);
+    let folder = Folder::with(&text());
+    let often = ["run", "sweep.toml", "--workers", "2", "--checkpoint-every", "0.05"];
+    let mut resumed = 0;
+    for _ in 0..6 {
+        let run = folder.start(often);
+        until("both jobs run", || running(&folder) == 2);
+        thread::sleep(Duration::from_millis(u64::from(80 + chance.next_u32() % 100)));
+        resumed += run.stderr().matches(": goes on from episode ").count();
+        run.kill();
+    }
+    assert!(resumed >= 6, "{resumed} jobs went on");
+    folder.jitai(["run", "sweep.toml"]).succeeded().says(": goes on from episode ");
+    assert_same_rows(&folder.dump(), undisturbed());
+    assert_nothing_stays(&folder);
+}
+
+#[test]
+fn a_damaged_checkpoint_is_told_of_and_its_job_starts_over() {
+    for format in ["text", "json"] {
+        let folder = Folder::with(&text());
+        let run = well_under_way(&folder, &[]);
+        run.signal("TERM");
+        run.wait().ended(130);
+        let damaged = checkpoints(&folder).remove(0);
+        let mut bytes = fs::read(&damaged).unwrap();
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 4;
+        fs::write(&damaged, bytes).unwrap();
+        let ended = folder.jitai(["run", "sweep.toml", "--format", format]).succeeded();
+        let ended = ended.says(" is not used: it is damaged");
+        if format == "json" {
+            let events: Vec<serde_json::Value> =
+                ended.stdout.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+            let of = |name: &str| {
+                events
+                    .iter()
+                    .find(|event| event["event"] == name)
+                    .unwrap_or_else(|| panic!("{name}"))
+            };
+            let refused = of("checkpoint_refused");
+            let file = refused["file"].as_str().unwrap();
+            assert!(damaged.ends_with(PathBuf::from(file).file_name().unwrap()), "{file}");
+            assert_eq!(refused["reason"], "it is damaged");
+            let resumed = of("resumed");
+            assert!(resumed["episode"].as_i64() > Some(0), "{resumed}");
+            assert_ne!(resumed["job"]["job_key"], refused["job"]["job_key"]);
+        }
+        assert_same_rows(&folder.dump(), undisturbed());
+        assert_nothing_stays(&folder);
+    }
+}
+
+#[test]
+fn checkpoints_that_cannot_be_written_are_told_of_once_and_jobs_go_on() {
+    let folder = Folder::with(&text());
+    folder.write("jitai.sqlite.checkpoints", "a file where the folder would be");
+    let often = ["run", "sweep.toml", "--quiet", "--checkpoint-every", "0.05"];
+    let ended = folder.jitai(often).succeeded();
+    let told = ended.stderr.matches("failed to write the checkpoint").count();
+    assert_eq!(told, 2, "{}", ended.stderr);
+    assert_same_rows(&folder.dump(), undisturbed());
+    assert_eq!(folder.read("jitai.sqlite.checkpoints"), "a file where the folder would be");
+}
+
+#[test]
+fn checkpoints_of_jobs_that_are_done_are_removed_when_a_sweep_begins() {
+    let folder = Folder::with(&text());
+    let run = well_under_way(&folder, &[]);
+    run.signal("TERM");
+    run.wait().ended(130);
+    let kept: Vec<(PathBuf, Vec<u8>)> = checkpoints(&folder)
+        .into_iter()
+        .map(|path| (path.clone(), fs::read(path).unwrap()))
+        .collect();
+    folder.jitai(["run", "sweep.toml"]).succeeded();
+    assert_nothing_stays(&folder);
+    fs::create_dir(folder.path("jitai.sqlite.checkpoints")).unwrap();
+    for (path, bytes) in kept {
+        fs::write(path.with_extension("unfinished"), &bytes[..10]).unwrap();
+        fs::write(path, bytes).unwrap();
+    }
+    folder.jitai(["run", "sweep.toml"]).succeeded().says("nothing to run");
+    assert_nothing_stays(&folder);
+}
+
+#[test]
+fn a_stop_writes_checkpoints_while_another_program_holds_the_store() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Endless));
+    let run = well_under_way(&folder, &[]);
+    let stranger = Connection::open(folder.path("jitai.sqlite")).unwrap();
+    stranger.execute_batch("BEGIN IMMEDIATE").unwrap();
+    // Long enough for a heartbeat, which then waits for the store.
+    thread::sleep(Duration::from_secs(6));
+    let asked = Instant::now();
+    run.signal("TERM");
+    run.wait().ended(130);
+    assert!(asked.elapsed() < STOPS_WITHIN, "it took {:?}", asked.elapsed());
+    assert_eq!(checkpoints(&folder).len(), 2);
+    stranger.execute_batch("COMMIT").unwrap();
+    let again = folder.start(["run", "sweep.toml"]);
+    until("the jobs go on", || again.stderr().matches(": goes on from episode ").count() == 2);
+}
+
+#[test]
+fn a_terminal_that_is_closed_stops_a_sweep_as_ctrl_c_does() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Endless));
+    let mut command = folder.command(["run", "sweep.toml", "--workers", "2"]);
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    until("both jobs run", || running(&folder) == 2);
+    // What a terminal does that goes away: nobody reads any more, and the program is told.
+    drop((child.stdout.take(), child.stderr.take()));
+    let kill = format!("kill -HUP {}", child.id());
+    assert!(folder.command_of("sh", ["-c", &kill]).status().unwrap().success());
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    assert_eq!(checkpoints(&folder).len(), 2);
+}
+
+#[test]
+fn a_run_whose_claim_was_lost_leaves_no_checkpoint_and_harms_none() {
+    let folder = Folder::with(&text());
+    let often = ["run", "sweep.toml", "--workers", "2", "--checkpoint-every", "0.05"];
+    let run = folder.start(often);
+    until("there are checkpoints", || checkpoints(&folder).len() == 2);
+    run.signal("STOP");
+    // As if it were dead: its runs are interrupted behind its back.
+    let interrupt = "UPDATE run SET status = 'interrupted',
+        ended_at = '2026-01-31T12:00:00.000Z' WHERE status = 'running'";
+    Connection::open(folder.path("jitai.sqlite")).unwrap().execute(interrupt, []).unwrap();
+    let second = folder.start(often);
+    until("the second goes on", || second.stderr().matches(": goes on from episode ").count() == 2);
+    run.signal("CONT");
+    second.wait().succeeded();
+    run.wait().succeeded().says("another process has taken it over");
+    assert_eq!(folder.number("SELECT count(*) FROM run WHERE status = 'completed'"), 2);
+    assert_same_rows(&folder.dump(), undisturbed());
+    assert_nothing_stays(&folder);
+}
