@@ -3,19 +3,22 @@
 CARGO ?= cargo
 JITAI := $(CARGO) run --release --quiet --
 
-.PHONY: help run paper bench test test-slow test-flex doc clean
+.PHONY: help run paper bench test test-slow test-flex test-browser browser doc clean
 
 help: ## these targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
 
-run: ## build, and run the quickstart into jitai.sqlite (minutes; Ctrl-C and `make run` again go on)
+run: ## build, run the quickstart into jitai.sqlite and report on it (minutes; `make run` again goes on)
 	$(CARGO) build --release
 	$(JITAI) run experiments/quickstart.toml
+	$(JITAI) report experiments/quickstart.toml --out reports/quickstart
 
-paper: ## the three manifests of the paper, about 350 jobs, into paper.sqlite
+PAPER := $(addprefix experiments/paper/,context_error.toml learning_curves.toml disengagement.toml)
+
+paper: ## the three manifests of the paper, about 350 jobs, into paper.sqlite and reports/paper/
 	$(CARGO) build --release
-	$(JITAI) run experiments/paper/context_error.toml experiments/paper/learning_curves.toml \
-		experiments/paper/disengagement.toml --store paper.sqlite
+	$(JITAI) run $(PAPER) --store paper.sqlite
+	$(JITAI) report $(PAPER) --store paper.sqlite --out reports/paper
 
 bench: ## time kernels, simulation, store and whole jobs (minutes; BENCH=name for some)
 	$(CARGO) bench --quiet -- $(BENCH)
@@ -31,6 +34,17 @@ test-slow: ## whole trainings of ten seeds against an independent port (minutes)
 
 test-flex: ## the tests of the networks on the other tensor backend
 	$(CARGO) test --release --quiet --features burn-flex
+
+test-browser: ## a report in a headless Chromium, at 1280 and at 390 pixels
+	$(CARGO) build --release
+	$(BROWSER_PYTHON) tests/browser/page.py
+
+BROWSER_PYTHON ?= target/browser/bin/python
+
+browser: ## install what test-browser needs, on Debian: Chromium, and Playwright in target/browser
+	apt-get install --yes --no-install-recommends chromium python3-venv
+	python3 -m venv target/browser
+	target/browser/bin/pip install --quiet playwright
 
 doc: ## the library's documentation, warnings as errors
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --release --no-deps

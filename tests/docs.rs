@@ -10,11 +10,12 @@ use std::process::{Command, Output};
 use jitai::manifest;
 use jitai::store::{Answer, Reader, Value};
 
-const DOCUMENTS: [&str; 8] = [
+const DOCUMENTS: [&str; 9] = [
     "README.md",
     "docs/manifest.md",
     "docs/store.md",
     "docs/analysis.md",
+    "docs/report.md",
     "docs/statistics.md",
     "docs/fidelity.md",
     "docs/performance.md",

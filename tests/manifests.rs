@@ -109,7 +109,8 @@ fn every_manifest_of_experiments_is_tested_and_names_the_schema() {
     for folder in ["experiments", "experiments/paper"] {
         for entry in fs::read_dir(folder).unwrap() {
             let path = entry.unwrap().path();
-            if path.is_dir() {
+            // Published numbers are no manifest.
+            if path.is_dir() || path.ends_with("published.toml") {
                 continue;
             }
             let tested = shipped().iter().any(|(known, _)| Path::new(known) == path);

@@ -7,6 +7,7 @@
 mod agreement;
 mod bootstrap;
 mod contrast;
+pub mod declared;
 mod effect_size;
 mod improvement;
 mod interval;

@@ -17,6 +17,7 @@ mod progress;
 mod provenance;
 mod query;
 mod replay;
+mod report;
 mod run;
 mod schema;
 mod selection;
@@ -54,6 +55,7 @@ enum Verb {
     Run(run::Arguments),
     Status(status::Arguments),
     Query(query::Arguments),
+    Report(report::Arguments),
     Export(export::Arguments),
     Doctor(doctor::Arguments),
     Simulate(Box<simulate::Arguments>),
@@ -111,6 +113,7 @@ pub fn main() -> ExitCode {
         Verb::Run(arguments) => run::run(&arguments),
         Verb::Status(arguments) => status::run(&arguments),
         Verb::Query(arguments) => query::run(&arguments),
+        Verb::Report(arguments) => report::run(&arguments),
         Verb::Export(arguments) => export::run(&arguments),
         Verb::Doctor(arguments) => doctor::run(&arguments),
         Verb::Simulate(arguments) => simulate::run(&arguments),

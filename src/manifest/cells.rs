@@ -72,7 +72,7 @@ impl Reader<'_> {
     pub fn exclusions(&mut self, draft: &mut Draft, node: &Node) {
         let before = self.faults.len();
         for (span, table) in self.tables("exclude", node) {
-            let value = self.conditions(table);
+            let value = self.conditions(table, "[[exclude]]");
             if table.is_empty() {
                 let fault = Fault::at(span, "an exclusion needs at least one condition");
                 self.faults.add(fault.help("name the cells to leave out: scenario = \"P-T\""));
@@ -82,7 +82,8 @@ impl Reader<'_> {
         draft.lost_cells |= self.faults.len() > before;
     }
 
-    fn conditions(&mut self, table: &DeTable) -> Vec<Located<Condition>> {
+    /// The conditions of `table`, which messages call `place`.
+    pub fn conditions(&mut self, table: &DeTable, place: &str) -> Vec<Located<Condition>> {
         let mut conditions = Vec::new();
         for (key, node) in table {
             let span: Span = node.span().into();
@@ -90,11 +91,11 @@ impl Reader<'_> {
             match key.get_ref().as_ref() {
                 "scenario" => push(Condition::Scenario(self.scenarios("scenario", node))),
                 "seed" => push(Condition::Seed(self.seed_list("seed", node))),
-                "agent" => self.key_conditions("agent", node, &mut conditions),
-                "environment" => self.key_conditions("environment", node, &mut conditions),
-                "evaluation" => self.key_conditions("evaluation", node, &mut conditions),
+                "agent" => self.key_conditions(("agent", place), node, &mut conditions),
+                "environment" => self.key_conditions(("environment", place), node, &mut conditions),
+                "evaluation" => self.key_conditions(("evaluation", place), node, &mut conditions),
                 found => {
-                    let message = format!("unknown key `{}` in [[exclude]]", shortened(found));
+                    let message = format!("unknown key `{}` in {place}", shortened(found));
                     let fault = Fault::at(key.span().into(), message);
                     let dotted = Parameter::all().map(|parameter| parameter.to_string());
                     let meant =
@@ -109,8 +110,13 @@ impl Reader<'_> {
         conditions
     }
 
-    /// Reads `section.<key> = …` of an exclusion.
-    fn key_conditions(&mut self, section: &str, node: &Node, out: &mut Vec<Located<Condition>>) {
+    /// Reads `section.<key> = …` of a place.
+    fn key_conditions(
+        &mut self,
+        (section, place): (&str, &str),
+        node: &Node,
+        out: &mut Vec<Located<Condition>>,
+    ) {
         let Some(table) = node.get_ref().as_table() else {
             let expected = format!("a dotted key, as in {section}.name = …");
             self.expected(section, &expected, node);
@@ -125,8 +131,7 @@ impl Reader<'_> {
                 continue;
             }
             let Some((section, known)) = find(section, found) else {
-                let message =
-                    format!("unknown key `{section}.{}` in [[exclude]]", shortened(found));
+                let message = format!("unknown key `{section}.{}` in {place}", shortened(found));
                 let fault = Fault::at(key.span().into(), message);
                 let names: Vec<String> = Parameter::all().map(|p| p.to_string()).collect();
                 let dotted = format!("{section}.{found}");

@@ -3,6 +3,7 @@
 
 use std::collections::HashSet;
 
+use super::analyses;
 use super::declared::{Condition, Exclusion, MOST_COMPARISONS, MOST_JOBS, Manifest};
 use super::draft::Draft;
 use super::fault::{Fault, FaultList};
@@ -18,6 +19,7 @@ pub(super) fn check(draft: &Draft, mut manifest: Manifest, faults: &mut FaultLis
     if !size_fits(draft, &manifest, faults) || !comparisons_fit(draft, &manifest, faults) {
         return manifest;
     }
+    analyses::hold(draft, &manifest, faults);
     let exclusions_hold = exclusions(draft, &manifest, faults);
     let grids: Vec<Grid> =
         (0..manifest.agents.len()).map(|agent| Grid::of(&manifest, agent)).collect();
@@ -98,7 +100,7 @@ fn exclusions(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -> boo
 }
 
 /// A value of the condition that does not occur, with the parameter's name and what does occur.
-fn absent(
+pub(super) fn absent(
     draft: &Draft,
     manifest: &Manifest,
     condition: &Condition,

@@ -39,6 +39,7 @@ pub(super) fn complete(draft: &Draft, path: &str, text: &str, faults: &mut Fault
         name: draft.name.as_ref().map(|name| name.value.clone()).unwrap_or_default(),
         question: draft.question.clone(),
         hypothesis: draft.hypothesis.clone(),
+        published: draft.published.clone(),
         scenarios: given_or(scenarios, || Scenario::of(Feature::Context)),
         seeds: given_or(seeds, || 1),
         environment: parameters(&draft.environment, faults),
@@ -54,6 +55,7 @@ pub(super) fn complete(draft: &Draft, path: &str, text: &str, faults: &mut Fault
         evaluation: parameters(&draft.evaluation, faults),
         zips: zips.map(|zip| Zip { parameters: zip.value.clone() }).collect(),
         exclusions: exclusions.filter(|exclusion| !exclusion.conditions.is_empty()).collect(),
+        analyses: draft.analyses.iter().map(|draft| draft.analysis.clone()).collect(),
     }
 }
 

@@ -1,6 +1,7 @@
 //! A manifest after validation: what its author declared, complete and consistent.
 
 use super::agent::Algorithm;
+use super::analysis::Analysis;
 use super::keys::Value;
 use super::parameter::{Parameter, Parameters};
 use super::scenario::Scenario;
@@ -27,6 +28,8 @@ pub struct Manifest {
     pub question: Option<String>,
     /// What its author expects, in prose.
     pub hypothesis: Option<String>,
+    /// The file of published numbers to compare with, relative to the manifest.
+    pub published: Option<String>,
     /// The scenarios, none twice, at least one.
     pub scenarios: Vec<Scenario>,
     /// The seeds, none twice, at least one.
@@ -41,6 +44,8 @@ pub struct Manifest {
     pub zips: Vec<Zip>,
     /// Cells of the grids that are left out.
     pub exclusions: Vec<Exclusion>,
+    /// What the report computes from the results; no part of any job.
+    pub analyses: Vec<Analysis>,
 }
 
 /// An agent of a manifest: a name and the values of its hyper-parameters.

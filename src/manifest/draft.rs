@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 
 use super::agent::Algorithm;
+use super::analyses::AnalysisDraft;
 use super::declared::Condition;
 use super::keys::{Section, Value};
 use super::parameter::Parameter;
@@ -18,6 +19,7 @@ pub(super) struct Draft {
     pub name: Option<Located<String>>,
     pub question: Option<String>,
     pub hypothesis: Option<String>,
+    pub published: Option<String>,
     pub scenarios: Option<Located<Vec<Scenario>>>,
     pub seeds: Option<Located<Vec<u64>>>,
     pub environment: Settings,
@@ -25,6 +27,7 @@ pub(super) struct Draft {
     pub agents: Vec<AgentDraft>,
     pub zips: Option<Vec<Located<Vec<Parameter>>>>,
     pub exclusions: Vec<Located<Vec<Located<Condition>>>>,
+    pub analyses: Vec<AnalysisDraft>,
     /// A version of the format is written.
     pub has_format: bool,
     /// Agents were written that could not be read.
@@ -89,6 +92,7 @@ impl Draft {
             name: None,
             question: None,
             hypothesis: None,
+            published: None,
             scenarios: None,
             seeds: None,
             environment: Settings::new(Section::Environment),
@@ -96,6 +100,7 @@ impl Draft {
             agents: Vec::new(),
             zips: None,
             exclusions: Vec::new(),
+            analyses: Vec::new(),
             has_format: false,
             lost_agents: false,
             lost_cells: false,
@@ -116,10 +121,12 @@ impl Draft {
             }
         }
         self.exclusions.extend(other.exclusions);
+        self.analyses.extend(other.analyses);
         Draft {
             name: other.name.or(self.name),
             question: other.question.or(self.question),
             hypothesis: other.hypothesis.or(self.hypothesis),
+            published: other.published.or(self.published),
             scenarios: other.scenarios.or(self.scenarios),
             seeds: other.seeds.or(self.seeds),
             zips: other.zips.or(self.zips),

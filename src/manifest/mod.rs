@@ -11,6 +11,8 @@
 //! It does not know what a job is, what has run, or how anything is simulated or trained.
 
 mod agent;
+mod analyses;
+mod analysis;
 mod cells;
 mod check;
 mod complete;
@@ -23,6 +25,7 @@ mod keys;
 mod load;
 mod parameter;
 mod preset;
+mod published;
 mod range;
 mod read;
 mod resolved;
@@ -36,6 +39,9 @@ pub use agent::{
     Activation, Agent, Algorithm, DecisionRule, DuelingDqn, Engine, Evaluation, Reinforce, Rule,
     TerminalTarget, TestActions, Trunk,
 };
+pub use analysis::{
+    ANALYSED_METRICS, Analysis, AnalysisKind, Contrast, CurveAxis, Pairing, SelectionRule, Sides,
+};
 pub use declared::{Condition, DeclaredAgent, Exclusion, MOST_JOBS, Manifest, Zip};
 pub use environment::{Environment, FirstContext, TimeIndicator};
 pub use fault::{Fault, Faults, nearest};
@@ -43,6 +49,7 @@ pub use grid::{Axis, Cell, Grid};
 pub use keys::{Key, Kind, Section, Value};
 pub use load::{load, parse};
 pub use parameter::{Parameter, Parameters};
+pub use published::{Published, PublishedCurve, PublishedErrors, PublishedHeatMap, PublishedTest};
 pub use scenario::{Feature, Scenario, ScenarioError};
 pub use schema::schema;
 pub use source::{Position, hidden};

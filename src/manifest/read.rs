@@ -13,12 +13,13 @@ use super::source::{Located, Span, hidden};
 use super::sweep::{Node, Reader, whole};
 
 /// The keys at the top of a manifest.
-pub(super) const TOP_KEYS: [&str; 12] = [
+pub(super) const TOP_KEYS: [&str; 14] = [
     "format",
     "name",
     "extends",
     "question",
     "hypothesis",
+    "published",
     "scenarios",
     "seeds",
     "zip",
@@ -26,6 +27,7 @@ pub(super) const TOP_KEYS: [&str; 12] = [
     "agent",
     "evaluation",
     "exclude",
+    "analysis",
 ];
 
 /// The version of the format that this program reads and writes.
@@ -62,12 +64,13 @@ impl Reader<'_> {
                 "name" => draft.name = Some(self.name("name", node)),
                 "question" => draft.question = self.text("question", node),
                 "hypothesis" => draft.hypothesis = self.text("hypothesis", node),
+                "published" => draft.published = self.text("published", node),
                 "scenarios" => {
                     let value = self.scenarios("scenarios", node);
                     draft.scenarios = Some(Located { value, span: node.span().into() });
                 }
                 "seeds" => {
-                    let value = self.seeds(node);
+                    let value = self.seeds("seeds", node);
                     draft.seeds = Some(Located { value, span: node.span().into() });
                 }
                 "environment" => {
@@ -80,6 +83,7 @@ impl Reader<'_> {
                 "agent" => self.agents(&mut draft, &inherited, node),
                 "zip" => self.zips(&mut draft, node),
                 "exclude" => self.exclusions(&mut draft, node),
+                "analysis" => self.analyses(&mut draft, node),
                 found => astray.push((found, Span::from(key.span()))),
             }
         }
@@ -117,7 +121,7 @@ impl Reader<'_> {
         Some(preset::draft(found).moved_to(node.span().into()))
     }
 
-    fn text(&mut self, name: &str, node: &Node) -> Option<String> {
+    pub fn text(&mut self, name: &str, node: &Node) -> Option<String> {
         if node.get_ref().as_str().is_none() {
             self.expected(name, "text in quotes", node);
         }
@@ -125,7 +129,7 @@ impl Reader<'_> {
     }
 
     /// A name that tables and figures can show; empty if it is faulty.
-    fn name(&mut self, name: &str, node: &Node) -> Located<String> {
+    pub fn name(&mut self, name: &str, node: &Node) -> Located<String> {
         let text = node.get_ref().as_str().unwrap_or_default();
         let seen = text.chars().find_map(|c| hidden(c).map(|what| (c, what)));
         let length = text.chars().count();
@@ -192,15 +196,16 @@ impl Reader<'_> {
         }
     }
 
-    fn seeds(&mut self, node: &Node) -> Vec<u64> {
+    /// A count of seeds or a list of them; empty if it is faulty.
+    pub fn seeds(&mut self, name: &str, node: &Node) -> Vec<u64> {
         if node.get_ref().is_array() {
-            return self.seed_list("seeds", node);
+            return self.seed_list(name, node);
         }
         match whole(node).filter(|count| (1..=MOST_JOBS).contains(count)) {
             Some(count) => (1..=count).collect(),
             None => {
                 let expected = format!("a count from 1 to {MOST_JOBS} or a list of seeds");
-                self.expected("seeds", &expected, node);
+                self.expected(name, &expected, node);
                 Vec::new()
             }
         }

@@ -2,6 +2,7 @@
 
 use std::fmt::{self, Display, Write};
 
+use super::analysis::{Analysis, AnalysisKind, CurveAxis, ERROR_AXIS, Sides, keys_of};
 use super::declared::{Condition, Manifest};
 use super::parameter::Parameters;
 use super::read::FORMAT;
@@ -17,7 +18,12 @@ impl Manifest {
     fn write(&self, out: &mut String) -> fmt::Result {
         writeln!(out, "format = {FORMAT}")?;
         writeln!(out, "name = {}", quoted(&self.name))?;
-        for (key, text) in [("question", &self.question), ("hypothesis", &self.hypothesis)] {
+        let prose = [
+            ("question", &self.question),
+            ("hypothesis", &self.hypothesis),
+            ("published", &self.published),
+        ];
+        for (key, text) in prose {
             text.iter().try_for_each(|text| writeln!(out, "{key} = {}", quoted(text)))?;
         }
         let scenarios: Vec<String> = self.scenarios.iter().map(quoted).collect();
@@ -48,7 +54,7 @@ impl Manifest {
                 .iter()
                 .try_for_each(|condition| write_condition(out, condition))?;
         }
-        Ok(())
+        self.analyses.iter().try_for_each(|analysis| write_analysis(out, analysis))
     }
 }
 
@@ -57,6 +63,66 @@ fn write_parameters(out: &mut String, parameters: &Parameters) -> fmt::Result {
         [value] => writeln!(out, "{} = {value}", key.name),
         values => writeln!(out, "{} = {}", key.name, list(values)),
     })
+}
+
+fn write_analysis(out: &mut String, analysis: &Analysis) -> fmt::Result {
+    let kind = analysis.kind.name();
+    writeln!(out, "\n[[analysis]]\nname = {}\nkind = \"{kind}\"", quoted(&analysis.name))?;
+    analysis.title.iter().try_for_each(|title| writeln!(out, "title = {}", quoted(title)))?;
+    if keys_of(kind).contains(&"metric") {
+        writeln!(out, "metric = \"{}\"", analysis.metric)?;
+    }
+    write_kind(out, &analysis.kind)?;
+    // Last, because the keys below its header belong to it.
+    if !analysis.conditions.is_empty() {
+        writeln!(out, "[analysis.where]")?;
+    }
+    analysis.conditions.iter().try_for_each(|condition| write_condition(out, condition))
+}
+
+fn write_kind(out: &mut String, kind: &AnalysisKind) -> fmt::Result {
+    if let Some(sides) = kind.sides() {
+        write_sides(out, sides)?;
+    }
+    match kind {
+        AnalysisKind::Contrast(contrast) => {
+            writeln!(out, "pairing = \"{}\"", contrast.pairing.name())?;
+            writeln!(out, "family = {}", quoted(&contrast.family))
+        }
+        AnalysisKind::Curve { axis: CurveAxis::ContextInferenceError } => {
+            writeln!(out, "x = \"{ERROR_AXIS}\"")
+        }
+        AnalysisKind::Curve { axis: CurveAxis::Swept(parameter) } => {
+            writeln!(out, "x = \"{parameter}\"")
+        }
+        AnalysisKind::LearningCurve { window } => writeln!(out, "window = {window}"),
+        AnalysisKind::HeatMap { x, y, sides: _ } => {
+            writeln!(out, "x = \"{x}\"\ny = \"{y}\"")
+        }
+        AnalysisKind::ActionChoice { bins } => writeln!(out, "bins = {bins}"),
+        AnalysisKind::Selection { rule, reporting_seeds } => {
+            writeln!(out, "rule = \"{}\"", rule.name())?;
+            writeln!(out, "reporting_seeds = {}", list(reporting_seeds))
+        }
+        AnalysisKind::InferenceError => Ok(()),
+    }
+}
+
+fn write_sides(out: &mut String, sides: &Sides) -> fmt::Result {
+    let value = |condition: &Condition| match condition {
+        Condition::Scenario(list) => quoted(&list[0]),
+        Condition::AgentName(list) => quoted(&list[0]),
+        Condition::Seed(list) => list[0].to_string(),
+        Condition::Key { values, .. } => values[0].to_string(),
+    };
+    let by = match &sides.first {
+        Condition::Scenario(_) => "scenario".to_owned(),
+        Condition::AgentName(_) => "agent.name".to_owned(),
+        Condition::Seed(_) => "seed".to_owned(),
+        Condition::Key { parameter, .. } => parameter.to_string(),
+    };
+    writeln!(out, "by = \"{by}\"")?;
+    writeln!(out, "between = [{}, {}]", value(&sides.first), value(&sides.second))
 }
 
 fn write_condition(out: &mut String, condition: &Condition) -> fmt::Result {

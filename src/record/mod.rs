@@ -2,9 +2,12 @@
 //!
 //! Training makes these, the store keeps them, analysis reads them. Nothing here computes.
 
+mod job;
+
 use std::fmt;
 
 pub use crate::plan::JobKey;
+pub use job::{CompletedRun, JobRecord, Progress, Setting};
 
 /// A named number about a completed run.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,5 +1,15 @@
 //! From summaries to what a reader sees: pure functions, no database, no file.
 
+mod captions;
+pub mod data_table;
+mod document;
+pub mod escape;
+pub mod figure;
+mod page;
+pub mod scene;
 mod table;
+mod tables;
+mod words;
 
+pub use document::{ReportFile, ReportedExperiment, report};
 pub use table::{Line, summary_table};

@@ -21,6 +21,7 @@
 //! changes no setting outside its own connections.
 
 mod claim;
+mod completed;
 mod counts;
 mod crash;
 mod digest;
@@ -31,6 +32,7 @@ mod file;
 mod liveness;
 mod migrate;
 mod mount;
+mod provided;
 mod query;
 mod read;
 mod results;
@@ -46,11 +48,13 @@ use std::path::{Path, PathBuf};
 use rusqlite::{Connection, Transaction, TransactionBehavior};
 
 pub use claim::{Claim, Claimed, Company, RetryFailed};
+pub use completed::Parts;
 pub use counts::ExperimentCounts;
 pub use doctor::{Diagnosis, Finding, Loads, examine};
 pub use error::{QueryError, StoreError};
 pub use experiment::{Experiment, Registered};
 pub use liveness::host_name;
+pub use provided::{Provided, ProvidedPart};
 pub use query::{Answer, Interrupter, VIEWS, Value};
 pub use read::{FailedJob, Pace, Reader};
 pub use results::{Finished, RunEnd};

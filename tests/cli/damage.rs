@@ -194,6 +194,22 @@ fn a_store_cut_short_is_told_and_what_is_left_is_saved() {
 }
 
 #[test]
+fn runs_of_rules_which_have_no_weights_are_intact_and_saved() {
+    let folder = Folder::new();
+    folder.write(
+        "rules.toml",
+        "format = 1\nname = \"rules\"\nscenarios = [\"P-H-D\"]\nseeds = 2\n\
+         [evaluation]\ntest_episodes = 5\n\
+         [[agent]]\nname = \"random\"\nalgorithm = \"rule\"\nrule = \"random\"\n",
+    );
+    folder.jitai(["run", "rules.toml"]).succeeded();
+    folder.jitai(["doctor"]).succeeded().prints("is healthy: 2 completed runs");
+    folder.jitai(["doctor", "--salvage", "new.sqlite"]).succeeded();
+    let saved = folder.jitai(["doctor", "--store", "new.sqlite"]).succeeded();
+    saved.prints("is healthy: 2 completed runs");
+}
+
+#[test]
 fn a_run_goes_on_with_the_salvaged_store_to_the_same_rows() {
     let origin = healthy();
     let (mut bytes, rows) = (store(&origin), origin.dump());

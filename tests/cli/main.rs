@@ -12,6 +12,7 @@ mod optimum;
 mod pipes;
 mod planning;
 mod reading;
+mod reporting;
 mod same_bits;
 mod sharing;
 mod signals;

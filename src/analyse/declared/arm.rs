@@ -1,0 +1,165 @@
+//! Jobs that differ in their seed alone, and what tells them from others.
+
+use crate::analyse::{Sample, lower_quartile};
+use crate::manifest::{Condition, Value};
+use crate::record::{JobRecord, Progress};
+
+use crate::record::Setting;
+
+/// What tells an arm from the others of its analysis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Name {
+    /// Agent's name in the manifest.
+    pub agent: String,
+    /// Scenario, like `P-H-D`.
+    pub scenario: String,
+    /// Parameters that differ between the arms of the analysis: dotted name and value.
+    pub settings: Vec<(String, Setting)>,
+}
+
+/// The jobs of an arm.
+#[derive(Clone, Debug)]
+pub struct Group<'j> {
+    /// What tells it from the others.
+    pub name: Name,
+    /// Its jobs, in the manifest's order.
+    pub jobs: Vec<&'j JobRecord>,
+}
+
+impl Group<'_> {
+    /// The metric of its seeds. A seed that comes twice is taken once: its jobs are one job that
+    /// two agents of equal content share.
+    pub fn sample(&self, metric: &str) -> Sample {
+        let mut seen = Vec::new();
+        let (mut values, mut failed, mut open) = (Vec::new(), 0, 0);
+        for job in &self.jobs {
+            if seen.contains(&job.seed) {
+                continue;
+            }
+            seen.push(job.seed);
+            match &job.progress {
+                Progress::Completed(_) => match value(job, metric) {
+                    Some(value) => values.push((job.seed, value)),
+                    None => open += 1,
+                },
+                Progress::Failed(_) => failed += 1,
+                Progress::Pending | Progress::Interrupted | Progress::Running => open += 1,
+            }
+        }
+        Sample::new(values, failed, open).expect("every seed is taken once")
+    }
+}
+
+/// A completed job's value of a metric.
+pub fn value(job: &JobRecord, metric: &str) -> Option<f64> {
+    let run = job.completed()?;
+    match metric {
+        "lower_quartile_return" => lower_quartile(&run.returns).ok(),
+        recorded => run.metric(recorded),
+    }
+}
+
+/// Whether a job meets every condition.
+pub fn meets_all(job: &JobRecord, conditions: &[Condition]) -> bool {
+    conditions.iter().all(|condition| meets(job, condition))
+}
+
+/// Whether a job meets a condition.
+pub fn meets(job: &JobRecord, condition: &Condition) -> bool {
+    match condition {
+        Condition::Scenario(list) => list.iter().any(|one| one.to_string() == job.scenario),
+        Condition::Seed(list) => list.contains(&job.seed),
+        Condition::AgentName(list) => list.contains(&job.agent),
+        Condition::Key { parameter, values } => {
+            let set = job.setting(&parameter.to_string());
+            set.is_some_and(|set| values.iter().any(|value| setting(value) == *set))
+        }
+    }
+}
+
+/// A manifest's value as a job's settings hold it.
+pub fn setting(value: &Value) -> Setting {
+    match value {
+        Value::Real(real) => Setting::Number(*real),
+        Value::Integer(whole) => Setting::Number(*whole as f64),
+        Value::Flag(flag) => Setting::Number(f64::from(u8::from(*flag))),
+        Value::Choice(word) => Setting::Text((*word).to_owned()),
+        Value::RealPair(pair) => Setting::Text(format!("[{:?},{:?}]", pair[0], pair[1])),
+        Value::Widths(widths) => {
+            let widths: Vec<String> = widths.iter().map(ToString::to_string).collect();
+            Setting::Text(format!("[{}]", widths.join(",")))
+        }
+    }
+}
+
+/// The value that a side of a difference asks for.
+pub fn wanted(condition: &Condition) -> Setting {
+    match condition {
+        Condition::Scenario(list) => Setting::Text(list[0].to_string()),
+        Condition::Seed(list) => Setting::Number(list[0] as f64),
+        Condition::AgentName(list) => Setting::Text(list[0].clone()),
+        Condition::Key { values, .. } => setting(&values[0]),
+    }
+}
+
+/// A group's name without what its side decides.
+pub fn shared(side: &Condition, name: Name) -> Name {
+    match side {
+        Condition::Scenario(_) => Name { scenario: String::new(), ..name },
+        Condition::AgentName(_) => Name { agent: String::new(), ..name },
+        Condition::Seed(_) | Condition::Key { .. } => name,
+    }
+}
+
+/// Whether a job is at the place that a row's name tells; an empty word is any.
+pub fn is_at(job: &JobRecord, name: &Name) -> bool {
+    let is = |wanted: &str, found: &str| wanted.is_empty() || wanted == found;
+    let set = |(key, value): &(String, Setting)| job.setting(key) == Some(value);
+    is(&name.agent, &job.agent)
+        && is(&name.scenario, &job.scenario)
+        && name.settings.iter().all(set)
+}
+
+/// The parameters that differ between jobs of one agent, by name.
+pub fn varying(jobs: &[&JobRecord]) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    for (at, job) in jobs.iter().enumerate() {
+        let first = jobs[..at].iter().find(|other| other.agent == job.agent);
+        let Some(first) = first else { continue };
+        for (name, value) in &job.settings {
+            if first.setting(name) != Some(value) && !names.contains(name) {
+                names.push(name.clone());
+            }
+        }
+    }
+    names.sort();
+    names
+}
+
+/// The arms of some jobs, in the order in which they first appear. `aside` are parameters that do
+/// not tell arms apart.
+pub fn groups<'j>(jobs: &[&'j JobRecord], aside: &[&str]) -> Vec<Group<'j>> {
+    let mut names = varying(jobs);
+    names.retain(|name| !aside.contains(&name.as_str()));
+    let mut groups: Vec<Group<'j>> = Vec::new();
+    for job in jobs {
+        let settings = names.iter().filter_map(|name| Some((name.clone(), job.setting(name)?)));
+        let name = Name {
+            agent: job.agent.clone(),
+            scenario: job.scenario.clone(),
+            settings: settings.map(|(name, value)| (name, value.clone())).collect(),
+        };
+        match groups.iter_mut().find(|group| group.name == name) {
+            Some(group) => group.jobs.push(job),
+            None => groups.push(Group { name, jobs: vec![job] }),
+        }
+    }
+    groups
+}
+
+/// Numbers in ascending order, none twice.
+pub fn distinct(mut numbers: Vec<f64>) -> Vec<f64> {
+    numbers.sort_by(f64::total_cmp);
+    numbers.dedup();
+    numbers
+}

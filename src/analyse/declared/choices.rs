@@ -1,0 +1,74 @@
+//! Which actions a trained policy chooses, by the probability of context 0.
+
+use super::arm::{Name, groups};
+use crate::analyse::{Interval, mean_interval};
+use crate::record::{CompletedRun, JobRecord, PROBABILITY_BINS};
+
+/// Actions there are: none, untailored, tailored to context 0, tailored to context 1.
+const ACTIONS: usize = 4;
+
+/// The choices of an arm.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ActionPanel {
+    /// The arm.
+    pub name: Name,
+    /// Seeds completed, and of how many.
+    pub seeds: (usize, usize),
+    /// The bins, by probability.
+    pub bins: Vec<BinShares>,
+}
+
+/// The choices in one bin.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BinShares {
+    /// Lower end of the probability of context 0.
+    pub low: f64,
+    /// Upper end.
+    pub high: f64,
+    /// Test steps of all seeds.
+    pub steps: u64,
+    /// Mean over seeds of each action's share, with its interval where one is defined; `None`
+    /// where no seed has a step.
+    pub shares: Option<[(f64, Option<Interval>); ACTIONS]>,
+}
+
+/// A panel an arm, in the manifest's order. A seed weighs as much as another, whatever its steps;
+/// one without a step in a bin has no share there.
+pub fn panels(bins: u8, jobs: &[&JobRecord]) -> Vec<ActionPanel> {
+    let panel = |group: super::Group| {
+        let runs: Vec<&CompletedRun> =
+            group.jobs.iter().filter_map(|job| job.completed()).collect();
+        ActionPanel {
+            seeds: (runs.len(), group.jobs.len()),
+            bins: (0..bins).map(|bin| shares(bin, bins, &runs)).collect(),
+            name: group.name,
+        }
+    };
+    groups(jobs, &[]).into_iter().map(panel).collect()
+}
+
+fn shares(bin: u8, bins: u8, runs: &[&CompletedRun]) -> BinShares {
+    let width = PROBABILITY_BINS as u8 / bins;
+    let range = bin * width..(bin + 1) * width;
+    let counts = runs.iter().map(|run| {
+        let mut counts = [0_u64; ACTIONS];
+        for count in run.actions.iter().filter(|count| range.contains(&count.bin)) {
+            counts[usize::from(count.action).min(ACTIONS - 1)] += count.count;
+        }
+        counts
+    });
+    let counts: Vec<[u64; ACTIONS]> =
+        counts.filter(|counts| counts.iter().any(|n| *n > 0)).collect();
+    let share = |action: usize| {
+        let of =
+            |counts: &[u64; ACTIONS]| counts[action] as f64 / counts.iter().sum::<u64>() as f64;
+        let values: Vec<f64> = counts.iter().map(of).collect();
+        (values.iter().sum::<f64>() / values.len() as f64, mean_interval(&values).ok())
+    };
+    BinShares {
+        low: f64::from(bin) / f64::from(bins),
+        high: f64::from(bin + 1) / f64::from(bins),
+        steps: counts.iter().flatten().sum(),
+        shares: (!counts.is_empty()).then(|| std::array::from_fn(share)),
+    }
+}

@@ -1,0 +1,140 @@
+//! Differences of means between two sides, at every setting of the other parameters.
+
+use super::arm::{Name, groups, is_at, meets, shared, wanted};
+use super::inference::inference_error;
+use super::{Content, Finding};
+use crate::analyse::{self, Corrected, Design, Sample, Undefined, correct};
+use crate::manifest::{Analysis, AnalysisKind, Condition, Contrast, Pairing, Published, Sides};
+use crate::record::JobRecord;
+
+/// A difference at one setting of the other parameters.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ContrastRow {
+    /// The sides' words, first and second.
+    pub sides: (String, String),
+    /// What the sides share: the agent or scenario that is no side, if it is one.
+    pub name: Name,
+    /// Context inference error, where the jobs have a sigma.
+    pub error: Option<f64>,
+    /// The metric of the first side's seeds.
+    pub first: Sample,
+    /// The metric of the second side's seeds.
+    pub second: Sample,
+    /// The comparison.
+    pub contrast: analyse::Contrast,
+    /// P values corrected over the family.
+    pub corrected: Result<Corrected, Undefined>,
+    /// Published difference and p value.
+    pub published: Option<(f64, f64)>,
+}
+
+/// The rows of a contrast, in the manifest's order.
+pub fn rows(
+    contrast: &Contrast,
+    metric: &str,
+    jobs: &[&JobRecord],
+    published: Option<&Published>,
+) -> Vec<ContrastRow> {
+    let sides = &contrast.sides;
+    let design = match contrast.pairing {
+        Pairing::Unpaired => Design::Independent,
+        Pairing::BySeed => Design::Matched,
+    };
+    let both: Vec<&JobRecord> = jobs
+        .iter()
+        .filter(|job| meets(job, &sides.first) || meets(job, &sides.second))
+        .copied()
+        .collect();
+    let by = sides.key();
+    let mut rows = Vec::new();
+    let mut names: Vec<Name> = Vec::new();
+    for group in groups(&both, &[&by]) {
+        let name = shared(&sides.first, group.name);
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    rows.extend(names.into_iter().filter_map(|name| {
+        let here = |side: &Condition| {
+            let jobs = both.iter().filter(|job| meets(job, side) && is_at(job, &name));
+            super::Group { name: name.clone(), jobs: jobs.copied().collect() }
+        };
+        row(
+            name.clone(),
+            (sides, design, metric),
+            (here(&sides.first), here(&sides.second)),
+            published,
+        )
+    }));
+    rows
+}
+
+/// A difference; `None` where a side has no jobs.
+fn row(
+    name: Name,
+    (sides, design, metric): (&Sides, Design, &str),
+    (first, second): (super::Group<'_>, super::Group<'_>),
+    published: Option<&Published>,
+) -> Option<ContrastRow> {
+    if second.jobs.is_empty() {
+        return None;
+    }
+    let sigma = first.jobs.first()?.number("environment.sigma");
+    let (first, second) = (first.sample(metric), second.sample(metric));
+    let words = (wanted(&sides.first).to_string(), wanted(&sides.second).to_string());
+    let published = published.filter(|_| metric == "mean_return");
+    Some(ContrastRow {
+        published: published.and_then(|known| published_test(known, &words, &name, sigma?)),
+        sides: words,
+        error: sigma.map(inference_error),
+        contrast: analyse::Contrast::new(&first, &second, design),
+        corrected: Err(Undefined::NoSeeds),
+        name,
+        first,
+        second,
+    })
+}
+
+fn published_test(
+    published: &Published,
+    sides: &(String, String),
+    name: &Name,
+    sigma: f64,
+) -> Option<(f64, f64)> {
+    let contrast = format!("{} - {}", sides.0, sides.1);
+    let test = published.t_tests.iter().find(|test| {
+        test.contrast == contrast
+            && test.agent.as_ref().is_none_or(|agent| *agent == name.agent)
+            && test.scenario.as_ref().is_none_or(|scenario| *scenario == name.scenario)
+    })?;
+    let at = test.sigma.iter().position(|one| *one == sigma)?;
+    Some((test.effect[at], test.p_value[at]))
+}
+
+/// Corrects the p values of all contrasts, family by family.
+pub fn correct_families(analyses: &[Analysis], findings: &mut [Finding]) {
+    let family = |analysis: &Analysis| match &analysis.kind {
+        AnalysisKind::Contrast(contrast) => Some(contrast.family.clone()),
+        _ => None,
+    };
+    let mut families: Vec<String> = analyses.iter().filter_map(family).collect();
+    families.sort();
+    families.dedup();
+    for name in families {
+        let of_family = analyses.iter().map(|analysis| family(analysis).as_ref() == Some(&name));
+        let mut rows: Vec<&mut ContrastRow> = findings
+            .iter_mut()
+            .zip(of_family)
+            .filter(|(_, is_of)| *is_of)
+            .filter_map(|(finding, _)| match &mut finding.content {
+                Content::Contrast(rows) => Some(rows),
+                _ => None,
+            })
+            .flatten()
+            .collect();
+        let raw: Vec<_> = rows.iter().map(|row| row.contrast.test().map(|test| test.p)).collect();
+        for (row, corrected) in rows.iter_mut().zip(correct(&raw)) {
+            row.corrected = corrected;
+        }
+    }
+}

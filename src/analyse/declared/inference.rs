@@ -1,0 +1,85 @@
+//! How often the most likely context is wrong.
+
+use statrs::function::erf::erfc;
+
+use super::arm::distinct;
+use crate::manifest::Published;
+use crate::record::JobRecord;
+
+/// Error along sigma: by the formula, as tested, as published.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ErrorFigure {
+    /// A point a sigma.
+    pub points: Vec<ErrorPoint>,
+    /// Published rates: sigma and rate.
+    pub published: Vec<(f64, f64)>,
+}
+
+/// The error at one sigma.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ErrorPoint {
+    /// Feature noise.
+    pub sigma: f64,
+    /// By the formula.
+    pub exact: f64,
+    /// Share of the test steps of all completed runs at which the more probable context was not
+    /// the true one; `None` without such steps.
+    pub seen: Option<f64>,
+    /// Test steps.
+    pub steps: u64,
+    /// Completed runs.
+    pub runs: usize,
+}
+
+/// Phi(-1 / (2 sigma)): the rate at which the most likely context is wrong, 0 at sigma = 0.
+///
+/// **Source**: Karine et al., 2023, section 3.1: x is normal around its context, 0 or 1, so the
+/// more probable context is the nearer one.
+pub fn inference_error(sigma: f64) -> f64 {
+    if sigma <= 0.0 { 0.0 } else { 0.5 * erfc(1.0 / (2.0 * sigma) / std::f64::consts::SQRT_2) }
+}
+
+/// The error at every sigma of the jobs.
+pub fn figure(jobs: &[&JobRecord], published: Option<&Published>) -> ErrorFigure {
+    let sigma = |job: &JobRecord| job.number("environment.sigma");
+    let sigmas = distinct(jobs.iter().filter_map(|job| sigma(job)).collect());
+    let point = |at: f64| {
+        let runs = jobs.iter().filter(|job| sigma(job) == Some(at));
+        let runs: Vec<_> = runs.filter_map(|job| job.completed()).collect();
+        let (mut steps, mut wrong) = (0, 0);
+        for count in runs.iter().flat_map(|run| &run.actions) {
+            steps += count.count;
+            // Bins from 5 on are those in which context 0 is the more probable one.
+            let likely = u8::from(count.bin < 5);
+            wrong += if likely == count.context { 0 } else { count.count };
+        }
+        let seen = (steps > 0).then(|| wrong as f64 / steps as f64);
+        ErrorPoint { sigma: at, exact: inference_error(at), seen, steps, runs: runs.len() }
+    };
+    let errors = published.and_then(|published| published.sigma_to_error.as_ref());
+    ErrorFigure {
+        points: sigmas.into_iter().map(point).collect(),
+        published: errors.map_or_else(Vec::new, |errors| {
+            errors.sigma.iter().copied().zip(errors.reported.iter().copied()).collect()
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_error_is_that_of_the_normal_distribution() {
+        // scipy.stats.norm.cdf(-1 / (2 * sigma))
+        for (sigma, expected) in [
+            (0.4, 0.10564977366685535),
+            (0.6, 0.20232838096364308),
+            (1.0, 0.3085375387259869),
+            (2.0, 0.4012936743170763),
+        ] {
+            assert!((inference_error(sigma) - expected).abs() < 1e-9, "{sigma}");
+        }
+        assert_eq!(inference_error(0.0), 0.0);
+    }
+}

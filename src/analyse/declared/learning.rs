@@ -1,0 +1,64 @@
+//! Learning curves: a moving mean over training episodes, over the seeds.
+
+use super::arm::{Name, groups};
+use crate::analyse::{Interval, mean_interval, moving_mean};
+use crate::record::JobRecord;
+
+/// The learning curves of one scenario.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LearningPanel {
+    /// The scenario.
+    pub scenario: String,
+    /// A line an arm.
+    pub lines: Vec<LearningLine>,
+}
+
+/// The learning curve of an arm.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LearningLine {
+    /// The arm.
+    pub name: Name,
+    /// Seeds completed, and of how many.
+    pub seeds: (usize, usize),
+    /// Training episodes finished, mean over seeds, and its interval where one is defined.
+    pub points: Vec<(u32, f64, Option<Interval>)>,
+}
+
+/// A panel a scenario, in the manifest's order. Where seeds end at different episodes, a line goes
+/// as far as all of them do.
+pub fn panels(window: u32, jobs: &[&JobRecord]) -> Vec<LearningPanel> {
+    let mut panels: Vec<LearningPanel> = Vec::new();
+    for group in groups(jobs, &[]) {
+        let curves: Vec<Vec<(u32, f64)>> = group
+            .jobs
+            .iter()
+            .filter_map(|job| {
+                let stride = job.number("evaluation.curve_stride")? as u32;
+                Some(moving_mean(&job.completed()?.curve, stride, window))
+            })
+            .collect();
+        let line = LearningLine {
+            seeds: (curves.len(), group.jobs.len()),
+            points: over_seeds(&curves),
+            name: group.name,
+        };
+        match panels.iter_mut().find(|panel| panel.scenario == line.name.scenario) {
+            Some(panel) => panel.lines.push(line),
+            None => {
+                let scenario = line.name.scenario.clone();
+                panels.push(LearningPanel { scenario, lines: vec![line] });
+            }
+        }
+    }
+    panels
+}
+
+fn over_seeds(curves: &[Vec<(u32, f64)>]) -> Vec<(u32, f64, Option<Interval>)> {
+    let shortest = curves.iter().map(Vec::len).min().unwrap_or(0);
+    let point = |place: usize| {
+        let values: Vec<f64> = curves.iter().map(|curve| curve[place].1).collect();
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        (curves[0][place].0, mean, mean_interval(&values).ok())
+    };
+    (0..shortest).map(point).collect()
+}

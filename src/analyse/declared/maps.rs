@@ -1,0 +1,149 @@
+//! Means, or differences of means, over two parameters.
+
+use super::arm::{distinct, groups, is_at, meets, shared, wanted};
+use super::{Group, Name};
+use crate::analyse::{Contrast, Design, Interval, Moments, Sample, Undefined, mean_interval};
+use crate::manifest::{Parameter, Published, Sides};
+use crate::record::JobRecord;
+
+/// A map of one arm.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HeatFigure {
+    /// The agent; empty where agents are the sides.
+    pub agent: String,
+    /// The scenario, or both sides as `first - second`, and what else tells the map from others.
+    pub subject: String,
+    /// Whether its values are differences.
+    pub scale: Scale,
+    /// Dotted name and values of the columns, ascending.
+    pub x: (String, Vec<f64>),
+    /// Dotted name and values of the rows, ascending.
+    pub y: (String, Vec<f64>),
+    /// The cells, row by row.
+    pub cells: Vec<HeatCell>,
+}
+
+/// What the values of a map mean.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scale {
+    /// Means.
+    Mean,
+    /// Differences, for which 0 is nothing.
+    Difference,
+}
+
+/// A cell of a map.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HeatCell {
+    /// Of its column.
+    pub x: f64,
+    /// Of its row.
+    pub y: f64,
+    /// The mean or difference.
+    pub value: Result<f64, Undefined>,
+    /// Its interval.
+    pub interval: Result<Interval, Undefined>,
+    /// Seeds of the smaller side.
+    pub seeds: usize,
+    /// The published value.
+    pub published: Option<f64>,
+}
+
+/// A map an arm: what the axes and the sides do not decide makes maps of their own.
+pub fn figures(
+    (x, y): (Parameter, Parameter),
+    sides: Option<&Sides>,
+    metric: &str,
+    jobs: &[&JobRecord],
+    published: Option<&Published>,
+) -> Vec<HeatFigure> {
+    let by = sides.map_or_else(String::new, Sides::key);
+    let axes = (x.to_string(), y.to_string());
+    let mut names: Vec<Name> = Vec::new();
+    for group in groups(jobs, &[&axes.0, &axes.1, &by]) {
+        let name = match sides {
+            Some(sides) => shared(&sides.first, group.name),
+            None => group.name,
+        };
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    let published = published.filter(|_| metric == "mean_return");
+    let figure = |name: Name| {
+        let ours: Vec<&JobRecord> = jobs.iter().filter(|job| is_at(job, &name)).copied().collect();
+        figure(name, &axes, (sides, metric), &ours, published)
+    };
+    names.into_iter().map(figure).collect()
+}
+
+fn figure(
+    name: Name,
+    (x, y): &(String, String),
+    (sides, metric): (Option<&Sides>, &str),
+    jobs: &[&JobRecord],
+    published: Option<&Published>,
+) -> HeatFigure {
+    let contrast = match sides {
+        Some(sides) => format!("{} - {}", wanted(&sides.first), wanted(&sides.second)),
+        None => name.scenario.clone(),
+    };
+    let along = |name: &str| distinct(jobs.iter().filter_map(|job| job.number(name)).collect());
+    let (columns, rows) = (along(x), along(y));
+    let is_of_paper = (x.as_str(), y.as_str()) == ("environment.epsilon_d", "environment.delta_d");
+    let map = published
+        .filter(|_| is_of_paper && name.settings.is_empty())
+        .into_iter()
+        .flat_map(|published| &published.heat_maps)
+        .find(|map| map.agent == name.agent && map.contrast == contrast);
+    let mut cells = Vec::new();
+    for &row in &rows {
+        for &column in &columns {
+            let here =
+                |job: &&&JobRecord| job.number(x) == Some(column) && job.number(y) == Some(row);
+            let here: Vec<&JobRecord> = jobs.iter().filter(here).copied().collect();
+            let published = map.and_then(|map| {
+                let row = map.delta_d.iter().position(|one| *one == row)?;
+                let column = map.epsilon_d.iter().position(|one| *one == column)?;
+                Some(map.effect[row][column])
+            });
+            cells.push(HeatCell { x: column, y: row, published, ..cell(&here, sides, metric) });
+        }
+    }
+    let settings = name
+        .settings
+        .iter()
+        .map(|(key, value)| format!(" {}={value}", key.rsplit('.').next().unwrap_or(key)));
+    HeatFigure {
+        scale: if sides.is_some() { Scale::Difference } else { Scale::Mean },
+        x: (x.clone(), columns),
+        y: (y.clone(), rows),
+        subject: contrast + &settings.collect::<String>(),
+        agent: name.agent,
+        cells,
+    }
+}
+
+fn cell(jobs: &[&JobRecord], sides: Option<&Sides>, metric: &str) -> HeatCell {
+    let sample = |jobs: Vec<&JobRecord>| -> Sample {
+        let name = Name { agent: String::new(), scenario: String::new(), settings: Vec::new() };
+        Group { name, jobs }.sample(metric)
+    };
+    let (value, interval, seeds) = match sides {
+        None => {
+            let all = sample(jobs.to_vec());
+            let mean = Moments::of(all.values()).map(|moments| moments.mean);
+            (mean, mean_interval(all.values()), all.n())
+        }
+        Some(sides) => {
+            let side = |condition| {
+                sample(jobs.iter().filter(|job| meets(job, condition)).copied().collect())
+            };
+            let (first, second) = (side(&sides.first), side(&sides.second));
+            let contrast = Contrast::new(&first, &second, Design::Independent);
+            let interval = contrast.test().map(|test| test.interval);
+            (contrast.difference, interval, first.n().min(second.n()))
+        }
+    };
+    HeatCell { x: 0.0, y: 0.0, value, interval, seeds, published: None }
+}

@@ -1,0 +1,146 @@
+//! The analyses that a manifest declares, carried out on the jobs of its experiment.
+//!
+//! In: analyses, jobs with what has become of them, published numbers. Out: [`Finding`]s, the
+//! numbers of a figure or table with the seeds behind them. What cannot be computed is told by an
+//! [`Undefined`](super::Undefined), and seeds that are missing are counted.
+//!
+//! It does not know how a finding is drawn or written.
+
+mod arm;
+mod choices;
+mod contrasts;
+mod curves;
+mod inference;
+mod learning;
+mod maps;
+mod reproduction;
+mod selection;
+
+pub use arm::{Group, Name, setting};
+pub use choices::{ActionPanel, BinShares};
+pub use contrasts::ContrastRow;
+pub use curves::{CurveFigure, CurveLine, CurvePoint};
+pub use inference::{ErrorFigure, ErrorPoint, inference_error};
+pub use learning::{LearningLine, LearningPanel};
+pub use maps::{HeatCell, HeatFigure, Scale};
+pub use reproduction::{Comparison, Reproduction, Subject, reproduce};
+pub use selection::{Candidate, Chosen};
+
+use crate::manifest::{Analysis, AnalysisKind, Published};
+use crate::record::{JobRecord, Progress};
+
+/// What an analysis came to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Finding {
+    /// What files and links call it.
+    pub name: String,
+    /// What a reader sees above it.
+    pub title: String,
+    /// The metric that it is about.
+    pub metric: &'static str,
+    /// The jobs that it is about.
+    pub jobs: JobCounts,
+    /// Its numbers.
+    pub content: Content,
+}
+
+/// The numbers of a finding.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Content {
+    /// Differences of means.
+    Contrast(Vec<ContrastRow>),
+    /// A metric along a parameter.
+    Curve(CurveFigure),
+    /// Learning curves, a panel a scenario.
+    LearningCurve {
+        /// Training episodes of the moving mean.
+        window: u32,
+        /// A panel a scenario.
+        panels: Vec<LearningPanel>,
+    },
+    /// Maps over two parameters, one an agent.
+    HeatMap(Vec<HeatFigure>),
+    /// Shares of actions, a panel an arm.
+    ActionChoice(Vec<ActionPanel>),
+    /// Settings chosen, an agent each.
+    Selection(Vec<Chosen>),
+    /// Context inference error along sigma.
+    InferenceError(ErrorFigure),
+}
+
+/// How many jobs are in each state.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct JobCounts {
+    /// With their completed run.
+    pub completed: usize,
+    /// Whose last run failed.
+    pub failed: usize,
+    /// That have not ended.
+    pub open: usize,
+}
+
+impl JobCounts {
+    /// Counts jobs.
+    pub fn of<'j>(jobs: impl IntoIterator<Item = &'j JobRecord>) -> JobCounts {
+        let mut counts = JobCounts::default();
+        for job in jobs {
+            *match job.progress {
+                Progress::Completed(_) => &mut counts.completed,
+                Progress::Failed(_) => &mut counts.failed,
+                Progress::Pending | Progress::Interrupted | Progress::Running => &mut counts.open,
+            } += 1;
+        }
+        counts
+    }
+
+    /// All of them.
+    pub fn total(&self) -> usize {
+        self.completed + self.failed + self.open
+    }
+}
+
+/// Carries out the analyses of a manifest, in its order. P values are corrected over the families
+/// that its contrasts declare.
+pub fn carry_out(
+    analyses: &[Analysis],
+    jobs: &[JobRecord],
+    published: Option<&Published>,
+) -> Vec<Finding> {
+    let find = |analysis: &Analysis| {
+        let concerned: Vec<&JobRecord> =
+            jobs.iter().filter(|job| arm::meets_all(job, &analysis.conditions)).collect();
+        Finding {
+            name: analysis.name.clone(),
+            title: analysis.title.clone().unwrap_or_else(|| analysis.name.clone()),
+            metric: analysis.metric,
+            jobs: JobCounts::of(concerned.iter().copied()),
+            content: content(analysis, &concerned, published),
+        }
+    };
+    let mut findings: Vec<Finding> = analyses.iter().map(find).collect();
+    contrasts::correct_families(analyses, &mut findings);
+    findings
+}
+
+fn content(analysis: &Analysis, jobs: &[&JobRecord], published: Option<&Published>) -> Content {
+    let metric = analysis.metric;
+    match &analysis.kind {
+        AnalysisKind::Contrast(contrast) => {
+            Content::Contrast(contrasts::rows(contrast, metric, jobs, published))
+        }
+        AnalysisKind::Curve { axis } => {
+            Content::Curve(curves::figure(*axis, metric, jobs, published))
+        }
+        AnalysisKind::LearningCurve { window } => {
+            Content::LearningCurve { window: *window, panels: learning::panels(*window, jobs) }
+        }
+        AnalysisKind::HeatMap { x, y, sides } => {
+            Content::HeatMap(maps::figures((*x, *y), sides.as_ref(), metric, jobs, published))
+        }
+        AnalysisKind::ActionChoice { bins } => Content::ActionChoice(choices::panels(*bins, jobs)),
+        AnalysisKind::Selection { rule, reporting_seeds: _ } => {
+            Content::Selection(selection::chosen(*rule, metric, jobs))
+        }
+        AnalysisKind::InferenceError => Content::InferenceError(inference::figure(jobs, published)),
+    }
+}

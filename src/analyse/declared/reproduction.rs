@@ -1,0 +1,316 @@
+//! Published numbers beside ours: what agrees, and what does not.
+
+use std::collections::BTreeMap;
+
+use super::arm::groups;
+use super::{Name, inference_error};
+use crate::analyse::{
+    Agreement, Contrast, Design, Estimate, Sample, Undefined, Verdict, agreement,
+};
+use crate::manifest::Published;
+use crate::record::JobRecord;
+
+/// Seeds behind every published mean.
+const PUBLISHED_SEEDS: f64 = 3.0;
+
+/// Half the width within which a published curve was read off its figure, in steps; taken as
+/// uniform.
+const READING_ERROR: f64 = 15.0;
+
+/// The smallest p that is not printed as 0.00000.
+const SMALLEST_P: f64 = 5e-6;
+
+/// Samples behind a published error rate.
+const ERROR_SAMPLES: f64 = 1000.0;
+
+/// Every published number that the jobs have an answer to.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Reproduction {
+    /// The comparisons, in the order of the published file.
+    pub comparisons: Vec<Comparison>,
+}
+
+/// What a published number is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Subject {
+    /// A difference of a table of t tests.
+    Effect,
+    /// A point of a curve.
+    CurvePoint,
+    /// A cell of a heat map.
+    HeatCell,
+    /// A rate of context inference error.
+    ErrorRate,
+}
+
+impl Subject {
+    /// Its word in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Subject::Effect => "effect",
+            Subject::CurvePoint => "curve point",
+            Subject::HeatCell => "heat-map cell",
+            Subject::ErrorRate => "error rate",
+        }
+    }
+}
+
+/// A published number and ours.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Comparison {
+    /// What it is about.
+    pub subject: Subject,
+    /// The agent, or both as `first - second`; empty where there is none.
+    pub agent: String,
+    /// The scenario, or both as `first - second`; empty where there is none.
+    pub scenario: String,
+    /// Further parameters: name and value.
+    pub settings: Vec<(&'static str, f64)>,
+    /// The published number.
+    pub published: f64,
+    /// Its standard error, as far as it can be known.
+    pub published_error: Result<f64, Undefined>,
+    /// The published p value, of an effect.
+    pub published_p: Option<f64>,
+    /// Our number.
+    pub ours: Result<f64, Undefined>,
+    /// Its standard error.
+    pub our_error: Result<f64, Undefined>,
+    /// Our seeds, of the smaller side.
+    pub seeds: usize,
+    /// Ours minus the published, with the joint interval.
+    pub agreement: Result<Agreement, Undefined>,
+}
+
+impl Reproduction {
+    /// Comparisons of a subject: inside the joint interval, outside, and without an answer.
+    pub fn counts(&self, subject: Subject) -> (usize, usize, usize) {
+        let mut counts = (0, 0, 0);
+        for comparison in self.comparisons.iter().filter(|one| one.subject == subject) {
+            match &comparison.agreement {
+                Ok(Agreement { verdict: Verdict::Inside, .. }) => counts.0 += 1,
+                Ok(Agreement { verdict: Verdict::Outside, .. }) => counts.1 += 1,
+                Err(_) => counts.2 += 1,
+            }
+        }
+        counts
+    }
+
+    /// Root mean square of ours minus published over an agent's curve points, with their number.
+    pub fn curve_errors(&self) -> Vec<(String, f64, usize)> {
+        let mut agents: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
+        for one in self.comparisons.iter().filter(|one| one.subject == Subject::CurvePoint) {
+            if let Ok(ours) = one.ours {
+                agents.entry(&one.agent).or_default().push(ours - one.published);
+            }
+        }
+        let rms = |errors: &[f64]| {
+            (errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64).sqrt()
+        };
+        let line =
+            |(agent, errors): (&str, Vec<f64>)| (agent.to_owned(), rms(&errors), errors.len());
+        agents.into_iter().map(line).collect()
+    }
+
+    /// Effects whose published p is below 0.01: how many have our sign, and how many there are.
+    pub fn signs(&self) -> (usize, usize) {
+        let clear = |one: &&Comparison| one.published_p.is_some_and(|p| p < 0.01);
+        let answered = self.comparisons.iter().filter(clear).filter_map(|one| {
+            let ours = one.ours.ok()?;
+            Some((ours > 0.0) == (one.published > 0.0))
+        });
+        let answered: Vec<bool> = answered.collect();
+        (answered.iter().filter(|same| **same).count(), answered.len())
+    }
+}
+
+/// Compares every published number with the jobs that answer it. Numbers that no declared job is
+/// about are left out.
+pub fn reproduce(published: &Published, jobs: &[JobRecord]) -> Reproduction {
+    let jobs: Vec<&JobRecord> = jobs.iter().collect();
+    let mut comparisons = effects(published, &jobs);
+    comparisons.extend(curve_points(published, &jobs));
+    comparisons.extend(heat_cells(published, &jobs));
+    comparisons.extend(error_rates(published, &jobs));
+    Reproduction { comparisons }
+}
+
+/// The seeds of the one arm with these words and settings; `None` if there is none, or several.
+fn arm(
+    jobs: &[&JobRecord],
+    agent: &str,
+    scenario: &str,
+    settings: &[(&'static str, f64)],
+) -> Option<Sample> {
+    let is = |job: &&&JobRecord| {
+        let set = |(name, value): &(&str, f64)| {
+            job.number(&format!("environment.{name}")) == Some(*value)
+        };
+        job.agent == agent && job.scenario == scenario && settings.iter().all(set)
+    };
+    let here: Vec<&JobRecord> = jobs.iter().filter(is).copied().collect();
+    match groups(&here, &[]).as_slice() {
+        [group] => Some(group.sample("mean_return")),
+        _ => None,
+    }
+}
+
+fn effects(published: &Published, jobs: &[&JobRecord]) -> Vec<Comparison> {
+    let mut comparisons = Vec::new();
+    for test in &published.t_tests {
+        let Some((first, second)) = test.contrast.split_once(" - ") else { continue };
+        for (at, &sigma) in test.sigma.iter().enumerate() {
+            let side = |word: &str| match (&test.agent, &test.scenario) {
+                (Some(agent), None) => arm(jobs, agent, word, &[("sigma", sigma)]),
+                (None, Some(scenario)) => arm(jobs, word, scenario, &[("sigma", sigma)]),
+                _ => None,
+            };
+            let (Some(one), Some(other)) = (side(first), side(second)) else { continue };
+            let (effect, p) = (test.effect[at], test.p_value[at]);
+            let df = 2.0 * PUBLISHED_SEEDS - 2.0;
+            let theirs = Estimate::of_published(effect, p.max(SMALLEST_P), df);
+            let contrast = test.contrast.clone();
+            let words = |word: &Option<String>| word.clone().unwrap_or_else(|| contrast.clone());
+            let mut comparison = difference(&one, &other, effect, theirs);
+            comparison.subject = Subject::Effect;
+            comparison.agent = words(&test.agent);
+            comparison.scenario = words(&test.scenario);
+            comparison.settings = vec![("sigma", sigma)];
+            comparison.published_p = Some(p);
+            comparisons.push(comparison);
+        }
+    }
+    comparisons
+}
+
+fn curve_points(published: &Published, jobs: &[&JobRecord]) -> Vec<Comparison> {
+    let mut comparisons = Vec::new();
+    for curve in &published.curves {
+        for (&sigma, &value) in curve.sigma.iter().zip(&curve.mean_return) {
+            let Some(sample) = arm(jobs, &curve.agent, &curve.scenario, &[("sigma", sigma)]) else {
+                continue;
+            };
+            let ours = Estimate::of_mean(sample.values());
+            let theirs = ours.map(|ours| {
+                let variance = ours.standard_error.powi(2) * sample.n() as f64 / PUBLISHED_SEEDS;
+                let standard_error = (variance + READING_ERROR.powi(2) / 3.0).sqrt();
+                Estimate { value, standard_error, df: ours.df }
+            });
+            comparisons.push(Comparison {
+                subject: Subject::CurvePoint,
+                agent: curve.agent.clone(),
+                scenario: curve.scenario.clone(),
+                settings: vec![("sigma", sigma)],
+                ours: crate::analyse::Moments::of(sample.values()).map(|moments| moments.mean),
+                ..compared(value, theirs, ours, sample.n())
+            });
+        }
+    }
+    comparisons
+}
+
+fn heat_cells(published: &Published, jobs: &[&JobRecord]) -> Vec<Comparison> {
+    let mut comparisons = Vec::new();
+    for map in &published.heat_maps {
+        let Some((first, second)) = map.contrast.split_once(" - ") else { continue };
+        for (&delta_d, row) in map.delta_d.iter().zip(&map.effect) {
+            for (&epsilon_d, &effect) in map.epsilon_d.iter().zip(row) {
+                let settings = vec![("delta_d", delta_d), ("epsilon_d", epsilon_d)];
+                let side = |scenario| arm(jobs, &map.agent, scenario, &settings);
+                let (Some(one), Some(other)) = (side(first), side(second)) else { continue };
+                // As uncertain as ours would be with the published number of seeds.
+                let spread = Contrast::new(&one, &other, Design::Independent).test();
+                let theirs = spread.map(|test| {
+                    let seeds = one.n().min(other.n()) as f64;
+                    let standard_error = test.standard_error * (seeds / PUBLISHED_SEEDS).sqrt();
+                    Estimate { value: effect, standard_error, df: test.df }
+                });
+                comparisons.push(Comparison {
+                    subject: Subject::HeatCell,
+                    agent: map.agent.clone(),
+                    scenario: map.contrast.clone(),
+                    settings,
+                    ..difference(&one, &other, effect, theirs)
+                });
+            }
+        }
+    }
+    comparisons
+}
+
+fn error_rates(published: &Published, jobs: &[&JobRecord]) -> Vec<Comparison> {
+    let Some(errors) = &published.sigma_to_error else { return Vec::new() };
+    let pairs = errors.sigma.iter().zip(&errors.reported);
+    let declared = pairs.filter(|(sigma, _)| {
+        jobs.iter().any(|job| job.number("environment.sigma") == Some(**sigma))
+    });
+    let comparison = |(&sigma, &rate): (&f64, &f64)| {
+        let ours = inference_error(sigma);
+        // The spread of a count whose true rate is ours; ours itself has none.
+        let standard_error = (ours * (1.0 - ours) / ERROR_SAMPLES).sqrt();
+        let exact = |value| Estimate { value, standard_error: 0.0, df: ERROR_SAMPLES - 1.0 };
+        let theirs = Ok(Estimate { standard_error, ..exact(rate) });
+        Comparison {
+            subject: Subject::ErrorRate,
+            settings: vec![("sigma", sigma)],
+            ..compared(rate, theirs, Ok(exact(ours)), 0)
+        }
+    };
+    declared.map(comparison).collect()
+}
+
+fn difference(
+    first: &Sample,
+    second: &Sample,
+    published: f64,
+    theirs: Result<Estimate, Undefined>,
+) -> Comparison {
+    let contrast = Contrast::new(first, second, Design::Independent);
+    let ours = contrast.test().map(|test| Estimate::of_test(&test));
+    let seeds = first.n().min(second.n());
+    Comparison { ours: contrast.difference, ..compared(published, theirs, ours, seeds) }
+}
+
+/// A comparison of which the subject and its words are still to be filled in.
+fn compared(
+    published: f64,
+    theirs: Result<Estimate, Undefined>,
+    ours: Result<Estimate, Undefined>,
+    seeds: usize,
+) -> Comparison {
+    let agreement = match (&ours, &theirs) {
+        (Ok(ours), Ok(theirs)) if ours.standard_error == 0.0 && theirs.standard_error == 0.0 => {
+            certain(ours.value - theirs.value)
+        }
+        (Ok(ours), Ok(theirs)) => agreement(ours, theirs),
+        (Err(reason), _) | (_, Err(reason)) => Err(*reason),
+    };
+    Comparison {
+        subject: Subject::Effect,
+        agent: String::new(),
+        scenario: String::new(),
+        settings: Vec::new(),
+        published,
+        published_error: theirs.map(|theirs| theirs.standard_error),
+        published_p: None,
+        ours: ours.map(|ours| ours.value),
+        our_error: ours.map(|ours| ours.standard_error),
+        seeds,
+        agreement,
+    }
+}
+
+/// The agreement of two numbers without uncertainty.
+fn certain(difference: f64) -> Result<Agreement, Undefined> {
+    let interval = crate::analyse::Interval { low: difference, high: difference };
+    let verdict = if difference == 0.0 { Verdict::Inside } else { Verdict::Outside };
+    Ok(Agreement { difference, interval, verdict })
+}
+
+/// The name of an arm that a comparison is about, for colours.
+impl Comparison {
+    /// The arm, where it is about one.
+    pub fn arm(&self) -> Name {
+        Name { agent: self.agent.clone(), scenario: self.scenario.clone(), settings: Vec::new() }
+    }
+}

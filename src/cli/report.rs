@@ -1,0 +1,210 @@
+//! `jitai report`: tables, figures and one page, from the store.
+
+use std::collections::{BTreeSet, HashMap};
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use crate::analyse::declared::{carry_out, reproduce};
+use crate::cli::{Error, Exit, StoreArgument, check};
+use crate::manifest::{Analysis, AnalysisKind, Condition, Manifest, Published};
+use crate::plan::{self, JobKey, PlannedJob, Scalar};
+use crate::record::{Failure, JobRecord, Progress, Setting};
+use crate::report::{ReportFile, ReportedExperiment, report};
+use crate::store::{JobState, Parts, Provided, ProvidedPart, Reader};
+
+/// Largest file of published numbers.
+const MOST_BYTES: u64 = 10_000_000;
+
+/// Write tables, figures and a page about the results that there are
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// Manifests (TOML files)
+    #[arg(required = true, value_name = "MANIFEST")]
+    manifests: Vec<PathBuf>,
+    /// Folder to write to; made if it is not there
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    #[command(flatten)]
+    store: StoreArgument,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
+    let manifests = check::load_all(&arguments.manifests)?;
+    if arguments.out.is_file() {
+        let out = arguments.out.display();
+        return Err(Error::Usage(format!("--out: `{out}` is a file, not a folder; name another")));
+    }
+    let published = manifests.iter().map(published).collect::<Result<Vec<_>, Error>>()?;
+    let reader = Reader::open(&arguments.store.store)?;
+    let mut experiments = Vec::new();
+    for (manifest, published) in manifests.iter().zip(&published) {
+        let jobs = records(&reader, manifest)?;
+        let findings = carry_out(&manifest.analyses, &jobs, published.as_ref());
+        let queries = manifest.analyses.iter().map(|analysis| query(manifest, analysis, &jobs));
+        experiments.push(ReportedExperiment {
+            name: manifest.name.clone(),
+            question: manifest.question.clone(),
+            hypothesis: manifest.hypothesis.clone(),
+            manifest: manifest.source.clone(),
+            findings: findings.into_iter().zip(queries).collect(),
+            reproduction: published.as_ref().map(|published| reproduce(published, &jobs)),
+            jobs,
+        });
+    }
+    let store = arguments.store.store.file_name().unwrap_or_default().to_string_lossy();
+    let files = report(&experiments, &store);
+    files.iter().try_for_each(|file| write(&arguments.out, file))?;
+    writeln!(io::stdout(), "{}", arguments.out.join("index.html").display())?;
+    Ok(Exit::Done)
+}
+
+/// The published numbers that a manifest names.
+fn published(manifest: &Manifest) -> Result<Option<Published>, Error> {
+    let Some(name) = &manifest.published else { return Ok(None) };
+    let folder = Path::new(&manifest.path).parent().unwrap_or(Path::new(""));
+    let path = folder.join(name);
+    let failure = |source| Error::Io { what: format!("read `{}`", path.display()), source };
+    let size = fs::metadata(&path).map_err(failure)?.len();
+    if size > MOST_BYTES {
+        let path = path.display();
+        return Err(Error::Usage(format!("`{path}` has more than {MOST_BYTES} bytes")));
+    }
+    let text = fs::read_to_string(&path).map_err(failure)?;
+    Published::parse(&path, &text).map(Some).map_err(|faults| Error::Manifests(vec![faults]))
+}
+
+/// The jobs of a manifest with what the store knows of them.
+fn records(reader: &Reader, manifest: &Manifest) -> Result<Vec<JobRecord>, Error> {
+    let kind = |wanted: fn(&AnalysisKind) -> bool| {
+        manifest.analyses.iter().any(|analysis| wanted(&analysis.kind))
+    };
+    let parts = Parts {
+        curve: kind(|kind| matches!(kind, AnalysisKind::LearningCurve { .. })),
+        actions: kind(|kind| {
+            matches!(kind, AnalysisKind::ActionChoice { .. } | AnalysisKind::InferenceError)
+        }),
+        returns: manifest.analyses.iter().any(|one| one.metric == "lower_quartile_return"),
+    };
+    let failures: HashMap<JobKey, Failure> =
+        reader.failed_jobs()?.into_iter().map(|failed| (failed.job_key, failed.failure)).collect();
+    let planned: Vec<PlannedJob> = plan::expand(manifest);
+    let keys: Vec<JobKey> = planned.iter().map(|planned| planned.form.key()).collect();
+    let states = reader.job_states(&keys)?;
+    let jobs = planned.iter().zip(keys).zip(states).map(|((planned, key), state)| {
+        let progress = match state {
+            JobState::Pending => Progress::Pending,
+            JobState::Interrupted => Progress::Interrupted,
+            JobState::Running => Progress::Running,
+            JobState::Failed => match failures.get(&key) {
+                Some(failure) => Progress::Failed(failure.clone()),
+                None => Progress::Interrupted,
+            },
+            JobState::Completed => match reader.completed_run(key, parts)? {
+                Some(run) => Progress::Completed(Box::new(run)),
+                None => Progress::Pending,
+            },
+        };
+        Ok(JobRecord {
+            job_key: key,
+            agent: planned.agent.to_string(),
+            scenario: planned.job.scenario.to_string(),
+            seed: planned.job.seed,
+            settings: settings(planned),
+            progress,
+        })
+    });
+    jobs.collect()
+}
+
+/// Every parameter but scenario and seed, by name.
+fn settings(planned: &PlannedJob) -> Vec<(String, Setting)> {
+    let named = planned.job.parameters().into_iter();
+    let others = named.filter(|(name, _)| name != "scenario" && name != "seed");
+    let mut settings: Vec<(String, Setting)> = others
+        .map(|(name, value)| match value {
+            Scalar::Real(real) => (name, Setting::Number(real)),
+            Scalar::Integer(whole) => (name, Setting::Number(whole as f64)),
+            Scalar::Text(text) => (name, Setting::Text(text)),
+        })
+        .collect();
+    settings.sort_by(|one, other| one.0.cmp(&other.0));
+    settings
+}
+
+/// The query that reads the data of an analysis.
+fn query(manifest: &Manifest, analysis: &Analysis, jobs: &[JobRecord]) -> String {
+    let listed = |found: &mut dyn Iterator<Item = String>| -> Vec<String> {
+        let mut seen = BTreeSet::new();
+        found.filter(|word| seen.insert(word.clone())).collect()
+    };
+    let all_agents = || listed(&mut jobs.iter().map(|job| job.agent.clone()));
+    let all_scenarios = || listed(&mut jobs.iter().map(|job| job.scenario.clone()));
+    let (mut agents, mut scenarios) = (all_agents(), all_scenarios());
+    let mut parameters: Vec<(String, Vec<String>)> = Vec::new();
+    let names: BTreeSet<&String> =
+        jobs.iter().flat_map(|job| job.settings.iter().map(|(name, _)| name)).collect();
+    for name in names {
+        let values = listed(&mut jobs.iter().filter_map(|job| job.setting(name).map(literal)));
+        if values.len() > 1 {
+            parameters.push((name.clone(), values));
+        }
+    }
+    for condition in &analysis.conditions {
+        match condition {
+            Condition::Scenario(list) => {
+                scenarios = list.iter().map(ToString::to_string).collect();
+            }
+            Condition::AgentName(list) => agents.clone_from(list),
+            Condition::Seed(_) => {}
+            Condition::Key { parameter, values } => {
+                let name = parameter.to_string();
+                let wanted = values.iter().map(|value| literal(&setting_of(value))).collect();
+                match parameters.iter_mut().find(|(known, _)| *known == name) {
+                    Some((_, values)) => *values = wanted,
+                    None => parameters.push((name, wanted)),
+                }
+            }
+        }
+    }
+    let part = match &analysis.kind {
+        AnalysisKind::LearningCurve { .. } => ProvidedPart::LearningCurve,
+        AnalysisKind::ActionChoice { .. } | AnalysisKind::InferenceError => {
+            ProvidedPart::ActionChoice
+        }
+        AnalysisKind::Contrast(_)
+        | AnalysisKind::Curve { .. }
+        | AnalysisKind::HeatMap { .. }
+        | AnalysisKind::Selection { .. } => match analysis.metric {
+            "lower_quartile_return" => ProvidedPart::Returns,
+            metric => ProvidedPart::Metric(metric.to_owned()),
+        },
+    };
+    Provided { experiment: manifest.name.clone(), agents, scenarios, parameters, part }.sql()
+}
+
+/// A value as SQL compares it.
+fn literal(setting: &Setting) -> String {
+    match setting {
+        Setting::Number(number) => number.to_string(),
+        Setting::Text(text) => format!("'{}'", text.replace('\'', "''")),
+    }
+}
+
+/// A manifest's value as a job's settings hold it.
+fn setting_of(value: &crate::manifest::Value) -> Setting {
+    crate::analyse::declared::setting(value)
+}
+
+/// Writes a file of the report, under another name until it is whole.
+fn write(folder: &Path, file: &ReportFile) -> Result<(), Error> {
+    let path = folder.join(&file.name);
+    let failure = |source| Error::Io { what: format!("write `{}`", path.display()), source };
+    if let Some(parent) = path.parent() {
+        fs::create_dir_all(parent).map_err(failure)?;
+    }
+    let mut partial = path.clone().into_os_string();
+    partial.push(".partial");
+    fs::write(&partial, &file.bytes).map_err(failure)?;
+    fs::rename(&partial, &path).map_err(failure)
+}

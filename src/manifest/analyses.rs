@@ -1,0 +1,362 @@
+//! Reads `[[analysis]]`, and holds what was read against the rest of the manifest.
+
+use std::collections::HashSet;
+
+use toml::de::DeTable;
+
+use super::analysis::{
+    ANALYSED_METRICS, Analysis, AnalysisKind, BINS, Contrast, CurveAxis, ERROR_AXIS, KINDS,
+    Pairing, SHARED_KEYS, SelectionRule, Sides, WINDOW, keys_of,
+};
+use super::check::absent;
+use super::declared::{Condition, Manifest};
+use super::draft::Draft;
+use super::fault::{Fault, FaultList};
+use super::keys::{Kind, Section, Value};
+use super::parameter::Parameter;
+use super::read::shortened;
+use super::source::{Located, Span};
+use super::sweep::{Node, Reader};
+
+/// An analysis as it is written.
+#[derive(Clone, Debug)]
+pub(super) struct AnalysisDraft {
+    pub analysis: Analysis,
+    /// Where its jobs and sides are named.
+    pub conditions: Vec<Located<Condition>>,
+    /// The parameters along its axes.
+    pub axes: Vec<Located<Parameter>>,
+    /// Where its table begins.
+    pub span: Span,
+}
+
+impl Reader<'_> {
+    /// Reads `[[analysis]]`.
+    pub fn analyses(&mut self, draft: &mut Draft, node: &Node) {
+        let mut names = HashSet::new();
+        for (span, table) in self.tables("analysis", node) {
+            let before = self.faults.len();
+            let Some(kind) = self.kind(span, table) else { continue };
+            self.analysis_keys(kind, table);
+            let name = match table.get("name") {
+                Some(node) => self.name("name", node),
+                None => {
+                    let help = "files and links are called by it: name = \"figure-1\"";
+                    let fault = Fault::at(span, "missing key `name` in an [[analysis]]");
+                    self.faults.add(fault.help(help));
+                    continue;
+                }
+            };
+            if !name.value.is_empty() && !names.insert(name.value.clone()) {
+                let message = format!("another [[analysis]] is called `{}`", name.value);
+                self.faults.add(Fault::at(name.span, message));
+            }
+            let analysis = self.analysis(kind, &name.value, span, table);
+            if let Some(analysis) = analysis.filter(|_| self.faults.len() == before) {
+                draft.analyses.push(analysis);
+            }
+        }
+    }
+
+    fn kind(&mut self, span: Span, table: &DeTable) -> Option<&'static str> {
+        match table.get("kind") {
+            Some(node) => self.word("kind", KINDS, node),
+            None => {
+                let fault = Fault::at(span, "missing key `kind` in an [[analysis]]");
+                self.faults.add(fault.help(format!("it is one of {}", KINDS.join(", "))));
+                None
+            }
+        }
+    }
+
+    fn analysis_keys(&mut self, kind: &str, table: &DeTable) {
+        let keys = [SHARED_KEYS, keys_of(kind)].concat();
+        for key in table.keys() {
+            let found = key.get_ref().as_ref();
+            if !keys.contains(&found) {
+                let found = shortened(found);
+                let message =
+                    format!("unknown key `{found}` in an [[analysis]] of kind \"{kind}\"");
+                let fault = Fault::at(key.span().into(), message);
+                self.faults.add(fault.nearest(&found, keys.iter().copied()));
+            }
+        }
+    }
+
+    fn analysis(
+        &mut self,
+        kind: &'static str,
+        name: &str,
+        span: Span,
+        table: &DeTable,
+    ) -> Option<AnalysisDraft> {
+        let title = table.get("title").and_then(|node| self.text("title", node));
+        let metric = match table.get("metric") {
+            Some(node) => self.word("metric", ANALYSED_METRICS, node)?,
+            None => ANALYSED_METRICS[0],
+        };
+        let jobs = table.get("where").and_then(|node| self.table("where", node));
+        let mut located = jobs.map(|jobs| self.conditions(jobs, "`where`")).unwrap_or_default();
+        let conditions = located.iter().map(|condition| condition.value.clone()).collect();
+        let mut axes = Vec::new();
+        let kind = self.analysis_kind(kind, name, (span, table), &mut axes)?;
+        if let (Some(sides), Some(node)) = (kind.sides(), table.get("between")) {
+            for side in [&sides.first, &sides.second] {
+                located.push(Located { value: side.clone(), span: node.span().into() });
+            }
+        }
+        let analysis = Analysis { name: name.to_owned(), title, metric, conditions, kind };
+        Some(AnalysisDraft { analysis, conditions: located, axes, span })
+    }
+
+    fn analysis_kind(
+        &mut self,
+        kind: &str,
+        name: &str,
+        (span, table): (Span, &DeTable),
+        axes: &mut Vec<Located<Parameter>>,
+    ) -> Option<AnalysisKind> {
+        match kind {
+            "contrast" => self.contrast(name, span, table).map(AnalysisKind::Contrast),
+            "curve" => self.curve_axis(span, table, axes).map(|axis| AnalysisKind::Curve { axis }),
+            "learning_curve" => {
+                let window = match table.get("window") {
+                    Some(node) => self.window(node)?,
+                    None => WINDOW,
+                };
+                Some(AnalysisKind::LearningCurve { window })
+            }
+            "heat_map" => {
+                let x = self.axis("x", span, table, axes)?;
+                let y = self.axis("y", span, table, axes)?;
+                let wanted = table.contains_key("by") || table.contains_key("between");
+                let sides = if wanted { Some(self.sides(span, table)?) } else { None };
+                Some(AnalysisKind::HeatMap { x, y, sides })
+            }
+            "action_choice" => {
+                let bins = match table.get("bins") {
+                    Some(node) => self.bins(node)?,
+                    None => 5,
+                };
+                Some(AnalysisKind::ActionChoice { bins })
+            }
+            "selection" => self.selection(span, table),
+            _ => Some(AnalysisKind::InferenceError),
+        }
+    }
+
+    fn contrast(&mut self, name: &str, span: Span, table: &DeTable) -> Option<Contrast> {
+        let sides = self.sides(span, table)?;
+        let words = [Pairing::Unpaired.name(), Pairing::BySeed.name()];
+        let pairing = match table.get("pairing") {
+            Some(node) if self.word("pairing", &words, node)? == words[1] => Pairing::BySeed,
+            Some(_) | None => Pairing::Unpaired,
+        };
+        let family = match table.get("family") {
+            Some(node) => self.name("family", node).value,
+            None => name.to_owned(),
+        };
+        Some(Contrast { sides, pairing, family })
+    }
+
+    /// The sides that `by` and `between` name.
+    fn sides(&mut self, span: Span, table: &DeTable) -> Option<Sides> {
+        let (Some(by), Some(between)) = (table.get("by"), table.get("between")) else {
+            let fault = Fault::at(span, "a difference needs `by` and `between`");
+            let help = "write by = \"scenario\" and between = [\"P-H-D\", \"L-H-D\"]";
+            self.faults.add(fault.help(help));
+            return None;
+        };
+        let items = between.get_ref().as_array().map_or(&[][..], |items| &items[..]);
+        let [first, second] = items else {
+            self.expected("between", "a list of two values, as in [\"P-H-D\", \"L-H-D\"]", between);
+            return None;
+        };
+        let parameter = by.get_ref().as_str().unwrap_or_default();
+        let (first, second) = (self.side(parameter, by, first)?, self.side(parameter, by, second)?);
+        if first == second {
+            self.expected("between", "two values that differ", between);
+            return None;
+        }
+        Some(Sides { first, second })
+    }
+
+    /// The condition that the parameter called `by` has the value of `node`.
+    fn side(&mut self, name: &str, by: &Node, node: &Node) -> Option<Condition> {
+        if name == "agent.name" {
+            let Some(agent) = node.get_ref().as_str() else {
+                self.expected("between", "an agent's name in quotes", node);
+                return None;
+            };
+            return Some(Condition::AgentName(vec![agent.to_owned()]));
+        }
+        match Parameter::named(name) {
+            Some(Parameter::Scenario) => {
+                let scenarios = self.scenarios("between", node);
+                (!scenarios.is_empty()).then_some(Condition::Scenario(scenarios))
+            }
+            Some(
+                parameter @ (Parameter::Environment(_)
+                | Parameter::Agent(_)
+                | Parameter::Evaluation(_)),
+            ) => {
+                let value = self.value("between", kind_of(parameter)?, node)?;
+                Some(Condition::Key { parameter, values: vec![value] })
+            }
+            // Seeds are what means are taken over.
+            Some(Parameter::Seed) | None => {
+                self.unknown_parameter("by", by, &["agent.name"]);
+                None
+            }
+        }
+    }
+
+    fn curve_axis(
+        &mut self,
+        span: Span,
+        table: &DeTable,
+        axes: &mut Vec<Located<Parameter>>,
+    ) -> Option<CurveAxis> {
+        let node = table.get("x");
+        if node.is_none_or(|node| node.get_ref().as_str() == Some(ERROR_AXIS)) {
+            let parameter = Parameter::Environment("sigma");
+            let span = node.map_or(span, |node| node.span().into());
+            axes.push(Located { value: parameter, span });
+            return Some(CurveAxis::ContextInferenceError);
+        }
+        self.axis("x", span, table, axes).map(CurveAxis::Swept)
+    }
+
+    /// A parameter with numbers for values.
+    fn axis(
+        &mut self,
+        key: &str,
+        span: Span,
+        table: &DeTable,
+        axes: &mut Vec<Located<Parameter>>,
+    ) -> Option<Parameter> {
+        let Some(node) = table.get(key) else {
+            let fault = Fault::at(span, format!("missing key `{key}` in an [[analysis]]"));
+            self.faults.add(fault.help("write the dotted name of a swept parameter"));
+            return None;
+        };
+        let named = node.get_ref().as_str().and_then(Parameter::named);
+        let numeric = named.filter(|parameter| {
+            matches!(
+                kind_of(*parameter),
+                Some(Kind::Real { .. } | Kind::PositiveReal { .. } | Kind::Integer { .. })
+            )
+        });
+        match numeric {
+            Some(parameter) => axes.push(Located { value: parameter, span: node.span().into() }),
+            None => self.unknown_parameter(key, node, &[ERROR_AXIS]),
+        }
+        numeric
+    }
+
+    fn unknown_parameter(&mut self, key: &str, node: &Node, others: &[&str]) {
+        let found = self.found(node);
+        let message = format!("`{key}`: expected the dotted name of a parameter, found {found}");
+        let dotted = node.get_ref().as_str().unwrap_or_default();
+        let names: Vec<String> = Parameter::all().map(|parameter| parameter.to_string()).collect();
+        let fault = Fault::at(node.span().into(), message);
+        // A bare key is missing its section, which no edit distance would find.
+        let known = names.iter().map(String::as_str).chain(others.iter().copied());
+        let bare = known.clone().find(|name| name.split('.').next_back() == Some(dotted));
+        self.faults.add(match bare.filter(|name| *name != dotted) {
+            Some(name) => fault.help(format!("did you mean `{name}`?")),
+            None => fault.nearest(dotted, known.filter(|name| *name != dotted)),
+        });
+    }
+
+    fn window(&mut self, node: &Node) -> Option<u32> {
+        match self.value("window", Kind::Integer { min: 1, max: 10_000_000 }, node)? {
+            Value::Integer(window) => u32::try_from(window).ok(),
+            _ => None,
+        }
+    }
+
+    fn bins(&mut self, node: &Node) -> Option<u8> {
+        let bins = super::sweep::whole(node).filter(|bins| BINS.contains(bins));
+        if bins.is_none() {
+            self.expected("bins", "1, 2, 5 or 10", node);
+        }
+        bins.and_then(|bins| u8::try_from(bins).ok())
+    }
+
+    fn selection(&mut self, span: Span, table: &DeTable) -> Option<AnalysisKind> {
+        let words = [SelectionRule::HighestMean.name(), SelectionRule::HighestLowerBound.name()];
+        let rule = match table.get("rule") {
+            Some(node) if self.word("rule", &words, node)? == words[1] => {
+                SelectionRule::HighestLowerBound
+            }
+            Some(_) | None => SelectionRule::HighestMean,
+        };
+        let Some(node) = table.get("reporting_seeds") else {
+            let message = "missing key `reporting_seeds` in an [[analysis]] of kind \"selection\"";
+            let help = "list the seeds of the manifests that report the chosen settings: settings \
+                        picked on the seeds that are then reported look better than they are";
+            self.faults.add(Fault::at(span, message).help(help));
+            return None;
+        };
+        let reporting_seeds = self.seeds("reporting_seeds", node);
+        Some(AnalysisKind::Selection { rule, reporting_seeds })
+    }
+
+    /// One of `words`.
+    fn word(&mut self, name: &str, words: &[&'static str], node: &Node) -> Option<&'static str> {
+        let found = node.get_ref().as_str();
+        let word = words.iter().find(|word| Some(**word) == found).copied();
+        if word.is_none() {
+            let quoted: Vec<String> = words.iter().map(|word| format!("\"{word}\"")).collect();
+            let message =
+                format!("`{name}`: expected {}, found {}", quoted.join(" or "), self.found(node));
+            let fault = Fault::at(node.span().into(), message);
+            self.faults.add(fault.nearest(found.unwrap_or_default(), words.iter().copied()));
+        }
+        word
+    }
+}
+
+/// The type of a parameter's values; `None` for scenario and seed, which no table declares.
+fn kind_of(parameter: Parameter) -> Option<Kind> {
+    let sections = Section::ALL.into_iter();
+    let of = |section: Section| {
+        let (_, key) = section.find(parameter.key())?;
+        (Parameter::of(section, key.name) == parameter).then_some(key.kind)
+    };
+    sections.filter_map(of).next()
+}
+
+/// Notes analyses of what the manifest does not declare.
+pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
+    for analysis in &draft.analyses {
+        for condition in &analysis.conditions {
+            let Some((name, absent, present)) = absent(draft, manifest, &condition.value) else {
+                continue;
+            };
+            let message = format!("no job to analyse has `{name}` = {absent}");
+            let fault = Fault::at(condition.span, message);
+            faults.add(match present.is_empty() {
+                true => fault.help(format!("no agent of this manifest has the key `{name}`")),
+                false => fault.help(format!("its values here: {present}")),
+            });
+        }
+        for axis in &analysis.axes {
+            let lengths = manifest.agents.iter().map(|agent| manifest.length(agent, axis.value));
+            if lengths.max().is_some_and(|most| most < 2) && !draft.is_lost(axis.value) {
+                let message = format!("`{}` has one value, it is not swept", axis.value);
+                let help = "an axis shows a parameter that the manifest gives several values";
+                faults.add(Fault::at(axis.span, message).help(help));
+            }
+        }
+        if let AnalysisKind::Selection { reporting_seeds, .. } = &analysis.analysis.kind {
+            let shared = reporting_seeds.iter().find(|seed| manifest.seeds.contains(seed));
+            if let (Some(seed), false) = (shared, draft.is_lost(Parameter::Seed)) {
+                let message = format!("seed {seed} is searched on and reported on");
+                let help = "choose on other seeds than those that are reported: seeds = [101, 102]";
+                faults.add(Fault::at(analysis.span, message).help(help));
+            }
+        }
+    }
+}

@@ -1,0 +1,149 @@
+//! Published numbers, as a file beside the manifests holds them for the report to compare with.
+
+use std::path::Path;
+
+use serde::Deserialize;
+
+use super::fault::{Fault, Faults};
+
+/// The numbers of a publication. Lists of one table have one length.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Published {
+    /// Rates of context inference error.
+    pub sigma_to_error: Option<PublishedErrors>,
+    /// Differences of means with their p values.
+    #[serde(default, rename = "t_test")]
+    pub t_tests: Vec<PublishedTest>,
+    /// Mean returns along sigma.
+    #[serde(default, rename = "curve")]
+    pub curves: Vec<PublishedCurve>,
+    /// Differences of means over two parameters.
+    #[serde(default, rename = "heat_map")]
+    pub heat_maps: Vec<PublishedHeatMap>,
+}
+
+/// Rates of context inference error by sigma.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PublishedErrors {
+    /// Feature noise.
+    pub sigma: Vec<f64>,
+    /// Rates as printed: counted in one draw of 1000.
+    pub reported: Vec<f64>,
+    /// Rates by the formula.
+    pub exact: Vec<f64>,
+}
+
+/// Differences along sigma, with the p values of unpaired t tests.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PublishedTest {
+    /// `first - second`: two scenarios or two agents.
+    pub contrast: String,
+    /// The agent, where the sides are scenarios.
+    pub agent: Option<String>,
+    /// The scenario, where the sides are agents.
+    pub scenario: Option<String>,
+    /// Feature noise.
+    pub sigma: Vec<f64>,
+    /// Differences, in steps walked.
+    pub effect: Vec<f64>,
+    /// Two-sided p values, rounded to five decimals.
+    pub p_value: Vec<f64>,
+}
+
+/// A published line of a figure.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PublishedCurve {
+    /// The agent.
+    pub agent: String,
+    /// The scenario.
+    pub scenario: String,
+    /// Feature noise.
+    pub sigma: Vec<f64>,
+    /// Mean returns, in steps walked.
+    #[serde(rename = "return")]
+    pub mean_return: Vec<f64>,
+}
+
+/// Differences over two parameters of disengagement.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PublishedHeatMap {
+    /// The agent.
+    pub agent: String,
+    /// `first - second`: two scenarios.
+    pub contrast: String,
+    /// Of the rows.
+    pub delta_d: Vec<f64>,
+    /// Of the columns.
+    pub epsilon_d: Vec<f64>,
+    /// Differences, in steps walked, a list a row.
+    pub effect: Vec<Vec<f64>>,
+}
+
+impl Published {
+    /// Reads the text of the file called `path`.
+    ///
+    /// # Errors
+    /// What is wrong, in the form that authors see.
+    pub fn parse(path: &Path, text: &str) -> Result<Published, Faults> {
+        let label = path.display().to_string();
+        let fault = |message: String| Faults::of_file(&label, Fault::whole(message));
+        let published: Published = toml::from_str(text).map_err(|error| {
+            fault(format!("published numbers cannot be read: {}", error.to_string().trim_end()))
+        })?;
+        match published.uneven() {
+            None => Ok(published),
+            Some(table) => Err(fault(format!("the lists of a [{table}] differ in length"))),
+        }
+    }
+
+    /// The name of a table whose lists differ in length.
+    fn uneven(&self) -> Option<&'static str> {
+        let errors = self.sigma_to_error.iter();
+        if errors
+            .clone()
+            .any(|e| e.sigma.len() != e.reported.len() || e.sigma.len() != e.exact.len())
+        {
+            return Some("sigma_to_error");
+        }
+        let even =
+            |t: &PublishedTest| t.sigma.len() == t.effect.len() && t.sigma.len() == t.p_value.len();
+        if !self.t_tests.iter().all(even) {
+            return Some("[t_test]");
+        }
+        if self.curves.iter().any(|curve| curve.sigma.len() != curve.mean_return.len()) {
+            return Some("[curve]");
+        }
+        let uneven = |map: &PublishedHeatMap| {
+            let ragged = map.effect.iter().any(|row| row.len() != map.epsilon_d.len());
+            map.effect.len() != map.delta_d.len() || ragged
+        };
+        self.heat_maps.iter().any(uneven).then_some("[heat_map]")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_paper_s_numbers_are_read_and_counted() {
+        let text = include_str!("../../experiments/paper/published.toml");
+        let published = Published::parse(Path::new("published.toml"), text).unwrap();
+        let effects: usize = published.t_tests.iter().map(|test| test.effect.len()).sum();
+        let points: usize = published.curves.iter().map(|curve| curve.sigma.len()).sum();
+        let cells = published.heat_maps.iter().flat_map(|map| &map.effect).flatten().count();
+        assert_eq!((effects, points, cells), (20, 48, 32));
+    }
+
+    #[test]
+    fn lists_of_unequal_length_are_refused() {
+        let text = "[[curve]]\nagent = \"a\"\nscenario = \"C\"\nsigma = [0.1, 0.2]\nreturn = [1.0]";
+        let faults = Published::parse(Path::new("p.toml"), text).unwrap_err();
+        assert!(faults.to_string().contains("the lists of a [[curve]] differ in length"));
+    }
+}

@@ -1,0 +1,107 @@
+//! What is known of a job: what it was set to, and how far it came.
+
+use std::fmt;
+
+use super::{ActionCount, Failure, JobKey, Provenance};
+
+/// A job of an experiment with what has become of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JobRecord {
+    /// Identity of the job.
+    pub job_key: JobKey,
+    /// Agent's name in the manifest.
+    pub agent: String,
+    /// Scenario, like `P-H-D`.
+    pub scenario: String,
+    /// Seed.
+    pub seed: u64,
+    /// Every other parameter: dotted name and value, by name.
+    pub settings: Vec<(String, Setting)>,
+    /// How far it came.
+    pub progress: Progress,
+}
+
+impl JobRecord {
+    /// The value of the parameter of this dotted name, if the job has it.
+    pub fn setting(&self, name: &str) -> Option<&Setting> {
+        let place = self.settings.binary_search_by(|(known, _)| known.as_str().cmp(name)).ok()?;
+        Some(&self.settings[place].1)
+    }
+
+    /// The number that the parameter of this dotted name has, if it has one.
+    pub fn number(&self, name: &str) -> Option<f64> {
+        match self.setting(name)? {
+            Setting::Number(number) => Some(*number),
+            Setting::Text(_) => None,
+        }
+    }
+
+    /// Its completed run, if it has one.
+    pub fn completed(&self) -> Option<&CompletedRun> {
+        match &self.progress {
+            Progress::Completed(run) => Some(run),
+            Progress::Pending | Progress::Interrupted | Progress::Running | Progress::Failed(_) => {
+                None
+            }
+        }
+    }
+}
+
+/// A parameter's value.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Setting {
+    /// A number; flags are 0 and 1.
+    Number(f64),
+    /// A word, or a list as JSON text (`[128,128]`).
+    Text(String),
+}
+
+impl fmt::Display for Setting {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Setting::Number(number) => write!(f, "{number}"),
+            Setting::Text(text) => f.write_str(text),
+        }
+    }
+}
+
+/// How far a job came.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Progress {
+    /// It was never tried.
+    Pending,
+    /// Its runs were interrupted.
+    Interrupted,
+    /// A living process runs it.
+    Running,
+    /// Its last run failed.
+    Failed(Failure),
+    /// It has its one completed run.
+    Completed(Box<CompletedRun>),
+}
+
+/// What a completed run left behind, as far as a report asked for it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CompletedRun {
+    /// Names and values of its metrics, by name.
+    pub metrics: Vec<(String, f64)>,
+    /// Training episodes finished and mean return since the point before; empty if not asked for.
+    pub curve: Vec<(u32, f64)>,
+    /// Choices of action in the test; empty if not asked for.
+    pub actions: Vec<ActionCount>,
+    /// Returns of the test episodes, by position; empty if not asked for.
+    pub returns: Vec<f64>,
+    /// What made it.
+    pub provenance: Provenance,
+    /// When it ended, in UTC, ISO 8601 with milliseconds.
+    pub ended_at: String,
+    /// Time it took, in seconds.
+    pub wall_seconds: f64,
+}
+
+impl CompletedRun {
+    /// The metric of this name, if it was recorded.
+    pub fn metric(&self, name: &str) -> Option<f64> {
+        self.metrics.iter().find(|(known, _)| known == name).map(|(_, value)| *value)
+    }
+}

@@ -1,0 +1,249 @@
+//! Captions that say what is seen, in sentences made of the numbers.
+
+use super::data_table::shown;
+use super::figure::{Numbers, arm_label};
+use super::words::unit_numbers;
+use crate::analyse::declared::{
+    ActionPanel, Chosen, Content, ContrastRow, CurveFigure, CurveLine, ErrorFigure, Finding,
+    HeatFigure, LearningPanel, Reproduction, Scale, Subject,
+};
+use crate::analyse::{FEW_SEEDS, Moments};
+
+/// Below this, a corrected p value counts as a finding.
+const ALPHA: f64 = 0.05;
+
+/// What a reader sees in a finding.
+pub fn caption(finding: &Finding) -> String {
+    let metric = finding.metric;
+    let mut sentences = match &finding.content {
+        Content::Contrast(rows) => contrast(rows, metric),
+        Content::Curve(figure) => curve(figure, metric),
+        Content::LearningCurve { panels, .. } => learning(panels),
+        Content::HeatMap(figures) => figures.iter().filter_map(heat).collect(),
+        Content::ActionChoice(panels) => actions(panels),
+        Content::Selection(chosen) => {
+            chosen.iter().filter_map(|one| selected(one, metric)).collect()
+        }
+        Content::InferenceError(figure) => errors(figure),
+    };
+    let jobs = finding.jobs;
+    if jobs.completed < jobs.total() {
+        let (missing, total) = (jobs.total() - jobs.completed, jobs.total());
+        let failed = match jobs.failed {
+            0 => String::new(),
+            failed => format!(", {failed} of them failed"),
+        };
+        sentences.push(format!("Missing: {missing} of {total} jobs{failed}."));
+    }
+    sentences.join(" ")
+}
+
+/// A metric's number with its unit.
+fn amount(value: f64, metric: &str) -> String {
+    match unit_numbers(metric) {
+        (Numbers::Percent, decimals) => format!("{} %", shown(value * 100.0, decimals)),
+        (Numbers::Plain, decimals) => shown(value, decimals),
+    }
+}
+
+fn contrast(rows: &[ContrastRow], metric: &str) -> Vec<String> {
+    let Some(row) = rows.first() else { return Vec::new() };
+    let (first, second) = &row.sides;
+    let answered: Vec<&ContrastRow> =
+        rows.iter().filter(|row| row.contrast.difference.is_ok()).collect();
+    let above = |row: &&&ContrastRow| row.contrast.difference.is_ok_and(|value| value > 0.0);
+    let clear = |row: &&&ContrastRow| row.corrected.is_ok_and(|corrected| corrected.holm < ALPHA);
+    let (higher, certain) =
+        (answered.iter().filter(above).count(), answered.iter().filter(clear).count());
+    let mut sentences = vec![format!(
+        "{first} is above {second} in {higher} of {} comparisons; {certain} differ by more than \
+         chance (Holm-corrected p < {ALPHA} over the family).",
+        answered.len()
+    )];
+    let largest = answered.iter().max_by(|one, other| {
+        let size = |row: &ContrastRow| row.contrast.difference.map_or(0.0, f64::abs);
+        size(one).total_cmp(&size(other))
+    });
+    if let Some((row, Ok(difference))) = largest.map(|row| (row, row.contrast.difference)) {
+        let (size, place) = (amount(difference, metric), arm_label(&row.name));
+        sentences.push(format!("The largest difference is {size} ({place})."));
+    }
+    let fewest = answered.iter().map(|row| row.contrast.seeds.0.min(row.contrast.seeds.1)).min();
+    if let Some(fewest) = fewest.filter(|fewest| *fewest < FEW_SEEDS) {
+        let mut detectable: Vec<f64> =
+            answered.iter().filter_map(|row| row.contrast.detectable.ok()).collect();
+        detectable.sort_by(f64::total_cmp);
+        let middle = detectable.get(detectable.len() / 2).map_or_else(String::new, |middle| {
+            let size = amount(*middle, metric);
+            format!("; the median difference that they detect with 80 % power is {size}")
+        });
+        sentences.push(format!("Few seeds: {fewest} a side{middle}."));
+    }
+    sentences
+}
+
+fn mean(values: &[f64]) -> Option<f64> {
+    Moments::of(values).ok().map(|moments| moments.mean)
+}
+
+fn ends(line: &CurveLine) -> Option<((f64, f64), (f64, f64))> {
+    let seen =
+        || line.points.iter().filter_map(|point| Some((point.x, mean(point.sample.values())?)));
+    Some((seen().next()?, seen().next_back()?))
+}
+
+fn curve(figure: &CurveFigure, metric: &str) -> Vec<String> {
+    let is_error = figure.axis == "context_inference_error";
+    let at = |x: f64| match is_error {
+        true => format!("{} % error", shown(x * 100.0, 0)),
+        false => x.to_string(),
+    };
+    let line = |line: &CurveLine| {
+        let ((x, y), (last_x, last_y)) = ends(line)?;
+        let verb = if last_y < y { "falls" } else { "rises" };
+        let (from, to) = (amount(y, metric), amount(last_y, metric));
+        let name = arm_label(&line.name);
+        Some(format!("{name} {verb} from {from} at {} to {to} at {}.", at(x), at(last_x)))
+    };
+    let mut sentences: Vec<String> = figure.lines.iter().filter_map(line).collect();
+    if let [first, second] = figure.lines.as_slice() {
+        let gap = first.points.iter().filter_map(|point| {
+            let other = second.points.iter().find(|other| other.x == point.x)?;
+            Some((point.x, mean(point.sample.values())? - mean(other.sample.values())?))
+        });
+        let widest = gap.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()));
+        if let Some((x, gap)) = widest {
+            let (size, place) = (amount(gap.abs(), metric), at(x));
+            sentences.push(format!("They are furthest apart at {place}, by {size}."));
+        }
+    }
+    sentences
+}
+
+fn learning(panels: &[LearningPanel]) -> Vec<String> {
+    let line = |line: &crate::analyse::declared::LearningLine| {
+        let (_, end, _) = line.points.last()?;
+        let (_, start, _) = line.points.first()?;
+        let goal = start + 0.9 * (end - start);
+        let reached = line.points.iter().find(|(_, mean, _)| (mean - start) / (end - start) >= 0.9);
+        let when = reached
+            .filter(|_| end > start && goal.is_finite())
+            .map_or_else(String::new, |(episode, _, _)| {
+                format!(", nine tenths of the way by episode {episode}")
+            });
+        Some(format!("{} ends at {}{when}.", arm_label(&line.name), shown(*end, 0)))
+    };
+    panels.iter().flat_map(|panel| &panel.lines).filter_map(line).collect()
+}
+
+fn heat(figure: &HeatFigure) -> Option<String> {
+    let cells = || figure.cells.iter().filter_map(|cell| Some((cell, cell.value.ok()?)));
+    let (least, _) = cells().min_by(|one, other| one.1.total_cmp(&other.1)).map(|c| (c.1, c.0))?;
+    let (top, most) = cells().max_by(|one, other| one.1.total_cmp(&other.1))?;
+    let last = |dotted: &str| dotted.rsplit('.').next().unwrap_or(dotted).to_owned();
+    let above = match figure.scale {
+        Scale::Difference => {
+            let above = cells().filter(|(_, value)| *value > 0.0).count();
+            format!("is above 0 in {above} of {} cells and ", cells().count())
+        }
+        Scale::Mean => String::new(),
+    };
+    Some(format!(
+        "{}, {}: {above}reaches from {} to {}, the most at {} = {} and {} = {}.",
+        figure.agent,
+        figure.subject,
+        shown(least, 0),
+        shown(most, 0),
+        last(&figure.x.0),
+        top.x,
+        last(&figure.y.0),
+        top.y
+    ))
+}
+
+fn actions(panels: &[ActionPanel]) -> Vec<String> {
+    let tailored = |panel: &ActionPanel, bin: usize| {
+        let shares = panel.bins.get(bin)?.shares?;
+        Some((shares[2].0 + shares[3].0) * 100.0)
+    };
+    let sentence = |panel: &ActionPanel| {
+        let middle = panel.bins.len() / 2;
+        let (certain, unsure) = (tailored(panel, 0)?, tailored(panel, middle)?);
+        let bin = &panel.bins[middle];
+        Some(format!(
+            "{} tailors {} % of its actions where context 1 is likely, and {} % where the \
+             probability is {} to {}.",
+            arm_label(&panel.name),
+            shown(certain, 0),
+            shown(unsure, 0),
+            shown(bin.low, 1),
+            shown(bin.high, 1)
+        ))
+    };
+    panels.iter().filter_map(sentence).collect()
+}
+
+fn selected(chosen: &Chosen, metric: &str) -> Option<String> {
+    let best = chosen.candidates.first()?;
+    let mean = best.mean.ok()?;
+    let rule = chosen.rule.replace('_', " ");
+    let (name, of) = (arm_label(&best.name), chosen.candidates.len());
+    Some(format!("By the {rule}: {name}, {} (best of {of}).", amount(mean, metric)))
+}
+
+fn errors(figure: &ErrorFigure) -> Vec<String> {
+    let mut sentences = Vec::new();
+    let last = figure.points.iter().max_by(|one, other| one.sigma.total_cmp(&other.sigma));
+    if let Some(point) = last {
+        let (error, sigma) = (shown(point.exact * 100.0, 1), point.sigma);
+        sentences.push(format!("The exact error grows from 0 to {error} % at σ = {sigma}."));
+    }
+    let far = figure.published.iter().filter_map(|(sigma, rate)| {
+        let point = figure.points.iter().find(|point| point.sigma == *sigma)?;
+        Some((*sigma, rate - point.exact))
+    });
+    if let Some((sigma, gap)) = far.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs())) {
+        let gap = shown(gap * 100.0, 1);
+        sentences.push(format!(
+            "The published rates are counts of 1000 draws; the furthest is off by {gap} points, at \
+             σ = {sigma}."
+        ));
+    }
+    sentences
+}
+
+/// What a comparison with published numbers came to.
+pub fn reproduction(reproduction: &Reproduction) -> Vec<String> {
+    let subjects = [Subject::Effect, Subject::CurvePoint, Subject::HeatCell, Subject::ErrorRate];
+    let counts = subjects.iter().filter_map(|subject| {
+        let (inside, outside, open) = reproduction.counts(*subject);
+        let total = inside + outside + open;
+        let open = match open {
+            0 => String::new(),
+            open => format!(" ({open} without an answer yet)"),
+        };
+        (total > 0).then(|| format!("{inside} of {total} {}s{open}", subject.name()))
+    });
+    let counts: Vec<String> = counts.collect();
+    if counts.is_empty() {
+        return Vec::new();
+    }
+    let mut sentences = vec![format!(
+        "Ours and the published number differ by no more than chance (the joint 95 % interval of \
+         the difference holds 0) for {}.",
+        counts.join(", ")
+    )];
+    for (agent, error, points) in reproduction.curve_errors() {
+        let error = shown(error, 0);
+        sentences.push(format!(
+            "{agent}: root mean square error of {error} steps over {points} curve points."
+        ));
+    }
+    let (same, all) = reproduction.signs();
+    if all > 0 {
+        sentences.push(format!(
+            "Of the effects with a published p below 0.01, {same} of {all} have the published sign."
+        ));
+    }
+    sentences
+}

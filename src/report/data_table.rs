@@ -1,0 +1,216 @@
+//! A table of numbers and words, and its forms: CSV, Markdown, LaTeX.
+
+use super::escape;
+
+/// A table.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DataTable {
+    /// What it holds, in a sentence.
+    pub caption: String,
+    /// Its columns.
+    pub columns: Vec<Column>,
+    /// Its rows, a cell a column.
+    pub rows: Vec<Vec<Cell>>,
+}
+
+/// A column.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Column {
+    /// Its name in files, such as `mean_return`.
+    pub name: String,
+    /// Its heading for readers.
+    pub heading: String,
+    /// Where it is shown.
+    pub reach: Reach,
+}
+
+/// Where a column is shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reach {
+    /// Everywhere.
+    Everywhere,
+    /// In CSV alone.
+    Data,
+}
+
+/// A cell.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Cell {
+    /// Text.
+    Text(String),
+    /// A number, and how it is read.
+    Number {
+        /// The number.
+        value: f64,
+        /// How readers see it.
+        shown: String,
+    },
+    /// No number, and why.
+    Missing(String),
+}
+
+impl Cell {
+    /// Text.
+    pub fn text(text: impl Into<String>) -> Cell {
+        Cell::Text(text.into())
+    }
+
+    /// A number with so many decimals.
+    pub fn number(value: f64, decimals: usize) -> Cell {
+        Cell::Number { value, shown: shown(value, decimals) }
+    }
+
+    /// A number if there is one, and the reason otherwise.
+    pub fn of<E: ToString>(value: Result<f64, E>, decimals: usize) -> Cell {
+        match value {
+            Ok(value) => Cell::number(value, decimals),
+            Err(reason) => Cell::Missing(reason.to_string()),
+        }
+    }
+
+    /// A p value.
+    pub fn p<E: ToString>(value: Result<f64, E>) -> Cell {
+        match value {
+            Ok(value) => Cell::Number { value, shown: p_value(value) },
+            Err(reason) => Cell::Missing(reason.to_string()),
+        }
+    }
+
+    /// As readers see it.
+    pub fn shown(&self) -> &str {
+        match self {
+            Cell::Text(text) => text,
+            Cell::Number { shown, .. } => shown,
+            Cell::Missing(_) => "–",
+        }
+    }
+
+    /// As programs see it: every digit; nothing where there is no number.
+    fn exact(&self) -> String {
+        match self {
+            Cell::Text(text) => text.clone(),
+            Cell::Number { value, .. } => value.to_string(),
+            Cell::Missing(_) => String::new(),
+        }
+    }
+}
+
+/// A number with so many decimals and a true minus sign.
+pub fn shown(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    let is_zero = text.trim_start_matches('-').chars().all(|c| matches!(c, '0' | '.'));
+    match text.strip_prefix('-') {
+        Some(digits) if is_zero => digits.to_owned(),
+        Some(digits) => format!("−{digits}"),
+        None => text,
+    }
+}
+
+/// A p value as papers print it.
+pub fn p_value(p: f64) -> String {
+    match p {
+        p if p < 0.0001 => "<0.0001".to_owned(),
+        p if p < 0.01 => format!("{p:.4}"),
+        p => format!("{p:.3}"),
+    }
+}
+
+impl DataTable {
+    /// An empty table. Columns are names and headings; a name that begins with `.` is shown in
+    /// CSV alone.
+    pub fn new(caption: impl Into<String>, columns: &[(&str, &str)]) -> DataTable {
+        let column = |(name, heading): &(&str, &str)| Column {
+            reach: if name.starts_with('.') { Reach::Data } else { Reach::Everywhere },
+            name: name.trim_start_matches('.').to_owned(),
+            heading: (*heading).to_owned(),
+        };
+        DataTable {
+            caption: caption.into(),
+            columns: columns.iter().map(column).collect(),
+            rows: Vec::new(),
+        }
+    }
+
+    /// Places of the columns that readers see.
+    pub fn shown_columns(&self) -> impl Iterator<Item = usize> {
+        let columns = self.columns.iter().enumerate();
+        columns.filter(|(_, column)| column.reach == Reach::Everywhere).map(|(place, _)| place)
+    }
+
+    /// Whether a column holds numbers.
+    pub fn is_numeric(&self, place: usize) -> bool {
+        let mut cells = self.rows.iter().map(|row| &row[place]);
+        cells.clone().any(|cell| matches!(cell, Cell::Number { .. }))
+            && cells.all(|cell| !matches!(cell, Cell::Text(text) if !text.is_empty()))
+    }
+
+    /// The table as CSV, every digit kept.
+    pub fn csv(&self) -> String {
+        let names: Vec<String> =
+            self.columns.iter().map(|column| escape::csv(&column.name)).collect();
+        let mut out = names.join(",") + "\n";
+        for row in &self.rows {
+            let cells: Vec<String> = row.iter().map(|cell| escape::csv(&cell.exact())).collect();
+            out += &(cells.join(",") + "\n");
+        }
+        out
+    }
+
+    /// The table as Markdown.
+    pub fn markdown(&self) -> String {
+        let places: Vec<usize> = self.shown_columns().collect();
+        let headings = places.iter().map(|place| escape::markdown(&self.columns[*place].heading));
+        let rules = places.iter().map(|place| if self.is_numeric(*place) { "---:" } else { "---" });
+        let mut out = format!("{}\n\n", escape::markdown(&self.caption));
+        out += &format!("| {} |\n", headings.collect::<Vec<_>>().join(" | "));
+        out += &format!("| {} |\n", rules.collect::<Vec<_>>().join(" | "));
+        for row in &self.rows {
+            let cells = places.iter().map(|place| escape::markdown(row[*place].shown()));
+            out += &format!("| {} |\n", cells.collect::<Vec<_>>().join(" | "));
+        }
+        out
+    }
+
+    /// The table as LaTeX, for the package booktabs.
+    pub fn latex(&self) -> String {
+        let places: Vec<usize> = self.shown_columns().collect();
+        let sides: String =
+            places.iter().map(|place| if self.is_numeric(*place) { 'r' } else { 'l' }).collect();
+        let headings: Vec<String> =
+            places.iter().map(|place| escape::latex(&self.columns[*place].heading)).collect();
+        let mut out = format!(
+            "% Needs \\usepackage{{booktabs}}.\n\\begin{{table}}\n  \\centering\n  \
+             \\caption{{{}}}\n  \\begin{{tabular}}{{{sides}}}\n    \\toprule\n    {} \\\\\n    \
+             \\midrule\n",
+            escape::latex(&self.caption),
+            headings.join(" & ")
+        );
+        for row in &self.rows {
+            let cells: Vec<String> =
+                places.iter().map(|place| escape::latex(row[*place].shown())).collect();
+            out += &format!("    {} \\\\\n", cells.join(" & "));
+        }
+        out += "    \\bottomrule\n  \\end{tabular}\n\\end{table}\n";
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_table_in_three_formats() {
+        let mut table = DataTable::new("A & B", &[("arm", "Arm"), ("mean", "Mean"), (".n", "n")]);
+        table.rows.push(vec![Cell::text("=x|y"), Cell::number(-1.25, 1), Cell::number(3.0, 0)]);
+        let missing = Cell::Missing("no seed completed".to_owned());
+        table.rows.push(vec![Cell::text("z"), missing, Cell::number(0.0, 0)]);
+        assert_eq!(table.csv(), "arm,mean,n\n'=x|y,-1.25,3\nz,,0\n");
+        assert_eq!(
+            table.markdown(),
+            "A &amp; B\n\n| Arm | Mean |\n| --- | ---: |\n| =x\\|y | −1.2 |\n| z | – |\n"
+        );
+        assert!(table.latex().contains("=x|y & $-$1.2 \\\\\n"));
+        assert!(table.latex().contains("\\caption{A \\& B}"));
+    }
+}

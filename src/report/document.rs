@@ -1,0 +1,226 @@
+//! The whole report: every file of it, by name.
+//!
+//! In: experiments with their jobs and what their analyses found. Out: files to write, which depend
+//! on nothing else: two reports of one store are equal to the byte.
+
+use super::captions;
+use super::data_table::DataTable;
+use super::escape::file_stem;
+use super::figure::{
+    Looks, action_figure, curve_figure, error_figure, forest_figure, heat_figure, labels,
+    learning_figure,
+};
+use super::page;
+use super::scene::{Scene, png, svg};
+use super::tables;
+use crate::analyse::declared::{Content, Finding, JobCounts, Name, Reproduction};
+use crate::record::JobRecord;
+
+/// An experiment with what was found.
+#[derive(Clone, Debug)]
+pub struct ReportedExperiment {
+    /// Its name.
+    pub name: String,
+    /// What its author wants to know.
+    pub question: Option<String>,
+    /// What its author expects.
+    pub hypothesis: Option<String>,
+    /// The manifest's text.
+    pub manifest: String,
+    /// Its jobs.
+    pub jobs: Vec<JobRecord>,
+    /// What its analyses found, with the query that reads their data.
+    pub findings: Vec<(Finding, String)>,
+    /// Published numbers beside ours, where the manifest names some.
+    pub reproduction: Option<Reproduction>,
+}
+
+/// A file of the report.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ReportFile {
+    /// Its name below the report's folder, with `/` between folders; never leads out of it.
+    pub name: String,
+    /// What is in it.
+    pub bytes: Vec<u8>,
+}
+
+/// A finding as the page shows it.
+pub(super) struct Shown<'e> {
+    pub finding: &'e Finding,
+    pub stem: String,
+    pub scenes: Vec<(String, Scene)>,
+    pub caption: String,
+    pub table: DataTable,
+    pub sql: &'e str,
+    /// Labels of the series that a reader can hide.
+    pub series: Vec<String>,
+}
+
+/// Every file of the report of these experiments. `store` is what readers call the store.
+pub fn report(experiments: &[ReportedExperiment], store: &str) -> Vec<ReportFile> {
+    let looks = Looks::of(experiments.iter().flat_map(|experiment| {
+        experiment.findings.iter().flat_map(|(finding, _)| names(&finding.content))
+    }));
+    let mut stems: Vec<String> = Vec::new();
+    let mut files = Vec::new();
+    let mut sections = Vec::new();
+    for experiment in experiments {
+        let shown = experiment.findings.iter().map(|(finding, sql)| {
+            let stem = unused(&stems, &format!("{} {}", experiment.name, finding.name));
+            stems.push(stem.clone());
+            shown(finding, sql, stem, &looks)
+        });
+        let shown: Vec<Shown<'_>> = shown.collect();
+        shown.iter().for_each(|finding| write_finding(finding, &mut files));
+        sections.push((experiment, shown));
+    }
+    let reproduction = merged(experiments);
+    if !reproduction.comparisons.is_empty() {
+        write_table("reproduction", &tables::reproduction(&reproduction), &mut files);
+    }
+    let page = page::index(&sections, &reproduction, store);
+    files.push(ReportFile { name: "index.html".to_owned(), bytes: page.into_bytes() });
+    files
+}
+
+/// The comparisons of all experiments, each published number once.
+fn merged(experiments: &[ReportedExperiment]) -> Reproduction {
+    let mut merged = Reproduction::default();
+    for one in experiments.iter().filter_map(|experiment| experiment.reproduction.as_ref()) {
+        for comparison in &one.comparisons {
+            let is_same = |known: &crate::analyse::declared::Comparison| {
+                (known.subject, &known.agent, &known.scenario, &known.settings)
+                    == (
+                        comparison.subject,
+                        &comparison.agent,
+                        &comparison.scenario,
+                        &comparison.settings,
+                    )
+            };
+            if !merged.comparisons.iter().any(is_same) {
+                merged.comparisons.push(comparison.clone());
+            }
+        }
+    }
+    merged.comparisons.sort_by_key(|comparison| comparison.subject);
+    merged
+}
+
+/// A file name that no other finding has.
+fn unused(taken: &[String], name: &str) -> String {
+    let stem = file_stem(name);
+    let numbered = (2..).map(|number| format!("{stem}-{number}"));
+    let mut candidates = std::iter::once(stem.clone()).chain(numbered);
+    candidates.find(|candidate| !taken.contains(candidate)).unwrap_or(stem)
+}
+
+/// The arms of a finding.
+fn names(content: &Content) -> Vec<&Name> {
+    match content {
+        Content::Curve(figure) => figure.lines.iter().map(|line| &line.name).collect(),
+        Content::LearningCurve { panels, .. } => {
+            panels.iter().flat_map(|panel| &panel.lines).map(|line| &line.name).collect()
+        }
+        Content::ActionChoice(panels) => panels.iter().map(|panel| &panel.name).collect(),
+        Content::Contrast(_)
+        | Content::HeatMap(_)
+        | Content::Selection(_)
+        | Content::InferenceError(_) => Vec::new(),
+    }
+}
+
+fn shown<'e>(finding: &'e Finding, sql: &'e str, stem: String, looks: &Looks) -> Shown<'e> {
+    let one = |scene: Scene| vec![(stem.clone(), scene)];
+    let mut scenes = match &finding.content {
+        Content::Contrast(rows) => one(forest_figure(rows, finding.metric)),
+        Content::Curve(figure) => one(curve_figure(figure, finding.metric, looks)),
+        Content::LearningCurve { window, panels } => panels
+            .iter()
+            .map(|panel| {
+                (
+                    format!("{stem}-{}", file_stem(&panel.scenario)),
+                    learning_figure(panel, *window, looks),
+                )
+            })
+            .collect(),
+        Content::HeatMap(figures) => figures
+            .iter()
+            .map(|figure| {
+                let panel = file_stem(&format!("{} {}", figure.agent, figure.subject));
+                (format!("{stem}-{panel}"), heat_figure(figure))
+            })
+            .collect(),
+        Content::ActionChoice(panels) => one(action_figure(panels)),
+        Content::Selection(_) => Vec::new(),
+        Content::InferenceError(figure) => one(error_figure(figure)),
+    };
+    tell_apart(&mut scenes);
+    Shown {
+        caption: captions::caption(finding),
+        table: tables::table(finding),
+        series: series(&finding.content),
+        finding,
+        stem,
+        scenes,
+        sql,
+    }
+}
+
+/// Numbers the stems that two panels of a finding share.
+fn tell_apart(scenes: &mut [(String, Scene)]) {
+    for at in 0..scenes.len() {
+        let (before, rest) = scenes.split_at_mut(at);
+        let taken: Vec<String> = before.iter().map(|(stem, _)| stem.clone()).collect();
+        if taken.contains(&rest[0].0) {
+            rest[0].0 = format!("{}-{}", rest[0].0, at + 1);
+        }
+    }
+}
+
+/// Labels of the lines that a reader can hide; those of the first panel, which all panels share.
+fn series(content: &Content) -> Vec<String> {
+    match content {
+        Content::Curve(figure) => {
+            labels(&figure.lines.iter().map(|line| &line.name).collect::<Vec<_>>())
+        }
+        Content::LearningCurve { panels, .. } => {
+            let first = panels.first().map_or(&[][..], |panel| &panel.lines[..]);
+            labels(&first.iter().map(|line| &line.name).collect::<Vec<_>>())
+        }
+        Content::Contrast(_)
+        | Content::HeatMap(_)
+        | Content::ActionChoice(_)
+        | Content::Selection(_)
+        | Content::InferenceError(_) => Vec::new(),
+    }
+}
+
+fn write_finding(shown: &Shown<'_>, files: &mut Vec<ReportFile>) {
+    for (stem, scene) in &shown.scenes {
+        let text = svg(scene);
+        files.push(ReportFile { name: format!("figures/{stem}.svg"), bytes: text.into_bytes() });
+        if let Some(bytes) = png(scene) {
+            files.push(ReportFile { name: format!("figures/{stem}.png"), bytes });
+        }
+    }
+    write_table(&format!("tables/{}", shown.stem), &shown.table, files);
+    let name = format!("sql/{}.sql", shown.stem);
+    files.push(ReportFile { name, bytes: shown.sql.as_bytes().to_vec() });
+}
+
+fn write_table(stem: &str, table: &DataTable, files: &mut Vec<ReportFile>) {
+    let mut push = |extension: &str, text: String| {
+        let name = format!("{stem}.{extension}");
+        files.push(ReportFile { name, bytes: text.into_bytes() });
+    };
+    push("csv", table.csv());
+    push("md", table.markdown());
+    push("tex", table.latex());
+}
+
+/// The jobs of all experiments, each counted once.
+pub(super) fn all_jobs(experiments: &[&ReportedExperiment]) -> JobCounts {
+    let mut seen = std::collections::HashSet::new();
+    let jobs = experiments.iter().flat_map(|experiment| &experiment.jobs);
+    JobCounts::of(jobs.filter(|job| seen.insert(job.job_key)))
+}

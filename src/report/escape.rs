@@ -1,0 +1,126 @@
+//! Text as each format needs it: names come from manifests, and anybody can write one.
+
+/// Text for HTML and SVG, in elements and in quoted attributes.
+pub fn markup(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '&' => out.push_str("&amp;"),
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            '"' => out.push_str("&quot;"),
+            '\'' => out.push_str("&#39;"),
+            '\t' | '\n' => out.push(character),
+            // XML has no way to write these.
+            other if other.is_control() => out.push('\u{fffd}'),
+            other => out.push(other),
+        }
+    }
+    out
+}
+
+/// A cell of CSV (RFC 4180). What a spreadsheet would run as a formula gets an apostrophe before it.
+pub fn csv(text: &str) -> String {
+    let is_formula = text.starts_with(['=', '+', '-', '@', '\t', '\r']);
+    let text = if is_formula && text.parse::<f64>().is_err() {
+        format!("'{text}")
+    } else {
+        text.to_owned()
+    };
+    match text.contains([',', '"', '\n', '\r']) {
+        true => format!("\"{}\"", text.replace('"', "\"\"")),
+        false => text,
+    }
+}
+
+/// Text for LaTeX, outside of mathematics.
+pub fn latex(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '\\' => out.push_str("\\textbackslash{}"),
+            '{' | '}' | '$' | '&' | '#' | '_' | '%' => {
+                out.push('\\');
+                out.push(character);
+            }
+            '~' => out.push_str("\\textasciitilde{}"),
+            '^' => out.push_str("\\textasciicircum{}"),
+            '−' => out.push_str("$-$"),
+            '±' => out.push_str("$\\pm$"),
+            '×' => out.push_str("$\\times$"),
+            'σ' => out.push_str("$\\sigma$"),
+            'δ' => out.push_str("$\\delta$"),
+            'ε' => out.push_str("$\\varepsilon$"),
+            '<' => out.push_str("$<$"),
+            '>' => out.push_str("$>$"),
+            other if other.is_control() => out.push(' '),
+            other => out.push(other),
+        }
+    }
+    out
+}
+
+/// A cell of a Markdown table.
+pub fn markdown(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '|' | '\\' | '*' | '_' | '`' | '[' | ']' | '#' => {
+                out.push('\\');
+                out.push(character);
+            }
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            '&' => out.push_str("&amp;"),
+            other if other.is_control() => out.push(' '),
+            other => out.push(other),
+        }
+    }
+    out
+}
+
+/// A name as part of a file name: letters, digits and hyphens, at most sixty of them.
+pub fn file_stem(name: &str) -> String {
+    const LONGEST: usize = 60;
+    let mut out = String::new();
+    for character in name.chars() {
+        match character {
+            'a'..='z' | '0'..='9' => out.push(character),
+            'A'..='Z' => out.push(character.to_ascii_lowercase()),
+            _ if out.is_empty() || out.ends_with('-') => {}
+            _ => out.push('-'),
+        }
+        if out.len() == LONGEST {
+            break;
+        }
+    }
+    let stem = out.trim_end_matches('-');
+    if stem.is_empty() { "unnamed".to_owned() } else { stem.to_owned() }
+}
+
+/// Text inside of a JavaScript or JSON string that stands in a page.
+pub fn script(text: &str) -> String {
+    let json = serde_json::Value::from(text).to_string();
+    // `</script>` and `<!--` would end or change the element around it.
+    json.replace('<', "\\u003c").replace('\u{2028}', "\\u2028").replace('\u{2029}', "\\u2029")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_hostile_name_is_harmless_in_every_format() {
+        let name = "<script>\"&'</script>\u{1}";
+        assert_eq!(markup(name), "&lt;script&gt;&quot;&amp;&#39;&lt;/script&gt;\u{fffd}");
+        assert_eq!(csv("=HYPERLINK(\"x\"),1"), "\"'=HYPERLINK(\"\"x\"\"),1\"");
+        assert_eq!(csv("@SUM(A1)"), "'@SUM(A1)");
+        assert_eq!(csv("-12.5"), "-12.5");
+        assert_eq!(latex("\\input{/etc} 50% a_b"), "\\textbackslash{}input\\{/etc\\} 50\\% a\\_b");
+        assert_eq!(markdown("a|b<i>"), "a\\|b&lt;i&gt;");
+        assert_eq!(file_stem("../../etc/passwd"), "etc-passwd");
+        assert_eq!(file_stem("Figure 2 (a)"), "figure-2-a");
+        assert_eq!(file_stem("…/.."), "unnamed");
+        assert!(!script("</script><!--").contains('<'));
+    }
+}

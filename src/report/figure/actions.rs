@@ -1,0 +1,131 @@
+//! Shares of actions by the probability of context 0: a stack a bin.
+
+use super::look::arm_label;
+use super::{FAINT, INK, NOTE, TEXT, WIDTH, seeds, text};
+use crate::analyse::declared::{ActionPanel, BinShares};
+use crate::report::data_table::shown;
+use crate::report::scene::{
+    Anchor, Color, Fill, Mark, Scene, Shape, Stroke, Weight, rectangle, width,
+};
+
+/// Colours and meanings of the actions, which are no arms.
+pub const ACTIONS: [(Color, &str); 4] = [
+    (Color(200, 200, 200), "0 none"),
+    (Color(240, 228, 66), "1 untailored"),
+    (Color(86, 180, 233), "2 for context 0"),
+    (Color(230, 159, 0), "3 for context 1"),
+];
+
+const LEFT: f64 = 30.0;
+const RIGHT: f64 = 8.0;
+const TOP: f64 = 26.0;
+const PANEL: f64 = 112.0;
+const STACK: f64 = 82.0;
+const BOTTOM: f64 = 34.0;
+
+/// The panels of an analysis, one below the other.
+pub fn action_figure(panels: &[ActionPanel]) -> Scene {
+    let height = TOP + PANEL * panels.len() as f64 + BOTTOM;
+    let mut marks = legend();
+    for (at, panel) in panels.iter().enumerate() {
+        marks.extend(panel_marks(panel, TOP + PANEL * at as f64));
+    }
+    let plain = (TEXT, Weight::Regular);
+    let at = (LEFT + (WIDTH - LEFT - RIGHT) / 2.0, height - 20.0);
+    let title = "inferred probability of context 0";
+    marks.push(text(at, title, plain, INK, Anchor::Middle).into());
+    let note = format!(
+        "Mean shares over {}; 95 % half-width: median {} points.",
+        seeds(panels.iter().map(|panel| panel.seeds.0)),
+        shown(median_half_width(panels) * 100.0, 0)
+    );
+    let at = (WIDTH / 2.0, height - 5.0);
+    marks.push(text(at, note, (NOTE, Weight::Regular), FAINT, Anchor::Middle).into());
+    let description = "shares of actions by the probability of context 0".to_owned();
+    Scene { width: WIDTH, height, description, marks }
+}
+
+/// The median half of an interval of a share, over the shares that have one; 0 if none has.
+fn median_half_width(panels: &[ActionPanel]) -> f64 {
+    let shares = panels.iter().flat_map(|panel| &panel.bins).filter_map(|bin| bin.shares);
+    let intervals = shares.flatten().filter_map(|(_, interval)| interval);
+    let mut halves: Vec<f64> =
+        intervals.map(|interval| (interval.high - interval.low) / 2.0).collect();
+    halves.sort_by(f64::total_cmp);
+    halves.get(halves.len() / 2).copied().unwrap_or(0.0)
+}
+
+fn legend() -> Vec<Mark> {
+    let mut marks = Vec::new();
+    let mut left = LEFT;
+    for (color, name) in ACTIONS {
+        let points = rectangle(left, 7.0, 8.0, 8.0);
+        let fill = Fill { color, opacity: 1.0 };
+        marks.push(Shape::Area { points, fill, stroke: None }.into());
+        let at = (left + 10.5, 14.5);
+        marks.push(text(at, name, (NOTE, Weight::Regular), INK, Anchor::Start).into());
+        left += 18.0 + width(name, NOTE, Weight::Regular);
+    }
+    marks
+}
+
+fn panel_marks(panel: &ActionPanel, top: f64) -> Vec<Mark> {
+    let plain = (NOTE, Weight::Regular);
+    let label = arm_label(&panel.name);
+    let mut marks: Vec<Mark> =
+        vec![text((LEFT, top + 11.0), &label, (TEXT, Weight::SemiBold), INK, Anchor::Start).into()];
+    let slot = (WIDTH - LEFT - RIGHT) / panel.bins.len().max(1) as f64;
+    let base = top + 16.0 + STACK;
+    for (share, words) in [(0.0, "0"), (0.5, "50"), (1.0, "100")] {
+        let at = (LEFT - 3.0, base - share * STACK + 3.0);
+        marks.push(text(at, words, plain, FAINT, Anchor::End).into());
+    }
+    for (at, bin) in panel.bins.iter().enumerate() {
+        let left = LEFT + at as f64 * slot;
+        marks.extend(stack(bin, &label, (left + 2.0, base, slot - 4.0)));
+        let words = format!("{}–{}", shown(bin.low, 1), shown(bin.high, 1));
+        let at = (left + slot / 2.0, base + 10.0);
+        marks.push(text(at, words, plain, FAINT, Anchor::Middle).into());
+    }
+    marks
+}
+
+fn stack(bin: &BinShares, label: &str, (left, base, width): (f64, f64, f64)) -> Vec<Mark> {
+    let mut marks: Vec<Mark> = Vec::new();
+    let Some(shares) = &bin.shares else {
+        let at = (left + width / 2.0, base - STACK / 2.0);
+        let words = text(at, "no steps", (NOTE, Weight::Regular), FAINT, Anchor::Middle);
+        return vec![words.into()];
+    };
+    let mut below = 0.0;
+    for ((share, interval), (color, name)) in shares.iter().zip(ACTIONS) {
+        let height = share * STACK;
+        let top = base - below - height;
+        below += height;
+        if height <= 0.0 {
+            continue;
+        }
+        let spread = interval.map_or_else(String::new, |interval| {
+            format!(" ± {}", shown((interval.high - interval.low) * 50.0, 1))
+        });
+        let tip = format!(
+            "{label}, probability {} to {}, action {name}: {}{spread} %, {} test steps",
+            bin.low,
+            bin.high,
+            shown(share * 100.0, 1),
+            bin.steps
+        );
+        let area = Shape::Area {
+            points: rectangle(left, top, width, height),
+            fill: Fill { color, opacity: 1.0 },
+            stroke: Some(Stroke::solid(Color::WHITE, 0.5)),
+        };
+        marks.push(Mark::from(area).saying(tip));
+        if height > NOTE + 3.0 {
+            let at = (left + width / 2.0, top + height / 2.0 + 3.0);
+            let words = shown(share * 100.0, 0);
+            marks.push(text(at, words, (NOTE, Weight::Regular), INK, Anchor::Middle).into());
+        }
+    }
+    marks
+}

@@ -1,0 +1,451 @@
+//! Lines along an axis, with intervals, labelled where they end.
+
+use super::axis::{Axis, AxisScale, Frame, Numbers, round_range};
+use super::look::{Look, Looks, Marker, arm_label, labels};
+use super::{FAINT, INK, NOTE, TEXT, WIDTH, seeds, text};
+use crate::analyse::declared::{
+    CurveFigure, CurveLine, CurvePoint, ErrorFigure, LearningLine, LearningPanel, Name,
+    inference_error,
+};
+use crate::analyse::mean_interval;
+use crate::report::data_table::shown;
+use crate::report::scene::{
+    Anchor, Color, Fill, Mark, Point, Scene, Shape, Stroke, Weight, rectangle, width,
+};
+use crate::report::words::{metric_title, unit_numbers};
+
+const HEIGHT: f64 = 236.0;
+const TOP: f64 = 12.0;
+const HEADING: f64 = 14.0;
+const LEFT: f64 = 48.0;
+/// Room below the frame: numbers, title, note.
+const BOTTOM: f64 = 46.0;
+
+/// A chart before it is drawn.
+struct Chart {
+    heading: Option<String>,
+    description: String,
+    axes: (Axis, Axis),
+    lines: Vec<Line>,
+    note: String,
+}
+
+/// A line of a chart.
+struct Line {
+    label: String,
+    look: Look,
+    points: Vec<Place>,
+    /// The same published, as x and y.
+    reference: Vec<(f64, f64)>,
+    spread: Spread,
+}
+
+/// How a line shows its intervals.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Spread {
+    /// As bars at marked points.
+    Bars,
+    /// As a band.
+    Band,
+    /// Marked points without a line, which have none.
+    Points,
+}
+
+/// A point of a line.
+struct Place {
+    x: f64,
+    y: f64,
+    interval: Option<(f64, f64)>,
+    tip: String,
+}
+
+/// A curve: means over seeds with their intervals, and the published line.
+pub fn curve_figure(figure: &CurveFigure, metric: &str, looks: &Looks) -> Scene {
+    let names: Vec<&Name> = figure.lines.iter().map(|line| &line.name).collect();
+    let numbers = unit_numbers(metric).0;
+    let is_error = figure.axis == "context_inference_error";
+    let line = |(line, label): (&CurveLine, String)| {
+        let seen = line.points.iter().filter(|point| point.sample.n() > 0);
+        Line {
+            label,
+            look: looks.look(&line.name),
+            points: seen.map(|point| curve_place(point, &line.name, (metric, is_error))).collect(),
+            reference: line.published.clone(),
+            spread: Spread::Bars,
+        }
+    };
+    let lines: Vec<Line> = figure.lines.iter().zip(labels(&names)).map(line).collect();
+    let counts = figure.lines.iter().flat_map(|line| line.points.iter().map(|p| p.sample.n()));
+    let has_reference = lines.iter().any(|line| !line.reference.is_empty());
+    let note = format!(
+        "Mean and 95 % interval, {}.{}",
+        seeds(counts.filter(|n| *n > 0)),
+        if has_reference { " Thin: published." } else { "" }
+    );
+    let (x_title, x_numbers) = match is_error {
+        true => ("context inference error, %".to_owned(), Numbers::Percent),
+        false => {
+            (figure.axis.rsplit('.').next().unwrap_or(&figure.axis).to_owned(), Numbers::Plain)
+        }
+    };
+    let agents = shared_word(&names);
+    let axes = axes(&lines, (x_title, x_numbers, AxisScale::Linear), (metric, numbers));
+    let description = format!("{} against {}", metric_title(metric), axes.0.title);
+    draw(&Chart { heading: agents, description, axes, lines, note })
+}
+
+/// A point of a curve; the axis shows the context inference error, or a parameter.
+fn curve_place(point: &CurvePoint, name: &Name, (metric, is_error): (&str, bool)) -> Place {
+    let scaled = |value: f64| match unit_numbers(metric) {
+        (Numbers::Percent, decimals) => format!("{} %", shown(value * 100.0, decimals)),
+        (Numbers::Plain, decimals) => shown(value, decimals),
+    };
+    let values = point.sample.values();
+    let interval = mean_interval(values).ok();
+    let y = values.iter().sum::<f64>() / values.len() as f64;
+    let spread = interval.map_or_else(String::new, |interval| {
+        format!(", 95 % interval {} to {}", scaled(interval.low), scaled(interval.high))
+    });
+    let at = match is_error {
+        true => format!("σ = {}, error {} %", point.parameter, shown(point.x * 100.0, 1)),
+        false => point.parameter.to_string(),
+    };
+    let n = seeds(std::iter::once(values.len()));
+    let tip = format!("{}, {at}: {}{spread}, {n}", arm_label(name), scaled(y));
+    Place { x: point.x, y, interval: interval.map(|i| (i.low, i.high)), tip }
+}
+
+/// Learning curves of a scenario.
+pub fn learning_figure(panel: &LearningPanel, window: u32, looks: &Looks) -> Scene {
+    const TIPS: usize = 60;
+    let names: Vec<&Name> = panel.lines.iter().map(|line| &line.name).collect();
+    let line = |(line, label): (&LearningLine, String)| {
+        let every = line.points.len().div_ceil(TIPS).max(1);
+        let last = line.points.len().saturating_sub(1);
+        let place = |(at, (episode, mean, interval)): (usize, &(u32, f64, Option<_>))| {
+            let interval: Option<crate::analyse::Interval> = *interval;
+            let spread = interval.map_or_else(String::new, |interval| {
+                format!(", 95 % interval {:.0} to {:.0}", interval.low, interval.high)
+            });
+            let tip = match at % every == 0 || at == last {
+                true => format!(
+                    "{}, episode {episode}: {}{spread}",
+                    arm_label(&line.name),
+                    shown(*mean, 0)
+                ),
+                false => String::new(),
+            };
+            let interval = interval.map(|interval| (interval.low, interval.high));
+            Place { x: f64::from(*episode), y: *mean, interval, tip }
+        };
+        Line {
+            label,
+            look: looks.look(&line.name),
+            points: thinned(&line.points)
+                .into_iter()
+                .map(|at| place((at, &line.points[at])))
+                .collect(),
+            reference: Vec::new(),
+            spread: Spread::Band,
+        }
+    };
+    let lines: Vec<Line> = panel.lines.iter().zip(labels(&names)).map(line).collect();
+    let longest = |line: &Line| line.points.last().map_or(0.0, |point| point.x);
+    let most = lines.iter().map(longest).fold(0.0, f64::max);
+    let least = lines.iter().map(longest).fold(f64::INFINITY, f64::min);
+    let scale = if most > 4.0 * least { AxisScale::Log } else { AxisScale::Linear };
+    let title = match scale {
+        AxisScale::Log => "training episodes (logarithmic)".to_owned(),
+        AxisScale::Linear => "training episodes".to_owned(),
+    };
+    let note = format!(
+        "Moving mean over {window} episodes; mean and 95 % interval, {}.",
+        seeds(panel.lines.iter().map(|line| line.seeds.0))
+    );
+    let axes = axes(&lines, (title, Numbers::Plain, scale), ("mean_return", Numbers::Plain));
+    let description = format!("learning curves in scenario {}", panel.scenario);
+    draw(&Chart { heading: Some(panel.scenario.clone()), description, axes, lines, note })
+}
+
+/// Places of at most some hundred points, evenly along the logarithm of their number: what a line
+/// of a printed figure can show.
+fn thinned<T>(points: &[T]) -> Vec<usize> {
+    const MOST: usize = 240;
+    if points.len() <= MOST {
+        return (0..points.len()).collect();
+    }
+    let top = (points.len() as f64).ln();
+    let mut places: Vec<usize> = (0..MOST)
+        .map(|at| ((top * at as f64 / (MOST - 1) as f64).exp() as usize - 1).min(points.len() - 1))
+        .chain((0..MOST).map(|at| at * (points.len() - 1) / (MOST - 1)))
+        .collect();
+    places.sort_unstable();
+    places.dedup();
+    places
+}
+
+/// The error of context inference along sigma.
+pub fn error_figure(figure: &ErrorFigure) -> Scene {
+    const STEPS: usize = 80;
+    let most = figure.points.iter().map(|point| point.sigma).fold(0.1, f64::max);
+    let look = |color, marker| Look { color, dash: None, marker };
+    let exact = (0..=STEPS).map(|at| {
+        let x = most * at as f64 / STEPS as f64;
+        Place { x, y: inference_error(x), interval: None, tip: String::new() }
+    });
+    let seen = figure.points.iter().filter_map(|point| {
+        let y = point.seen?;
+        let tip = format!(
+            "σ = {}: {} % seen in {} test steps of {} runs; exact {} %",
+            point.sigma,
+            shown(y * 100.0, 1),
+            point.steps,
+            point.runs,
+            shown(point.exact * 100.0, 1)
+        );
+        Some(Place { x: point.sigma, y, interval: None, tip })
+    });
+    let reported = figure.published.iter().map(|(sigma, rate)| {
+        let tip = format!("σ = {sigma}: {} % published", shown(rate * 100.0, 1));
+        Place { x: *sigma, y: *rate, interval: None, tip }
+    });
+    let line = |label: &str, look, points: Vec<Place>, spread| Line {
+        label: label.to_owned(),
+        look,
+        points,
+        reference: Vec::new(),
+        spread,
+    };
+    let blue = Color(0, 114, 178);
+    let mut lines = vec![
+        line("Φ(−1/2σ)", look(blue, Marker::Disc), exact.collect(), Spread::Band),
+        line("seen in tests", look(INK, Marker::Disc), seen.collect(), Spread::Points),
+        line(
+            "published",
+            look(Color(213, 94, 0), Marker::Ring),
+            reported.collect(),
+            Spread::Points,
+        ),
+    ];
+    lines.retain(|line| !line.points.is_empty());
+    let runs: usize = figure.points.iter().map(|point| point.runs).sum();
+    let drawn = if figure.published.is_empty() { "" } else { "; published: 1000 draws each" };
+    let note = format!("Line: exact. Points: test steps of n = {runs} runs{drawn}.");
+    let description = "context inference error against feature noise".to_owned();
+    draw(&Chart { heading: None, description, axes: error_axes(most), lines, note })
+}
+
+fn error_axes(most: f64) -> (Axis, Axis) {
+    let x = Axis {
+        title: "feature noise σ".to_owned(),
+        range: (0.0, most),
+        scale: AxisScale::Linear,
+        numbers: Numbers::Plain,
+    };
+    let y = Axis {
+        title: "context inference error, %".to_owned(),
+        range: (0.0, 0.5),
+        scale: AxisScale::Linear,
+        numbers: Numbers::Percent,
+    };
+    (x, y)
+}
+
+/// What all arms of a figure share: an agent or a scenario.
+fn shared_word(names: &[&Name]) -> Option<String> {
+    let first = names.first()?;
+    let same_agent = names.iter().all(|name| name.agent == first.agent);
+    let same_scenario = names.iter().all(|name| name.scenario == first.scenario);
+    match (same_agent, same_scenario) {
+        (true, false) => Some(first.agent.clone()),
+        (false, true) => Some(first.scenario.clone()),
+        (true, true) | (false, false) => None,
+    }
+}
+
+fn axes(
+    lines: &[Line],
+    (x_title, x_numbers, scale): (String, Numbers, AxisScale),
+    (metric, y_numbers): (&str, Numbers),
+) -> (Axis, Axis) {
+    let points = || lines.iter().flat_map(|line| &line.points);
+    let references = || lines.iter().flat_map(|line| &line.reference);
+    let xs = points().map(|point| point.x).chain(references().map(|at| at.0));
+    let (left, right) =
+        xs.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, r), x| (l.min(x), r.max(x)));
+    let ys = points()
+        .flat_map(|point| [point.y, point.interval.map_or(point.y, |(_, high)| high)])
+        .chain(references().map(|at| at.1));
+    let high = ys.fold(f64::NEG_INFINITY, f64::max);
+    let low = points().map(|point| point.y).fold(0.0, f64::min);
+    let (left, right) = if left < right { (left, right) } else { (0.0, 1.0) };
+    let low_x =
+        if scale == AxisScale::Linear && left > 0.0 && left < right / 2.0 { 0.0 } else { left };
+    let (low, high) = round_range(low, if high.is_finite() { high } else { 1.0 });
+    let cap = if y_numbers == Numbers::Percent { 1.0 } else { f64::INFINITY };
+    let y = Axis {
+        title: metric_title(metric),
+        range: (low, high.min(cap).max(low + 1e-9)),
+        scale: AxisScale::Linear,
+        numbers: y_numbers,
+    };
+    (Axis { title: x_title, range: (low_x, right), scale, numbers: x_numbers }, y)
+}
+
+fn draw(chart: &Chart) -> Scene {
+    let (x, y) = (&chart.axes.0, &chart.axes.1);
+    let wide = |line: &Line| width(&line.label, TEXT, Weight::SemiBold);
+    let room = chart.lines.iter().map(wide).fold(0.0, f64::max).min(110.0) + 12.0;
+    let top = TOP + if chart.heading.is_some() { HEADING } else { 0.0 };
+    let frame =
+        Frame { left: LEFT, top, width: WIDTH - LEFT - room, height: HEIGHT - top - BOTTOM };
+    let mut marks = frame.axes((x, y));
+    if let Some(heading) = &chart.heading {
+        let at = (LEFT, TOP + 6.0);
+        marks.push(text(at, heading, (TEXT + 1.0, Weight::SemiBold), INK, Anchor::Start).into());
+    }
+    if chart.lines.iter().all(|line| line.points.is_empty()) {
+        let at = (frame.left + frame.width / 2.0, frame.top + frame.height / 2.0);
+        let words = "no completed jobs yet";
+        marks.push(text(at, words, (TEXT, Weight::Regular), FAINT, Anchor::Middle).into());
+    }
+    for (series, line) in chart.lines.iter().enumerate() {
+        marks.extend(line_marks(line, (x, y), &frame).into_iter().map(|mark| mark.of(series)));
+    }
+    marks.extend(end_labels(chart, &frame));
+    let at = (WIDTH / 2.0, HEIGHT - 5.0);
+    marks.push(text(at, &chart.note, (NOTE, Weight::Regular), FAINT, Anchor::Middle).into());
+    Scene { width: WIDTH, height: HEIGHT, description: chart.description.clone(), marks }
+}
+
+fn line_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame) -> Vec<Mark> {
+    let mut marks = Vec::new();
+    let color = line.look.color;
+    let place = |x, y| frame.place(axes, (x, y));
+    let reference: Vec<Point> = line.reference.iter().map(|(x, y)| place(*x, *y)).collect();
+    if reference.len() > 1 {
+        let stroke = Stroke { color, width: 0.8, dash: None, opacity: 0.65 };
+        marks.push(Shape::Line { points: reference, stroke }.into());
+    }
+    if line.spread == Spread::Band {
+        let banded = line.points.iter().filter_map(|point| Some((point.x, point.interval?)));
+        let (mut upper, mut lower): (Vec<Point>, Vec<Point>) =
+            banded.map(|(x, (low, high))| (place(x, high), place(x, low))).unzip();
+        lower.reverse();
+        upper.extend(lower);
+        if upper.len() > 3 {
+            let fill = Fill { color, opacity: 0.16 };
+            marks.push(Shape::Area { points: upper, fill, stroke: None }.into());
+        }
+    }
+    let points: Vec<Point> = line.points.iter().map(|point| place(point.x, point.y)).collect();
+    if points.len() > 1 && line.spread != Spread::Points {
+        let width = if line.spread == Spread::Bars { 1.6 } else { 1.3 };
+        let stroke = Stroke { color, width, dash: line.look.dash, opacity: 1.0 };
+        marks.push(Shape::Line { points, stroke }.into());
+    }
+    for point in &line.points {
+        let at = place(point.x, point.y);
+        if let (Some((low, high)), Spread::Bars) = (point.interval, line.spread) {
+            let points = vec![place(point.x, low), place(point.x, high)];
+            marks.push(Shape::Line { points, stroke: Stroke::solid(color, 1.0) }.into());
+        }
+        let mark: Mark = match line.spread {
+            Spread::Bars | Spread::Points => marker(at, &line.look, 2.6).into(),
+            Spread::Band => {
+                let fill = Fill { color, opacity: 0.0 };
+                Shape::Circle { centre: at, radius: 3.0, fill, stroke: None }.into()
+            }
+        };
+        match (point.tip.is_empty(), line.spread) {
+            (false, _) => marks.push(mark.saying(&point.tip)),
+            (true, Spread::Bars | Spread::Points) => marks.push(mark),
+            (true, Spread::Band) => {}
+        }
+    }
+    marks
+}
+
+/// The mark of a point.
+pub(super) fn marker(at: Point, look: &Look, radius: f64) -> Shape {
+    let solid = Fill { color: look.color, opacity: 1.0 };
+    let white = Fill { color: Color::WHITE, opacity: 1.0 };
+    let rim = Some(Stroke::solid(look.color, 1.3));
+    let (x, y) = at;
+    match look.marker {
+        Marker::Disc => Shape::Circle { centre: at, radius, fill: solid, stroke: None },
+        Marker::Ring => Shape::Circle { centre: at, radius, fill: white, stroke: rim },
+        Marker::Square => Shape::Area {
+            points: rectangle(x - radius, y - radius, 2.0 * radius, 2.0 * radius),
+            fill: solid,
+            stroke: None,
+        },
+        Marker::Diamond => Shape::Area {
+            points: vec![(x, y - radius), (x + radius, y), (x, y + radius), (x - radius, y)],
+            fill: white,
+            stroke: rim,
+        },
+    }
+}
+
+/// The labels of the lines at their ends, moved apart where they would overlap: beside the frame,
+/// with a hair to their line where they were moved far; above the end of a line that ends early.
+fn end_labels(chart: &Chart, frame: &Frame) -> Vec<Mark> {
+    let axes = (&chart.axes.0, &chart.axes.1);
+    let right = frame.left + frame.width;
+    let mut ends: Vec<(usize, Point, f64)> = Vec::new();
+    let mut inside: Vec<(usize, Point, f64)> = Vec::new();
+    for (series, line) in chart.lines.iter().enumerate() {
+        if let Some(last) = line.points.last() {
+            let end = frame.place(axes, (last.x, last.y));
+            match end.0 < right - 40.0 {
+                // Above the end, not on it.
+                true => inside.push((series, end, end.1 - 12.0)),
+                false => ends.push((series, end, end.1)),
+            }
+        }
+    }
+    for list in [&mut ends, &mut inside] {
+        list.sort_by(|one, other| one.2.total_cmp(&other.2));
+        spread_out(list, TEXT + 1.5, (frame.top, frame.top + frame.height));
+    }
+    let label = |series: usize, at: Point| {
+        let line = &chart.lines[series];
+        // Light colours are hard to read as letters.
+        let darker = if line.look.color.lightness() > 0.5 { 0.35 } else { 0.0 };
+        let color = line.look.color.towards(INK, darker);
+        let looks = (TEXT, Weight::SemiBold);
+        Mark::from(text(at, &line.label, looks, color, Anchor::Start)).of(series)
+    };
+    let mut marks: Vec<Mark> = inside
+        .into_iter()
+        .map(|(series, end, height)| {
+            let wide = width(&chart.lines[series].label, TEXT, Weight::SemiBold);
+            label(series, ((end.0 - wide).max(frame.left + 3.0), height + TEXT * 0.35))
+        })
+        .collect();
+    for (series, end, height) in ends {
+        if (height - end.1).abs() > TEXT {
+            let color = chart.lines[series].look.color;
+            let stroke = Stroke { color, width: 0.5, dash: None, opacity: 0.6 };
+            let points = vec![(end.0 + 3.0, end.1), (right + 5.0, height)];
+            marks.push(Mark::from(Shape::Line { points, stroke }).of(series));
+        }
+        marks.push(label(series, (right + 6.0, height + TEXT * 0.35)));
+    }
+    marks
+}
+
+/// Moves heights, which ascend, at least `gap` apart and between the limits.
+fn spread_out(ends: &mut [(usize, Point, f64)], gap: f64, (top, bottom): (f64, f64)) {
+    let mut least = top;
+    for end in ends.iter_mut() {
+        end.2 = end.2.max(least);
+        least = end.2 + gap;
+    }
+    let mut most = bottom;
+    for end in ends.iter_mut().rev() {
+        end.2 = end.2.min(most);
+        most = end.2 - gap;
+    }
+}

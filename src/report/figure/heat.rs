@@ -1,0 +1,159 @@
+//! A map over two parameters: numbers on colours.
+
+use super::{FAINT, INK, NOTE, TEXT, WIDTH, seeds, text};
+use crate::analyse::declared::{HeatCell, HeatFigure, Scale};
+use crate::report::data_table::shown;
+use crate::report::scene::{
+    Anchor, Color, Direction, Fill, Mark, Scene, Shape, Stroke, Weight, rectangle,
+};
+
+const LEFT: f64 = 46.0;
+const TOP: f64 = 26.0;
+const RIGHT: f64 = 8.0;
+const BOTTOM: f64 = 48.0;
+const CELL_HEIGHT: f64 = 44.0;
+
+/// A map of one agent.
+pub fn heat_figure(figure: &HeatFigure) -> Scene {
+    let (columns, rows) = (&figure.x.1, &figure.y.1);
+    let height = TOP + BOTTOM + CELL_HEIGHT * rows.len() as f64;
+    let cell_width = (WIDTH - LEFT - RIGHT) / columns.len().max(1) as f64;
+    let values = figure.cells.iter().filter_map(|cell| cell.value.ok());
+    let (least, most) =
+        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), v| (l.min(v), m.max(v)));
+    let mut marks: Vec<Mark> = Vec::new();
+    for cell in &figure.cells {
+        let place =
+            |list: &[f64], value: f64| list.iter().position(|one| *one == value).unwrap_or(0);
+        let left = LEFT + place(columns, cell.x) as f64 * cell_width;
+        // Small values stand below, as on an axis.
+        let top = TOP + (rows.len() - 1 - place(rows, cell.y)) as f64 * CELL_HEIGHT;
+        let color = match cell.value {
+            Ok(value) => color(value, (least, most), figure.scale),
+            Err(_) => Color(240, 240, 240),
+        };
+        marks.extend(cell_marks(cell, figure, color, (left, top, cell_width)));
+    }
+    marks.extend(frame(figure, cell_width, height));
+    let description = format!("{} of {} over two parameters", figure.subject, figure.agent);
+    Scene { width: WIDTH, height, description, marks }
+}
+
+/// White for the least or for 0, dark for the most; vermillion below 0, blue above.
+fn color(value: f64, (least, most): (f64, f64), scale: Scale) -> Color {
+    let blue = Color(0, 92, 160);
+    match scale {
+        Scale::Mean => Color::WHITE.towards(blue, 0.12 + 0.88 * share(value - least, most - least)),
+        Scale::Difference => {
+            let far = least.abs().max(most.abs());
+            let end = if value < 0.0 { Color(213, 94, 0) } else { blue };
+            Color::WHITE.towards(end, share(value.abs(), far))
+        }
+    }
+}
+
+fn share(part: f64, whole: f64) -> f64 {
+    if whole > 0.0 { part / whole } else { 0.0 }
+}
+
+fn cell_marks(
+    cell: &HeatCell,
+    figure: &HeatFigure,
+    color: Color,
+    (left, top, width): (f64, f64, f64),
+) -> Vec<Mark> {
+    let ink = if color.lightness() < 0.55 { Color::WHITE } else { INK };
+    let middle = left + width / 2.0;
+    let line = |at: f64, words: String, size: f64, weight| -> Mark {
+        text((middle, top + at), words, (size, weight), ink, Anchor::Middle).into()
+    };
+    let fill = Fill { color, opacity: 1.0 };
+    let rim = Some(Stroke::solid(Color::WHITE, 1.0));
+    let area = Shape::Area { points: rectangle(left, top, width, CELL_HEIGHT), fill, stroke: rim };
+    let mut marks = Vec::new();
+    let value = match cell.value {
+        Ok(value) => shown(value, 0),
+        Err(reason) => reason.to_string(),
+    };
+    let spread = cell.interval.ok().map(|interval| (interval.high - interval.low) / 2.0);
+    let spread_words = spread.map_or_else(String::new, |half| format!(" ± {}", shown(half, 0)));
+    let published = cell.published.map(|value| format!("publ. {}", shown(value, 0)));
+    let last = |dotted: &str| dotted.rsplit('.').next().unwrap_or(dotted).to_owned();
+    let tip = format!(
+        "{} {}, {} = {}, {} = {}: {value}{spread_words} (95 %), {}{}",
+        figure.agent,
+        figure.subject,
+        last(&figure.x.0),
+        cell.x,
+        last(&figure.y.0),
+        cell.y,
+        seeds(std::iter::once(cell.seeds)),
+        published.as_ref().map_or_else(String::new, |words| format!("; {words}"))
+    );
+    marks.push(Mark::from(area).saying(tip));
+    let first = if published.is_some() { 15.0 } else { 20.0 };
+    match cell.value {
+        Ok(_) => marks.push(line(first, value, TEXT + 1.0, Weight::SemiBold)),
+        Err(_) => marks.push(line(first, "–".to_owned(), TEXT + 1.0, Weight::Regular)),
+    }
+    if let Some(half) = spread {
+        marks.push(line(first + 11.0, format!("± {}", shown(half, 0)), NOTE, Weight::Regular));
+    }
+    if let Some(words) = published {
+        marks.push(line(first + 22.0, words, NOTE, Weight::Regular));
+    }
+    marks
+}
+
+/// Heading, the parameters' values and names, and the note.
+fn frame(figure: &HeatFigure, cell_width: f64, height: f64) -> Vec<Mark> {
+    let plain = (TEXT, Weight::Regular);
+    let (columns, rows) = (&figure.x.1, &figure.y.1);
+    let bottom = TOP + CELL_HEIGHT * rows.len() as f64;
+    let subject = figure.subject.replace(" - ", " − ");
+    let heading = match figure.agent.as_str() {
+        "" => subject,
+        agent => format!("{agent}, {subject}"),
+    };
+    let mut marks: Vec<Mark> = vec![
+        text((LEFT, 17.0), heading, (TEXT + 1.0, Weight::SemiBold), INK, Anchor::Start).into(),
+    ];
+    for (at, value) in columns.iter().enumerate() {
+        let at = (LEFT + (at as f64 + 0.5) * cell_width, bottom + 13.0);
+        marks.push(text(at, value.to_string(), plain, FAINT, Anchor::Middle).into());
+    }
+    for (at, value) in rows.iter().rev().enumerate() {
+        let at = (LEFT - 5.0, TOP + (at as f64 + 0.5) * CELL_HEIGHT + 3.0);
+        marks.push(text(at, value.to_string(), plain, FAINT, Anchor::End).into());
+    }
+    let at = (LEFT + cell_width * columns.len() as f64 / 2.0, bottom + 27.0);
+    marks.push(text(at, symbol(&figure.x.0), plain, INK, Anchor::Middle).into());
+    let title = Shape::Text {
+        at: (12.0, (TOP + bottom) / 2.0),
+        text: symbol(&figure.y.0),
+        size: TEXT,
+        weight: Weight::Regular,
+        color: INK,
+        anchor: Anchor::Middle,
+        direction: Direction::Up,
+    };
+    marks.push(title.into());
+    let note = format!(
+        "Mean{} ± half of its 95 % interval, {}.",
+        if figure.scale == Scale::Difference { " difference" } else { "" },
+        seeds(figure.cells.iter().map(|cell| cell.seeds).filter(|n| *n > 0))
+    );
+    let at = (WIDTH / 2.0, height - 5.0);
+    marks.push(text(at, note, (NOTE, Weight::Regular), FAINT, Anchor::Middle).into());
+    marks
+}
+
+/// A parameter as papers write it.
+fn symbol(dotted: &str) -> String {
+    match dotted {
+        "environment.epsilon_d" => "ε_d, disengagement increment".to_owned(),
+        "environment.delta_d" => "δ_d, disengagement decay".to_owned(),
+        "environment.sigma" => "feature noise σ".to_owned(),
+        other => other.rsplit('.').next().unwrap_or(other).to_owned(),
+    }
+}

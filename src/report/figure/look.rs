@@ -1,0 +1,142 @@
+//! The looks of arms: the same arm looks the same in every figure of a report.
+
+use crate::analyse::declared::Name;
+use crate::report::scene::Color;
+
+/// The colours of Okabe and Ito, told apart by colour-blind readers too; black and yellow, which
+/// text and paper need, are left out.
+const COLORS: [Color; 6] = [
+    Color(0, 114, 178),
+    Color(213, 94, 0),
+    Color(0, 158, 115),
+    Color(204, 121, 167),
+    Color(86, 180, 233),
+    Color(230, 159, 0),
+];
+
+/// Scenarios that papers know, with their colours: they look the same in every report, too.
+const KNOWN: [(&str, Color); 6] = [
+    ("P-H-D", COLORS[0]),
+    ("L-H-D", COLORS[1]),
+    ("P-T", COLORS[2]),
+    ("L-T", COLORS[3]),
+    ("C-H-D", Color(68, 68, 68)),
+    ("C-T", COLORS[5]),
+];
+
+/// Dashes of the agents, in the manifest's order.
+const DASHES: [Option<(f64, f64)>; 4] =
+    [None, Some((5.0, 2.5)), Some((1.5, 2.0)), Some((8.0, 2.0))];
+
+/// How an arm looks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Look {
+    /// By scenario.
+    pub color: Color,
+    /// By agent.
+    pub dash: Option<(f64, f64)>,
+    /// By agent.
+    pub marker: Marker,
+}
+
+/// How a point of an arm is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Marker {
+    /// A filled circle.
+    Disc,
+    /// A circle filled with white.
+    Ring,
+    /// A square.
+    Square,
+    /// A diamond.
+    Diamond,
+}
+
+const MARKERS: [Marker; 4] = [Marker::Disc, Marker::Ring, Marker::Square, Marker::Diamond];
+
+/// The looks of a report's arms: colours by scenario, dashes and markers by agent.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Looks {
+    agents: Vec<String>,
+    scenarios: Vec<String>,
+    settings: Vec<Vec<(String, String)>>,
+}
+
+impl Looks {
+    /// The looks of these arms, in the order in which they first appear.
+    pub fn of<'n>(names: impl IntoIterator<Item = &'n Name>) -> Looks {
+        let mut looks = Looks::default();
+        for name in names {
+            if !looks.agents.contains(&name.agent) {
+                looks.agents.push(name.agent.clone());
+            }
+            let is_known = KNOWN.iter().any(|(known, _)| *known == name.scenario);
+            if !is_known && !looks.scenarios.contains(&name.scenario) {
+                looks.scenarios.push(name.scenario.clone());
+            }
+            let settings = words(name);
+            if !settings.is_empty() && !looks.settings.contains(&settings) {
+                looks.settings.push(settings);
+            }
+        }
+        looks
+    }
+
+    /// The look of an arm.
+    pub fn look(&self, name: &Name) -> Look {
+        let agent = place(&self.agents, &name.agent);
+        let known = KNOWN.iter().find(|(known, _)| *known == name.scenario);
+        let base = match known {
+            Some((_, color)) => *color,
+            None => COLORS[(4 + place(&self.scenarios, &name.scenario)) % COLORS.len()],
+        };
+        // Arms that differ in settings alone are shades of one colour.
+        let shade = match self.settings.iter().position(|known| *known == words(name)) {
+            Some(at) => at as f64 / self.settings.len() as f64 * 0.6,
+            None => 0.0,
+        };
+        Look {
+            color: base.towards(Color::WHITE, shade),
+            dash: DASHES[agent % DASHES.len()],
+            marker: MARKERS[agent % MARKERS.len()],
+        }
+    }
+}
+
+fn place(list: &[String], word: &str) -> usize {
+    list.iter().position(|known| known == word).unwrap_or(0)
+}
+
+fn words(name: &Name) -> Vec<(String, String)> {
+    name.settings.iter().map(|(key, value)| (key.clone(), value.to_string())).collect()
+}
+
+/// An arm in full: `dqn P-H-D sigma=0.6`.
+pub fn arm_label(name: &Name) -> String {
+    let parts = [name.agent.clone(), name.scenario.clone()].into_iter();
+    let settings = name
+        .settings
+        .iter()
+        .map(|(key, value)| format!("{}={value}", key.rsplit('.').next().unwrap_or(key)));
+    parts.chain(settings).filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" ")
+}
+
+/// The labels of arms that are seen together: what all of them share is left out.
+pub fn labels(names: &[&Name]) -> Vec<String> {
+    let same = |word: fn(&Name) -> &String| {
+        names.len() > 1 && names.windows(2).all(|pair| word(pair[0]) == word(pair[1]))
+    };
+    let (same_agent, same_scenario) = (same(|name| &name.agent), same(|name| &name.scenario));
+    let label = |name: &&Name| {
+        let mut name = (*name).clone();
+        if same_agent {
+            name.agent = String::new();
+        }
+        if same_scenario {
+            name.scenario = String::new();
+        }
+        let label = arm_label(&name);
+        if label.is_empty() { arm_label(names[0]) } else { label }
+    };
+    names.iter().map(label).collect()
+}

@@ -1,0 +1,62 @@
+//! Figures: from findings to scenes.
+//!
+//! In: what analyses found, and the looks that the report gives its arms. Out: scenes at the width
+//! of a journal's column, each with a note that states what its intervals are and how many seeds
+//! are behind it. It does not compute statistics.
+
+mod actions;
+mod axis;
+mod chart;
+mod forest;
+mod heat;
+mod look;
+
+pub use actions::action_figure;
+pub use axis::Numbers;
+pub use chart::{curve_figure, error_figure, learning_figure};
+pub use forest::forest_figure;
+pub use heat::heat_figure;
+pub use look::{Look, Looks, arm_label, labels};
+
+use super::scene::{Anchor, Color, Direction, Point, Shape, Weight};
+
+/// Width of a figure: 85 mm, the column of a journal, at 96 units an inch.
+pub(super) const WIDTH: f64 = 321.0;
+
+/// Height of letters at axes and lines.
+pub(super) const TEXT: f64 = 9.5;
+
+/// Height of letters of notes.
+pub(super) const NOTE: f64 = 8.0;
+
+/// Of text and axes.
+pub(super) const INK: Color = Color(34, 34, 34);
+
+/// Of notes and grids.
+pub(super) const FAINT: Color = Color(105, 105, 105);
+
+/// Of grid lines.
+pub(super) const GRID: Color = Color(229, 229, 229);
+
+/// A line of text that runs to the right.
+pub(super) fn text(
+    at: Point,
+    words: impl Into<String>,
+    (size, weight): (f64, Weight),
+    color: Color,
+    anchor: Anchor,
+) -> Shape {
+    let direction = Direction::Right;
+    Shape::Text { at, text: words.into(), size, weight, color, anchor, direction }
+}
+
+/// How many seeds, in words: `n = 3 seeds`, or `n = 2–3 seeds` where they differ.
+pub(super) fn seeds(counts: impl Iterator<Item = usize>) -> String {
+    let counts: Vec<usize> = counts.collect();
+    match (counts.iter().min(), counts.iter().max()) {
+        (Some(1), Some(1)) => "n = 1 seed".to_owned(),
+        (Some(least), Some(most)) if least == most => format!("n = {most} seeds"),
+        (Some(least), Some(most)) => format!("n = {least}–{most} seeds"),
+        _ => "no seeds".to_owned(),
+    }
+}

@@ -1,0 +1,169 @@
+//! The parts of the page: cards, tables, provenance.
+
+use std::collections::BTreeMap;
+
+use crate::analyse::declared::Content;
+use crate::report::data_table::{Cell, DataTable};
+use crate::report::document::{ReportedExperiment, Shown};
+use crate::report::escape::markup;
+use crate::report::scene::inline_svg;
+
+/// Rows of a table that a page holds; all of them are in the CSV file.
+const MOST_ROWS: usize = 400;
+
+/// A finding: title, figures, what is seen, data.
+pub fn figure_card(shown: &Shown<'_>) -> String {
+    let figures: String = shown
+        .scenes
+        .iter()
+        .map(|(stem, scene)| {
+            let drawing = inline_svg(scene);
+            let files = ["svg", "png"].map(|extension| {
+                let name = extension.to_uppercase();
+                format!("<a href=\"figures/{stem}.{extension}\">{name}</a>")
+            });
+            format!(
+                "<figure>{drawing}<figcaption class=\"links\">{}</figcaption></figure>",
+                files.join(" ")
+            )
+        })
+        .collect();
+    let size = match (shown.scenes.len(), shown.table.rows.len()) {
+        (1, _) if shown.table.shown_columns().count() <= 10 => "card",
+        _ => "card wide",
+    };
+    // Tables that are tables in papers are seen at once.
+    let is_table = matches!(shown.finding.content, Content::Contrast(_) | Content::Selection(_));
+    let open = if is_table { " open" } else { "" };
+    let rows = shown.table.rows.len();
+    format!(
+        "<article class=\"{size}\" id=\"{stem}\"><h3>{title}</h3>{switches}\
+         <div class=\"figures\">{figures}</div><p class=\"seen\">{caption}</p>\
+         <p class=\"links\">{links} <a href=\"sql/{stem}.sql\">SQL</a></p>\
+         <details{open}><summary>Numbers ({rows} rows)</summary>{table}</details>\
+         <details><summary>SQL that reads this data</summary><pre>{sql}</pre></details></article>",
+        stem = shown.stem,
+        title = markup(&shown.finding.title),
+        switches = switches(&shown.series),
+        caption = markup(&shown.caption),
+        links = table_links(&format!("tables/{}", shown.stem)),
+        table = html_table(&shown.table),
+        sql = markup(shown.sql)
+    )
+}
+
+/// Boxes that show and hide series; there is nothing to choose of one.
+fn switches(series: &[String]) -> String {
+    if series.len() < 2 {
+        return String::new();
+    }
+    let boxes: String = series
+        .iter()
+        .enumerate()
+        .map(|(at, label)| {
+            let label = markup(label);
+            format!("<label><input type=\"checkbox\" checked data-toggle=\"{at}\">{label}</label>")
+        })
+        .collect();
+    format!("<div class=\"switches\">{boxes}</div>")
+}
+
+/// Links to a table's files.
+pub fn table_links(stem: &str) -> String {
+    let files = [("csv", "CSV"), ("md", "Markdown"), ("tex", "LaTeX")];
+    files.map(|(extension, name)| format!("<a href=\"{stem}.{extension}\">{name}</a>")).join(" ")
+}
+
+/// A table that a reader can sort.
+pub fn html_table(table: &DataTable) -> String {
+    let places: Vec<usize> = table.shown_columns().collect();
+    let numeric: Vec<&str> = places
+        .iter()
+        .map(|place| if table.is_numeric(*place) { " class=\"number\"" } else { "" })
+        .collect();
+    let headings = places.iter().zip(&numeric).map(|(place, class)| {
+        let heading = markup(&table.columns[*place].heading);
+        format!("<th scope=\"col\"{class} aria-sort=\"none\"><button type=\"button\">{heading}</button></th>")
+    });
+    let headings: String = headings.collect();
+    let row = |row: &Vec<Cell>| {
+        let cells = places.iter().zip(&numeric).map(|(place, class)| {
+            let cell = &row[*place];
+            let more = match cell {
+                Cell::Number { value, .. } => format!(" data-value=\"{value}\""),
+                Cell::Missing(reason) => format!(" title=\"{}\"", markup(reason)),
+                Cell::Text(_) => String::new(),
+            };
+            format!("<td{class}{more}>{}</td>", markup(cell.shown()))
+        });
+        format!("<tr>{}</tr>", cells.collect::<String>())
+    };
+    // A long table is thinned evenly, so that its ends are seen.
+    let every = table.rows.len().div_ceil(MOST_ROWS).max(1);
+    let rows: String = table.rows.iter().step_by(every).map(row).collect();
+    let thinned = match every {
+        1 => String::new(),
+        every => {
+            format!("<p class=\"note\">One row in {every}; all of them are in the CSV file.</p>")
+        }
+    };
+    format!(
+        "<div class=\"scroll\"><table><thead><tr>{headings}</tr></thead><tbody>{rows}</tbody></table>\
+         </div>{thinned}"
+    )
+}
+
+/// What made the runs, and where they are.
+pub fn provenance(experiments: &[&ReportedExperiment], store: &str) -> String {
+    let mut makers: BTreeMap<[&str; 5], (usize, &str, &str, f64)> = BTreeMap::new();
+    let mut seen = std::collections::HashSet::new();
+    let jobs = experiments.iter().flat_map(|experiment| &experiment.jobs);
+    for job in jobs.filter(|job| seen.insert(job.job_key)) {
+        let Some(run) = job.completed() else { continue };
+        let made = &run.provenance;
+        let key = [
+            made.code_version.as_str(),
+            &made.git_revision,
+            &made.backend,
+            &made.processor,
+            &made.host,
+        ];
+        let ended = run.ended_at.as_str();
+        let entry = makers.entry(key).or_insert((0, ended, ended, 0.0));
+        entry.0 += 1;
+        entry.1 = entry.1.min(ended);
+        entry.2 = entry.2.max(ended);
+        entry.3 += run.wall_seconds;
+    }
+    let columns = [
+        ("runs", "Runs"),
+        ("code_version", "jitai"),
+        ("git_revision", "Git revision"),
+        ("backend", "Tensor backend"),
+        ("processor", "Processor"),
+        ("host", "Host"),
+        ("first", "First ended"),
+        ("last", "Last ended"),
+        ("seconds", "Seconds of work"),
+    ];
+    let mut table = DataTable::new("Provenance", &columns);
+    for ([version, revision, backend, processor, host], (runs, first, last, seconds)) in makers {
+        table.rows.push(vec![
+            Cell::number(runs as f64, 0),
+            Cell::text(version),
+            Cell::text(revision),
+            Cell::text(backend),
+            Cell::text(processor),
+            Cell::text(host),
+            Cell::text(first),
+            Cell::text(last),
+            Cell::number(seconds, 0),
+        ]);
+    }
+    format!(
+        "<section id=\"provenance\"><h2>Provenance</h2><p>Made from <code>{}</code>. A revision that \
+         ends in <code>-dirty</code> was built with changes that are not in it.</p>{}</section>",
+        markup(store),
+        html_table(&table)
+    )
+}

@@ -1,0 +1,73 @@
+"use strict";
+// Sorting: a click on a heading sorts its table, a second one the other way round.
+for (const button of document.querySelectorAll("th button")) {
+  button.addEventListener("click", () => {
+    const heading = button.parentElement;
+    const row = heading.parentElement;
+    const place = [...row.children].indexOf(heading);
+    const down = heading.getAttribute("aria-sort") === "ascending";
+    for (const other of row.children) other.setAttribute("aria-sort", "none");
+    heading.setAttribute("aria-sort", down ? "descending" : "ascending");
+    const body = row.parentElement.parentElement.tBodies[0];
+    const key = (line) => {
+      const cell = line.cells[place];
+      return cell.dataset.value === undefined ? cell.textContent : Number(cell.dataset.value);
+    };
+    const compare = (a, b) => {
+      const [x, y] = [key(a), key(b)];
+      if (typeof x === "number" && typeof y === "number") return x - y;
+      // Cells without a number come last.
+      if (typeof x !== typeof y) return (typeof x === "number" ? -1 : 1) * (down ? -1 : 1);
+      return x.localeCompare(y, "en", { numeric: true });
+    };
+    const lines = [...body.rows].sort(compare);
+    if (down) lines.reverse();
+    body.append(...lines);
+  });
+}
+
+// Pointing: the value nearest to the pointer is told.
+const tip = document.getElementById("tip");
+const reach = 26;
+const middle = (mark) => {
+  const box = mark.getBoundingClientRect();
+  return [box.left + box.width / 2, box.top + box.height / 2, box];
+};
+const point = (svg, event) => {
+  let best = null;
+  let least = reach;
+  for (const mark of svg.querySelectorAll("[data-tip]")) {
+    if (mark.classList.contains("off")) continue;
+    const [x, y, box] = middle(mark);
+    const inside =
+      event.clientX >= box.left && event.clientX <= box.right &&
+      event.clientY >= box.top && event.clientY <= box.bottom;
+    const distance = inside ? 0 : Math.hypot(event.clientX - x, event.clientY - y);
+    if (distance < least) [best, least] = [mark, distance];
+  }
+  if (best === null) {
+    tip.hidden = true;
+    return;
+  }
+  tip.textContent = best.dataset.tip;
+  tip.hidden = false;
+  const width = document.documentElement.clientWidth;
+  const left = Math.min(event.clientX + 14, width - tip.offsetWidth - 8);
+  tip.style.left = `${Math.max(8, left) + window.scrollX}px`;
+  tip.style.top = `${event.clientY + 16 + window.scrollY}px`;
+};
+for (const svg of document.querySelectorAll("figure svg")) {
+  // The browser's own tip would cover ours.
+  svg.querySelector("title")?.remove();
+  svg.addEventListener("pointermove", (event) => point(svg, event));
+  svg.addEventListener("pointerdown", (event) => point(svg, event));
+  svg.addEventListener("pointerleave", () => { tip.hidden = true; });
+}
+
+// Hiding: a box switches the lines of its number in all figures of its card.
+for (const box of document.querySelectorAll("[data-toggle]")) {
+  box.addEventListener("change", () => {
+    const marks = box.closest("article").querySelectorAll(`[data-series="${box.dataset.toggle}"]`);
+    for (const mark of marks) mark.classList.toggle("off", !box.checked);
+  });
+}

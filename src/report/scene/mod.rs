@@ -1,0 +1,187 @@
+//! A drawing as plain data, and its two forms: SVG and PNG.
+//!
+//! In: marks placed in the drawing's own units. Out: text or bytes that depend on nothing else, so
+//! that equal scenes are equal files. Letters are measured and drawn with a font that is compiled
+//! in: a bare machine has none.
+//!
+//! It does not know axes, arms or statistics.
+
+mod font;
+mod png;
+mod svg;
+
+pub use font::{Weight, web_font, width};
+pub use png::png;
+pub use svg::{inline_svg, svg};
+
+/// A drawing. Units are CSS pixels at the size that it is printed at.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene {
+    /// Width.
+    pub width: f64,
+    /// Height.
+    pub height: f64,
+    /// What the drawing shows, for readers who do not see it.
+    pub description: String,
+    /// The marks, later ones above earlier ones.
+    pub marks: Vec<Mark>,
+}
+
+/// A colour without transparency.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Color(pub u8, pub u8, pub u8);
+
+/// A point, from the upper left corner.
+pub type Point = (f64, f64);
+
+/// How a line is drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stroke {
+    /// Colour.
+    pub color: Color,
+    /// Width.
+    pub width: f64,
+    /// Lengths of dash and gap; none for a solid line.
+    pub dash: Option<(f64, f64)>,
+    /// 0 for invisible to 1.
+    pub opacity: f64,
+}
+
+impl Stroke {
+    /// A solid line.
+    pub fn solid(color: Color, width: f64) -> Stroke {
+        Stroke { color, width, dash: None, opacity: 1.0 }
+    }
+}
+
+/// How an area is filled.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fill {
+    /// Colour.
+    pub color: Color,
+    /// 0 for invisible to 1.
+    pub opacity: f64,
+}
+
+/// Which point of a text is placed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Anchor {
+    /// Its beginning.
+    Start,
+    /// Its middle.
+    Middle,
+    /// Its end.
+    End,
+}
+
+/// Which way a text runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// To the right.
+    Right,
+    /// Upwards.
+    Up,
+}
+
+/// Something that is drawn.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mark {
+    /// The shape.
+    pub shape: Shape,
+    /// The number of the series that it belongs to, by which a page shows and hides it.
+    pub series: Option<usize>,
+    /// What a page says about it when it is pointed at.
+    pub tip: Option<String>,
+}
+
+/// A shape with its looks.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Shape {
+    /// Straight lines from point to point.
+    Line {
+        /// The points.
+        points: Vec<Point>,
+        /// The line.
+        stroke: Stroke,
+    },
+    /// A filled area.
+    Area {
+        /// Its corners.
+        points: Vec<Point>,
+        /// The filling.
+        fill: Fill,
+        /// The line around it, if it has one.
+        stroke: Option<Stroke>,
+    },
+    /// A circle.
+    Circle {
+        /// Its centre.
+        centre: Point,
+        /// Its radius.
+        radius: f64,
+        /// The filling.
+        fill: Fill,
+        /// The line around it, if it has one.
+        stroke: Option<Stroke>,
+    },
+    /// A line of text.
+    Text {
+        /// Where its anchor stands, on the base line.
+        at: Point,
+        /// The text.
+        text: String,
+        /// Height of the letters with their ascenders and descenders.
+        size: f64,
+        /// How bold it is.
+        weight: Weight,
+        /// Colour.
+        color: Color,
+        /// Which of its points stands at `at`.
+        anchor: Anchor,
+        /// Which way it runs.
+        direction: Direction,
+    },
+}
+
+impl From<Shape> for Mark {
+    fn from(shape: Shape) -> Mark {
+        Mark { shape, series: None, tip: None }
+    }
+}
+
+impl Mark {
+    /// The mark as part of a series.
+    pub fn of(self, series: usize) -> Mark {
+        Mark { series: Some(series), ..self }
+    }
+
+    /// The mark with something to say.
+    pub fn saying(self, tip: impl Into<String>) -> Mark {
+        Mark { tip: Some(tip.into()), ..self }
+    }
+}
+
+/// The corners of a rectangle.
+pub fn rectangle(left: f64, top: f64, width: f64, height: f64) -> Vec<Point> {
+    let (right, bottom) = (left + width, top + height);
+    vec![(left, top), (right, top), (right, bottom), (left, bottom)]
+}
+
+impl Color {
+    /// White.
+    pub const WHITE: Color = Color(255, 255, 255);
+
+    /// The colour so far on the way from this one to another, from 0 to 1.
+    pub fn towards(self, other: Color, share: f64) -> Color {
+        let share = share.clamp(0.0, 1.0);
+        let mix = |from: u8, to: u8| {
+            (f64::from(from) + (f64::from(to) - f64::from(from)) * share).round() as u8
+        };
+        Color(mix(self.0, other.0), mix(self.1, other.1), mix(self.2, other.2))
+    }
+
+    /// Perceived lightness, 0 to 1.
+    pub fn lightness(self) -> f64 {
+        (0.299 * f64::from(self.0) + 0.587 * f64::from(self.1) + 0.114 * f64::from(self.2)) / 255.0
+    }
+}

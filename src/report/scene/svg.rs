@@ -1,0 +1,128 @@
+//! A scene as SVG.
+
+use std::fmt::Write as _;
+
+use super::{Anchor, Color, Direction, Fill, Mark, Point, Scene, Shape, Stroke, web_font};
+use crate::report::escape::markup;
+
+/// Width of a column of a journal, which figures are made for.
+const COLUMN: &str = "85mm";
+
+/// The scene as a file of its own, with its font.
+pub fn svg(scene: &Scene) -> String {
+    let height = 85.0 * scene.height / scene.width;
+    let size = format!(" width=\"{COLUMN}\" height=\"{}mm\"", number(height));
+    let font = format!("<defs><style>{}</style></defs>", web_font());
+    format!("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n{}\n", element(scene, &size, &font))
+}
+
+/// The scene as an element of a page that brings the font.
+pub fn inline_svg(scene: &Scene) -> String {
+    element(scene, "", "")
+}
+
+fn element(scene: &Scene, size: &str, head: &str) -> String {
+    let (width, height) = (number(scene.width), number(scene.height));
+    let mut out = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\"{size} \
+         role=\"img\" font-family=\"'Jitai Figures', Inter, Helvetica, Arial, sans-serif\">\
+         <title>{}</title>{head}<rect width=\"{width}\" height=\"{height}\" fill=\"#fff\"/>",
+        markup(&scene.description)
+    );
+    for mark in &scene.marks {
+        write_mark(&mut out, mark);
+    }
+    out.push_str("</svg>");
+    out
+}
+
+fn write_mark(out: &mut String, mark: &Mark) {
+    let mut more = String::new();
+    if let Some(series) = mark.series {
+        let _ = write!(more, " data-series=\"{series}\"");
+    }
+    if let Some(tip) = &mark.tip {
+        let _ = write!(more, " data-tip=\"{}\"", markup(tip));
+    }
+    let written = match &mark.shape {
+        Shape::Line { points, stroke } => {
+            write!(
+                out,
+                "<polyline points=\"{}\" fill=\"none\"{}{more}/>",
+                list(points),
+                line(stroke)
+            )
+        }
+        Shape::Area { points, fill, stroke } => {
+            let stroke = stroke.as_ref().map(line).unwrap_or_default();
+            write!(out, "<polygon points=\"{}\"{}{stroke}{more}/>", list(points), filling(fill))
+        }
+        Shape::Circle { centre, radius, fill, stroke } => {
+            let stroke = stroke.as_ref().map(line).unwrap_or_default();
+            let (x, y, radius) = (number(centre.0), number(centre.1), number(*radius));
+            let fill = filling(fill);
+            write!(out, "<circle cx=\"{x}\" cy=\"{y}\" r=\"{radius}\"{fill}{stroke}{more}/>")
+        }
+        Shape::Text { at, text, size, weight, color, anchor, direction } => {
+            let anchor = match anchor {
+                Anchor::Start => "start",
+                Anchor::Middle => "middle",
+                Anchor::End => "end",
+            };
+            let (x, y) = (number(at.0), number(at.1));
+            let place = match direction {
+                Direction::Right => format!("x=\"{x}\" y=\"{y}\""),
+                Direction::Up => format!("transform=\"translate({x} {y}) rotate(-90)\""),
+            };
+            write!(
+                out,
+                "<text {place} font-size=\"{}\" font-weight=\"{}\" fill=\"{}\" \
+                 text-anchor=\"{anchor}\"{more}>{}</text>",
+                number(*size),
+                weight.number(),
+                hex(*color),
+                markup(text)
+            )
+        }
+    };
+    written.expect("writing to a string cannot fail");
+}
+
+/// A number with at most two decimals.
+pub(crate) fn number(value: f64) -> String {
+    let text = format!("{value:.2}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    if text == "-0" { "0".to_owned() } else { text.to_owned() }
+}
+
+fn list(points: &[Point]) -> String {
+    let point = |(x, y): &Point| format!("{},{}", number(*x), number(*y));
+    points.iter().map(point).collect::<Vec<_>>().join(" ")
+}
+
+pub(super) fn hex(Color(red, green, blue): Color) -> String {
+    format!("#{red:02x}{green:02x}{blue:02x}")
+}
+
+fn filling(fill: &Fill) -> String {
+    let opacity = match fill.opacity {
+        opacity if opacity < 1.0 => format!(" fill-opacity=\"{}\"", number(opacity)),
+        _ => String::new(),
+    };
+    format!(" fill=\"{}\"{opacity}", hex(fill.color))
+}
+
+fn line(stroke: &Stroke) -> String {
+    let mut text = format!(
+        " stroke=\"{}\" stroke-width=\"{}\" stroke-linejoin=\"round\"",
+        hex(stroke.color),
+        number(stroke.width)
+    );
+    if let Some((dash, gap)) = stroke.dash {
+        let _ = write!(text, " stroke-dasharray=\"{} {}\"", number(dash), number(gap));
+    }
+    if stroke.opacity < 1.0 {
+        let _ = write!(text, " stroke-opacity=\"{}\"", number(stroke.opacity));
+    }
+    text
+}

@@ -1,0 +1,433 @@
+//! Tables: from findings to rows.
+
+use super::data_table::{Cell, DataTable, shown};
+use super::figure::{Numbers, arm_label};
+use super::words::{metric_title, unit_numbers};
+use crate::analyse::declared::{
+    ActionPanel, Chosen, Comparison, Content, ContrastRow, CurveFigure, ErrorFigure, Finding,
+    HeatFigure, LearningPanel, Reproduction,
+};
+use crate::analyse::{Interval, Moments, Tests, Undefined, Verdict, mean_interval};
+use crate::record::{JobRecord, Progress};
+
+/// The table of a finding.
+pub fn table(finding: &Finding) -> DataTable {
+    let title = &finding.title;
+    match &finding.content {
+        Content::Contrast(rows) => contrast(title, rows, finding.metric),
+        Content::Curve(figure) => curve(title, figure, finding.metric),
+        Content::LearningCurve { panels, .. } => learning(title, panels),
+        Content::HeatMap(figures) => heat(title, figures),
+        Content::ActionChoice(panels) => actions(title, panels),
+        Content::Selection(chosen) => selection(title, chosen, finding.metric),
+        Content::InferenceError(figure) => errors(title, figure),
+    }
+}
+
+/// A metric's number as readers see it, in its unit.
+fn in_unit(value: Result<f64, Undefined>, metric: &str) -> Cell {
+    match (value, unit_numbers(metric)) {
+        (Ok(value), (Numbers::Percent, decimals)) => {
+            Cell::Number { value, shown: shown(value * 100.0, decimals) }
+        }
+        (value, (_, decimals)) => Cell::of(value, decimals.max(1)),
+    }
+}
+
+/// An interval as readers see it.
+fn between(interval: Result<Interval, Undefined>, metric: &str) -> Cell {
+    match interval {
+        Ok(Interval { low, high }) => {
+            let (low, high) = (in_unit(Ok(low), metric), in_unit(Ok(high), metric));
+            Cell::text(format!("{} to {}", low.shown(), high.shown()))
+        }
+        Err(reason) => Cell::Missing(reason.to_string()),
+    }
+}
+
+fn low(interval: Result<Interval, Undefined>) -> Cell {
+    Cell::of(interval.map(|interval| interval.low), 1)
+}
+
+fn high(interval: Result<Interval, Undefined>) -> Cell {
+    Cell::of(interval.map(|interval| interval.high), 1)
+}
+
+fn mean(values: &[f64]) -> Result<f64, Undefined> {
+    Moments::of(values).map(|moments| moments.mean)
+}
+
+fn contrast(title: &str, rows: &[ContrastRow], metric: &str) -> DataTable {
+    let (first, second) = rows
+        .first()
+        .map_or(("first", "second"), |row| (row.sides.0.as_str(), row.sides.1.as_str()));
+    let columns = [
+        ("arm", "Arm"),
+        ("error", "Error, %"),
+        ("seeds", "n"),
+        ("first", first),
+        ("second", second),
+        ("difference", "Difference"),
+        ("interval", "95 % interval"),
+        (".low", ""),
+        (".high", ""),
+        ("p", "p"),
+        (".p_student", ""),
+        ("p_holm", "p (Holm)"),
+        (".p_benjamini_hochberg", ""),
+        (".p_permutation", ""),
+        ("hedges_g", "Hedges’ g"),
+        (".hedges_g_low", ""),
+        (".hedges_g_high", ""),
+        ("improvement", "P(better)"),
+        (".detectable", ""),
+        ("published", "Published"),
+        ("published_p", "Published p"),
+    ];
+    let mut table = DataTable::new(title, &columns);
+    for row in rows {
+        table.rows.push(contrast_cells(row, metric));
+    }
+    table
+}
+
+fn contrast_cells(row: &ContrastRow, metric: &str) -> Vec<Cell> {
+    let contrast = &row.contrast;
+    let interval = contrast.test().map(|test| test.interval);
+    let student = match contrast.tests {
+        Tests::Independent { student, .. } => student,
+        Tests::Matched { paired } => paired,
+    };
+    let (n, m) = contrast.seeds;
+    let seeds = if n == m { n.to_string() } else { format!("{n}, {m}") };
+    let g = contrast.hedges_g;
+    let absent = || Cell::Missing("not published".to_owned());
+    vec![
+        Cell::text(arm_label(&row.name)),
+        row.error.map_or_else(
+            || Cell::Missing("no sigma".to_owned()),
+            |error| Cell::Number { value: error, shown: shown(error * 100.0, 1) },
+        ),
+        Cell::Text(seeds),
+        in_unit(mean(row.first.values()), metric),
+        in_unit(mean(row.second.values()), metric),
+        in_unit(contrast.difference, metric),
+        between(interval, metric),
+        low(interval),
+        high(interval),
+        Cell::p(contrast.test().map(|test| test.p)),
+        Cell::p(student.map(|test| test.p)),
+        Cell::p(row.corrected.map(|corrected| corrected.holm)),
+        Cell::p(row.corrected.map(|corrected| corrected.benjamini_hochberg)),
+        Cell::p(contrast.permutation_p),
+        Cell::of(g.map(|g| g.g), 2),
+        Cell::of(g.map(|g| g.interval.low), 2),
+        Cell::of(g.map(|g| g.interval.high), 2),
+        Cell::of(contrast.improvement.map(|improvement| improvement.probability), 2),
+        Cell::of(contrast.detectable, 1),
+        row.published.map_or_else(absent, |(effect, _)| Cell::number(effect, 1)),
+        row.published.map_or_else(absent, |(_, p)| Cell::number(p, 5)),
+    ]
+}
+
+fn curve(title: &str, figure: &CurveFigure, metric: &str) -> DataTable {
+    let axis = figure.axis.rsplit('.').next().unwrap_or(&figure.axis);
+    let is_error = axis == "context_inference_error";
+    let name = metric_title(metric);
+    let columns = [
+        ("arm", "Arm"),
+        ("parameter", if is_error { "σ" } else { axis }),
+        ("x", if is_error { "Error, %" } else { "x" }),
+        ("seeds", "n"),
+        ("mean", name.as_str()),
+        ("interval", "95 % interval"),
+        (".low", ""),
+        (".high", ""),
+        ("sd", "SD over seeds"),
+        ("published", "Published"),
+    ];
+    let mut table = DataTable::new(title, &columns);
+    for line in &figure.lines {
+        for point in &line.points {
+            let values = point.sample.values();
+            let interval = mean_interval(values);
+            let published = line.published.iter().find(|(x, _)| *x == point.x);
+            let sd = Moments::of(values).and_then(|moments| moments.sd);
+            let x = if is_error { shown(point.x * 100.0, 1) } else { point.x.to_string() };
+            table.rows.push(vec![
+                Cell::text(arm_label(&line.name)),
+                Cell::Number { value: point.parameter, shown: point.parameter.to_string() },
+                Cell::Number { value: point.x, shown: x },
+                Cell::number(values.len() as f64, 0),
+                in_unit(mean(values), metric),
+                between(interval, metric),
+                low(interval),
+                high(interval),
+                in_unit(sd, metric),
+                published.map_or_else(
+                    || Cell::Missing("not published".to_owned()),
+                    |(_, value)| Cell::number(*value, 0),
+                ),
+            ]);
+        }
+    }
+    table
+}
+
+fn learning(title: &str, panels: &[LearningPanel]) -> DataTable {
+    let columns = [
+        ("arm", "Arm"),
+        ("seeds", "n"),
+        ("episode", "Episode"),
+        ("mean", "Moving mean of the return"),
+        ("interval", "95 % interval"),
+        (".low", ""),
+        (".high", ""),
+    ];
+    let mut table = DataTable::new(title, &columns);
+    for line in panels.iter().flat_map(|panel| &panel.lines) {
+        for (episode, mean, interval) in &line.points {
+            let interval = interval.ok_or(Undefined::NoVariance);
+            table.rows.push(vec![
+                Cell::text(arm_label(&line.name)),
+                Cell::number(line.seeds.0 as f64, 0),
+                Cell::number(f64::from(*episode), 0),
+                Cell::number(*mean, 1),
+                between(interval, "mean_return"),
+                low(interval),
+                high(interval),
+            ]);
+        }
+    }
+    table
+}
+
+fn heat(title: &str, figures: &[HeatFigure]) -> DataTable {
+    let last = |figure: Option<&HeatFigure>, of: fn(&HeatFigure) -> &String| {
+        let dotted = figure.map(of).cloned().unwrap_or_default();
+        dotted.rsplit('.').next().unwrap_or_default().to_owned()
+    };
+    let x = last(figures.first(), |figure| &figure.x.0);
+    let y = last(figures.first(), |figure| &figure.y.0);
+    let columns = [
+        ("agent", "Agent"),
+        ("subject", "Subject"),
+        ("y", y.as_str()),
+        ("x", x.as_str()),
+        ("seeds", "n"),
+        ("value", "Mean"),
+        ("interval", "95 % interval"),
+        (".low", ""),
+        (".high", ""),
+        ("published", "Published"),
+    ];
+    let mut table = DataTable::new(title, &columns);
+    for figure in figures {
+        for cell in &figure.cells {
+            table.rows.push(vec![
+                Cell::text(&figure.agent),
+                Cell::text(&figure.subject),
+                Cell::Number { value: cell.y, shown: cell.y.to_string() },
+                Cell::Number { value: cell.x, shown: cell.x.to_string() },
+                Cell::number(cell.seeds as f64, 0),
+                Cell::of(cell.value, 1),
+                between(cell.interval, "mean_return"),
+                low(cell.interval),
+                high(cell.interval),
+                cell.published.map_or_else(
+                    || Cell::Missing("not published".to_owned()),
+                    |value| Cell::number(value, 1),
+                ),
+            ]);
+        }
+    }
+    table
+}
+
+fn actions(title: &str, panels: &[ActionPanel]) -> DataTable {
+    let columns = [
+        ("arm", "Arm"),
+        ("p_low", "p from"),
+        ("p_high", "to"),
+        ("action", "Action"),
+        ("share", "Share, %"),
+        ("interval", "95 % interval, %"),
+        (".low", ""),
+        (".high", ""),
+        ("seeds", "n"),
+        ("steps", "Test steps"),
+    ];
+    let mut table = DataTable::new(title, &columns);
+    for panel in panels {
+        for bin in &panel.bins {
+            for (action, (share, interval)) in bin.shares.iter().flatten().enumerate() {
+                let interval = interval.ok_or(Undefined::NoVariance);
+                table.rows.push(vec![
+                    Cell::text(arm_label(&panel.name)),
+                    Cell::number(bin.low, 1),
+                    Cell::number(bin.high, 1),
+                    Cell::number(action as f64, 0),
+                    in_unit(Ok(*share), "message_rate"),
+                    between(interval, "message_rate"),
+                    low(interval),
+                    high(interval),
+                    Cell::number(panel.seeds.0 as f64, 0),
+                    Cell::number(bin.steps as f64, 0),
+                ]);
+            }
+        }
+    }
+    table
+}
+
+fn selection(title: &str, chosen: &[Chosen], metric: &str) -> DataTable {
+    let name = metric_title(metric);
+    let columns = [
+        ("agent", "Agent"),
+        ("rank", "Rank"),
+        ("settings", "Settings"),
+        ("seeds", "n"),
+        ("mean", name.as_str()),
+        ("interval", "95 % interval"),
+        (".low", ""),
+        (".high", ""),
+    ];
+    let mut table = DataTable::new(title, &columns);
+    for agent in chosen {
+        for (rank, candidate) in agent.candidates.iter().enumerate() {
+            let settings =
+                candidate.name.settings.iter().map(|(key, value)| {
+                    format!("{}={value}", key.rsplit('.').next().unwrap_or(key))
+                });
+            table.rows.push(vec![
+                Cell::text(&agent.agent),
+                Cell::number(rank as f64 + 1.0, 0),
+                Cell::text(settings.collect::<Vec<_>>().join(" ")),
+                Cell::number(candidate.sample.n() as f64, 0),
+                in_unit(candidate.mean, metric),
+                between(candidate.interval, metric),
+                low(candidate.interval),
+                high(candidate.interval),
+            ]);
+        }
+    }
+    table
+}
+
+fn errors(title: &str, figure: &ErrorFigure) -> DataTable {
+    let columns = [
+        ("sigma", "σ"),
+        ("exact", "Exact, %"),
+        ("seen", "Seen in tests, %"),
+        ("published", "Published, %"),
+        ("runs", "Runs"),
+        ("steps", "Test steps"),
+    ];
+    let mut table = DataTable::new(title, &columns);
+    let percent = |value: f64| Cell::Number { value, shown: shown(value * 100.0, 1) };
+    for point in &figure.points {
+        let published = figure.published.iter().find(|(sigma, _)| *sigma == point.sigma);
+        table.rows.push(vec![
+            Cell::Number { value: point.sigma, shown: point.sigma.to_string() },
+            percent(point.exact),
+            point.seen.map_or_else(|| Cell::Missing("no completed run".to_owned()), percent),
+            published.map_or_else(
+                || Cell::Missing("not published".to_owned()),
+                |(_, rate)| percent(*rate),
+            ),
+            Cell::number(point.runs as f64, 0),
+            Cell::number(point.steps as f64, 0),
+        ]);
+    }
+    table
+}
+
+/// Every published number beside ours.
+pub fn reproduction(reproduction: &Reproduction) -> DataTable {
+    let columns = [
+        ("subject", "Subject"),
+        ("agent", "Agent"),
+        ("scenario", "Scenario"),
+        ("settings", "At"),
+        ("published", "Published"),
+        ("published_standard_error", "SE"),
+        (".published_p", ""),
+        ("ours", "Ours"),
+        ("our_standard_error", "SE"),
+        ("seeds", "n"),
+        ("difference", "Ours − published"),
+        ("joint_interval", "Joint 95 % interval"),
+        (".joint_low", ""),
+        (".joint_high", ""),
+        ("verdict", "Verdict"),
+    ];
+    let mut table = DataTable::new("Published numbers beside ours", &columns);
+    table.rows = reproduction.comparisons.iter().map(comparison).collect();
+    table
+}
+
+fn comparison(one: &Comparison) -> Vec<Cell> {
+    let settings = one.settings.iter().map(|(name, value)| format!("{name}={value}"));
+    let is_rate = one.published.abs() < 1.0;
+    let decimals = if is_rate { 4 } else { 1 };
+    let interval = one.agreement.as_ref().map(|agreement| agreement.interval).map_err(|e| *e);
+    vec![
+        Cell::text(one.subject.name()),
+        Cell::text(&one.agent),
+        Cell::text(&one.scenario),
+        Cell::text(settings.collect::<Vec<_>>().join(" ")),
+        Cell::number(one.published, decimals),
+        Cell::of(one.published_error, decimals),
+        one.published_p.map_or_else(|| Cell::Missing("none".to_owned()), |p| Cell::number(p, 5)),
+        Cell::of(one.ours, decimals),
+        Cell::of(one.our_error, decimals),
+        Cell::number(one.seeds as f64, 0),
+        Cell::of(one.agreement.as_ref().map(|agreement| agreement.difference), decimals),
+        match interval {
+            Ok(Interval { low, high }) => {
+                Cell::text(format!("{} to {}", shown(low, decimals), shown(high, decimals)))
+            }
+            Err(reason) => Cell::Missing(reason.to_string()),
+        },
+        low(interval),
+        high(interval),
+        Cell::text(match &one.agreement {
+            Ok(agreement) => match agreement.verdict {
+                Verdict::Inside => "inside".to_owned(),
+                Verdict::Outside => "outside".to_owned(),
+            },
+            Err(reason) => reason.to_string(),
+        }),
+    ]
+}
+
+/// The jobs that failed, with their reasons.
+pub fn failures<'j>(jobs: impl Iterator<Item = (&'j str, &'j JobRecord)>) -> DataTable {
+    let columns = [
+        ("experiment", "Experiment"),
+        ("agent", "Agent"),
+        ("scenario", "Scenario"),
+        ("sigma", "σ"),
+        ("seed", "Seed"),
+        ("kind", "Failure"),
+        ("reason", "Reason"),
+        ("episode", "After episode"),
+        ("job_key", "Job key"),
+    ];
+    let mut table = DataTable::new("Failed jobs", &columns);
+    for (experiment, job) in jobs {
+        let Progress::Failed(failure) = &job.progress else { continue };
+        table.rows.push(vec![
+            Cell::text(experiment),
+            Cell::text(&job.agent),
+            Cell::text(&job.scenario),
+            Cell::text(job.number("environment.sigma").map_or_else(String::new, |s| s.to_string())),
+            Cell::number(job.seed as f64, 0),
+            Cell::text(failure.kind.name()),
+            Cell::text(&failure.message),
+            Cell::number(f64::from(failure.episode), 0),
+            Cell::text(job.job_key.to_string()),
+        ]);
+    }
+    table
+}

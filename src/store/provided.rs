@@ -1,0 +1,113 @@
+//! Queries of the public views that a reader is given beside what was made of their answers.
+
+use std::fmt::Write as _;
+
+/// What a reader wants the rows of: jobs of one experiment, and a part of their results.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Provided {
+    /// The experiment's name.
+    pub experiment: String,
+    /// Names of agents.
+    pub agents: Vec<String>,
+    /// Scenarios.
+    pub scenarios: Vec<String>,
+    /// Parameters that tell the jobs apart: dotted names, and the values wanted as SQL compares
+    /// them.
+    pub parameters: Vec<(String, Vec<String>)>,
+    /// The part of the results.
+    pub part: ProvidedPart,
+}
+
+/// A part of the results.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ProvidedPart {
+    /// A metric.
+    Metric(String),
+    /// The learning curve of the mean return.
+    LearningCurve,
+    /// Choices of action.
+    ActionChoice,
+    /// Returns of the test episodes.
+    Returns,
+}
+
+impl Provided {
+    /// One SELECT statement on the public views.
+    pub fn sql(&self) -> String {
+        let mut columns = String::from("SELECT run.agent, run.scenario, run.seed");
+        let mut conditions = format!(
+            "WHERE run.experiment = {} AND run.status = 'completed'\n  AND run.agent IN ({})\n  \
+             AND run.scenario IN ({})",
+            text(&self.experiment),
+            list(&self.agents),
+            list(&self.scenarios)
+        );
+        for (name, values) in &self.parameters {
+            let value = format!(
+                "(SELECT value FROM parameter WHERE job_key = run.job_key AND name = {})",
+                text(name)
+            );
+            let heading = name.replace('"', "\"\"");
+            let _ = write!(columns, ",\n  {value} AS \"{heading}\"");
+            let _ = write!(conditions, "\n  AND {value} IN ({})", values.join(", "));
+        }
+        let (part, join) = match &self.part {
+            ProvidedPart::Metric(name) => (
+                format!("metric.value AS \"{}\"", name.replace('"', "\"\"")),
+                format!(
+                    "JOIN metric ON metric.job_key = run.job_key AND metric.name = {}",
+                    text(name)
+                ),
+            ),
+            ProvidedPart::LearningCurve => (
+                "curve.episode, curve.value AS mean_return".to_owned(),
+                "JOIN learning_curve AS curve ON curve.job_key = run.job_key\n  AND curve.metric = \
+                 'mean_return'"
+                    .to_owned(),
+            ),
+            ProvidedPart::ActionChoice => (
+                "choice.p_low, choice.p_high, choice.context, choice.action, choice.count"
+                    .to_owned(),
+                "JOIN action_choice AS choice ON choice.job_key = run.job_key".to_owned(),
+            ),
+            ProvidedPart::Returns => (
+                "test.episode, test.total_reward".to_owned(),
+                "JOIN evaluation_episode AS test ON test.job_key = run.job_key".to_owned(),
+            ),
+        };
+        let order = 3 + self.parameters.len();
+        let order: Vec<String> = (1..=order).map(|place| place.to_string()).collect();
+        format!(
+            "{columns},\n  {part}\nFROM run_summary AS run\n{join}\n{conditions}\nORDER BY {}\n",
+            order.join(", ")
+        )
+    }
+}
+
+/// A text as SQL writes it.
+pub fn text(text: &str) -> String {
+    format!("'{}'", text.replace('\'', "''"))
+}
+
+fn list(words: &[String]) -> String {
+    words.iter().map(|word| text(word)).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_cannot_leave_their_quotes() {
+        let provided = Provided {
+            experiment: "x' OR 1=1 --".to_owned(),
+            agents: vec!["dqn".to_owned()],
+            scenarios: vec!["P-H-D".to_owned()],
+            parameters: vec![("environment.sigma".to_owned(), vec!["0.6".to_owned()])],
+            part: ProvidedPart::Metric("mean_return".to_owned()),
+        };
+        let sql = provided.sql();
+        assert!(sql.contains("run.experiment = 'x'' OR 1=1 --' AND"), "{sql}");
+        assert!(sql.ends_with("ORDER BY 1, 2, 3, 4\n"), "{sql}");
+    }
+}

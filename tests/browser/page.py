@@ -1,0 +1,189 @@
+"""The report's page in a real browser: what a reader does with it, at two widths.
+
+Runs short jobs into a folder of its own, reports on them, and opens the page in Chromium.
+"""
+
+import os
+import pathlib
+import shutil
+import subprocess
+import sys
+import tempfile
+
+from playwright.sync_api import sync_playwright
+
+MANIFEST = """
+format = 1
+name = "browser"
+question = "Does the page work?"
+extends = "paper"
+scenarios = ["P-H-D", "L-H-D"]
+seeds = 3
+environment.sigma = [0.4, 0.6]
+evaluation.test_episodes = 50
+[[agent]]
+name = "dqn"
+episodes = 60
+layers = [16]
+[[agent]]
+name = "reinforce"
+episodes = 400
+layers = [16]
+[[analysis]]
+name = "returns"
+kind = "curve"
+title = "Returns"
+[[analysis]]
+name = "gain"
+kind = "contrast"
+by = "scenario"
+between = ["P-H-D", "L-H-D"]
+[[analysis]]
+name = "learning"
+kind = "learning_curve"
+window = 20
+[[analysis]]
+name = "choices"
+kind = "action_choice"
+where = { environment.sigma = 0.6 }
+"""
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+
+
+def report(folder):
+    """The page of short jobs, or the one that the environment names."""
+    if "JITAI_PAGE" in os.environ:
+        return pathlib.Path(os.environ["JITAI_PAGE"]).resolve()
+    target = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
+    jitai = target / "release" / "jitai"
+    (folder / "browser.toml").write_text(MANIFEST)
+    for arguments in (["run", "browser.toml", "--quiet"], ["report", "browser.toml", "--out", "r"]):
+        subprocess.run([jitai, *arguments], cwd=folder, check=True, stdout=subprocess.DEVNULL)
+    return folder / "r" / "index.html"
+
+
+def numbers(page, table):
+    """The first numeric column's place, and its values in the order shown."""
+    return page.evaluate(
+        """(table) => {
+            const place = [...table.tHead.rows[0].cells].findIndex((c) => c.className === "number");
+            return [place, [...table.tBodies[0].rows].map((r) => Number(r.cells[place].dataset.value))
+                .filter((n) => !Number.isNaN(n))];
+        }""",
+        table,
+    )
+
+
+def check_sorting(page):
+    # Opened, as a reader would, to reach the headings.
+    page.evaluate("document.querySelectorAll('details').forEach((d) => { d.open = true; })")
+    table = page.query_selector("article table")
+    place, _ = numbers(page, table)
+    button = table.query_selector_all("th button")[place]
+    button.click()
+    _, up = numbers(page, table)
+    assert up == sorted(up), up
+    button.click()
+    _, down = numbers(page, table)
+    assert down == sorted(down, reverse=True), down
+    assert table.query_selector_all("th")[place].get_attribute("aria-sort") == "descending"
+
+
+def check_pointing(page):
+    for card in page.query_selector_all("article"):
+        mark = card.query_selector("figure svg [data-tip]")
+        if mark is None:
+            continue
+        mark.scroll_into_view_if_needed()
+        box = mark.bounding_box()
+        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        tip = page.query_selector("#tip")
+        assert tip.is_visible(), card.get_attribute("id")
+        assert any(character.isdigit() for character in tip.inner_text()), tip.inner_text()
+        page.mouse.move(1, 1)
+    assert not page.query_selector("#tip").is_visible()
+
+
+def check_hiding(page):
+    box = page.query_selector("[data-toggle='0']")
+    card = box.evaluate_handle("(b) => b.closest('article')").as_element()
+    line = card.query_selector("[data-series='0']")
+    shown = lambda: line.evaluate("(mark) => getComputedStyle(mark).display") != "none"
+    assert shown()
+    box.uncheck()
+    assert not shown()
+    box.check()
+    assert shown()
+
+
+def check_layout(page, width):
+    scrolls = page.evaluate("document.documentElement.scrollWidth")
+    assert scrolls <= width, f"the page is {scrolls} wide at {width}"
+    boxes = page.evaluate(
+        """() => [...document.querySelectorAll('article, section > h2, header, .tile')].map((e) => {
+            const b = e.getBoundingClientRect();
+            return [e.id || e.textContent.slice(0, 20), b.left, b.top, b.right, b.bottom, e.tagName];
+        })"""
+    )
+    cards = [box for box in boxes if box[5] == "ARTICLE"]
+    for at, one in enumerate(cards):
+        for other in cards[at + 1 :]:
+            apart = (
+                one[3] <= other[1] + 1 or other[3] <= one[1] + 1
+                or one[4] <= other[2] + 1 or other[4] <= one[2] + 1
+            )
+            assert apart, f"{one[0]} and {other[0]} overlap at {width}"
+    overlapping = page.evaluate(
+        """() => {
+            const found = [];
+            for (const svg of document.querySelectorAll('figure svg')) {
+                const frame = svg.getBoundingClientRect();
+                const texts = [...svg.querySelectorAll('text')].map((t) => [t.textContent, t.getBoundingClientRect()]);
+                texts.forEach(([words, a], at) => {
+                    if (a.left < frame.left - 1 || a.right > frame.right + 1) found.push(`${words} leaves its figure`);
+                    for (const [others, b] of texts.slice(at + 1)) {
+                        const across = Math.min(a.right, b.right) - Math.max(a.left, b.left);
+                        const down = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
+                        // Boxes of letters hold room above and below them.
+                        if (across > 1 && down > 0.45 * Math.min(a.height, b.height)) found.push(`${words} / ${others}`);
+                    }
+                });
+            }
+            return found;
+        }"""
+    )
+    assert not overlapping, f"at {width}: {overlapping[:8]}"
+
+
+def main():
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
+    if chromium is None:
+        sys.exit("chromium is not installed: run `make browser`")
+    passed = 0
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        path = report(pathlib.Path(folder))
+        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        for width in (1280, 390):
+            page = browser.new_page(viewport={"width": width, "height": 900})
+            said, requests = [], []
+            page.on("console", lambda message: said.append(message.text))
+            page.on("pageerror", lambda error: said.append(str(error)))
+            page.on("request", lambda request: requests.append(request.url))
+            page.goto(path.as_uri())
+            page.wait_for_load_state("load")
+            check_layout(page, width)
+            check_sorting(page)
+            check_layout(page, width)
+            check_pointing(page)
+            check_hiding(page)
+            assert not said, said
+            outside = [url for url in requests if url != path.as_uri() and not url.startswith("data:")]
+            assert not outside, outside
+            passed += 1
+        browser.close()
+    print(f"{passed} passed, 0 failed")
+
+
+if __name__ == "__main__":
+    main()

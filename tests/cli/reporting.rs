@@ -1,0 +1,155 @@
+//! Reports: the same store gives the same bytes, and what is missing is told.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use crate::support::Folder;
+
+/// Every kind of analysis, on jobs of milliseconds.
+const MANIFEST: &str = r#"
+format = 1
+name = "every <kind>"
+question = "Is </script><b>this</b> shown as it is written?"
+scenarios = ["P-H-D", "L-H-D"]
+seeds = [11, 12]
+published = "published.toml"
+environment.sigma = [0.4, 0.6]
+environment.delta_d = [0.1, 0.2]
+evaluation.test_episodes = 20
+[[agent]]
+name = "=dqn&co"
+algorithm = "dueling_dqn"
+episodes = 40
+layers = [8]
+[[agent]]
+name = "reinforce"
+algorithm = "reinforce"
+episodes = 200
+layers = [8]
+[[analysis]]
+name = "../../gain"
+kind = "contrast"
+by = "scenario"
+between = ["P-H-D", "L-H-D"]
+pairing = "by_seed"
+[[analysis]]
+name = "curve"
+kind = "curve"
+metric = "lower_quartile_return"
+[[analysis]]
+name = "learning"
+kind = "learning_curve"
+window = 20
+where = { environment.delta_d = 0.1, environment.sigma = 0.6 }
+[[analysis]]
+name = "map"
+kind = "heat_map"
+x = "environment.sigma"
+y = "environment.delta_d"
+[[analysis]]
+name = "choices"
+kind = "action_choice"
+[[analysis]]
+name = "chosen"
+kind = "selection"
+reporting_seeds = 3
+[[analysis]]
+name = "error"
+kind = "inference_error"
+"#;
+
+const PUBLISHED: &str = "[sigma_to_error]
+sigma = [0.4]
+reported = [0.096]
+exact = [0.10565]
+";
+
+fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_str().unwrap().to_owned();
+        if path.is_dir() {
+            let inner = files(&path).into_iter();
+            found.extend(inner.map(|(below, bytes)| (format!("{name}/{below}"), bytes)));
+        } else {
+            found.insert(name, fs::read(path).unwrap());
+        }
+    }
+    found
+}
+
+fn prepared() -> Folder {
+    let folder = Folder::with(MANIFEST);
+    folder.write("published.toml", PUBLISHED);
+    folder
+}
+
+#[test]
+fn two_reports_of_one_store_are_equal_to_the_byte_and_hold_every_analysis() {
+    let folder = prepared();
+    folder.jitai(["run", "sweep.toml"]).succeeded();
+    for out in ["one/report", "two/report"] {
+        folder.jitai(["report", "sweep.toml", "--out", out]).succeeded();
+    }
+    let one = files(&folder.path("one"));
+    assert_eq!(one, files(&folder.path("two")));
+    let names: Vec<&String> = one.keys().collect();
+    let stem = "report/tables/every-kind-gain.csv";
+    assert!(one.contains_key(stem), "{names:?}");
+    assert!(one.contains_key("report/reproduction.csv"), "{names:?}");
+    let drawn = names.iter().filter(|name| name.ends_with(".png")).count();
+    assert_eq!(drawn, names.iter().filter(|name| name.ends_with(".svg")).count());
+    // A figure for each of contrast, curve, choices and error; two panels; two agents in two scenarios.
+    assert_eq!(drawn, 4 + 2 + 4, "{names:?}");
+    let page = String::from_utf8(one["report/index.html"].clone()).unwrap();
+    assert!(!page.contains("</script><b>") && !page.contains("every <kind>"));
+    assert!(
+        !page.contains("http://")
+            || page.matches("http://").count()
+                == page.matches("http://www.w3.org/2000/svg").count()
+    );
+    let table = String::from_utf8(one[stem].clone()).unwrap();
+    assert!(table.contains("'=dqn&co"), "{table}");
+    assert!(!page.contains("NaN") && !table.contains("NaN"));
+}
+
+#[test]
+fn the_query_beside_a_figure_reads_its_rows() {
+    let folder = prepared();
+    folder.jitai(["run", "sweep.toml"]).succeeded();
+    folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
+    for (name, bytes) in files(&folder.path("report/sql")) {
+        let sql = String::from_utf8(bytes).unwrap();
+        let answer = folder.jitai(["query", &sql, "--format", "csv"]).succeeded();
+        let rows = answer.stdout.lines().count() - 1;
+        assert!(rows > 0, "{name}: {sql}");
+        // 2 agents, 2 scenarios, 2 sigmas, 2 values of delta_d, 2 seeds.
+        if ["every-kind-gain.sql", "every-kind-map.sql", "every-kind-chosen.sql"].contains(&&*name)
+        {
+            assert_eq!(rows, 32, "{name}: {sql}");
+        }
+    }
+}
+
+#[test]
+fn a_partial_store_gives_a_report_that_says_what_is_missing() {
+    let folder = prepared();
+    folder.jitai(["run", "sweep.toml", "--filter", "agent=reinforce,seed=11"]).succeeded();
+    folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
+    let page = folder.read("report/index.html");
+    assert!(page.contains("This report is partial: 8 of 32 jobs completed"), "{page}");
+    assert!(page.contains("no seed completed") || page.contains("too few seeds"));
+    assert!(!page.contains("NaN"));
+}
+
+#[test]
+fn a_report_needs_a_store_and_readable_published_numbers() {
+    let folder = prepared();
+    assert_eq!(folder.jitai(["report", "sweep.toml", "--out", "report"]).code, Some(3));
+    folder.write("published.toml", "[[curve]]\nagent = 1\n");
+    let told = folder.jitai(["report", "sweep.toml", "--out", "report"]);
+    assert_eq!(told.code, Some(2));
+    assert!(told.stderr.contains("published numbers cannot be read"), "{}", told.stderr);
+}
