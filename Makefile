@@ -29,8 +29,9 @@ test: ## format, lints as errors, unit and integration tests
 	$(CARGO) clippy --release --all-targets --quiet -- -D warnings
 	$(CARGO) test --release --quiet
 
-test-slow: ## whole trainings of ten seeds against an independent port (minutes)
-	$(CARGO) test --release --test learning -- --nocapture --test-threads 1
+# With burn-flex: Burn's other backend is compiled for a short build, not for speed.
+test-slow: ## whole trainings of ten seeds, of both engines and against an independent port (minutes)
+	$(CARGO) test --release --features burn-flex --test learning -- --nocapture --test-threads 1
 
 test-flex: ## the tests of the networks on the other tensor backend
 	$(CARGO) test --release --quiet --features burn-flex

@@ -83,12 +83,15 @@ fn policy_backward(bencher: Bencher<'_, '_>, rows: usize) {
     });
 }
 
-/// Adam for the parameters of the published dueling network.
-#[divan::bench]
-fn adam_17_776(bencher: Bencher<'_, '_>) {
-    let mut adam = Adam::new(5e-4, 17_776);
-    let (mut parameters, mut gradient) = (numbers(17_776), numbers(17_776));
-    bencher.bench_local(|| adam.update(Isa::chosen(), &mut parameters, &mut gradient));
+/// Adam for the parameters of the published policy, of that with the one-hot, and of the published
+/// dueling network; counted in parameters.
+#[divan::bench(args = [1_040, 7_440, 17_776])]
+fn adam(bencher: Bencher<'_, '_>, parameters: usize) {
+    let mut adam = Adam::new(5e-4, parameters);
+    let (mut values, mut gradient) = (numbers(parameters), numbers(parameters));
+    bencher
+        .counter(ItemsCount::new(parameters))
+        .bench_local(|| adam.update(Isa::chosen(), &mut values, &mut gradient));
 }
 
 /// A step of the simulation; counted in lanes.

@@ -152,6 +152,9 @@ pub(super) fn exponentials(isa: Isa, logits: &mut [f32]) {
     isa.run(Exponentials(logits.as_chunks_mut().0));
 }
 
+/// So few rows do not fill a register.
+const FEW: usize = 4;
+
 /// \[rows\]
 struct Exponentials<'a>(&'a mut [[f32; Action::COUNT]]);
 
@@ -161,7 +164,15 @@ impl WithSimd for Exponentials<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
         self.0.iter_mut().for_each(relative);
-        self.0.as_flattened_mut().iter_mut().for_each(|x| *x = math::exp_f32(*x));
+        if self.0.len() < FEW {
+            // Four at a time; the loop over many would take them one by one.
+            for row in self.0 {
+                let [a, b, c, d] = *row;
+                *row = [math::exp_f32(a), math::exp_f32(b), math::exp_f32(c), math::exp_f32(d)];
+            }
+        } else {
+            self.0.as_flattened_mut().iter_mut().for_each(|x| *x = math::exp_f32(*x));
+        }
     }
 }
 
