@@ -3,7 +3,7 @@
 CARGO ?= cargo
 JITAI := $(CARGO) run --release --quiet --
 
-.PHONY: help run paper bench test test-slow test-flex test-browser browser doc clean
+.PHONY: help run paper bench test test-slow test-flex test-kill test-browser browser doc clean
 
 help: ## these targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -32,6 +32,9 @@ test: ## format, lints as errors, unit and integration tests
 # With burn-flex: Burn's other backend is compiled for a short build, not for speed.
 test-slow: ## whole trainings of ten seeds, of both engines and against an independent port (minutes)
 	$(CARGO) test --release --features burn-flex --test learning -- --nocapture --test-threads 1
+
+test-kill: ## sweeps killed 500 times, compared with undisturbed ones (minutes; KILLS=n, SEED=n)
+	$(CARGO) test --release --quiet --test kill -- --nocapture
 
 test-flex: ## the tests of the networks on the other tensor backend
 	$(CARGO) test --release --quiet --features burn-flex

@@ -37,6 +37,7 @@ use std::thread;
 use clap::{Args, Parser, Subcommand};
 
 use crate::kernel::Isa;
+use crate::kill_point;
 
 pub(crate) use error::{Error, Exit};
 
@@ -105,6 +106,11 @@ fn one_a_core() -> NonZeroUsize {
 pub fn main() -> ExitCode {
     let verb = Arguments::parse().verb;
     if let Err(error) = Isa::check_choice() {
+        return Error::Usage(error.to_string()).report().into();
+    }
+    if let Ok(Err(error)) =
+        std::env::var(kill_point::VARIABLE).map(|text| kill_point::choose(&text))
+    {
         return Error::Usage(error.to_string()).report().into();
     }
     let result = match verb {

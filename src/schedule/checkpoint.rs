@@ -17,6 +17,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use crate::kill_point::{self, KillPoint};
 use crate::plan::JobKey;
 use crate::store::{JobState, Reader, StoreError};
 use crate::train::{CheckpointError, Checkpoints, ReadCheckpoint, Resumed, WriteCheckpoint};
@@ -169,7 +170,9 @@ impl CheckpointFolder {
         let written = self.create(&unfinished).and_then(|mut file| {
             write(&mut file)?;
             file.sync_all()?;
+            kill_point::pass(KillPoint::CheckpointWritten);
             fs::rename(self.file(&unfinished), self.file(entry))?;
+            kill_point::pass(KillPoint::CheckpointRenamed);
             File::open(&self.path)?.sync_all()
         });
         if written.is_err() {

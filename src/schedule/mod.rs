@@ -30,6 +30,7 @@ use std::sync::mpsc;
 use std::thread::{self, Scope};
 use std::time::{Duration, Instant};
 
+use crate::kill_point::{self, KillPoint};
 use crate::plan::{Job, JobKey};
 use crate::record::Outcome;
 use crate::store::{
@@ -470,6 +471,7 @@ impl Sweep<'_, '_> {
         let gathered = mem::take(&mut self.gathered);
         let ends: Vec<RunEnd<'_>> = gathered.iter().map(Gathered::end).collect();
         let finished = self.store.finish_all(&ends)?;
+        kill_point::pass(KillPoint::EndsStored);
         for (Gathered { worker, queued, claim, outcome, wall, .. }, finished) in
             gathered.into_iter().zip(finished)
         {

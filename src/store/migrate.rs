@@ -6,8 +6,8 @@ use std::process;
 
 use rusqlite::{Connection, OpenFlags, Transaction, TransactionBehavior};
 
-use super::StoreError;
 use super::file::beside;
+use super::{StoreError, commit};
 
 /// Marks a SQLite file as a store: the letters `JITA`.
 pub(super) const APPLICATION_ID: u32 = 0x4A49_5441;
@@ -73,7 +73,7 @@ fn migrate_locked(
         .execute_batch(&format!(
             "PRAGMA application_id = {APPLICATION_ID}; PRAGMA user_version = {target};"
         ))
-        .and_then(|()| transaction.commit())
+        .and_then(|()| commit(transaction))
         .map_err(failed)
 }
 

@@ -63,6 +63,8 @@ pub use session::SessionId;
 pub use state::{Counts, JobState};
 pub use weights::StoredWeights;
 
+use crate::kill_point::{self, KillPoint};
+
 use error::Fault;
 
 /// The version of the schema that this program reads and writes.
@@ -123,9 +125,17 @@ impl Store {
         // A newer program may have migrated the file since it was opened.
         file::require_current(&transaction, path)?;
         let done = body(&transaction).map_err(|fault| fault.at(path, action))?;
-        transaction.commit().map_err(|source| StoreError::sqlite(path, action, source))?;
+        commit(transaction).map_err(|source| StoreError::sqlite(path, action, source))?;
         Ok(done)
     }
+}
+
+/// Commits; every transaction that writes to a store ends here.
+fn commit(transaction: Transaction<'_>) -> rusqlite::Result<()> {
+    kill_point::pass(KillPoint::BeforeCommit);
+    transaction.commit()?;
+    kill_point::pass(KillPoint::AfterCommit);
+    Ok(())
 }
 
 /// SQL for the present instant, as the tables keep it.
