@@ -273,7 +273,7 @@ impl Sweep<'_> {
         let group = i32::try_from(first.0.id()).unwrap();
         let second = Process(self.command().process_group(group).spawn().unwrap());
         if first.ends_within(self.delay()).is_none() {
-            let kill = format!("kill -KILL -- -{group}");
+            let kill = format!("kill -s KILL -- -{group}");
             assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success(), "{kill}");
         }
         let (first, second) = (first.end(), second.end());
@@ -430,8 +430,12 @@ fn killed_sweeps_end_in_the_store_of_an_undisturbed_one() {
     println!("\n{}\n{sweeps} sweeps in {took} s", harness.table());
     let differences = harness.differences.into_inner().unwrap();
     assert!(differences.is_empty(), "{} sweeps differ; SEED={seed} tries again", differences.len());
-    let of_kind = harness.kills.into_inner().unwrap();
-    let unkilled: Vec<_> =
-        suits.iter().filter(|(way, jobs)| !of_kind.contains_key(&(way.name(), *jobs))).collect();
-    assert!(sweeps < suits.len() as u64 || unkilled.is_empty(), "nothing was killed: {unkilled:?}");
+    // So few sweeps may all have ended before the first kill.
+    if sweeps >= 2 * suits.len() as u64 {
+        let kills = harness.kills.into_inner().unwrap();
+        let has_killed =
+            |way: &Way| kills.iter().any(|((name, _), count)| *name == way.name() && *count > 0);
+        let unused = Way::all().into_iter().filter(|way| !has_killed(way));
+        assert_eq!(unused.map(Way::name).collect::<Vec<_>>(), [""; 0], "ways that killed nothing");
+    }
 }
