@@ -1,6 +1,8 @@
 //! The jobs that a command is about: those of its manifests that a filter lets through.
 
-use std::collections::HashSet;
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::time::Duration;
 
 use crate::cli::Error;
 use crate::cli::filter::Filter;
@@ -46,14 +48,56 @@ impl<'a> Selection<'a> {
         plan::jobs(manifest).filter(move |job| filter.is_none_or(|filter| filter.meets(job)))
     }
 
-    /// The jobs of all the manifests, none twice.
+    /// The jobs of all the manifests, none twice. Of several time limits of a job, that of the most
+    /// patient manifest holds.
     pub(super) fn queue(&self) -> Vec<Queued> {
-        let mut seen = HashSet::new();
-        let jobs = self.manifests.iter().flat_map(|manifest| self.jobs(manifest));
-        let queued = jobs.filter_map(|PlannedJob { agent, job, form }| {
-            let key = form.key();
-            seen.insert(key).then(|| Queued { key, agent: agent.to_string(), job })
-        });
-        queued.collect()
+        let mut queue: Vec<Queued> = Vec::new();
+        let mut places = HashMap::new();
+        for manifest in self.manifests {
+            let time_limit = manifest.time_limit_seconds.map(Duration::from_secs);
+            for PlannedJob { agent, job, form } in self.jobs(manifest) {
+                let key = form.key();
+                match places.entry(key) {
+                    Entry::Occupied(place) => {
+                        let found: &mut Queued = &mut queue[*place.get()];
+                        found.time_limit = longer(found.time_limit, time_limit);
+                    }
+                    Entry::Vacant(place) => {
+                        place.insert(queue.len());
+                        queue.push(Queued { key, agent: agent.to_string(), job, time_limit });
+                    }
+                }
+            }
+        }
+        queue
+    }
+}
+
+/// The longer of two limits; none is the longest.
+fn longer(one: Option<Duration>, other: Option<Duration>) -> Option<Duration> {
+    one.zip(other).map(|(one, other)| one.max(other))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_job_of_two_manifests_has_the_time_that_the_more_patient_gives_it() {
+        let text = |limit: &str| {
+            format!(
+                "format = 1\nname = \"sweep\"\n{limit}\nscenarios = [\"C\"]\nseeds = 1\n\
+                 environment.sigma = 1\n[[agent]]\nname = \"never\"\nalgorithm = \"rule\"\n\
+                 rule = \"never\"\n"
+            )
+        };
+        let five = ["time_limit_seconds = 5", "time_limit_seconds = 2"];
+        for (limits, expected) in [(five, Some(Duration::from_secs(5))), ([five[0], ""], None)] {
+            let parsed =
+                limits.map(|limit| crate::manifest::parse("m", text(limit).as_bytes()).unwrap());
+            let queue = Selection::new(&parsed, None).unwrap().queue();
+            let found: Vec<_> = queue.iter().map(|queued| queued.time_limit).collect();
+            assert_eq!(found, [expected]);
+        }
     }
 }

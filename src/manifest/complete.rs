@@ -40,6 +40,7 @@ pub(super) fn complete(draft: &Draft, path: &str, text: &str, faults: &mut Fault
         question: draft.question.clone(),
         hypothesis: draft.hypothesis.clone(),
         published: draft.published.clone(),
+        time_limit_seconds: draft.time_limit_seconds,
         scenarios: given_or(scenarios, || Scenario::of(Feature::Context)),
         seeds: given_or(seeds, || 1),
         environment: parameters(&draft.environment, faults),

@@ -30,6 +30,8 @@ pub struct Manifest {
     pub hypothesis: Option<String>,
     /// The file of published numbers to compare with, relative to the manifest.
     pub published: Option<String>,
+    /// Seconds that a job may take before it has failed; no part of any job.
+    pub time_limit_seconds: Option<u64>,
     /// The scenarios, none twice, at least one.
     pub scenarios: Vec<Scenario>,
     /// The seeds, none twice, at least one.

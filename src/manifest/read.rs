@@ -13,13 +13,14 @@ use super::source::{Located, Span, hidden};
 use super::sweep::{Node, Reader, whole};
 
 /// The keys at the top of a manifest.
-pub(super) const TOP_KEYS: [&str; 14] = [
+pub(super) const TOP_KEYS: [&str; 15] = [
     "format",
     "name",
     "extends",
     "question",
     "hypothesis",
     "published",
+    "time_limit_seconds",
     "scenarios",
     "seeds",
     "zip",
@@ -35,6 +36,9 @@ pub(super) const FORMAT: u64 = 1;
 
 /// Most agents, zips or exclusions that a manifest may have: each is held against all the others.
 pub(super) const MOST_ENTRIES: usize = 1000;
+
+/// Longest time limit of a job, in seconds: a thousand years.
+pub(super) const LONGEST_TIME_LIMIT: u64 = 31_557_600_000;
 
 /// Most characters of a name: it has to fit into tables and figures.
 pub(super) const LONGEST_NAME: usize = 100;
@@ -65,6 +69,7 @@ impl Reader<'_> {
                 "question" => draft.question = self.text("question", node),
                 "hypothesis" => draft.hypothesis = self.text("hypothesis", node),
                 "published" => draft.published = self.text("published", node),
+                "time_limit_seconds" => draft.time_limit_seconds = self.time_limit(node),
                 "scenarios" => {
                     let value = self.scenarios("scenarios", node);
                     draft.scenarios = Some(Located { value, span: node.span().into() });
@@ -119,6 +124,15 @@ impl Reader<'_> {
             return None;
         };
         Some(preset::draft(found).moved_to(node.span().into()))
+    }
+
+    fn time_limit(&mut self, node: &Node) -> Option<u64> {
+        let seconds = whole(node).filter(|seconds| (1..=LONGEST_TIME_LIMIT).contains(seconds));
+        if seconds.is_none() {
+            let expected = format!("a whole number from 1 to {LONGEST_TIME_LIMIT}");
+            self.expected("time_limit_seconds", &expected, node);
+        }
+        seconds
     }
 
     pub fn text(&mut self, name: &str, node: &Node) -> Option<String> {

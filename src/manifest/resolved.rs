@@ -26,6 +26,8 @@ impl Manifest {
         for (key, text) in prose {
             text.iter().try_for_each(|text| writeln!(out, "{key} = {}", quoted(text)))?;
         }
+        let limit = self.time_limit_seconds;
+        limit.iter().try_for_each(|seconds| writeln!(out, "time_limit_seconds = {seconds}"))?;
         let scenarios: Vec<String> = self.scenarios.iter().map(quoted).collect();
         writeln!(out, "scenarios = {}", list(&scenarios))?;
         let is_count = self.seeds.iter().copied().eq(1..=self.seeds.len() as u64);

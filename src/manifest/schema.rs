@@ -9,7 +9,7 @@ use super::keys::{Key, Kind, Section};
 use super::parameter::Parameter;
 use super::preset;
 use super::range::MOST_VALUES;
-use super::read::{FORMAT, LONGEST_NAME, MOST_ENTRIES};
+use super::read::{FORMAT, LONGEST_NAME, LONGEST_TIME_LIMIT, MOST_ENTRIES};
 use super::scenario::Feature;
 
 /// The schema, in draft 2020-12. It knows the types, ranges and words of single keys; what keys ask
@@ -63,6 +63,12 @@ fn top() -> Json {
         "published": {
             "type": "string",
             "description": "file of published numbers to compare with, relative to this one",
+        },
+        "time_limit_seconds": {
+            "type": "integer",
+            "minimum": 1,
+            "maximum": LONGEST_TIME_LIMIT,
+            "description": "time that a job may take before it has failed; no part of any job",
         },
         "scenarios": described("what the agents observe", one_or_more("#/$defs/scenario")),
         "seeds": {

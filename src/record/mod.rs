@@ -98,14 +98,16 @@ pub enum FailureKind {
     Crashed,
     /// A loss or weight became infinite or not a number.
     Diverged,
+    /// It took longer than its declared time limit.
+    OverTime,
     /// The training code panicked.
     Panicked,
 }
 
 impl FailureKind {
     /// Every kind.
-    pub const ALL: [FailureKind; 3] =
-        [FailureKind::Crashed, FailureKind::Diverged, FailureKind::Panicked];
+    pub const ALL: [FailureKind; 4] =
+        [FailureKind::Crashed, FailureKind::Diverged, FailureKind::OverTime, FailureKind::Panicked];
 
     /// The kind of this name.
     pub fn from_name(name: &str) -> Option<FailureKind> {
@@ -117,6 +119,7 @@ impl FailureKind {
         match self {
             FailureKind::Crashed => "crashed",
             FailureKind::Diverged => "diverged",
+            FailureKind::OverTime => "over_time",
             FailureKind::Panicked => "panicked",
         }
     }

@@ -194,7 +194,8 @@ impl CheckpointFolder {
     }
 }
 
-/// Rings when the checkpoint of a worker's job is due.
+/// Rings some time after it is set, as soon as somebody looks at the clock: when the checkpoint of a
+/// worker's job is due, or when the job is over its time.
 #[derive(Debug, Default)]
 pub(super) struct Alarm {
     at: Mutex<Option<Instant>>,
@@ -203,10 +204,14 @@ pub(super) struct Alarm {
 
 impl Alarm {
     /// Makes it ring after this time, and no sooner.
-    fn set(&self, after: Duration) {
+    pub(super) fn set(&self, after: Duration) {
         let mut at = self.at.lock().unwrap_or_else(PoisonError::into_inner);
         *at = Instant::now().checked_add(after);
         self.rings.store(false, Ordering::Relaxed);
+    }
+
+    pub(super) fn rings(&self) -> bool {
+        self.rings.load(Ordering::Relaxed)
     }
 
     /// Looks at the clock.
@@ -260,7 +265,7 @@ impl<'a> Keeper<'a> {
 
 impl Checkpoints for Keeper<'_> {
     fn are_due(&self) -> bool {
-        self.alarm.rings.load(Ordering::Relaxed)
+        self.alarm.rings()
     }
 
     fn resume(&self, read: &mut ReadCheckpoint<'_>) {

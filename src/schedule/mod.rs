@@ -92,6 +92,8 @@ pub struct Queued {
     pub agent: String,
     /// The job.
     pub job: Job,
+    /// Time that it may take before it has failed, over all runs that go on from each other.
+    pub time_limit: Option<Duration>,
 }
 
 /// What a sweep did, in jobs.
@@ -283,7 +285,7 @@ fn start_clock<'scope>(
     let (running, ended) = mpsc::channel();
     let watch = move || {
         while ended.recv_timeout(LOOK) == Err(mpsc::RecvTimeoutError::Timeout) {
-            slots.iter().for_each(|slot| slot.alarm.look());
+            slots.iter().for_each(Slot::look);
             if stop.load(Ordering::Relaxed) {
                 halt.store(true, Ordering::Relaxed);
             }

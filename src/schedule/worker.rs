@@ -14,16 +14,28 @@ use crate::store::Claim;
 use crate::train::{Checkpoints, Monitor, Progress};
 
 /// Where a worker leaves its latest progress for the coordinating thread, and hears that a
-/// checkpoint is due.
+/// checkpoint is due or its job over its time.
 #[derive(Default)]
 pub(super) struct Slot {
     progress: Mutex<Option<Progress>>,
-    pub(super) alarm: Alarm,
+    checkpoint: Alarm,
+    deadline: Alarm,
 }
 
 impl Slot {
+    /// Looks at the clock for the worker.
+    pub(super) fn look(&self) {
+        self.checkpoint.look();
+        self.deadline.look();
+    }
+
     fn get(&self) -> Option<Progress> {
         *self.progress.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Training episodes finished.
+    fn episode(&self) -> u32 {
+        self.get().map_or(0, |progress| progress.episode)
     }
 
     fn set(&self, progress: Option<Progress>) {
@@ -63,6 +75,7 @@ struct Task {
     job: Job,
     key: JobKey,
     attempt: u32,
+    time_limit: Option<Duration>,
 }
 
 /// The coordinating thread's end of a worker.
@@ -102,7 +115,8 @@ impl<'scope> Worker<'scope> {
 
     pub(super) fn start(&mut self, queued: Queued, claim: Claim) {
         self.slot.set(None);
-        let task = Task { job: queued.job.clone(), key: queued.key, attempt: claim.attempt };
+        let (job, time_limit) = (queued.job.clone(), queued.time_limit);
+        let task = Task { job, key: queued.key, attempt: claim.attempt, time_limit };
         self.tasks.send(task).expect("a worker lives as long as its sweep");
         self.holds = Some((queued, claim));
     }
@@ -127,15 +141,23 @@ impl<'scope> Worker<'scope> {
 /// Trains a job.
 fn work(worker: usize, task: &Task, slot: &Slot, shared: &Shared<'_>) -> Report {
     let started = Instant::now();
+    let Task { job, key, attempt, time_limit } = task;
+    let limit = time_limit.unwrap_or(Duration::MAX);
+    slot.deadline.set(limit);
     let tell = |note| {
+        if let CheckpointNote::Resumed(resumed) = &note {
+            slot.deadline.set(limit.saturating_sub(resumed.worked));
+        }
         // A sweep that has ended early hears nothing any more.
         let _ = shared.messages.send(Message::Noted { worker, note });
     };
-    let Task { job, key, attempt } = task;
-    let clock = (&slot.alarm, shared.checkpoint_every);
+    let clock = (&slot.checkpoint, shared.checkpoint_every);
     let keeper = Keeper::new(shared.folder, (*key, *attempt), clock, &tell);
     let monitor = SlotMonitor { slot, halt: shared.halt, keeper };
-    let outcome = train_caught(shared.train, job, &monitor);
+    let outcome = match train_caught(shared.train, job, &monitor) {
+        Outcome::Interrupted if slot.deadline.rings() => Outcome::Failed(over_time(slot, limit)),
+        outcome => outcome,
+    };
     Report { worker, outcome, wall: monitor.keeper.before() + started.elapsed() }
 }
 
@@ -151,7 +173,7 @@ impl Monitor for SlotMonitor<'_> {
     }
 
     fn stop_requested(&self) -> bool {
-        self.halt.load(Ordering::Relaxed)
+        self.halt.load(Ordering::Relaxed) || self.slot.deadline.rings()
     }
 
     fn checkpoints(&self) -> &dyn Checkpoints {
@@ -166,7 +188,20 @@ fn train_caught(train: Train<'_>, job: &Job, monitor: &SlotMonitor<'_>) -> Outco
         Err(message) => Outcome::Failed(Failure {
             kind: FailureKind::Panicked,
             message,
-            episode: monitor.slot.get().map_or(0, |progress| progress.episode),
+            episode: monitor.slot.episode(),
         }),
+    }
+}
+
+/// The failure of a job that was stopped at its time limit.
+fn over_time(slot: &Slot, limit: Duration) -> Failure {
+    Failure {
+        kind: FailureKind::OverTime,
+        message: format!(
+            "it took longer than its time limit of {} s; raise `time_limit_seconds` and run it \
+             again with `--retry-failed`",
+            limit.as_secs_f64()
+        ),
+        episode: slot.episode(),
     }
 }

@@ -184,3 +184,80 @@ impl MetricNames<'_> {
         Ok(id)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::Job;
+    use crate::record::{FailureKind, METRICS, Metric, Provenance, TestEpisode};
+    use crate::store::{Claimed, Company, Experiment, RetryFailed};
+
+    /// Writes down how commits are synchronised whenever a run begins or ends.
+    const WATCH: &str = "CREATE TEMP TABLE watched (status TEXT, synchronous INTEGER);
+        CREATE TEMP TRIGGER begins AFTER INSERT ON main.run
+        BEGIN INSERT INTO watched SELECT NEW.status, synchronous FROM pragma_synchronous; END;
+        CREATE TEMP TRIGGER ends AFTER UPDATE OF status ON main.run
+        BEGIN INSERT INTO watched SELECT NEW.status, synchronous FROM pragma_synchronous; END";
+    /// What SQLite calls the two ways; the second waits for the disk.
+    const NORMAL: i64 = 1;
+    const FULL: i64 = 2;
+
+    fn job() -> Job {
+        let canonical = r#"{"agent":{"activation":"relu","algorithm":"dueling_dqn","batch":64,
+            "buffer":1000,"engine":"fused","episodes":10,"epsilon_decrement":0.001,
+            "epsilon_floor":0.01,"epsilon_start":1.0,"gamma":0.99,"layers":[8],
+            "learning_rate":0.0005,"target_period":1000,"terminal_target":"zero",
+            "trunk":"shared"},"environment":{"delta_d":0.1,"delta_h":0.1,
+            "disengagement_threshold":1.0,"epsilon_d":0.4,"epsilon_h":0.05,
+            "first_context":"fixed","horizon":50,"initial_disengagement":0.1,
+            "initial_habituation":0.1,"mu":[0.1,0.1],"observed_probability":0,"rho_1":50.0,
+            "rho_2":200.0,"sigma":0.4,"time_indicator":"lagged","time_indicator_period":2,
+            "time_one_hot":false},"evaluation":{"curve_stride":10,"test_actions":"as_trained",
+            "test_episodes":1},"scenario":"P-H-D","seed":1}"#;
+        serde_json::from_str(canonical).unwrap()
+    }
+
+    fn results() -> Results {
+        Results {
+            metrics: METRICS.iter().map(|(name, _)| Metric { name, value: 1.0 }).collect(),
+            curve: Vec::new(),
+            episodes: vec![TestEpisode { total_reward: 50.0, length: 2, disengaged: true }],
+            actions: Vec::new(),
+            weights: Some(vec![8]),
+        }
+    }
+
+    #[test]
+    fn the_end_of_a_run_waits_for_the_disk_and_its_beginning_does_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut store = Store::open(&folder.path().join("jitai.sqlite")).unwrap();
+        let experiment =
+            Experiment { name: "sweep", question: None, hypothesis: None, manifest: "" };
+        let jobs = [job(), Job { seed: 2, ..job() }];
+        store.register(&experiment, jobs.iter().map(|job| ("dqn", job))).unwrap();
+        let [code_version, git_revision, backend, host, processor] =
+            ["1", "2", "3", "4", "5"].map(str::to_owned);
+        let provenance = Provenance { code_version, git_revision, backend, host, processor };
+        let session = store.begin_session(&provenance).unwrap();
+        store.connection.execute_batch(WATCH).unwrap();
+        let failure =
+            Failure { kind: FailureKind::Diverged, message: "it diverged".to_owned(), episode: 3 };
+        let outcomes = [
+            (&jobs[0], Outcome::Interrupted),
+            (&jobs[0], Outcome::Completed(results())),
+            (&jobs[1], Outcome::Failed(failure)),
+        ];
+        for (job, outcome) in &outcomes {
+            let claimed = store.claim(session, &job.key(), RetryFailed::No, Company::Others);
+            let Ok(Claimed::Claimed(claim)) = claimed else { panic!("{claimed:?}") };
+            store.finish(&claim, outcome, 1.0).unwrap();
+        }
+        let mut statement =
+            store.connection.prepare("SELECT status, synchronous FROM watched").unwrap();
+        let watched = statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?))).unwrap();
+        let watched: Vec<(String, i64)> = watched.collect::<Result<_, _>>().unwrap();
+        let ends = ["interrupted", "completed", "failed"];
+        let expected = ends.map(|end| [("running".to_owned(), NORMAL), (end.to_owned(), FULL)]);
+        assert_eq!(watched, expected.concat());
+    }
+}

@@ -157,6 +157,52 @@ fn events_tell_programs_of_failures() {
     assert!(ended.stderr.is_empty(), "{}", ended.stderr);
 }
 
+/// An endless job and one that is not, with a time limit in seconds.
+fn partly_endless(seconds: u32) -> String {
+    let endless = support::manifest("sweep", "0.6", "1", Effort::Endless);
+    let head = format!("name = \"sweep\"\ntime_limit_seconds = {seconds}");
+    endless.replace("name = \"sweep\"", &head).replace("10000000", "10")
+}
+
+#[test]
+fn a_job_over_its_time_limit_is_a_failed_row_and_the_others_complete() {
+    let folder = Folder::with(&partly_endless(1));
+    let ended = folder.jitai(["run", "sweep.toml"]).ended(1);
+    ended.says("2 jobs run, 1 completed in all, 1 failed").prints("over_time");
+    assert_eq!(runs(&folder), [run("dqn", 1, "failed"), run("reinforce", 1, "completed")]);
+    let told = "SELECT count(*) FROM run WHERE failure_kind = 'over_time' AND wall_seconds >= 1
+        AND failure_episode > 0
+        AND failure_message LIKE 'it took longer than its time limit of 1 s; raise %'";
+    assert_eq!(folder.number(told), 1);
+    assert!(!folder.path("jitai.sqlite.checkpoints").exists());
+    folder.jitai(["status"]).succeeded().prints("over_time");
+
+    folder.jitai(["run", "sweep.toml", "--retry-failed"]).ended(1).says("1 job run");
+    let failed = [run("dqn", 1, "failed"), run("dqn", 2, "failed")];
+    assert_eq!(runs(&folder)[..2], failed);
+    folder.jitai(["doctor"]).succeeded();
+}
+
+#[test]
+fn a_time_limit_counts_what_was_worked_before_a_stop_and_makes_no_other_job() {
+    let folder = Folder::with(&partly_endless(3));
+    let stopped = folder.start(["run", "sweep.toml"]);
+    support::until("the endless job has a job done", || {
+        folder.count_if_there("SELECT count(*) FROM run WHERE status = 'completed'") == Some(1)
+    });
+    std::thread::sleep(Duration::from_secs(1));
+    stopped.signal("TERM");
+    stopped.wait().ended(130);
+    folder.jitai(["run", "sweep.toml"]).ended(1).says(": goes on from episode ");
+    let counted = "SELECT count(*) FROM run WHERE attempt = 2 AND failure_kind = 'over_time'
+        AND wall_seconds >= 3
+        AND 86400 * (julianday(ended_at) - julianday(started_at)) < wall_seconds - 0.9";
+    assert_eq!(folder.number(counted), 1);
+    // Without the limit it is the same job, which has failed.
+    folder.write("sweep.toml", partly_endless(3).replace("time_limit_seconds = 3\n", ""));
+    folder.jitai(["run", "sweep.toml"]).ended(1).says("0 jobs run");
+}
+
 /// Keeps what each ended job told.
 #[derive(Default)]
 struct Listener(Vec<(u64, Outcome)>);
@@ -189,6 +235,7 @@ pub fn queued(folder: &Folder, text: &str) -> (Store, SessionId, Vec<Queued>) {
         key: planned.job.key(),
         agent: planned.agent.to_string(),
         job: planned.job,
+        time_limit: None,
     });
     let session = store.begin_session(&provenance()).unwrap();
     (store, session, queue.collect())
