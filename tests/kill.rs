@@ -148,10 +148,11 @@ impl Way {
         }
     }
 
-    /// Times that a place is passed at most before the process is killed.
+    /// Times that a place is passed at most before the process is killed. Short jobs are all claimed
+    /// before the first of them is stored, in a transaction each.
     fn most_passes(place: KillPoint) -> u64 {
         match place {
-            KillPoint::BeforeCommit | KillPoint::AfterCommit => 12,
+            KillPoint::BeforeCommit | KillPoint::AfterCommit => 24,
             KillPoint::CheckpointWritten | KillPoint::CheckpointRenamed => 4,
             KillPoint::EndsStored => 3,
         }
