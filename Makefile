@@ -3,7 +3,8 @@
 CARGO ?= cargo
 JITAI := $(CARGO) run --release --quiet --
 
-.PHONY: help run paper bench test test-slow test-flex test-kill test-browser browser doc clean
+.PHONY: help run paper bench test test-slow test-flex test-kill test-bad-input fuzz deny miri
+.PHONY: test-browser browser doc clean
 
 help: ## these targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -38,6 +39,28 @@ test-kill: ## sweeps killed 500 times, compared with undisturbed ones (minutes; 
 
 test-flex: ## the tests of the networks on the other tensor backend
 	$(CARGO) test --release --quiet --features burn-flex
+
+test-bad-input: ## mutations of bad input, a minute for each of six readers
+	JITAI_BAD_INPUT_SECONDS=60 $(CARGO) test --release --test bad_input -- --nocapture --test-threads 1
+
+fuzz: ## coverage-guided fuzzing: FUZZ=query FUZZ_SECONDS=7200; needs nightly Rust and cargo-fuzz
+	@$(CARGO) fuzz --version >/dev/null 2>&1 || { \
+	  echo "cargo-fuzz is missing: cargo install cargo-fuzz, and rustup toolchain install nightly" >&2; exit 1; }
+	mkdir -p fuzz/corpus/$(FUZZ)
+	$(CARGO) +nightly fuzz run --sanitizer none $(FUZZ) fuzz/corpus/$(FUZZ) fuzz/seeds/$(FUZZ) -- \
+	  -dict=fuzz/dictionaries/$(FUZZ).dict -max_total_time=$(FUZZ_SECONDS) -timeout=5 -rss_limit_mb=1024
+
+FUZZ ?= manifest
+FUZZ_SECONDS ?= 7200
+
+deny: ## advisories, licences, sources and bans of the dependencies, as deny.toml has them
+	@$(CARGO) deny --version >/dev/null 2>&1 || { \
+	  echo "cargo-deny is missing: cargo install --locked cargo-deny" >&2; exit 1; }
+	$(CARGO) deny check || { echo "advisories come from github.com; without a network:" \
+	  "$(CARGO) deny check licenses sources bans" >&2; exit 1; }
+
+miri: ## the kernels' unit tests under Miri, one number at a time; needs nightly Rust with miri
+	JITAI_SIMD=portable MIRIFLAGS=-Zmiri-disable-isolation $(CARGO) +nightly miri test --lib kernel::
 
 test-browser: ## a report in a headless Chromium, at 1280 and at 390 pixels
 	$(CARGO) build --release

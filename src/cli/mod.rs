@@ -10,6 +10,7 @@ mod error;
 mod estimate;
 mod export;
 mod filter;
+pub mod input;
 mod optimum;
 mod output;
 mod plan;

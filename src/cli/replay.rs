@@ -28,7 +28,7 @@ const EXPECTED: &str = "expected JSON like {\"cases\": [{\"sigma\": 0.6, \"param
 
 /// A file of trajectories.
 #[derive(Deserialize)]
-struct Trajectories {
+pub(super) struct Trajectories {
     cases: Vec<Case>,
 }
 
@@ -66,21 +66,16 @@ struct State {
 }
 
 pub(super) fn run(path: &Path, format: Format) -> Result<Exit, Error> {
-    let file = read(path)?;
+    let fault = |what| Error::Usage(format!("{}: {what}", path.display()));
+    let file = parse(&read(path)?).map_err(fault)?;
     let mut rows = StepRows::new(format, io::stdout().lock())?;
-    let mut differences = Differences::default();
-    for (number, case) in (1..).zip(&file.cases) {
-        let fault = |what| Error::Usage(format!("{}: episode {number}, {what}", path.display()));
-        let (steps, episodes) = replay(case).map_err(fault)?;
-        rows.episode(number, &steps)?;
-        differences.look(number, case, &steps, &episodes);
-    }
+    let differences = file.replay(&mut rows)?.map_err(fault)?;
     rows.finish()?;
     differences.tell(file.cases.len())?;
     Ok(if differences.count == 0 { Exit::Done } else { Exit::Differs })
 }
 
-fn read(path: &Path) -> Result<Trajectories, Error> {
+fn read(path: &Path) -> Result<Vec<u8>, Error> {
     // As for a manifest that is not there.
     let wrong_file = |error: io::Error| {
         let path = path.display();
@@ -89,11 +84,34 @@ fn read(path: &Path) -> Result<Trajectories, Error> {
     let mut bytes = Vec::new();
     let file = File::open(path).map_err(wrong_file)?;
     file.take(MOST_BYTES + 1).read_to_end(&mut bytes).map_err(wrong_file)?;
+    Ok(bytes)
+}
+
+/// The trajectories that a file holds; or what is wrong with it.
+pub(super) fn parse(bytes: &[u8]) -> Result<Trajectories, String> {
     if bytes.len() as u64 > MOST_BYTES {
-        return Err(Error::Usage(format!("{}: more than {MOST_BYTES} bytes", path.display())));
+        return Err(format!("more than {MOST_BYTES} bytes"));
     }
-    serde_json::from_slice(&bytes)
-        .map_err(|error| Error::Usage(format!("{}: {error}; {EXPECTED}", path.display())))
+    serde_json::from_slice(bytes).map_err(|error| format!("{error}; {EXPECTED}"))
+}
+
+impl Trajectories {
+    /// Replays every episode into `rows`, and says where it differs; or what cannot be replayed.
+    pub(super) fn replay<W: Write>(
+        &self,
+        rows: &mut StepRows<W>,
+    ) -> io::Result<Result<Differences, String>> {
+        let mut differences = Differences::default();
+        for (number, case) in (1..).zip(&self.cases) {
+            let (steps, episodes) = match replay(case) {
+                Ok(replayed) => replayed,
+                Err(what) => return Ok(Err(format!("episode {number}, {what}"))),
+            };
+            rows.episode(number, &steps)?;
+            differences.look(number, case, &steps, &episodes);
+        }
+        Ok(Ok(differences))
+    }
 }
 
 fn environment(case: &Case) -> Result<Environment, String> {
@@ -134,11 +152,12 @@ fn replay(case: &Case) -> Result<(Vec<Step>, Episodes), String> {
 
 /// Where the simulation differs from the recording.
 #[derive(Default)]
-struct Differences {
+pub(super) struct Differences {
     steps: usize,
     /// Between two numbers.
     largest: f64,
-    count: usize,
+    /// Recorded values that differ.
+    pub(super) count: usize,
     /// The first of them, in words.
     first: Vec<String>,
 }

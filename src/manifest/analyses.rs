@@ -9,7 +9,7 @@ use super::analysis::{
     Pairing, SHARED_KEYS, SelectionRule, Sides, WINDOW, keys_of,
 };
 use super::check::absent;
-use super::declared::{Condition, Manifest};
+use super::declared::{Condition, MOST_COMPARISONS, Manifest};
 use super::draft::Draft;
 use super::fault::{Fault, FaultList};
 use super::keys::{Kind, Section, Value};
@@ -299,7 +299,13 @@ impl Reader<'_> {
             self.faults.add(Fault::at(span, message).help(help));
             return None;
         };
-        let reporting_seeds = self.seeds("reporting_seeds", node);
+        // A few characters can ask for millions of seeds, and a thousand analyses can.
+        let count = super::sweep::whole(node).map(|count| usize::try_from(count).ok());
+        let counted = count.is_none_or(|count| {
+            self.count_in("reporting_seeds", count.unwrap_or(usize::MAX), node)
+        });
+        let reporting_seeds =
+            if counted { self.seeds("reporting_seeds", node) } else { Vec::new() };
         Some(AnalysisKind::Selection { rule, reporting_seeds })
     }
 
@@ -330,6 +336,10 @@ fn kind_of(parameter: Parameter) -> Option<Kind> {
 
 /// Notes analyses of what the manifest does not declare.
 pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
+    if !comparisons_fit(draft, manifest, faults) {
+        return;
+    }
+    let seeds: HashSet<u64> = manifest.seeds.iter().copied().collect();
     for analysis in &draft.analyses {
         for condition in &analysis.conditions {
             let Some((name, absent, present)) = absent(draft, manifest, &condition.value) else {
@@ -351,7 +361,7 @@ pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
             }
         }
         if let AnalysisKind::Selection { reporting_seeds, .. } = &analysis.analysis.kind {
-            let shared = reporting_seeds.iter().find(|seed| manifest.seeds.contains(seed));
+            let shared = reporting_seeds.iter().find(|seed| seeds.contains(seed));
             if let (Some(seed), false) = (shared, draft.is_lost(Parameter::Seed)) {
                 let message = format!("seed {seed} is searched on and reported on");
                 let help = "choose on other seeds than those that are reported: seeds = [101, 102]";
@@ -359,4 +369,39 @@ pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
             }
         }
     }
+}
+
+/// Notes more comparisons of what analyses name with what agents have than anybody waits for;
+/// whether there are none.
+fn comparisons_fit(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -> bool {
+    let conditions = || draft.analyses.iter().flat_map(|analysis| &analysis.conditions);
+    let present = |condition: &Condition| -> usize {
+        let agents = manifest.agents.iter();
+        match condition {
+            Condition::Scenario(_) => manifest.scenarios.len(),
+            Condition::Seed(_) => manifest.seeds.len(),
+            Condition::AgentName(_) => manifest.agents.len(),
+            Condition::Key { parameter, .. } => {
+                agents.map(|agent| manifest.length(agent, *parameter)).sum()
+            }
+        }
+    };
+    let comparisons: usize =
+        conditions().map(|condition| present(&condition.value) + condition.value.len()).sum();
+    let axes: usize = draft.analyses.iter().map(|analysis| analysis.axes.len()).sum();
+    let comparisons = comparisons + axes * manifest.agents.len();
+    if comparisons as u64 <= MOST_COMPARISONS {
+        return true;
+    }
+    let message = format!(
+        "the analyses need {comparisons} comparisons with values, at most {MOST_COMPARISONS} are \
+         possible"
+    );
+    let span = draft.analyses.first().map_or(Span { start: 0, end: 0 }, |first| first.span);
+    faults.add(Fault::at(span, message).help(format!(
+        "analyses: {}, conditions of them: {}; leave out conditions that every job meets",
+        draft.analyses.len(),
+        conditions().count()
+    )));
+    false
 }

@@ -1,6 +1,8 @@
 //! Names that people write, or that are meant to do harm, go through every surface whole.
 
+use std::collections::BTreeSet;
 use std::fs;
+use std::path::Path;
 
 use crate::support::{Folder, Running};
 
@@ -133,4 +135,101 @@ fn stores_and_manifests_may_have_odd_paths() {
     folder.jitai(["run", name, "--store", "a b'c é?.sqlite"]).succeeded();
     assert!(fs::metadata(folder.path("a b'c é?.sqlite")).is_ok());
     folder.jitai(["status", "--store", "a b'c é?.sqlite"]).succeeded().prints("<script>");
+}
+
+/// What prose and titles may have, since people write them: everything but what no text has.
+const PROSE: &str = "</script><script>alert(1)</script>\n=cmd('|/C calc')!A0\r\n\u{202e}drawkcab \
+     \\input{/etc/passwd} $x$ % & # _ ~ ^ | ` ![x](javascript:alert(1)) \"' <!--";
+
+/// [`odd`] with prose of that kind and of 10 kB, and analyses whose names lead out of the folder.
+fn odd_report() -> String {
+    let analyses = [
+        ("../../out", "kind = \"curve\""),
+        ("/etc/passwd", "kind = \"contrast\"\nby = \"agent.name\"\nbetween = [A, B]"),
+        ("..", "kind = \"action_choice\""),
+        ("<img src=x onerror=alert(1)>", "kind = \"learning_curve\"\nwindow = 2"),
+    ];
+    let quoted = |text: &str| serde_json::json!(text).to_string();
+    let analyses = analyses.map(|(name, keys)| {
+        let keys = keys.replace("[A, B]", &format!("{:?}", [AGENTS[0], AGENTS[1]]));
+        let (name, title) = (quoted(name), quoted(PROSE));
+        format!("[[analysis]]\nname = {name}\ntitle = {title}\n{keys}\n")
+    });
+    let prose = format!(
+        "question = {}\nhypothesis = {}\n",
+        quoted(PROSE),
+        quoted(&PROSE.repeat(10_000 / PROSE.len() + 1))
+    );
+    odd()
+        .replace("format = 1\n", &format!("format = 1\n{prose}"))
+        .replace("sigma = 0.6", "sigma = [0.4, 0.6]")
+        + &analyses.concat()
+}
+
+fn below(folder: &Path) -> BTreeSet<std::path::PathBuf> {
+    let mut found = BTreeSet::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            found.extend(below(&path));
+        }
+        found.insert(path);
+    }
+    found
+}
+
+#[test]
+fn a_report_on_harmful_names_and_prose_stays_in_its_folder_and_runs_nothing() {
+    let folder = Folder::completed(&odd_report());
+    let before = below(&folder.path("."));
+    folder.jitai(["report", "sweep.toml", "--out", "deep/report"]).succeeded();
+    let made: Vec<_> = below(&folder.path(".")).difference(&before).cloned().collect();
+    let mut formats = BTreeSet::new();
+    for path in made.iter().filter(|path| path.is_file()) {
+        assert!(path.starts_with(folder.path("./deep/report")), "{}", path.display());
+        let name = path.file_name().unwrap().to_str().unwrap();
+        let plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
+        assert!(name.chars().all(plain) && name.len() < 100, "{name}");
+        let format = name.rsplit('.').next().unwrap().to_owned();
+        let bytes = fs::read(path).unwrap();
+        let text = String::from_utf8_lossy(&bytes);
+        match format.as_str() {
+            "html" | "svg" | "md" => assert_no_foreign_markup(name, &text),
+            "csv" => assert_no_formulas(name, &text),
+            "tex" => assert!(!text.contains("\\input"), "{name}: {text}"),
+            "sql" => {
+                folder.jitai(["query", &text]).succeeded();
+            }
+            _ => {}
+        }
+        formats.insert(format);
+    }
+    for format in ["html", "svg", "png", "csv", "tex", "md", "sql"] {
+        assert!(formats.contains(format), "{format} is not among {formats:?}");
+    }
+}
+
+#[track_caller]
+fn assert_no_foreign_markup(name: &str, text: &str) {
+    for harmful in ["<script>alert", "</script><script>alert", "<img src=x"] {
+        assert!(!text.contains(harmful), "{name} has {harmful}");
+    }
+}
+
+#[track_caller]
+fn assert_no_formulas(name: &str, text: &str) {
+    for record in csv::Reader::from_reader(text.as_bytes()).records() {
+        for cell in &record.unwrap() {
+            let formula = cell.starts_with(['=', '+', '-', '@', '\t', '\r']);
+            assert!(!formula || cell.parse::<f64>().is_ok(), "{name}: {cell}");
+        }
+    }
+}
+
+#[test]
+fn a_name_of_ten_kilobytes_is_refused_in_one_line() {
+    let folder = Folder::with(&odd().replace("<script>", &"x".repeat(10_000)));
+    let check = folder.jitai(["check", "sweep.toml"]).ended(2);
+    assert!(check.stderr.len() < 2_000, "{}", check.stderr);
+    check.says("`name`: ");
 }

@@ -1,0 +1,1 @@
+SELECT experiment, agent, avg(mean_return), sqrt(avg(mean_return * mean_return)) FROM run_summary GROUP BY 1, 2

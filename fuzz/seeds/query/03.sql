@@ -1,0 +1,1 @@
+SELECT * FROM learning_curve JOIN metric USING (job_key) WHERE value BETWEEN -1 AND 1e308 ORDER BY episode DESC LIMIT 5 OFFSET 1

@@ -1,0 +1,1 @@
+SELECT printf('%1000d', 1), zeroblob(100), randomblob(10), x'00ff', char(0, 1114111)

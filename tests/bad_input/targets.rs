@@ -1,0 +1,359 @@
+//! What reads bytes from outside, one function a reader: each takes any bytes whatever, and panics
+//! if the reader does or breaks a promise.
+//!
+//! They are fuzzed (`fuzz/`) and tried on their corpus (`tests/bad_input.rs`). Whoever calls them
+//! watches time and memory.
+
+use std::cell::RefCell;
+use std::fs;
+use std::io::{Cursor, Write};
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use std::time::{Duration, Instant};
+use std::{str, thread};
+
+use jitai::agent::{self, Actions, Weights};
+use jitai::cli::input;
+use jitai::manifest::{self, Manifest};
+use jitai::plan::{self, Job};
+use jitai::record::{Outcome, Provenance};
+use jitai::store::{
+    self, Answer, Claimed, Company, Experiment, QueryError, Reader, RetryFailed, Store,
+};
+use jitai::train::{
+    self, CheckpointError, Checkpoints, Monitor, Progress, ReadCheckpoint, Unwatched,
+    WriteCheckpoint,
+};
+use sha2::{Digest, Sha256};
+use tempfile::TempDir;
+
+/// A target: a reader of bytes.
+pub type Target = fn(&[u8]);
+
+/// Every target, with its name.
+pub const TARGETS: [(&str, Target); 6] = [
+    ("manifest", manifest),
+    ("query", query),
+    ("filter", filter),
+    ("replay", replay),
+    ("checkpoint", checkpoint),
+    ("store", store),
+];
+
+/// Jobs of a grid that are made; a valid manifest may ask for millions.
+const JOBS_MADE: usize = 200;
+/// Values that a manifest may have for it to be written out in full.
+const MOST_RESOLVED: u64 = 10_000;
+/// Rows of an answer that are heard.
+const ROWS_HEARD: usize = 1_000;
+/// How long a query may take: an honest one has no limit, so that a person ends it.
+const PATIENCE: Duration = Duration::from_millis(200);
+
+/// `check` and `plan`: a manifest is refused with faults, or makes jobs that its complete form
+/// makes as well.
+pub fn manifest(bytes: &[u8]) {
+    let manifest = match manifest::parse("fuzzed", bytes) {
+        Ok(manifest) => manifest,
+        Err(faults) => return assert!(!faults.to_string().is_empty()),
+    };
+    let count = plan::count(&manifest);
+    assert!((1..=manifest::MOST_JOBS).contains(&count));
+    let keys = |manifest: &Manifest| -> Vec<_> {
+        plan::jobs(manifest).take(JOBS_MADE).map(|planned| planned.form.key()).collect()
+    };
+    let planned = keys(&manifest);
+    assert_eq!(planned.len() as u64, count.min(JOBS_MADE as u64));
+    if count <= MOST_RESOLVED {
+        let resolved = manifest.resolved();
+        let again = manifest::parse("resolved", resolved.as_bytes())
+            .unwrap_or_else(|faults| panic!("{faults}\n{resolved}"));
+        assert_eq!(keys(&again), planned);
+    }
+}
+
+/// `query`: whatever the SQL, the store and its folder stay as they are.
+pub fn query(bytes: &[u8]) {
+    static PLACE: OnceLock<TempDir> = OnceLock::new();
+    let Ok(sql) = str::from_utf8(bytes) else { return };
+    let place = PLACE.get_or_init(|| folder_with(template()));
+    let reader = Reader::open(&place.path().join("jitai.sqlite")).unwrap();
+    let before = listing(place.path());
+    let mut rows = 0;
+    let hear = |_: Answer<'_>| {
+        rows += 1;
+        if rows > ROWS_HEARD { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    };
+    match patiently(&reader, || reader.query(sql, hear)) {
+        Ok(()) => {}
+        Err(QueryError::Damaged { reason }) => panic!("a query damaged the store: {reason}"),
+        Err(error) => assert!(!error.to_string().is_empty()),
+    }
+    drop(reader);
+    assert_eq!(listing(place.path()), before, "{sql}");
+    assert!(fs::read(place.path().join("jitai.sqlite")).unwrap() == template(), "{sql}");
+}
+
+/// `--filter`: it lets jobs through, or says why not.
+pub fn filter(bytes: &[u8]) {
+    static MANIFESTS: OnceLock<[Manifest; 1]> = OnceLock::new();
+    let Ok(text) = str::from_utf8(bytes) else { return };
+    let manifests = MANIFESTS.get_or_init(|| [declared()]);
+    match input::filtered(text, manifests) {
+        Ok(jobs) => assert!((1..=plan::expand(&manifests[0]).len()).contains(&jobs)),
+        Err(message) => assert!(!message.is_empty()),
+    }
+}
+
+/// `simulate --replay`: the trajectories can be replayed, or it is said why not.
+pub fn replay(bytes: &[u8]) {
+    if let Err(message) = input::replayed(bytes) {
+        assert!(!message.is_empty());
+    }
+}
+
+/// Going on from a checkpoint. The first byte chooses the job and whether the rest is a whole file,
+/// or the state in a file that is otherwise sound: no mutation would find the right hash.
+pub fn checkpoint(bytes: &[u8]) {
+    static SOUND: OnceLock<Vec<(Job, Vec<u8>)>> = OnceLock::new();
+    let Some((choice, rest)) = bytes.split_first() else { return };
+    let sound = SOUND.get_or_init(|| {
+        plan::jobs(&declared())
+            .map(|planned| (sound_checkpoint(&planned.job), planned.job))
+            .map(|(file, job)| (job, file))
+            .collect()
+    });
+    let (job, file) = &sound[usize::from(choice / 2) % sound.len()];
+    let shown = if choice % 2 == 0 { rest.to_vec() } else { with_state(file, rest) };
+    let shelf = Shelf { shown: Some(shown), ..Shelf::default() };
+    assert_eq!(train::run(job, &shelf), Outcome::Interrupted);
+    // Taken over or not, what is left is a checkpoint that the job goes on from.
+    let kept = shelf.kept.into_inner().expect("a stopped training leaves a checkpoint");
+    let shelf = Shelf { shown: Some(kept), ..Shelf::default() };
+    assert_eq!(train::run(job, &shelf), Outcome::Interrupted);
+    let refused = shelf.refused.into_inner();
+    assert!(refused.is_none(), "{refused:?}");
+}
+
+/// A store that anyone may have written. The first byte chooses whether the rest is the whole file,
+/// or changes to a sound one: an offset of four bytes, a length of one, and so many bytes.
+pub fn store(bytes: &[u8]) {
+    let Some((choice, rest)) = bytes.split_first() else { return };
+    let file = if choice % 2 == 0 { rest.to_vec() } else { changed(template(), rest) };
+    let place = folder_with(&file);
+    let path = place.path().join("jitai.sqlite");
+    if let Ok(reader) = Reader::open(&path) {
+        let hear = |_: Answer<'_>| ControlFlow::Continue(());
+        for view in store::VIEWS {
+            let sql = format!("SELECT * FROM {view} LIMIT {ROWS_HEARD}");
+            let _ = patiently(&reader, || reader.query(&sql, hear));
+        }
+        let _ = reader.experiment_counts();
+        let _ = reader.failed_jobs();
+        let _ = reader.paces();
+        let _ = reader.manifest("fuzzed");
+        let _ = reader.run_summaries("fuzzed");
+    }
+    match store::examine(&path, &loads) {
+        Ok(diagnosis) => assert!(diagnosis.intact <= diagnosis.completed),
+        Err(error) => assert!(!error.to_string().is_empty()),
+    }
+    // No reader writes.
+    assert!(fs::read(&path).unwrap() == file);
+    let new = place.path().join("new.sqlite");
+    if store::salvage(&path, &new, &loads).is_ok() {
+        let diagnosis = store::examine(&new, &loads).unwrap();
+        assert_eq!(diagnosis.findings, [], "salvage keeps what is intact alone");
+    }
+}
+
+/// A manifest of every kind of value, with jobs that take milliseconds.
+pub fn declared() -> Manifest {
+    let text = "format = 1
+name = \"fuzzed\"
+scenarios = [\"P-H-D\", \"L-T\"]
+seeds = 1
+[environment]
+sigma = [0.4, 0.6]
+horizon = 5
+[evaluation]
+test_episodes = 2
+[[agent]]
+name = \"dqn\"
+algorithm = \"dueling_dqn\"
+episodes = 4
+layers = [4, 2]
+batch = 4
+buffer = 9
+[[agent]]
+name = \"reinforce, \\\"plain\\\"\"
+algorithm = \"reinforce\"
+episodes = 4
+layers = [4]
+[[agent]]
+name = \"rule\"
+algorithm = \"rule\"
+rule = \"tailored\"
+";
+    manifest::parse("declared", text.as_bytes()).unwrap_or_else(|faults| panic!("{faults}"))
+}
+
+/// The bytes of a store in which the jobs of [`declared`] are completed.
+pub fn template() -> &'static [u8] {
+    static BYTES: OnceLock<Vec<u8>> = OnceLock::new();
+    BYTES.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("jitai.sqlite");
+        fill(&path);
+        fs::read(path).unwrap()
+    })
+}
+
+fn fill(path: &Path) {
+    let manifest = declared();
+    let jobs: Vec<_> = plan::jobs(&manifest).collect();
+    let mut store = Store::open(path).unwrap();
+    let word = || "fuzzed".to_owned();
+    let provenance = Provenance {
+        code_version: word(),
+        git_revision: word(),
+        backend: word(),
+        host: store::host_name(),
+        processor: word(),
+    };
+    let session = store.begin_session(&provenance).unwrap();
+    let experiment = Experiment {
+        name: &manifest.name,
+        question: None,
+        hypothesis: None,
+        manifest: &manifest.source,
+    };
+    store.register(&experiment, jobs.iter().map(|planned| (&planned.agent, &planned.job))).unwrap();
+    for planned in &jobs {
+        let key = planned.job.key();
+        let claim = match store.claim(session, &key, RetryFailed::No, Company::Others).unwrap() {
+            Claimed::Claimed(claim) => claim,
+            other => panic!("the job is not free: {other:?}"),
+        };
+        store.finish(&claim, &train::run(&planned.job, &Unwatched), 0.5).unwrap();
+    }
+    store.end_session(session).unwrap();
+}
+
+/// A folder in which these bytes are called `jitai.sqlite`; in memory where the system has that.
+fn folder_with(bytes: &[u8]) -> TempDir {
+    let folder = tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap();
+    fs::write(folder.path().join("jitai.sqlite"), bytes).unwrap();
+    folder
+}
+
+/// The names in a folder; those that readers and writers of one store share are left out.
+fn listing(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let shared = |path: &PathBuf| path.extension().is_some_and(|end| end != "sqlite");
+    let mut names: Vec<_> = entries.filter(|path| !shared(path)).collect();
+    names.sort();
+    names
+}
+
+/// Does `work`, interrupting the reader when it takes too long.
+fn patiently<T>(reader: &Reader, work: impl FnOnce() -> T) -> T {
+    let interrupter = reader.interrupter();
+    let begun = Instant::now();
+    let (done, watched) = std::sync::mpsc::channel::<()>();
+    thread::scope(|scope| {
+        scope.spawn(move || {
+            // Again and again: what begins after an interruption is not interrupted by it.
+            while let Err(std::sync::mpsc::RecvTimeoutError::Timeout) =
+                watched.recv_timeout(PATIENCE.saturating_sub(begun.elapsed()).max(PATIENCE / 20))
+            {
+                if begun.elapsed() >= PATIENCE {
+                    interrupter.interrupt();
+                }
+            }
+        });
+        let result = work();
+        drop(done);
+        result
+    })
+}
+
+/// Bytes with changes, as [`store`] reads them.
+fn changed(sound: &[u8], mut changes: &[u8]) -> Vec<u8> {
+    let mut bytes = sound.to_vec();
+    while let Some(([a, b, c, d, length], rest)) = changes.split_first_chunk() {
+        let offset = u32::from_le_bytes([*a, *b, *c, *d]) as usize % bytes.len();
+        let (new, rest) = rest.split_at(rest.len().min(usize::from(*length)));
+        let room = new.len().min(bytes.len() - offset);
+        bytes[offset..offset + room].copy_from_slice(&new[..room]);
+        changes = rest;
+    }
+    bytes
+}
+
+fn loads(job: &Job, safetensors: &[u8]) -> Result<(), String> {
+    let weights = Weights::from_bytes(safetensors).map_err(|error| error.to_string())?;
+    let Job { agent, environment, scenario, .. } = job;
+    agent::trained_policy(agent, environment, scenario, &weights, Actions::AsTrained)
+        .map(|_| ())
+        .map_err(|error| error.to_string())
+}
+
+/// A checkpoint that a job leaves when it is stopped at once.
+pub fn sound_checkpoint(job: &Job) -> Vec<u8> {
+    let shelf = Shelf::default();
+    assert_eq!(train::run(job, &shelf), Outcome::Interrupted);
+    shelf.kept.into_inner().expect("a stopped training leaves a checkpoint")
+}
+
+/// The state in a checkpoint: what stands between its two lines and its hash.
+pub fn state(file: &[u8]) -> &[u8] {
+    let lines = file.split_inclusive(|byte| *byte == b'\n').take(2);
+    &file[lines.map(<[u8]>::len).sum()..file.len() - 32]
+}
+
+fn with_state(file: &[u8], new: &[u8]) -> Vec<u8> {
+    let mut bytes = file[..file.len() - 32 - state(file).len()].to_vec();
+    bytes.extend_from_slice(new);
+    let seal = Sha256::digest(&bytes);
+    bytes.extend_from_slice(&seal);
+    bytes
+}
+
+/// A keeper that shows one checkpoint to a training, stops it, and keeps what it leaves.
+#[derive(Default)]
+struct Shelf {
+    shown: Option<Vec<u8>>,
+    refused: RefCell<Option<CheckpointError>>,
+    kept: RefCell<Option<Vec<u8>>>,
+}
+
+impl Checkpoints for Shelf {
+    fn are_due(&self) -> bool {
+        false
+    }
+
+    fn resume(&self, read: &mut ReadCheckpoint<'_>) {
+        if let Some(shown) = &self.shown {
+            *self.refused.borrow_mut() = read(&mut Cursor::new(shown)).err();
+        }
+    }
+
+    fn keep(&self, write: &mut WriteCheckpoint<'_>) {
+        let mut kept = Vec::new();
+        write(&mut kept as &mut dyn Write).unwrap();
+        *self.kept.borrow_mut() = Some(kept);
+    }
+}
+
+impl Monitor for Shelf {
+    fn report(&self, _: Progress) {}
+
+    fn stop_requested(&self) -> bool {
+        true
+    }
+
+    fn checkpoints(&self) -> &dyn Checkpoints {
+        self
+    }
+}
