@@ -199,7 +199,7 @@ fn runs_of_rules_which_have_no_weights_are_intact_and_saved() {
     folder.write(
         "rules.toml",
         "format = 1\nname = \"rules\"\nscenarios = [\"P-H-D\"]\nseeds = 2\n\
-         [evaluation]\ntest_episodes = 5\n\
+         [environment]\nsigma = 0.6\n[evaluation]\ntest_episodes = 5\n\
          [[agent]]\nname = \"random\"\nalgorithm = \"rule\"\nrule = \"random\"\n",
     );
     folder.jitai(["run", "rules.toml"]).succeeded();

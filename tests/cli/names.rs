@@ -185,7 +185,11 @@ fn a_report_on_harmful_names_and_prose_stays_in_its_folder_and_runs_nothing() {
     folder.jitai(["report", "sweep.toml", "--out", "deep/report"]).succeeded();
     let made: Vec<_> = below(&folder.path(".")).difference(&before).cloned().collect();
     let mut formats = BTreeSet::new();
-    for path in made.iter().filter(|path| path.is_file()) {
+    // Readers of a store make its log and the log's index anew.
+    let of_store = |path: &&std::path::PathBuf| {
+        path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("jitai.sqlite-"))
+    };
+    for path in made.iter().filter(|path| path.is_file() && !of_store(path)) {
         assert!(path.starts_with(folder.path("./deep/report")), "{}", path.display());
         let name = path.file_name().unwrap().to_str().unwrap();
         let plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
