@@ -11,6 +11,7 @@ mod estimate;
 mod export;
 mod filter;
 pub mod input;
+mod optima;
 mod optimum;
 mod output;
 mod plan;

@@ -5,8 +5,8 @@ use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use crate::analyse::declared::{carry_out, reproduce};
-use crate::cli::{Error, Exit, StoreArgument, check};
+use crate::analyse::declared::{carry_out, reproduce, summarise_arms};
+use crate::cli::{Error, Exit, StoreArgument, check, optima};
 use crate::manifest::{Analysis, AnalysisKind, Condition, Manifest, Published};
 use crate::plan::{self, JobKey, PlannedJob, Scalar};
 use crate::record::{Failure, JobRecord, Progress, Setting};
@@ -49,6 +49,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
             manifest: manifest.source.clone(),
             findings: findings.into_iter().zip(queries).collect(),
             reproduction: published.as_ref().map(|published| reproduce(published, &jobs)),
+            arms: summarise_arms(&jobs),
             jobs,
         });
     }
@@ -84,13 +85,15 @@ fn records(reader: &Reader, manifest: &Manifest) -> Result<Vec<JobRecord>, Error
         actions: kind(|kind| {
             matches!(kind, AnalysisKind::ActionChoice { .. } | AnalysisKind::InferenceError)
         }),
-        returns: manifest.analyses.iter().any(|one| one.metric == "lower_quartile_return"),
+        returns: true,
     };
     let failures: HashMap<JobKey, Failure> =
         reader.failed_jobs()?.into_iter().map(|failed| (failed.job_key, failed.failure)).collect();
     let planned: Vec<PlannedJob> = plan::expand(manifest);
     let keys: Vec<JobKey> = planned.iter().map(|planned| planned.form.key()).collect();
     let states = reader.job_states(&keys)?;
+    let completed = planned.iter().zip(&states).filter(|(_, state)| **state == JobState::Completed);
+    let optima = optima::of_jobs(completed.map(|(planned, _)| &planned.job));
     let jobs = planned.iter().zip(keys).zip(states).map(|((planned, key), state)| {
         let progress = match state {
             JobState::Pending => Progress::Pending,
@@ -111,6 +114,7 @@ fn records(reader: &Reader, manifest: &Manifest) -> Result<Vec<JobRecord>, Error
             scenario: planned.job.scenario.to_string(),
             seed: planned.job.seed,
             settings: settings(planned),
+            optimum: optima.get(&optima::Cell::of(&planned.job)).copied(),
             progress,
         })
     });

@@ -17,6 +17,9 @@ pub struct JobRecord {
     pub seed: u64,
     /// Every other parameter: dotted name and value, by name.
     pub settings: Vec<(String, Setting)>,
+    /// The best mean return that any policy can reach in its environment and scenario, in steps
+    /// walked, where that is known.
+    pub optimum: Option<f64>,
     /// How far it came.
     pub progress: Progress,
 }

@@ -4,8 +4,8 @@ use super::data_table::shown;
 use super::figure::{Numbers, arm_label};
 use super::words::unit_numbers;
 use crate::analyse::declared::{
-    ActionPanel, Chosen, Content, ContrastRow, CurveFigure, CurveLine, ErrorFigure, Finding,
-    HeatFigure, LearningPanel, Reproduction, Scale, Subject,
+    ActionPanel, Chosen, Content, ContrastRow, CurveFigure, CurveLine, CurvePoint, ErrorFigure,
+    Finding, HeatFigure, LearningPanel, Reproduction, Scale, Subject,
 };
 use crate::analyse::{FEW_SEEDS, Moments};
 
@@ -106,6 +106,7 @@ fn curve(figure: &CurveFigure, metric: &str) -> Vec<String> {
         Some(format!("{name} {verb} from {from} at {} to {to} at {}.", at(x), at(last_x)))
     };
     let mut sentences: Vec<String> = figure.lines.iter().filter_map(line).collect();
+    sentences.extend(figure.lines.iter().filter_map(shares));
     if let [first, second] = figure.lines.as_slice() {
         let gap = first.points.iter().filter_map(|point| {
             let other = second.points.iter().find(|other| other.x == point.x)?;
@@ -118,6 +119,22 @@ fn curve(figure: &CurveFigure, metric: &str) -> Vec<String> {
         }
     }
     sentences
+}
+
+/// The shares of the optimum that a line reaches.
+fn shares(line: &CurveLine) -> Option<String> {
+    let share = |point: &CurvePoint| {
+        let (_, best) = line.optimum.iter().find(|(x, best)| *x == point.x && *best > 0.0)?;
+        Some(mean(point.sample.values())? / best * 100.0)
+    };
+    let mut reached: Vec<f64> = line.points.iter().filter_map(share).collect();
+    reached.sort_by(f64::total_cmp);
+    let (least, most) = (shown(*reached.first()?, 0), shown(*reached.last()?, 0));
+    let name = arm_label(&line.name);
+    Some(match least == most {
+        true => format!("{name} reaches {most} % of the optimum."),
+        false => format!("{name} reaches {least} to {most} % of the optimum."),
+    })
 }
 
 fn learning(panels: &[LearningPanel]) -> Vec<String> {

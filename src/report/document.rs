@@ -3,6 +3,7 @@
 //! In: experiments with their jobs and what their analyses found. Out: files to write, which depend
 //! on nothing else: two reports of one store are equal to the byte.
 
+use super::arm_tables;
 use super::captions;
 use super::data_table::DataTable;
 use super::escape::file_stem;
@@ -13,7 +14,7 @@ use super::figure::{
 use super::page;
 use super::scene::{Scene, png, svg};
 use super::tables;
-use crate::analyse::declared::{Content, Finding, JobCounts, Name, Reproduction};
+use crate::analyse::declared::{ArmResults, Content, Finding, JobCounts, Name, Reproduction};
 use crate::record::JobRecord;
 
 /// An experiment with what was found.
@@ -33,6 +34,8 @@ pub struct ReportedExperiment {
     pub findings: Vec<(Finding, String)>,
     /// Published numbers beside ours, where the manifest names some.
     pub reproduction: Option<Reproduction>,
+    /// What every arm came to, whatever is analysed.
+    pub arms: ArmResults,
 }
 
 /// A file of the report.
@@ -56,6 +59,19 @@ pub(super) struct Shown<'e> {
     pub series: Vec<String>,
 }
 
+/// The tables of an experiment's arms, by file name.
+pub(super) struct ArmTables {
+    pub arms: (String, DataTable),
+    pub agents: (String, DataTable),
+}
+
+/// An experiment as the page shows it.
+pub(super) struct Section<'e> {
+    pub experiment: &'e ReportedExperiment,
+    pub shown: Vec<Shown<'e>>,
+    pub tables: ArmTables,
+}
+
 /// Every file of the report of these experiments. `store` is what readers call the store.
 pub fn report(experiments: &[ReportedExperiment], store: &str) -> Vec<ReportFile> {
     let looks = Looks::of(experiments.iter().flat_map(|experiment| {
@@ -72,7 +88,17 @@ pub fn report(experiments: &[ReportedExperiment], store: &str) -> Vec<ReportFile
         });
         let shown: Vec<Shown<'_>> = shown.collect();
         shown.iter().for_each(|finding| write_finding(finding, &mut files));
-        sections.push((experiment, shown));
+        let arms = unused(&stems, &format!("{} arms", experiment.name));
+        let agents = unused(&stems, &format!("{} agents", experiment.name));
+        stems.extend([arms.clone(), agents.clone()]);
+        let tables = ArmTables {
+            arms: (arms, arm_tables::arms(&experiment.arms.arms)),
+            agents: (agents, arm_tables::agents(&experiment.arms.agents)),
+        };
+        for (stem, table) in [&tables.arms, &tables.agents] {
+            write_table(&format!("tables/{stem}"), table, &mut files);
+        }
+        sections.push(Section { experiment, shown, tables });
     }
     let reproduction = merged(experiments);
     if !reproduction.comparisons.is_empty() {

@@ -1,5 +1,6 @@
 //! From summaries to what a reader sees: pure functions, no database, no file.
 
+mod arm_tables;
 mod captions;
 pub mod data_table;
 mod document;

@@ -1,5 +1,6 @@
 //! Tables: from findings to rows.
 
+use super::arm_tables::{optimum, share};
 use super::data_table::{Cell, DataTable, shown};
 use super::figure::{Numbers, arm_label};
 use super::words::{metric_title, unit_numbers};
@@ -25,7 +26,7 @@ pub fn table(finding: &Finding) -> DataTable {
 }
 
 /// A metric's number as readers see it, in its unit.
-fn in_unit(value: Result<f64, Undefined>, metric: &str) -> Cell {
+pub(super) fn in_unit(value: Result<f64, Undefined>, metric: &str) -> Cell {
     match (value, unit_numbers(metric)) {
         (Ok(value), (Numbers::Percent, decimals)) => {
             Cell::Number { value, shown: shown(value * 100.0, decimals) }
@@ -35,7 +36,7 @@ fn in_unit(value: Result<f64, Undefined>, metric: &str) -> Cell {
 }
 
 /// An interval as readers see it.
-fn between(interval: Result<Interval, Undefined>, metric: &str) -> Cell {
+pub(super) fn between(interval: Result<Interval, Undefined>, metric: &str) -> Cell {
     match interval {
         Ok(Interval { low, high }) => {
             let (low, high) = (in_unit(Ok(low), metric), in_unit(Ok(high), metric));
@@ -45,15 +46,18 @@ fn between(interval: Result<Interval, Undefined>, metric: &str) -> Cell {
     }
 }
 
-fn low(interval: Result<Interval, Undefined>) -> Cell {
+/// The lower end of an interval.
+pub(super) fn low(interval: Result<Interval, Undefined>) -> Cell {
     Cell::of(interval.map(|interval| interval.low), 1)
 }
 
-fn high(interval: Result<Interval, Undefined>) -> Cell {
+/// The upper end of an interval.
+pub(super) fn high(interval: Result<Interval, Undefined>) -> Cell {
     Cell::of(interval.map(|interval| interval.high), 1)
 }
 
-fn mean(values: &[f64]) -> Result<f64, Undefined> {
+/// The mean of the seeds.
+pub(super) fn mean(values: &[f64]) -> Result<f64, Undefined> {
     Moments::of(values).map(|moments| moments.mean)
 }
 
@@ -134,6 +138,7 @@ fn curve(title: &str, figure: &CurveFigure, metric: &str) -> DataTable {
     let axis = figure.axis.rsplit('.').next().unwrap_or(&figure.axis);
     let is_error = axis == "context_inference_error";
     let name = metric_title(metric);
+    let has_optimum = figure.lines.iter().any(|line| !line.optimum.is_empty());
     let columns = [
         ("arm", "Arm"),
         ("parameter", if is_error { "σ" } else { axis }),
@@ -144,6 +149,8 @@ fn curve(title: &str, figure: &CurveFigure, metric: &str) -> DataTable {
         (".low", ""),
         (".high", ""),
         ("sd", "SD over seeds"),
+        (if has_optimum { "optimum" } else { ".optimum" }, "Optimum"),
+        (if has_optimum { "share_of_optimum" } else { ".share_of_optimum" }, "Share of it, %"),
         ("published", "Published"),
     ];
     let mut table = DataTable::new(title, &columns);
@@ -152,6 +159,7 @@ fn curve(title: &str, figure: &CurveFigure, metric: &str) -> DataTable {
             let values = point.sample.values();
             let interval = mean_interval(values);
             let published = line.published.iter().find(|(x, _)| *x == point.x);
+            let best = line.optimum.iter().find(|(x, _)| *x == point.x).map(|(_, best)| *best);
             let sd = Moments::of(values).and_then(|moments| moments.sd);
             let x = if is_error { shown(point.x * 100.0, 1) } else { point.x.to_string() };
             table.rows.push(vec![
@@ -164,6 +172,8 @@ fn curve(title: &str, figure: &CurveFigure, metric: &str) -> DataTable {
                 low(interval),
                 high(interval),
                 in_unit(sd, metric),
+                optimum(best),
+                share(mean(values), best),
                 published.map_or_else(
                     || Cell::Missing("not published".to_owned()),
                     |(_, value)| Cell::number(*value, 0),

@@ -16,6 +16,7 @@ seeds = [11, 12]
 published = "published.toml"
 environment.sigma = [0.4, 0.6]
 environment.delta_d = [0.1, 0.2]
+environment.horizon = 10
 evaluation.test_episodes = 20
 [[agent]]
 name = "=dqn&co"
@@ -152,4 +153,51 @@ fn a_report_needs_a_store_and_readable_published_numbers() {
     let told = folder.jitai(["report", "sweep.toml", "--out", "report"]);
     assert_eq!(told.code, Some(2));
     assert!(told.stderr.contains("published numbers cannot be read"), "{}", told.stderr);
+}
+
+#[test]
+fn tables_of_arms_give_the_share_of_the_optimum_where_it_is_known() {
+    let manifest = "format = 1\nname = \"rules\"\nscenarios = [\"P-H-D\", \"P-T\"]\nseeds = 3\n\
+                    environment.sigma = [0.4, 0.6]\nenvironment.horizon = 8\n\
+                    [[agent]]\nname = \"untailored\"\nalgorithm = \"rule\"\nrule = \"untailored\"\n\
+                    [[agent]]\nname = \"tailored\"\nalgorithm = \"rule\"\nrule = \"tailored\"\n\
+                    [[analysis]]\nname = \"returns\"\nkind = \"curve\"\n\
+                    [[analysis]]\nname = \"learning\"\nkind = \"learning_curve\"\n";
+    let folder = Folder::with(manifest);
+    folder.jitai(["run", "sweep.toml"]).succeeded();
+    folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
+    let exact = folder.jitai(["optimum", "sweep.toml", "--format", "csv"]).succeeded().stdout;
+    let best = |sigma: &str| -> f64 {
+        let line = exact.lines().find(|line| line.starts_with(&format!("rules,P-H-D,{sigma},")));
+        line.unwrap().split(',').nth(4).unwrap().parse().unwrap()
+    };
+    let table = folder.read("report/tables/rules-arms.csv");
+    let names: Vec<&str> = table.lines().next().unwrap().split(',').collect();
+    let column = |name: &str| names.iter().position(|known| *known == name).unwrap();
+    let mut known = 0;
+    for line in table.lines().skip(1) {
+        let cells: Vec<&str> = line.split(',').collect();
+        let number = |name: &str| cells[column(name)].parse::<f64>();
+        let (arm, mean) = (cells[0], number("mean_return").unwrap());
+        assert!(number("interquartile_mean").is_ok() && number("lower_quartile_return").is_ok());
+        // Both rules send at every step, so messages are steps: at most the horizon.
+        let messages = number("messages_per_episode").unwrap();
+        assert!(messages > 1.0 && messages <= 8.0, "{messages}");
+        if arm.contains("P-T") {
+            assert!(number("optimum").is_err(), "{line}");
+            continue;
+        }
+        let sigma = arm.rsplit('=').next().unwrap();
+        assert!((number("optimum").unwrap() - best(sigma)).abs() < 0.06, "{line}");
+        let share = number("share_of_optimum").unwrap();
+        assert!((share - mean / number("optimum").unwrap()).abs() < 1e-12 && share < 1.0, "{line}");
+        known += 1;
+    }
+    assert_eq!(known, 4);
+    let figure = folder.read("report/figures/rules-returns.svg");
+    assert!(figure.contains(">optimum</text>"), "the reference line has its label");
+    let agents = folder.read("report/tables/rules-agents.csv");
+    assert!(agents.lines().nth(1).unwrap().starts_with("untailored,P-H-D,2,6,"), "{agents}");
+    // A rule learns nothing.
+    assert_eq!(folder.read("report/tables/rules-learning.csv").lines().count(), 1);
 }

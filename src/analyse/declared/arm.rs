@@ -48,13 +48,22 @@ impl Group<'_> {
         }
         Sample::new(values, failed, open).expect("every seed is taken once")
     }
+
+    /// The best mean return that any policy can reach where the arm is, if it is known.
+    pub fn optimum(&self) -> Option<f64> {
+        self.jobs.iter().find_map(|job| job.optimum)
+    }
 }
+
+/// Messages sent in a test episode, on average: the product of two recorded metrics.
+pub const MESSAGES: &str = "messages_per_episode";
 
 /// A completed job's value of a metric.
 pub fn value(job: &JobRecord, metric: &str) -> Option<f64> {
     let run = job.completed()?;
     match metric {
         "lower_quartile_return" => lower_quartile(&run.returns).ok(),
+        MESSAGES => Some(run.metric("message_rate")? * run.metric("mean_length")?),
         recorded => run.metric(recorded),
     }
 }

@@ -22,6 +22,9 @@ pub struct CurveLine {
     pub name: Name,
     /// Its points, by x.
     pub points: Vec<CurvePoint>,
+    /// The best mean return that any policy can reach, x and value; empty if it is not known, or
+    /// the line shows another metric.
+    pub optimum: Vec<(f64, f64)>,
     /// The published line, x and value; empty if there is none.
     pub published: Vec<(f64, f64)>,
 }
@@ -56,13 +59,17 @@ pub fn figure(
     };
     let lines = groups(jobs, &[&parameter]).into_iter().map(|group| {
         let numbers = group.jobs.iter().filter_map(|job| job.number(&parameter)).collect();
+        let mut optimum = Vec::new();
         let points = distinct(numbers).into_iter().map(|value| {
             let here = |job: &&&JobRecord| job.number(&parameter) == Some(value);
             let jobs = group.jobs.iter().filter(here).copied().collect();
             let name = group.name.clone();
-            let sample = super::Group { name, jobs }.sample(metric);
-            CurvePoint { x: place(value), parameter: value, sample }
+            let here = super::Group { name, jobs };
+            let best = here.optimum().filter(|_| metric == "mean_return");
+            optimum.extend(best.map(|best| (place(value), best)));
+            CurvePoint { x: place(value), parameter: value, sample: here.sample(metric) }
         });
+        let points = points.collect();
         let comparable = parameter == "environment.sigma" && metric == "mean_return";
         let published = published.filter(|_| comparable && group.name.settings.is_empty());
         let line = published
@@ -70,7 +77,8 @@ pub fn figure(
             .flat_map(|published| &published.curves)
             .find(|curve| curve.agent == group.name.agent && curve.scenario == group.name.scenario);
         CurveLine {
-            points: points.collect(),
+            points,
+            optimum,
             published: line.map_or_else(Vec::new, |line| {
                 let points = line.sigma.iter().zip(&line.mean_return);
                 points.map(|(sigma, value)| (place(*sigma), *value)).collect()

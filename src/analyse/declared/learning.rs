@@ -2,7 +2,7 @@
 
 use super::arm::{Name, groups};
 use crate::analyse::{Interval, mean_interval, moving_mean};
-use crate::record::JobRecord;
+use crate::record::{JobRecord, Setting};
 
 /// The learning curves of one scenario.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,15 +20,19 @@ pub struct LearningLine {
     pub name: Name,
     /// Seeds completed, and of how many.
     pub seeds: (usize, usize),
+    /// The best mean return that any policy can reach, where it is known.
+    pub optimum: Option<f64>,
     /// Training episodes finished, mean over seeds, and its interval where one is defined.
     pub points: Vec<(u32, f64, Option<Interval>)>,
 }
 
 /// A panel a scenario, in the manifest's order. Where seeds end at different episodes, a line goes
-/// as far as all of them do.
+/// as far as all of them do. Rules, which learn nothing, have none.
 pub fn panels(window: u32, jobs: &[&JobRecord]) -> Vec<LearningPanel> {
     let mut panels: Vec<LearningPanel> = Vec::new();
-    for group in groups(jobs, &[]) {
+    let is_rule = |job: &JobRecord| matches!(job.setting("agent.algorithm"), Some(Setting::Text(name)) if name == "rule");
+    let learners: Vec<&JobRecord> = jobs.iter().filter(|job| !is_rule(job)).copied().collect();
+    for group in groups(&learners, &[]) {
         let curves: Vec<Vec<(u32, f64)>> = group
             .jobs
             .iter()
@@ -39,6 +43,7 @@ pub fn panels(window: u32, jobs: &[&JobRecord]) -> Vec<LearningPanel> {
             .collect();
         let line = LearningLine {
             seeds: (curves.len(), group.jobs.len()),
+            optimum: group.optimum(),
             points: over_seeds(&curves),
             name: group.name,
         };

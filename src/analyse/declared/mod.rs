@@ -7,6 +7,7 @@
 //! It does not know how a finding is drawn or written.
 
 mod arm;
+mod arms;
 mod choices;
 mod contrasts;
 mod curves;
@@ -17,6 +18,7 @@ mod reproduction;
 mod selection;
 
 pub use arm::{Group, Name, setting};
+pub use arms::{AgentRow, ArmResults, ArmRow, summarise_arms};
 pub use choices::{ActionPanel, BinShares};
 pub use contrasts::ContrastRow;
 pub use curves::{CurveFigure, CurveLine, CurvePoint};

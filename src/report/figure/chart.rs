@@ -49,6 +49,8 @@ enum Spread {
     Band,
     /// Marked points without a line, which have none.
     Points,
+    /// A line without marks, which is exact.
+    Exact,
 }
 
 /// A point of a line.
@@ -74,7 +76,9 @@ pub fn curve_figure(figure: &CurveFigure, metric: &str, looks: &Looks) -> Scene 
             spread: Spread::Bars,
         }
     };
-    let lines: Vec<Line> = figure.lines.iter().zip(labels(&names)).map(line).collect();
+    let mut lines: Vec<Line> = figure.lines.iter().zip(labels(&names)).map(line).collect();
+    let optima = figure.lines.iter().map(|line| (&line.name, line.optimum.clone()));
+    lines.extend(optimum_lines(optima, looks));
     let counts = figure.lines.iter().flat_map(|line| line.points.iter().map(|p| p.sample.n()));
     let has_reference = lines.iter().any(|line| !line.reference.is_empty());
     let note = format!(
@@ -149,10 +153,16 @@ pub fn learning_figure(panel: &LearningPanel, window: u32, looks: &Looks) -> Sce
             spread: Spread::Band,
         }
     };
-    let lines: Vec<Line> = panel.lines.iter().zip(labels(&names)).map(line).collect();
+    let mut lines: Vec<Line> = panel.lines.iter().zip(labels(&names)).map(line).collect();
     let longest = |line: &Line| line.points.last().map_or(0.0, |point| point.x);
     let most = lines.iter().map(longest).fold(0.0, f64::max);
     let least = lines.iter().map(longest).fold(f64::INFINITY, f64::min);
+    let first = |line: &Line| line.points.first().map_or(f64::INFINITY, |point| point.x);
+    let start = lines.iter().map(first).fold(most, f64::min);
+    let level = |line: &LearningLine| {
+        line.optimum.map_or_else(Vec::new, |best| vec![(start, best), (most, best)])
+    };
+    lines.extend(optimum_lines(panel.lines.iter().map(|l| (&l.name, level(l))), looks));
     let scale = if most > 4.0 * least { AxisScale::Log } else { AxisScale::Linear };
     let title = match scale {
         AxisScale::Log => "training episodes (logarithmic)".to_owned(),
@@ -165,6 +175,33 @@ pub fn learning_figure(panel: &LearningPanel, window: u32, looks: &Looks) -> Sce
     let axes = axes(&lines, (title, Numbers::Plain, scale), ("mean_return", Numbers::Plain));
     let description = format!("learning curves in scenario {}", panel.scenario);
     draw(&Chart { heading: Some(panel.scenario.clone()), description, axes, lines, note })
+}
+
+/// Lines of the best mean return that any policy can reach, none twice.
+fn optimum_lines<'n>(
+    optima: impl Iterator<Item = (&'n Name, Vec<(f64, f64)>)>,
+    looks: &Looks,
+) -> Vec<Line> {
+    let mut drawn: Vec<Vec<(f64, f64)>> = Vec::new();
+    let mut lines = Vec::new();
+    for (name, points) in optima {
+        if points.is_empty() || drawn.contains(&points) {
+            continue;
+        }
+        let place = |(x, y): &(f64, f64)| {
+            let tip = format!("optimum {}: {}", name.scenario, shown(*y, 0));
+            Place { x: *x, y: *y, interval: None, tip }
+        };
+        lines.push(Line {
+            label: "optimum".to_owned(),
+            look: looks.of_optimum(name),
+            points: points.iter().map(place).collect(),
+            reference: Vec::new(),
+            spread: Spread::Exact,
+        });
+        drawn.push(points);
+    }
+    lines
 }
 
 /// Places of at most some hundred points, evenly along the logarithm of their number: what a line
@@ -340,7 +377,11 @@ fn line_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame) -> Vec<Mark> {
     }
     let points: Vec<Point> = line.points.iter().map(|point| place(point.x, point.y)).collect();
     if points.len() > 1 && line.spread != Spread::Points {
-        let width = if line.spread == Spread::Bars { 1.6 } else { 1.3 };
+        let width = match line.spread {
+            Spread::Bars => 1.6,
+            Spread::Band => 1.3,
+            Spread::Points | Spread::Exact => 1.0,
+        };
         let stroke = Stroke { color, width, dash: line.look.dash, opacity: 1.0 };
         marks.push(Shape::Line { points, stroke }.into());
     }
@@ -352,7 +393,7 @@ fn line_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame) -> Vec<Mark> {
         }
         let mark: Mark = match line.spread {
             Spread::Bars | Spread::Points => marker(at, &line.look, 2.6).into(),
-            Spread::Band => {
+            Spread::Band | Spread::Exact => {
                 let fill = Fill { color, opacity: 0.0 };
                 Shape::Circle { centre: at, radius: 3.0, fill, stroke: None }.into()
             }
@@ -360,7 +401,7 @@ fn line_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame) -> Vec<Mark> {
         match (point.tip.is_empty(), line.spread) {
             (false, _) => marks.push(mark.saying(&point.tip)),
             (true, Spread::Bars | Spread::Points) => marks.push(mark),
-            (true, Spread::Band) => {}
+            (true, Spread::Band | Spread::Exact) => {}
         }
     }
     marks

@@ -1,5 +1,6 @@
 //! The looks of arms: the same arm looks the same in every figure of a report.
 
+use super::INK;
 use crate::analyse::declared::Name;
 use crate::report::scene::Color;
 
@@ -24,6 +25,18 @@ const KNOWN: [(&str, Color); 6] = [
     ("C-T", COLORS[5]),
 ];
 
+/// The colours of agents, where colours tell these.
+const OF_AGENTS: [Color; 8] = [
+    COLORS[0],
+    COLORS[1],
+    COLORS[2],
+    COLORS[3],
+    COLORS[4],
+    COLORS[5],
+    Color(68, 68, 68),
+    Color(150, 150, 150),
+];
+
 /// Dashes of the agents, in the manifest's order.
 const DASHES: [Option<(f64, f64)>; 4] =
     [None, Some((5.0, 2.5)), Some((1.5, 2.0)), Some((8.0, 2.0))];
@@ -31,11 +44,11 @@ const DASHES: [Option<(f64, f64)>; 4] =
 /// How an arm looks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Look {
-    /// By scenario.
+    /// By scenario, or by agent.
     pub color: Color,
-    /// By agent.
+    /// By agent, or by scenario.
     pub dash: Option<(f64, f64)>,
-    /// By agent.
+    /// By agent, or by scenario.
     pub marker: Marker,
 }
 
@@ -54,7 +67,8 @@ pub enum Marker {
 
 const MARKERS: [Marker; 4] = [Marker::Disc, Marker::Ring, Marker::Square, Marker::Diamond];
 
-/// The looks of a report's arms: colours by scenario, dashes and markers by agent.
+/// The looks of a report's arms: colours by scenario, dashes and markers by agent; the other way
+/// round where there are more agents than dashes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Looks {
     agents: Vec<String>,
@@ -70,8 +84,7 @@ impl Looks {
             if !looks.agents.contains(&name.agent) {
                 looks.agents.push(name.agent.clone());
             }
-            let is_known = KNOWN.iter().any(|(known, _)| *known == name.scenario);
-            if !is_known && !looks.scenarios.contains(&name.scenario) {
+            if !looks.scenarios.contains(&name.scenario) {
                 looks.scenarios.push(name.scenario.clone());
             }
             let settings = words(name);
@@ -82,13 +95,24 @@ impl Looks {
         looks
     }
 
+    /// The look of the best that any policy can reach where an arm is.
+    pub fn of_optimum(&self, name: &Name) -> Look {
+        let color = match self.tells_agents() {
+            true => INK,
+            false => self.look(name).color.towards(INK, 0.25),
+        };
+        Look { color, dash: Some((1.0, 2.4)), marker: Marker::Ring }
+    }
+
     /// The look of an arm.
     pub fn look(&self, name: &Name) -> Look {
         let agent = place(&self.agents, &name.agent);
+        let scenario = place(&self.scenarios, &name.scenario);
         let known = KNOWN.iter().find(|(known, _)| *known == name.scenario);
-        let base = match known {
-            Some((_, color)) => *color,
-            None => COLORS[(4 + place(&self.scenarios, &name.scenario)) % COLORS.len()],
+        let (base, kind) = match (self.tells_agents(), known) {
+            (true, _) => (OF_AGENTS[agent % OF_AGENTS.len()], scenario),
+            (false, Some((_, color))) => (*color, agent),
+            (false, None) => (COLORS[(4 + self.unknown(name)) % COLORS.len()], agent),
         };
         // Arms that differ in settings alone are shades of one colour.
         let shade = match self.settings.iter().position(|known| *known == words(name)) {
@@ -97,9 +121,21 @@ impl Looks {
         };
         Look {
             color: base.towards(Color::WHITE, shade),
-            dash: DASHES[agent % DASHES.len()],
-            marker: MARKERS[agent % MARKERS.len()],
+            dash: DASHES[kind % DASHES.len()],
+            marker: MARKERS[kind % MARKERS.len()],
         }
+    }
+
+    /// The place of a scenario among those without a colour of their own.
+    fn unknown(&self, name: &Name) -> usize {
+        let is_known = |scenario: &&String| KNOWN.iter().any(|(known, _)| known == scenario);
+        let unknown = self.scenarios.iter().filter(|scenario| !is_known(scenario));
+        unknown.take_while(|scenario| **scenario != name.scenario).count()
+    }
+
+    /// Whether colours tell agents, and dashes scenarios: where there are more agents than dashes.
+    fn tells_agents(&self) -> bool {
+        self.agents.len() > DASHES.len()
     }
 }
 

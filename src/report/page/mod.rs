@@ -7,7 +7,7 @@ mod parts;
 use parts::{figure_card, html_table, provenance};
 
 use super::captions;
-use super::document::{ReportedExperiment, Shown, all_jobs};
+use super::document::{ReportedExperiment, Section, all_jobs};
 use super::escape::{file_stem, markup};
 use super::scene::web_font;
 use super::tables;
@@ -17,22 +17,16 @@ const STYLE: &str = include_str!("style.css");
 const SCRIPT: &str = include_str!("script.js");
 
 /// The page of these experiments.
-pub(super) fn index(
-    sections: &[(&ReportedExperiment, Vec<Shown<'_>>)],
-    reproduction: &Reproduction,
-    store: &str,
-) -> String {
+pub(super) fn index(sections: &[Section<'_>], reproduction: &Reproduction, store: &str) -> String {
     let experiments: Vec<&ReportedExperiment> =
-        sections.iter().map(|(experiment, _)| *experiment).collect();
+        sections.iter().map(|section| section.experiment).collect();
     let names: Vec<String> = experiments.iter().map(|one| markup(&one.name)).collect();
     let title = names.join(", ");
     let mut body = header(&experiments, &title, reproduction, store);
     body += &contents(sections, reproduction);
     body += "<main>";
     body += &reproduced(reproduction);
-    for (experiment, shown) in sections {
-        body += &section(experiment, shown);
-    }
+    body += &sections.iter().map(section).collect::<String>();
     body += &failures(&experiments);
     body += &provenance(&experiments, store);
     body += "</main><div id=\"tip\" role=\"tooltip\" hidden></div>";
@@ -103,15 +97,12 @@ fn tile(number: &str, words: &str) -> String {
     format!("<div class=\"tile\"><b>{number}</b><span>{words}</span></div>")
 }
 
-fn contents(
-    sections: &[(&ReportedExperiment, Vec<Shown<'_>>)],
-    reproduction: &Reproduction,
-) -> String {
+fn contents(sections: &[Section<'_>], reproduction: &Reproduction) -> String {
     let mut items = String::new();
     if !reproduction.comparisons.is_empty() {
         items += "<li><a href=\"#reproduction\">Reproduction</a></li>";
     }
-    for (experiment, shown) in sections {
+    for Section { experiment, shown, .. } in sections {
         let entries: String = shown
             .iter()
             .map(|one| {
@@ -149,7 +140,8 @@ fn reproduced(reproduction: &Reproduction) -> String {
     )
 }
 
-fn section(experiment: &ReportedExperiment, shown: &[Shown<'_>]) -> String {
+fn section(section: &Section<'_>) -> String {
+    let Section { experiment, shown, tables } = section;
     let prose = [("Question", &experiment.question), ("Hypothesis", &experiment.hypothesis)];
     let prose: String = prose
         .iter()
@@ -175,7 +167,8 @@ fn section(experiment: &ReportedExperiment, shown: &[Shown<'_>]) -> String {
     body += "<div class=\"cards\">";
     body += &shown.iter().map(figure_card).collect::<String>();
     body += &format!(
-        "</div><details class=\"manifest\"><summary>Manifest</summary><pre>{}</pre></details></section>",
+        "</div>{}<details class=\"manifest\"><summary>Manifest</summary><pre>{}</pre></details></section>",
+        parts::arm_tables(tables),
         markup(&experiment.manifest)
     );
     body

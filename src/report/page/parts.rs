@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::analyse::declared::Content;
 use crate::report::data_table::{Cell, DataTable};
-use crate::report::document::{ReportedExperiment, Shown};
+use crate::report::document::{ArmTables, ReportedExperiment, Shown};
 use crate::report::escape::markup;
 use crate::report::scene::inline_svg;
 
@@ -49,6 +49,24 @@ pub fn figure_card(shown: &Shown<'_>) -> String {
         links = table_links(&format!("tables/{}", shown.stem)),
         table = html_table(&shown.table),
         sql = markup(shown.sql)
+    )
+}
+
+/// What every agent and every arm of an experiment came to.
+pub fn arm_tables(tables: &ArmTables) -> String {
+    let block = |(stem, table): &(String, DataTable), open: &str| {
+        let caption = markup(&table.caption);
+        format!(
+            "<details{open}><summary>{caption} ({} rows)</summary>{}<p class=\"links\">{}</p></details>",
+            table.rows.len(),
+            html_table(table),
+            table_links(&format!("tables/{stem}"))
+        )
+    };
+    let (agents, arms) = (block(&tables.agents, " open"), block(&tables.arms, ""));
+    format!(
+        "<article class=\"card arms\" id=\"{}\"><h3>All arms</h3>{agents}{arms}</article>",
+        tables.arms.0
     )
 }
 

@@ -1,0 +1,144 @@
+//! What every arm came to, and every agent over its arms, whatever analyses are declared.
+
+use super::arm::{MESSAGES, Name, groups};
+use crate::analyse::{Aggregate, Sample, Undefined, interquartile_mean};
+use crate::record::JobRecord;
+
+/// The arms of an experiment, and its agents over them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ArmResults {
+    /// A row an arm, in the manifest's order.
+    pub arms: Vec<ArmRow>,
+    /// A row an agent and scenario, in the manifest's order.
+    pub agents: Vec<AgentRow>,
+}
+
+/// What an arm came to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ArmRow {
+    /// What tells it from the others.
+    pub name: Name,
+    /// Mean returns of its seeds.
+    pub returns: Sample,
+    /// Inter-quartile mean of these, with its bootstrap interval.
+    pub interquartile: Result<Aggregate, Undefined>,
+    /// Lower quartiles of the test returns of its seeds.
+    pub lower_quartiles: Sample,
+    /// Shares of the test episodes that ended in disengagement.
+    pub disengagement: Sample,
+    /// Messages a test episode.
+    pub messages: Sample,
+    /// The best mean return that any policy can reach, where it is known.
+    pub optimum: Option<f64>,
+}
+
+/// What an agent came to in a scenario, over all settings of the other parameters.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AgentRow {
+    /// The agent.
+    pub agent: String,
+    /// The scenario.
+    pub scenario: String,
+    /// Its arms that have a result.
+    pub arms: usize,
+    /// Its results: seeds of all arms.
+    pub runs: usize,
+    /// Inter-quartile mean of the mean returns; its interval draws seeds anew within arms.
+    pub returns: Result<Aggregate, Undefined>,
+    /// The same of their shares of the optimum, over the arms where it is known.
+    pub shares: Result<Aggregate, Undefined>,
+}
+
+/// Summarises the jobs of an experiment by arm, and by agent and scenario.
+pub fn summarise_arms(jobs: &[JobRecord]) -> ArmResults {
+    let jobs: Vec<&JobRecord> = jobs.iter().collect();
+    let row = |group: super::Group<'_>| {
+        let returns = group.sample("mean_return");
+        ArmRow {
+            interquartile: interquartile_mean(&[&returns]),
+            returns,
+            lower_quartiles: group.sample("lower_quartile_return"),
+            disengagement: group.sample("disengagement_rate"),
+            messages: group.sample(MESSAGES),
+            optimum: group.optimum(),
+            name: group.name,
+        }
+    };
+    let arms: Vec<ArmRow> = groups(&jobs, &[]).into_iter().map(row).collect();
+    ArmResults { agents: agents(&arms), arms }
+}
+
+fn agents(arms: &[ArmRow]) -> Vec<AgentRow> {
+    let mut names: Vec<(&str, &str)> = Vec::new();
+    for arm in arms {
+        let name = (arm.name.agent.as_str(), arm.name.scenario.as_str());
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    let row = |(agent, scenario): (&str, &str)| {
+        let is_of = |arm: &&ArmRow| arm.name.agent == agent && arm.name.scenario == scenario;
+        let ours = arms.iter().filter(is_of).filter(|arm| arm.returns.n() > 0);
+        let ours: Vec<&ArmRow> = ours.collect();
+        let returns: Vec<&Sample> = ours.iter().map(|arm| &arm.returns).collect();
+        let shares: Vec<Sample> = ours.iter().filter_map(|arm| shares(arm)).collect();
+        AgentRow {
+            agent: agent.to_owned(),
+            scenario: scenario.to_owned(),
+            arms: ours.len(),
+            runs: returns.iter().map(|sample| sample.n()).sum(),
+            returns: interquartile_mean(&returns),
+            shares: interquartile_mean(&shares.iter().collect::<Vec<_>>()),
+        }
+    };
+    names.into_iter().map(row).collect()
+}
+
+/// The mean returns of an arm's seeds as shares of the optimum; `None` where it is not known, or
+/// not above 0.
+fn shares(arm: &ArmRow) -> Option<Sample> {
+    let optimum = arm.optimum.filter(|optimum| *optimum > 0.0)?;
+    let values = arm.returns.seeds().iter().zip(arm.returns.values());
+    let shares = values.map(|(seed, value)| (*seed, value / optimum));
+    let lost = arm.returns.lost();
+    Some(Sample::new(shares, lost.failed, lost.open).expect("a sample has every seed once"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn arm(scenario: &str, returns: &[f64], optimum: Option<f64>) -> ArmRow {
+        let values = returns.iter().enumerate().map(|(seed, value)| (seed as u64, *value));
+        let returns = Sample::new(values, 0, 0).unwrap();
+        ArmRow {
+            name: Name {
+                agent: "dqn".to_owned(),
+                scenario: scenario.to_owned(),
+                settings: Vec::new(),
+            },
+            interquartile: interquartile_mean(&[&returns]),
+            returns,
+            lower_quartiles: Sample::default(),
+            disengagement: Sample::default(),
+            messages: Sample::default(),
+            optimum,
+        }
+    }
+
+    #[test]
+    fn an_agent_s_share_of_the_optimum_is_over_the_arms_that_have_one() {
+        let rows = agents(&[
+            arm("P-H-D", &[1000.0, 2000.0], Some(2000.0)),
+            arm("P-H-D", &[900.0, 600.0], Some(1000.0)),
+            arm("P-T", &[5.0], None),
+        ]);
+        assert_eq!((rows[0].arms, rows[0].runs), (2, 4));
+        // Without the lowest and the highest: of 600, 900, 1000, 2000 and of 0.5, 0.6, 0.9, 1.
+        assert_eq!(rows[0].returns.unwrap().value, 950.0);
+        assert!((rows[0].shares.unwrap().value - 0.75).abs() < 1e-12);
+        assert!(rows[0].shares.unwrap().interval.is_ok());
+        assert_eq!(rows[1].shares, Err(Undefined::NoSeeds));
+        assert!(rows[1].returns.unwrap().interval.is_err());
+    }
+}

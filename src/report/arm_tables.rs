@@ -1,0 +1,137 @@
+//! The tables of an experiment's arms and agents.
+
+use super::data_table::{Cell, DataTable, shown};
+use super::figure::arm_label;
+use super::tables::{between, high, in_unit, low, mean};
+use crate::analyse::declared::{AgentRow, ArmRow};
+use crate::analyse::{Aggregate, Interval, Undefined, mean_interval};
+
+/// A row an arm: return in four ways, what the policies do, and how far they are from the optimum.
+pub fn arms(rows: &[ArmRow]) -> DataTable {
+    let columns = [
+        ("arm", "Arm"),
+        ("seeds", "n"),
+        ("mean_return", "Mean return"),
+        ("interval", "95 % interval"),
+        (".low", ""),
+        (".high", ""),
+        ("interquartile_mean", "IQM"),
+        ("interquartile_interval", "bootstrap 95 %"),
+        (".interquartile_low", ""),
+        (".interquartile_high", ""),
+        ("lower_quartile_return", "Lower quartile"),
+        ("disengagement_rate", "Disengaged, %"),
+        ("messages_per_episode", "Messages"),
+        ("optimum", "Optimum"),
+        ("share_of_optimum", "Share of it, %"),
+        (".share_low", ""),
+        (".share_high", ""),
+    ];
+    let caption = "Arms: mean over seeds of the return, of its lower quartile over test episodes, of \
+                   episodes ended by disengagement and of messages sent an episode";
+    let mut table = DataTable::new(caption, &columns);
+    table.rows = rows.iter().map(arm).collect();
+    table
+}
+
+fn arm(row: &ArmRow) -> Vec<Cell> {
+    let values = row.returns.values();
+    let interval = mean_interval(values);
+    let middle = interval_of(row.interquartile);
+    let share = |value| share(value, row.optimum);
+    vec![
+        Cell::text(arm_label(&row.name)),
+        Cell::number(values.len() as f64, 0),
+        in_unit(mean(values), "mean_return"),
+        between(interval, "mean_return"),
+        low(interval),
+        high(interval),
+        in_unit(row.interquartile.map(|middle| middle.value), "mean_return"),
+        between(middle, "mean_return"),
+        low(middle),
+        high(middle),
+        in_unit(mean(row.lower_quartiles.values()), "mean_return"),
+        in_unit(mean(row.disengagement.values()), "disengagement_rate"),
+        Cell::of(mean(row.messages.values()), 1),
+        optimum(row.optimum),
+        share(mean(values)),
+        share(interval.map(|interval| interval.low)),
+        share(interval.map(|interval| interval.high)),
+    ]
+}
+
+/// A row an agent and scenario: inter-quartile means over all of their arms.
+pub fn agents(rows: &[AgentRow]) -> DataTable {
+    let columns = [
+        ("agent", "Agent"),
+        ("scenario", "Scenario"),
+        ("arms", "Arms"),
+        ("runs", "n"),
+        ("interquartile_mean", "IQM of the return"),
+        ("interval", "bootstrap 95 %"),
+        (".low", ""),
+        (".high", ""),
+        ("share_of_optimum", "IQM of the share of the optimum, %"),
+        ("share_interval", "its bootstrap 95 %"),
+        (".share_low", ""),
+        (".share_high", ""),
+    ];
+    let caption = "Agents: inter-quartile means (IQM) over arms and seeds; intervals draw seeds anew \
+                   within arms";
+    let mut table = DataTable::new(caption, &columns);
+    for row in rows {
+        let (returns, shares) = (interval_of(row.returns), interval_of(row.shares));
+        table.rows.push(vec![
+            Cell::text(&row.agent),
+            Cell::text(&row.scenario),
+            Cell::number(row.arms as f64, 0),
+            Cell::number(row.runs as f64, 0),
+            in_unit(row.returns.map(|all| all.value), "mean_return"),
+            between(returns, "mean_return"),
+            low(returns),
+            high(returns),
+            percent(row.shares.map(|all| all.value)),
+            percent_between(shares),
+            percent(shares.map(|interval| interval.low)),
+            percent(shares.map(|interval| interval.high)),
+        ]);
+    }
+    table
+}
+
+/// The optimum, if it is known.
+pub fn optimum(optimum: Option<f64>) -> Cell {
+    optimum.map_or_else(unknown, |value| Cell::number(value, 1))
+}
+
+/// A return as a share of the optimum.
+pub fn share(value: Result<f64, Undefined>, optimum: Option<f64>) -> Cell {
+    match optimum.filter(|optimum| *optimum > 0.0) {
+        Some(optimum) => percent(value.map(|value| value / optimum)),
+        None => unknown(),
+    }
+}
+
+fn unknown() -> Cell {
+    Cell::Missing("no optimum is known for this scenario".to_owned())
+}
+
+fn percent(value: Result<f64, Undefined>) -> Cell {
+    match value {
+        Ok(value) => Cell::Number { value, shown: shown(value * 100.0, 1) },
+        Err(reason) => Cell::Missing(reason.to_string()),
+    }
+}
+
+fn percent_between(interval: Result<Interval, Undefined>) -> Cell {
+    match interval {
+        Ok(Interval { low, high }) => {
+            Cell::text(format!("{} to {}", shown(low * 100.0, 1), shown(high * 100.0, 1)))
+        }
+        Err(reason) => Cell::Missing(reason.to_string()),
+    }
+}
+
+fn interval_of(aggregate: Result<Aggregate, Undefined>) -> Result<Interval, Undefined> {
+    aggregate.and_then(|aggregate| aggregate.interval)
+}
