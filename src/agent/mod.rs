@@ -3,7 +3,7 @@
 //! In: hyper-parameters, an environment with its scenario, named random streams. Out: trained
 //! episodes, policies and weights. One file an algorithm, written against a trait for the engine
 //! that computes its network: `fused` by kernels, `burn` by Burn modules and automatic
-//! differentiation. A [`Learner`] is an algorithm on an engine; [`learner`] makes the one that a
+//! differentiation. A [`Learner`] is an algorithm on an engine; [`start`] makes the one that a
 //! job declares. It knows no job key, no store and no file.
 //!
 //! Burn's own random generator is global to the process, so nothing here may draw from it: weights
