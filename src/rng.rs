@@ -61,6 +61,11 @@ impl Stream {
         words.fill_with(|| self.bits());
     }
 
+    /// Fills `words` with what [`Stream::fill`] will give next.
+    pub fn peek(&self, words: &mut [u64]) {
+        self.clone().fill(words);
+    }
+
     /// Fills `halves` with random bits, two for each call of [`Stream::bits`], the lower one first.
     pub fn fill_halves(&mut self, halves: &mut [u32]) {
         let (pairs, last) = halves.as_chunks_mut();

@@ -152,8 +152,8 @@ pub(super) fn exponentials(isa: Isa, logits: &mut [f32]) {
     isa.run(Exponentials(logits.as_chunks_mut().0));
 }
 
-/// So few rows do not fill a register.
-const FEW: usize = 4;
+/// Numbers in the widest register.
+const REGISTER: usize = 16;
 
 /// \[rows\]
 struct Exponentials<'a>(&'a mut [[f32; Action::COUNT]]);
@@ -164,16 +164,22 @@ impl WithSimd for Exponentials<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
         self.0.iter_mut().for_each(relative);
-        if self.0.len() < FEW {
-            // Four at a time; the loop over many would take them one by one.
-            for row in self.0 {
-                let [a, b, c, d] = *row;
-                *row = [math::exp_f32(a), math::exp_f32(b), math::exp_f32(c), math::exp_f32(d)];
-            }
+        let logits = self.0.as_flattened_mut();
+        if logits.len() < REGISTER {
+            // A full register, where the loop would take what does not fill one number by number.
+            let mut register = [0.0; REGISTER];
+            register[..logits.len()].copy_from_slice(logits);
+            exponential_each(&mut register);
+            logits.copy_from_slice(&register[..logits.len()]);
         } else {
-            self.0.as_flattened_mut().iter_mut().for_each(|x| *x = math::exp_f32(*x));
+            exponential_each(logits);
         }
     }
+}
+
+#[inline(always)]
+fn exponential_each(numbers: &mut [f32]) {
+    numbers.iter_mut().for_each(|x| *x = math::exp_f32(*x));
 }
 
 /// The second half of [`sample`]; every array is \[rows\].

@@ -1,8 +1,9 @@
 //! The context process and what an inference of it shows.
 
-use crate::kernel::math;
-use crate::rng::Stream;
 use pulp::{Simd, WithSimd};
+
+use crate::kernel::{Isa, math};
+use crate::rng::Stream;
 
 /// The context of a step with its inference.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,18 +61,9 @@ pub fn probability_of_zero(context: u8, deviate: f64, sigma: f64) -> f64 {
     1.0 / (1.0 + math::exp((2.0 * feature - 1.0) * steepness))
 }
 
-/// How many signals to draw for so many lanes: a few alone are faster than a whole register.
-pub(super) fn drawn(lanes: usize) -> usize {
-    match lanes {
-        0..3 => lanes,
-        _ => lanes.next_multiple_of(8),
-    }
-}
-
 /// Draws of many signals at once, each as [`Signal::draw`] makes it.
 ///
-/// **Shapes**: every array is \[[`drawn`]\]; `words` are the words of the stream, and of no meaning
-/// behind the lanes.
+/// **Shapes**: every array is as long as `words`, the words of the stream.
 pub(super) struct Draws<'a> {
     pub(super) sigma: f64,
     pub(super) words: &'a [u64],
@@ -93,6 +85,60 @@ impl WithSimd for Draws<'_> {
             *context = drawn;
             *probability = probability_of_zero(drawn, deviate, self.sigma);
             *likely = u8::from(*probability < 0.5);
+        }
+    }
+}
+
+/// Signals of the words that come next in a stream, for those who take one at a time: a register of
+/// them is made in hardly more time than one.
+#[derive(Clone, Debug)]
+pub(super) struct Ahead {
+    sigma: f64,
+    words: [u64; AHEAD],
+    contexts: [u8; AHEAD],
+    probabilities: [f64; AHEAD],
+    likely: [u8; AHEAD],
+    /// Signals of these that have been taken.
+    taken: usize,
+}
+
+const AHEAD: usize = 16;
+
+impl Ahead {
+    /// Nothing made ahead yet.
+    pub(super) fn new(sigma: f64) -> Self {
+        Ahead {
+            sigma,
+            words: [0; AHEAD],
+            contexts: [0; AHEAD],
+            probabilities: [0.0; AHEAD],
+            likely: [0; AHEAD],
+            taken: AHEAD,
+        }
+    }
+
+    /// The next signal of the stream, as [`Signal::draw`] makes it. What was made ahead is known by
+    /// its word, so that any stream may come, from anywhere.
+    pub(super) fn take(&mut self, isa: Isa, stream: &mut Stream) -> Signal {
+        let word = stream.bits();
+        if self.words.get(self.taken) != Some(&word) {
+            self.words[0] = word;
+            stream.peek(&mut self.words[1..]);
+            isa.run(Draws {
+                sigma: self.sigma,
+                words: &self.words,
+                contexts: &mut self.contexts,
+                probabilities: &mut self.probabilities,
+                likely: &mut self.likely,
+            });
+            self.taken = 0;
+        }
+        let at = self.taken;
+        self.taken += 1;
+        Signal {
+            context: self.contexts[at],
+            probability_of_zero: self.probabilities[at],
+            likely: self.likely[at],
         }
     }
 }
@@ -137,6 +183,21 @@ mod tests {
             assert_eq!(signal.likely, signal.context);
         }
         assert_eq!(inference_error(0.0), 0.0);
+    }
+
+    #[test]
+    fn signals_made_ahead_are_those_of_the_stream_that_comes() {
+        let mut ahead = Ahead::new(0.7);
+        let mut streams = [1, 2].map(|seed| Stream::new(seed, Purpose::Environment));
+        for turn in 0..200 {
+            // Long and short turns, some words of the stream taken by others.
+            let stream = &mut streams[turn % 2];
+            for _ in 0..(turn * 7) % 40 {
+                let expected = Signal::draw(0.7, &mut stream.clone());
+                assert_eq!(ahead.take(Isa::chosen(), stream), expected);
+            }
+            (0..turn % 3).for_each(|_| _ = stream.bits());
+        }
     }
 
     #[test]

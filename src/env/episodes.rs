@@ -3,7 +3,7 @@
 use pulp::{Simd, WithSimd};
 
 use crate::env::Signal;
-use crate::env::context::{Draws, drawn};
+use crate::env::context::{Ahead, Draws};
 use crate::kernel::Isa;
 use crate::manifest::{Environment, FirstContext};
 use crate::rng::Stream;
@@ -79,6 +79,9 @@ pub struct Lane {
     pub ending: Ending,
 }
 
+/// Numbers in the widest register.
+const REGISTER: usize = 8;
+
 /// Many episodes that share a clock; lane i of every array belongs to episode i. What is drawn has
 /// room for whole registers of lanes.
 #[derive(Clone, Debug)]
@@ -93,6 +96,8 @@ pub struct Episodes {
     endings: Vec<Ending>,
     /// Words of the stream for the next signals.
     words: Vec<u64>,
+    /// Signals for the steps of a single episode.
+    ahead: Ahead,
     isa: Isa,
 }
 
@@ -106,7 +111,7 @@ impl Episodes {
 
     /// As many episodes as `lanes`, all ended, to be restarted.
     pub fn ended(environment: &Environment, lanes: usize) -> Self {
-        let padded = drawn(lanes);
+        let padded = lanes.next_multiple_of(REGISTER);
         Episodes {
             environment: environment.clone(),
             time: 0,
@@ -117,6 +122,7 @@ impl Episodes {
             disengagement: vec![0.0; lanes],
             endings: vec![Ending::Truncated; lanes],
             words: vec![0; padded],
+            ahead: Ahead::new(environment.sigma),
             isa: Isa::chosen(),
         }
     }
@@ -165,6 +171,10 @@ impl Episodes {
     /// The random half of a step: draws the context of every lane, ended ones included.
     pub fn sense(&mut self, stream: &mut Stream) {
         let lanes = self.lanes();
+        if lanes == 1 {
+            let signal = self.ahead.take(self.isa, stream);
+            return self.show(0, signal);
+        }
         stream.fill(&mut self.words[..lanes]);
         self.isa.run(Draws {
             sigma: self.environment.sigma,
