@@ -6,6 +6,7 @@
 //! The conversions from bits to numbers are written here and not taken from a library, because
 //! their results are part of what a job's key promises.
 
+use pulp::bytemuck;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -58,7 +59,8 @@ impl Stream {
 
     /// Fills `words` with random bits, as so many calls of [`Stream::bits`] would.
     pub fn fill(&mut self, words: &mut [u64]) {
-        words.fill_with(|| self.bits());
+        self.0.fill_bytes(bytemuck::cast_slice_mut(words));
+        words.iter_mut().for_each(|word| *word = u64::from_le(*word));
     }
 
     /// Fills `words` with what [`Stream::fill`] will give next.
@@ -68,13 +70,10 @@ impl Stream {
 
     /// Fills `halves` with random bits, two for each call of [`Stream::bits`], the lower one first.
     pub fn fill_halves(&mut self, halves: &mut [u32]) {
-        let (pairs, last) = halves.as_chunks_mut();
-        for [low, high] in pairs {
-            let bits = self.bits();
-            (*low, *high) = (bits as u32, (bits >> 32) as u32);
-        }
-        if let [half] = last {
-            *half = self.bits() as u32;
+        self.0.fill_bytes(bytemuck::cast_slice_mut(halves));
+        halves.iter_mut().for_each(|half| *half = u32::from_le(*half));
+        if halves.len() % 2 == 1 {
+            self.0.next_u32();
         }
     }
 

@@ -18,19 +18,21 @@ impl<const K: usize> WithSimd for Backward<'_, K> {
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
         let units = self.network.bias.len();
-        let mut unit = 0;
-        while unit < units {
-            self.column(simd, unit);
-            unit += S::F32_LANES;
+        for unit in (0..units).step_by(S::F32_LANES) {
+            if self.network.moments.is_empty() {
+                self.column::<S, false>(simd, unit);
+            } else {
+                self.column::<S, true>(simd, unit);
+            }
         }
     }
 }
 
 impl<const K: usize> Backward<'_, K> {
-    /// One register of units, over all rows.
+    /// One register of units, over all rows, which have moments or have none.
     #[inline(always)]
     #[allow(clippy::needless_range_loop)]
-    fn column<S: Simd>(&mut self, simd: S, unit: usize) {
+    fn column<S: Simd, const MOMENTS: bool>(&mut self, simd: S, unit: usize) {
         let Shallow { weight, bias, head, inputs, moments, rows } = self.network;
         let units = bias.len();
         let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
@@ -46,13 +48,12 @@ impl<const K: usize> Backward<'_, K> {
         }
         let start = load(simd, bias, unit);
         let mut by_start = load(simd, self.gradient.bias, unit);
-        let inputs = inputs.chunks_exact(K).take(rows);
-        for (row, (inputs, by_outputs)) in
-            inputs.zip(self.by_outputs.chunks_exact(OUTPUTS)).enumerate()
-        {
+        let inputs = &inputs.as_chunks::<K>().0[..rows];
+        let by_outputs = &self.by_outputs.as_chunks::<OUTPUTS>().0[..rows];
+        for (row, (inputs, by_outputs)) in inputs.iter().zip(by_outputs).enumerate() {
             let mut hidden = start;
             let mut entry = 0;
-            if !moments.is_empty() {
+            if MOMENTS {
                 entry = (K + moments[row] as usize) * units + unit;
                 hidden = simd.add_f32s(hidden, load(simd, weight, entry));
             }
@@ -60,12 +61,12 @@ impl<const K: usize> Backward<'_, K> {
                 hidden = simd.mul_add_f32s(simd.splat_f32s(inputs[k]), weights[k], hidden);
             }
             let positive = simd.greater_than_f32s(hidden, zero);
-            hidden = simd.select_f32s(positive, hidden, zero);
             let mut by_hidden = zero;
             for j in 0..OUTPUTS {
                 let by_output = simd.splat_f32s(by_outputs[j]);
                 by_hidden = simd.mul_add_f32s(by_output, heads[j], by_hidden);
-                by_heads[j] = simd.mul_add_f32s(by_output, hidden, by_heads[j]);
+                let more = simd.mul_add_f32s(by_output, hidden, by_heads[j]);
+                by_heads[j] = simd.select_f32s(positive, more, by_heads[j]);
             }
             by_hidden = simd.select_f32s(positive, by_hidden, zero);
             by_start = simd.mul_add_f32s(one, by_hidden, by_start);
@@ -73,7 +74,7 @@ impl<const K: usize> Backward<'_, K> {
                 let input = simd.splat_f32s(inputs[k]);
                 by_weights[k] = simd.mul_add_f32s(input, by_hidden, by_weights[k]);
             }
-            if !moments.is_empty() {
+            if MOMENTS {
                 let sum = simd.add_f32s(load(simd, self.gradient.weight, entry), by_hidden);
                 store::<S>(sum, self.gradient.weight, entry);
             }
