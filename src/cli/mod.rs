@@ -4,6 +4,7 @@
 //! jobs failed or a replay differs, 2 bad usage or manifest, 3 store or system error, 130 interrupted.
 
 mod check;
+mod counting;
 mod counts;
 mod doctor;
 mod error;

@@ -1,10 +1,13 @@
 //! The optima of jobs, each environment and scenario computed once, on every core.
 
 use std::collections::{HashMap, HashSet};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc;
 use std::thread;
 
+use crate::cli::counting::Counting;
 use crate::manifest::{Environment, Scenario};
-use crate::optimum::optimum;
+use crate::optimum::{optimum, shows_state};
 use crate::plan::Job;
 
 /// An environment and a scenario, as words that tell them from others.
@@ -19,24 +22,32 @@ impl Cell {
 }
 
 /// The best mean return that any policy can reach, by cell; cells whose scenario does not show
-/// habituation and disengagement risk have none.
+/// habituation and disengagement risk have none. Standard error shows how far it is.
 pub(super) fn of_jobs<'j>(jobs: impl Iterator<Item = &'j Job>) -> HashMap<Cell, f64> {
     let mut seen = HashSet::new();
     let distinct: Vec<(Cell, &Environment, &Scenario)> = jobs
+        .filter(|job| shows_state(&job.scenario).is_ok())
         .map(|job| (Cell::of(job), &job.environment, &job.scenario))
         .filter(|(cell, _, _)| seen.insert(cell.clone()))
         .collect();
     let cores = thread::available_parallelism().map_or(1, usize::from);
-    let found = |part: &[(Cell, &Environment, &Scenario)]| -> Vec<(Cell, f64)> {
-        let known = part.iter().filter_map(|(cell, environment, scenario)| {
-            Some((cell.clone(), optimum(environment, scenario).ok()?.mean_return))
-        });
-        known.collect()
-    };
+    let next = AtomicUsize::new(0);
+    let (sender, found) = mpsc::channel();
     thread::scope(|scope| {
-        let parts = distinct.chunks(distinct.len().div_ceil(cores).max(1));
-        let workers: Vec<_> = parts.map(|part| scope.spawn(move || found(part))).collect();
-        let joined = workers.into_iter().map(|worker| worker.join());
-        joined.flat_map(|part| part.expect("no computation of an optimum panics")).collect()
+        for _ in 0..cores.min(distinct.len()) {
+            let (sender, next, distinct) = (sender.clone(), &next, &distinct);
+            scope.spawn(move || {
+                while let Some((cell, environment, scenario)) =
+                    distinct.get(next.fetch_add(1, Ordering::Relaxed))
+                {
+                    let best = optimum(environment, scenario).map(|found| found.mean_return);
+                    sender.send((cell.clone(), best)).expect("the receiver outlives the threads");
+                }
+            });
+        }
+        drop(sender);
+        let mut shown = Counting::new(distinct.len(), "environments: their optimum");
+        let counted = found.iter().inspect(|_| shown.one_more());
+        counted.filter_map(|(cell, best)| Some((cell, best.ok()?))).collect()
     })
 }

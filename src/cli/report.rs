@@ -5,7 +5,8 @@ use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use crate::analyse::declared::{carry_out, reproduce, summarise_arms};
+use crate::analyse::declared::{carry_out, reproduce, setting, summarise_arms};
+use crate::cli::counting::Counting;
 use crate::cli::{Error, Exit, StoreArgument, check, optima};
 use crate::manifest::{Analysis, AnalysisKind, Condition, Manifest, Published};
 use crate::plan::{self, JobKey, PlannedJob, Scalar};
@@ -94,7 +95,9 @@ fn records(reader: &Reader, manifest: &Manifest) -> Result<Vec<JobRecord>, Error
     let states = reader.job_states(&keys)?;
     let completed = planned.iter().zip(&states).filter(|(_, state)| **state == JobState::Completed);
     let optima = optima::of_jobs(completed.map(|(planned, _)| &planned.job));
+    let mut shown = Counting::new(planned.len(), "jobs read");
     let jobs = planned.iter().zip(keys).zip(states).map(|((planned, key), state)| {
+        shown.one_more();
         let progress = match state {
             JobState::Pending => Progress::Pending,
             JobState::Interrupted => Progress::Interrupted,
@@ -138,40 +141,61 @@ fn settings(planned: &PlannedJob) -> Vec<(String, Setting)> {
 
 /// The query that reads the data of an analysis.
 fn query(manifest: &Manifest, analysis: &Analysis, jobs: &[JobRecord]) -> String {
-    let listed = |found: &mut dyn Iterator<Item = String>| -> Vec<String> {
-        let mut seen = BTreeSet::new();
-        found.filter(|word| seen.insert(word.clone())).collect()
+    let mut provided = Provided {
+        experiment: manifest.name.clone(),
+        agents: distinct(jobs.iter().map(|job| job.agent.clone())),
+        scenarios: distinct(jobs.iter().map(|job| job.scenario.clone())),
+        parameters: differing(jobs),
+        part: part(analysis),
     };
-    let all_agents = || listed(&mut jobs.iter().map(|job| job.agent.clone()));
-    let all_scenarios = || listed(&mut jobs.iter().map(|job| job.scenario.clone()));
-    let (mut agents, mut scenarios) = (all_agents(), all_scenarios());
-    let mut parameters: Vec<(String, Vec<String>)> = Vec::new();
+    analysis.conditions.iter().for_each(|condition| narrow(&mut provided, condition));
+    provided.sql()
+}
+
+/// Parameters that differ among jobs, with their values.
+fn differing(jobs: &[JobRecord]) -> Vec<(String, Vec<Setting>)> {
     let names: BTreeSet<&String> =
         jobs.iter().flat_map(|job| job.settings.iter().map(|(name, _)| name)).collect();
-    for name in names {
-        let values = listed(&mut jobs.iter().filter_map(|job| job.setting(name).map(literal)));
-        if values.len() > 1 {
-            parameters.push((name.clone(), values));
+    let valued = names.into_iter().map(|name| {
+        let values = distinct(jobs.iter().filter_map(|job| job.setting(name).cloned()));
+        (name.clone(), values)
+    });
+    valued.filter(|(_, values)| values.len() > 1).collect()
+}
+
+/// What comes up, each thing once, in the order in which it first does.
+fn distinct<T: PartialEq>(found: impl Iterator<Item = T>) -> Vec<T> {
+    let mut seen = Vec::new();
+    for thing in found {
+        if !seen.contains(&thing) {
+            seen.push(thing);
         }
     }
-    for condition in &analysis.conditions {
-        match condition {
-            Condition::Scenario(list) => {
-                scenarios = list.iter().map(ToString::to_string).collect();
-            }
-            Condition::AgentName(list) => agents.clone_from(list),
-            Condition::Seed(_) => {}
-            Condition::Key { parameter, values } => {
-                let name = parameter.to_string();
-                let wanted = values.iter().map(|value| literal(&setting_of(value))).collect();
-                match parameters.iter_mut().find(|(known, _)| *known == name) {
-                    Some((_, values)) => *values = wanted,
-                    None => parameters.push((name, wanted)),
-                }
+    seen
+}
+
+/// Leaves only the rows that a condition is for. All seeds of an analysis are read.
+fn narrow(provided: &mut Provided, condition: &Condition) {
+    match condition {
+        Condition::Scenario(list) => {
+            provided.scenarios = list.iter().map(ToString::to_string).collect();
+        }
+        Condition::AgentName(list) => provided.agents.clone_from(list),
+        Condition::Seed(_) => {}
+        Condition::Key { parameter, values } => {
+            let name = parameter.to_string();
+            let wanted = values.iter().map(setting).collect();
+            match provided.parameters.iter_mut().find(|(known, _)| *known == name) {
+                Some((_, values)) => *values = wanted,
+                None => provided.parameters.push((name, wanted)),
             }
         }
     }
-    let part = match &analysis.kind {
+}
+
+/// The part of the results that an analysis is about.
+fn part(analysis: &Analysis) -> ProvidedPart {
+    match &analysis.kind {
         AnalysisKind::LearningCurve { .. } => ProvidedPart::LearningCurve,
         AnalysisKind::ActionChoice { .. } | AnalysisKind::InferenceError => {
             ProvidedPart::ActionChoice
@@ -183,21 +207,7 @@ fn query(manifest: &Manifest, analysis: &Analysis, jobs: &[JobRecord]) -> String
             "lower_quartile_return" => ProvidedPart::Returns,
             metric => ProvidedPart::Metric(metric.to_owned()),
         },
-    };
-    Provided { experiment: manifest.name.clone(), agents, scenarios, parameters, part }.sql()
-}
-
-/// A value as SQL compares it.
-fn literal(setting: &Setting) -> String {
-    match setting {
-        Setting::Number(number) => number.to_string(),
-        Setting::Text(text) => format!("'{}'", text.replace('\'', "''")),
     }
-}
-
-/// A manifest's value as a job's settings hold it.
-fn setting_of(value: &crate::manifest::Value) -> Setting {
-    crate::analyse::declared::setting(value)
 }
 
 /// Writes a file of the report, under another name until it is whole.

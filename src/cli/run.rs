@@ -61,9 +61,10 @@ pub(super) struct Arguments {
     /// with wall_seconds, kind and message; interrupted, with wall_seconds; lost, when another
     /// process has taken the job over. Of a job that needs no run: skipped, with found (completed
     /// or failed). Of a checkpoint of a started job: resumed, with the episode that the job goes on
-    /// from; checkpoint_refused and checkpoint_not_kept, with file and reason. Last: done, stopped (by a signal) or halted (by --fail-fast), with the numbers
-    /// of jobs that ran, and that are completed, failed and left in all. A worker's job is told to
-    /// have ended once it is stored, and before the worker's next is told to have started.
+    /// from; checkpoint_refused and checkpoint_not_kept, with file and reason. Last: done, stopped
+    /// (by a signal) or halted (by --fail-fast), with the numbers of jobs that ran, and that are
+    /// completed, failed and left in all. A worker's job is told to have ended once it is stored,
+    /// and before the worker's next is told to have started.
     #[arg(long, value_enum, default_value = "text")]
     format: Format,
     #[command(flatten)]
@@ -356,6 +357,9 @@ fn tell_next(
     writeln!(out, "  jitai status{store}")?;
     writeln!(out, "  jitai query{store} {}", shell_word(&example_query(manifests)))?;
     writeln!(out, "  jitai export{store} --out results")?;
+    let named = arguments.manifests.iter().map(|path| shell_word(&path.to_string_lossy()));
+    let named: Vec<String> = named.collect();
+    writeln!(out, "  jitai report{store} {} --out report", named.join(" "))?;
     if let Some(key) = example {
         let key = &key.to_string()[..8];
         writeln!(out, "  jitai simulate{store} --policy run:{key}")?;

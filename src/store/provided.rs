@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use crate::record::Setting;
+
 /// What a reader wants the rows of: jobs of one experiment, and a part of their results.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Provided {
@@ -11,9 +13,8 @@ pub struct Provided {
     pub agents: Vec<String>,
     /// Scenarios.
     pub scenarios: Vec<String>,
-    /// Parameters that tell the jobs apart: dotted names, and the values wanted as SQL compares
-    /// them.
-    pub parameters: Vec<(String, Vec<String>)>,
+    /// Parameters that tell the jobs apart: dotted names, and the values wanted.
+    pub parameters: Vec<(String, Vec<Setting>)>,
     /// The part of the results.
     pub part: ProvidedPart,
 }
@@ -49,6 +50,7 @@ impl Provided {
             );
             let heading = name.replace('"', "\"\"");
             let _ = write!(columns, ",\n  {value} AS \"{heading}\"");
+            let values: Vec<String> = values.iter().map(literal).collect();
             let _ = write!(conditions, "\n  AND {value} IN ({})", values.join(", "));
         }
         let (part, join) = match &self.part {
@@ -89,6 +91,14 @@ pub fn text(text: &str) -> String {
     format!("'{}'", text.replace('\'', "''"))
 }
 
+/// A value as SQL compares it.
+fn literal(setting: &Setting) -> String {
+    match setting {
+        Setting::Number(number) => number.to_string(),
+        Setting::Text(word) => text(word),
+    }
+}
+
 fn list(words: &[String]) -> String {
     words.iter().map(|word| text(word)).collect::<Vec<_>>().join(", ")
 }
@@ -103,11 +113,16 @@ mod tests {
             experiment: "x' OR 1=1 --".to_owned(),
             agents: vec!["dqn".to_owned()],
             scenarios: vec!["P-H-D".to_owned()],
-            parameters: vec![("environment.sigma".to_owned(), vec!["0.6".to_owned()])],
+            parameters: vec![
+                ("environment.sigma".to_owned(), vec![Setting::Number(0.6)]),
+                ("agent.algorithm".to_owned(), vec![Setting::Text("it's".to_owned())]),
+            ],
             part: ProvidedPart::Metric("mean_return".to_owned()),
         };
         let sql = provided.sql();
         assert!(sql.contains("run.experiment = 'x'' OR 1=1 --' AND"), "{sql}");
-        assert!(sql.ends_with("ORDER BY 1, 2, 3, 4\n"), "{sql}");
+        assert!(sql.contains("'environment.sigma') IN (0.6)"), "{sql}");
+        assert!(sql.contains("'agent.algorithm') IN ('it''s')"), "{sql}");
+        assert!(sql.ends_with("ORDER BY 1, 2, 3, 4, 5\n"), "{sql}");
     }
 }

@@ -1,8 +1,8 @@
 //! Axes: from numbers to places, with round numbers to read them by.
 
-use super::{FAINT, GRID, INK, TEXT, text};
+use super::{FAINT, GRID, INK, TEXT, rising_title, text};
 use crate::report::data_table::shown;
-use crate::report::scene::{Anchor, Direction, Mark, Shape, Stroke, Weight};
+use crate::report::scene::{Anchor, Mark, Shape, Stroke, Weight};
 
 /// An axis of a chart.
 #[derive(Clone, Debug, PartialEq)]
@@ -141,15 +141,7 @@ impl Frame {
         marks.push(Shape::Line { points, stroke: Stroke::solid(FAINT, 0.8) }.into());
         let at = (self.left + self.width / 2.0, bottom + 6.5 + 2.0 * TEXT);
         marks.push(text(at, x.title.clone(), plain, INK, Anchor::Middle).into());
-        let title = Shape::Text {
-            at: (11.0, self.top + self.height / 2.0),
-            text: y.title.clone(),
-            size: TEXT,
-            weight: Weight::Regular,
-            color: INK,
-            anchor: Anchor::Middle,
-            direction: Direction::Up,
-        };
+        let title = rising_title((11.0, self.top + self.height / 2.0), y.title.clone());
         marks.push(title.into());
         marks
     }

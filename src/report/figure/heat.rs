@@ -1,11 +1,9 @@
 //! A map over two parameters: numbers on colours.
 
-use super::{FAINT, INK, NOTE, TEXT, WIDTH, seeds, text};
+use super::{FAINT, INK, NOTE, TEXT, WIDTH, rising_title, seeds, text};
 use crate::analyse::declared::{HeatCell, HeatFigure, Scale};
 use crate::report::data_table::shown;
-use crate::report::scene::{
-    Anchor, Color, Direction, Fill, Mark, Scene, Shape, Stroke, Weight, rectangle,
-};
+use crate::report::scene::{Anchor, Color, Fill, Mark, Scene, Shape, Stroke, Weight, rectangle};
 
 const LEFT: f64 = 46.0;
 const TOP: f64 = 26.0;
@@ -128,15 +126,7 @@ fn frame(figure: &HeatFigure, cell_width: f64, height: f64) -> Vec<Mark> {
     }
     let at = (LEFT + cell_width * columns.len() as f64 / 2.0, bottom + 27.0);
     marks.push(text(at, symbol(&figure.x.0), plain, INK, Anchor::Middle).into());
-    let title = Shape::Text {
-        at: (12.0, (TOP + bottom) / 2.0),
-        text: symbol(&figure.y.0),
-        size: TEXT,
-        weight: Weight::Regular,
-        color: INK,
-        anchor: Anchor::Middle,
-        direction: Direction::Up,
-    };
+    let title = rising_title((12.0, (TOP + bottom) / 2.0), symbol(&figure.y.0));
     marks.push(title.into());
     let note = format!(
         "Mean{} ± half of its 95 % interval, {}.",

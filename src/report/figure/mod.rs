@@ -50,6 +50,12 @@ pub(super) fn text(
     Shape::Text { at, text: words.into(), size, weight, color, anchor, direction }
 }
 
+/// The title of a vertical axis, upwards, with its middle at a point.
+pub(super) fn rising_title(at: Point, words: String) -> Shape {
+    let (size, weight, color, anchor) = (TEXT, Weight::Regular, INK, Anchor::Middle);
+    Shape::Text { at, text: words, size, weight, color, anchor, direction: Direction::Up }
+}
+
 /// How many seeds, in words: `n = 3 seeds`, or `n = 2–3 seeds` where they differ.
 pub(super) fn seeds(counts: impl Iterator<Item = usize>) -> String {
     let counts: Vec<usize> = counts.collect();

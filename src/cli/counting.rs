@@ -1,0 +1,57 @@
+//! How far a long command is, on standard error: a bar on a terminal, a line now and then elsewhere,
+//! and nothing about what is done at once.
+
+use std::io::{self, IsTerminal};
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+/// What is done within this time is not worth a word.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// Time between two lines where there is no terminal.
+const BETWEEN_LINES: Duration = Duration::from_secs(10);
+
+/// Counts things that are done one after the other.
+pub(super) struct Counting {
+    bar: ProgressBar,
+    terminal: bool,
+    what: &'static str,
+    of: usize,
+    done: usize,
+    /// When to say how far it is.
+    due: Instant,
+}
+
+impl Counting {
+    /// Of so many things, none is done yet; `what` names them behind their number.
+    pub(super) fn new(of: usize, what: &'static str) -> Self {
+        let style = ProgressStyle::with_template("{elapsed_precise} {bar:16} {pos}/{len} {msg}")
+            .expect("the template is written here")
+            .progress_chars("=> ");
+        let bar = ProgressBar::hidden().with_style(style).with_message(what);
+        bar.set_length(of as u64);
+        let terminal = io::stderr().is_terminal();
+        Counting { bar, terminal, what, of, done: 0, due: Instant::now() + PATIENCE }
+    }
+
+    /// One more is done.
+    pub(super) fn one_more(&mut self) {
+        self.done += 1;
+        self.bar.inc(1);
+        if Instant::now() < self.due {
+            return;
+        }
+        self.due = Instant::now() + BETWEEN_LINES;
+        if !self.terminal {
+            eprintln!("{} of {} {}", self.done, self.of, self.what);
+        } else if self.bar.is_hidden() {
+            self.bar.set_draw_target(indicatif::ProgressDrawTarget::stderr_with_hz(10));
+        }
+    }
+}
+
+impl Drop for Counting {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}
