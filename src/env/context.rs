@@ -28,23 +28,33 @@ impl Signal {
     /// Draws c ~ Bernoulli(0.5) and x ~ N(c, sigma^2); infers P(C = 0 | x). Takes one word of the
     /// stream.
     pub fn draw(sigma: f64, stream: &mut Stream) -> Self {
-        let (context, deviate) = context_and_deviate(stream.bits());
-        Signal::new(context, probability_of_zero(context, deviate, sigma))
+        let bits = stream.bits();
+        let deviate = deviate(squared_radius(bits), bits);
+        Signal::new(context(bits), probability_of_zero(context(bits), deviate, sigma))
     }
 }
 
-/// The context and the standard normal deviate that 64 random bits make.
-///
-/// Bit 0 is the context. Bits 1 to 31 and 32 to 63 are uniform numbers, of which the method of Box
-/// and Muller (1958) makes a deviate of at most 6.7 in size.
+/// The context that 64 random bits make: bit 0.
 #[inline(always)]
-fn context_and_deviate(bits: u64) -> (u8, f64) {
-    let context = (bits & 1) as u8;
+fn context(bits: u64) -> u8 {
+    (bits & 1) as u8
+}
+
+/// Minus twice the logarithm of the uniform number that bits 1 to 31 make; see [`deviate`].
+#[inline(always)]
+fn squared_radius(bits: u64) -> f64 {
     // Halfway between multiples of 2^-31: never 0, which the logarithm could not take.
     let uniform = (f64::from((bits >> 1) as i32 & i32::MAX) + 0.5) * (1.0 / 2_147_483_648.0);
+    -2.0 * math::ln(uniform)
+}
+
+/// The standard normal deviate, at most 6.7 in size, that 64 random bits make by the method of Box
+/// and Muller (1958): the angle comes from bits 32 to 63.
+#[inline(always)]
+fn deviate(squared_radius: f64, bits: u64) -> f64 {
     // In [-1/2, 1/2).
     let turns = f64::from((bits >> 32) as i32) * (1.0 / 4_294_967_296.0);
-    (context, math::root(-2.0 * math::ln(uniform)) * math::cos_turns(turns))
+    math::root(squared_radius) * math::cos_turns(turns)
 }
 
 /// P(C = 0 | x) for the feature x = context + sigma * deviate.
@@ -77,17 +87,31 @@ impl WithSimd for Draws<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let shown = self.contexts.iter_mut().zip(self.likely);
-        for ((word, probability), (context, likely)) in
-            self.words.iter().zip(self.probabilities).zip(shown)
-        {
-            let (drawn, deviate) = context_and_deviate(*word);
-            *context = drawn;
-            *probability = probability_of_zero(drawn, deviate, self.sigma);
-            *likely = u8::from(*probability < 0.5);
+        // Three short loops: a long chain of operations leaves no room to begin the next one.
+        let mut room = [0.0; BLOCK];
+        let shown = self.contexts.chunks_mut(BLOCK).zip(self.likely.chunks_mut(BLOCK));
+        let drawn = self.words.chunks(BLOCK).zip(self.probabilities.chunks_mut(BLOCK));
+        for ((words, probabilities), (contexts, likely)) in drawn.zip(shown) {
+            for (number, word) in room.iter_mut().zip(words) {
+                *number = squared_radius(*word);
+            }
+            for (number, word) in room.iter_mut().zip(words) {
+                *number = deviate(*number, *word);
+            }
+            let shown = contexts.iter_mut().zip(likely);
+            for (((word, deviate), probability), (shown, likely)) in
+                words.iter().zip(&room).zip(probabilities).zip(shown)
+            {
+                *shown = context(*word);
+                *probability = probability_of_zero(*shown, *deviate, self.sigma);
+                *likely = u8::from(*probability < 0.5);
+            }
         }
     }
 }
+
+/// Signals between two of the loops of [`Draws`].
+const BLOCK: usize = 64;
 
 /// Signals of the words that come next in a stream, for those who take one at a time: a register of
 /// them is made in hardly more time than one.
