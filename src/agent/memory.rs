@@ -6,17 +6,17 @@
 
 /// Memory that a training needs and that is not there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("there is no memory for {what}: {bytes} bytes more are needed")]
+#[error("there is no memory for {what}: it needs at least {bytes} bytes")]
 pub struct OutOfMemory {
     /// What it is for.
     pub what: &'static str,
-    /// Bytes asked for.
+    /// Bytes that this would take, with what it has.
     pub bytes: usize,
 }
 
-/// Room for so many more values, and for as many as there are if it has to grow.
+/// Room for so many more values, and for twice as many as there are if it has to grow.
 pub fn reserve<T>(values: &mut Vec<T>, more: usize, what: &'static str) -> Result<(), OutOfMemory> {
-    values.try_reserve(more).map_err(|_| out_of::<T>(more, what))
+    values.try_reserve(more).map_err(|_| out_of(values, more, what))
 }
 
 /// Room for so many more values.
@@ -25,7 +25,7 @@ pub fn reserve_exact<T>(
     more: usize,
     what: &'static str,
 ) -> Result<(), OutOfMemory> {
-    values.try_reserve_exact(more).map_err(|_| out_of::<T>(more, what))
+    values.try_reserve_exact(more).map_err(|_| out_of(values, more, what))
 }
 
 /// Fails unless so many bytes could be had now. They are given back: it is for whoever asks for
@@ -34,8 +34,8 @@ pub(super) fn expect(bytes: usize, what: &'static str) -> Result<(), OutOfMemory
     reserve_exact(&mut Vec::<u8>::new(), bytes, what)
 }
 
-fn out_of<T>(count: usize, what: &'static str) -> OutOfMemory {
-    OutOfMemory { what, bytes: count.saturating_mul(size_of::<T>()) }
+fn out_of<T>(values: &[T], more: usize, what: &'static str) -> OutOfMemory {
+    OutOfMemory { what, bytes: values.len().saturating_add(more).saturating_mul(size_of::<T>()) }
 }
 
 #[cfg(test)]
@@ -46,7 +46,7 @@ mod tests {
     fn more_than_any_machine_has_is_refused_and_said() {
         let mut values = vec![1_u32];
         let refused = reserve(&mut values, usize::MAX / 8, "points").unwrap_err();
-        assert_eq!(refused, OutOfMemory { what: "points", bytes: usize::MAX / 8 * 4 });
+        assert_eq!(refused, OutOfMemory { what: "points", bytes: (usize::MAX / 8 + 1) * 4 });
         assert_eq!(values, [1]);
         assert!(expect(usize::MAX / 4, "a network").is_err());
         assert_eq!(expect(1 << 20, "a network"), Ok(()));

@@ -38,7 +38,8 @@ const TRAJECTORIES: &str = "the trajectories of an update";
 impl Trajectories {
     /// Makes room for so many more rows.
     fn reserve(&mut self, rows: usize) -> Result<(), OutOfMemory> {
-        let bytes = rows * self.observations.width() * size_of::<f32>();
+        let bytes =
+            (self.observations.rows() + rows) * self.observations.width() * size_of::<f32>();
         let refused = OutOfMemory { what: TRAJECTORIES, bytes };
         self.observations.try_reserve(rows).map_err(|_| refused)?;
         reserve(&mut self.actions, rows, TRAJECTORIES)?;

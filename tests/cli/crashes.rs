@@ -2,7 +2,6 @@
 //! complete, and a process that is killed condemns nobody.
 
 use std::fs;
-use std::process::Stdio;
 
 use crate::support::{Effort, Folder, Running, manifest, until};
 
@@ -59,46 +58,4 @@ fn suspects_that_did_nothing_wrong_complete() {
     folder.jitai(["run", "sweep.toml", "--workers", "2"]).succeeded();
     assert_eq!(folder.number("SELECT count(*) FROM run WHERE status = 'completed'"), 4);
     assert_eq!(folder.number("SELECT count(*) FROM run WHERE suspects = 2"), 2);
-}
-
-#[test]
-fn a_job_that_needs_more_memory_than_there_is_has_failed_in_the_end() {
-    let folder = Folder::with(
-        "format = 1
-name = \"sweep\"
-scenarios = [\"P-H-D\"]
-seeds = 1
-environment.sigma = 0.6
-evaluation.test_episodes = 20
-[[agent]]
-name = \"huge\"
-algorithm = \"dueling_dqn\"
-episodes = 10
-layers = [4096, 4096]
-[[agent]]
-name = \"small\"
-algorithm = \"reinforce\"
-episodes = 10
-layers = [8]
-",
-    );
-    let run = || {
-        let program = env!("CARGO_BIN_EXE_jitai");
-        let script = format!("ulimit -v 250000; exec {program} run sweep.toml --workers 1");
-        folder.command_of("sh", ["-c", &script]).stdout(Stdio::null()).output().unwrap()
-    };
-    for attempt in 1..=3 {
-        let ended = run();
-        let said = String::from_utf8_lossy(&ended.stderr).into_owned();
-        assert_eq!(ended.status.code(), None, "attempt {attempt}: {said}");
-        assert!(said.contains("memory allocation of"), "{said}");
-    }
-    assert_eq!(run().status.code(), Some(1));
-    let failed =
-        "SELECT count(*) FROM run_summary WHERE agent = 'huge' AND failure_kind = 'crashed'";
-    assert_eq!(folder.number(failed), 1);
-    let completed =
-        "SELECT count(*) FROM run_summary WHERE agent = 'small' AND status = 'completed'";
-    assert_eq!(folder.number(completed), 1);
-    folder.jitai(["doctor"]).succeeded();
 }
