@@ -59,3 +59,26 @@ fn suspects_that_did_nothing_wrong_complete() {
     assert_eq!(folder.number("SELECT count(*) FROM run WHERE status = 'completed'"), 4);
     assert_eq!(folder.number("SELECT count(*) FROM run WHERE suspects = 2"), 2);
 }
+
+#[test]
+fn the_mark_of_a_process_that_was_killed_while_idle_goes_with_the_next_run() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Endless));
+    let busy = folder.start(["run", "sweep.toml", "--workers", "2"]);
+    until("both jobs run", || folder.count_if_there(RUNNING) == Some(2));
+    let idle = folder.start(["run", "sweep.toml", "--workers", "2"]);
+    until("the other one waits", || marks(&folder) == 2);
+    idle.kill();
+    folder.write("jitai.sqlite-session-77", "!");
+    folder.write("jitai.sqlite-session-", "of somebody else");
+
+    let third = folder.start(["run", "sweep.toml", "--workers", "2"]);
+    until("it begins", || folder.path("jitai.sqlite-session-3").exists());
+    let left = ["", "1", "3"].map(|session| format!("jitai.sqlite-session-{session}"));
+    assert!(left.iter().all(|name| folder.path(name).exists()));
+    assert_eq!(marks(&folder), left.len());
+    for run in [third, busy] {
+        run.signal("INT");
+        run.wait().ended(130);
+    }
+    assert_eq!(marks(&folder), 1);
+}
