@@ -3,7 +3,7 @@
 CARGO ?= cargo
 JITAI := $(CARGO) run --release --quiet --
 
-.PHONY: help run paper bench test test-slow test-flex test-kill test-bad-input fuzz deny miri
+.PHONY: help run paper bench bench-readers test test-slow test-flex test-kill test-bad-input fuzz deny miri
 .PHONY: test-browser browser doc clean
 
 help: ## these targets
@@ -24,6 +24,10 @@ paper: ## the three manifests of the paper, about 350 jobs, into paper.sqlite an
 bench: ## time kernels, simulation, store and whole jobs (minutes; BENCH=name for some)
 	$(CARGO) bench --quiet -- $(BENCH)
 
+bench-readers: ## what eight readers that ask every second cost a sweep (minutes; PAIRS=n, PAUSE=seconds)
+	$(CARGO) build --release
+	JITAI=$(or $(CARGO_TARGET_DIR),target)/release/jitai benches/readers.sh
+
 # Tests are built as `make run` builds, so that Burn is compiled once and trains at full speed.
 test: ## format, lints as errors, unit and integration tests
 	$(CARGO) fmt --check
@@ -43,15 +47,17 @@ test-flex: ## the tests of the networks on the other tensor backend
 test-bad-input: ## mutations of bad input, a minute for each of six readers
 	JITAI_BAD_INPUT_SECONDS=60 $(CARGO) test --release --test bad_input -- --nocapture --test-threads 1
 
-fuzz: ## coverage-guided fuzzing: FUZZ=query FUZZ_SECONDS=7200; needs nightly Rust and cargo-fuzz
+# Without instrumented comparisons an execution takes a quarter of the time; FUZZ_FLAGS= has them.
+fuzz: ## coverage-guided fuzzing: FUZZ=query FUZZ_RUNS=10000000; needs nightly Rust and cargo-fuzz
 	@$(CARGO) fuzz --version >/dev/null 2>&1 || { \
 	  echo "cargo-fuzz is missing: cargo install cargo-fuzz, and rustup toolchain install nightly" >&2; exit 1; }
 	mkdir -p fuzz/corpus/$(FUZZ)
-	$(CARGO) +nightly fuzz run --sanitizer none $(FUZZ) fuzz/corpus/$(FUZZ) fuzz/seeds/$(FUZZ) -- \
-	  -dict=fuzz/dictionaries/$(FUZZ).dict -max_total_time=$(FUZZ_SECONDS) -timeout=5 -rss_limit_mb=1024
+	$(CARGO) +nightly fuzz run --sanitizer none $(FUZZ_FLAGS) $(FUZZ) fuzz/corpus/$(FUZZ) fuzz/seeds/$(FUZZ) -- \
+	  -dict=fuzz/dictionaries/$(FUZZ).dict -runs=$(FUZZ_RUNS) -timeout=5 -rss_limit_mb=1024 -print_final_stats=1
 
 FUZZ ?= manifest
-FUZZ_SECONDS ?= 7200
+FUZZ_FLAGS ?= --no-trace-compares
+FUZZ_RUNS ?= 10000000
 
 deny: ## advisories, licences, sources and bans of the dependencies, as deny.toml has them
 	@$(CARGO) deny --version >/dev/null 2>&1 || { \

@@ -91,6 +91,7 @@ CREATE TABLE failure_kind (
 INSERT INTO failure_kind (name, meaning) VALUES
     ('crashed', 'the process that trained it crashed, again and again'),
     ('diverged', 'a loss or weight became infinite or not a number'),
+    ('out_of_memory', 'there was no memory for what it needed'),
     ('over_time', 'it took longer than its declared time limit'),
     ('panicked', 'the training code panicked');
 

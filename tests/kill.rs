@@ -325,6 +325,10 @@ impl Sweep<'_> {
         if self.folder.path("jitai.sqlite.checkpoints").exists() {
             return Err("checkpoints have stayed".to_owned());
         }
+        let mut names = fs::read_dir(self.folder.path("")).unwrap().map(|e| e.unwrap().file_name());
+        if let Some(mark) = names.find(|name| name.to_str().unwrap().contains("-session-")) {
+            return Err(format!("{} has stayed", mark.display()));
+        }
         let doctor = self.folder.command_of(self.harness.program.to_str().unwrap(), ["doctor"]);
         let doctor = { doctor }.output().unwrap();
         match doctor.status.code() {

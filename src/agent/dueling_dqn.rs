@@ -7,8 +7,8 @@ use std::{io, mem};
 
 use crate::agent::policy::{ActionNetwork, EpsilonGreedy, Policy, best, explore};
 use crate::agent::{
-    Actions, Diverged, Learner, Replay, Resumable, Span, StateError, StateReader, StateWriter,
-    TrainedEpisode, Transition, Weights,
+    Actions, Diverged, Learner, LearnerError, OutOfMemory, Replay, Resumable, Span, StateError,
+    StateReader, StateWriter, TrainedEpisode, Transition, Weights,
 };
 use crate::env::{Action, Ending, Episodes, Observations, Observer};
 use crate::manifest::{DuelingDqn, Environment, Scenario, TerminalTarget};
@@ -182,7 +182,7 @@ impl<E: DuelingDqnEngine> DuelingDqnLearner<E> {
     }
 
     /// Takes one step in the running episode and remembers it; returns the reward.
-    fn act(&mut self) -> f64 {
+    fn act(&mut self) -> Result<f64, OutOfMemory> {
         let action = explore(self.epsilon, &mut self.exploration_stream).unwrap_or_else(|| {
             self.engine.values(&self.observation, &mut self.room.values);
             best(&self.room.values)
@@ -192,9 +192,9 @@ impl<E: DuelingDqnEngine> DuelingDqnLearner<E> {
         let ending = self.episodes.endings()[0];
         let transition = Transition { action, reward: reward[0] as f32, ending };
         self.observer.observe(&self.episodes, &mut self.next_observation);
-        self.replay.push(&self.observation, transition, &self.next_observation);
+        self.replay.push(&self.observation, transition, &self.next_observation)?;
         mem::swap(&mut self.observation, &mut self.next_observation);
-        reward[0]
+        Ok(reward[0])
     }
 }
 
@@ -203,7 +203,7 @@ impl<E: DuelingDqnEngine> Learner for DuelingDqnLearner<E> {
         &mut self,
         finished: &mut Vec<TrainedEpisode>,
         pause: &dyn Fn() -> bool,
-    ) -> Result<Span, Diverged> {
+    ) -> Result<Span, LearnerError> {
         if !self.episodes.any_running() {
             self.episodes.restart(&mut self.environment_stream);
             self.observer.observe(&self.episodes, &mut self.observation);
@@ -213,7 +213,7 @@ impl<E: DuelingDqnEngine> Learner for DuelingDqnLearner<E> {
             if pause() {
                 return Ok(Span::BrokenOff);
             }
-            self.episode.total_reward += self.act();
+            self.episode.total_reward += self.act()?;
             self.episode.length += 1;
             if self.replay.len() >= self.parameters.batch as usize {
                 self.episode.loss_sum += f64::from(self.update()?);
@@ -405,7 +405,7 @@ mod tests {
                 let reward = learner.act();
                 let position = (steps % parameters.buffer) as usize;
                 let transition = learner.replay.transition(position);
-                assert_eq!(transition.reward, reward as f32);
+                assert_eq!(transition.reward, reward.unwrap() as f32);
                 learner.engine.steps.push((
                     before,
                     transition.action,

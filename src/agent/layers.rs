@@ -68,6 +68,12 @@ pub(super) fn policy(parameters: &Reinforce, inputs: usize) -> Stack {
     Stack::new("trunk", inputs, &parameters.layers, &[("logits", Action::COUNT)])
 }
 
+/// Numbers that the layers of stacks have, weights and biases.
+pub(super) fn weights(stacks: &[Stack]) -> usize {
+    let layers = stacks.iter().flat_map(|stack| stack.hidden.iter().chain(&stack.heads));
+    layers.map(|layer| (layer.inputs + 1) * layer.outputs).sum()
+}
+
 /// Draws the weights of stacks as PyTorch's `Linear` does: weight and bias uniform in
 /// ±1/sqrt(inputs), layer by layer, the hidden layers of every stack before the heads, the weight
 /// of a layer before its bias.

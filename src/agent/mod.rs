@@ -15,6 +15,7 @@ mod dueling_dqn;
 mod engine_tests;
 mod fused;
 mod layers;
+mod memory;
 mod policy;
 #[cfg(test)]
 mod reference_tests;
@@ -34,6 +35,7 @@ use burn::device::inference;
 pub use burn::{BurnDuelingDqn, BurnReinforce, DuelingQNetwork, PolicyNetwork};
 pub use dueling_dqn::{Batch, DuelingDqnEngine, DuelingDqnLearner};
 pub use fused::{FusedDuelingDqn, FusedDuelingNetwork, FusedPolicyNetwork, FusedReinforce};
+pub use memory::{OutOfMemory, reserve, reserve_exact};
 pub use policy::{ActionNetwork, EpsilonGreedy, Policy, SoftmaxPolicy};
 pub use reinforce::{ReinforceEngine, ReinforceLearner, Trajectories};
 pub use replay::{Replay, Transition};
@@ -68,6 +70,17 @@ pub struct Diverged {
     pub loss: f32,
 }
 
+/// Why a training cannot go on.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum LearnerError {
+    /// Its loss is of no use.
+    #[error(transparent)]
+    Diverged(#[from] Diverged),
+    /// There is no memory for what it has to remember.
+    #[error(transparent)]
+    OutOfMemory(#[from] OutOfMemory),
+}
+
 /// How a span of training ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Span {
@@ -83,12 +96,12 @@ pub trait Learner: Resumable {
     /// and appends the episodes that ended. `pause` is asked at every step; once it says yes the
     /// span is broken off, and the next call goes on with it, to the same bits.
     ///
-    /// **Errors**: the loss is not finite; the learner is then of no further use.
+    /// **Errors**: the loss is not finite, or memory is short; the learner is then of no further use.
     fn advance(
         &mut self,
         finished: &mut Vec<TrainedEpisode>,
         pause: &dyn Fn() -> bool,
-    ) -> Result<Span, Diverged>;
+    ) -> Result<Span, LearnerError>;
 
     /// The policy as it would act now in training, or greedily.
     fn policy(&self, actions: Actions) -> Box<dyn Policy>;
@@ -124,19 +137,26 @@ pub enum Start {
 }
 
 /// An agent at the start of its job.
-pub fn start(agent: &Agent, environment: &Environment, scenario: &Scenario, seed: u64) -> Start {
-    match agent {
+///
+/// **Errors**: there is no memory for its network, or for the trajectories of an update.
+pub fn start(
+    agent: &Agent,
+    environment: &Environment,
+    scenario: &Scenario,
+    seed: u64,
+) -> Result<Start, OutOfMemory> {
+    Ok(match agent {
         Agent::DuelingDqn(parameters) => {
-            Start::Learner(dueling_dqn_learner(parameters, environment, scenario, seed))
+            Start::Learner(dueling_dqn_learner(parameters, environment, scenario, seed)?)
         }
         Agent::Reinforce(parameters) => {
-            Start::Learner(reinforce_learner(parameters, environment, scenario, seed))
+            Start::Learner(reinforce_learner(parameters, environment, scenario, seed)?)
         }
         Agent::Rule(rule) => {
             let policy = RulePolicy::new(rule, environment, scenario);
             Start::Rule(policy.expect("a manifest has the optimal rule where H and D are shown"))
         }
-    }
+    })
 }
 
 const DRAWN: &str = "the weights were drawn for this network";
@@ -146,11 +166,13 @@ fn dueling_dqn_learner(
     environment: &Environment,
     scenario: &Scenario,
     seed: u64,
-) -> Box<dyn Learner> {
+) -> Result<Box<dyn Learner>, OutOfMemory> {
     let inputs = Observer::new(environment, scenario).inputs();
     let mut stream = Stream::new(seed, Purpose::InitialWeights);
-    let weights = layers::draw(&layers::dueling(parameters, inputs), &mut stream);
-    match parameters.engine {
+    let stacks = layers::dueling(parameters, inputs);
+    expect_network(&stacks)?;
+    let weights = layers::draw(&stacks, &mut stream);
+    Ok(match parameters.engine {
         Engine::Fused => {
             let engine = FusedDuelingDqn::new(parameters, inputs, &weights, Isa::chosen());
             let engine = engine.expect(DRAWN);
@@ -160,7 +182,7 @@ fn dueling_dqn_learner(
             let engine = BurnDuelingDqn::new(parameters, inputs, &weights).expect(DRAWN);
             Box::new(DuelingDqnLearner::new(engine, parameters, environment, scenario, seed))
         }
-    }
+    })
 }
 
 fn reinforce_learner(
@@ -168,11 +190,13 @@ fn reinforce_learner(
     environment: &Environment,
     scenario: &Scenario,
     seed: u64,
-) -> Box<dyn Learner> {
+) -> Result<Box<dyn Learner>, OutOfMemory> {
     let inputs = Observer::new(environment, scenario).inputs();
     let mut stream = Stream::new(seed, Purpose::InitialWeights);
-    let weights = layers::draw(&[layers::policy(parameters, inputs)], &mut stream);
-    match parameters.engine {
+    let stacks = [layers::policy(parameters, inputs)];
+    expect_network(&stacks)?;
+    let weights = layers::draw(&stacks, &mut stream);
+    Ok(match parameters.engine {
         Engine::Fused => {
             let engine = FusedReinforce::new(parameters, inputs, &weights, Isa::chosen());
             let engine = engine.expect(DRAWN);
@@ -182,7 +206,14 @@ fn reinforce_learner(
             let engine = BurnReinforce::new(parameters, inputs, &weights).expect(DRAWN);
             Box::new(ReinforceLearner::new(engine, parameters, environment, scenario, seed))
         }
-    }
+    })
+}
+
+/// Fails unless there is memory for training the network: its weights as drawn and as trained,
+/// their gradient, and Adam's two moments of them.
+fn expect_network(stacks: &[layers::Stack]) -> Result<(), OutOfMemory> {
+    const COPIES: usize = 5;
+    memory::expect(COPIES * size_of::<f32>() * layers::weights(stacks), "the network")
 }
 
 /// The policy of an agent that was trained before, on the engine that trained it. A dueling DQN

@@ -10,8 +10,8 @@ use std::ops::Range;
 use crate::agent::policy::{ActionNetwork, Policy, SoftmaxPolicy, sample};
 use crate::agent::state::{restore_actions, save_actions};
 use crate::agent::{
-    Actions, Diverged, Learner, Resumable, Span, StateError, StateReader, StateWriter,
-    TrainedEpisode, Weights,
+    Actions, Diverged, Learner, LearnerError, OutOfMemory, Resumable, Span, StateError,
+    StateReader, StateWriter, TrainedEpisode, Weights, reserve,
 };
 use crate::env::{Action, Ending, Episodes, Observations, Observer};
 use crate::kernel::Isa;
@@ -30,6 +30,21 @@ pub struct Trajectories {
     pub preferences: Vec<f32>,
     /// Discounted rewards to go G_t = Σ_k≥t gamma^(k-t) r_k, \[rows\].
     pub returns_to_go: Vec<f32>,
+}
+
+/// What memory that is short was for.
+const TRAJECTORIES: &str = "the trajectories of an update";
+
+impl Trajectories {
+    /// Makes room for so many more rows.
+    fn reserve(&mut self, rows: usize) -> Result<(), OutOfMemory> {
+        let bytes =
+            (self.observations.rows() + rows) * self.observations.width() * size_of::<f32>();
+        let refused = OutOfMemory { what: TRAJECTORIES, bytes };
+        self.observations.try_reserve(rows).map_err(|_| refused)?;
+        reserve(&mut self.actions, rows, TRAJECTORIES)?;
+        reserve(&mut self.preferences, rows * Action::COUNT, TRAJECTORIES)
+    }
 }
 
 /// What trains a policy network: the engine under the algorithm.
@@ -135,7 +150,7 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
     }
 
     /// Samples the trajectories of one update, all in lockstep, or the rest of them.
-    fn sample(&mut self, pause: &dyn Fn() -> bool) -> Span {
+    fn sample(&mut self, pause: &dyn Fn() -> bool) -> Result<Span, OutOfMemory> {
         let Room {
             trajectories,
             positions,
@@ -160,11 +175,14 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
         }
         while self.episodes.any_running() {
             if pause() {
-                return Span::BrokenOff;
+                return Ok(Span::BrokenOff);
             }
             self.observer.observe(&self.episodes, observations);
             self.engine.logits(observations, logits);
             sample(self.engine.isa(), logits, actions, halves, &mut self.exploration_stream);
+            trajectories.reserve(lanes)?;
+            reserve(rewards, lanes, TRAJECTORIES)?;
+            reserve(positions, lanes, TRAJECTORIES)?;
             let start = rewards.len();
             rewards.resize(start + lanes, 0.0);
             // Neighbours that still run are taken together.
@@ -186,7 +204,7 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
             self.episodes.step(actions, paid, &mut self.environment_stream);
             totals.iter_mut().zip(paid).for_each(|(total, reward)| *total += *reward);
         }
-        Span::Whole
+        Ok(Span::Whole)
     }
 
     /// The episodes just sampled.
@@ -208,14 +226,15 @@ impl<E: ReinforceEngine> Learner for ReinforceLearner<E> {
         &mut self,
         finished: &mut Vec<TrainedEpisode>,
         pause: &dyn Fn() -> bool,
-    ) -> Result<Span, Diverged> {
-        if self.sample(pause) == Span::BrokenOff {
+    ) -> Result<Span, LearnerError> {
+        if self.sample(pause)? == Span::BrokenOff {
             return Ok(Span::BrokenOff);
         }
         finished.extend(self.finished());
         let Room { trajectories, positions, rewards, .. } = &mut self.room;
         returns_to_go(rewards, self.episodes.lanes(), self.parameters.gamma);
         trajectories.returns_to_go.clear();
+        reserve(&mut trajectories.returns_to_go, trajectories.actions.len(), TRAJECTORIES)?;
         for rows in positions {
             let returns = rewards[rows.clone()].iter();
             trajectories.returns_to_go.extend(returns.map(|&sum| sum as f32));
@@ -223,7 +242,7 @@ impl<E: ReinforceEngine> Learner for ReinforceLearner<E> {
         let loss = self.engine.update(trajectories);
         self.updates += 1;
         if !loss.is_finite() {
-            return Err(Diverged { update: self.updates, loss });
+            return Err(Diverged { update: self.updates, loss }.into());
         }
         if let Some(last) = finished.last_mut() {
             last.loss_sum = f64::from(loss);

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::io;
 
 use crate::agent::dueling_dqn::Batch;
-use crate::agent::{Resumable, StateError, StateReader, StateWriter};
+use crate::agent::{OutOfMemory, Resumable, StateError, StateReader, StateWriter, reserve_exact};
 use crate::env::{Action, Ending, Observations};
 use crate::manifest::TerminalTarget;
 use crate::rng::Stream;
@@ -77,17 +77,24 @@ impl Replay {
 
     /// Stores a transition between two observations of one row each. `after` is what is observed
     /// before the next transition, unless the episode ended.
-    pub fn push(&mut self, before: &Observations, transition: Transition, after: &Observations) {
+    ///
+    /// **Errors**: there is no memory for more; the buffer is then of no further use.
+    pub fn push(
+        &mut self,
+        before: &Observations,
+        transition: Transition,
+        after: &Observations,
+    ) -> Result<(), OutOfMemory> {
         let position = self.next;
         self.next = (position + 1) % self.capacity;
-        put(&mut self.features, position * self.width, before.row(0));
+        put(&mut self.features, position * self.width, before.row(0))?;
         if let Some(moment) = before.moment(0) {
             let moment = u16::try_from(moment).expect("a horizon is at most 10,000");
-            put(&mut self.moments, position, &[moment]);
+            put(&mut self.moments, position, &[moment])?;
         }
-        put(&mut self.rewards, position, &[transition.reward]);
-        put(&mut self.steps, position, &[pack(transition.action, transition.ending)]);
-        put(&mut self.targets, position, &[f32::NAN]);
+        put(&mut self.rewards, position, &[transition.reward])?;
+        put(&mut self.steps, position, &[pack(transition.action, transition.ending)])?;
+        put(&mut self.targets, position, &[f32::NAN])?;
         self.latest.clear();
         self.latest.push(after.row(0), after.moment(0));
         self.closings.remove(&position);
@@ -96,6 +103,7 @@ impl Replay {
         {
             self.closings.insert(position, after.clone());
         }
+        Ok(())
     }
 
     /// How many transitions are stored.
@@ -238,15 +246,17 @@ impl Resumable for Replay {
 }
 
 /// Writes at a position, or at the end; grows by an eighth, so that little lies idle.
-fn put<T: Copy>(values: &mut Vec<T>, at: usize, new: &[T]) {
+fn put<T: Copy>(values: &mut Vec<T>, at: usize, new: &[T]) -> Result<(), OutOfMemory> {
     if at < values.len() {
         values[at..at + new.len()].copy_from_slice(new);
-        return;
+        return Ok(());
     }
     if values.len() + new.len() > values.capacity() {
-        values.reserve_exact((values.len() / 8).max(1024 * new.len()));
+        let more = (values.len() / 8).max(1024 * new.len());
+        reserve_exact(values, more, "the replay buffer")?;
     }
     values.extend_from_slice(new);
+    Ok(())
 }
 
 fn pack(action: Action, ending: Ending) -> u8 {
@@ -326,7 +336,7 @@ mod tests {
             };
             let action = Action::from_index(i % 4).unwrap();
             let transition = Transition { action, reward: i as f32, ending };
-            replay.push(&one(i as f32), transition, &one(after));
+            replay.push(&one(i as f32), transition, &one(after)).unwrap();
         }
         replay
     }
@@ -365,7 +375,7 @@ mod tests {
         let mut replay = filled(4, 4, TerminalTarget::Zero);
         assert_eq!(replay.target(1), None);
         (0..4).for_each(|position| replay.set_target(position, position as f32));
-        replay.push(&one(9.0), replay.transition(0), &one(10.0));
+        replay.push(&one(9.0), replay.transition(0), &one(10.0)).unwrap();
         assert_eq!(replay.target(0), None);
         assert_eq!(replay.target(1), Some(1.0));
         replay.forget_targets();
@@ -378,7 +388,7 @@ mod tests {
         let mut state = Observations::new(3, 50);
         state.push(&[0.0; 3], Some(1));
         let transition = Transition { action: Action::NONE, reward: 0.0, ending: Ending::Running };
-        (0..100_000).for_each(|_| replay.push(&state, transition, &state));
+        (0..100_000).for_each(|_| replay.push(&state, transition, &state).unwrap());
         let Replay { features, moments, rewards, steps, targets, .. } = &replay;
         let stored = 4 * features.len() + 2 * moments.len() + 4 * rewards.len() + steps.len();
         assert!(stored + 4 * targets.len() <= 24 * replay.len());

@@ -161,7 +161,7 @@ impl<'a> StateReader<'a> {
             // Memory only for what is there, whatever the count says.
             let had = numbers.len();
             let some = (count - had).min((CHUNK / size_of::<T>()).max(had));
-            numbers.reserve_exact(some);
+            numbers.try_reserve_exact(some).map_err(io::Error::from)?;
             numbers.resize(had + some, T::default());
             self.get(&mut numbers[had..])?;
         }

@@ -16,6 +16,9 @@ const VALUES_SHOWN: usize = 10;
 /// Names that a message lists, the nearest ones.
 const NAMES_SHOWN: usize = 5;
 
+/// Letters of a name that are compared with those of others.
+const LONGEST_COMPARED: usize = 60;
+
 /// Conditions that a job must all meet.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Filter(Vec<Condition>);
@@ -226,9 +229,14 @@ pub(super) fn last_part(name: &str) -> &str {
 
 /// The names nearest to one that there is not, nearest first.
 fn nearest_names(name: &str, known: &[String]) -> String {
-    let distance = |word: &str| strsim::damerau_levenshtein(name, word);
+    // Longer than any name, what it begins with tells as much as the whole.
+    let name: String = name.chars().take(LONGEST_COMPARED).collect();
+    let distance = |word: &str| strsim::damerau_levenshtein(&name, word);
     let mut known: Vec<&str> = known.iter().map(String::as_str).collect();
-    known.sort_by_cached_key(|word| distance(word).min(distance(last_part(word))));
+    known.sort_by_cached_key(|word| match last_part(word) {
+        part if part == *word => distance(word),
+        part => distance(word).min(distance(part)),
+    });
     known.truncate(NAMES_SHOWN);
     known.join(", ")
 }

@@ -95,6 +95,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     }
     let reader = Reader::open(&arguments.store.store)?;
     CheckpointFolder::beside(&arguments.store.store).clear(&reader)?;
+    store.clear_crash_marks()?;
     let mut todo = Todo::new(&reader, wanted, arguments.retry())?;
     let tally = if todo.queue.is_empty() {
         Tally::default()

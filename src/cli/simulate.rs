@@ -133,8 +133,8 @@ fn of_run(key: &str, arguments: &Arguments) -> Result<(Environment, Chooser), Er
     let Some(safetensors) = stored.safetensors else {
         // A rule needs no training, and acts as it would in a job with this environment.
         return match agent::start(&job.agent, &environment, &job.scenario, job.seed) {
-            Start::Rule(rule) => Ok((environment, Chooser::Rule(rule))),
-            Start::Learner(_) => {
+            Ok(Start::Rule(rule)) => Ok((environment, Chooser::Rule(rule))),
+            Ok(Start::Learner(_)) | Err(_) => {
                 Err(Error::Usage(format!("job {key} has left no weights; its store is damaged")))
             }
         };

@@ -1,5 +1,6 @@
 //! What an agent sees of the episodes.
 
+use std::collections::TryReserveError;
 use std::iter;
 use std::ops::Range;
 
@@ -56,6 +57,14 @@ impl Observations {
     /// Which entry of a row's one-hot is 1; `None` where there is no one-hot.
     pub fn moment(&self, row: usize) -> Option<u32> {
         self.moments.get(row).copied()
+    }
+
+    /// Makes room for so many more rows.
+    ///
+    /// **Errors**: there is no memory for them.
+    pub fn try_reserve(&mut self, rows: usize) -> Result<(), TryReserveError> {
+        self.features.try_reserve(rows * self.width)?;
+        self.moments.try_reserve(if self.one_hot > 0 { rows } else { 0 })
     }
 
     /// Removes every row.

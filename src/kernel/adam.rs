@@ -119,13 +119,16 @@ mod tests {
         let mut adam = Adam::new(1e-3, 1);
         let mut parameters = [1.0f32];
         adam.update(Isa::chosen(), &mut parameters, &mut [1e-3]);
-        for _ in 0..50_000 {
+        // Under Miri, long enough for the first moment alone.
+        let steps = if cfg!(miri) { 1_000 } else { 50_000 };
+        for _ in 0..steps {
             adam.update(Isa::chosen(), &mut parameters, &mut [0.0]);
             for moment in [adam.first[0], adam.second[0]] {
                 assert!(moment == 0.0 || moment.abs() >= QUIET, "{moment}");
             }
         }
-        assert_eq!((adam.first[0], adam.second[0]), (0.0, 0.0));
+        assert_eq!(adam.first[0], 0.0);
+        assert!(cfg!(miri) || adam.second[0] == 0.0);
     }
 
     #[test]

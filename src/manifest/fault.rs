@@ -63,19 +63,29 @@ pub fn nearest<'w>(found: &str, words: impl IntoIterator<Item = &'w str>) -> Opt
     if length > LONGEST {
         return None;
     }
+    let farthest = (length / 3).max(1);
     let lower = found.to_lowercase();
-    let distance = |word: &str| {
-        let word = word.to_lowercase();
-        let is_part = length >= SHORTEST_PART && word.split(['_', '-', '.']).any(|p| p == lower);
-        // A word that is near as a whole is rather meant.
-        (strsim::damerau_levenshtein(&lower, &word), is_part)
-    };
-    let measured: Vec<_> = words.into_iter().map(|word| (distance(word), word)).collect();
-    let near = measured.iter().min_by_key(|((distance, _), _)| *distance)?;
-    if near.0.0 <= (length / 3).max(1) {
-        return Some(near.1);
+    let letters = lower.chars().count();
+    let (mut near, mut with_part) = (None, None);
+    for word in words {
+        let text = word.to_lowercase();
+        // Words are at least as far apart as their lengths, which take no time to compare.
+        if text.chars().count().abs_diff(letters) <= farthest {
+            let distance = strsim::damerau_levenshtein(&lower, &text);
+            if distance <= near.map_or(farthest, |(nearest, _)| nearest - 1) {
+                near = Some((distance, word));
+                if distance == 0 {
+                    break;
+                }
+            }
+        }
+        let is_part = length >= SHORTEST_PART && text.split(['_', '-', '.']).any(|p| p == lower);
+        if with_part.is_none() && is_part {
+            with_part = Some(word);
+        }
     }
-    measured.iter().find(|((_, is_part), _)| *is_part).map(|(_, word)| *word)
+    // A word that is near as a whole is rather meant.
+    near.map(|(_, word)| word).or(with_part)
 }
 
 /// Collects faults while a manifest is read.

@@ -98,6 +98,8 @@ pub enum FailureKind {
     Crashed,
     /// A loss or weight became infinite or not a number.
     Diverged,
+    /// There was no memory for what it needed.
+    OutOfMemory,
     /// It took longer than its declared time limit.
     OverTime,
     /// The training code panicked.
@@ -106,8 +108,13 @@ pub enum FailureKind {
 
 impl FailureKind {
     /// Every kind.
-    pub const ALL: [FailureKind; 4] =
-        [FailureKind::Crashed, FailureKind::Diverged, FailureKind::OverTime, FailureKind::Panicked];
+    pub const ALL: [FailureKind; 5] = [
+        FailureKind::Crashed,
+        FailureKind::Diverged,
+        FailureKind::OutOfMemory,
+        FailureKind::OverTime,
+        FailureKind::Panicked,
+    ];
 
     /// The kind of this name.
     pub fn from_name(name: &str) -> Option<FailureKind> {
@@ -119,6 +126,7 @@ impl FailureKind {
         match self {
             FailureKind::Crashed => "crashed",
             FailureKind::Diverged => "diverged",
+            FailureKind::OutOfMemory => "out_of_memory",
             FailureKind::OverTime => "over_time",
             FailureKind::Panicked => "panicked",
         }

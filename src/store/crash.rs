@@ -19,6 +19,9 @@ use super::file::beside;
 /// Crashes of its process after which a job has failed, if it was alone at the last.
 const MOST_CRASHES: u32 = 3;
 
+/// Between the store's name and the session's number in the name of a mark.
+const MARK: &str = "-session-";
+
 /// Whether a dead process crashed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Crashed {
@@ -30,20 +33,40 @@ pub(super) enum Crashed {
 
 /// The file that a session marks as it crashes.
 pub(super) fn mark(store: &Path, session: i64) -> PathBuf {
-    beside(store, &format!("-session-{session}"))
+    beside(store, &format!("{MARK}{session}"))
+}
+
+/// The sessions that have such a file.
+pub(super) fn marked(store: &Path) -> Vec<i64> {
+    let (Some(folder), Some(name)) = (store.parent(), mark_name(store)) else { return Vec::new() };
+    // What cannot be listed stays as it is.
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let number =
+        |entry: fs::DirEntry| entry.file_name().to_str()?.strip_prefix(&name)?.parse().ok();
+    entries.filter_map(number).collect()
+}
+
+/// How the names of a store's marks begin; `None` where names are no text.
+fn mark_name(store: &Path) -> Option<String> {
+    Some(format!("{}{MARK}", store.file_name()?.to_str()?))
+}
+
+/// Removes the mark of a session, if there is one.
+pub(super) fn unmark(store: &Path, session: i64) {
+    // What stays behind is found by the next process that looks.
+    let _ = fs::remove_file(mark(store, session));
 }
 
 /// Whether a dead session left a mark, which is taken away. Should the transaction that this is
 /// part of not be committed, one crash is not counted.
 pub(super) fn take(connection: &Connection, session: i64) -> Crashed {
     let Some(store) = connection.path() else { return Crashed::No };
-    let mark = mark(Path::new(store), session);
-    let crashed = match fs::metadata(&mark) {
+    let store = Path::new(store);
+    let crashed = match fs::metadata(mark(store, session)) {
         Ok(metadata) if metadata.len() > 0 => Crashed::Yes,
         Ok(_) | Err(_) => Crashed::No,
     };
-    // What stays behind is an empty file that nobody asks for again.
-    let _ = fs::remove_file(mark);
+    unmark(store, session);
     crashed
 }
 

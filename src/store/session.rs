@@ -4,7 +4,7 @@
 use std::fs::File;
 use std::time::Duration;
 
-use rusqlite::{Connection, Row, named_params};
+use rusqlite::{Connection, OptionalExtension, Row, named_params};
 
 use crate::record::Provenance;
 
@@ -81,6 +81,20 @@ impl Store {
             .map_err(|error| StoreError::CannotOpen { path, reason: error.to_string() })
     }
 
+    /// Removes the crash marks of dead sessions that hold no run: of processes that were killed
+    /// when they had nothing to do, and of another store that was at this path. The marks of others
+    /// are needed by whoever takes over their runs.
+    pub fn clear_crash_marks(&self) -> Result<(), StoreError> {
+        for session in crash::marked(&self.path) {
+            let needed = is_mark_needed(&self.connection, session)
+                .map_err(|source| StoreError::sqlite(&self.path, "look for sessions", source))?;
+            if !needed {
+                crash::unmark(&self.path, session);
+            }
+        }
+        Ok(())
+    }
+
     /// Interrupts the runs of dead sessions, so that their jobs can be claimed; returns how many.
     ///
     /// `session` is the caller's, and the place from which the others are judged. Writes nothing if
@@ -132,6 +146,32 @@ pub(super) fn release(connection: &Connection, session: i64) -> rusqlite::Result
         .execute([session])
 }
 
+/// Whether the session lives, or holds runs whose end its mark explains.
+fn is_mark_needed(connection: &Connection, session: i64) -> rusqlite::Result<bool> {
+    let table = ProcessTable::of_this_system();
+    let this = table.this_process();
+    let needed = connection
+        .prepare_cached(&format!("SELECT {SESSION} FROM session WHERE id = ?1"))?
+        .query_row([session], |row| liveness(row, &table, &this))
+        .optional()?
+        .is_some_and(|liveness| liveness == Liveness::Alive);
+    Ok(needed || running(connection, session)? > 0)
+}
+
+/// What [`liveness`] reads.
+const SESSION: &str = "id, host, boot_id, pid_namespace, process_id, process_started,
+    86400 * (julianday('now') - julianday(heartbeat_at)), ended_at IS NOT NULL";
+
+/// Whether the process of a session is still there, judged from the process `this`.
+fn liveness(row: &Row<'_>, table: &ProcessTable, this: &Process) -> rusqlite::Result<Liveness> {
+    // A clock that was set back makes a heartbeat come from the future.
+    let silence = Duration::try_from_secs_f64(row.get(6)?).unwrap_or(Duration::ZERO);
+    Ok(match row.get(7)? {
+        true => Liveness::Dead,
+        false => table.judge(this, &process(row)?, silence),
+    })
+}
+
 /// The sessions that hold running runs.
 #[derive(Debug, Default)]
 pub(super) struct Holders {
@@ -148,23 +188,16 @@ impl Holders {
 
 /// The sessions that hold running runs, judged from the process `this`.
 pub(super) fn holders(connection: &Connection, this: &Process) -> rusqlite::Result<Holders> {
-    let mut statement = connection.prepare_cached(
-        "SELECT id, host, boot_id, pid_namespace, process_id, process_started,
-            86400 * (julianday('now') - julianday(heartbeat_at)), ended_at IS NOT NULL
-         FROM session WHERE id IN (SELECT session FROM run WHERE status = 'running')",
-    )?;
+    let mut statement = connection.prepare_cached(&format!(
+        "SELECT {SESSION} FROM session
+         WHERE id IN (SELECT session FROM run WHERE status = 'running')"
+    ))?;
     let mut rows = statement.query([])?;
     let table = ProcessTable::of_this_system();
     let mut holders = Holders::default();
     while let Some(row) = rows.next()? {
         let id = row.get(0)?;
-        // A clock that was set back makes a heartbeat come from the future.
-        let silence = Duration::try_from_secs_f64(row.get(6)?).unwrap_or(Duration::ZERO);
-        let liveness = match row.get(7)? {
-            true => Liveness::Dead,
-            false => table.judge(this, &process(row)?, silence),
-        };
-        match liveness {
+        match liveness(row, &table, this)? {
             Liveness::Alive => holders.alive.push(id),
             Liveness::Dead => holders.dead.push(id),
         }

@@ -12,7 +12,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use crate::agent::{self, Resumable, StateError, StateReader, StateWriter};
+use crate::agent::{self, OutOfMemory, Resumable, StateError, StateReader, StateWriter};
 use crate::plan::{Job, Versions};
 use crate::train::training::Training;
 
@@ -93,6 +93,9 @@ pub enum CheckpointError {
     /// It is of another job.
     #[error("it is of another job, {0}")]
     OtherJob(String),
+    /// There is no memory for it.
+    #[error(transparent)]
+    OutOfMemory(#[from] OutOfMemory),
     /// Its state does not fit the job.
     #[error(transparent)]
     State(#[from] StateError),
@@ -185,7 +188,7 @@ pub(super) fn read<'j>(
         return Err(CheckpointError::OtherJob(header.job_key));
     }
     let worked = Duration::try_from_secs_f64(header.seconds).unwrap_or_default();
-    let mut training = Training::new(job).after(worked);
+    let mut training = Training::new(job)?.after(worked);
     training.restore(&mut StateReader::new(&mut from))?;
     if from.fill_buf()?.is_empty() { Ok(training) } else { Err(CheckpointError::OtherFormat) }
 }

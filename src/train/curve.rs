@@ -3,7 +3,9 @@
 use std::collections::VecDeque;
 use std::io;
 
-use crate::agent::{Resumable, StateError, StateReader, StateWriter, TrainedEpisode};
+use crate::agent::{
+    OutOfMemory, Resumable, StateError, StateReader, StateWriter, TrainedEpisode, reserve,
+};
 use crate::record::{CURVE_METRICS, CurvePoint};
 
 /// Episodes that the reported recent return averages over.
@@ -43,7 +45,12 @@ impl CurveRecorder {
         self.recent.iter().sum::<f64>() / self.recent.len().max(1) as f64
     }
 
-    pub(super) fn add(&mut self, episode: &TrainedEpisode) {
+    /// **Errors**: there is no memory for more.
+    pub(super) fn add(&mut self, episode: &TrainedEpisode) -> Result<(), OutOfMemory> {
+        const WHAT: &str = "the learning curve";
+        reserve(&mut self.since_point, 1, WHAT)?;
+        // Room for the last point as well, whose episodes may be fewer.
+        reserve(&mut self.points, 2 * CURVE_METRICS.len(), WHAT)?;
         self.episodes += 1;
         self.since_point.push(*episode);
         if self.recent.len() == RECENT {
@@ -53,6 +60,7 @@ impl CurveRecorder {
         if self.since_point.len() >= self.stride as usize {
             self.point();
         }
+        Ok(())
     }
 
     /// The points, the last one closed.
@@ -137,7 +145,7 @@ mod tests {
     fn points_average_the_episodes_since_the_point_before() {
         let mut curve = CurveRecorder::new(2);
         for (total_reward, updates) in [(1.0, 0), (3.0, 0), (-5.0, 1), (7.0, 3), (9.0, 0)] {
-            curve.add(&episode(total_reward, updates));
+            curve.add(&episode(total_reward, updates)).unwrap();
         }
         assert_eq!(curve.recent_return(), 3.0);
         let points = curve.finish();

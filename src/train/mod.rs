@@ -10,10 +10,11 @@ mod roll;
 mod test;
 mod training;
 
+use crate::agent::OutOfMemory;
 use crate::plan::Job;
 use crate::record::Outcome;
 
-use training::{Stage, Training};
+use training::{Stage, Training, out_of_memory};
 
 pub use checkpoint::{
     CheckpointError, CheckpointFile, Checkpoints, KeptNowhere, ReadCheckpoint, Resumed,
@@ -62,7 +63,10 @@ impl Monitor for Unwatched {
 /// is one, and leaves one if it is stopped.
 pub fn run(job: &Job, monitor: &dyn Monitor) -> Outcome {
     let checkpoints = monitor.checkpoints();
-    let mut training = begin(job, checkpoints);
+    let mut training = match begin(job, checkpoints) {
+        Ok(training) => training,
+        Err(error) => return Outcome::Failed(out_of_memory(&error, 0)),
+    };
     let pause = || monitor.stop_requested() || checkpoints.are_due();
     loop {
         if let Err(failure) = training.advance(&pause) {
@@ -84,7 +88,9 @@ pub fn run(job: &Job, monitor: &dyn Monitor) -> Outcome {
 }
 
 /// A job at its beginning, or where a checkpoint was made.
-fn begin<'j>(job: &'j Job, checkpoints: &dyn Checkpoints) -> Training<'j> {
+///
+/// **Errors**: there is no memory for what learns.
+fn begin<'j>(job: &'j Job, checkpoints: &dyn Checkpoints) -> Result<Training<'j>, OutOfMemory> {
     let mut found = None;
     checkpoints.resume(&mut |file| {
         let training = checkpoint::read(job, file)?;
@@ -92,5 +98,5 @@ fn begin<'j>(job: &'j Job, checkpoints: &dyn Checkpoints) -> Training<'j> {
         found = Some(training);
         Ok(resumed)
     });
-    found.unwrap_or_else(|| Training::new(job))
+    found.map_or_else(|| Training::new(job), Ok)
 }

@@ -2,7 +2,7 @@
 
 use std::io;
 
-use crate::agent::{Resumable, StateError, StateReader, StateWriter};
+use crate::agent::{OutOfMemory, Resumable, StateError, StateReader, StateWriter, reserve_exact};
 use crate::env::{Action, Ending, Episodes, Signal};
 use crate::plan::Job;
 use crate::record::{ActionCount, Metric, PROBABILITY_BINS, TestEpisode};
@@ -47,7 +47,15 @@ impl Test {
     }
 
     /// Plays a batch of episodes to its end, or until `pause` says yes; the next call goes on.
-    pub(super) fn advance(&mut self, chooser: &mut Chooser, pause: &dyn Fn() -> bool) {
+    ///
+    /// **Errors**: there is no memory for its episodes.
+    pub(super) fn advance(
+        &mut self,
+        chooser: &mut Chooser,
+        pause: &dyn Fn() -> bool,
+    ) -> Result<(), OutOfMemory> {
+        let left = self.episodes - self.played.len();
+        reserve_exact(&mut self.played, left, "the test episodes")?;
         let Test { streams, counts, batch, .. } = self;
         if batch.played.is_empty() {
             let lanes = LANES.min(self.episodes - self.played.len());
@@ -58,12 +66,13 @@ impl Test {
         let mut player = Player { counts, played: &mut batch.played, pause };
         roll(&mut batch.episodes, chooser, streams, &mut player);
         if batch.episodes.any_running() {
-            return;
+            return Ok(());
         }
         for (episode, ending) in batch.played.iter_mut().zip(batch.episodes.endings()) {
             episode.disengaged = *ending == Ending::Terminated;
         }
         self.played.append(&mut batch.played);
+        Ok(())
     }
 
     /// What the episodes were, once all are played.

@@ -4,7 +4,8 @@ use std::io;
 use std::time::{Duration, Instant};
 
 use crate::agent::{
-    self, Diverged, Learner, Resumable, Start, StateError, StateReader, StateWriter, TrainedEpisode,
+    self, Learner, LearnerError, OutOfMemory, Resumable, Start, StateError, StateReader,
+    StateWriter, TrainedEpisode,
 };
 use crate::env::Observer;
 use crate::plan::Job;
@@ -45,13 +46,15 @@ pub(super) enum Stage {
 
 impl<'j> Training<'j> {
     /// A job at its beginning.
-    pub(super) fn new(job: &'j Job) -> Self {
-        let start = agent::start(&job.agent, &job.environment, &job.scenario, job.seed);
+    ///
+    /// **Errors**: there is no memory for what learns.
+    pub(super) fn new(job: &'j Job) -> Result<Self, OutOfMemory> {
+        let start = agent::start(&job.agent, &job.environment, &job.scenario, job.seed)?;
         let (learner, chooser) = match start {
             Start::Learner(learner) => (Some(learner), None),
             Start::Rule(rule) => (None, Some(Chooser::Rule(rule))),
         };
-        Training {
+        Ok(Training {
             job,
             learner,
             curve: CurveRecorder::new(job.evaluation.curve_stride),
@@ -60,7 +63,7 @@ impl<'j> Training<'j> {
             finished: Vec::new(),
             before: Duration::ZERO,
             begun: Instant::now(),
-        }
+        })
     }
 
     /// The same with this much work done before.
@@ -102,35 +105,29 @@ impl<'j> Training<'j> {
 
     /// Goes on with training or test for a span, which is broken off as soon as `pause` says yes.
     ///
-    /// **Errors**: a loss or weight is not finite.
+    /// **Errors**: a loss or weight is not finite, or memory is short.
     pub(super) fn advance(&mut self, pause: &dyn Fn() -> bool) -> Result<(), Failure> {
         match self.stage() {
             Stage::Training => {
                 let learner = self.learner.as_mut().expect(LEARNS);
                 let learned = learner.advance(&mut self.finished, pause);
-                learned.map_err(|diverged| self.diverged(&diverged))?;
+                learned.map_err(|error| failure(&error, self.episodes()))?;
                 let Training { finished, curve, .. } = self;
-                finished.drain(..).for_each(|episode| curve.add(&episode));
+                let added = finished.drain(..).try_for_each(|episode| curve.add(&episode));
+                added.map_err(|error| out_of_memory(&error, curve.episodes()))?;
             }
             Stage::Testing => {
                 let mut chooser = match self.chooser.take() {
                     Some(chooser) => chooser,
                     None => self.trained()?,
                 };
-                self.test.advance(&mut chooser, pause);
+                let played = self.test.advance(&mut chooser, pause);
+                played.map_err(|error| out_of_memory(&error, self.episodes()))?;
                 self.chooser = Some(chooser);
             }
             Stage::Over => {}
         }
         Ok(())
-    }
-
-    fn diverged(&self, diverged: &Diverged) -> Failure {
-        Failure {
-            kind: FailureKind::Diverged,
-            message: diverged.to_string(),
-            episode: self.episodes(),
-        }
     }
 
     /// The policy to be tested.
@@ -161,6 +158,24 @@ impl<'j> Training<'j> {
             weights: self.learner.map(|learner| learner.weights().to_bytes()),
         }
     }
+}
+
+/// The failure of a training whose learner cannot go on, after so many episodes.
+fn failure(error: &LearnerError, episode: u32) -> Failure {
+    match error {
+        LearnerError::Diverged(diverged) => {
+            Failure { kind: FailureKind::Diverged, message: diverged.to_string(), episode }
+        }
+        LearnerError::OutOfMemory(error) => out_of_memory(error, episode),
+    }
+}
+
+/// The failure of a training for which memory was short, after so many episodes.
+pub(super) fn out_of_memory(error: &OutOfMemory, episode: u32) -> Failure {
+    let message = format!(
+        "{error}; give it more, or run fewer workers, and run it again with `--retry-failed`"
+    );
+    Failure { kind: FailureKind::OutOfMemory, message, episode }
 }
 
 impl Resumable for Training<'_> {

@@ -9,8 +9,8 @@ use std::fs;
 use std::io::{Cursor, Write};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
-use std::time::{Duration, Instant};
+use std::sync::{Arc, Mutex, OnceLock};
+use std::time::{Duration, Instant, SystemTime};
 use std::{str, thread};
 
 use jitai::agent::{self, Actions, Weights};
@@ -19,7 +19,7 @@ use jitai::manifest::{self, Manifest};
 use jitai::plan::{self, Job};
 use jitai::record::{Outcome, Provenance};
 use jitai::store::{
-    self, Answer, Claimed, Company, Experiment, QueryError, Reader, RetryFailed, Store,
+    self, Answer, Claimed, Company, Experiment, Interrupter, QueryError, Reader, RetryFailed, Store,
 };
 use jitai::train::{
     self, CheckpointError, Checkpoints, Monitor, Progress, ReadCheckpoint, Unwatched,
@@ -74,24 +74,68 @@ pub fn manifest(bytes: &[u8]) {
 
 /// `query`: whatever the SQL, the store and its folder stay as they are.
 pub fn query(bytes: &[u8]) {
-    static PLACE: OnceLock<TempDir> = OnceLock::new();
-    let Ok(sql) = str::from_utf8(bytes) else { return };
-    let place = PLACE.get_or_init(|| folder_with(template()));
-    let reader = Reader::open(&place.path().join("jitai.sqlite")).unwrap();
-    let before = listing(place.path());
-    let mut rows = 0;
-    let hear = |_: Answer<'_>| {
-        rows += 1;
-        if rows > ROWS_HEARD { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    };
-    match patiently(&reader, || reader.query(sql, hear)) {
-        Ok(()) => {}
-        Err(QueryError::Damaged { reason }) => panic!("a query damaged the store: {reason}"),
-        Err(error) => assert!(!error.to_string().is_empty()),
+    thread_local! {
+        static ASKED: RefCell<Option<Asked>> = const { RefCell::new(None) };
     }
-    drop(reader);
-    assert_eq!(listing(place.path()), before, "{sql}");
-    assert!(fs::read(place.path().join("jitai.sqlite")).unwrap() == template(), "{sql}");
+    let Ok(sql) = str::from_utf8(bytes) else { return };
+    ASKED.with_borrow_mut(|asked| {
+        let open = asked.take().unwrap_or_else(Asked::new);
+        *asked = open.ask(sql);
+    });
+}
+
+/// Queries of a store that is open: opening it takes longer than most of them.
+struct Asked {
+    place: TempDir,
+    reader: Reader,
+    listed: Vec<PathBuf>,
+    seen: Seen,
+    queries: u32,
+}
+
+/// What tells that a file was written to: its length, and when it was changed.
+type Seen = (u64, SystemTime);
+
+impl Asked {
+    /// Queries after which a store is opened anew.
+    const MOST: u32 = 1000;
+
+    fn new() -> Asked {
+        let place = folder_with(template());
+        let reader = Reader::open(&place.path().join("jitai.sqlite")).unwrap();
+        let (listed, seen) = (listing(place.path()), seen(place.path()));
+        Asked { place, reader, listed, seen, queries: 0 }
+    }
+
+    /// Asks; gives itself back for the next query, if it is to be asked of the same store.
+    fn ask(mut self, sql: &str) -> Option<Asked> {
+        let mut rows = 0;
+        let hear = |_: Answer<'_>| {
+            rows += 1;
+            if rows > ROWS_HEARD { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        match patiently(&self.reader, || self.reader.query(sql, hear)) {
+            Ok(()) => {}
+            Err(QueryError::Damaged { reason }) => panic!("a query damaged the store: {reason}"),
+            Err(error) => assert!(!error.to_string().is_empty()),
+        }
+        assert_eq!(listing(self.place.path()), self.listed, "{sql}");
+        assert_eq!(seen(self.place.path()), self.seen, "{sql}");
+        self.queries += 1;
+        if self.queries < Asked::MOST {
+            return Some(self);
+        }
+        let Asked { place, reader, .. } = self;
+        drop(reader);
+        assert!(fs::read(place.path().join("jitai.sqlite")).unwrap() == template());
+        None
+    }
+}
+
+/// What is seen of the store in a folder.
+fn seen(folder: &Path) -> Seen {
+    let metadata = fs::metadata(folder.join("jitai.sqlite")).unwrap();
+    (metadata.len(), metadata.modified().unwrap())
 }
 
 /// `--filter`: it lets jobs through, or says why not.
@@ -144,10 +188,11 @@ pub fn store(bytes: &[u8]) {
     let path = place.path().join("jitai.sqlite");
     if let Ok(reader) = Reader::open(&path) {
         let hear = |_: Answer<'_>| ControlFlow::Continue(());
-        for view in store::VIEWS {
-            let sql = format!("SELECT * FROM {view} LIMIT {ROWS_HEARD}");
-            let _ = patiently(&reader, || reader.query(&sql, hear));
-        }
+        patiently(&reader, || {
+            for view in store::VIEWS {
+                let _ = reader.query(&format!("SELECT * FROM {view} LIMIT {ROWS_HEARD}"), hear);
+            }
+        });
         let _ = reader.experiment_counts();
         let _ = reader.failed_jobs();
         let _ = reader.paces();
@@ -256,26 +301,36 @@ fn listing(folder: &Path) -> Vec<PathBuf> {
     names
 }
 
+/// What the watching thread looks after: since when a reader is at work, and how it is interrupted.
+type Watched = Mutex<Vec<(Instant, Arc<Interrupter>)>>;
+
 /// Does `work`, interrupting the reader when it takes too long.
 fn patiently<T>(reader: &Reader, work: impl FnOnce() -> T) -> T {
-    let interrupter = reader.interrupter();
-    let begun = Instant::now();
-    let (done, watched) = std::sync::mpsc::channel::<()>();
-    thread::scope(|scope| {
-        scope.spawn(move || {
-            // Again and again: what begins after an interruption is not interrupted by it.
-            while let Err(std::sync::mpsc::RecvTimeoutError::Timeout) =
-                watched.recv_timeout(PATIENCE.saturating_sub(begun.elapsed()).max(PATIENCE / 20))
-            {
-                if begun.elapsed() >= PATIENCE {
-                    interrupter.interrupt();
-                }
+    static WATCHED: OnceLock<Arc<Watched>> = OnceLock::new();
+    let watched = WATCHED.get_or_init(|| {
+        let watched: Arc<Watched> = Arc::default();
+        let theirs = watched.clone();
+        // As long as the process: a thread a query would take longer than most queries.
+        thread::spawn(move || watch(&theirs));
+        watched
+    });
+    let interrupter = Arc::new(reader.interrupter());
+    watched.lock().unwrap().push((Instant::now(), interrupter.clone()));
+    let result = work();
+    watched.lock().unwrap().retain(|(_, other)| !Arc::ptr_eq(other, &interrupter));
+    result
+}
+
+fn watch(watched: &Watched) {
+    loop {
+        thread::sleep(PATIENCE / 20);
+        // Again and again: what begins after an interruption is not interrupted by it.
+        for (begun, interrupter) in watched.lock().unwrap().iter() {
+            if begun.elapsed() >= PATIENCE {
+                interrupter.interrupt();
             }
-        });
-        let result = work();
-        drop(done);
-        result
-    })
+        }
+    }
 }
 
 /// Bytes with changes, as [`store`] reads them.

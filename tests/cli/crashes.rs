@@ -2,7 +2,6 @@
 //! complete, and a process that is killed condemns nobody.
 
 use std::fs;
-use std::process::Stdio;
 
 use crate::support::{Effort, Folder, Running, manifest, until};
 
@@ -62,43 +61,24 @@ fn suspects_that_did_nothing_wrong_complete() {
 }
 
 #[test]
-fn a_job_that_needs_more_memory_than_there_is_has_failed_in_the_end() {
-    let folder = Folder::with(
-        "format = 1
-name = \"sweep\"
-scenarios = [\"P-H-D\"]
-seeds = 1
-environment.sigma = 0.6
-evaluation.test_episodes = 20
-[[agent]]
-name = \"huge\"
-algorithm = \"dueling_dqn\"
-episodes = 10
-layers = [4096, 4096]
-[[agent]]
-name = \"small\"
-algorithm = \"reinforce\"
-episodes = 10
-layers = [8]
-",
-    );
-    let run = || {
-        let program = env!("CARGO_BIN_EXE_jitai");
-        let script = format!("ulimit -v 250000; exec {program} run sweep.toml --workers 1");
-        folder.command_of("sh", ["-c", &script]).stdout(Stdio::null()).output().unwrap()
-    };
-    for attempt in 1..=3 {
-        let ended = run();
-        let said = String::from_utf8_lossy(&ended.stderr).into_owned();
-        assert_eq!(ended.status.code(), None, "attempt {attempt}: {said}");
-        assert!(said.contains("memory allocation of"), "{said}");
+fn the_mark_of_a_process_that_was_killed_while_idle_goes_with_the_next_run() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Endless));
+    let busy = folder.start(["run", "sweep.toml", "--workers", "2"]);
+    until("both jobs run", || folder.count_if_there(RUNNING) == Some(2));
+    let idle = folder.start(["run", "sweep.toml", "--workers", "2"]);
+    until("the other one waits", || marks(&folder) == 2);
+    idle.kill();
+    folder.write("jitai.sqlite-session-77", "!");
+    folder.write("jitai.sqlite-session-", "of somebody else");
+
+    let third = folder.start(["run", "sweep.toml", "--workers", "2"]);
+    until("it begins", || folder.path("jitai.sqlite-session-3").exists());
+    let left = ["", "1", "3"].map(|session| format!("jitai.sqlite-session-{session}"));
+    assert!(left.iter().all(|name| folder.path(name).exists()));
+    assert_eq!(marks(&folder), left.len());
+    for run in [third, busy] {
+        run.signal("INT");
+        run.wait().ended(130);
     }
-    assert_eq!(run().status.code(), Some(1));
-    let failed =
-        "SELECT count(*) FROM run_summary WHERE agent = 'huge' AND failure_kind = 'crashed'";
-    assert_eq!(folder.number(failed), 1);
-    let completed =
-        "SELECT count(*) FROM run_summary WHERE agent = 'small' AND status = 'completed'";
-    assert_eq!(folder.number(completed), 1);
-    folder.jitai(["doctor"]).succeeded();
+    assert_eq!(marks(&folder), 1);
 }

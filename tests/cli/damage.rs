@@ -126,6 +126,41 @@ fn examine(damaged: &Folder, expected: &Answers, rows: &[String], place: &str) -
     (saved, seen)
 }
 
+/// What became of a sweep that was run again on a damaged store.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Rerun {
+    /// It was refused, or broken off with a message.
+    Refused,
+    /// It ended, and the store has the rows that it had before it was damaged.
+    Same,
+    /// It ended, and `doctor` says that the store is damaged.
+    DoctorOnly,
+}
+
+/// Runs the sweep again on a damaged store that nobody needs any more.
+fn run_again(damaged: &Folder, rows: &[String], place: &str) -> Rerun {
+    let run = damaged.jitai(["run", "sweep.toml", "wild.toml", "--quiet"]);
+    assert!(!run.stderr.contains("panicked at"), "{place}: {}", run.stderr);
+    match run.code {
+        // Two jobs of the sweep fail, as they did before.
+        Some(1) => {}
+        Some(3) => {
+            assert!(run.stderr.contains("error: "), "{place}: {:?}", run.stderr);
+            return Rerun::Refused;
+        }
+        code => panic!("{place}: run ended with {code:?}: {}", run.stderr),
+    }
+    let doctor = damaged.jitai(["doctor"]);
+    match doctor.code {
+        Some(0) => {
+            assert_same_rows(&damaged.dump(), rows);
+            Rerun::Same
+        }
+        Some(3) => Rerun::DoctorOnly,
+        code => panic!("{place}: doctor ended with {code:?}: {}", doctor.stderr),
+    }
+}
+
 #[test]
 fn a_changed_byte_anywhere_is_harmless_or_told_and_the_intact_runs_are_saved() {
     let origin = healthy();
@@ -137,6 +172,7 @@ fn a_changed_byte_anywhere_is_harmless_or_told_and_the_intact_runs_are_saved() {
         .collect();
     let next = AtomicUsize::new(0);
     let counts: [AtomicUsize; 3] = Default::default();
+    let reruns: [AtomicUsize; 3] = Default::default();
     let saved_in_all = AtomicUsize::new(0);
     thread::scope(|scope| {
         for _ in 0..2 {
@@ -146,6 +182,8 @@ fn a_changed_byte_anywhere_is_harmless_or_told_and_the_intact_runs_are_saved() {
                     changed[at] ^= change;
                     let damaged = with_store(&origin, &changed);
                     let place = format!("byte {at} ^ {change}");
+                    let rerun = run_again(&with_store(&origin, &changed), &rows, &place);
+                    reruns[rerun as usize].fetch_add(1, Ordering::Relaxed);
                     let (saved, seen) = examine(&damaged, &expected, &rows, &place);
                     counts[seen as usize].fetch_add(1, Ordering::Relaxed);
                     saved_in_all.fetch_add(saved, Ordering::Relaxed);
@@ -160,6 +198,11 @@ fn a_changed_byte_anywhere_is_harmless_or_told_and_the_intact_runs_are_saved() {
          {doctor_only} told by doctor alone; {saved} of {} runs saved",
         bytes.len(),
         14 * PLACES
+    );
+    let [refused, same, doctor_only] = reruns.map(AtomicUsize::into_inner);
+    println!(
+        "run again: {refused} refused, {same} ended in the same rows, {doctor_only} ended and told \
+         by doctor"
     );
     assert!(saved * 100 >= 14 * PLACES * 85, "{saved}");
 }

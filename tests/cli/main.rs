@@ -7,6 +7,7 @@ mod disk;
 mod events;
 mod exits;
 mod failures;
+mod memory;
 mod names;
 mod optimum;
 mod pipes;
