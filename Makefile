@@ -3,7 +3,7 @@
 CARGO ?= cargo
 JITAI := $(CARGO) run --release --quiet --
 
-.PHONY: help run paper bench test test-slow test-flex test-kill test-bad-input fuzz deny miri
+.PHONY: help run paper readings bench test test-slow test-flex test-kill test-bad-input fuzz deny miri
 .PHONY: test-browser browser doc clean
 
 help: ## these targets
@@ -20,6 +20,12 @@ paper: ## the three manifests of the paper, about 350 jobs, into paper.sqlite an
 	$(CARGO) build --release
 	$(JITAI) run $(PAPER) --store paper.sqlite
 	$(JITAI) report $(PAPER) --store paper.sqlite --out reports/paper
+
+readings: ## the readings that the paper's text allows, 610 jobs, into readings.sqlite and reports/readings/
+	$(CARGO) build --release
+	$(JITAI) run experiments/readings.toml --store readings.sqlite
+	$(JITAI) report experiments/readings.toml --store readings.sqlite --out reports/readings
+	$(JITAI) query - --store readings.sqlite < experiments/readings.sql
 
 bench: ## time kernels, simulation, store and whole jobs (minutes; BENCH=name for some)
 	$(CARGO) bench --quiet -- $(BENCH)
