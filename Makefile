@@ -21,7 +21,7 @@ paper: ## the three manifests of the paper, about 350 jobs, into paper.sqlite an
 	$(JITAI) run $(PAPER) --store paper.sqlite
 	$(JITAI) report $(PAPER) --store paper.sqlite --out reports/paper
 
-readings: ## the readings that the paper's text allows, 610 jobs, into readings.sqlite and reports/readings/
+readings: ## the readings that the paper's text allows, 690 jobs, into readings.sqlite and reports/readings/
 	$(CARGO) build --release
 	$(JITAI) run experiments/readings.toml --store readings.sqlite
 	$(JITAI) report experiments/readings.toml --store readings.sqlite --out reports/readings
@@ -88,9 +88,10 @@ analysis: ## install what test-analysis uses, on Debian: R, and pandas in target
 	[ -x target/analysis/bin/pip ] || python3 -m venv target/analysis
 	target/analysis/bin/pip install --quiet --disable-pip-version-check pandas pyarrow
 
-test-parquet: ## Parquet files, written and read back
+test-parquet: ## Parquet files, written and read back, and by pandas where it is at hand
 	$(CARGO) clippy --release --all-targets --features parquet --quiet -- -D warnings
-	$(CARGO) test --release --quiet --features parquet --test cli parquet
+	$(CARGO) test --release --quiet --features parquet --lib --test cli parquet
+	$(CARGO) test --release --quiet --features parquet --test analysis parquet -- --nocapture
 
 doc: ## the library's documentation, warnings as errors
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --release --no-deps

@@ -190,3 +190,38 @@ fn pandas_and_r_answer_every_question_as_sql_does() {
         );
     }
 }
+
+/// What pandas is asked: that the Parquet files hold what the CSV files hold.
+#[cfg(feature = "parquet")]
+const SAME_FRAMES: &str = "
+import pathlib, sys
+import pandas as pd
+for path in sorted(pathlib.Path(sys.argv[1]).glob('*.parquet')):
+    columns = pd.read_parquet(path)
+    texts = {'value': str} if path.stem == 'parameter' else None
+    lines = pd.read_csv(path.with_suffix('.csv'), dtype=texts, float_precision='round_trip')
+    pd.testing.assert_frame_equal(columns, lines, check_dtype=False, check_exact=True)
+    print(path.name, *columns.shape)
+";
+
+#[cfg(feature = "parquet")]
+#[test]
+fn pandas_reads_the_same_from_parquet_as_from_csv() {
+    let folder = tempfile::tempdir().unwrap();
+    examples::fill_store(folder.path());
+    for format in ["csv", "parquet"] {
+        let arguments = ["export", "--out", "views", "--format", format];
+        assert!(examples::jitai(folder.path(), arguments).status.success());
+    }
+    let python = python().filter(|path| answers(path.as_os_str(), &["-c", "import pyarrow"]));
+    let Some(python) = python else {
+        return println!("pandas with pyarrow is not at hand and was left out: `make analysis`");
+    };
+    let mut script = Command::new(python);
+    let output = script.args(["-c", SAME_FRAMES]).arg(folder.path().join("views")).output();
+    let output = output.unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(said.lines().count(), 6, "{said}");
+    print!("pandas read from Parquet what it reads from CSV:\n{said}");
+}

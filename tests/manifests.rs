@@ -84,7 +84,7 @@ fn what_is_no_file_of_text_is_refused_without_waiting() {
 fn shipped() -> Vec<(&'static str, u64)> {
     vec![
         ("experiments/quickstart.toml", 24),
-        ("experiments/readings.toml", 610),
+        ("experiments/readings.toml", 690),
         ("experiments/reference.toml", 324),
         ("experiments/paper/context_error.toml", 144),
         ("experiments/paper/disengagement.toml", 192),
@@ -142,7 +142,8 @@ fn the_readings_differ_from_the_published_settings_in_one_thing_each() {
         assert!(from_the_text || !of_the_text, "{agent} has the environment of the text");
         published += usize::from(differences == 0);
     }
-    assert_eq!(published, 2 * 3 * 10, "two agents, three scenarios, ten seeds");
+    // Three scenarios at one sigma, and one of them at two more.
+    assert_eq!(published, 2 * (3 + 2) * 10, "two agents, ten seeds");
 }
 
 #[test]
