@@ -90,6 +90,7 @@ fn shipped() -> Vec<(&'static str, u64)> {
         ("experiments/paper/disengagement.toml", 192),
         ("experiments/paper/hyperparameters.toml", 780),
         ("experiments/paper/learning_curves.toml", 18),
+        ("experiments/paper/ten_seeds.toml", 480),
     ]
 }
 
