@@ -3,8 +3,8 @@
 CARGO ?= cargo
 JITAI := $(CARGO) run --release --quiet --
 
-.PHONY: help run paper bench bench-readers test test-slow test-flex test-kill test-bad-input fuzz deny miri
-.PHONY: test-browser browser doc clean
+.PHONY: help run paper readings bench bench-readers test test-slow test-flex test-kill test-bad-input
+.PHONY: fuzz deny miri test-browser browser test-analysis analysis test-parquet doc clean
 
 help: ## these targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -20,6 +20,12 @@ paper: ## the three manifests of the paper, about 350 jobs, into paper.sqlite an
 	$(CARGO) build --release
 	$(JITAI) run $(PAPER) --store paper.sqlite
 	$(JITAI) report $(PAPER) --store paper.sqlite --out reports/paper
+
+readings: ## the readings that the paper's text allows, 690 jobs, into readings.sqlite and reports/readings/
+	$(CARGO) build --release
+	$(JITAI) run experiments/readings.toml --store readings.sqlite
+	$(JITAI) report experiments/readings.toml --store readings.sqlite --out reports/readings
+	$(JITAI) query - --store readings.sqlite < experiments/readings.sql
 
 bench: ## time kernels, simulation, store and whole jobs (minutes; BENCH=name for some)
 	$(CARGO) bench --quiet -- $(BENCH)
@@ -68,16 +74,30 @@ deny: ## advisories, licences, sources and bans of the dependencies, as deny.tom
 miri: ## the kernels' unit tests under Miri, one number at a time; needs nightly Rust with miri
 	JITAI_SIMD=portable MIRIFLAGS=-Zmiri-disable-isolation $(CARGO) +nightly miri test --lib kernel::
 
-test-browser: ## a report in a headless Chromium, at 1280 and at 390 pixels
+test-browser: ## a report in a headless Chromium, at 1280 and at 390 pixels, and printed
+	@[ -x $(BROWSER_PYTHON) ] || { echo "$(BROWSER_PYTHON) is missing: run \`make browser\`" >&2; exit 1; }
 	$(CARGO) build --release
 	$(BROWSER_PYTHON) tests/browser/page.py
 
 BROWSER_PYTHON ?= target/browser/bin/python
 
 browser: ## install what test-browser needs, on Debian: Chromium, and Playwright in target/browser
-	apt-get install --yes --no-install-recommends chromium python3-venv
-	python3 -m venv target/browser
-	target/browser/bin/pip install --quiet playwright
+	.ci/install chromium python3-venv
+	[ -x target/browser/bin/pip ] || python3 -m venv target/browser
+	target/browser/bin/pip install --quiet --disable-pip-version-check playwright
+
+test-analysis: ## the questions of docs/analysis.md: SQL, and pandas and R where they are at hand
+	$(CARGO) test --release --quiet --test analysis -- --nocapture
+
+analysis: ## install what test-analysis uses, on Debian: R, and pandas in target/analysis
+	.ci/install r-base-core r-cran-dbi r-cran-rsqlite python3-venv
+	[ -x target/analysis/bin/pip ] || python3 -m venv target/analysis
+	target/analysis/bin/pip install --quiet --disable-pip-version-check pandas pyarrow
+
+test-parquet: ## Parquet files, written and read back, and by pandas where it is at hand
+	$(CARGO) clippy --release --all-targets --features parquet --quiet -- -D warnings
+	$(CARGO) test --release --quiet --features parquet --lib --test cli parquet
+	$(CARGO) test --release --quiet --features parquet --test analysis parquet -- --nocapture
 
 doc: ## the library's documentation, warnings as errors
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --release --no-deps

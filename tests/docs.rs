@@ -5,10 +5,14 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::ops::ControlFlow;
 use std::path::Path;
-use std::process::{Command, Output};
 
 use jitai::manifest;
 use jitai::store::{Answer, Reader, Value};
+
+#[path = "documents/examples.rs"]
+mod examples;
+
+use examples::{fill_store, jitai};
 
 const DOCUMENTS: [&str; 9] = [
     "README.md",
@@ -29,7 +33,7 @@ const KEY_TO_REPLACE: &str = "0123456789abcdef0123456789abcdef";
 struct Block {
     document: &'static str,
     line: usize,
-    /// What stands behind the fence: the language, and a mark if there is one.
+    /// What stands behind the fence.
     language: String,
     text: String,
 }
@@ -61,92 +65,6 @@ fn blocks() -> Vec<Block> {
         assert!(!open, "{document} ends inside a block");
     }
     blocks
-}
-
-fn jitai<'a>(folder: &Path, arguments: impl IntoIterator<Item = &'a str>) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_jitai"));
-    command.args(arguments).current_dir(folder).env_remove("JITAI_STORE").output().unwrap()
-}
-
-/// A manifest of short jobs under a name that the documents use.
-fn manifest_of_short_jobs(name: &str, environment: &str) -> String {
-    format!(
-        "format = 1
-name = \"{name}\"
-extends = \"paper\"
-scenarios = [\"P-H-D\", \"L-H-D\"]
-seeds = 2
-[environment]
-{environment}
-[[agent]]
-name = \"dqn\"
-episodes = 20
-layers = [8]
-[[agent]]
-name = \"reinforce\"
-episodes = 20
-layers = [8]
-[evaluation]
-test_episodes = 20
-"
-    )
-}
-
-/// A manifest of a rule that needs no training, in the cells of the quickstart.
-fn manifest_of_the_optimum() -> String {
-    "format = 1
-name = \"reference\"
-scenarios = [\"P-H-D\", \"L-H-D\"]
-seeds = 2
-environment.sigma = [0.4, 0.6]
-[[agent]]
-name = \"optimal\"
-algorithm = \"rule\"
-rule = \"optimal\"
-"
-    .to_owned()
-}
-
-/// A manifest whose one job's loss overflows.
-fn manifest_that_diverges() -> String {
-    format!(
-        "format = 1
-name = \"too-fast\"
-scenarios = [\"P-H-D\"]
-seeds = 1
-environment.sigma = 0.6
-[[agent]]
-name = \"wild\"
-algorithm = \"dueling_dqn\"
-episodes = 50
-layers = [{}]
-batch = 8
-learning_rate = 1.0
-",
-        ["64"; 24].join(", ")
-    )
-}
-
-/// Makes a store with the experiments that the documents ask about: two share jobs, one fails.
-fn fill_store(folder: &Path) {
-    let manifests = [
-        ("quickstart", manifest_of_short_jobs("quickstart", "sigma = [0.4, 0.6]"), 0),
-        ("probabilities", manifest_of_short_jobs("probabilities", "sigma = 0.6"), 0),
-        (
-            "disengagement",
-            manifest_of_short_jobs("disengagement", "sigma = 0.6\ndelta_d = [0.1, 0.2]"),
-            0,
-        ),
-        ("reference", manifest_of_the_optimum(), 0),
-        ("too-fast", manifest_that_diverges(), 1),
-    ];
-    for (name, text, code) in manifests {
-        let file = format!("{name}.toml");
-        fs::write(folder.join(&file), text).unwrap();
-        let output = jitai(folder, ["run", &file]);
-        let told = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{name}: {told}");
-    }
 }
 
 /// The rows of an answer: of each the first value, or nothing if that is no text.
@@ -182,22 +100,23 @@ fn every_query_of_the_documents_has_an_answer() {
     let key = ask(&reader, completed).unwrap().remove(0);
     let (mut asked, mut faults) = (0, String::new());
     for block in blocks() {
-        let (queries, may_be_empty) = match block.language.as_str() {
-            "sql" => (vec![block.text.clone()], false),
-            "sql nothing-to-find" => (vec![block.text.clone()], true),
-            "console" => (queries_in_shell(&block), false),
+        let queries = match block.language.as_str() {
+            "sql" => vec![block.text.clone()],
+            "console" => queries_in_shell(&block),
             _ => continue,
         };
         for sql in queries {
             asked += 1;
             let fault = match ask(&reader, &sql.replace(KEY_TO_REPLACE, &key)) {
-                Ok(rows) if rows.is_empty() && !may_be_empty => "no row".to_owned(),
+                Ok(rows) if rows.is_empty() => "no row".to_owned(),
                 Ok(_) => continue,
                 Err(error) => error,
             };
             faults.push_str(&format!("{}:{}: {fault}\n{sql}\n", block.document, block.line));
         }
     }
+    // The store has no readings of the paper: an answer without rows.
+    assert_eq!(ask(&reader, &read("experiments/readings.sql")), Ok(Vec::new()));
     assert!(faults.is_empty(), "{faults}");
     assert!(asked >= 25, "{asked} queries were found");
 }

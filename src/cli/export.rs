@@ -4,8 +4,7 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use crate::cli::output::Format;
-use crate::cli::query::{self, Failed};
+use crate::cli::answer::{self, AnswerFormat, Failed};
 use crate::cli::{Error, Exit, StoreArgument};
 use crate::store::Reader;
 
@@ -38,9 +37,17 @@ enum FileFormat {
     Csv,
     /// An array of objects.
     Json,
+    /// Apache Parquet; a build with the feature `parquet` writes it.
+    Parquet,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
+    let (format, extension) = match arguments.format {
+        FileFormat::Csv => (AnswerFormat::Csv, "csv"),
+        FileFormat::Json => (AnswerFormat::Json, "json"),
+        FileFormat::Parquet => (AnswerFormat::Parquet, "parquet"),
+    };
+    format.require()?;
     let reader = Reader::open(&arguments.store.store)?;
     let failure = |path: &Path| {
         let what = format!("write `{}`", path.display());
@@ -51,20 +58,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         return Err(Error::Usage(format!("--out: `{out}` is a file, not a folder; name another")));
     }
     fs::create_dir_all(&arguments.out).map_err(failure(&arguments.out))?;
-    let (format, extension) = match arguments.format {
-        FileFormat::Csv => (Format::Csv, "csv"),
-        FileFormat::Json => (Format::Json, "json"),
-    };
     for (view, order) in VIEWS {
         let path = arguments.out.join(format!("{view}.{extension}"));
         // Under another name until it is whole.
         let partial = path.with_extension("partial");
         let file = File::create(&partial).map_err(failure(&partial))?;
         let sql = format!("SELECT * FROM {view} ORDER BY {order}");
-        query::write(&reader, &sql, format, BufWriter::new(file)).map_err(
+        answer::write(&reader, &sql, format, BufWriter::new(file)).map_err(
             |failed| match failed {
-                Failed::Query(error) => Error::Query(error),
                 Failed::Output(source) => failure(&partial)(source),
+                other => other.into(),
             },
         )?;
         fs::rename(&partial, &path).map_err(failure(&path))?;

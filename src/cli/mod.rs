@@ -3,6 +3,7 @@
 //! Standard output is data; standard error is progress and messages. Exit codes: 0 done, 1 some
 //! jobs failed or a replay differs, 2 bad usage or manifest, 3 store or system error, 130 interrupted.
 
+mod answer;
 mod check;
 mod counting;
 mod counts;
@@ -15,6 +16,8 @@ pub mod input;
 mod optima;
 mod optimum;
 mod output;
+#[cfg(feature = "parquet")]
+mod parquet;
 mod plan;
 mod progress;
 mod provenance;

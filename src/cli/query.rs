@@ -1,14 +1,13 @@
 //! `jitai query`: read-only SQL on the store.
 
-use std::io::{self, Read, Write};
-use std::ops::ControlFlow;
+use std::io::{self, Read};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use crate::cli::output::{Cell, Format, Rows};
+use crate::cli::answer::{self, AnswerFormat, Failed};
 use crate::cli::{Error, Exit, StoreArgument, signals};
-use crate::store::{Answer, QueryError, Reader, Value};
+use crate::store::{QueryError, Reader};
 
 /// Answer a read-only SQL query; the views are described in docs/store.md
 #[derive(clap::Args)]
@@ -17,12 +16,14 @@ pub(super) struct Arguments {
     sql: String,
     /// How rows are written
     #[arg(long, value_enum, default_value = "table")]
-    format: Format,
+    format: AnswerFormat,
     #[command(flatten)]
     store: StoreArgument,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
+    arguments.format.require()?;
+    arguments.format.require_readable()?;
     let reader = Reader::open(&arguments.store.store)?;
     let mut sql = arguments.sql.clone();
     if sql == "-" {
@@ -31,27 +32,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
             .read_to_string(&mut sql)
             .map_err(|source| Error::Io { what: "read the query".to_owned(), source })?;
     }
-    match interruptible(&reader, || write(&reader, &sql, arguments.format, io::stdout().lock()))? {
+    let write = || answer::write(&reader, &sql, arguments.format, io::stdout().lock());
+    match interruptible(&reader, write)? {
         Ok(()) => Ok(Exit::Done),
         Err(Failed::Query(QueryError::Interrupted)) => Ok(Exit::Interrupted),
         Err(failed) => Err(failed.into()),
-    }
-}
-
-/// Why an answer could not be written.
-pub(super) enum Failed {
-    /// The query.
-    Query(QueryError),
-    /// The output.
-    Output(io::Error),
-}
-
-impl From<Failed> for Error {
-    fn from(failed: Failed) -> Self {
-        match failed {
-            Failed::Query(error) => Error::Query(error),
-            Failed::Output(error) => error.into(),
-        }
     }
 }
 
@@ -77,55 +62,4 @@ fn interruptible<T>(reader: &Reader, work: impl FnOnce() -> T) -> Result<T, Erro
         done.store(true, Ordering::Relaxed);
         Ok(result)
     })
-}
-
-/// Writes the answer to a query.
-pub(super) fn write<W: Write>(
-    reader: &Reader,
-    sql: &str,
-    format: Format,
-    out: W,
-) -> Result<(), Failed> {
-    let mut out = Some(out);
-    let mut rows: Option<Rows<W>> = None;
-    let mut failed = None;
-    let answered = reader.query(sql, |answer| {
-        let written = match answer {
-            Answer::Columns(columns) => {
-                let columns: Vec<String> = columns.iter().map(|name| (*name).to_owned()).collect();
-                let out = out.take().expect("columns come once");
-                Rows::new(format, &columns, out).map(|begun| rows = Some(begun))
-            }
-            Answer::Row(values) => {
-                let cells: Vec<Cell> = values.iter().map(cell).collect();
-                rows.as_mut().expect("columns come first").row(&cells)
-            }
-        };
-        match written {
-            Ok(()) => ControlFlow::Continue(()),
-            Err(error) => {
-                failed = Some(error);
-                ControlFlow::Break(())
-            }
-        }
-    });
-    if let Some(error) = failed {
-        return Err(Failed::Output(error));
-    }
-    answered.map_err(Failed::Query)?;
-    rows.map_or(Ok(()), Rows::finish).map_err(Failed::Output)
-}
-
-fn cell(value: &Value<'_>) -> Cell {
-    match value {
-        Value::Null => Cell::Empty,
-        Value::Integer(number) => Cell::Integer(*number),
-        Value::Real(number) => Cell::Real(*number),
-        Value::Text(text) => Cell::text(*text),
-        // As SQL writes them.
-        Value::Blob(bytes) => {
-            let digits: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
-            Cell::Text(format!("x'{digits}'"))
-        }
-    }
 }

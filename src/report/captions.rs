@@ -161,14 +161,14 @@ fn heat(figure: &HeatFigure) -> Option<String> {
     let above = match figure.scale {
         Scale::Difference => {
             let above = cells().filter(|(_, value)| *value > 0.0).count();
-            format!("is above 0 in {above} of {} cells and ", cells().count())
+            format!(" is above 0 in {above} of {} cells, and", cells().count())
         }
         Scale::Mean => String::new(),
     };
     Some(format!(
-        "{}, {}: {above}reaches from {} to {}, the most at {} = {} and {} = {}.",
+        "{}, {}{above} goes from {} to {}, the most at {} = {} and {} = {}.",
         figure.agent,
-        figure.subject,
+        figure.subject.replace(" - ", " − "),
         shown(least, 0),
         shown(most, 0),
         last(&figure.x.0),

@@ -1,4 +1,4 @@
-"""The report's page in a real browser: what a reader does with it, at two widths.
+"""The report's page in a real browser: what a reader does with it, at two widths and on paper.
 
 Runs short jobs into a folder of its own, reports on them, and opens the page in Chromium.
 """
@@ -121,12 +121,12 @@ def check_layout(page, width):
     scrolls = page.evaluate("document.documentElement.scrollWidth")
     assert scrolls <= width, f"the page is {scrolls} wide at {width}"
     boxes = page.evaluate(
-        """() => [...document.querySelectorAll('article, section > h2, header, .tile')].map((e) => {
+        """() => [...document.querySelectorAll('article, .card, section > h2, header, .tile')].map((e) => {
             const b = e.getBoundingClientRect();
-            return [e.id || e.textContent.slice(0, 20), b.left, b.top, b.right, b.bottom, e.tagName];
+            return [e.id || e.textContent.slice(0, 20), b.left, b.top, b.right, b.bottom, e.matches('.card')];
         })"""
     )
-    cards = [box for box in boxes if box[5] == "ARTICLE"]
+    cards = [box for box in boxes if box[5]]
     for at, one in enumerate(cards):
         for other in cards[at + 1 :]:
             apart = (
@@ -156,6 +156,23 @@ def check_layout(page, width):
     assert not overlapping, f"at {width}: {overlapping[:8]}"
 
 
+def check_print(page):
+    """Paper of A4's width has no control, and nothing that is cut off at its edge."""
+    page.set_viewport_size({"width": 718, "height": 1000})
+    page.emulate_media(media="print")
+    check_layout(page, 718)
+    cut = page.evaluate(
+        """() => [...document.querySelectorAll('table, figure, pre, p, h1, h2, h3')]
+            .filter((e) => e.getBoundingClientRect().right > innerWidth + 1)
+            .map((e) => e.closest('[id]')?.id + ': ' + e.tagName)"""
+    )
+    assert not cut, f"cut off in print: {cut}"
+    controls = page.query_selector_all("nav, .switches, .links, #tip")
+    assert not any(control.is_visible() for control in controls)
+    assert page.pdf(format="A4").startswith(b"%PDF")
+    page.emulate_media(media="screen")
+
+
 def main():
     chromium = shutil.which("chromium") or shutil.which("chromium-browser")
     if chromium is None:
@@ -177,6 +194,7 @@ def main():
             check_layout(page, width)
             check_pointing(page)
             check_hiding(page)
+            check_print(page)
             assert not said, said
             outside = [url for url in requests if url != path.as_uri() and not url.startswith("data:")]
             assert not outside, outside

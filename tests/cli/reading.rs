@@ -167,3 +167,66 @@ fn an_export_again_is_the_same_to_the_byte() {
     };
     assert_eq!(export("one"), export("two"));
 }
+
+#[cfg(not(feature = "parquet"))]
+#[test]
+fn parquet_is_refused_by_a_build_without_it_before_anything_is_written() {
+    let folder = completed();
+    let how = "cargo build --release --features parquet";
+    folder.jitai(["query", "SELECT 1", "--format", "parquet"]).ended(2).says(how);
+    folder.jitai(["export", "--out", "results", "--format", "parquet"]).ended(2).says(how);
+    assert!(!folder.path("results").exists());
+}
+
+#[cfg(feature = "parquet")]
+mod parquet {
+    use std::fs::File;
+    use std::path::Path;
+
+    use ::parquet::basic::Type;
+    use ::parquet::file::reader::{FileReader, SerializedFileReader};
+
+    use super::*;
+
+    /// The columns of a file with their types, and its number of rows.
+    fn read(path: &Path) -> (Vec<(String, Type)>, i64) {
+        let reader = SerializedFileReader::new(File::open(path).unwrap()).unwrap();
+        let file = reader.metadata().file_metadata();
+        let columns = file.schema_descr().columns().iter();
+        let column = |one: &::parquet::schema::types::ColumnDescPtr| {
+            (one.name().to_owned(), one.physical_type())
+        };
+        (columns.map(column).collect(), file.num_rows())
+    }
+
+    #[test]
+    fn parquet_files_have_every_view_with_its_columns_types_and_rows() {
+        let folder = completed();
+        folder.jitai(["export", "--out", "results", "--format", "parquet"]).succeeded();
+        let store = folder.store();
+        for view in &views(&store) {
+            let (found, rows) = read(&folder.path(&format!("results/{view}.parquet")));
+            let names: Vec<&String> = found.iter().map(|(name, _)| name).collect();
+            assert_eq!(names, columns(&store, view).iter().collect::<Vec<_>>(), "{view}");
+            assert_eq!(rows, folder.number(&format!("SELECT count(*) FROM {view}")), "{view}");
+        }
+        let (found, _) = read(&folder.path("results/run_summary.parquet"));
+        let kind = |name: &str| found.iter().find(|(known, _)| known == name).unwrap().1;
+        assert_eq!(kind("job_key"), Type::BYTE_ARRAY);
+        assert_eq!(kind("seed"), Type::INT64);
+        assert_eq!(kind("mean_return"), Type::DOUBLE);
+    }
+
+    #[test]
+    fn a_query_answers_in_parquet_on_standard_output() {
+        let folder = completed();
+        let sql = "SELECT agent, count(*) AS runs FROM run_summary GROUP BY agent";
+        let output = folder.command(["query", sql, "--format", "parquet"]).output().unwrap();
+        folder.write("answer.parquet", &output.stdout);
+        let (found, rows) = read(&folder.path("answer.parquet"));
+        let expected = [("agent".to_owned(), Type::BYTE_ARRAY), ("runs".to_owned(), Type::INT64)];
+        assert_eq!((found, rows), (expected.to_vec(), 2));
+        let twice = folder.jitai(["query", "SELECT 1 AS a, 2 AS a", "--format", "parquet"]);
+        twice.ended(2).says("two columns are called `a`");
+    }
+}

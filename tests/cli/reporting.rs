@@ -201,3 +201,44 @@ fn tables_of_arms_give_the_share_of_the_optimum_where_it_is_known() {
     // A rule learns nothing.
     assert_eq!(folder.read("report/tables/rules-learning.csv").lines().count(), 1);
 }
+
+/// Rules in two environments that differ in two zipped keys, and in a third at a time.
+const ZIPPED: &str = r#"
+format = 1
+name = "zipped"
+scenarios = ["P-T"]
+seeds = 2
+zip = [["environment.first_context", "environment.time_indicator"]]
+[environment]
+sigma = 0.6
+horizon = 10
+mu = [[0.1, 0.1], [0.0, 0.0]]
+first_context = ["fixed", "sampled"]
+time_indicator = ["lagged", "exact"]
+[evaluation]
+test_episodes = 20
+[[agent]]
+name = "chance"
+algorithm = "rule"
+rule = "random"
+[[exclude]]
+environment.mu = [[0.0, 0.0]]
+environment.first_context = "sampled"
+[[analysis]]
+name = "first"
+kind = "contrast"
+by = "environment.first_context"
+between = ["sampled", "fixed"]
+"#;
+
+#[test]
+fn a_contrast_by_a_zipped_key_has_a_row_named_by_what_tells_it_apart() {
+    let folder = Folder::with(ZIPPED);
+    folder.jitai(["run", "sweep.toml"]).succeeded();
+    folder.jitai(["report", "sweep.toml", "--out", "r"]).succeeded();
+    let table = folder.read("r/tables/zipped-first.csv");
+    let mut rows = csv::Reader::from_reader(table.as_bytes());
+    let rows: Vec<csv::StringRecord> = rows.records().map(Result::unwrap).collect();
+    assert_eq!(rows.len(), 1, "{table}");
+    assert_eq!(&rows[0][0], "chance P-T", "{table}");
+}

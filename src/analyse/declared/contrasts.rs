@@ -1,11 +1,11 @@
 //! Differences of means between two sides, at every setting of the other parameters.
 
-use super::arm::{Name, groups, is_at, meets, shared, wanted};
+use super::arm::{Name, groups, is_at, meets, shared, varying, wanted};
 use super::inference::inference_error;
 use super::{Content, Finding};
 use crate::analyse::{self, Corrected, Design, Sample, Undefined, correct};
 use crate::manifest::{Analysis, AnalysisKind, Condition, Contrast, Pairing, Published, Sides};
-use crate::record::JobRecord;
+use crate::record::{JobRecord, Setting};
 
 /// A difference at one setting of the other parameters.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,10 +45,10 @@ pub fn rows(
         .filter(|job| meets(job, &sides.first) || meets(job, &sides.second))
         .copied()
         .collect();
-    let by = sides.key();
+    let by = decided(sides, &both);
     let mut rows = Vec::new();
     let mut names: Vec<Name> = Vec::new();
-    for group in groups(&both, &[&by]) {
+    for group in groups(&both, &by.iter().map(String::as_str).collect::<Vec<_>>()) {
         let name = shared(&sides.first, group.name);
         if !names.contains(&name) {
             names.push(name);
@@ -66,7 +66,44 @@ pub fn rows(
             published,
         )
     }));
+    name_apart(&mut rows);
     rows
+}
+
+/// The parameters that the sides decide: that of their key, and those zipped with it, which have
+/// one value on each side and another on the other.
+fn decided(sides: &Sides, both: &[&JobRecord]) -> Vec<String> {
+    let by = sides.key();
+    if by.is_empty() {
+        return Vec::new();
+    }
+    let (first, second): (Vec<&JobRecord>, Vec<&JobRecord>) =
+        both.iter().partition(|job| meets(job, &sides.first));
+    let decides = |name: &String| match (only(name, &first), only(name, &second)) {
+        (Some(one), Some(other)) => one != other,
+        _ => false,
+    };
+    let mut names: Vec<String> = varying(both).into_iter().filter(decides).collect();
+    if !names.contains(&by) {
+        names.push(by);
+    }
+    names
+}
+
+/// The value that all these jobs have of a parameter; `None` if they differ or lack it.
+fn only<'j>(name: &str, jobs: &[&'j JobRecord]) -> Option<&'j Setting> {
+    let value = jobs.first()?.setting(name)?;
+    jobs.iter().all(|job| job.setting(name) == Some(value)).then_some(value)
+}
+
+/// Takes from the rows' names the settings that all rows share: they tell none from another.
+fn name_apart(rows: &mut [ContrastRow]) {
+    let settings = rows.iter().map(|row| &row.name.settings);
+    let Some(mut everywhere) = settings.clone().next().cloned() else { return };
+    everywhere.retain(|setting| settings.clone().all(|others| others.contains(setting)));
+    for row in rows {
+        row.name.settings.retain(|setting| !everywhere.contains(setting));
+    }
 }
 
 /// A difference; `None` where a side has no jobs.

@@ -45,11 +45,24 @@ pub fn figure_card(shown: &Shown<'_>) -> String {
         stem = shown.stem,
         title = markup(&shown.finding.title),
         switches = switches(&shown.series),
-        caption = markup(&shown.caption),
+        caption = sentences(&shown.caption),
         links = table_links(&format!("tables/{}", shown.stem)),
         table = html_table(&shown.table),
         sql = markup(shown.sql)
     )
+}
+
+/// Letters of the longest word with a hyphen that is kept on one line; scenarios have seven.
+const KEPT_WHOLE: usize = 9;
+
+/// Sentences whose lines break neither within a scenario, such as `P-H-D`, nor before a `%`.
+fn sentences(text: &str) -> String {
+    let word = |word: &str| match word.contains('-') && word.chars().count() <= KEPT_WHOLE {
+        true => format!("<span class=\"whole\">{}</span>", markup(word)),
+        false => markup(word),
+    };
+    let words: Vec<String> = text.split(' ').map(word).collect();
+    words.join(" ").replace(" %", "&nbsp;%")
 }
 
 /// What every agent and every arm of an experiment came to.
@@ -184,4 +197,18 @@ pub fn provenance(experiments: &[&ReportedExperiment], store: &str) -> String {
         markup(store),
         html_table(&table)
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_break_neither_in_a_scenario_nor_before_a_percent_sign() {
+        assert_eq!(
+            sentences("dqn P-H-D, at 40 % error, <a>"),
+            "dqn <span class=\"whole\">P-H-D,</span> at 40&nbsp;% error, &lt;a&gt;"
+        );
+        assert_eq!(sentences("a-name-that-is-long"), "a-name-that-is-long");
+    }
 }

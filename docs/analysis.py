@@ -1,0 +1,216 @@
+"""The questions of analysis.md, answered with pandas.
+
+    python docs/analysis.py [STORE [FOLDER]]
+
+prints the answers about a store (jitai.sqlite by default), or writes them into FOLDER as 1.csv,
+2.csv and so on. Every cell stands on the first one alone, to be copied into a notebook.
+"""
+
+# %% The views of the store, and the completed runs of an experiment
+import sqlite3
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+path = Path(sys.argv[1] if len(sys.argv) > 1 else "jitai.sqlite").resolve()
+# Read-only: a misspelt path is an error, and not a new file.
+store = sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)
+runs = pd.read_sql("SELECT * FROM run_summary", store)
+parameters = pd.read_sql("SELECT * FROM parameter", store)
+metrics = pd.read_sql("SELECT * FROM metric", store)
+curves = pd.read_sql("SELECT * FROM learning_curve", store)
+episodes = pd.read_sql("SELECT * FROM evaluation_episode", store)
+choices = pd.read_sql("SELECT * FROM action_choice", store)
+
+ARM = ["agent", "scenario", "sigma"]
+completed = runs[runs["status"] == "completed"]
+quickstart = completed[completed["experiment"] == "quickstart"]
+answers = {}
+
+# %% 1. What did each arm reach, over its seeds?
+answers[1] = quickstart.groupby(ARM)["mean_return"].agg(
+    seeds="count", mean="mean", sd="std", lowest="min", highest="max"
+)
+
+# %% 2. How much do probabilities gain over the most likely context (P-H-D minus L-H-D), by sigma?
+means = quickstart.pivot_table("mean_return", ["agent", "sigma"], "scenario")
+answers[2] = (means["P-H-D"] - means["L-H-D"]).rename("gain")
+
+# %% 3. Is the gain there in every seed?
+by_seed = quickstart.pivot(
+    index=["agent", "sigma", "seed"], columns="scenario", values="mean_return"
+)
+answers[3] = (by_seed["P-H-D"] - by_seed["L-H-D"]).rename("gain")
+
+# %% 4. Is the gain more than chance?
+# scipy.stats.ttest_ind(…, equal_var=False) is the same test, and has the p value.
+arm = quickstart.groupby(["agent", "sigma", "scenario"])["mean_return"]
+mean, variance, n = (table.unstack() for table in (arm.mean(), arm.var() / arm.count(), arm.count()))
+gain = mean["P-H-D"] - mean["L-H-D"]
+standard_error = (variance["P-H-D"] + variance["L-H-D"]) ** 0.5
+degrees_of_freedom = standard_error**4 / (variance**2 / (n - 1))[["P-H-D", "L-H-D"]].sum(axis=1)
+answers[4] = pd.DataFrame(
+    {
+        "gain": gain,
+        "standard_error": standard_error,
+        "t": gain / standard_error,
+        "degrees_of_freedom": degrees_of_freedom,
+    }
+)
+
+# %% 5. What share of the best arm's return does each arm reach?
+mean = quickstart.groupby(["sigma", "agent", "scenario"])["mean_return"].mean().to_frame("mean")
+mean["share_of_best"] = mean["mean"] / mean.groupby("sigma")["mean"].transform("max")
+answers[5] = mean.sort_values(["sigma", "mean"], ascending=[True, False])
+
+# %% 6. Which run was the best, which the worst?
+columns = [*ARM, "seed", "mean_return", "disengagement_rate", "job_key"]
+answers[6] = quickstart.sort_values("mean_return", ascending=False)[columns].set_index("job_key")
+
+# %% 7. What do the unlucky people get?
+tested = quickstart[["job_key", *ARM]].merge(episodes, on="job_key")
+quartile = lambda returns: np.quantile(returns, 0.25, method="inverted_cdf")
+median = lambda returns: np.quantile(returns, 0.5, method="inverted_cdf")
+answers[7] = tested.groupby(ARM)["total_reward"].agg(lower_quartile=quartile, median=median)
+
+# %% 8. How often do episodes end in disengagement, and what does that cost in messages?
+wide = metrics.pivot(index="job_key", columns="name", values="value")
+wide["messages_per_episode"] = wide["message_rate"] * wide["mean_length"]
+asked = ["disengagement_rate", "mean_length", "messages_per_episode"]
+answers[8] = quickstart[["job_key", *ARM]].join(wide[asked], on="job_key").groupby(ARM)[asked].mean()
+
+# %% 9. When do people disengage?
+tested = quickstart[["job_key", *ARM]].merge(episodes, on="job_key")
+answers[9] = (
+    tested[tested["disengaged"] == 1]
+    .rename(columns={"length": "step"})
+    .groupby([*ARM, "step"])
+    .size()
+    .rename("disengagements")
+)
+
+# %% 10. Which actions are chosen, by how sure the inference is?
+chosen = quickstart[["job_key", *ARM]].merge(choices, on="job_key")
+steps = chosen.groupby([*ARM, "p_low", "p_high", "action"])["count"].sum().to_frame("steps")
+steps["share"] = steps["steps"] / steps.groupby([*ARM, "p_low"])["steps"].transform("sum")
+answers[10] = steps
+
+# %% 11. How many messages are sent, and how many of the tailored ones fit?
+chosen = quickstart[["job_key", *ARM]].merge(choices, on="job_key")
+counts = chosen[ARM].assign(
+    all=chosen["count"],
+    sent=chosen["count"].where(chosen["action"] > 0),
+    tailored=chosen["count"].where(chosen["action"] >= 2),
+    fitting=chosen["count"].where(chosen["action"] == chosen["context"] + 2),
+)
+counts = counts.groupby(ARM).sum(min_count=1)
+answers[11] = pd.DataFrame(
+    {
+        "message_rate": counts["sent"] / counts["all"],
+        "share_that_fits": counts["fitting"] / counts["tailored"],
+    }
+)
+
+# %% 12. What does the learning curve look like, smoothed?
+returns = curves[curves["metric"] == "mean_return"].sort_values("episode")
+learning = quickstart[["job_key", *ARM, "seed"]].merge(returns, on="job_key")
+learning["moving_mean_return"] = learning.groupby([*ARM, "seed"])["value"].transform(
+    lambda values: values.rolling(10, min_periods=1).mean()
+)
+answers[12] = learning.set_index([*ARM, "seed", "episode"])["moving_mean_return"]
+
+# %% 13. After how many episodes is an agent within 5 % of where it ends?
+returns = curves[curves["metric"] == "mean_return"].sort_values("episode")
+learning = quickstart[["job_key", *ARM, "seed"]].merge(returns, on="job_key")
+by_run = learning.groupby([*ARM, "seed"])
+learning["smoothed"] = by_run["value"].transform(
+    lambda values: values.rolling(10, min_periods=1).mean()
+)
+ending = by_run["smoothed"].transform("last")
+answers[13] = (
+    learning[learning["smoothed"] >= 0.95 * ending]
+    .groupby([*ARM, "seed"])["episode"]
+    .min()
+    .rename("episodes")
+)
+
+# %% 14. How does the gain depend on the disengagement dynamics?
+swept = (
+    parameters[parameters["name"].isin(["environment.delta_d", "environment.epsilon_d"])]
+    .pivot(index="job_key", columns="name", values="value")
+    .rename(columns=lambda name: name.removeprefix("environment."))
+    .astype(float)
+)
+dynamics = completed[completed["experiment"] == "disengagement"].join(swept, on="job_key")
+means = dynamics.pivot_table("mean_return", ["agent", "delta_d", "epsilon_d"], "scenario")
+answers[14] = (means["P-H-D"] - means["L-H-D"]).rename("gain")
+
+# %% 15. What were the parameters of a job?
+job = quickstart.query("agent == 'dqn' and scenario == 'P-H-D' and sigma == 0.6 and seed == 1")
+answers[15] = parameters[parameters["job_key"] == job["job_key"].item()].set_index("name")[["value"]]
+
+# %% 16. Which parameters does an experiment vary, and over which values?
+held = runs[runs["experiment"] == "disengagement"].merge(parameters, on="job_key")
+varied = held.groupby(["agent", "name"])["value"]
+# Values of one parameter are of one type, but the column is not.
+varied = varied.agg(different="nunique", lowest=lambda v: min(v), highest=lambda v: max(v))
+answers[16] = varied[varied["different"] > 1]
+
+# %% 17. Which runs failed?
+columns = ["experiment", *ARM, "seed", "attempt", "failure_kind", "failure_message", "job_key"]
+failed = runs[runs["status"] == "failed"].sort_values("started_at")
+answers[17] = failed[columns].set_index("experiment")
+
+# %% 18. How many seeds does each arm have, and how many are missing?
+begun = runs.assign(done=runs["status"] == "completed").groupby(["experiment", *ARM])
+seeds = begun.agg(jobs_begun=("job_key", "nunique"), completed=("done", "sum"))
+seeds["without_results"] = seeds["jobs_begun"] - seeds["completed"]
+answers[18] = seeds.sort_values("without_results", ascending=False, kind="stable")
+
+# %% 19. How long does a job of each algorithm take?
+algorithm = parameters[parameters["name"] == "agent.algorithm"].set_index("job_key")["value"]
+seconds = completed.drop_duplicates("job_key").set_index("job_key")["wall_seconds"]
+answers[19] = seconds.groupby(algorithm.rename("algorithm")).agg(
+    runs="count", mean_seconds="mean", longest="max", hours_in_all=lambda s: s.sum() / 3600
+)
+
+# %% 20. Which experiments share jobs?
+held = runs[["experiment", "job_key"]].drop_duplicates()
+pairs = held.merge(held.rename(columns={"experiment": "shares_with"}), on="job_key")
+pairs = pairs[pairs["shares_with"] > pairs["experiment"]]
+answers[20] = pairs.groupby(["experiment", "shares_with"]).size().rename("jobs")
+
+# %% 21. Which version of jitai made which results?
+answers[21] = completed.groupby(["experiment", "code_version"]).agg(
+    runs=("job_key", "size"), first=("started_at", "min"), last=("ended_at", "max")
+)
+
+# %% 22. Which jobs needed more than one attempt?
+attempts = runs.drop(columns="experiment").drop_duplicates().sort_values("attempt")
+attempts = attempts.groupby(["job_key", *ARM, "seed"])["status"].agg(
+    attempts="size", what_became_of_them=", ".join
+)
+answers[22] = attempts[attempts["attempts"] > 1].reset_index("job_key", drop=True)
+
+# %% 23. Does the return agree with the episodes it was computed from?
+again = episodes.groupby("job_key")["total_reward"].mean()
+difference = completed["mean_return"] - completed["job_key"].map(again)
+answers[23] = difference.abs().agg(["max"]).rename("largest_difference")
+
+# %% 24. What share of the optimum does each agent reach?
+both = completed[completed["experiment"].isin(["quickstart", "reference"])]
+mean = both.groupby(ARM)["mean_return"].mean()
+best = mean.xs("optimal", level="agent")
+answers[24] = mean.div(best, axis=0).dropna().rename("share")
+
+# %% Printed, or written as files
+if __name__ == "__main__":
+    for question, answer in answers.items():
+        if len(sys.argv) > 2:
+            folder = Path(sys.argv[2])
+            folder.mkdir(parents=True, exist_ok=True)
+            answer.to_csv(folder / f"{question}.csv")
+        else:
+            print(f"\n{question}.\n{answer}")

@@ -1,0 +1,178 @@
+//! Answers of the store, written in the format that was asked for.
+
+use std::io::{self, IsTerminal, Write};
+use std::ops::ControlFlow;
+
+use clap::ValueEnum;
+
+use crate::cli::Error;
+use crate::cli::output::{Cell, Format, Rows};
+#[cfg(feature = "parquet")]
+use crate::cli::parquet::Columns;
+use crate::store::{Answer, QueryError, Reader, Value};
+
+/// How an answer is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum AnswerFormat {
+    /// Aligned columns, for reading.
+    Table,
+    /// Comma-separated values with a header line (RFC 4180).
+    Csv,
+    /// An array of objects, one a line.
+    Json,
+    /// Apache Parquet; a build with the feature `parquet` writes it.
+    Parquet,
+}
+
+impl AnswerFormat {
+    /// Nothing if this build writes the format.
+    ///
+    /// **Errors**: it does not, and how to build one that does.
+    pub(super) fn require(self) -> Result<(), Error> {
+        if self == AnswerFormat::Parquet && !cfg!(feature = "parquet") {
+            return Err(Error::Usage(
+                "--format parquet: this jitai was built without it; build it with `cargo build \
+                 --release --features parquet`, or take csv"
+                    .to_owned(),
+            ));
+        }
+        Ok(())
+    }
+
+    /// Nothing if standard output can take the format.
+    ///
+    /// **Errors**: it is a terminal, and the format is none for reading.
+    pub(super) fn require_readable(self) -> Result<(), Error> {
+        if self == AnswerFormat::Parquet && io::stdout().is_terminal() {
+            return Err(Error::Usage(
+                "--format parquet: nobody can read that on a terminal; send it to a file, as in \
+                 `> answer.parquet`"
+                    .to_owned(),
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// Why an answer could not be written.
+pub(super) enum Failed {
+    /// The query.
+    Query(QueryError),
+    /// Its columns, for a format that cannot hold them; what to do.
+    #[cfg(feature = "parquet")]
+    Columns(String),
+    /// The output.
+    Output(io::Error),
+}
+
+impl From<Failed> for Error {
+    fn from(failed: Failed) -> Self {
+        match failed {
+            Failed::Query(error) => Error::Query(error),
+            #[cfg(feature = "parquet")]
+            Failed::Columns(message) => Error::Usage(message),
+            Failed::Output(error) => error.into(),
+        }
+    }
+}
+
+/// The rows of an answer on their way out.
+enum Written<W: Write> {
+    /// As lines, which go as they come.
+    Lines(Rows<W>),
+    /// As columns, which are written at the end.
+    #[cfg(feature = "parquet")]
+    Columns(Columns, W),
+}
+
+impl<W: Write> Written<W> {
+    fn begin(format: AnswerFormat, names: &[&str], out: W) -> Result<Self, Failed> {
+        let format = match format {
+            AnswerFormat::Table => Format::Table,
+            AnswerFormat::Csv => Format::Csv,
+            AnswerFormat::Json => Format::Json,
+            #[cfg(feature = "parquet")]
+            AnswerFormat::Parquet => {
+                let columns = Columns::new(names).map_err(Failed::Columns)?;
+                return Ok(Written::Columns(columns, out));
+            }
+            #[cfg(not(feature = "parquet"))]
+            AnswerFormat::Parquet => {
+                return Err(Failed::Output(io::ErrorKind::Unsupported.into()));
+            }
+        };
+        let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+        Rows::new(format, &names, out).map(Written::Lines).map_err(Failed::Output)
+    }
+
+    fn row(&mut self, values: &[Value<'_>]) -> io::Result<()> {
+        match self {
+            Written::Lines(rows) => rows.row(&values.iter().map(cell).collect::<Vec<_>>()),
+            #[cfg(feature = "parquet")]
+            Written::Columns(columns, _) => {
+                columns.row(values);
+                Ok(())
+            }
+        }
+    }
+
+    fn finish(self) -> io::Result<()> {
+        match self {
+            Written::Lines(rows) => rows.finish(),
+            #[cfg(feature = "parquet")]
+            Written::Columns(columns, out) => columns.write(out),
+        }
+    }
+}
+
+/// Writes the answer to a query.
+pub(super) fn write<W: Write>(
+    reader: &Reader,
+    sql: &str,
+    format: AnswerFormat,
+    out: W,
+) -> Result<(), Failed> {
+    let mut out = Some(out);
+    let mut written: Option<Written<W>> = None;
+    let mut failed = None;
+    let answered = reader.query(sql, |answer| {
+        let result = match answer {
+            Answer::Columns(names) => {
+                let out = out.take().expect("columns come once");
+                Written::begin(format, names, out).map(|begun| written = Some(begun))
+            }
+            Answer::Row(values) => {
+                let written = written.as_mut().expect("columns come first");
+                written.row(values).map_err(Failed::Output)
+            }
+        };
+        match result {
+            Ok(()) => ControlFlow::Continue(()),
+            Err(error) => {
+                failed = Some(error);
+                ControlFlow::Break(())
+            }
+        }
+    });
+    if let Some(failed) = failed {
+        return Err(failed);
+    }
+    answered.map_err(Failed::Query)?;
+    written.map_or(Ok(()), Written::finish).map_err(Failed::Output)
+}
+
+fn cell(value: &Value<'_>) -> Cell {
+    match value {
+        Value::Null => Cell::Empty,
+        Value::Integer(number) => Cell::Integer(*number),
+        Value::Real(number) => Cell::Real(*number),
+        Value::Text(text) => Cell::text(*text),
+        Value::Blob(bytes) => Cell::Text(digits(bytes)),
+    }
+}
+
+/// Bytes as SQL writes them.
+pub(super) fn digits(bytes: &[u8]) -> String {
+    let digits: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+    format!("x'{digits}'")
+}

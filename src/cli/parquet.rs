@@ -1,0 +1,274 @@
+//! Parquet: an answer as columns, each with one type.
+//!
+//! In: the rows of an answer, whose values SQLite types one by one. Out: a file with one row group.
+//! A column of whole numbers is INT64, one of numbers DOUBLE, and one with a text, or without any
+//! value, is a string; its numbers are written out as in CSV. Every column may have nulls.
+
+use std::collections::HashMap;
+use std::io::{self, Write};
+use std::sync::Arc;
+
+use ::parquet::basic::{Compression, LogicalType, Repetition, Type as PhysicalType};
+use ::parquet::data_type::{ByteArray, ByteArrayType, DataType, DoubleType, Int64Type};
+use ::parquet::errors::ParquetError;
+use ::parquet::file::properties::WriterProperties;
+use ::parquet::file::writer::{SerializedColumnWriter, SerializedFileWriter};
+use ::parquet::schema::types::{Type, TypePtr};
+
+use crate::cli::answer::digits;
+use crate::store::Value;
+
+/// Rows handed to the encoder at a time.
+const BATCH: usize = 8192;
+
+/// The columns of an answer.
+pub(super) struct Columns(Vec<Column>);
+
+struct Column {
+    name: String,
+    /// Of each row: 1 if it has a value, 0 if it is null.
+    levels: Vec<i16>,
+    values: Values,
+}
+
+/// The values of a column, without its nulls.
+enum Values {
+    /// None so far.
+    None,
+    Integers(Vec<i64>),
+    Reals(Vec<f64>),
+    Texts(Texts),
+}
+
+/// Texts that are kept once, however often they come: job keys fill most columns of the views.
+#[derive(Default)]
+struct Texts {
+    rows: Vec<usize>,
+    different: Vec<ByteArray>,
+    places: HashMap<String, usize>,
+}
+
+impl Texts {
+    /// Numbers, written out.
+    fn of(numbers: &[impl ToString]) -> Texts {
+        let mut texts = Texts::default();
+        numbers.iter().for_each(|number| texts.push(&number.to_string()));
+        texts
+    }
+
+    fn push(&mut self, text: &str) {
+        let place = match self.places.get(text) {
+            Some(place) => *place,
+            None => {
+                let place = self.different.len();
+                self.different.push(ByteArray::from(text));
+                self.places.insert(text.to_owned(), place);
+                place
+            }
+        };
+        self.rows.push(place);
+    }
+}
+
+impl Values {
+    fn push(&mut self, value: &Value<'_>) {
+        match value {
+            Value::Null => {}
+            Value::Integer(number) => match self {
+                Values::None => *self = Values::Integers(vec![*number]),
+                Values::Integers(numbers) => numbers.push(*number),
+                Values::Reals(numbers) => numbers.push(*number as f64),
+                Values::Texts(texts) => texts.push(&number.to_string()),
+            },
+            Value::Real(number) => match self {
+                Values::None => *self = Values::Reals(vec![*number]),
+                Values::Integers(wholes) => {
+                    let wholes = wholes.iter().map(|whole| *whole as f64);
+                    *self = Values::Reals(wholes.chain([*number]).collect());
+                }
+                Values::Reals(numbers) => numbers.push(*number),
+                Values::Texts(texts) => texts.push(&number.to_string()),
+            },
+            Value::Text(text) => self.push_text(text),
+            Value::Blob(bytes) => self.push_text(&digits(bytes)),
+        }
+    }
+
+    /// Adds a text, which makes texts of the numbers before it.
+    fn push_text(&mut self, text: &str) {
+        let mut texts = match self {
+            Values::Texts(texts) => return texts.push(text),
+            Values::None => Texts::default(),
+            Values::Integers(numbers) => Texts::of(numbers),
+            Values::Reals(numbers) => Texts::of(numbers),
+        };
+        texts.push(text);
+        *self = Values::Texts(texts);
+    }
+}
+
+impl Column {
+    fn field(&self) -> Result<TypePtr, ParquetError> {
+        let (physical, logical) = match &self.values {
+            Values::Integers(_) => (PhysicalType::INT64, None),
+            Values::Reals(_) => (PhysicalType::DOUBLE, None),
+            Values::Texts(_) | Values::None => {
+                (PhysicalType::BYTE_ARRAY, Some(LogicalType::String))
+            }
+        };
+        Type::primitive_type_builder(&self.name, physical)
+            .with_repetition(Repetition::OPTIONAL)
+            .with_logical_type(logical)
+            .build()
+            .map(Arc::new)
+    }
+
+    fn write(&self, mut writer: SerializedColumnWriter<'_>) -> Result<(), ParquetError> {
+        match &self.values {
+            Values::None => self.batches::<ByteArrayType>(&mut writer, |_| Vec::new())?,
+            Values::Integers(numbers) => {
+                self.batches::<Int64Type>(&mut writer, |range| numbers[range].to_vec())?;
+            }
+            Values::Reals(numbers) => {
+                self.batches::<DoubleType>(&mut writer, |range| numbers[range].to_vec())?;
+            }
+            Values::Texts(texts) => self.batches::<ByteArrayType>(&mut writer, |range| {
+                texts.rows[range].iter().map(|place| texts.different[*place].clone()).collect()
+            })?,
+        }
+        writer.close()
+    }
+
+    /// Writes the column; `values` has those of a range, counted without nulls.
+    fn batches<T: DataType>(
+        &self,
+        writer: &mut SerializedColumnWriter<'_>,
+        values: impl Fn(std::ops::Range<usize>) -> Vec<T::T>,
+    ) -> Result<(), ParquetError> {
+        let mut done = 0;
+        for levels in self.levels.chunks(BATCH) {
+            let end = done + levels.iter().filter(|level| **level == 1).count();
+            writer.typed::<T>().write_batch(&values(done..end), Some(levels), None)?;
+            done = end;
+        }
+        Ok(())
+    }
+}
+
+impl Columns {
+    /// Columns of these names, without rows.
+    ///
+    /// **Errors**: two have one name, and what to do about it.
+    pub(super) fn new(names: &[&str]) -> Result<Columns, String> {
+        for (at, name) in names.iter().enumerate() {
+            if names[..at].contains(name) {
+                return Err(format!(
+                    "--format parquet: two columns are called `{name}`; name one otherwise, with AS"
+                ));
+            }
+        }
+        let column = |name: &&str| Column {
+            name: (*name).to_owned(),
+            levels: Vec::new(),
+            values: Values::None,
+        };
+        Ok(Columns(names.iter().map(column).collect()))
+    }
+
+    /// Adds a row, one value a column.
+    pub(super) fn row(&mut self, values: &[Value<'_>]) {
+        for (column, value) in self.0.iter_mut().zip(values) {
+            column.levels.push(i16::from(*value != Value::Null));
+            column.values.push(value);
+        }
+    }
+
+    /// Writes the rows as a file.
+    pub(super) fn write(self, mut out: impl Write) -> io::Result<()> {
+        out.write_all(&self.encode().map_err(io::Error::other)?)?;
+        out.flush()
+    }
+
+    fn encode(self) -> Result<Vec<u8>, ParquetError> {
+        let fields: Vec<TypePtr> = self.0.iter().map(Column::field).collect::<Result<_, _>>()?;
+        let schema = Type::group_type_builder("answer").with_fields(fields).build()?;
+        let properties = WriterProperties::builder()
+            .set_compression(Compression::SNAPPY)
+            .set_created_by(concat!("jitai ", env!("CARGO_PKG_VERSION")).to_owned())
+            .build();
+        let mut file =
+            SerializedFileWriter::new(Vec::new(), Arc::new(schema), Arc::new(properties))?;
+        let mut group = file.next_row_group()?;
+        for column in &self.0 {
+            let writer = group.next_column()?.expect("a writer for each field");
+            column.write(writer)?;
+        }
+        group.close()?;
+        file.into_inner()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ::parquet::file::reader::{FileReader, SerializedFileReader};
+    use ::parquet::record::Field;
+
+    use super::*;
+
+    /// The physical types and the rows of a file.
+    fn read(columns: Columns) -> (Vec<PhysicalType>, Vec<Vec<Field>>) {
+        let mut bytes = Vec::new();
+        columns.write(&mut bytes).unwrap();
+        let mut file = tempfile::tempfile().unwrap();
+        file.write_all(&bytes).unwrap();
+        let reader = SerializedFileReader::new(file).unwrap();
+        let schema = reader.metadata().file_metadata().schema_descr_ptr();
+        let types = schema.columns().iter().map(|column| column.physical_type()).collect();
+        let rows = reader.get_row_iter(None).unwrap().map(Result::unwrap);
+        let fields = |row: ::parquet::record::Row| {
+            row.get_column_iter().map(|(_, field)| field.clone()).collect()
+        };
+        (types, rows.map(fields).collect())
+    }
+
+    #[test]
+    fn a_column_has_the_narrowest_type_that_holds_its_values() {
+        let mut columns = Columns::new(&["whole", "number", "mixed", "empty"]).unwrap();
+        columns.row(&[Value::Integer(-3), Value::Integer(1), Value::Real(0.5), Value::Null]);
+        columns.row(&[Value::Null, Value::Real(2.5), Value::Text("[1]"), Value::Null]);
+        let (types, rows) = read(columns);
+        let text = PhysicalType::BYTE_ARRAY;
+        assert_eq!(types, [PhysicalType::INT64, PhysicalType::DOUBLE, text, text]);
+        let string = |text: &str| Field::Str(text.to_owned());
+        assert_eq!(
+            rows,
+            [
+                vec![Field::Long(-3), Field::Double(1.0), string("0.5"), Field::Null],
+                vec![Field::Null, Field::Double(2.5), string("[1]"), Field::Null],
+            ]
+        );
+    }
+
+    #[test]
+    fn many_rows_with_nulls_among_them_come_back_as_they_were() {
+        let mut columns = Columns::new(&["n", "word"]).unwrap();
+        let rows = 2 * BATCH as i64 + 7;
+        for row in 0..rows {
+            let word = format!("word {}", row % 3);
+            let number = if row % 5 == 0 { Value::Null } else { Value::Integer(row) };
+            columns.row(&[number, Value::Text(&word)]);
+        }
+        let (_, found) = read(columns);
+        assert_eq!(found.len() as i64, rows);
+        for (row, fields) in (0..).zip(found) {
+            let number = if row % 5 == 0 { Field::Null } else { Field::Long(row) };
+            assert_eq!(fields, [number, Field::Str(format!("word {}", row % 3))]);
+        }
+    }
+
+    #[test]
+    fn two_columns_of_one_name_are_refused() {
+        let refused = Columns::new(&["a", "b", "a"]).err().unwrap();
+        assert!(refused.contains("two columns are called `a`"), "{refused}");
+    }
+}

@@ -1,0 +1,227 @@
+//! The questions of docs/analysis.md have one answer each: SQL, pandas and R agree on every number.
+//!
+//! Python with pandas and R are looked for, and what is not at hand is left out and said to be.
+
+use std::env;
+use std::ffi::OsStr;
+use std::fs;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use jitai::store::{Answer, Reader, Value};
+
+#[path = "documents/examples.rs"]
+mod examples;
+
+/// How far two numbers may be apart, as a share of the larger one: R writes 15 digits.
+const TOLERANCE: f64 = 1e-9;
+
+/// Two numbers below this are both the rounding of a difference of equal numbers.
+const ROUNDING: f64 = 1e-9;
+
+/// A question of the document.
+struct Question {
+    number: usize,
+    sql: String,
+}
+
+/// An answer as text, whoever gave it.
+#[derive(Debug)]
+struct Table {
+    columns: Vec<String>,
+    rows: Vec<Vec<String>>,
+}
+
+impl Table {
+    /// The table with its columns in this order, and its rows in an order of their own.
+    fn arranged(&self, columns: &[String]) -> Table {
+        let place = |name: &String| {
+            let found = self.columns.iter().position(|column| column == name);
+            found.unwrap_or_else(|| panic!("no column {name} in {:?}", self.columns))
+        };
+        let places: Vec<usize> = columns.iter().map(place).collect();
+        let arrange = |row: &Vec<String>| places.iter().map(|at| row[*at].clone()).collect();
+        let mut rows: Vec<Vec<String>> = self.rows.iter().map(arrange).collect();
+        rows.sort_by_key(|row| row.iter().map(|cell| coarse(cell)).collect::<Vec<_>>());
+        Table { columns: columns.to_vec(), rows }
+    }
+}
+
+/// The cell with so few digits that roundings of one number are alike.
+fn coarse(cell: &str) -> String {
+    cell.parse::<f64>().map_or_else(|_| cell.to_owned(), |number| format!("{number:.6e}"))
+}
+
+fn equal(one: &str, other: &str) -> bool {
+    match (one.parse::<f64>(), other.parse::<f64>()) {
+        (Ok(one), Ok(other)) => {
+            let size = one.abs().max(other.abs());
+            (one - other).abs() <= TOLERANCE * size || size < ROUNDING
+        }
+        _ => one == other,
+    }
+}
+
+/// The questions in the order of the document, each with the SQL block below its heading.
+fn questions() -> Vec<Question> {
+    let text = fs::read_to_string("docs/analysis.md").unwrap();
+    let sections = text.split("\n### ").skip(1);
+    let question = |section: &str| {
+        let number = section.split_once(". ").unwrap().0.parse().unwrap();
+        let blocks: Vec<&str> = section.split("```sql\n").skip(1).collect();
+        assert_eq!(blocks.len(), 1, "question {number} has one query");
+        Question { number, sql: blocks[0].split("```").next().unwrap().to_owned() }
+    };
+    sections.map(question).collect()
+}
+
+fn cell(value: &Value<'_>) -> String {
+    match value {
+        Value::Null => String::new(),
+        Value::Integer(number) => number.to_string(),
+        Value::Real(number) => number.to_string(),
+        Value::Text(text) => (*text).to_owned(),
+        Value::Blob(bytes) => panic!("no view has bytes: {bytes:?}"),
+    }
+}
+
+fn answer_of_sql(reader: &Reader, sql: &str) -> Table {
+    let mut table = Table { columns: Vec::new(), rows: Vec::new() };
+    let hear = |answer: Answer<'_>| {
+        match answer {
+            Answer::Columns(names) => {
+                table.columns = names.iter().map(|name| (*name).to_owned()).collect();
+            }
+            Answer::Row(values) => table.rows.push(values.iter().map(cell).collect()),
+        }
+        ControlFlow::Continue(())
+    };
+    reader.query(sql, hear).unwrap_or_else(|error| panic!("{error}\n{sql}"));
+    table
+}
+
+fn answer_of_file(path: &Path) -> Table {
+    let mut reader = csv::Reader::from_path(path).unwrap_or_else(|e| panic!("{path:?}: {e}"));
+    let cells = |record: &csv::StringRecord| record.iter().map(str::to_owned).collect();
+    let columns = cells(reader.headers().unwrap());
+    Table { columns, rows: reader.records().map(|record| cells(&record.unwrap())).collect() }
+}
+
+/// Numbers compared between an answer and the one of SQL, or what they differ in.
+fn compare(number: usize, sql: &Table, other: &Table) -> Result<usize, String> {
+    let (expected, found) = (sql.arranged(&sql.columns), other.arranged(&sql.columns));
+    let size = (expected.rows.len(), found.rows.len());
+    if size.0 != size.1 {
+        return Err(format!("question {number}: {} rows, and {} in SQL", size.1, size.0));
+    }
+    for (one, two) in expected.rows.iter().zip(&found.rows) {
+        if let Some(at) = (0..one.len()).find(|at| !equal(&one[*at], &two[*at])) {
+            let column = &expected.columns[at];
+            return Err(format!("question {number}, {column}:\n  SQL {one:?}\n      {two:?}"));
+        }
+    }
+    Ok(size.0 * expected.columns.len())
+}
+
+/// Whether a program is there and does this without a fault.
+fn answers(program: &OsStr, arguments: &[&str]) -> bool {
+    let mut command = Command::new(program);
+    let run = command.args(arguments).stdout(Stdio::null()).stderr(Stdio::null()).status();
+    run.is_ok_and(|status| status.success())
+}
+
+/// A Python that has pandas: the one that the environment names, or that of `make analysis`.
+fn python() -> Option<PathBuf> {
+    let named = env::var_os("ANALYSIS_PYTHON").map(PathBuf::from);
+    let candidates = [named, Some("target/analysis/bin/python".into()), Some("python3".into())];
+    candidates
+        .into_iter()
+        .flatten()
+        .find(|path| answers(path.as_os_str(), &["-c", "import pandas"]))
+}
+
+/// Has a script answer all questions, and compares; the cells compared.
+fn agree(script: &mut Command, folder: &Path, sql: &[(usize, Table)]) -> usize {
+    let output = script.arg(folder.join("jitai.sqlite")).arg(folder.join("answers")).output();
+    let output = output.unwrap();
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{script:?}: {told}");
+    assert!(told.is_empty(), "{script:?}: {told}");
+    let (mut cells, mut faults) = (0, Vec::new());
+    for (number, table) in sql {
+        let file = folder.join("answers").join(format!("{number}.csv"));
+        match compare(*number, table, &answer_of_file(&file)) {
+            Ok(compared) => cells += compared,
+            Err(fault) => faults.push(fault),
+        }
+        fs::remove_file(file).unwrap();
+    }
+    let more: Vec<_> = fs::read_dir(folder.join("answers")).unwrap().collect();
+    assert!(more.is_empty(), "answers without a question: {more:?}");
+    assert!(faults.is_empty(), "{script:?}:\n{}", faults.join("\n"));
+    cells
+}
+
+#[test]
+fn pandas_and_r_answer_every_question_as_sql_does() {
+    let folder = tempfile::tempdir().unwrap();
+    examples::fill_store(folder.path());
+    let reader = Reader::open(&folder.path().join("jitai.sqlite")).unwrap();
+    let questions = questions();
+    assert!(questions.len() >= 20, "{} questions were found", questions.len());
+    assert!(questions.iter().map(|question| question.number).eq(1..=questions.len()));
+    let answer = |question: Question| (question.number, answer_of_sql(&reader, &question.sql));
+    let sql: Vec<(usize, Table)> = questions.into_iter().map(answer).collect();
+    println!("SQL answered {} questions", sql.len());
+    match python() {
+        Some(python) => {
+            let cells = agree(Command::new(python).arg("docs/analysis.py"), folder.path(), &sql);
+            println!("pandas agreed on {cells} values");
+        }
+        None => println!("pandas is not at hand and was left out: `make analysis` installs it"),
+    }
+    if answers(OsStr::new("Rscript"), &["-e", "library(DBI); library(RSQLite)"]) {
+        let cells = agree(Command::new("Rscript").arg("docs/analysis.R"), folder.path(), &sql);
+        println!("R agreed on {cells} values");
+    } else {
+        println!(
+            "R with DBI and RSQLite is not at hand and was left out: `make analysis` installs it"
+        );
+    }
+}
+
+/// What pandas is asked: that the Parquet files hold what the CSV files hold.
+#[cfg(feature = "parquet")]
+const SAME_FRAMES: &str = "
+import pathlib, sys
+import pandas as pd
+for path in sorted(pathlib.Path(sys.argv[1]).glob('*.parquet')):
+    columns = pd.read_parquet(path)
+    texts = {'value': str} if path.stem == 'parameter' else None
+    lines = pd.read_csv(path.with_suffix('.csv'), dtype=texts, float_precision='round_trip')
+    pd.testing.assert_frame_equal(columns, lines, check_dtype=False, check_exact=True)
+    print(path.name, *columns.shape)
+";
+
+#[cfg(feature = "parquet")]
+#[test]
+fn pandas_reads_the_same_from_parquet_as_from_csv() {
+    let folder = tempfile::tempdir().unwrap();
+    examples::fill_store(folder.path());
+    for format in ["csv", "parquet"] {
+        let arguments = ["export", "--out", "views", "--format", format];
+        assert!(examples::jitai(folder.path(), arguments).status.success());
+    }
+    let python = python().filter(|path| answers(path.as_os_str(), &["-c", "import pyarrow"]));
+    let Some(python) = python else {
+        return println!("pandas with pyarrow is not at hand and was left out: `make analysis`");
+    };
+    let mut script = Command::new(python);
+    let output = script.args(["-c", SAME_FRAMES]).arg(folder.path().join("views")).output();
+    let output = output.unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(said.lines().count(), 6, "{said}");
+    print!("pandas read from Parquet what it reads from CSV:\n{said}");
+}

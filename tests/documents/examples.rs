@@ -1,0 +1,100 @@
+//! The store of the documents' examples: experiments by the names that the documents use, of short
+//! jobs.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+/// What `jitai` answers in a folder.
+pub fn jitai<'a>(folder: &Path, arguments: impl IntoIterator<Item = &'a str>) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_jitai"));
+    command.args(arguments).current_dir(folder).env_remove("JITAI_STORE").output().unwrap()
+}
+
+/// A manifest of short jobs under a name that the documents use.
+fn manifest_of_short_jobs(name: &str, environment: &str) -> String {
+    format!(
+        "format = 1
+name = \"{name}\"
+extends = \"paper\"
+scenarios = [\"P-H-D\", \"L-H-D\"]
+seeds = 2
+[environment]
+{environment}
+[[agent]]
+name = \"dqn\"
+episodes = 20
+layers = [8]
+[[agent]]
+name = \"reinforce\"
+episodes = 20
+layers = [8]
+[evaluation]
+curve_stride = 1
+test_episodes = 20
+"
+    )
+}
+
+/// A manifest of a rule that needs no training, in the cells of the quickstart.
+fn manifest_of_the_optimum() -> String {
+    "format = 1
+name = \"reference\"
+scenarios = [\"P-H-D\", \"L-H-D\"]
+seeds = 2
+environment.sigma = [0.4, 0.6]
+[[agent]]
+name = \"optimal\"
+algorithm = \"rule\"
+rule = \"optimal\"
+"
+    .to_owned()
+}
+
+/// A manifest whose one job's loss overflows.
+fn manifest_that_diverges() -> String {
+    format!(
+        "format = 1
+name = \"too-fast\"
+scenarios = [\"P-H-D\"]
+seeds = 1
+environment.sigma = 0.6
+[[agent]]
+name = \"wild\"
+algorithm = \"dueling_dqn\"
+episodes = 50
+layers = [{}]
+batch = 8
+learning_rate = 1.0
+",
+        ["64"; 24].join(", ")
+    )
+}
+
+/// Makes `jitai.sqlite` in a folder, with the experiments that the documents ask about: two share
+/// jobs, one fails and is tried again.
+pub fn fill_store(folder: &Path) {
+    let manifests = [
+        ("quickstart", manifest_of_short_jobs("quickstart", "sigma = [0.4, 0.6]"), 0),
+        ("probabilities", manifest_of_short_jobs("probabilities", "sigma = 0.6"), 0),
+        (
+            "disengagement",
+            manifest_of_short_jobs("disengagement", "sigma = 0.6\ndelta_d = [0.1, 0.2]"),
+            0,
+        ),
+        ("reference", manifest_of_the_optimum(), 0),
+        ("too-fast", manifest_that_diverges(), 1),
+    ];
+    for (name, text, code) in manifests {
+        let file = format!("{name}.toml");
+        fs::write(folder.join(&file), text).unwrap();
+        run(folder, &["run", &file], code);
+    }
+    run(folder, &["run", "too-fast.toml", "--retry-failed"], 1);
+}
+
+fn run(folder: &Path, arguments: &[&str], code: i32) {
+    let output = jitai(folder, arguments.iter().copied());
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {told}");
+}
