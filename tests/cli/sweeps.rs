@@ -169,8 +169,9 @@ fn what_a_run_proposes_is_about_its_store_and_its_experiments() {
         );
         let run = command(&[&["run", "sweep.toml"], &store[..]].concat()).output().unwrap();
         let proposed = proposed(&run.stdout);
-        assert_eq!(proposed.len(), 4, "{proposed:?}");
-        for (line, verb) in proposed.iter().zip(["status", "query", "export", "simulate"]) {
+        let verbs = ["status", "query", "export", "report", "simulate"];
+        assert_eq!(proposed.len(), verbs.len(), "{proposed:?}");
+        for (line, verb) in proposed.iter().zip(verbs) {
             let begins = format!("jitai {verb}{expected}");
             assert!(line.starts_with(&begins), "{line:?} does not begin with {begins:?}");
             // As a shell would run it.
