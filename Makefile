@@ -3,8 +3,8 @@
 CARGO ?= cargo
 JITAI := $(CARGO) run --release --quiet --
 
-.PHONY: help run paper readings bench bench-readers test test-slow test-flex test-kill test-bad-input
-.PHONY: fuzz deny miri test-browser browser test-analysis analysis test-parquet doc clean
+.PHONY: help run paper readings bench bench-readers test test-slow test-features test-kill test-bad-input
+.PHONY: fuzz deny miri test-browser browser test-analysis analysis doc clean
 
 help: ## these targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -40,15 +40,19 @@ test: ## format, lints as errors, unit and integration tests
 	$(CARGO) clippy --release --all-targets --quiet -- -D warnings
 	$(CARGO) test --release --quiet
 
-# With burn-flex: Burn's other backend is compiled for a short build, not for speed.
+# With burn-flex: Burn's other backend is compiled for a short build, not for speed. Both targets
+# take the same features, so that Burn is compiled once for them.
+FEATURES := burn-flex,parquet
+
 test-slow: ## whole trainings of ten seeds, of both engines and against an independent port (minutes)
-	$(CARGO) test --release --features burn-flex --test learning -- --nocapture --test-threads 1
+	$(CARGO) test --release --features $(FEATURES) --test learning -- --nocapture --test-threads 1
+
+test-features: ## lints and tests with all features: the other tensor backend, and Parquet files
+	$(CARGO) clippy --release --all-targets --features $(FEATURES) --quiet -- -D warnings
+	$(CARGO) test --release --quiet --features $(FEATURES)
 
 test-kill: ## sweeps killed 500 times, compared with undisturbed ones (minutes; KILLS=n, SEED=n)
 	$(CARGO) test --release --quiet --test kill -- --nocapture
-
-test-flex: ## the tests of the networks on the other tensor backend
-	$(CARGO) test --release --quiet --features burn-flex
 
 test-bad-input: ## mutations of bad input, a minute for each of six readers
 	JITAI_BAD_INPUT_SECONDS=60 $(CARGO) test --release --test bad_input -- --nocapture --test-threads 1
@@ -93,11 +97,6 @@ analysis: ## install what test-analysis uses, on Debian: R, and pandas in target
 	.ci/install r-base-core r-cran-dbi r-cran-rsqlite python3-venv
 	[ -x target/analysis/bin/pip ] || python3 -m venv target/analysis
 	target/analysis/bin/pip install --quiet --disable-pip-version-check pandas pyarrow
-
-test-parquet: ## Parquet files, written and read back, and by pandas where it is at hand
-	$(CARGO) clippy --release --all-targets --features parquet --quiet -- -D warnings
-	$(CARGO) test --release --quiet --features parquet --lib --test cli parquet
-	$(CARGO) test --release --quiet --features parquet --test analysis parquet -- --nocapture
 
 doc: ## the library's documentation, warnings as errors
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --release --no-deps
