@@ -3,8 +3,8 @@
 CARGO ?= cargo
 JITAI := $(CARGO) run --release --quiet --
 
-.PHONY: help run paper readings bench bench-readers test test-slow test-features test-kill test-bad-input
-.PHONY: fuzz deny miri test-browser browser test-analysis analysis doc clean
+.PHONY: help run paper readings bench bench-readers test test-slow test-features test-kill test-damage
+.PHONY: test-bad-input fuzz deny miri test-browser browser test-analysis analysis doc clean
 
 help: ## these targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -16,12 +16,12 @@ run: ## build, run the quickstart into jitai.sqlite and report on it (minutes; `
 
 PAPER := $(addprefix experiments/paper/,context_error.toml learning_curves.toml disengagement.toml)
 
-paper: ## the three manifests of the paper, about 350 jobs, into paper.sqlite and reports/paper/
+paper: ## the three manifests of the paper, 330 jobs, minutes, into paper.sqlite and reports/paper/
 	$(CARGO) build --release
 	$(JITAI) run $(PAPER) --store paper.sqlite
 	$(JITAI) report $(PAPER) --store paper.sqlite --out reports/paper
 
-readings: ## the readings that the paper's text allows, 690 jobs, into readings.sqlite and reports/readings/
+readings: ## the readings that the paper's text allows, 690 jobs, ten minutes, into readings.sqlite and reports/readings/
 	$(CARGO) build --release
 	$(JITAI) run experiments/readings.toml --store readings.sqlite
 	$(JITAI) report experiments/readings.toml --store readings.sqlite --out reports/readings
@@ -53,6 +53,9 @@ test-features: ## lints and tests with all features: the other tensor backend, a
 
 test-kill: ## sweeps killed 500 times, compared with undisturbed ones (minutes; KILLS=n, SEED=n)
 	$(CARGO) test --release --quiet --test kill -- --nocapture
+
+test-damage: ## a byte changed at 500 places of a store, and every command on what is left (a minute)
+	JITAI_DAMAGED_PLACES=500 $(CARGO) test --release --quiet --test cli changed_byte -- --nocapture
 
 test-bad-input: ## mutations of bad input, a minute for each of six readers
 	JITAI_BAD_INPUT_SECONDS=60 $(CARGO) test --release --test bad_input -- --nocapture --test-threads 1
@@ -91,7 +94,7 @@ browser: ## install what test-browser needs, on Debian: Chromium, and Playwright
 	target/browser/bin/pip install --quiet --disable-pip-version-check playwright
 
 test-analysis: ## the questions of docs/analysis.md: SQL, and pandas and R where they are at hand
-	$(CARGO) test --release --quiet --test analysis -- --nocapture
+	$(CARGO) test --release --quiet --features $(FEATURES) --test analysis -- --nocapture
 
 analysis: ## install what test-analysis uses, on Debian: R, and pandas in target/analysis
 	.ci/install r-base-core r-cran-dbi r-cran-rsqlite python3-venv

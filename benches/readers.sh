@@ -2,12 +2,15 @@
 # How much eight readers slow a sweep of two workers down: the same sweep, alone and with
 # readers that ask again every so often, in turns. Prints a line a pair, and the median ratio.
 #
-# JITAI: the program. PAIRS: how often. PAUSE: seconds between two questions of a reader.
+# JITAI: the program. PAIRS: how often. READERS: how many. PAUSE: seconds between two questions of
+# a reader.
 set -eu
 : "${JITAI:=target/release/jitai}" "${PAIRS:=5}" "${PAUSE:=1}" "${READERS:=8}"
 JITAI=$(realpath "$JITAI")
 place=$(mktemp -d)
-trap 'rm -rf "$place"' EXIT
+# Whatever ends this, the readers end first.
+trap 'touch "$place/over"; wait; rm -rf "$place"' EXIT
+trap 'exit 130' INT TERM
 cd "$place"
 cat > sweep.toml <<'END'
 format = 1
@@ -36,23 +39,30 @@ reader() {
     done
 }
 
+quotient() {
+    awk "BEGIN { printf \"%.3f\", $1 / $2 }"
+}
+
 # Seconds that the sweep takes with so many readers.
 sweep() {
     rm -f jitai.sqlite* over
     begun=$(date +%s%N)
-    "$JITAI" run sweep.toml --workers 2 --quiet > ended 2>&1 &
+    "$JITAI" run sweep.toml --workers 2 --quiet > said 2>&1 &
     run=$!
-    until [ -e jitai.sqlite ] && "$JITAI" status > /dev/null 2>&1; do sleep 0.01; done
+    until [ -e jitai.sqlite ] && "$JITAI" status > /dev/null 2>&1; do
+        kill -0 "$run" 2> /dev/null || { cat said >&2; exit 1; }
+        sleep 0.01
+    done
     number=0
     while [ "$number" -lt "$1" ]; do
         number=$((number + 1))
         reader "$number" &
     done
-    wait "$run" || { cat ended >&2; exit 1; }
+    wait "$run" || { cat said >&2; exit 1; }
     ended=$(date +%s%N)
     touch over
     wait
-    seconds=$(echo "scale=3; ($ended - $begun) / 1000000000" | bc)
+    seconds=$(quotient $((ended - begun)) 1000000000)
 }
 
 : > failed
@@ -64,7 +74,7 @@ while [ "$pair" -lt "$PAIRS" ]; do
     sweep 0
     alone=$seconds
     sweep "$READERS"
-    ratio=$(echo "scale=3; $seconds / $alone" | bc)
+    ratio=$(quotient "$seconds" "$alone")
     echo "$ratio" >> ratios
     echo "alone $alone s, with $READERS readers $seconds s: $ratio ($(wc -c < asked) answers)"
 done

@@ -150,6 +150,33 @@ mod tests {
     }
 
     #[test]
+    fn many_words_at_once_are_those_that_come_one_by_one() {
+        for start in 0..70 {
+            for count in 0..150 {
+                let mut stream = Stream::new(9, Purpose::Environment);
+                stream.go_to(start);
+                let mut one_by_one = stream.clone();
+                let expected: Vec<u64> = (0..count).map(|_| one_by_one.bits()).collect();
+                let mut words = vec![0; expected.len()];
+                stream.peek(&mut words);
+                assert_eq!((stream.position(), &words), (start, &expected));
+                let mut halves = vec![0; 2 * expected.len()];
+                stream.clone().fill_halves(&mut halves);
+                let of_halves = halves
+                    .as_chunks()
+                    .0
+                    .iter()
+                    .map(|[low, high]| u64::from(*low) | (u64::from(*high) << 32));
+                assert!(of_halves.eq(expected.iter().copied()));
+                words.fill(0);
+                stream.fill(&mut words);
+                assert_eq!((stream.position(), &words), (start + count, &expected));
+                assert_eq!(stream.bits(), one_by_one.bits());
+            }
+        }
+    }
+
+    #[test]
     fn halves_are_those_of_the_words() {
         let (mut words, mut halves) = ([0; 2], [0; 3]);
         Stream::new(4, Purpose::Exploration).fill(&mut words);

@@ -1,8 +1,8 @@
 //! Memory that may not be there, asked for so that the answer can be no.
 //!
 //! In: how much more is wanted, and for what. Out: room for it, or [`OutOfMemory`], with which one
-//! job fails. What is asked for in any other way ends the process when there is none; so whatever
-//! grows with the parameters of a job is asked for here first.
+//! job fails. What is asked for in any other way ends the process when there is none; so what grows
+//! while a job trains, and its network, is asked for here first.
 
 /// Memory that a training needs and that is not there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -30,7 +30,7 @@ pub fn reserve_exact<T>(
 
 /// Fails unless so many bytes could be had now. They are given back: it is for whoever asks for
 /// them soon, in pieces, and could not go on without one.
-pub(super) fn expect(bytes: usize, what: &'static str) -> Result<(), OutOfMemory> {
+pub(super) fn require(bytes: usize, what: &'static str) -> Result<(), OutOfMemory> {
     reserve_exact(&mut Vec::<u8>::new(), bytes, what)
 }
 
@@ -48,7 +48,7 @@ mod tests {
         let refused = reserve(&mut values, usize::MAX / 8, "points").unwrap_err();
         assert_eq!(refused, OutOfMemory { what: "points", bytes: (usize::MAX / 8 + 1) * 4 });
         assert_eq!(values, [1]);
-        assert!(expect(usize::MAX / 4, "a network").is_err());
-        assert_eq!(expect(1 << 20, "a network"), Ok(()));
+        assert!(require(usize::MAX / 4, "a network").is_err());
+        assert_eq!(require(1 << 20, "a network"), Ok(()));
     }
 }

@@ -170,7 +170,7 @@ fn dueling_dqn_learner(
     let inputs = Observer::new(environment, scenario).inputs();
     let mut stream = Stream::new(seed, Purpose::InitialWeights);
     let stacks = layers::dueling(parameters, inputs);
-    expect_network(&stacks)?;
+    require_network(&stacks, COPIES_WITH_TARGET)?;
     let weights = layers::draw(&stacks, &mut stream);
     Ok(match parameters.engine {
         Engine::Fused => {
@@ -194,7 +194,7 @@ fn reinforce_learner(
     let inputs = Observer::new(environment, scenario).inputs();
     let mut stream = Stream::new(seed, Purpose::InitialWeights);
     let stacks = [layers::policy(parameters, inputs)];
-    expect_network(&stacks)?;
+    require_network(&stacks, COPIES)?;
     let weights = layers::draw(&stacks, &mut stream);
     Ok(match parameters.engine {
         Engine::Fused => {
@@ -209,12 +209,15 @@ fn reinforce_learner(
     })
 }
 
-/// Fails unless there is memory for training the network: its weights as drawn and as trained,
-/// their gradient, and Adam's two moments of them.
-fn expect_network(stacks: &[layers::Stack]) -> Result<(), OutOfMemory> {
-    const COPIES: usize = 5;
-    memory::expect(COPIES * size_of::<f32>() * layers::weights(stacks), "the network")
+/// Fails unless there is memory for so many copies of the network's weights.
+fn require_network(stacks: &[layers::Stack], copies: usize) -> Result<(), OutOfMemory> {
+    memory::require(copies * size_of::<f32>() * layers::weights(stacks), "the network")
 }
+
+/// The weights as drawn and as trained, their gradient, and Adam's two moments of them.
+const COPIES: usize = 5;
+/// These, and the target network.
+const COPIES_WITH_TARGET: usize = COPIES + 1;
 
 /// The policy of an agent that was trained before, on the engine that trained it. A dueling DQN
 /// explores at the rate that is kept with its weights.

@@ -4,7 +4,7 @@ use pulp::{Simd, WithSimd};
 
 use crate::agent::Actions;
 use crate::env::{Action, Observations};
-use crate::kernel::{Isa, math};
+use crate::kernel::{Isa, LINE, math};
 use crate::rng::{Stream, unit_from_bits};
 
 /// A way to choose actions.
@@ -152,8 +152,8 @@ pub(super) fn exponentials(isa: Isa, logits: &mut [f32]) {
     isa.run(Exponentials(logits.as_chunks_mut().0));
 }
 
-/// Numbers in the widest register.
-const REGISTER: usize = 16;
+/// `f32`s in the widest register.
+const REGISTER: usize = LINE / size_of::<f32>();
 
 /// \[rows\]
 struct Exponentials<'a>(&'a mut [[f32; Action::COUNT]]);

@@ -46,7 +46,7 @@ pub(super) fn of_jobs<'j>(jobs: impl Iterator<Item = &'j Job>) -> HashMap<Cell, 
             });
         }
         drop(sender);
-        let mut shown = Counting::new(distinct.len(), "environments: their optimum");
+        let mut shown = Counting::new(distinct.len(), "optima");
         let counted = found.iter().inspect(|_| shown.one_more());
         counted.filter_map(|(cell, best)| Some((cell, best.ok()?))).collect()
     })

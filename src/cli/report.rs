@@ -1,6 +1,6 @@
 //! `jitai report`: tables, figures and one page, from the store.
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -42,7 +42,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     for (manifest, published) in manifests.iter().zip(&published) {
         let jobs = records(&reader, manifest)?;
         let findings = carry_out(&manifest.analyses, &jobs, published.as_ref());
-        let queries = manifest.analyses.iter().map(|analysis| query(manifest, analysis, &jobs));
+        let everything = everything(manifest, &jobs);
+        let queries = manifest.analyses.iter().map(|analysis| query(&everything, analysis));
         experiments.push(ReportedExperiment {
             name: manifest.name.clone(),
             question: manifest.question.clone(),
@@ -139,39 +140,35 @@ fn settings(planned: &PlannedJob) -> Vec<(String, Setting)> {
     settings
 }
 
-/// The query that reads the data of an analysis.
-fn query(manifest: &Manifest, analysis: &Analysis, jobs: &[JobRecord]) -> String {
-    let mut provided = Provided {
-        experiment: manifest.name.clone(),
-        agents: distinct(jobs.iter().map(|job| job.agent.clone())),
-        scenarios: distinct(jobs.iter().map(|job| job.scenario.clone())),
-        parameters: differing(jobs),
-        part: part(analysis),
-    };
-    analysis.conditions.iter().for_each(|condition| narrow(&mut provided, condition));
-    provided.sql()
-}
-
-/// Parameters that differ among jobs, with their values.
-fn differing(jobs: &[JobRecord]) -> Vec<(String, Vec<Setting>)> {
+/// The rows of every job of a manifest.
+fn everything(manifest: &Manifest, jobs: &[JobRecord]) -> Provided {
     let names: BTreeSet<&String> =
         jobs.iter().flat_map(|job| job.settings.iter().map(|(name, _)| name)).collect();
+    // Parameters that differ among jobs, with their values.
     let valued = names.into_iter().map(|name| {
         let values = distinct(jobs.iter().filter_map(|job| job.setting(name).cloned()));
         (name.clone(), values)
     });
-    valued.filter(|(_, values)| values.len() > 1).collect()
+    Provided {
+        experiment: manifest.name.clone(),
+        agents: distinct(jobs.iter().map(|job| job.agent.clone())),
+        scenarios: distinct(jobs.iter().map(|job| job.scenario.clone())),
+        parameters: valued.filter(|(_, values)| values.len() > 1).collect(),
+        part: ProvidedPart::Returns,
+    }
+}
+
+/// The query that reads the data of an analysis of everything.
+fn query(everything: &Provided, analysis: &Analysis) -> String {
+    let mut provided = Provided { part: part(analysis), ..everything.clone() };
+    analysis.conditions.iter().for_each(|condition| narrow(&mut provided, condition));
+    provided.sql()
 }
 
 /// What comes up, each thing once, in the order in which it first does.
-fn distinct<T: PartialEq>(found: impl Iterator<Item = T>) -> Vec<T> {
-    let mut seen = Vec::new();
-    for thing in found {
-        if !seen.contains(&thing) {
-            seen.push(thing);
-        }
-    }
-    seen
+fn distinct<T: ToString>(found: impl Iterator<Item = T>) -> Vec<T> {
+    let mut seen = HashSet::new();
+    found.filter(|thing| seen.insert(thing.to_string())).collect()
 }
 
 /// Leaves only the rows that a condition is for. All seeds of an analysis are read.

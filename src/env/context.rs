@@ -113,8 +113,8 @@ impl WithSimd for Draws<'_> {
 /// Signals between two of the loops of [`Draws`].
 const BLOCK: usize = 64;
 
-/// Signals of the words that come next in a stream, for those who take one at a time: a register of
-/// them is made in hardly more time than one.
+/// Signals of the words that come next in a stream, for those who take one at a time: two registers
+/// of them are made in hardly more time than one signal.
 #[derive(Clone, Debug)]
 pub(super) struct Ahead {
     sigma: f64,
@@ -126,6 +126,7 @@ pub(super) struct Ahead {
     taken: usize,
 }
 
+/// Signals made at a time.
 const AHEAD: usize = 16;
 
 impl Ahead {
@@ -216,9 +217,12 @@ mod tests {
         for turn in 0..200 {
             // Long and short turns, some words of the stream taken by others.
             let stream = &mut streams[turn % 2];
-            for _ in 0..(turn * 7) % 40 {
+            for taken in 0..(turn * 7) % 40 {
                 let expected = Signal::draw(0.7, &mut stream.clone());
+                let first = ahead.taken == AHEAD;
                 assert_eq!(ahead.take(Isa::chosen(), stream), expected);
+                // What was made ahead is used, but for the first of a turn.
+                assert!(first || taken == 0 || ahead.taken > 1);
             }
             (0..turn % 3).for_each(|_| _ = stream.bits());
         }

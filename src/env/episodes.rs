@@ -4,7 +4,7 @@ use pulp::{Simd, WithSimd};
 
 use crate::env::Signal;
 use crate::env::context::{Ahead, Draws};
-use crate::kernel::Isa;
+use crate::kernel::{Isa, LINE};
 use crate::manifest::{Environment, FirstContext};
 use crate::rng::Stream;
 
@@ -79,8 +79,8 @@ pub struct Lane {
     pub ending: Ending,
 }
 
-/// Numbers in the widest register.
-const REGISTER: usize = 8;
+/// `f64`s in the widest register.
+const REGISTER: usize = LINE / size_of::<f64>();
 
 /// Many episodes that share a clock; lane i of every array belongs to episode i. What is drawn has
 /// room for whole registers of lanes.

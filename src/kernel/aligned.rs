@@ -3,7 +3,7 @@
 use std::ops::{Deref, DerefMut};
 
 /// Bytes of a cache line, and of the widest register.
-const LINE: usize = 64;
+pub const LINE: usize = 64;
 
 /// An array of f32 whose first element starts a cache line, so that registers never straddle two.
 #[derive(Debug)]

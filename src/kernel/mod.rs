@@ -24,7 +24,7 @@ mod transpose;
 
 pub use activation::Activation;
 pub use adam::Adam;
-pub use aligned::Aligned;
+pub use aligned::{Aligned, LINE};
 pub use dot::{LANES, dot};
 pub use isa::{Isa, IsaError};
 pub use product::Product;
