@@ -7,12 +7,12 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use jitai::manifest;
-use jitai::store::{Answer, Reader, Value};
+use jitai::store::{Answer, Reader};
 
 #[path = "documents/examples.rs"]
 mod examples;
 
-use examples::{fill_store, jitai};
+use examples::{cell, fill_store, jitai, run};
 
 const DOCUMENTS: [&str; 9] = [
     "README.md",
@@ -67,15 +67,12 @@ fn blocks() -> Vec<Block> {
     blocks
 }
 
-/// The rows of an answer: of each the first value, or nothing if that is no text.
-fn ask(reader: &Reader, sql: &str) -> Result<Vec<String>, String> {
+/// The rows of an answer, as text.
+fn ask(reader: &Reader, sql: &str) -> Result<Vec<Vec<String>>, String> {
     let mut rows = Vec::new();
     let answered = reader.query(sql, |answer| {
         if let Answer::Row(values) = answer {
-            rows.push(match values[0] {
-                Value::Text(text) => text.to_owned(),
-                _ => String::new(),
-            });
+            rows.push(values.iter().map(cell).collect());
         }
         ControlFlow::Continue(())
     });
@@ -97,7 +94,7 @@ fn every_query_of_the_documents_has_an_answer() {
     fill_store(folder.path());
     let reader = Reader::open(&folder.path().join("jitai.sqlite")).unwrap();
     let completed = "SELECT job_key FROM run_summary WHERE status = 'completed'";
-    let key = ask(&reader, completed).unwrap().remove(0);
+    let key = ask(&reader, completed).unwrap()[0][0].clone();
     let (mut asked, mut faults) = (0, String::new());
     for block in blocks() {
         let queries = match block.language.as_str() {
@@ -115,10 +112,109 @@ fn every_query_of_the_documents_has_an_answer() {
             faults.push_str(&format!("{}:{}: {fault}\n{sql}\n", block.document, block.line));
         }
     }
-    // The store has no readings of the paper: an answer without rows.
-    assert_eq!(ask(&reader, &read("experiments/readings.sql")), Ok(Vec::new()));
     assert!(faults.is_empty(), "{faults}");
     assert!(asked >= 25, "{asked} queries were found");
+}
+
+/// A store of the experiment `readings`, in which a rule that learns nothing is what is read.
+fn store_of_readings(folder: &Path, agent: &str, rule: &str, axes: &str) -> Reader {
+    let manifest = format!(
+        "format = 1
+name = \"readings\"
+seeds = 2
+{axes}
+[[agent]]
+name = \"{agent}\"
+algorithm = \"rule\"
+rule = \"{rule}\"
+"
+    );
+    fs::write(folder.join("readings.toml"), manifest).unwrap();
+    run(folder, &["run", "readings.toml"], 0);
+    Reader::open(&folder.join("jitai.sqlite")).unwrap()
+}
+
+#[test]
+fn the_query_of_the_readings_answers_as_worked_by_hand() {
+    // Sending nothing earns 0.1 in each of 50 steps, in every setting.
+    let folder = tempfile::tempdir().unwrap();
+    let axes = "scenarios = [\"P-H-D\", \"L-H-D\", \"P-T\"]
+environment.sigma = [0.6, 0.0, 1.0]
+environment.initial_habituation = [0.1, 0.0]
+evaluation.test_actions = [\"as_trained\", \"greedy\"]";
+    let reader = store_of_readings(folder.path(), "dqn", "never", axes);
+    let mut rows = ask(&reader, &read("experiments/readings.sql")).unwrap();
+    rows.sort();
+    let changes = [
+        "as published",
+        "environment.initial_habituation 0.0",
+        "environment.initial_habituation 0.0, evaluation.test_actions greedy",
+        "evaluation.test_actions greedy",
+    ];
+    // 5 less 2630, 1871 and 1191; the root of 11779177 / 3; -5677 / 3; 5 less 1530 and 730.
+    let numbers = ["2", "-2625", "-1866", "-1186", "1982", "-1892", "-1525", "-725", "0", "0"];
+    let expected = changes.map(|changed| [&["dqn", changed], &numbers[..]].concat());
+    assert_eq!(rows, expected);
+}
+
+#[test]
+fn the_query_of_the_readings_tells_the_error_of_three_seeds() {
+    let folder = tempfile::tempdir().unwrap();
+    let axes = "scenarios = [\"P-T\"]\nenvironment.sigma = 0.6\nevaluation.test_episodes = 2";
+    let reader = store_of_readings(folder.path(), "reinforce", "random", axes);
+    let returns = ask(&reader, "SELECT mean_return FROM run_summary").unwrap();
+    let returns: Vec<f64> = returns.iter().map(|row| row[0].parse().unwrap()).collect();
+    let &[one, other] = &returns[..] else { panic!("two seeds: {returns:?}") };
+    // The deviation of two values is their distance over the root of 2.
+    let error = ((one - other).abs() / 6.0_f64.sqrt()).round();
+    assert!(error > 0.0, "{returns:?}");
+    let difference = f64::midpoint(one, other) - 2227.0;
+    let rows = ask(&reader, &read("experiments/readings.sql")).unwrap();
+    let (difference, error) = (difference.round().to_string(), error.to_string());
+    let distance = difference.trim_start_matches('-');
+    let expected = [
+        "reinforce",
+        "as published",
+        "2",
+        "",
+        "",
+        &difference,
+        distance,
+        &difference,
+        "",
+        "",
+        &error,
+        &error,
+    ];
+    assert_eq!(rows, [expected]);
+}
+
+#[test]
+fn the_query_of_the_readings_has_the_published_means() {
+    let sql = read("experiments/readings.sql");
+    let (means, _) = sql.split_once("), setting AS (").unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let axes = "scenarios = [\"P-T\"]\nenvironment.sigma = 0.6";
+    let reader = store_of_readings(folder.path(), "dqn", "never", axes);
+    let rows = ask(&reader, &format!("{means}) SELECT * FROM published")).unwrap();
+    let published: toml::Table = read("experiments/paper/published.toml").parse().unwrap();
+    let curves = published["curve"].as_array().unwrap();
+    for row in &rows {
+        let [agent, scenario, sigma, mean] = &row[..] else { panic!("{row:?}") };
+        let names = |curve: &&toml::Value| {
+            curve["agent"].as_str() == Some(agent) && curve["scenario"].as_str() == Some(scenario)
+        };
+        let curve = curves.iter().find(names).unwrap_or_else(|| panic!("no curve for {row:?}"));
+        let sigma: f64 = sigma.parse().unwrap();
+        let sigmas = curve["sigma"].as_array().unwrap();
+        let at = sigmas.iter().position(|value| value.as_float() == Some(sigma)).unwrap();
+        assert_eq!(curve["return"][at].as_integer(), Some(mean.parse().unwrap()), "{row:?}");
+    }
+    assert_eq!(
+        rows.len(),
+        2 * (3 + 2),
+        "two agents: three scenarios at one sigma, one at two more"
+    );
 }
 
 #[test]

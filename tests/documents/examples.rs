@@ -5,6 +5,19 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
+use jitai::store::Value;
+
+/// A value of an answer as text; nothing where there is none.
+pub fn cell(value: &Value<'_>) -> String {
+    match value {
+        Value::Null => String::new(),
+        Value::Integer(number) => number.to_string(),
+        Value::Real(number) => number.to_string(),
+        Value::Text(text) => (*text).to_owned(),
+        Value::Blob(bytes) => panic!("no view has bytes: {bytes:?}"),
+    }
+}
+
 /// What `jitai` answers in a folder.
 pub fn jitai<'a>(folder: &Path, arguments: impl IntoIterator<Item = &'a str>) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_jitai"));
@@ -93,7 +106,8 @@ pub fn fill_store(folder: &Path) {
     run(folder, &["run", "too-fast.toml", "--retry-failed"], 1);
 }
 
-fn run(folder: &Path, arguments: &[&str], code: i32) {
+/// Runs `jitai` in a folder, and expects this exit code.
+pub fn run(folder: &Path, arguments: &[&str], code: i32) {
     let output = jitai(folder, arguments.iter().copied());
     let told = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(code), "{arguments:?}: {told}");
