@@ -1,9 +1,10 @@
-//! Nodes along one variable of the state, and linear interpolation between them.
+//! Nodes along one variable of the state, and interpolation between them: linear, and cubic where the
+//! values do not jump.
 
 /// Numbers closer than this are one number that was computed in two ways.
 const ROUNDING: f64 = 1e-10;
 
-/// Increasing nodes, at least two. Where the values jump there are two nodes of one position: the
+/// Increasing nodes, at least two, four for cubics. Where the values jump there are two nodes of one position: the
 /// first holds the limit from below, the second the value itself.
 #[derive(Clone, Debug)]
 pub(super) struct Axis(Vec<f64>);
@@ -17,6 +18,15 @@ pub(super) struct Place {
     pub weight: f64,
 }
 
+/// A place among neighbouring nodes, by a cubic through their values.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Among {
+    /// The lowest of the nodes.
+    pub node: usize,
+    /// The share of each; they add up to 1, and may be below 0.
+    pub weights: [f64; 4],
+}
+
 /// Which of the two values at a jump is meant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Side {
@@ -27,9 +37,10 @@ pub(super) enum Side {
 }
 
 impl Axis {
-    /// Nodes from 0 to 1 in steps of at most 1 / `steps`, of which `stride` is a multiple, so that
-    /// adding it leads from node to node.
+    /// Nodes from 0 to 1 in steps of at most 1 / `steps`, which are at least 3; `stride` is a multiple
+    /// of them, so that adding it leads from node to node.
     pub fn with_stride(stride: f64, steps: usize) -> Axis {
+        debug_assert!(steps >= 3, "a cubic goes through four nodes");
         let most = 1.0 / steps as f64;
         let step = if stride > 0.0 { stride / (stride / most).ceil() } else { most };
         let before_one = (0..).map(|i| f64::from(i) * step).take_while(|x| *x < 1.0 - ROUNDING);
@@ -77,6 +88,25 @@ impl Axis {
         let (lower, upper) = (self.0[near - 1], self.0[near]);
         Place { node: near - 1, weight: (x - lower) / (upper - lower) }
     }
+
+    /// The node nearest to a number.
+    pub fn nearest(&self, x: f64) -> usize {
+        let Place { node, weight } = self.place(x, Side::At);
+        node + usize::from(weight > 0.5)
+    }
+
+    /// The place of a number from 0 to 1 on an axis without jumps: Lagrange's cubic through the two
+    /// nodes on either side, or through the four at an end.
+    pub fn among(&self, x: f64) -> Among {
+        let between = self.place(x, Side::At).node;
+        let node = between.saturating_sub(1).min(self.0.len() - 4);
+        let near: [f64; 4] = std::array::from_fn(|i| self.0[node + i]);
+        let weight = |i: usize| {
+            let others = (0..4).filter(|j| *j != i);
+            others.map(|j| (x - near[j]) / (near[i] - near[j])).product()
+        };
+        Among { node, weights: std::array::from_fn(weight) }
+    }
 }
 
 impl Place {
@@ -84,6 +114,14 @@ impl Place {
     pub fn of(self, values: &[f64]) -> f64 {
         let (lower, upper) = (values[self.node], values[self.node + 1]);
         (1.0 - self.weight) * lower + self.weight * upper
+    }
+}
+
+impl Among {
+    /// The value there, of the four nodes' values.
+    pub fn of(self, values: [f64; 4]) -> f64 {
+        let ([a, b, c, d], [of_a, of_b, of_c, of_d]) = (self.weights, values);
+        a * of_a + b * of_b + c * of_c + d * of_d
     }
 }
 
@@ -118,7 +156,28 @@ mod tests {
             for x in axis.nodes().iter().filter(|x| **x + stride <= 1.0) {
                 let weight = axis.place(x + stride, Side::At).weight;
                 assert!(weight == 0.0 || weight == 1.0, "{stride} {x}");
+                assert!((axis.nodes()[axis.nearest(x + stride)] - x - stride).abs() < 1e-12);
             }
+        }
+    }
+
+    #[test]
+    fn cubics_are_kept_between_the_nodes_and_at_the_ends() {
+        let interpolated = |axis: &Axis, x: f64, value: fn(f64) -> f64| {
+            let among = axis.among(x);
+            among.of(std::array::from_fn(|i| value(axis.nodes()[among.node + i])))
+        };
+        let cubic = |x: f64| 2.0 - 3.0 * x + 5.0 * x * x - 7.0 * x * x * x;
+        // The last step is shorter than the others where the stride is no part of 1.
+        for (stride, steps) in [(0.3, 3), (0.05, 40), (0.0, 3)] {
+            let axis = Axis::with_stride(stride, steps);
+            for i in 0..=100 {
+                let x = f64::from(i) / 100.0;
+                let ours = interpolated(&axis, x, cubic);
+                assert!((ours - cubic(x)).abs() < 1e-13, "{stride} {x}: {ours}");
+            }
+            let node = axis.nodes()[axis.nodes().len() - 2];
+            assert!((interpolated(&axis, node, |x| x.powi(9)) - node.powi(9)).abs() < 1e-13);
         }
     }
 }

@@ -6,8 +6,10 @@ use crate::env::Belief;
 
 use super::Prospects;
 
-/// Pieces of the tabulated function on [1/2, 1].
-const PIECES: usize = 4096;
+/// Pieces of the tabulated function between a number and its half: 2 to this power.
+const PIECES_LOG2: u32 = 8;
+/// How often 1/2 is halved before the table ends.
+const HALVINGS: u32 = 20;
 /// How far a piece may be from the closed form, as a share of what is at stake.
 const PRECISION: f64 = 1e-11;
 
@@ -46,82 +48,99 @@ impl Expectation {
             Expectation::Ignorant => plain.max((better + worse) / 2.0),
             Expectation::Inferred(_) if plain >= better => plain,
             Expectation::Inferred(mean) => {
-                let turn = (plain - worse) / (better - worse);
-                worse + (better - worse) * mean.at(turn)
+                let rest = (better - plain) / (better - worse);
+                worse + (better - worse) * mean.at(rest)
             }
         }
     }
 }
 
-/// The mean of the larger of u and the probability of the likelier context, as a function of u.
+/// The mean of the larger of 1 - x and the probability of the likelier context, as a function of x.
 ///
 /// Cubic pieces that agree with the closed form in values and slopes, because the closed form would
-/// take most of the time of an induction. A piece that is not within [`PRECISION`] of it is not used.
+/// take most of the time of an induction. They are shorter towards 0, as doubles are: x matters there
+/// by its logarithm. A piece that is not within [`PRECISION`] of the closed form is not used.
 #[derive(Clone, Debug)]
 pub(super) struct BetterOf {
     sigma: f64,
-    /// The probability that the likelier context is the true one: the mean for u up to 1/2.
+    /// The probability that the likelier context is the true one: the mean for x from 1/2 on.
     right: f64,
-    /// Mean and slope at the ends of the pieces; the slope is the probability that u is the larger.
-    ends: Vec<[f64; 2]>,
-    is_precise: Vec<bool>,
+    /// By the leading bits of x. `None` where a piece is not precise.
+    pieces: Vec<Option<[f64; 4]>>,
 }
 
 impl BetterOf {
+    /// Bits of a double that tell places within a piece.
+    const WITHIN: u32 = f64::MANTISSA_DIGITS - 1 - PIECES_LOG2;
+
     fn new(sigma: f64) -> Self {
-        let end = |i: usize| closed_form(sigma, 0.5 + i as f64 / (2 * PIECES) as f64);
-        let ends: Vec<[f64; 2]> = (0..=PIECES).map(end).collect();
-        let right = ends[0][0];
-        let mut table = BetterOf { sigma, right, ends, is_precise: vec![true; PIECES] };
-        let is_precise = |piece: usize| {
-            [0.3, 0.5, 0.7].into_iter().all(|part| {
-                let [exact, _] =
-                    closed_form(sigma, 0.5 + (piece as f64 + part) / (2 * PIECES) as f64);
-                (table.cubic(piece, part) - exact).abs() < PRECISION
-            })
-        };
-        table.is_precise = (0..PIECES).map(is_precise).collect();
-        table
+        let [right, _] = closed_form(sigma, 0.5);
+        let pieces = (0..u64::from(HALVINGS) << PIECES_LOG2).map(|piece| cubic(sigma, piece));
+        BetterOf { sigma, right, pieces: pieces.collect() }
     }
 
-    /// The mean for this u, at most 1.
-    fn at(&self, u: f64) -> f64 {
-        if u <= 0.5 {
+    /// Where a piece begins.
+    fn beginning(piece: u64) -> f64 {
+        f64::from_bits((Self::first() + piece) << Self::WITHIN)
+    }
+
+    /// The leading bits of where the table begins.
+    fn first() -> u64 {
+        (0.5 / f64::from(1 << HALVINGS)).to_bits() >> Self::WITHIN
+    }
+
+    /// The mean for this x, at least 0.
+    fn at(&self, x: f64) -> f64 {
+        if x >= 0.5 {
             return self.right;
         }
-        let pieces = (u - 0.5) * (2 * PIECES) as f64;
-        let piece = (pieces as usize).min(PIECES - 1);
-        if self.is_precise[piece] {
-            self.cubic(piece, pieces - piece as f64)
-        } else {
-            closed_form(self.sigma, u)[0]
+        let bits = x.to_bits();
+        let piece = (bits >> Self::WITHIN).wrapping_sub(Self::first());
+        match self.pieces.get(piece as usize) {
+            Some(Some(cubic)) => {
+                let within = bits & ((1 << Self::WITHIN) - 1);
+                value(cubic, within as f64 / (1_u64 << Self::WITHIN) as f64)
+            }
+            _ => closed_form(self.sigma, x)[0],
         }
-    }
-
-    /// The cubic of a piece (Hermite's), `part` of the way from its lower end.
-    fn cubic(&self, piece: usize, part: f64) -> f64 {
-        let ([from, rise_from], [to, rise_to]) = (self.ends[piece], self.ends[piece + 1]);
-        let width = 1.0 / (2 * PIECES) as f64;
-        let (rise_from, rise_to, rest) = (rise_from * width, rise_to * width, 1.0 - part);
-        let line = rest * from + part * to;
-        let bends = rest * (rise_from - (to - from)) - part * (rise_to - (to - from));
-        line + part * rest * bends
     }
 }
 
-/// The mean of the larger of u and p, and the probability that p is below u.
+/// The cubic of a piece (Hermite's), from its constant on; `None` if it is not precise.
+fn cubic(sigma: f64, piece: u64) -> Option<[f64; 4]> {
+    let (from, to) = (BetterOf::beginning(piece), BetterOf::beginning(piece + 1));
+    let width = to - from;
+    let ([at_from, slope_from], [at_to, slope_to]) =
+        (closed_form(sigma, from), closed_form(sigma, to));
+    let (rise, rise_from, rise_to) = (at_to - at_from, slope_from * width, slope_to * width);
+    let bends = [3.0 * rise - 2.0 * rise_from - rise_to, rise_from + rise_to - 2.0 * rise];
+    let cubic = [at_from, rise_from, bends[0], bends[1]];
+    let is_precise = |part: f64| {
+        let [exact, _] = closed_form(sigma, from + part * width);
+        (value(&cubic, part) - exact).abs() < PRECISION
+    };
+    [0.3, 0.5, 0.7].into_iter().all(is_precise).then_some(cubic)
+}
+
+/// The value of a cubic, `part` of the way from the beginning of its piece.
+fn value(cubic: &[f64; 4], part: f64) -> f64 {
+    let [a, b, c, d] = cubic;
+    a + part * (b + part * (c + part * d))
+}
+
+/// The mean of the larger of 1 - x and p, and its slope: less the probability that p is the smaller.
 ///
-/// **Source**: with |x - 1/2| = y the likelier context has the log-odds y / sigma^2, and it is the
-/// true one with probability Phi((1/2 - t) / sigma) and y > t, the wrong one with probability
-/// Phi((-1/2 - t) / sigma) and y > t.
-fn closed_form(sigma: f64, u: f64) -> [f64; 2] {
-    if u >= 1.0 {
-        return [1.0, 1.0];
+/// **Source**: with |z - 1/2| = y of the feature z the likelier context has the log-odds y / sigma^2,
+/// and it is the true one with probability Phi((1/2 - t) / sigma) and y > t, the wrong one with
+/// probability Phi((-1/2 - t) / sigma) and y > t.
+fn closed_form(sigma: f64, x: f64) -> [f64; 2] {
+    if x <= 0.0 {
+        return [1.0, -1.0];
     }
-    let least = if u > 0.5 { sigma * sigma * libm::log(u / (1.0 - u)) } else { 0.0 };
+    let least = if x < 0.5 { sigma * sigma * libm::log((1.0 - x) / x) } else { 0.0 };
     let (right, wrong) = (normal((0.5 - least) / sigma), normal((-0.5 - least) / sigma));
     let below = 1.0 - right - wrong;
-    [right + below * u, below]
+    [right + below * (1.0 - x), -below]
 }
 
 /// The distribution function of the standard normal distribution.
@@ -177,11 +196,12 @@ mod tests {
     fn the_pieces_are_the_closed_form_for_every_noise() {
         for sigma in [1e-3, 0.05, 0.4, 1.0, 2.0, 30.0, 1e6] {
             let mean = BetterOf::new(sigma);
-            for i in 0..10_000 {
-                let u = 0.45 + f64::from(i) * 5.5e-5;
-                let difference = (mean.at(u) - closed_form(sigma, u)[0]).abs();
-                assert!(difference < 2.0 * PRECISION, "{sigma} {u}: {difference}");
+            for i in 0..20_000 {
+                let x = 0.55 * libm::exp(-f64::from(i) * 1e-3);
+                let difference = (mean.at(x) - closed_form(sigma, x)[0]).abs();
+                assert!(difference < 2.0 * PRECISION, "{sigma} {x}: {difference}");
             }
+            assert_eq!(mean.at(0.0), 1.0);
         }
     }
 

@@ -4,7 +4,7 @@
 //! episode from threshold - epsilon_d on. Every jump is carried to the states that lead to it, by
 //! decay or by an increment, and there it is a smaller jump. The grid has a line at each of the
 //! largest, so that nothing is interpolated across them. In habituation, an increment leads from line
-//! to line.
+//! to line, and what a decay leads to is interpolated by cubics.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -14,7 +14,7 @@ use crate::env::{Action, Belief, respond};
 use crate::manifest::{Environment, FirstContext};
 
 use super::Prospects;
-use super::axis::{Axis, Place, Side};
+use super::axis::{Among, Axis, Place, Side};
 use super::expectation::Expectation;
 
 /// Jumps nearer to each other than this are one.
@@ -37,23 +37,19 @@ pub(super) struct Resolution {
 }
 
 impl Resolution {
-    /// About half as fine in everything.
-    pub fn halved(self) -> Resolution {
-        self.scaled(0.5)
-    }
-
-    /// As fine as this, or less if that makes more than `most` values in all steps together.
-    pub fn within(self, horizon: u32, most: usize) -> Resolution {
+    /// As fine as this, or less if that makes more than `most` values in so many steps together.
+    pub fn within(self, steps: u32, most: usize) -> Resolution {
         // A jump has two nodes and cuts a step in two.
-        let nodes = self.habituation * (self.disengagement + 2 * self.jumps) * horizon as usize;
+        let nodes = self.habituation * (self.disengagement + 2 * self.jumps) * steps as usize;
         self.scaled((most as f64 / nodes as f64).sqrt().min(1.0))
     }
 
-    fn scaled(self, factor: f64) -> Resolution {
+    /// About so much finer in everything.
+    pub fn scaled(self, factor: f64) -> Resolution {
         let scaled = |number: usize, least: usize| ((number as f64 * factor) as usize).max(least);
         Resolution {
             habituation: scaled(self.habituation, 10),
-            disengagement: scaled(self.disengagement, 10),
+            disengagement: scaled(self.disengagement, 1),
             jumps: scaled(self.jumps, 1),
         }
     }
@@ -100,8 +96,8 @@ pub(super) struct Grid {
 /// Where the states of one habituation lead.
 #[derive(Clone, Copy, Debug)]
 struct Row {
-    messaged: Place,
-    rested: Place,
+    messaged: usize,
+    rested: Among,
     /// Reward of an untailored and of a suitable message, the baseline aside.
     untailored: f64,
     suitable: f64,
@@ -127,8 +123,8 @@ impl Grid {
             let of = |action| respond(e, 0, action, *h, 0.0);
             let suitable = of(Action::tailored_to(0));
             Row {
-                messaged: habituation.place(suitable.habituation, Side::At),
-                rested: habituation.place(of(Action::NONE).habituation, Side::At),
+                messaged: habituation.nearest(suitable.habituation),
+                rested: habituation.among(of(Action::NONE).habituation),
                 untailored: of(Action::UNTAILORED).reward,
                 suitable: suitable.reward,
             }
@@ -156,81 +152,85 @@ impl Grid {
         &self.environment
     }
 
-    /// The mean return of the optimal policy.
-    pub fn best_return(&self) -> f64 {
+    /// The mean return of the optimal policy, and how many steps' values were computed for it; `None`
+    /// if more than `most_steps` would have to be.
+    pub fn best_return(&self, most_steps: u32) -> Option<(f64, u32)> {
         let e = &self.environment;
         let mut later = Vec::new();
         // Steps before the last one that was computed, each of which adds the same.
         let mut settled = 0.0;
-        self.induce(|gain, layer| {
+        let steps = self.induce(most_steps, |gain, layer| {
             later.clear();
             later.extend_from_slice(layer);
             settled = gain;
-        });
+        })?;
         let start = self.prospects(&later, e.initial_habituation, e.initial_disengagement);
         let first = match e.first_context {
             FirstContext::Fixed => self.baseline[0] + Expectation::Certain.of_best(&start),
             FirstContext::Sampled => self.baseline() + self.expectation.of_best(&start),
         };
-        first + settled
+        Some((first + settled, steps))
     }
 
     /// Shows `see` the values with 0, 1, 2, … steps left, at most one fewer than the horizon. They
     /// end sooner if the steps before them would all add the same; the first argument is then what
-    /// those add in all, and 0 otherwise.
+    /// those add in all, and 0 otherwise. Returns how many were shown; `None` where `most_steps` of
+    /// them were not all.
     ///
     /// Two steps that both add g >= 0 to every value show that: the second step's best choices would
     /// add less if they could end the episode, so they never do, and go on adding g.
-    pub fn induce(&self, mut see: impl FnMut(f64, &[f64])) {
+    pub fn induce(&self, most_steps: u32, mut see: impl FnMut(f64, &[f64])) -> Option<u32> {
+        let horizon = self.environment.horizon;
         let mut later = vec![0.0; self.rows.len() * self.columns.len()];
         let mut now = later.clone();
         let mut added_before = Added { least: f64::NEG_INFINITY, most: f64::INFINITY };
         see(0.0, &later);
-        for left in 1..self.environment.horizon {
+        for left in 1..horizon.min(most_steps) {
             self.step_back(&later, &mut now);
             let added = Added::between(&later, &now);
-            let steps_before = f64::from(self.environment.horizon - 1 - left);
+            let steps_before = f64::from(horizon - 1 - left);
             let spread = added.or(added_before).spread();
             let is_settled = added.least >= 0.0 && spread * steps_before < SETTLED;
             if is_settled && steps_before > 0.0 {
                 see(steps_before * (added.least + added.most) / 2.0, &now);
-                return;
+                return Some(left + 1);
             }
             see(0.0, &now);
             mem::swap(&mut later, &mut now);
             added_before = added;
         }
+        (horizon <= most_steps).then_some(horizon)
     }
 
     /// The values one step earlier.
     fn step_back(&self, later: &[f64], now: &mut [f64]) {
         let columns = self.columns.len();
         let baseline = self.baseline();
-        let (mut messaged, mut rested) = (vec![0.0; columns], vec![0.0; columns]);
+        let mut rested = vec![0.0; columns];
         for (row, now) in self.rows.iter().zip(now.chunks_exact_mut(columns)) {
-            self.blend(row.messaged, later, &mut messaged);
+            let messaged = &later[row.messaged * columns..][..columns];
             self.blend(row.rested, later, &mut rested);
             let columns = self.columns.iter().zip(&rested);
             for ((column, rested), value) in columns.zip(now) {
-                let calm = column.calmed.of(&messaged);
+                let calm = column.calmed.of(messaged);
                 let prospects = Prospects {
                     nothing: *rested,
                     untailored: row.untailored + calm,
                     suitable: row.suitable + calm,
-                    unsuitable: column.annoyed.map_or(0.0, |place| place.of(&messaged)),
+                    unsuitable: column.annoyed.map_or(0.0, |place| place.of(messaged)),
                 };
                 *value = baseline + self.expectation.of_best(&prospects);
             }
         }
     }
 
-    /// A row of a layer between two of its rows.
-    fn blend(&self, place: Place, layer: &[f64], out: &mut [f64]) {
+    /// A row of a layer among four of its rows.
+    fn blend(&self, place: Among, layer: &[f64], out: &mut [f64]) {
         let columns = out.len();
-        let lower = &layer[place.node * columns..][..columns];
-        let upper = &layer[(place.node + 1) * columns..][..columns];
-        for ((out, lower), upper) in out.iter_mut().zip(lower).zip(upper) {
-            *out = (1.0 - place.weight) * lower + place.weight * upper;
+        let row = |i: usize| &layer[(place.node + i) * columns..][..columns];
+        let (a, b, c, d) = (row(0), row(1), row(2), row(3));
+        for (column, out) in out.iter_mut().enumerate() {
+            *out = place.of([a[column], b[column], c[column], d[column]]);
         }
     }
 
@@ -253,11 +253,11 @@ impl Grid {
         if disengagement >= self.environment.disengagement_threshold {
             return 0.0;
         }
-        let row = self.habituation.place(habituation, Side::At);
         let column = self.disengagement.place(disengagement, Side::At);
         let columns = self.columns.len();
-        let of_row = |row: usize| column.of(&layer[row * columns..][..columns]);
-        (1.0 - row.weight) * of_row(row.node) + row.weight * of_row(row.node + 1)
+        let among = self.habituation.among(habituation);
+        let of_row = |i: usize| column.of(&layer[(among.node + i) * columns..][..columns]);
+        among.of(std::array::from_fn(of_row))
     }
 
     /// Mean baseline reward of a step whose context is drawn.

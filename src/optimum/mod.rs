@@ -20,12 +20,14 @@ use crate::manifest::{Environment, Feature, FirstContext, Scenario};
 
 use grid::{Grid, Resolution};
 
-/// The grid of the value; its numbers are within 0.1 of the limit for the paper's parameters.
-const OF_VALUE: Resolution = Resolution { habituation: 400, disengagement: 400, jumps: 120 };
+/// The grid of the value, for the paper's horizon and up to twenty times as many steps.
+const OF_VALUE: Resolution = Resolution { habituation: 160, disengagement: 2000, jumps: 400 };
 /// The grid of the policy, which keeps the values of every step.
-const OF_POLICY: Resolution = Resolution { habituation: 120, disengagement: 120, jumps: 60 };
-/// Most values that are computed for an optimum: a few seconds.
-const MOST_COMPUTED: usize = 300_000_000;
+const OF_POLICY: Resolution = Resolution { habituation: 80, disengagement: 240, jumps: 80 };
+/// The grid where nobody's disengagement risk ever grows.
+const OF_HABITUATION: Resolution = Resolution { habituation: 2000, disengagement: 1, jumps: 1 };
+/// Most values that are computed on a grid: a few seconds.
+const MOST_COMPUTED: usize = 450_000_000;
 /// Most values that a policy keeps: 80 MB.
 const MOST_KEPT: usize = 10_000_000;
 
@@ -34,8 +36,8 @@ const MOST_KEPT: usize = 10_000_000;
 pub struct Optimum {
     /// Mean undiscounted return of the optimal policy, in steps walked.
     pub mean_return: f64,
-    /// How far that may be off, because values are kept on a grid, in steps walked: the correction
-    /// that a second grid suggested, which is made.
+    /// How far that may be off, because values are kept on a grid, in steps walked: what halving the
+    /// grid's fineness changes, or a quarter of what halving it once more does, if that is more.
     pub grid_error: f64,
 }
 
@@ -73,14 +75,33 @@ pub fn shows_state(scenario: &Scenario) -> Result<(), StateHidden> {
 /// **Errors**: the scenario does not show habituation and disengagement risk.
 pub fn optimum(environment: &Environment, scenario: &Scenario) -> Result<Optimum, StateHidden> {
     shows_state(scenario)?;
-    let belief = Belief::new(environment, scenario);
-    let resolution = OF_VALUE.within(environment.horizon, MOST_COMPUTED);
-    let fine = Grid::new(environment, belief, resolution).best_return();
-    let coarse = Grid::new(environment, belief, resolution.halved()).best_return();
-    // Between the nodes values are interpolated linearly, so half the steps have a quarter of the
-    // error, and the two differ by three times what is left (Richardson 1911).
-    let correction = (fine - coarse) / 3.0;
-    Ok(Optimum { mean_return: fine + correction, grid_error: correction.abs() })
+    let (horizon, belief) = (environment.horizon, Belief::new(environment, scenario));
+    let finest = finest(environment, belief, OF_VALUE);
+    let affordable = finest.within(horizon, MOST_COMPUTED);
+    let of_resolution =
+        |resolution, most_steps| Grid::new(environment, belief, resolution).best_return(most_steps);
+    // Where steps come to add the same, fewer are computed than an episode has, and the grid can be
+    // finer; a coarse grid shows how many, more or less.
+    let seen = of_resolution(affordable.scaled(0.5), horizon);
+    let most_steps = seen.map_or(horizon, |(_, steps)| horizon.min(steps.saturating_mul(3)));
+    let of_three = |finest: Resolution, most_steps| {
+        let of = |share| of_resolution(finest.scaled(share), most_steps);
+        Some([of(0.25)?.0, of(0.5)?.0, of(1.0)?.0])
+    };
+    let [coarse, medium, fine] = of_three(finest.within(most_steps, MOST_COMPUTED), most_steps)
+        .or_else(|| of_three(affordable, horizon))
+        .expect("every step may be computed");
+    // Half the steps have a quarter of the error, or so: values are interpolated linearly, but
+    // across the jumps that have no line. The two changes tell it twice.
+    let grid_error = f64::max((fine - medium).abs(), (medium - coarse).abs() / 4.0);
+    Ok(Optimum { mean_return: fine, grid_error })
+}
+
+/// The finest grid of an environment for who knows so much of the context.
+fn finest(environment: &Environment, belief: Belief, usual: Resolution) -> Resolution {
+    // Whoever is certain never sends what does not suit, if nothing is gained by an early end.
+    let harmless = environment.rho_2 >= 0.0 && environment.mu[0] + environment.mu[1] >= 0.0;
+    if belief == Belief::Certain && harmless { OF_HABITUATION } else { usual }
 }
 
 /// What each choice brings in a state, reward and everything after it; the baseline reward, which
@@ -130,10 +151,11 @@ impl OptimalPolicy {
     /// **Errors**: the scenario does not show habituation and disengagement risk.
     pub fn new(environment: &Environment, scenario: &Scenario) -> Result<Self, StateHidden> {
         shows_state(scenario)?;
-        let resolution = OF_POLICY.within(environment.horizon, MOST_KEPT);
-        let grid = Grid::new(environment, Belief::new(environment, scenario), resolution);
+        let (horizon, belief) = (environment.horizon, Belief::new(environment, scenario));
+        let resolution = finest(environment, belief, OF_POLICY).within(horizon, MOST_KEPT);
+        let grid = Grid::new(environment, belief, resolution);
         let mut values = Vec::new();
-        grid.induce(|_, layer| values.push(layer.to_vec()));
+        grid.induce(horizon, |_, layer| values.push(layer.to_vec()));
         Ok(OptimalPolicy { grid, values })
     }
 
