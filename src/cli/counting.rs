@@ -18,6 +18,7 @@ pub(super) struct Counting {
     what: &'static str,
     of: usize,
     done: usize,
+    said: bool,
     /// When to say how far it is.
     due: Instant,
 }
@@ -31,16 +32,19 @@ impl Counting {
         let bar = ProgressBar::hidden().with_style(style).with_message(what);
         bar.set_length(of as u64);
         let terminal = io::stderr().is_terminal();
-        Counting { bar, terminal, what, of, done: 0, due: Instant::now() + PATIENCE }
+        Counting { bar, terminal, what, of, done: 0, said: false, due: Instant::now() + PATIENCE }
     }
 
     /// One more is done.
     pub(super) fn one_more(&mut self) {
         self.done += 1;
         self.bar.inc(1);
-        if Instant::now() < self.due {
+        // Who was told of the beginning is told of the end.
+        let ends = self.said && self.done == self.of;
+        if Instant::now() < self.due && !ends {
             return;
         }
+        self.said = true;
         self.due = Instant::now() + BETWEEN_LINES;
         if !self.terminal {
             eprintln!("{} of {} {}", self.done, self.of, self.what);

@@ -103,24 +103,25 @@ fn show_diagnosis(arguments: &Arguments, diagnosis: &Diagnosis) -> Result<(), Er
 }
 
 fn show_salvaged(arguments: &Arguments, new: &str, salvaged: Salvaged) -> Result<(), Error> {
-    let Salvaged { experiments, jobs, completed, lost, others } = salvaged;
+    let Salvaged { experiments, jobs, completed, lost, lost_more, others } = salvaged;
     let mut out = io::stdout().lock();
     if arguments.format == Format::Json {
         let answer = json!({
             "store": new, "experiments": experiments, "jobs": jobs, "completed": completed,
-            "lost": lost, "failed_or_interrupted": others,
+            "lost": lost, "lost_more": lost_more, "failed_or_interrupted": others,
         });
         return Ok(writeln!(out, "{answer}")?);
     }
     writeln!(
         out,
-        "{}: {}, {}, {}, {} that failed or were interrupted; {} lost",
+        "{}: {}, {}, {}, {} that failed or were interrupted; {} lost{}",
         printable(new),
         counted(experiments as u64, "experiment"),
         counted(jobs as u64, "job"),
         counted(completed as u64, "completed run"),
         counted(others as u64, "run"),
         counted(lost as u64, "completed run"),
+        if lost_more { ", and those that can no longer be counted" } else { "" },
     )?;
     writeln!(
         out,

@@ -27,7 +27,7 @@ const OF_POLICY: Resolution = Resolution { habituation: 80, disengagement: 240, 
 /// The grid where nobody's disengagement risk ever grows.
 const OF_HABITUATION: Resolution = Resolution { habituation: 2000, disengagement: 1, jumps: 1 };
 /// Most values that are computed on a grid: a few seconds.
-const MOST_COMPUTED: usize = 450_000_000;
+const MOST_COMPUTED: usize = 360_000_000;
 /// Most values that a policy keeps: 80 MB.
 const MOST_KEPT: usize = 10_000_000;
 

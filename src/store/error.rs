@@ -8,6 +8,9 @@ use crate::plan::JobKey;
 
 use super::VIEWS;
 
+const NO_SQLITE_FILE: &str = "no SQLite file, so it cannot be a store, or no longer (`jitai doctor \
+     --salvage NEW` writes what is left of one to a new store)";
+
 /// Why the store could not do what it was asked.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -305,9 +308,7 @@ impl StoreError {
             Some(ErrorCode::CannotOpen | ErrorCode::PermissionDenied) => {
                 StoreError::CannotOpen { path, reason: source.to_string() }
             }
-            Some(ErrorCode::NotADatabase) => {
-                StoreError::NotAStore { path, what: "no SQLite file, so it cannot be a store" }
-            }
+            Some(ErrorCode::NotADatabase) => StoreError::NotAStore { path, what: NO_SQLITE_FILE },
             _ => StoreError::Sqlite { path, action, source },
         }
     }

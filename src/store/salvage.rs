@@ -26,8 +26,10 @@ pub struct Salvaged {
     pub jobs: usize,
     /// Completed runs, each with all its results.
     pub completed: usize,
-    /// Completed runs that are lost: their jobs run again.
+    /// Completed runs that are known to be lost: their jobs run again.
     pub lost: usize,
+    /// Whether the list of runs cannot be read to its end, so that more of them may be lost.
+    pub lost_more: bool,
     /// Failed and interrupted runs.
     pub others: usize,
 }
@@ -189,7 +191,9 @@ impl Copy<'_> {
         for &id in &sessions {
             self.session(id)?;
         }
-        for id in row_ids(self.from, "run").0 {
+        let (runs, all) = row_ids(self.from, "run");
+        salvaged.lost_more = !all;
+        for id in runs {
             let Some(run) =
                 self.read(&format!("SELECT {RUN} FROM run NOT INDEXED WHERE id = ?1"), id)
             else {

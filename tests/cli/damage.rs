@@ -214,6 +214,8 @@ fn a_store_cut_short_is_told_and_what_is_left_is_saved() {
     let origin = healthy();
     let (bytes, rows) = (store(&origin), origin.dump());
     let expected = ask(&with_store(&origin, &bytes), "the healthy store");
+    let diagnosis = origin.jitai(["doctor", "--format", "json"]).succeeded().json();
+    let all = diagnosis["completed"].as_u64().unwrap();
     let mut saved_before = 0;
     for step in 1..=40 {
         let length = bytes.len() * step / 41 + 17 * step;
@@ -224,7 +226,10 @@ fn a_store_cut_short_is_told_and_what_is_left_is_saved() {
         assert!(answers.given.iter().all(|answer| expected.given.contains(answer)), "{place}");
         let salvage = damaged.jitai(["doctor", "--salvage", "new.sqlite", "--format", "json"]);
         if salvage.code == Some(0) {
-            let saved = salvage.json()["completed"].as_u64().unwrap();
+            let salvaged = salvage.json();
+            let [saved, lost] = ["completed", "lost"].map(|key| salvaged[key].as_u64().unwrap());
+            let whole = salvaged["lost_more"] == false;
+            assert!(saved + lost == all || (!whole && saved + lost < all), "{place}: {salvaged}");
             assert!(saved >= saved_before, "{place}: a longer piece holds no less");
             saved_before = saved;
             damaged.jitai(["doctor", "--store", "new.sqlite"]).succeeded();

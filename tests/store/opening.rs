@@ -91,7 +91,7 @@ fn what_is_no_database_is_refused() {
         fs::write(&path, bytes).unwrap();
         path
     };
-    let message = "is no SQLite file, so it cannot be a store; name another file";
+    let message = "; name another file with --store";
     refused(&file("notes.txt", b"hello"), message);
     refused(&file("long.txt", &[b'x'; 5000]), message);
     refused(&file("cut.sqlite", b"SQLite format 3\0"), message);

@@ -129,13 +129,25 @@ pub fn html_table(table: &DataTable) -> String {
         });
         format!("<tr>{}</tr>", cells.collect::<String>())
     };
-    // A long table is thinned evenly, so that its ends are seen.
+    // A long table is thinned evenly within what its words name; the ends of each are seen.
+    let words = |row: &[Cell]| -> Vec<String> {
+        let is_word = |cell: &&Cell| matches!(cell, Cell::Text(_));
+        row.iter().filter(is_word).map(|cell| cell.shown().to_string()).collect()
+    };
     let every = table.rows.len().div_ceil(MOST_ROWS).max(1);
-    let rows: String = table.rows.iter().step_by(every).map(row).collect();
+    let named = table.rows.chunk_by(|one, next| words(one) == words(next));
+    let thinned = named.flat_map(|rows| {
+        let last = rows.len() - 1;
+        let kept = move |(place, _): &(usize, _)| place % every == 0 || *place == last;
+        rows.iter().enumerate().filter(kept).map(|(_, row)| row)
+    });
+    let rows: String = thinned.map(row).collect();
     let thinned = match every {
         1 => String::new(),
         every => {
-            format!("<p class=\"note\">One row in {every}; all of them are in the CSV file.</p>")
+            format!(
+                "<p class=\"note\">One row in {every}, and the last of each arm; all of them are in the CSV file.</p>"
+            )
         }
     };
     format!(
