@@ -157,7 +157,7 @@ fn a_report_needs_a_store_and_readable_published_numbers() {
 
 #[test]
 fn tables_of_arms_give_the_share_of_the_optimum_where_it_is_known() {
-    let manifest = "format = 1\nname = \"rules\"\nscenarios = [\"P-H-D\", \"P-T\"]\nseeds = 3\n\
+    let manifest = "format = 1\nname = \"rules\"\nscenarios = [\"P-H-D\", \"L-H-D\", \"P-T\"]\nseeds = 3\n\
                     environment.sigma = [0.4, 0.6]\nenvironment.horizon = 8\n\
                     [[agent]]\nname = \"untailored\"\nalgorithm = \"rule\"\nrule = \"untailored\"\n\
                     [[agent]]\nname = \"tailored\"\nalgorithm = \"rule\"\nrule = \"tailored\"\n\
@@ -167,8 +167,9 @@ fn tables_of_arms_give_the_share_of_the_optimum_where_it_is_known() {
     folder.jitai(["run", "sweep.toml"]).succeeded();
     folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
     let exact = folder.jitai(["optimum", "sweep.toml", "--format", "csv"]).succeeded().stdout;
-    let best = |sigma: &str| -> f64 {
-        let line = exact.lines().find(|line| line.starts_with(&format!("rules,P-H-D,{sigma},")));
+    let best = |scenario: &str, sigma: &str| -> f64 {
+        let cell = format!("rules,{scenario},{sigma},");
+        let line = exact.lines().find(|line| line.starts_with(&cell));
         line.unwrap().split(',').nth(4).unwrap().parse().unwrap()
     };
     let table = folder.read("report/tables/rules-arms.csv");
@@ -188,14 +189,18 @@ fn tables_of_arms_give_the_share_of_the_optimum_where_it_is_known() {
             continue;
         }
         let sigma = arm.rsplit('=').next().unwrap();
-        assert!((number("optimum").unwrap() - best(sigma)).abs() < 0.06, "{line}");
+        let scenario = if arm.contains("P-H-D") { "P-H-D" } else { "L-H-D" };
+        let exact = best(scenario, sigma);
+        assert!((number("optimum").unwrap() - exact).abs() < 0.06, "{line}");
         let share = number("share_of_optimum").unwrap();
         assert!((share - mean / number("optimum").unwrap()).abs() < 1e-12 && share < 1.0, "{line}");
         known += 1;
     }
-    assert_eq!(known, 4);
+    assert_eq!(known, 8);
     let figure = folder.read("report/figures/rules-returns.svg");
-    assert!(figure.contains(">optimum</text>"), "the reference line has its label");
+    for label in [">optimum P-H-D</text>", ">optimum L-H-D</text>"] {
+        assert!(figure.contains(label), "the reference lines have their labels");
+    }
     let agents = folder.read("report/tables/rules-agents.csv");
     assert!(agents.lines().nth(1).unwrap().starts_with("untailored,P-H-D,2,6,"), "{agents}");
     // A rule learns nothing.

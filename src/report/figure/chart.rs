@@ -177,29 +177,39 @@ pub fn learning_figure(panel: &LearningPanel, window: u32, looks: &Looks) -> Sce
     draw(&Chart { heading: Some(panel.scenario.clone()), description, axes, lines, note })
 }
 
-/// Lines of the best mean return that any policy can reach, none twice.
+/// Lines of the best mean return that any policy can reach, none twice; where there are several,
+/// their labels say of what.
 fn optimum_lines<'n>(
     optima: impl Iterator<Item = (&'n Name, Vec<(f64, f64)>)>,
     looks: &Looks,
 ) -> Vec<Line> {
     let mut drawn: Vec<Vec<(f64, f64)>> = Vec::new();
-    let mut lines = Vec::new();
+    let (mut lines, mut names) = (Vec::new(), Vec::new());
     for (name, points) in optima {
         if points.is_empty() || drawn.contains(&points) {
             continue;
         }
+        // Whatever the agent is, the optimum is the same.
+        let mut of = Name { agent: "optimum".to_owned(), ..name.clone() };
+        of.settings.retain(|(key, _)| !key.starts_with("agent."));
         let place = |(x, y): &(f64, f64)| {
-            let tip = format!("optimum {}: {}", name.scenario, shown(*y, 0));
+            let tip = format!("{}: {}", arm_label(&of), shown(*y, 0));
             Place { x: *x, y: *y, interval: None, tip }
         };
         lines.push(Line {
-            label: "optimum".to_owned(),
+            label: of.agent.clone(),
             look: looks.of_optimum(name),
             points: points.iter().map(place).collect(),
             reference: Vec::new(),
             spread: Spread::Exact,
         });
         drawn.push(points);
+        names.push(of);
+    }
+    if lines.len() > 1 {
+        for (line, told) in lines.iter_mut().zip(labels(&names.iter().collect::<Vec<_>>())) {
+            line.label = format!("optimum {told}");
+        }
     }
     lines
 }
