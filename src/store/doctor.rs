@@ -290,9 +290,17 @@ pub(super) fn row_ids(connection: &Connection, table: &str) -> (Vec<i64>, bool) 
     let (first, last) = (ids.last().map_or(1, |id| id + 1), behind.first().copied());
     let one = format!("SELECT id FROM {table} NOT INDEXED WHERE id = ?1");
     if let (Some(last), Ok(mut one)) = (last, connection.prepare(&one)) {
-        for id in (first..last).take(MOST_BETWEEN) {
-            if let Ok(Some(id)) = one.query_row([id], |row| row.get(0)).optional() {
-                ids.push(id);
+        let mut missed = 0;
+        for id in first..last {
+            match one.query_row([id], |row| row.get(0)).optional() {
+                Ok(Some(id)) => {
+                    ids.push(id);
+                    missed = 0;
+                }
+                _ => missed += 1,
+            }
+            if missed > MOST_MISSED {
+                break;
             }
         }
     }
@@ -300,8 +308,9 @@ pub(super) fn row_ids(connection: &Connection, table: &str) -> (Vec<i64>, bool) 
     (ids, false)
 }
 
-/// Rows between two unreadable pages that are tried one by one, at most; takes seconds.
-const MOST_BETWEEN: usize = 10_000_000;
+/// So many ids one after the other without a row, and what lies behind them is given up: more than a
+/// branch of a table's tree holds, and a tenth of a second. A damaged id can be any number.
+const MOST_MISSED: usize = 100_000;
 
 /// The ids of a table's rows, up to the first that cannot be read, if there is one.
 fn scan(connection: &Connection, table: &str, order: &str) -> (Vec<i64>, rusqlite::Result<()>) {
