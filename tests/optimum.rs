@@ -33,13 +33,13 @@ fn simulated(rule: Rule, environment: &Environment, scenario: &Scenario, lanes: 
 }
 
 #[test]
-fn the_optimal_policy_reaches_the_optimum_in_thirty_thousand_episodes() {
+fn the_optimal_policy_reaches_the_optimum_in_a_hundred_thousand_episodes() {
     for (sigma, first_context) in [(0.6, FirstContext::Fixed), (1.0, FirstContext::Sampled)] {
         let environment = Environment { first_context, ..Environment::paper(sigma) };
         for scenario in ["C-H-D", "P-H-D", "L-H-D"] {
             let scenario: Scenario = scenario.parse().unwrap();
             let best = optimum(&environment, &scenario).unwrap().mean_return;
-            let [mean, error] = simulated(Rule::Optimal, &environment, &scenario, 30_000);
+            let [mean, error] = simulated(Rule::Optimal, &environment, &scenario, 100_000);
             // C-H-D leaves nothing to chance, and its policy comes from a coarser grid.
             assert!((mean - best).abs() < 4.0 * error + 0.5, "{scenario} {sigma}: {mean} {best}");
         }

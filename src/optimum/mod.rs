@@ -20,7 +20,7 @@ use crate::manifest::{Environment, Feature, FirstContext, Scenario};
 
 use grid::{Grid, Resolution};
 
-/// The grid of the value, for the paper's horizon and up to twenty times as many steps.
+/// The grid of the value, for up to about 800 steps; for more it is coarser.
 const OF_VALUE: Resolution = Resolution { habituation: 160, disengagement: 2000, jumps: 400 };
 /// The grid of the policy, which keeps the values of every step.
 const OF_POLICY: Resolution = Resolution { habituation: 80, disengagement: 240, jumps: 80 };
@@ -82,8 +82,12 @@ pub fn optimum(environment: &Environment, scenario: &Scenario) -> Result<Optimum
         |resolution, most_steps| Grid::new(environment, belief, resolution).best_return(most_steps);
     // Where steps come to add the same, fewer are computed than an episode has, and the grid can be
     // finer; a coarse grid shows how many, more or less.
-    let seen = of_resolution(affordable.scaled(0.5), horizon);
-    let most_steps = seen.map_or(horizon, |(_, steps)| horizon.min(steps.saturating_mul(3)));
+    let most_steps = if affordable == finest {
+        horizon
+    } else {
+        let seen = of_resolution(affordable.scaled(0.5), horizon);
+        seen.map_or(horizon, |(_, steps)| horizon.min(steps.saturating_mul(3)))
+    };
     let of_three = |finest: Resolution, most_steps| {
         let of = |share| of_resolution(finest.scaled(share), most_steps);
         Some([of(0.25)?.0, of(0.5)?.0, of(1.0)?.0])

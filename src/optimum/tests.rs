@@ -96,7 +96,7 @@ fn the_optimum_of_short_episodes_is_the_best_of_every_course() {
 
 #[test]
 fn other_parameters_and_horizons_converge_too() {
-    for (horizon, epsilon_d) in [(50, 0.13), (50, 0.05), (250, 0.4)] {
+    for (horizon, epsilon_d) in [(50, 0.13), (200, 0.05), (400, 0.4)] {
         let environment = Environment { horizon, epsilon_d, ..Environment::paper(0.8) };
         for scenario in ["C-H-D", "P-H-D", "L-H-D"] {
             let ours = value(&environment, scenario);
