@@ -23,9 +23,6 @@ use targets::{TARGETS, Target};
 
 /// Longest that an input may keep the processor.
 const MOST_TIME: Duration = Duration::from_secs(1);
-/// The same of a query, which may ask for a value of 256 MiB: nothing interrupts SQLite while it
-/// writes one, and a machine whose memory is busy takes more than a second for it.
-const MOST_TIME_OF_A_QUERY: Duration = Duration::from_secs(3);
 /// Most memory that the process may have had at any time.
 const MOST_KILOBYTES: u64 = 1 << 20;
 /// Seconds of mutations a target; the environment may say otherwise.
@@ -79,10 +76,9 @@ fn try_one(name: &str, target: Target, bytes: &[u8]) {
     let before = processor_time(begun);
     let outcome = panic::catch_unwind(|| target(bytes));
     let taken = processor_time(begun).saturating_sub(before);
-    let most_time = if name == "query" { MOST_TIME_OF_A_QUERY } else { MOST_TIME };
     let broken = match outcome {
         Err(_) => "panics".to_owned(),
-        Ok(()) if taken > most_time => format!("takes {taken:?}"),
+        Ok(()) if taken > MOST_TIME => format!("takes {taken:?}"),
         Ok(()) if most_memory() > MOST_KILOBYTES => format!("needs {} kB", most_memory()),
         Ok(()) => return,
     };

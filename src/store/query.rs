@@ -138,9 +138,8 @@ pub(super) fn allow_reading_only(connection: &mut Connection) -> rusqlite::Resul
     connection.authorizer(Some(authorize))
 }
 
-/// Bytes of a value, a row or the SQL itself, at most; the weights of the largest network are a
-/// quarter of it.
-const LONGEST_VALUE: i32 = 256 << 20;
+/// Bytes of a value, a row or the SQL itself, at most; the weights of the largest network are 80 MB.
+const LONGEST_VALUE: i32 = 128 << 20;
 /// Bytes that SQLite may hold, at most.
 const MOST_MEMORY: i64 = 768 << 20;
 
