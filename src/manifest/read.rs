@@ -54,8 +54,7 @@ pub(super) fn newer_format(root: &DeTable) -> Option<Fault> {
 impl Reader<'_> {
     /// What the document says, laid over the preset that it extends.
     pub fn draft(&mut self, root: &DeTable) -> Draft {
-        let preset = root.get("extends").and_then(|node| self.extends(node));
-        let inherited = preset.unwrap_or_else(Draft::new);
+        let inherited = self.inherited(root);
         let mut draft = Draft::new();
         let mut astray = Vec::new();
         for (key, node) in root {
@@ -114,16 +113,34 @@ impl Reader<'_> {
         }
     }
 
-    fn extends(&mut self, node: &Node) -> Option<Draft> {
-        let names = preset::names();
-        let Some(found) = node.get_ref().as_str().filter(|found| names.contains(found)) else {
-            let expected = names.map(|name| format!("\"{name}\"")).join(" or ");
-            let message = format!("`extends`: expected {expected}, found {}", self.found(node));
-            let fault = Fault::at(node.span().into(), message);
-            self.faults.add(fault.nearest(node.get_ref().as_str().unwrap_or_default(), names));
-            return None;
+    /// What the preset gives that the document extends. If it names none, this is what the likeliest
+    /// would give: that is not missing as well.
+    fn inherited(&mut self, root: &DeTable) -> Draft {
+        let (name, span) = match root.get("extends") {
+            Some(node) => (self.extends(node), node.span()),
+            None => {
+                let is_meant =
+                    |found: &str| nearest(found, TOP_KEYS).is_some_and(|key| key == "extends");
+                let Some(key) = root.keys().find(|key| is_meant(key.get_ref())) else {
+                    return Draft::new();
+                };
+                (preset::names()[0], key.span())
+            }
         };
-        Some(preset::draft(found).moved_to(node.span().into()))
+        preset::draft(name).moved_to(span.into())
+    }
+
+    /// The preset that is named, or the likeliest.
+    fn extends(&mut self, node: &Node) -> &'static str {
+        let names = preset::names();
+        let found = node.get_ref().as_str().unwrap_or_default();
+        if let Some(name) = names.into_iter().find(|name| *name == found) {
+            return name;
+        }
+        let expected = names.map(|name| format!("\"{name}\"")).join(" or ");
+        let message = format!("`extends`: expected {expected}, found {}", self.found(node));
+        self.faults.add(Fault::at(node.span().into(), message).nearest(found, names));
+        nearest(found, names).unwrap_or(names[0])
     }
 
     fn time_limit(&mut self, node: &Node) -> Option<u64> {
@@ -343,9 +360,8 @@ impl Reader<'_> {
                 None
             }
         };
-        let same = |agent: &&AgentDraft| Some(&agent.name.value) == name.as_ref().map(|n| &n.value);
-        let preset = inherited.agents.iter().find(same).map(|agent| agent.algorithm);
-        let algorithm = self.algorithm(preset, span, table);
+        let called = name.as_ref().map(|name| name.value.as_str());
+        let algorithm = self.algorithm(inherited, called, span, table);
         // Without an algorithm the keys are read as those of the one that knows most of them.
         let known = |algorithm: &Algorithm| {
             let section = algorithm.section();
@@ -361,16 +377,24 @@ impl Reader<'_> {
     /// The algorithm of an agent, which the preset's agent of that name may have given.
     fn algorithm(
         &mut self,
-        preset: Option<Algorithm>,
+        inherited: &Draft,
+        called: Option<&str>,
         at: Span,
         table: &DeTable,
     ) -> Option<Algorithm> {
+        let of_presets = |agent: &&AgentDraft| Some(agent.name.value.as_str()) == called;
+        let preset = inherited.agents.iter().find(of_presets).map(|agent| agent.algorithm);
         let names = Algorithm::ALL.map(Algorithm::name);
         let expected = names.map(|name| format!("\"{name}\"")).join(" or ");
         let Some(node) = table.get("algorithm") else {
             if preset.is_none() {
+                let of_presets = inherited.agents.iter().map(|agent| agent.name.value.as_str());
+                let help = match nearest(called.unwrap_or_default(), of_presets) {
+                    Some(meant) => format!("did you mean the preset's agent `{meant}`?"),
+                    None => format!("write algorithm = {expected}"),
+                };
                 let fault = Fault::at(at, "missing key `algorithm` in [[agent]]");
-                self.faults.add(fault.help(format!("write algorithm = {expected}")));
+                self.faults.add(fault.help(help));
             }
             return preset;
         };
