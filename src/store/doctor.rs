@@ -129,7 +129,11 @@ struct Examination<'a> {
 
 impl Examination<'_> {
     fn find(&mut self, part: &'static str, job_key: Option<String>, what: impl Into<String>) {
-        self.found.findings.push(Finding { part, job_key, what: what.into() });
+        let finding = Finding { part, job_key, what: what.into() };
+        // Several questions can meet the same damage; where that is not of a job, it is one finding.
+        if finding.job_key.is_some() || !self.found.findings.contains(&finding) {
+            self.found.findings.push(finding);
+        }
     }
 
     /// The first column of an answer, as text; what cannot be read is a finding.
@@ -150,8 +154,10 @@ impl Examination<'_> {
 
     fn file(&mut self) {
         let check = format!("PRAGMA integrity_check({MOST_OF_FILE})");
-        for line in self.texts("file", &check).into_iter().filter(|line| line != "ok") {
-            self.find("file", None, line);
+        // An answer can have several lines, the first of which names the database.
+        for answer in self.texts("file", &check) {
+            let is_fault = |line: &&str| *line != "ok" && !line.starts_with("*** ");
+            answer.lines().filter(is_fault).for_each(|line| self.find("file", None, line));
         }
         match schema::faults(self.connection) {
             Ok(faults) => faults.into_iter().for_each(|fault| self.find("schema", None, fault)),

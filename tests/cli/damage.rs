@@ -1,6 +1,7 @@
 //! Damaged stores: nothing panics, nothing is silently different without `doctor` knowing it, and
 //! what is intact can be saved.
 
+use std::collections::HashSet;
 use std::env;
 use std::fs;
 use std::path::Path;
@@ -89,6 +90,9 @@ fn ask(folder: &Folder, place: &str) -> Answers {
     assert!(!doctor.stderr.contains("panicked at"), "{place}: {doctor:?}");
     let said = doctor.stdout.contains("damaged") || doctor.stderr.contains("error: ");
     assert!(doctor.code == Some(0) || said, "{place}: {doctor:?}");
+    let lines: HashSet<&str> = doctor.stdout.lines().collect();
+    assert_eq!(lines.len(), doctor.stdout.lines().count(), "{place}: twice in {}", doctor.stdout);
+    assert!(!doctor.stdout.contains("\\n"), "{place}: lines in a line of {}", doctor.stdout);
     Answers { healthy: doctor.code == Some(0), given }
 }
 
