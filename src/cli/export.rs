@@ -5,7 +5,7 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use crate::cli::answer::{self, AnswerFormat, Failed};
-use crate::cli::{Error, Exit, StoreArgument};
+use crate::cli::{Error, Exit, StoreArgument, folder};
 use crate::store::Reader;
 
 /// The public views with the order of their rows.
@@ -21,7 +21,7 @@ const VIEWS: [(&str, &str); 6] = [
 /// Write the public views as files, one a view
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Folder to write to; made if it is not there
+    /// Folder to write to; made if it is not there, and files of an earlier export are replaced
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// The format of the files
@@ -53,11 +53,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         let what = format!("write `{}`", path.display());
         move |source| Error::Io { what, source }
     };
-    if arguments.out.is_file() {
-        let out = arguments.out.display();
-        return Err(Error::Usage(format!("--out: `{out}` is a file, not a folder; name another")));
-    }
-    fs::create_dir_all(&arguments.out).map_err(failure(&arguments.out))?;
+    folder::make(&arguments.out)?;
     for (view, order) in VIEWS {
         let path = arguments.out.join(format!("{view}.{extension}"));
         // Under another name until it is whole.

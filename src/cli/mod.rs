@@ -12,6 +12,7 @@ mod error;
 mod estimate;
 mod export;
 mod filter;
+mod folder;
 pub mod input;
 mod optima;
 mod optimum;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use crate::analyse::declared::{carry_out, reproduce, setting, summarise_arms};
 use crate::cli::counting::Counting;
-use crate::cli::{Error, Exit, StoreArgument, check, optima};
+use crate::cli::{Error, Exit, StoreArgument, check, folder, optima};
 use crate::manifest::{Analysis, AnalysisKind, Condition, Manifest, Published};
 use crate::plan::{self, JobKey, PlannedJob, Scalar};
 use crate::record::{Failure, JobRecord, Progress, Setting};
@@ -32,12 +32,9 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let manifests = check::load_all(&arguments.manifests)?;
-    if arguments.out.is_file() {
-        let out = arguments.out.display();
-        return Err(Error::Usage(format!("--out: `{out}` is a file, not a folder; name another")));
-    }
     let published = manifests.iter().map(published).collect::<Result<Vec<_>, Error>>()?;
     let reader = Reader::open(&arguments.store.store)?;
+    folder::make(&arguments.out)?;
     let mut experiments = Vec::new();
     for (manifest, published) in manifests.iter().zip(&published) {
         let jobs = records(&reader, manifest)?;

@@ -107,13 +107,16 @@ fn a_store_in_a_folder_that_is_missing_is_refused() {
 }
 
 #[test]
-fn an_export_to_where_no_folder_can_be_is_refused() {
+fn files_to_where_no_folder_can_be_are_refused() {
     let folder = folder();
     folder.jitai(["run", "sweep.toml"]).succeeded();
-    let export = folder.jitai(["export", "--out", "sweep.toml/results"]).ended(3);
-    export.says("error: failed to write `sweep.toml/results`: ");
-    let export = folder.jitai(["export", "--out", "sweep.toml"]).ended(2);
-    export.says("--out: `sweep.toml` is a file, not a folder");
+    for command in ["export", "report sweep.toml"] {
+        let to = |out| folder.jitai(command.split(' ').chain(["--out", out]));
+        to("sweep.toml/results").ended(3).says(
+            "error: failed to write to the folder `sweep.toml/results` (name another with --out): ",
+        );
+        to("sweep.toml").ended(2).says("--out: `sweep.toml` is a file, not a folder");
+    }
 }
 
 #[test]
