@@ -3,7 +3,7 @@
 CARGO ?= cargo
 JITAI := $(CARGO) run --release --quiet --
 
-.PHONY: help run paper readings bench bench-readers test test-slow test-features test-kill test-damage
+.PHONY: help run paper readings bench bench-burn bench-readers test test-slow test-features test-kill test-damage
 .PHONY: test-bad-input fuzz deny miri test-browser browser test-analysis analysis doc clean
 
 help: ## these targets
@@ -30,11 +30,16 @@ readings: ## the readings that the paper's text allows, 690 jobs, ten minutes, i
 bench: ## time kernels, simulation, store and whole jobs (minutes; BENCH=name for some)
 	$(CARGO) bench --quiet -- $(BENCH)
 
+bench-burn: ## time both engines with Burn compiled to be fast, on both of its CPU backends (minutes)
+	for features in default burn-flex; do \
+		$(CARGO) bench --quiet --config benches/burn-for-speed.toml --features $$features --bench jobs -- a_tenth || exit; \
+	done
+
 bench-readers: ## what eight readers that ask every second cost a sweep (minutes; PAIRS=n, PAUSE=seconds)
 	$(CARGO) build --release
 	JITAI=$(or $(CARGO_TARGET_DIR),target)/release/jitai benches/readers.sh
 
-# Tests are built as `make run` builds, so that Burn is compiled once and trains at full speed.
+# Tests are built as `make run` builds, so that Burn is compiled once.
 # Many tests wait for processes, so that more of them run at once than there are cores.
 test: export RUST_TEST_THREADS ?= 4
 test: ## format, lints as errors, unit and integration tests
