@@ -4,8 +4,8 @@
 /// Numbers closer than this are one number that was computed in two ways.
 const ROUNDING: f64 = 1e-10;
 
-/// Increasing nodes, at least two, four for cubics. Where the values jump there are two nodes of one position: the
-/// first holds the limit from below, the second the value itself.
+/// Increasing nodes, at least two, four for cubics. Where the values jump there are two nodes of one
+/// position: the first holds the limit from below, the second the value itself.
 #[derive(Clone, Debug)]
 pub(super) struct Axis(Vec<f64>);
 

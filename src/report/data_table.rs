@@ -33,6 +33,9 @@ pub enum Reach {
     Data,
 }
 
+/// Why a published number is missing. A column of nothing else is not shown to readers.
+const NOT_PUBLISHED: &str = "not published";
+
 /// A cell.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Cell {
@@ -74,6 +77,11 @@ impl Cell {
             Ok(value) => Cell::Number { value, shown: p_value(value) },
             Err(reason) => Cell::Missing(reason.to_string()),
         }
+    }
+
+    /// What was published, if anything was.
+    pub fn published(cell: Option<Cell>) -> Cell {
+        cell.unwrap_or_else(|| Cell::Missing(NOT_PUBLISHED.to_owned()))
     }
 
     /// As readers see it.
@@ -134,7 +142,14 @@ impl DataTable {
     /// Places of the columns that readers see.
     pub fn shown_columns(&self) -> impl Iterator<Item = usize> {
         let columns = self.columns.iter().enumerate();
-        columns.filter(|(_, column)| column.reach == Reach::Everywhere).map(|(place, _)| place)
+        let shown = columns.filter(|(_, column)| column.reach == Reach::Everywhere);
+        shown.map(|(place, _)| place).filter(|place| !self.is_unpublished(*place))
+    }
+
+    /// Whether a column could hold published numbers, and none was published.
+    fn is_unpublished(&self, place: usize) -> bool {
+        let is_missing = |cell: &Cell| *cell == Cell::published(None);
+        !self.rows.is_empty() && self.rows.iter().all(|row| is_missing(&row[place]))
     }
 
     /// Whether a column holds numbers.
@@ -212,5 +227,15 @@ mod tests {
         );
         assert!(table.latex().contains("=x|y & $-$1.2 \\\\\n"));
         assert!(table.latex().contains("\\caption{A \\& B}"));
+    }
+
+    #[test]
+    fn readers_see_no_column_of_which_nothing_was_published() {
+        let mut table = DataTable::new("", &[("arm", "Arm"), ("published", "Published")]);
+        table.rows.push(vec![Cell::text("a"), Cell::published(None)]);
+        assert_eq!(table.shown_columns().collect::<Vec<_>>(), [0]);
+        assert_eq!(table.csv(), "arm,published\na,\n");
+        table.rows.push(vec![Cell::text("b"), Cell::published(Some(Cell::number(1.0, 0)))]);
+        assert_eq!(table.shown_columns().collect::<Vec<_>>(), [0, 1]);
     }
 }

@@ -105,7 +105,6 @@ fn contrast_cells(row: &ContrastRow, metric: &str) -> Vec<Cell> {
     let (n, m) = contrast.seeds;
     let seeds = if n == m { n.to_string() } else { format!("{n}, {m}") };
     let g = contrast.hedges_g;
-    let absent = || Cell::Missing("not published".to_owned());
     vec![
         Cell::text(arm_label(&row.name)),
         row.error.map_or_else(
@@ -129,8 +128,8 @@ fn contrast_cells(row: &ContrastRow, metric: &str) -> Vec<Cell> {
         Cell::of(g.map(|g| g.interval.high), 2),
         Cell::of(contrast.improvement.map(|improvement| improvement.probability), 2),
         Cell::of(contrast.detectable, 1),
-        row.published.map_or_else(absent, |(effect, _)| Cell::number(effect, 1)),
-        row.published.map_or_else(absent, |(_, p)| Cell::number(p, 5)),
+        Cell::published(row.published.map(|(effect, _)| Cell::number(effect, 1))),
+        Cell::published(row.published.map(|(_, p)| Cell::number(p, 5))),
     ]
 }
 
@@ -174,10 +173,7 @@ fn curve(title: &str, figure: &CurveFigure, metric: &str) -> DataTable {
                 in_unit(sd, metric),
                 optimum(best),
                 share(mean(values), best),
-                published.map_or_else(
-                    || Cell::Missing("not published".to_owned()),
-                    |(_, value)| Cell::number(*value, 0),
-                ),
+                Cell::published(published.map(|(_, value)| Cell::number(*value, 0))),
             ]);
         }
     }
@@ -244,10 +240,7 @@ fn heat(title: &str, figures: &[HeatFigure]) -> DataTable {
                 between(cell.interval, "mean_return"),
                 low(cell.interval),
                 high(cell.interval),
-                cell.published.map_or_else(
-                    || Cell::Missing("not published".to_owned()),
-                    |value| Cell::number(value, 1),
-                ),
+                Cell::published(cell.published.map(|value| Cell::number(value, 1))),
             ]);
         }
     }
@@ -341,10 +334,7 @@ fn errors(title: &str, figure: &ErrorFigure) -> DataTable {
             Cell::Number { value: point.sigma, shown: point.sigma.to_string() },
             percent(point.exact),
             point.seen.map_or_else(|| Cell::Missing("no completed run".to_owned()), percent),
-            published.map_or_else(
-                || Cell::Missing("not published".to_owned()),
-                |(_, rate)| percent(*rate),
-            ),
+            Cell::published(published.map(|(_, rate)| percent(*rate))),
             Cell::number(point.runs as f64, 0),
             Cell::number(point.steps as f64, 0),
         ]);

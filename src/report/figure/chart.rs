@@ -460,19 +460,26 @@ fn end_labels(chart: &Chart, frame: &Frame) -> Vec<Mark> {
         list.sort_by(|one, other| one.2.total_cmp(&other.2));
         spread_out(list, TEXT + 1.5, (frame.top, frame.top + frame.height));
     }
-    let label = |series: usize, at: Point| {
+    let label = |series: usize, at: Point, rim: Option<Stroke>| {
         let line = &chart.lines[series];
         // Light colours are hard to read as letters.
         let darker = if line.look.color.lightness() > 0.5 { 0.35 } else { 0.0 };
         let color = line.look.color.towards(INK, darker);
         let looks = (TEXT, Weight::SemiBold);
-        Mark::from(text(at, &line.label, looks, color, Anchor::Start)).of(series)
+        let mut letters = text(at, &line.label, looks, color, Anchor::Start);
+        if let Shape::Text { rim: of_letters, .. } = &mut letters {
+            *of_letters = rim;
+        }
+        Mark::from(letters).of(series)
     };
+    // Letters stand out from the lines and bands that they lie on.
+    let white = Some(Stroke::solid(Color::WHITE, 2.5));
     let mut marks: Vec<Mark> = inside
         .into_iter()
         .map(|(series, end, height)| {
             let wide = width(&chart.lines[series].label, TEXT, Weight::SemiBold);
-            label(series, ((end.0 - wide).max(frame.left + 3.0), height + TEXT * 0.35))
+            let left = (end.0 - wide).max(frame.left + 3.0);
+            label(series, (left, height + TEXT * 0.35), white)
         })
         .collect();
     for (series, end, height) in ends {
@@ -482,7 +489,7 @@ fn end_labels(chart: &Chart, frame: &Frame) -> Vec<Mark> {
             let points = vec![(end.0 + 3.0, end.1), (right + 5.0, height)];
             marks.push(Mark::from(Shape::Line { points, stroke }).of(series));
         }
-        marks.push(label(series, (right + 6.0, height + TEXT * 0.35)));
+        marks.push(label(series, (right + 6.0, height + TEXT * 0.35), None));
     }
     marks
 }

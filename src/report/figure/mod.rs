@@ -47,13 +47,14 @@ pub(super) fn text(
     anchor: Anchor,
 ) -> Shape {
     let direction = Direction::Right;
-    Shape::Text { at, text: words.into(), size, weight, color, anchor, direction }
+    Shape::Text { at, text: words.into(), size, weight, color, anchor, direction, rim: None }
 }
 
 /// The title of a vertical axis, upwards, with its middle at a point.
 pub(super) fn rising_title(at: Point, words: String) -> Shape {
     let (size, weight, color, anchor) = (TEXT, Weight::Regular, INK, Anchor::Middle);
-    Shape::Text { at, text: words, size, weight, color, anchor, direction: Direction::Up }
+    let direction = Direction::Up;
+    Shape::Text { at, text: words, size, weight, color, anchor, direction, rim: None }
 }
 
 /// How many seeds, in words: `n = 3 seeds`, or `n = 2–3 seeds` where they differ.

@@ -130,12 +130,15 @@ pub fn html_table(table: &DataTable) -> String {
         format!("<tr>{}</tr>", cells.collect::<String>())
     };
     // A long table is thinned evenly within what its words name; the ends of each are seen.
-    let words = |row: &[Cell]| -> Vec<String> {
-        let is_word = |cell: &&Cell| matches!(cell, Cell::Text(_));
-        row.iter().filter(is_word).map(|cell| cell.shown().to_string()).collect()
+    let same_words = |one: &Vec<Cell>, next: &Vec<Cell>| {
+        one.iter().zip(next).all(|cells| match cells {
+            (Cell::Text(one), Cell::Text(next)) => one == next,
+            (Cell::Text(_), _) | (_, Cell::Text(_)) => false,
+            _ => true,
+        })
     };
     let every = table.rows.len().div_ceil(MOST_ROWS).max(1);
-    let named = table.rows.chunk_by(|one, next| words(one) == words(next));
+    let named = table.rows.chunk_by(same_words);
     let thinned = named.flat_map(|rows| {
         let last = rows.len() - 1;
         let kept = move |(place, _): &(usize, _)| place % every == 0 || *place == last;
@@ -144,11 +147,10 @@ pub fn html_table(table: &DataTable) -> String {
     let rows: String = thinned.map(row).collect();
     let thinned = match every {
         1 => String::new(),
-        every => {
-            format!(
-                "<p class=\"note\">One row in {every}, and the last of each arm; all of them are in the CSV file.</p>"
-            )
-        }
+        every => format!(
+            "<p class=\"note\">One row in {every}, and the last of each arm; all of them are in the \
+             CSV file.</p>"
+        ),
     };
     format!(
         "<div class=\"scroll\"><table><thead><tr>{headings}</tr></thead><tbody>{rows}</tbody></table>\

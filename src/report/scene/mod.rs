@@ -140,6 +140,8 @@ pub enum Shape {
         anchor: Anchor,
         /// Which way it runs.
         direction: Direction,
+        /// The line around its letters, beneath them, if they have one.
+        rim: Option<Stroke>,
     },
 }
 

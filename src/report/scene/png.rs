@@ -30,7 +30,7 @@ pub fn png(scene: &Scene) -> Option<Vec<u8>> {
                     PathBuilder::from_circle(centre.0 as f32, centre.1 as f32, *radius as f32);
                 draw(&mut canvas, circle, Some(fill), stroke.as_ref());
             }
-            Shape::Text { at, text, size, weight, color, anchor, direction } => {
+            Shape::Text { at, text, size, weight, color, anchor, direction, rim } => {
                 let written = letters(text, *size, *weight, *anchor);
                 let (x, y) = (at.0 as f32, at.1 as f32);
                 let turn = match direction {
@@ -38,6 +38,7 @@ pub fn png(scene: &Scene) -> Option<Vec<u8>> {
                     Direction::Up => Transform::from_rotate(-90.0).post_translate(x, y),
                 };
                 let written = written.and_then(|path| path.transform(turn));
+                draw(&mut canvas, written.clone(), None, rim.as_ref());
                 draw(&mut canvas, written, Some(&Fill { color: *color, opacity: 1.0 }), None);
             }
         }

@@ -63,7 +63,7 @@ fn write_mark(out: &mut String, mark: &Mark) {
             let fill = filling(fill);
             write!(out, "<circle cx=\"{x}\" cy=\"{y}\" r=\"{radius}\"{fill}{stroke}{more}/>")
         }
-        Shape::Text { at, text, size, weight, color, anchor, direction } => {
+        Shape::Text { at, text, size, weight, color, anchor, direction, rim } => {
             let anchor = match anchor {
                 Anchor::Start => "start",
                 Anchor::Middle => "middle",
@@ -74,10 +74,12 @@ fn write_mark(out: &mut String, mark: &Mark) {
                 Direction::Right => format!("x=\"{x}\" y=\"{y}\""),
                 Direction::Up => format!("transform=\"translate({x} {y}) rotate(-90)\""),
             };
+            let beneath = |rim| format!("{} paint-order=\"stroke\"", line(rim));
+            let rim = rim.as_ref().map(beneath).unwrap_or_default();
             write!(
                 out,
                 "<text {place} font-size=\"{}\" font-weight=\"{}\" fill=\"{}\" \
-                 text-anchor=\"{anchor}\"{more}>{}</text>",
+                 text-anchor=\"{anchor}\"{rim}{more}>{}</text>",
                 number(*size),
                 weight.number(),
                 hex(*color),
