@@ -180,9 +180,7 @@ fn failures(experiments: &[&ReportedExperiment]) -> String {
         .flat_map(|experiment| experiment.jobs.iter().map(|job| (experiment.name.as_str(), job)));
     let table = tables::failures(jobs);
     let body = match table.rows.len() {
-        0 => "<p>None. Failed jobs would be listed here with their reasons; no arm is retried by \
-              what it is.</p>"
-            .to_owned(),
+        0 => "<p>None. Failed jobs would be listed here with their reasons.</p>".to_owned(),
         _ => html_table(&table),
     };
     format!("<section id=\"failures\"><h2>Failed jobs</h2>{body}</section>")
