@@ -62,6 +62,10 @@ pub enum Setting {
 impl fmt::Display for Setting {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            // As a person writes it.
+            Setting::Number(number) if *number != 0.0 && !(1e-6..1e15).contains(&number.abs()) => {
+                write!(f, "{number:e}")
+            }
             Setting::Number(number) => write!(f, "{number}"),
             Setting::Text(text) => f.write_str(text),
         }

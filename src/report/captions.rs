@@ -1,7 +1,7 @@
 //! Captions that say what is seen, in sentences made of the numbers.
 
 use super::data_table::shown;
-use super::figure::{Numbers, arm_label};
+use super::figure::{Numbers, arm_label, settings_label};
 use super::words::unit_numbers;
 use crate::analyse::declared::{
     ActionPanel, Chosen, Content, ContrastRow, CurveFigure, CurveLine, CurvePoint, ErrorFigure,
@@ -18,8 +18,10 @@ pub fn caption(finding: &Finding) -> String {
     let mut sentences = match &finding.content {
         Content::Contrast(rows) => contrast(rows, metric),
         Content::Curve(figure) => curve(figure, metric),
-        Content::LearningCurve { panels, .. } => learning(panels),
-        Content::HeatMap(figures) => figures.iter().filter_map(heat).collect(),
+        Content::LearningCurve { window, panels } => learning(panels, *window),
+        Content::HeatMap(figures) => {
+            figures.iter().filter_map(|figure| heat(figure, metric)).collect()
+        }
         Content::ActionChoice(panels) => actions(panels),
         Content::Selection(chosen) => {
             chosen.iter().filter_map(|one| selected(one, metric)).collect()
@@ -137,8 +139,14 @@ fn shares(line: &CurveLine) -> Option<String> {
     })
 }
 
-fn learning(panels: &[LearningPanel]) -> Vec<String> {
+fn learning(panels: &[LearningPanel], window: u32) -> Vec<String> {
     let line = |line: &crate::analyse::declared::LearningLine| {
+        let name = arm_label(&line.name);
+        if line.points.is_empty() && line.seeds.0 > 0 {
+            return Some(format!(
+                "{name} has no line: its training is shorter than the window of {window} episodes."
+            ));
+        }
         let (_, end, _) = line.points.last()?;
         let (_, start, _) = line.points.first()?;
         let goal = start + 0.9 * (end - start);
@@ -148,12 +156,12 @@ fn learning(panels: &[LearningPanel]) -> Vec<String> {
             .map_or_else(String::new, |(episode, _, _)| {
                 format!(", nine tenths of the way by episode {episode}")
             });
-        Some(format!("{} ends at {}{when}.", arm_label(&line.name), shown(*end, 0)))
+        Some(format!("{name} ends at {}{when}.", shown(*end, 0)))
     };
     panels.iter().flat_map(|panel| &panel.lines).filter_map(line).collect()
 }
 
-fn heat(figure: &HeatFigure) -> Option<String> {
+fn heat(figure: &HeatFigure, metric: &str) -> Option<String> {
     let cells = || figure.cells.iter().filter_map(|cell| Some((cell, cell.value.ok()?)));
     let (least, _) = cells().min_by(|one, other| one.1.total_cmp(&other.1)).map(|c| (c.1, c.0))?;
     let (top, most) = cells().max_by(|one, other| one.1.total_cmp(&other.1))?;
@@ -169,8 +177,8 @@ fn heat(figure: &HeatFigure) -> Option<String> {
         "{}, {}{above} goes from {} to {}, the most at {} = {} and {} = {}.",
         figure.agent,
         figure.subject.replace(" - ", " − "),
-        shown(least, 0),
-        shown(most, 0),
+        amount(least, metric),
+        amount(most, metric),
         last(&figure.x.0),
         top.x,
         last(&figure.y.0),
@@ -204,8 +212,9 @@ fn selected(chosen: &Chosen, metric: &str) -> Option<String> {
     let best = chosen.candidates.first()?;
     let mean = best.mean.ok()?;
     let rule = chosen.rule.replace('_', " ");
-    let (name, of) = (arm_label(&best.name), chosen.candidates.len());
-    Some(format!("By the {rule}: {name}, {} (best of {of}).", amount(mean, metric)))
+    let (place, settings) = (arm_label(&chosen.place), settings_label(&best.settings));
+    let (amount, of) = (amount(mean, metric), chosen.candidates.len());
+    Some(format!("By the {rule}, {place}: {settings}, {amount} (best of {of})."))
 }
 
 fn errors(figure: &ErrorFigure) -> Vec<String> {
@@ -213,7 +222,14 @@ fn errors(figure: &ErrorFigure) -> Vec<String> {
     let last = figure.points.iter().max_by(|one, other| one.sigma.total_cmp(&other.sigma));
     if let Some(point) = last {
         let (error, sigma) = (shown(point.exact * 100.0, 1), point.sigma);
-        sentences.push(format!("The exact error grows from 0 to {error} % at σ = {sigma}."));
+        sentences.push(format!("The exact error is {error} % at σ = {sigma}."));
+    }
+    if figure.points.iter().any(|point| point.seen.is_some()) {
+        sentences.push(
+            "Seen in tests counts every step; where the first context is fixed, it is known, and \
+             less is seen by that step's share."
+                .to_owned(),
+        );
     }
     let far = figure.published.iter().filter_map(|(sigma, rate)| {
         let point = figure.points.iter().find(|point| point.sigma == *sigma)?;

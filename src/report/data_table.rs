@@ -183,7 +183,25 @@ impl DataTable {
             let cells = places.iter().map(|place| escape::markdown(row[*place].shown()));
             out += &format!("| {} |\n", cells.collect::<Vec<_>>().join(" | "));
         }
+        if let Some(reasons) = self.reasons() {
+            out += &format!("\n–: {}\n", escape::markdown(&reasons));
+        }
         out
+    }
+
+    /// Why numbers are missing that readers would see, if any are.
+    fn reasons(&self) -> Option<String> {
+        let places: Vec<usize> = self.shown_columns().collect();
+        let cells = self.rows.iter().flat_map(|row| places.iter().map(|place| &row[*place]));
+        let mut reasons: Vec<&str> = Vec::new();
+        for cell in cells {
+            if let Cell::Missing(reason) = cell
+                && !reasons.contains(&reason.as_str())
+            {
+                reasons.push(reason);
+            }
+        }
+        (!reasons.is_empty()).then(|| reasons.join("; "))
     }
 
     /// The table as LaTeX, for the package booktabs.
@@ -205,7 +223,11 @@ impl DataTable {
                 places.iter().map(|place| escape::latex(row[*place].shown())).collect();
             out += &format!("    {} \\\\\n", cells.join(" & "));
         }
-        out += "    \\bottomrule\n  \\end{tabular}\n\\end{table}\n";
+        out += "    \\bottomrule\n  \\end{tabular}\n";
+        if let Some(reasons) = self.reasons() {
+            out += &format!("  \\par\\footnotesize --: {}\n", escape::latex(&reasons));
+        }
+        out += "\\end{table}\n";
         out
     }
 }
@@ -223,10 +245,12 @@ mod tests {
         assert_eq!(table.csv(), "arm,mean,n\n'=x|y,-1.25,3\nz,,0\n");
         assert_eq!(
             table.markdown(),
-            "A &amp; B\n\n| Arm | Mean |\n| --- | ---: |\n| =x\\|y | −1.2 |\n| z | – |\n"
+            "A &amp; B\n\n| Arm | Mean |\n| --- | ---: |\n| =x\\|y | −1.2 |\n| z | – |\n\n–: no seed \
+             completed\n"
         );
         assert!(table.latex().contains("=x|y & $-$1.2 \\\\\n"));
         assert!(table.latex().contains("\\caption{A \\& B}"));
+        assert!(table.latex().contains("\\footnotesize --: no seed completed\n\\end{table}"));
     }
 
     #[test]

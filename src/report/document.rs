@@ -80,7 +80,17 @@ pub fn report(experiments: &[ReportedExperiment], store: &str) -> Vec<ReportFile
     let mut stems: Vec<String> = Vec::new();
     let mut files = Vec::new();
     let mut sections = Vec::new();
-    for experiment in experiments {
+    // The names of these do not depend on those of analyses.
+    let mut named = |experiment: &ReportedExperiment, table: &str| {
+        let stem = unused(&stems, &format!("{} {table}", experiment.name));
+        stems.push(stem.clone());
+        stem
+    };
+    let of_arms: Vec<[String; 2]> = experiments
+        .iter()
+        .map(|experiment| ["arms", "agents"].map(|table| named(experiment, table)))
+        .collect();
+    for (experiment, [arms, agents]) in experiments.iter().zip(of_arms) {
         let shown = experiment.findings.iter().map(|(finding, sql)| {
             let stem = unused(&stems, &format!("{} {}", experiment.name, finding.name));
             stems.push(stem.clone());
@@ -88,9 +98,6 @@ pub fn report(experiments: &[ReportedExperiment], store: &str) -> Vec<ReportFile
         });
         let shown: Vec<Shown<'_>> = shown.collect();
         shown.iter().for_each(|finding| write_finding(finding, &mut files));
-        let arms = unused(&stems, &format!("{} arms", experiment.name));
-        let agents = unused(&stems, &format!("{} agents", experiment.name));
-        stems.extend([arms.clone(), agents.clone()]);
         let tables = ArmTables {
             arms: (arms, arm_tables::arms(&experiment.arms.arms)),
             agents: (agents, arm_tables::agents(&experiment.arms.agents)),
@@ -173,7 +180,7 @@ fn shown<'e>(finding: &'e Finding, sql: &'e str, stem: String, looks: &Looks) ->
             .iter()
             .map(|figure| {
                 let panel = file_stem(&format!("{} {}", figure.agent, figure.subject));
-                (format!("{stem}-{panel}"), heat_figure(figure))
+                (format!("{stem}-{panel}"), heat_figure(figure, finding.metric))
             })
             .collect(),
         Content::ActionChoice(panels) => one(action_figure(panels)),

@@ -2,14 +2,14 @@
 
 use super::arm_tables::{optimum, share};
 use super::data_table::{Cell, DataTable, shown};
-use super::figure::{Numbers, arm_label};
+use super::figure::{Numbers, arm_label, settings_label};
 use super::words::{metric_title, unit_numbers};
 use crate::analyse::declared::{
     ActionPanel, Chosen, Comparison, Content, ContrastRow, CurveFigure, ErrorFigure, Finding,
-    HeatFigure, LearningPanel, Reproduction,
+    HeatFigure, LearningPanel, Reproduction, varying,
 };
 use crate::analyse::{Interval, Moments, Tests, Undefined, Verdict, mean_interval};
-use crate::record::{JobRecord, Progress};
+use crate::record::{JobRecord, Progress, Setting};
 
 /// The table of a finding.
 pub fn table(finding: &Finding) -> DataTable {
@@ -18,7 +18,7 @@ pub fn table(finding: &Finding) -> DataTable {
         Content::Contrast(rows) => contrast(title, rows, finding.metric),
         Content::Curve(figure) => curve(title, figure, finding.metric),
         Content::LearningCurve { panels, .. } => learning(title, panels),
-        Content::HeatMap(figures) => heat(title, figures),
+        Content::HeatMap(figures) => heat(title, figures, finding.metric),
         Content::ActionChoice(panels) => actions(title, panels),
         Content::Selection(chosen) => selection(title, chosen, finding.metric),
         Content::InferenceError(figure) => errors(title, figure),
@@ -65,6 +65,7 @@ fn contrast(title: &str, rows: &[ContrastRow], metric: &str) -> DataTable {
     let (first, second) = rows
         .first()
         .map_or(("first", "second"), |row| (row.sides.0.as_str(), row.sides.1.as_str()));
+    let is_paired = rows.iter().any(ContrastRow::is_paired);
     let columns = [
         ("arm", "Arm"),
         ("error", "Error, %"),
@@ -80,15 +81,17 @@ fn contrast(title: &str, rows: &[ContrastRow], metric: &str) -> DataTable {
         ("p_holm", "p (Holm)"),
         (".p_benjamini_hochberg", ""),
         (".p_permutation", ""),
-        ("hedges_g", "Hedges’ g"),
+        ("hedges_g", if is_paired { "Hedges’ g (paired)" } else { "Hedges’ g" }),
         (".hedges_g_low", ""),
         (".hedges_g_high", ""),
-        ("improvement", "P(better)"),
+        ("improvement", "P(greater)"),
         (".detectable", ""),
         ("published", "Published"),
         ("published_p", "Published p"),
     ];
-    let mut table = DataTable::new(title, &columns);
+    let paired = if is_paired { ", paired by seed" } else { "" };
+    let caption = format!("{title}: {}{paired}", metric_title(metric));
+    let mut table = DataTable::new(caption, &columns);
     for row in rows {
         table.rows.push(contrast_cells(row, metric));
     }
@@ -208,7 +211,8 @@ fn learning(title: &str, panels: &[LearningPanel]) -> DataTable {
     table
 }
 
-fn heat(title: &str, figures: &[HeatFigure]) -> DataTable {
+fn heat(title: &str, figures: &[HeatFigure], metric: &str) -> DataTable {
+    let name = metric_title(metric);
     let last = |figure: Option<&HeatFigure>, of: fn(&HeatFigure) -> &String| {
         let dotted = figure.map(of).cloned().unwrap_or_default();
         dotted.rsplit('.').next().unwrap_or_default().to_owned()
@@ -221,7 +225,7 @@ fn heat(title: &str, figures: &[HeatFigure]) -> DataTable {
         ("y", y.as_str()),
         ("x", x.as_str()),
         ("seeds", "n"),
-        ("value", "Mean"),
+        ("value", name.as_str()),
         ("interval", "95 % interval"),
         (".low", ""),
         (".high", ""),
@@ -236,11 +240,11 @@ fn heat(title: &str, figures: &[HeatFigure]) -> DataTable {
                 Cell::Number { value: cell.y, shown: cell.y.to_string() },
                 Cell::Number { value: cell.x, shown: cell.x.to_string() },
                 Cell::number(cell.seeds as f64, 0),
-                Cell::of(cell.value, 1),
-                between(cell.interval, "mean_return"),
+                in_unit(cell.value, metric),
+                between(cell.interval, metric),
                 low(cell.interval),
                 high(cell.interval),
-                Cell::published(cell.published.map(|value| Cell::number(value, 1))),
+                Cell::published(cell.published.map(|value| in_unit(Ok(value), metric))),
             ]);
         }
     }
@@ -286,7 +290,7 @@ fn actions(title: &str, panels: &[ActionPanel]) -> DataTable {
 fn selection(title: &str, chosen: &[Chosen], metric: &str) -> DataTable {
     let name = metric_title(metric);
     let columns = [
-        ("agent", "Agent"),
+        ("arm", "Arm"),
         ("rank", "Rank"),
         ("settings", "Settings"),
         ("seeds", "n"),
@@ -296,16 +300,12 @@ fn selection(title: &str, chosen: &[Chosen], metric: &str) -> DataTable {
         (".high", ""),
     ];
     let mut table = DataTable::new(title, &columns);
-    for agent in chosen {
-        for (rank, candidate) in agent.candidates.iter().enumerate() {
-            let settings =
-                candidate.name.settings.iter().map(|(key, value)| {
-                    format!("{}={value}", key.rsplit('.').next().unwrap_or(key))
-                });
+    for chosen in chosen {
+        for (rank, candidate) in chosen.candidates.iter().enumerate() {
             table.rows.push(vec![
-                Cell::text(&agent.agent),
+                Cell::text(arm_label(&chosen.place)),
                 Cell::number(rank as f64 + 1.0, 0),
-                Cell::text(settings.collect::<Vec<_>>().join(" ")),
+                Cell::text(settings_label(&candidate.settings)),
                 Cell::number(candidate.sample.n() as f64, 0),
                 in_unit(candidate.mean, metric),
                 between(candidate.interval, metric),
@@ -402,12 +402,13 @@ fn comparison(one: &Comparison) -> Vec<Cell> {
 }
 
 /// The jobs that failed, with their reasons.
-pub fn failures<'j>(jobs: impl Iterator<Item = (&'j str, &'j JobRecord)>) -> DataTable {
+pub fn failures<'j>(experiments: impl Iterator<Item = (&'j str, &'j [JobRecord])>) -> DataTable {
     let columns = [
         ("experiment", "Experiment"),
         ("agent", "Agent"),
         ("scenario", "Scenario"),
         ("sigma", "σ"),
+        ("settings", "Settings"),
         ("seed", "Seed"),
         ("kind", "Failure"),
         ("reason", "Reason"),
@@ -415,19 +416,32 @@ pub fn failures<'j>(jobs: impl Iterator<Item = (&'j str, &'j JobRecord)>) -> Dat
         ("job_key", "Job key"),
     ];
     let mut table = DataTable::new("Failed jobs", &columns);
-    for (experiment, job) in jobs {
-        let Progress::Failed(failure) = &job.progress else { continue };
-        table.rows.push(vec![
-            Cell::text(experiment),
-            Cell::text(&job.agent),
-            Cell::text(&job.scenario),
-            Cell::text(job.number("environment.sigma").map_or_else(String::new, |s| s.to_string())),
-            Cell::number(job.seed as f64, 0),
-            Cell::text(failure.kind.name()),
-            Cell::text(&failure.message),
-            Cell::number(f64::from(failure.episode), 0),
-            Cell::text(job.job_key.to_string()),
-        ]);
+    for (experiment, jobs) in experiments {
+        // Sigma has a column of its own.
+        let mut told_by = varying(&jobs.iter().collect::<Vec<_>>());
+        told_by.retain(|name| name != "environment.sigma");
+        for job in jobs {
+            table.rows.extend(failed(experiment, job, &told_by));
+        }
     }
     table
+}
+
+fn failed(experiment: &str, job: &JobRecord, told_by: &[String]) -> Option<Vec<Cell>> {
+    let Progress::Failed(failure) = &job.progress else { return None };
+    let setting = |name: &String| Some((name.clone(), job.setting(name)?.clone()));
+    let settings: Vec<(String, Setting)> = told_by.iter().filter_map(setting).collect();
+    let sigma = job.number("environment.sigma").map_or_else(String::new, |s| s.to_string());
+    Some(vec![
+        Cell::text(experiment),
+        Cell::text(&job.agent),
+        Cell::text(&job.scenario),
+        Cell::text(sigma),
+        Cell::text(settings_label(&settings)),
+        Cell::number(job.seed as f64, 0),
+        Cell::text(failure.kind.name()),
+        Cell::text(&failure.message),
+        Cell::number(f64::from(failure.episode), 0),
+        Cell::text(job.job_key.to_string()),
+    ])
 }

@@ -114,6 +114,14 @@ fn two_reports_of_one_store_are_equal_to_the_byte_and_hold_every_analysis() {
     let table = String::from_utf8(one[stem].clone()).unwrap();
     assert!(table.contains("'=dqn&co"), "{table}");
     assert!(!page.contains("NaN") && !table.contains("NaN"));
+    let text = |name: &str| String::from_utf8(one[name].clone()).unwrap();
+    let paired = text("report/tables/every-kind-gain.md");
+    assert!(paired.contains(": mean return, steps walked, paired by seed\n"), "{paired}");
+    // Settings are ranked where nothing else differs, and here no setting of an agent does: eight
+    // places each of two agents.
+    let chosen = text("report/tables/every-kind-chosen.csv");
+    let firsts = chosen.lines().filter(|line| line.contains(" delta_d=0.") && line.contains(",1,"));
+    assert_eq!((firsts.count(), chosen.lines().count()), (16, 17), "{chosen}");
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use super::arm::{Name, groups, is_at, meets, shared, varying, wanted};
 use super::inference::inference_error;
 use super::{Content, Finding};
-use crate::analyse::{self, Corrected, Design, Sample, Undefined, correct};
+use crate::analyse::{self, Corrected, Design, Sample, Tests, Undefined, correct};
 use crate::manifest::{Analysis, AnalysisKind, Condition, Contrast, Pairing, Published, Sides};
 use crate::record::{JobRecord, Setting};
 
@@ -14,7 +14,7 @@ pub struct ContrastRow {
     pub sides: (String, String),
     /// What the sides share: the agent or scenario that is no side, if it is one.
     pub name: Name,
-    /// Context inference error, where the jobs have a sigma.
+    /// Context inference error, where the jobs have a sigma that both sides share.
     pub error: Option<f64>,
     /// The metric of the first side's seeds.
     pub first: Sample,
@@ -26,6 +26,13 @@ pub struct ContrastRow {
     pub corrected: Result<Corrected, Undefined>,
     /// Published difference and p value.
     pub published: Option<(f64, f64)>,
+}
+
+impl ContrastRow {
+    /// Whether seeds of both sides are matched.
+    pub fn is_paired(&self) -> bool {
+        matches!(self.contrast.tests, Tests::Matched { .. })
+    }
 }
 
 /// The rows of a contrast, in the manifest's order.
@@ -116,13 +123,23 @@ fn row(
     if second.jobs.is_empty() {
         return None;
     }
-    let sigma = first.jobs.first()?.number("environment.sigma");
+    let sigma_of = |group: &super::Group<'_>| group.jobs.first()?.number("environment.sigma");
+    let sigma = sigma_of(&first).filter(|sigma| sigma_of(&second) == Some(*sigma));
+    if first.jobs.is_empty() {
+        return None;
+    }
     let (first, second) = (first.sample(metric), second.sample(metric));
     let words = (wanted(&sides.first).to_string(), wanted(&sides.second).to_string());
     let published = published.filter(|_| metric == "mean_return");
     Some(ContrastRow {
         published: published.and_then(|known| published_test(known, &words, &name, sigma?)),
-        sides: words,
+        sides: match sides.key() {
+            key if key.is_empty() => words,
+            key => {
+                let key = key.rsplit('.').next().unwrap_or(&key);
+                (format!("{key}={}", words.0), format!("{key}={}", words.1))
+            }
+        },
         error: sigma.map(inference_error),
         contrast: analyse::Contrast::new(&first, &second, design),
         corrected: Err(Undefined::NoSeeds),

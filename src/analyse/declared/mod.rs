@@ -17,7 +17,7 @@ mod maps;
 mod reproduction;
 mod selection;
 
-pub use arm::{Group, Name, setting};
+pub use arm::{Group, Name, setting, varying};
 pub use arms::{AgentRow, ArmResults, ArmRow, summarise_arms};
 pub use choices::{ActionPanel, BinShares};
 pub use contrasts::ContrastRow;

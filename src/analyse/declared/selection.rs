@@ -3,13 +3,14 @@
 use super::arm::{Name, groups};
 use crate::analyse::{Interval, Moments, Sample, Undefined, mean_interval};
 use crate::manifest::SelectionRule;
-use crate::record::JobRecord;
+use crate::record::{JobRecord, Setting};
 
-/// The settings of one agent, the best first.
+/// The settings of one agent where it is, the best first: in one scenario and environment, for a
+/// setting that met an easier one is no better by that.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chosen {
-    /// The agent.
-    pub agent: String,
+    /// The agent, its scenario, and what tells the environment from others.
+    pub place: Name,
     /// The rule's word.
     pub rule: &'static str,
     /// Its settings in the order of the rule; those that cannot be ranked come last.
@@ -19,8 +20,8 @@ pub struct Chosen {
 /// Settings that were tried.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
-    /// The settings.
-    pub name: Name,
+    /// The settings, dotted names and values.
+    pub settings: Vec<(String, Setting)>,
     /// The metric of their seeds.
     pub sample: Sample,
     /// Its mean.
@@ -29,22 +30,24 @@ pub struct Candidate {
     pub interval: Result<Interval, Undefined>,
 }
 
-/// The candidates of every agent, ranked.
+/// The candidates of every agent, ranked among those of their scenario and environment.
 pub fn chosen(rule: SelectionRule, metric: &str, jobs: &[&JobRecord]) -> Vec<Chosen> {
-    let mut agents: Vec<Chosen> = Vec::new();
+    let mut places: Vec<Chosen> = Vec::new();
     for group in groups(jobs, &[]) {
         let sample = group.sample(metric);
+        let (environment, settings) =
+            group.name.settings.into_iter().partition(|(name, _)| name.starts_with("environment."));
+        let place = Name { settings: environment, ..group.name };
         let candidate = Candidate {
             mean: Moments::of(sample.values()).map(|moments| moments.mean),
             interval: mean_interval(sample.values()),
-            name: group.name,
+            settings,
             sample,
         };
-        let agent = candidate.name.agent.clone();
-        match agents.iter_mut().find(|chosen| chosen.agent == agent) {
+        match places.iter_mut().find(|chosen| chosen.place == place) {
             Some(chosen) => chosen.candidates.push(candidate),
             None => {
-                agents.push(Chosen { agent, rule: rule.name(), candidates: vec![candidate] });
+                places.push(Chosen { place, rule: rule.name(), candidates: vec![candidate] });
             }
         }
     }
@@ -52,11 +55,11 @@ pub fn chosen(rule: SelectionRule, metric: &str, jobs: &[&JobRecord]) -> Vec<Cho
         SelectionRule::HighestMean => candidate.mean.ok(),
         SelectionRule::HighestLowerBound => candidate.interval.ok().map(|interval| interval.low),
     };
-    for chosen in &mut agents {
+    for chosen in &mut places {
         chosen.candidates.sort_by(|a, b| {
             let of = |one| rank(one).unwrap_or(f64::NEG_INFINITY);
             f64::total_cmp(&of(b), &of(a))
         });
     }
-    agents
+    places
 }

@@ -1,6 +1,6 @@
 //! Axes: from numbers to places, with round numbers to read them by.
 
-use super::{FAINT, GRID, INK, TEXT, rising_title, text};
+use super::{FAINT, GRID, INK, TEXT, fitting, rising_title, text};
 use crate::report::data_table::shown;
 use crate::report::scene::{Anchor, Mark, Shape, Stroke, Weight};
 
@@ -140,8 +140,9 @@ impl Frame {
         let points = vec![(self.left, bottom), (self.left + self.width, bottom)];
         marks.push(Shape::Line { points, stroke: Stroke::solid(FAINT, 0.8) }.into());
         let at = (self.left + self.width / 2.0, bottom + 6.5 + 2.0 * TEXT);
-        marks.push(text(at, x.title.clone(), plain, INK, Anchor::Middle).into());
-        let title = rising_title((11.0, self.top + self.height / 2.0), y.title.clone());
+        marks.push(fitting(at, &x.title, (TEXT, self.width + 40.0), INK).into());
+        let middle = (11.0, self.top + self.height / 2.0);
+        let title = rising_title(middle, y.title.clone(), self.height + 24.0);
         marks.push(title.into());
         marks
     }

@@ -2,7 +2,7 @@
 
 use super::axis::{Axis, AxisScale, Frame, Numbers, round_range};
 use super::look::{Look, Looks, Marker, arm_label, labels};
-use super::{FAINT, INK, NOTE, TEXT, WIDTH, seeds, text};
+use super::{FAINT, INK, NOTE, TEXT, WIDTH, fitting, seeds, text};
 use crate::analyse::declared::{
     CurveFigure, CurveLine, CurvePoint, ErrorFigure, LearningLine, LearningPanel, Name,
     inference_error,
@@ -20,6 +20,14 @@ const HEADING: f64 = 14.0;
 const LEFT: f64 = 48.0;
 /// Room below the frame: numbers, title, note.
 const BOTTOM: f64 = 46.0;
+/// Width of the frame, at least; long labels make a figure wider.
+const LEAST_PLOT: f64 = 160.0;
+/// From label to label, at least; many make a figure higher.
+const GAP: f64 = TEXT + 1.5;
+/// Labels that find room above the ends of lines that end early; more stand beside the frame.
+const MOST_INSIDE: usize = 3;
+/// Room of a sample of a line, before its label.
+const SAMPLE: f64 = 20.0;
 
 /// A chart before it is drawn.
 struct Chart {
@@ -170,7 +178,7 @@ pub fn learning_figure(panel: &LearningPanel, window: u32, looks: &Looks) -> Sce
     };
     let note = format!(
         "Moving mean over {window} episodes; mean and 95 % interval, {}.",
-        seeds(panel.lines.iter().map(|line| line.seeds.0))
+        seeds(panel.lines.iter().map(|line| line.seeds.0).filter(|n| *n > 0))
     );
     let axes = axes(&lines, (title, Numbers::Plain, scale), ("mean_return", Numbers::Plain));
     let description = format!("learning curves in scenario {}", panel.scenario);
@@ -342,10 +350,17 @@ fn axes(
 fn draw(chart: &Chart) -> Scene {
     let (x, y) = (&chart.axes.0, &chart.axes.1);
     let wide = |line: &Line| width(&line.label, TEXT, Weight::SemiBold);
-    let room = chart.lines.iter().map(wide).fold(0.0, f64::max).min(110.0) + 12.0;
+    let room = chart.lines.iter().map(wide).fold(0.0, f64::max) + 12.0;
+    let room = room + if is_crowded(chart) { SAMPLE } else { 0.0 };
     let top = TOP + if chart.heading.is_some() { HEADING } else { 0.0 };
-    let frame =
-        Frame { left: LEFT, top, width: WIDTH - LEFT - room, height: HEIGHT - top - BOTTOM };
+    let of_labels = GAP * chart.lines.len() as f64;
+    let frame = Frame {
+        left: LEFT,
+        top,
+        width: (WIDTH - LEFT - room).max(LEAST_PLOT),
+        height: (HEIGHT - top - BOTTOM).max(of_labels),
+    };
+    let whole = (LEFT + frame.width + room, top + frame.height + BOTTOM);
     let mut marks = frame.axes((x, y));
     if let Some(heading) = &chart.heading {
         let at = (LEFT, TOP + 6.0);
@@ -360,9 +375,10 @@ fn draw(chart: &Chart) -> Scene {
         marks.extend(line_marks(line, (x, y), &frame).into_iter().map(|mark| mark.of(series)));
     }
     marks.extend(end_labels(chart, &frame));
-    let at = (WIDTH / 2.0, HEIGHT - 5.0);
-    marks.push(text(at, &chart.note, (NOTE, Weight::Regular), FAINT, Anchor::Middle).into());
-    Scene { width: WIDTH, height: HEIGHT, description: chart.description.clone(), marks }
+    let at = (whole.0 / 2.0, whole.1 - 5.0);
+    marks.push(fitting(at, &chart.note, (NOTE, whole.0 - 8.0), FAINT).into());
+    let (width, height) = whole;
+    Scene { width, height, description: chart.description.clone(), marks }
 }
 
 fn line_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame) -> Vec<Mark> {
@@ -439,17 +455,27 @@ pub(super) fn marker(at: Point, look: &Look, radius: f64) -> Shape {
     }
 }
 
+/// Whether more lines end early than can be labelled there.
+fn is_crowded(chart: &Chart) -> bool {
+    let last = |line: &Line| line.points.last().map(|point| point.x);
+    let farthest = chart.lines.iter().filter_map(last).fold(f64::NEG_INFINITY, f64::max);
+    let early = chart.lines.iter().filter_map(last).filter(|x| *x < farthest);
+    early.count() > MOST_INSIDE
+}
+
 /// The labels of the lines at their ends, moved apart where they would overlap: beside the frame,
-/// with a hair to their line where they were moved far; above the end of a line that ends early.
+/// with a hair to their line where they were moved far; above the end of a line that ends early. If
+/// many do, all stand beside the frame, each with a sample of its line.
 fn end_labels(chart: &Chart, frame: &Frame) -> Vec<Mark> {
     let axes = (&chart.axes.0, &chart.axes.1);
     let right = frame.left + frame.width;
+    let is_crowded = is_crowded(chart);
     let mut ends: Vec<(usize, Point, f64)> = Vec::new();
     let mut inside: Vec<(usize, Point, f64)> = Vec::new();
     for (series, line) in chart.lines.iter().enumerate() {
         if let Some(last) = line.points.last() {
             let end = frame.place(axes, (last.x, last.y));
-            match end.0 < right - 40.0 {
+            match end.0 < right - 40.0 && !is_crowded {
                 // Above the end, not on it.
                 true => inside.push((series, end, end.1 - 12.0)),
                 false => ends.push((series, end, end.1)),
@@ -458,7 +484,7 @@ fn end_labels(chart: &Chart, frame: &Frame) -> Vec<Mark> {
     }
     for list in [&mut ends, &mut inside] {
         list.sort_by(|one, other| one.2.total_cmp(&other.2));
-        spread_out(list, TEXT + 1.5, (frame.top, frame.top + frame.height));
+        spread_out(list, GAP, (frame.top, frame.top + frame.height));
     }
     let label = |series: usize, at: Point, rim: Option<Stroke>| {
         let line = &chart.lines[series];
@@ -483,6 +509,14 @@ fn end_labels(chart: &Chart, frame: &Frame) -> Vec<Mark> {
         })
         .collect();
     for (series, end, height) in ends {
+        if is_crowded {
+            let Look { color, dash, .. } = chart.lines[series].look;
+            let points = vec![(right + 6.0, height), (right + SAMPLE, height)];
+            let stroke = Stroke { color, width: 1.3, dash, opacity: 1.0 };
+            marks.push(Mark::from(Shape::Line { points, stroke }).of(series));
+            marks.push(label(series, (right + 6.0 + SAMPLE, height + TEXT * 0.35), None));
+            continue;
+        }
         if (height - end.1).abs() > TEXT {
             let color = chart.lines[series].look.color;
             let stroke = Stroke { color, width: 0.5, dash: None, opacity: 0.6 };

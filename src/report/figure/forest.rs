@@ -3,7 +3,7 @@
 use super::axis::{Axis, AxisScale, round_range};
 use super::chart::marker;
 use super::look::{Look, Marker, arm_label};
-use super::{FAINT, GRID, INK, NOTE, TEXT, WIDTH, seeds, text};
+use super::{FAINT, GRID, INK, NOTE, TEXT, WIDTH, fitting, seeds, text};
 use crate::analyse::declared::ContrastRow;
 use crate::report::data_table::shown;
 use crate::report::scene::{Anchor, Color, Mark, Scene, Shape, Stroke, Weight, width};
@@ -12,6 +12,8 @@ use crate::report::words::{metric_title, unit_numbers};
 const TOP: f64 = 24.0;
 const ROW: f64 = 15.0;
 const BOTTOM: f64 = 50.0;
+/// Width of the axis, at least.
+const LEAST_PLOT: f64 = 150.0;
 const BLUE: Color = Color(0, 114, 178);
 const VERMILLION: Color = Color(213, 94, 0);
 
@@ -19,8 +21,9 @@ const VERMILLION: Color = Color(213, 94, 0);
 pub fn forest_figure(rows: &[ContrastRow], metric: &str) -> Scene {
     let labels: Vec<String> = rows.iter().map(|row| arm_label(&row.name)).collect();
     let widest = labels.iter().map(|label| width(label, TEXT, Weight::Regular));
-    let left = widest.fold(40.0, f64::max).min(150.0) + 12.0;
-    let right = WIDTH - 14.0;
+    let left = widest.fold(40.0, f64::max) + 12.0;
+    let right = (WIDTH - 14.0).max(left + LEAST_PLOT);
+    let whole = right + 14.0;
     let axis = axis(rows, metric);
     let height = TOP + ROW * rows.len() as f64 + BOTTOM;
     let bottom = TOP + ROW * rows.len() as f64;
@@ -41,14 +44,15 @@ pub fn forest_figure(rows: &[ContrastRow], metric: &str) -> Scene {
     let counts = rows.iter().map(|row| row.contrast.seeds.0.min(row.contrast.seeds.1));
     let is_compared = rows.iter().any(|row| row.published.is_some());
     let note = format!(
-        "Difference and 95 % interval, {} a side.{}",
+        "Difference and 95 % interval{}, {} a side.{}",
+        if rows.iter().any(ContrastRow::is_paired) { ", paired by seed" } else { "" },
         seeds(counts.filter(|n| *n > 0)),
         if is_compared { " Diamonds: published." } else { "" }
     );
-    let at = (WIDTH / 2.0, height - 5.0);
-    marks.push(text(at, note, (NOTE, Weight::Regular), FAINT, Anchor::Middle).into());
+    let at = (whole / 2.0, height - 5.0);
+    marks.push(fitting(at, note, (NOTE, whole - 8.0), FAINT).into());
     let description = format!("differences in {}", metric_title(metric));
-    Scene { width: WIDTH, height, description, marks }
+    Scene { width: whole, height, description, marks }
 }
 
 fn axis(rows: &[ContrastRow], metric: &str) -> Axis {
@@ -82,8 +86,11 @@ fn ruler(axis: &Axis, (left, right): (f64, f64), bottom: f64) -> Vec<Mark> {
         let words = axis.written(*tick, step);
         marks.push(text(at, words, (TEXT, Weight::Regular), FAINT, Anchor::Middle).into());
     }
-    let at = ((left + right) / 2.0, bottom + 7.0 + 2.0 * TEXT);
-    marks.push(text(at, &axis.title, (TEXT, Weight::Regular), INK, Anchor::Middle).into());
+    // Under the axis, as far as the figure's edges let it.
+    let half = width(&axis.title, TEXT, Weight::Regular) / 2.0;
+    let middle = ((left + right) / 2.0).min(right + 10.0 - half).max(half + 4.0);
+    let at = (middle, bottom + 7.0 + 2.0 * TEXT);
+    marks.push(fitting(at, &axis.title, (TEXT, right + 6.0), INK).into());
     marks
 }
 

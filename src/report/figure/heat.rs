@@ -1,21 +1,26 @@
 //! A map over two parameters: numbers on colours.
 
-use super::{FAINT, INK, NOTE, TEXT, WIDTH, rising_title, seeds, text};
+use super::{FAINT, INK, NOTE, Numbers, TEXT, WIDTH, fitting, rising_title, seeds, text};
 use crate::analyse::declared::{HeatCell, HeatFigure, Scale};
 use crate::report::data_table::shown;
-use crate::report::scene::{Anchor, Color, Fill, Mark, Scene, Shape, Stroke, Weight, rectangle};
+use crate::report::scene::{
+    Anchor, Color, Fill, Mark, Scene, Shape, Stroke, Weight, rectangle, width,
+};
+use crate::report::words::{metric_title, unit_numbers};
 
-const LEFT: f64 = 46.0;
+/// Room on the left beside the rows' values.
+const LEFT: f64 = 26.0;
 const TOP: f64 = 26.0;
 const RIGHT: f64 = 8.0;
 const BOTTOM: f64 = 48.0;
 const CELL_HEIGHT: f64 = 44.0;
 
 /// A map of one agent.
-pub fn heat_figure(figure: &HeatFigure) -> Scene {
+pub fn heat_figure(figure: &HeatFigure, metric: &str) -> Scene {
     let (columns, rows) = (&figure.x.1, &figure.y.1);
+    let first = left(figure);
     let height = TOP + BOTTOM + CELL_HEIGHT * rows.len() as f64;
-    let cell_width = (WIDTH - LEFT - RIGHT) / columns.len().max(1) as f64;
+    let cell_width = (WIDTH - first - RIGHT) / columns.len().max(1) as f64;
     let values = figure.cells.iter().filter_map(|cell| cell.value.ok());
     let (least, most) =
         values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), v| (l.min(v), m.max(v)));
@@ -23,18 +28,26 @@ pub fn heat_figure(figure: &HeatFigure) -> Scene {
     for cell in &figure.cells {
         let place =
             |list: &[f64], value: f64| list.iter().position(|one| *one == value).unwrap_or(0);
-        let left = LEFT + place(columns, cell.x) as f64 * cell_width;
+        let left = first + place(columns, cell.x) as f64 * cell_width;
         // Small values stand below, as on an axis.
         let top = TOP + (rows.len() - 1 - place(rows, cell.y)) as f64 * CELL_HEIGHT;
         let color = match cell.value {
             Ok(value) => color(value, (least, most), figure.scale),
             Err(_) => Color(240, 240, 240),
         };
-        marks.extend(cell_marks(cell, figure, color, (left, top, cell_width)));
+        marks.extend(cell_marks(cell, (figure, metric), color, (left, top, cell_width)));
     }
-    marks.extend(frame(figure, cell_width, height));
-    let description = format!("{} of {} over two parameters", figure.subject, figure.agent);
+    marks.extend(frame((figure, metric), first, cell_width, height));
+    let title = metric_title(metric);
+    let description =
+        format!("{title}: {} of {} over two parameters", figure.subject, figure.agent);
     Scene { width: WIDTH, height, description, marks }
+}
+
+/// Where the cells begin: right of the rows' values.
+fn left(figure: &HeatFigure) -> f64 {
+    let wide = |value: &f64| width(&value.to_string(), TEXT, Weight::Regular);
+    LEFT + figure.y.1.iter().map(wide).fold(20.0, f64::max)
 }
 
 /// White for the least or for 0, dark for the most; vermillion below 0, blue above.
@@ -56,7 +69,7 @@ fn share(part: f64, whole: f64) -> f64 {
 
 fn cell_marks(
     cell: &HeatCell,
-    figure: &HeatFigure,
+    (figure, metric): (&HeatFigure, &str),
     color: Color,
     (left, top, width): (f64, f64, f64),
 ) -> Vec<Mark> {
@@ -68,14 +81,18 @@ fn cell_marks(
     let fill = Fill { color, opacity: 1.0 };
     let rim = Some(Stroke::solid(Color::WHITE, 1.0));
     let area = Shape::Area { points: rectangle(left, top, width, CELL_HEIGHT), fill, stroke: rim };
+    let in_unit = |value: f64| match unit_numbers(metric) {
+        (Numbers::Percent, decimals) => shown(value * 100.0, decimals),
+        (Numbers::Plain, decimals) => shown(value, decimals),
+    };
     let mut marks = Vec::new();
     let value = match cell.value {
-        Ok(value) => shown(value, 0),
+        Ok(value) => in_unit(value),
         Err(reason) => reason.to_string(),
     };
     let spread = cell.interval.ok().map(|interval| (interval.high - interval.low) / 2.0);
-    let spread_words = spread.map_or_else(String::new, |half| format!(" ± {}", shown(half, 0)));
-    let published = cell.published.map(|value| format!("publ. {}", shown(value, 0)));
+    let spread_words = spread.map_or_else(String::new, |half| format!(" ± {}", in_unit(half)));
+    let published = cell.published.map(|value| format!("publ. {}", in_unit(value)));
     let last = |dotted: &str| dotted.rsplit('.').next().unwrap_or(dotted).to_owned();
     let tip = format!(
         "{} {}, {} = {}, {} = {}: {value}{spread_words} (95 %), {}{}",
@@ -95,7 +112,7 @@ fn cell_marks(
         Err(_) => marks.push(line(first, "–".to_owned(), TEXT + 1.0, Weight::Regular)),
     }
     if let Some(half) = spread {
-        marks.push(line(first + 11.0, format!("± {}", shown(half, 0)), NOTE, Weight::Regular));
+        marks.push(line(first + 11.0, format!("± {}", in_unit(half)), NOTE, Weight::Regular));
     }
     if let Some(words) = published {
         marks.push(line(first + 22.0, words, NOTE, Weight::Regular));
@@ -104,7 +121,12 @@ fn cell_marks(
 }
 
 /// Heading, the parameters' values and names, and the note.
-fn frame(figure: &HeatFigure, cell_width: f64, height: f64) -> Vec<Mark> {
+fn frame(
+    (figure, metric): (&HeatFigure, &str),
+    left: f64,
+    cell_width: f64,
+    height: f64,
+) -> Vec<Mark> {
     let plain = (TEXT, Weight::Regular);
     let (columns, rows) = (&figure.x.1, &figure.y.1);
     let bottom = TOP + CELL_HEIGHT * rows.len() as f64;
@@ -114,27 +136,29 @@ fn frame(figure: &HeatFigure, cell_width: f64, height: f64) -> Vec<Mark> {
         agent => format!("{agent}, {subject}"),
     };
     let mut marks: Vec<Mark> = vec![
-        text((LEFT, 17.0), heading, (TEXT + 1.0, Weight::SemiBold), INK, Anchor::Start).into(),
+        text((left, 17.0), heading, (TEXT + 1.0, Weight::SemiBold), INK, Anchor::Start).into(),
     ];
     for (at, value) in columns.iter().enumerate() {
-        let at = (LEFT + (at as f64 + 0.5) * cell_width, bottom + 13.0);
+        let at = (left + (at as f64 + 0.5) * cell_width, bottom + 13.0);
         marks.push(text(at, value.to_string(), plain, FAINT, Anchor::Middle).into());
     }
     for (at, value) in rows.iter().rev().enumerate() {
-        let at = (LEFT - 5.0, TOP + (at as f64 + 0.5) * CELL_HEIGHT + 3.0);
+        let at = (left - 5.0, TOP + (at as f64 + 0.5) * CELL_HEIGHT + 3.0);
         marks.push(text(at, value.to_string(), plain, FAINT, Anchor::End).into());
     }
-    let at = (LEFT + cell_width * columns.len() as f64 / 2.0, bottom + 27.0);
+    let at = (left + cell_width * columns.len() as f64 / 2.0, bottom + 27.0);
     marks.push(text(at, symbol(&figure.x.0), plain, INK, Anchor::Middle).into());
-    let title = rising_title((12.0, (TOP + bottom) / 2.0), symbol(&figure.y.0));
+    let title =
+        rising_title((12.0, (TOP + bottom) / 2.0), symbol(&figure.y.0), bottom - TOP + 30.0);
     marks.push(title.into());
     let note = format!(
-        "Mean{} ± half of its 95 % interval, {}.",
-        if figure.scale == Scale::Difference { " difference" } else { "" },
+        "{}{} ± half of the 95 % interval, {}.",
+        if figure.scale == Scale::Difference { "Difference in " } else { "" },
+        metric_title(metric),
         seeds(figure.cells.iter().map(|cell| cell.seeds).filter(|n| *n > 0))
     );
     let at = (WIDTH / 2.0, height - 5.0);
-    marks.push(text(at, note, (NOTE, Weight::Regular), FAINT, Anchor::Middle).into());
+    marks.push(fitting(at, note, (NOTE, WIDTH - 8.0), FAINT).into());
     marks
 }
 

@@ -2,6 +2,7 @@
 
 use super::INK;
 use crate::analyse::declared::Name;
+use crate::record::Setting;
 use crate::report::scene::Color;
 
 /// The colours of Okabe and Ito, told apart by colour-blind readers too; black and yellow, which
@@ -150,11 +151,16 @@ fn words(name: &Name) -> Vec<(String, String)> {
 /// An arm in full: `dqn P-H-D sigma=0.6`.
 pub fn arm_label(name: &Name) -> String {
     let parts = [name.agent.clone(), name.scenario.clone()].into_iter();
-    let settings = name
-        .settings
-        .iter()
-        .map(|(key, value)| format!("{}={value}", key.rsplit('.').next().unwrap_or(key)));
+    let settings = [settings_label(&name.settings)];
     parts.chain(settings).filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" ")
+}
+
+/// Settings in a line: `learning_rate=0.001 sigma=0.6`.
+pub fn settings_label(settings: &[(String, Setting)]) -> String {
+    let word = |(key, value): &(String, Setting)| {
+        format!("{}={value}", key.rsplit('.').next().unwrap_or(key))
+    };
+    settings.iter().map(word).collect::<Vec<_>>().join(" ")
 }
 
 /// The labels of arms that are seen together: what all of them share is left out.

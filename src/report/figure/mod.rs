@@ -16,11 +16,12 @@ pub use axis::Numbers;
 pub use chart::{curve_figure, error_figure, learning_figure};
 pub use forest::forest_figure;
 pub use heat::heat_figure;
-pub use look::{Look, Looks, arm_label, labels};
+pub use look::{Look, Looks, arm_label, labels, settings_label};
 
-use super::scene::{Anchor, Color, Direction, Point, Shape, Weight};
+use super::scene::{Anchor, Color, Direction, Point, Shape, Weight, width};
 
-/// Width of a figure: 85 mm, the column of a journal, at 96 units an inch.
+/// Width of a figure: 85 mm, the column of a journal, at 96 units an inch. What needs more room for
+/// its words is wider, not smaller.
 pub(super) const WIDTH: f64 = 321.0;
 
 /// Height of letters at axes and lines.
@@ -50,9 +51,26 @@ pub(super) fn text(
     Shape::Text { at, text: words.into(), size, weight, color, anchor, direction, rim: None }
 }
 
-/// The title of a vertical axis, upwards, with its middle at a point.
-pub(super) fn rising_title(at: Point, words: String) -> Shape {
-    let (size, weight, color, anchor) = (TEXT, Weight::Regular, INK, Anchor::Middle);
+/// A line of text about a middle, smaller where it would not fit its room.
+pub(super) fn fitting(
+    at: Point,
+    words: impl Into<String>,
+    (size, room): (f64, f64),
+    color: Color,
+) -> Shape {
+    let words = words.into();
+    let size = fitted(&words, size, room);
+    text(at, words, (size, Weight::Regular), color, Anchor::Middle)
+}
+
+fn fitted(words: &str, size: f64, room: f64) -> f64 {
+    size * (room / width(words, size, Weight::Regular)).min(1.0)
+}
+
+/// The title of a vertical axis, upwards, with its middle at a point, in so much room.
+pub(super) fn rising_title(at: Point, words: String, room: f64) -> Shape {
+    let (weight, color, anchor) = (Weight::Regular, INK, Anchor::Middle);
+    let size = fitted(&words, TEXT, room);
     let direction = Direction::Up;
     Shape::Text { at, text: words, size, weight, color, anchor, direction, rim: None }
 }

@@ -175,9 +175,7 @@ fn section(section: &Section<'_>) -> String {
 }
 
 fn failures(experiments: &[&ReportedExperiment]) -> String {
-    let jobs = experiments
-        .iter()
-        .flat_map(|experiment| experiment.jobs.iter().map(|job| (experiment.name.as_str(), job)));
+    let jobs = experiments.iter().map(|experiment| (&experiment.name[..], &experiment.jobs[..]));
     let table = tables::failures(jobs);
     let body = match table.rows.len() {
         0 => "<p>None. Failed jobs would be listed here with their reasons.</p>".to_owned(),

@@ -5,13 +5,13 @@ use std::fmt::Write as _;
 use super::{Anchor, Color, Direction, Fill, Mark, Point, Scene, Shape, Stroke, web_font};
 use crate::report::escape::markup;
 
-/// Width of a column of a journal, which figures are made for.
-const COLUMN: &str = "85mm";
+/// Millimetres of a unit: figures are made for 85 mm, a journal's column, which is 321 units.
+const MILLIMETRES: f64 = 85.0 / 321.0;
 
 /// The scene as a file of its own, with its font.
 pub fn svg(scene: &Scene) -> String {
-    let height = 85.0 * scene.height / scene.width;
-    let size = format!(" width=\"{COLUMN}\" height=\"{}mm\"", number(height));
+    let [width, height] = [scene.width, scene.height].map(|units| number(units * MILLIMETRES));
+    let size = format!(" width=\"{width}mm\" height=\"{height}mm\"");
     let font = format!("<defs><style>{}</style></defs>", web_font());
     format!("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n{}\n", element(scene, &size, &font))
 }
