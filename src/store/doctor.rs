@@ -108,7 +108,7 @@ pub fn examine(path: &Path, loads: Loads<'_>) -> Result<Diagnosis, StoreError> {
     let connection = match file::open_reader(path) {
         Ok((connection, _)) => connection,
         Err(StoreError::Damaged { reason, .. }) => {
-            let finding = Finding { part: "file", job_key: None, what: reason };
+            let finding = Finding { part: "file", job_key: None, what: in_a_line(&reason) };
             return Ok(Diagnosis { findings: vec![finding], ..Diagnosis::default() });
         }
         Err(error) => return Err(error),
@@ -122,6 +122,11 @@ pub fn examine(path: &Path, loads: Loads<'_>) -> Result<Diagnosis, StoreError> {
     Ok(examination.found)
 }
 
+/// A message without its line breaks: SQLite quotes SQL.
+fn in_a_line(message: &str) -> String {
+    message.lines().map(str::trim).collect::<Vec<_>>().join(" ")
+}
+
 struct Examination<'a> {
     connection: &'a Connection,
     found: Diagnosis,
@@ -129,7 +134,7 @@ struct Examination<'a> {
 
 impl Examination<'_> {
     fn find(&mut self, part: &'static str, job_key: Option<String>, what: impl Into<String>) {
-        let finding = Finding { part, job_key, what: what.into() };
+        let finding = Finding { part, job_key, what: in_a_line(&what.into()) };
         // Several questions can meet the same damage; where that is not of a job, it is one finding.
         if finding.job_key.is_some() || !self.found.findings.contains(&finding) {
             self.found.findings.push(finding);
