@@ -110,7 +110,7 @@ CREATE TABLE run (
     failure_episode INTEGER CHECK (failure_episode >= 0),       -- training episodes before it
     -- Jobs that its process was running when it crashed, this one among them; NULL unless it did.
     suspects INTEGER CHECK (suspects >= 1),
-    -- Of all its results, so that a change of them on the disk is seen.
+    -- Of all its results, or of its failure, so that a change of them on the disk is seen.
     results_sha256 BLOB CHECK (length(results_sha256) = 32),
     UNIQUE (job, attempt),
     CHECK ((status = 'running') = (ended_at IS NULL)),
@@ -123,7 +123,7 @@ CREATE TABLE run (
     CHECK ((status = 'failed') = (failure_message IS NOT NULL)),
     CHECK ((status = 'failed') = (failure_episode IS NOT NULL)),
     CHECK (suspects IS NULL OR status = 'interrupted'),
-    CHECK ((status = 'completed') = (results_sha256 IS NOT NULL))
+    CHECK ((status IN ('completed', 'failed')) = (results_sha256 IS NOT NULL))
 ) STRICT;
 
 -- A job runs in one place at a time, and not again once it is completed.

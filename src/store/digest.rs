@@ -1,4 +1,4 @@
-//! The digest of a run's results: what they were when they were stored.
+//! The digest of a run's results, or of its failure: what they were when they were stored.
 //!
 //! SQLite checks that a file is well formed, not that a number in it is the one that was written.
 //! The transaction that completes a run keeps a SHA-256 of its results beside it, taken from the
@@ -26,16 +26,35 @@ const RESULTS: [&str; 5] = [
 pub(super) fn of_run(connection: &Connection, run: i64) -> rusqlite::Result<[u8; 32]> {
     let mut hasher = Sha256::new();
     hasher.update("jitai results 1\n");
-    let key: String = connection
-        .prepare_cached("SELECT key FROM run JOIN job ON job.id = run.job WHERE run.id = ?1")?
-        .query_row([run], |row| row.get(0))?;
-    hasher.update(&key);
+    hasher.update(key_of(connection, run)?);
     for sql in RESULTS {
         hasher.update("\n");
         let mut statement = connection.prepare_cached(sql)?;
         add_rows(&mut hasher, &mut statement, run)?;
     }
     Ok(hasher.finalize().into())
+}
+
+/// The digest of the failure of a run, with the key of its job.
+pub(super) fn of_failure(
+    connection: &Connection,
+    run: i64,
+    (kind, message, episode): (&str, &str, i64),
+) -> rusqlite::Result<[u8; 32]> {
+    let mut hasher = Sha256::new();
+    hasher.update("jitai failure 1\n");
+    hasher.update(key_of(connection, run)?);
+    add_sized(&mut hasher, "t", kind.as_bytes());
+    add_sized(&mut hasher, "t", message.as_bytes());
+    add(&mut hasher, "i", &episode.to_le_bytes());
+    Ok(hasher.finalize().into())
+}
+
+/// The key of a run's job.
+fn key_of(connection: &Connection, run: i64) -> rusqlite::Result<String> {
+    connection
+        .prepare_cached("SELECT key FROM run JOIN job ON job.id = run.job WHERE run.id = ?1")?
+        .query_row([run], |row| row.get(0))
 }
 
 /// Adds the rows of a statement; every value says its type and its length, so that no two answers

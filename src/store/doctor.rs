@@ -207,14 +207,20 @@ impl Examination<'_> {
             self.find("run", None, "some runs cannot be read");
         }
         for run in runs {
-            let named = "SELECT status = 'completed', job.key FROM run
+            let named = "SELECT status, job.key FROM run
                  LEFT JOIN job ON job.id = run.job WHERE run.id = ?1";
             let named = self.connection.prepare_cached(named).and_then(|mut statement| {
-                statement.query_row([run], |row| Ok((row.get::<_, bool>(0)?, row.get(1)?)))
+                statement.query_row([run], |row| Ok((row.get::<_, String>(0)?, row.get(1)?)))
             });
             let key = match named {
-                Ok((false, _)) => continue,
-                Ok((true, key)) => key,
+                Ok((status, key)) if status == "completed" => key,
+                Ok((status, key)) => {
+                    let fault = (status == "failed").then(|| failure_fault(self.connection, run));
+                    if let Some(fault) = fault.flatten() {
+                        self.find("run", key, fault);
+                    }
+                    continue;
+                }
                 Err(_) => None,
             };
             self.found.completed += 1;
@@ -229,6 +235,24 @@ impl Examination<'_> {
 /// What is wrong with the results of a completed run, if anything is.
 pub(super) fn run_fault(connection: &Connection, run: i64, loads: Loads<'_>) -> Option<String> {
     fault_of(connection, run, loads).unwrap_or_else(|error| Some(format!("its results: {error}")))
+}
+
+/// What is wrong with what a failed run tells of its failure, if anything is.
+pub(super) fn failure_fault(connection: &Connection, run: i64) -> Option<String> {
+    let is_as_stored = || -> rusqlite::Result<bool> {
+        let (kind, message, episode, stored): (String, String, i64, Option<[u8; 32]>) = connection
+            .prepare_cached(
+                "SELECT failure_kind, failure_message, failure_episode, results_sha256
+                 FROM run WHERE id = ?1",
+            )?
+            .query_row([run], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?)))?;
+        Ok(stored == Some(digest::of_failure(connection, run, (&kind, &message, episode))?))
+    };
+    match is_as_stored() {
+        Ok(true) => None,
+        Ok(false) => Some("its failure is not the one that was stored".to_owned()),
+        Err(error) => Some(format!("its failure: {error}")),
+    }
 }
 
 fn fault_of(

@@ -105,10 +105,16 @@ pub(super) fn end_run(
     failure: Option<&Failure>,
     wall_seconds: f64,
 ) -> rusqlite::Result<()> {
+    let of_failure = |failure: &Failure| {
+        let Failure { kind, message, episode } = failure;
+        digest::of_failure(connection, run, (kind.name(), message, i64::from(*episode)))
+    };
+    let digest = failure.map(of_failure).transpose()?;
     connection
         .prepare_cached(&format!(
             "UPDATE run SET status = ?2, ended_at = {NOW}, wall_seconds = ?3,
-                failure_kind = ?4, failure_message = ?5, failure_episode = ?6
+                failure_kind = ?4, failure_message = ?5, failure_episode = ?6,
+                results_sha256 = ?7
              WHERE id = ?1"
         ))?
         .execute(params![
@@ -118,6 +124,7 @@ pub(super) fn end_run(
             failure.map(|failure| failure.kind.name()),
             failure.map(|failure| &failure.message),
             failure.map(|failure| failure.episode),
+            digest,
         ])?;
     Ok(())
 }

@@ -358,9 +358,16 @@ impl Copy<'_> {
                 results_sha256 = ?9
              WHERE id = ?1";
         let ended: Vec<Value> = [&id_value, status].into_iter().chain(end).cloned().collect();
-        let completed = *status == Value::Text("completed".to_owned());
         Ok(self.write(finish, &ended)?
-            && (!completed || doctor::run_fault(self.to, id, self.loads).is_none()))
+            && match status {
+                Value::Text(status) if status == "completed" => {
+                    doctor::run_fault(self.to, id, self.loads).is_none()
+                }
+                Value::Text(status) if status == "failed" => {
+                    doctor::failure_fault(self.to, id).is_none()
+                }
+                _ => true,
+            })
     }
 
     fn results(&self, run: i64) -> rusqlite::Result<bool> {

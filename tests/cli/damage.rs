@@ -112,8 +112,10 @@ enum Seen {
 fn examine(damaged: &Folder, expected: &Answers, rows: &[String], place: &str) -> (usize, Seen) {
     let before = fs::read(damaged.path("jitai.sqlite")).unwrap();
     let answers = ask(damaged, place);
-    let differs = answers.given.iter().any(|answer| !expected.given.contains(answer));
-    assert!(!(differs && answers.healthy), "{place}: silently different");
+    let differing: Vec<&(String, String)> =
+        answers.given.iter().filter(|answer| !expected.given.contains(answer)).collect();
+    let differs = !differing.is_empty();
+    assert!(!(differs && answers.healthy), "{place}: silently different: {differing:.2000?}");
     let salvage = damaged.jitai(["doctor", "--salvage", "new.sqlite", "--format", "json"]);
     assert!(fs::read(damaged.path("jitai.sqlite")).unwrap() == before, "{place}: written to");
     let salvage = salvage.succeeded();
@@ -164,6 +166,25 @@ fn run_again(damaged: &Folder, rows: &[String], place: &str) -> Rerun {
         Some(3) => Rerun::DoctorOnly,
         code => panic!("{place}: doctor ended with {code:?}: {}", doctor.stderr),
     }
+}
+
+#[test]
+fn what_a_failed_run_tells_is_held_to_what_was_stored() {
+    let folder = healthy();
+    let bytes = store(&folder);
+    let told = b"the loss of update";
+    let at = bytes.windows(told.len()).position(|window| window == told).unwrap();
+    let mut changed = bytes.clone();
+    changed[at + 4] = b'b';
+    let damaged = with_store(&folder, &changed);
+    damaged.jitai(["doctor"]).ended(3).prints("its failure is not the one that was stored");
+    damaged.jitai(["doctor", "--salvage", "new.sqlite"]).succeeded().prints("14 completed runs");
+    damaged.jitai(["doctor", "--store", "new.sqlite"]).succeeded();
+    let failed = "SELECT count(*) FROM run_summary WHERE status = 'failed'";
+    let left = damaged.jitai(["query", failed, "--store", "new.sqlite", "--format", "csv"]);
+    let all = folder.jitai(["query", failed, "--format", "csv"]).succeeded();
+    let count = |answer: &Finished| answer.stdout.lines().last().unwrap().parse::<u32>().unwrap();
+    assert_eq!(count(&left.succeeded()) + 1, count(&all));
 }
 
 #[test]

@@ -115,7 +115,8 @@ fn a_stop_is_heard_among_thousands_of_jobs_that_others_have_done() {
     let done = "INSERT INTO run (job, attempt, session, status, started_at)
             SELECT id, 1, 1, 'running', '2026-01-31T12:00:00.000Z' FROM job;
         UPDATE run SET status = 'failed', wall_seconds = 1, failure_kind = 'diverged',
-            ended_at = '2026-01-31T12:00:00.000Z', failure_message = '-', failure_episode = 1";
+            ended_at = '2026-01-31T12:00:00.000Z', failure_message = '-', failure_episode = 1,
+            results_sha256 = zeroblob(32)";
     Connection::open(folder.path("jitai.sqlite")).unwrap().execute_batch(done).unwrap();
     let stop = AtomicBool::new(false);
     let context = Context { options: OPTIONS, train: &train::run, stop: &stop };

@@ -105,7 +105,7 @@ fn a_failed_run_has_kind_message_and_episode() {
     let fail = |kind: &str, message: &str, episode: &str| {
         format!(
             "UPDATE run SET status = 'failed', {END}, wall_seconds = 1, failure_kind = {kind},
-                failure_message = {message}, failure_episode = {episode}"
+                failure_message = {message}, failure_episode = {episode}, {DIGEST}"
         )
     };
     refused(&raw, &fail("NULL", "'nan'", "1"), "CHECK");
@@ -113,6 +113,8 @@ fn a_failed_run_has_kind_message_and_episode() {
     refused(&raw, &fail("'diverged'", "'nan'", "NULL"), "CHECK");
     refused(&raw, &fail("'diverged'", "'nan'", "-1"), "CHECK");
     refused(&raw, &fail("'bored'", "'nan'", "1"), "FOREIGN KEY");
+    let without_digest = fail("'diverged'", "'nan'", "1").replace(&format!(", {DIGEST}"), "");
+    refused(&raw, &without_digest, "CHECK");
     raw.execute_batch(&fail("'diverged'", "'nan'", "1")).unwrap();
 }
 

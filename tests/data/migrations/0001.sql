@@ -33,7 +33,8 @@ INSERT INTO trained_weights (run, safetensors) VALUES (1, x'0800000000000000');
 UPDATE run SET status = 'completed', ended_at = '2026-01-31T12:10:00.000Z', wall_seconds = 599.0,
     results_sha256 = x'0000000000000000000000000000000000000000000000000000000000000000' WHERE id = 1;
 UPDATE run SET status = 'failed', ended_at = '2026-01-31T12:11:00.000Z', wall_seconds = 658.0,
-    failure_kind = 'diverged', failure_message = 'the loss is not a number', failure_episode = 17 WHERE id = 2;
+    failure_kind = 'diverged', failure_message = 'the loss is not a number', failure_episode = 17,
+    results_sha256 = x'0000000000000000000000000000000000000000000000000000000000000000' WHERE id = 2;
 UPDATE run SET status = 'interrupted', ended_at = '2026-01-31T13:00:00.000Z', wall_seconds = 3597.0 WHERE id = 3;
 UPDATE session SET ended_at = '2026-01-31T13:00:00.000Z' WHERE id = 1;
 
