@@ -120,14 +120,11 @@ fn row(
     (first, second): (super::Group<'_>, super::Group<'_>),
     published: Option<&Published>,
 ) -> Option<ContrastRow> {
-    if second.jobs.is_empty() {
+    if first.jobs.is_empty() || second.jobs.is_empty() {
         return None;
     }
     let sigma_of = |group: &super::Group<'_>| group.jobs.first()?.number("environment.sigma");
     let sigma = sigma_of(&first).filter(|sigma| sigma_of(&second) == Some(*sigma));
-    if first.jobs.is_empty() {
-        return None;
-    }
     let (first, second) = (first.sample(metric), second.sample(metric));
     let words = (wanted(&sides.first).to_string(), wanted(&sides.second).to_string());
     let published = published.filter(|_| metric == "mean_return");

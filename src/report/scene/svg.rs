@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 use super::{Anchor, Color, Direction, Fill, Mark, Point, Scene, Shape, Stroke, web_font};
 use crate::report::escape::markup;
 
-/// Millimetres of a unit: figures are made for 85 mm, a journal's column, which is 321 units.
-const MILLIMETRES: f64 = 85.0 / 321.0;
+/// Millimetres of a unit, which is a CSS pixel.
+const MILLIMETRES: f64 = 25.4 / 96.0;
 
 /// The scene as a file of its own, with its font.
 pub fn svg(scene: &Scene) -> String {
