@@ -52,21 +52,31 @@ fn running(folder: &Folder) -> i64 {
     folder.count_if_there("SELECT count(*) FROM run WHERE status = 'running'").unwrap_or(0)
 }
 
-/// Starts a sweep of two workers and lets both train for a moment.
+/// Starts a sweep of two workers and lets both train until each has made a checkpoint.
 #[track_caller]
-fn well_under_way(folder: &Folder, options: &[&str]) -> Running {
-    let arguments = [&["run", "sweep.toml", "--workers", "2"], options].concat();
-    let run = folder.start(arguments);
-    until("both jobs run", || running(folder) == 2);
-    thread::sleep(Duration::from_millis(150));
+fn well_under_way(folder: &Folder) -> Running {
+    let often = ["run", "sweep.toml", "--workers", "2", "--checkpoint-every", "0.05"];
+    let before = contents(folder);
+    let run = folder.start(often);
+    until("both jobs have made a checkpoint", || {
+        let now = contents(folder);
+        now.len() == 2 && now.iter().all(|file| !before.contains(file))
+    });
     run
+}
+
+/// The checkpoints, each with what it holds.
+fn contents(folder: &Folder) -> Vec<(PathBuf, Vec<u8>)> {
+    // One that is replaced between the look at the folder and the look into it is left out.
+    let paths = checkpoints(folder).into_iter();
+    paths.filter_map(|path| fs::read(&path).ok().map(|bytes| (path, bytes))).collect()
 }
 
 #[test]
 fn a_stopped_job_goes_on_from_where_it_was_to_the_same_rows() {
     for signal in ["TERM", "INT", "HUP"] {
         let folder = Folder::with(&text());
-        let run = well_under_way(&folder, &[]);
+        let run = well_under_way(&folder);
         let asked = Instant::now();
         run.signal(signal);
         run.wait().ended(130).says("2 left; the same command goes on");
@@ -89,16 +99,14 @@ fn a_stopped_job_goes_on_from_where_it_was_to_the_same_rows() {
 fn a_killed_job_goes_on_from_its_last_checkpoint_to_the_same_rows() {
     let mut chance = ChaCha8Rng::seed_from_u64(5);
     let folder = Folder::with(&text());
-    let often = ["run", "sweep.toml", "--workers", "2", "--checkpoint-every", "0.05"];
     let mut resumed = 0;
     for _ in 0..6 {
-        let run = folder.start(often);
-        until("both jobs run", || running(&folder) == 2);
-        thread::sleep(Duration::from_millis(u64::from(80 + chance.next_u32() % 100)));
+        let run = well_under_way(&folder);
+        thread::sleep(Duration::from_millis(u64::from(chance.next_u32() % 60)));
         resumed += run.stderr().matches(": goes on from episode ").count();
         run.kill();
     }
-    assert!(resumed >= 6, "{resumed} jobs went on");
+    assert_eq!(resumed, 10, "both jobs, all times but the first");
     folder.jitai(["run", "sweep.toml"]).succeeded().says(": goes on from episode ");
     assert_same_rows(&folder.dump(), undisturbed());
     assert_nothing_stays(&folder);
@@ -108,7 +116,7 @@ fn a_killed_job_goes_on_from_its_last_checkpoint_to_the_same_rows() {
 fn a_damaged_checkpoint_is_told_of_and_its_job_starts_over() {
     for format in ["text", "json"] {
         let folder = Folder::with(&text());
-        let run = well_under_way(&folder, &[]);
+        let run = well_under_way(&folder);
         run.signal("TERM");
         run.wait().ended(130);
         let damaged = checkpoints(&folder).remove(0);
@@ -155,13 +163,10 @@ fn checkpoints_that_cannot_be_written_are_told_of_once_and_jobs_go_on() {
 #[test]
 fn checkpoints_of_jobs_that_are_done_are_removed_when_a_sweep_begins() {
     let folder = Folder::with(&text());
-    let run = well_under_way(&folder, &[]);
+    let run = well_under_way(&folder);
     run.signal("TERM");
     run.wait().ended(130);
-    let kept: Vec<(PathBuf, Vec<u8>)> = checkpoints(&folder)
-        .into_iter()
-        .map(|path| (path.clone(), fs::read(path).unwrap()))
-        .collect();
+    let kept = contents(&folder);
     folder.jitai(["run", "sweep.toml"]).succeeded();
     assert_nothing_stays(&folder);
     fs::create_dir(folder.path("jitai.sqlite.checkpoints")).unwrap();
@@ -176,7 +181,7 @@ fn checkpoints_of_jobs_that_are_done_are_removed_when_a_sweep_begins() {
 #[test]
 fn a_stop_writes_checkpoints_while_another_program_holds_the_store() {
     let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Endless));
-    let run = well_under_way(&folder, &[]);
+    let run = well_under_way(&folder);
     let stranger = Connection::open(folder.path("jitai.sqlite")).unwrap();
     stranger.execute_batch("BEGIN IMMEDIATE").unwrap();
     // Long enough for a heartbeat, which then waits for the store.

@@ -78,16 +78,22 @@ fn a_sweep_killed_while_it_opens_and_writes_stores_the_rows_of_an_undisturbed_on
 }
 
 /// Kills a sweep again and again, each time `within` a time from its start, and then lets it end.
-fn killed_sweep_stores_the_same_rows(effort: Effort, within: Duration) {
+fn killed_sweep_stores_the_same_rows(effort: Effort, mut within: Duration) {
     let killed = Folder::new();
     let mut moments = ChaCha8Rng::seed_from_u64(2);
     let (mut kills, mut seeds) = (0, 4);
+    let mut met_a_job = false;
     let sweep = |seeds: i64| manifest("sweep", "0.6", &seeds.to_string(), effort);
     killed.write("sweep.toml", sweep(seeds));
-    while kills < KILLS {
+    while kills < KILLS || !met_a_job {
         let moment = within.mul_f64(f64::from(moments.next_u32()) / f64::from(u32::MAX));
         match run_or_kill(&killed, moment) {
-            Fate::Killed => kills += 1,
+            Fate::Killed => {
+                kills += 1;
+                met_a_job |= killed.is_running_a_job();
+                // However slow the machine is, a job has begun by then.
+                within = if kills < KILLS { within } else { within.mul_f64(1.5) };
+            }
             // However fast the machine is, there is something left to kill: the sweep grows.
             Fate::Completed => {
                 seeds += 4;

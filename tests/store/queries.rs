@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
@@ -256,12 +257,17 @@ fn a_query_can_be_interrupted_from_another_thread() {
     let interrupter = reader.interrupter();
     let endless =
         "WITH RECURSIVE n (i) AS (VALUES (1) UNION ALL SELECT i + 1 FROM n) SELECT count(*) FROM n";
+    let ended = AtomicBool::new(false);
     thread::scope(|scope| {
-        scope.spawn(move || {
-            thread::sleep(Duration::from_millis(100));
-            interrupter.interrupt();
+        // An interrupt before the query begins is none.
+        scope.spawn(|| {
+            while !ended.load(Ordering::Relaxed) {
+                thread::sleep(Duration::from_millis(20));
+                interrupter.interrupt();
+            }
         });
         let error = ask(&reader, endless).unwrap_err();
+        ended.store(true, Ordering::Relaxed);
         assert!(matches!(error, QueryError::Interrupted), "{error}");
     });
     assert_eq!(ask(&reader, "SELECT 1").unwrap().len(), 2);
