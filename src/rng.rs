@@ -28,6 +28,8 @@ pub enum Purpose {
     TestActions = 6,
     /// Which seeds a resample of an analysis is made of; no job draws from it.
     Bootstrap = 7,
+    /// Contexts in which an optimum is tried; no job draws from it.
+    Optimum = 8,
 }
 
 /// A stream of random numbers (ChaCha with 8 rounds).

@@ -13,7 +13,8 @@ const TABLE: &[(&str, &[&str])] = &[
     ("plan", &["manifest"]),
     ("record", &["plan"]),
     ("env", &["rng", "kernel", "manifest"]),
-    ("optimum", &["manifest", "env"]),
+    // The optimal policy is tried with a stream of its own.
+    ("optimum", &["rng", "manifest", "env"]),
     ("agent", &["rng", "kernel", "manifest", "env", "optimum"]),
     ("train", &["rng", "plan", "record", "env", "agent"]),
     ("store", &["kill_point", "plan", "record"]),

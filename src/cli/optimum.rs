@@ -39,7 +39,7 @@ pub(super) struct Arguments {
     format: Format,
 }
 
-const COLUMNS: [&str; 5] = ["scenario", "sigma", "context_error", "optimum", "grid_error"];
+const COLUMNS: [&str; 5] = ["scenario", "sigma", "context_error", "optimum", "optimum_error"];
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     if arguments.manifests.is_empty() {
@@ -109,7 +109,7 @@ fn known(environment: &Environment, scenario: &Scenario) -> [Cell; 3] {
 /// The last of [`COLUMNS`].
 fn found(environment: &Environment, scenario: &Scenario) -> Result<[Cell; 2], StateHidden> {
     let found = optimum::optimum(environment, scenario)?;
-    Ok([Cell::Rounded(found.mean_return, 1), Cell::Rounded(found.grid_error, 2)])
+    Ok([Cell::Rounded(found.mean_return, 1), Cell::Rounded(found.error, 2)])
 }
 
 /// The environments and scenarios of a manifest's jobs, in their order, none twice.

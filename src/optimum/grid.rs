@@ -23,34 +23,40 @@ const APART: f64 = 1e-9;
 const DECAYS_A_MISTAKE: u32 = 4;
 /// How far the steps before a step may still differ from it in what they add, in all, in steps
 /// walked, for the induction to take them as equal.
-const SETTLED: f64 = 1e-3;
+const SETTLED: f64 = 0.1;
 
 /// How fine a grid is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Resolution {
     /// Steps of habituation from 0 to 1.
     pub habituation: usize,
-    /// Steps of disengagement risk from 0 to the threshold.
+    /// Steps of disengagement risk from 0 to the threshold; where the value jumps, others end.
     pub disengagement: usize,
     /// Most jumps of the value that have a line of their own.
     pub jumps: usize,
 }
 
 impl Resolution {
-    /// As fine as this, or less if that makes more than `most` values in so many steps together.
-    pub fn within(self, steps: u32, most: usize) -> Resolution {
-        // A jump has two nodes and cuts a step in two.
-        let nodes = self.habituation * (self.disengagement + 2 * self.jumps) * steps as usize;
-        self.scaled((most as f64 / nodes as f64).sqrt().min(1.0))
+    /// Twice as fine in everything, so many times over.
+    pub fn refined(self, times: u32) -> Resolution {
+        Resolution {
+            habituation: self.habituation << times,
+            disengagement: self.disengagement << times,
+            jumps: self.jumps << times,
+        }
     }
 
-    /// About so much finer in everything.
-    pub fn scaled(self, factor: f64) -> Resolution {
-        let scaled = |number: usize, least: usize| ((number as f64 * factor) as usize).max(least);
+    /// As much finer as makes about so many values in so many steps together, at most eight times.
+    pub fn within(self, steps: u32, most: usize) -> Resolution {
+        // A jump has two nodes and cuts a step in two.
+        let columns = self.disengagement + 2 * self.jumps + 2;
+        let nodes = self.habituation * columns * steps as usize;
+        let finer = (most as f64 / nodes as f64).sqrt().min(8.0);
+        let scaled = |number: usize, least: usize| ((number as f64 * finer) as usize).max(least);
         Resolution {
             habituation: scaled(self.habituation, 10),
-            disengagement: scaled(self.disengagement, 1),
-            jumps: scaled(self.jumps, 1),
+            disengagement: scaled(self.disengagement, 0),
+            jumps: scaled(self.jumps, 0),
         }
     }
 }
@@ -85,6 +91,7 @@ impl Added {
 pub(super) struct Grid {
     /// Its baseline rewards are 0: they are the same whatever is done.
     environment: Environment,
+    pub belief: Belief,
     baseline: [f64; 2],
     expectation: Expectation,
     habituation: Axis,
@@ -145,65 +152,55 @@ impl Grid {
         let columns = disengagement.nodes().iter().enumerate().map(column).collect();
         let (environment, baseline) = (e.clone(), environment.mu);
         let expectation = Expectation::new(belief);
-        Grid { environment, baseline, expectation, habituation, disengagement, rows, columns }
+        Grid {
+            environment,
+            belief,
+            baseline,
+            expectation,
+            habituation,
+            disengagement,
+            rows,
+            columns,
+        }
     }
 
     pub fn environment(&self) -> &Environment {
         &self.environment
     }
 
-    /// The mean return of the optimal policy, and how many steps' values were computed for it; `None`
-    /// if more than `most_steps` would have to be.
-    pub fn best_return(&self, most_steps: u32) -> Option<(f64, u32)> {
-        let e = &self.environment;
-        let mut later = Vec::new();
-        // Steps before the last one that was computed, each of which adds the same.
-        let mut settled = 0.0;
-        let steps = self.induce(most_steps, |gain, layer| {
-            later.clear();
-            later.extend_from_slice(layer);
-            settled = gain;
-        })?;
-        let start = self.prospects(&later, e.initial_habituation, e.initial_disengagement);
-        let first = match e.first_context {
-            FirstContext::Fixed => self.baseline[0] + Expectation::Certain.of_best(&start),
-            FirstContext::Sampled => self.baseline() + self.expectation.of_best(&start),
-        };
-        Some((first + settled, steps))
+    /// How many values a layer has.
+    pub fn nodes(&self) -> usize {
+        self.rows.len() * self.columns.len()
     }
 
-    /// Shows `see` the values with 0, 1, 2, … steps left, at most one fewer than the horizon. They
-    /// end sooner if the steps before them would all add the same; the first argument is then what
-    /// those add in all, and 0 otherwise. Returns how many were shown; `None` where `most_steps` of
-    /// them were not all.
+    /// Computes the values with 0, 1, 2, … steps left, at most one fewer than the horizon, and shows
+    /// `see` each layer. They end sooner if the steps before them would all add the same.
     ///
     /// Two steps that both add g >= 0 to every value show that: the second step's best choices would
     /// add less if they could end the episode, so they never do, and go on adding g.
-    pub fn induce(&self, most_steps: u32, mut see: impl FnMut(f64, &[f64])) -> Option<u32> {
-        let horizon = self.environment.horizon;
-        let mut later = vec![0.0; self.rows.len() * self.columns.len()];
+    pub fn induce(&self, mut see: impl FnMut(u32, &[f64])) -> Induced {
+        let most_left = self.environment.horizon - 1;
+        let mut later = vec![0.0; self.nodes()];
+        see(0, &later);
         let mut now = later.clone();
         let mut added_before = Added { least: f64::NEG_INFINITY, most: f64::INFINITY };
-        see(0.0, &later);
-        for left in 1..horizon.min(most_steps) {
+        for left in 1..=most_left {
             self.step_back(&later, &mut now);
-            let added = Added::between(&later, &now);
-            let steps_before = f64::from(horizon - 1 - left);
-            let spread = added.or(added_before).spread();
-            let is_settled = added.least >= 0.0 && spread * steps_before < SETTLED;
-            if is_settled && steps_before > 0.0 {
-                see(steps_before * (added.least + added.most) / 2.0, &now);
-                return Some(left + 1);
-            }
-            see(0.0, &now);
+            see(left, &now);
             mem::swap(&mut later, &mut now);
+            let added = Added::between(&now, &later);
+            let spread = added.or(added_before).spread();
+            if added.least >= 0.0 && spread * f64::from(most_left - left) < SETTLED {
+                let gain = (added.least + added.most) / 2.0;
+                return Induced { left, layer: later, gain };
+            }
             added_before = added;
         }
-        (horizon <= most_steps).then_some(horizon)
+        Induced { left: most_left, layer: later, gain: 0.0 }
     }
 
     /// The values one step earlier.
-    fn step_back(&self, later: &[f64], now: &mut [f64]) {
+    pub fn step_back(&self, later: &[f64], now: &mut [f64]) {
         let columns = self.columns.len();
         let baseline = self.baseline();
         let mut rested = vec![0.0; columns];
@@ -234,35 +231,98 @@ impl Grid {
         }
     }
 
-    /// What each choice brings in a state, given the values of the states after it.
-    pub fn prospects(&self, later: &[f64], habituation: f64, disengagement: f64) -> Prospects {
-        let after = |action| {
-            let effect = respond(&self.environment, 0, action, habituation, disengagement);
-            effect.reward + self.value(later, effect.habituation, effect.disengagement)
-        };
-        Prospects {
-            nothing: after(Action::NONE),
-            untailored: after(Action::UNTAILORED),
-            suitable: after(Action::tailored_to(0)),
-            unsuitable: after(Action::tailored_to(1)),
-        }
+    /// Where a state is on the grid; `None` where the episode has ended.
+    fn spot(&self, habituation: f64, disengagement: f64) -> Option<Spot> {
+        let ended = disengagement >= self.environment.disengagement_threshold;
+        (!ended).then(|| Spot {
+            rows: self.habituation.among(habituation),
+            column: self.disengagement.place(disengagement, Side::At),
+        })
     }
 
     /// The value of a state; 0 where the episode has ended.
-    fn value(&self, layer: &[f64], habituation: f64, disengagement: f64) -> f64 {
-        if disengagement >= self.environment.disengagement_threshold {
-            return 0.0;
-        }
-        let column = self.disengagement.place(disengagement, Side::At);
+    pub fn value(&self, values: Moment<'_>, habituation: f64, disengagement: f64) -> f64 {
+        self.at(values, self.spot(habituation, disengagement))
+    }
+
+    fn at(&self, values: Moment<'_>, spot: Option<Spot>) -> f64 {
         let columns = self.columns.len();
-        let among = self.habituation.among(habituation);
-        let of_row = |i: usize| column.of(&layer[(among.node + i) * columns..][..columns]);
-        among.of(std::array::from_fn(of_row))
+        spot.map_or(0.0, |Spot { rows, column }| {
+            let of_row =
+                |i: usize| column.of(&values.layer[(rows.node + i) * columns..][..columns]);
+            rows.of(std::array::from_fn(of_row)) + values.more
+        })
+    }
+
+    /// What each choice brings in a state, given the values of the states after it.
+    pub fn prospects(&self, later: Moment<'_>, habituation: f64, disengagement: f64) -> Prospects {
+        let effect = |action| respond(&self.environment, 0, action, habituation, disengagement);
+        let after = |action| {
+            let effect = effect(action);
+            (effect.reward, self.value(later, effect.habituation, effect.disengagement))
+        };
+        let bring = |(reward, later)| reward + later;
+        let (reward, calmed) = after(Action::tailored_to(0));
+        Prospects {
+            nothing: bring(after(Action::NONE)),
+            // It leads to the same state as a suitable one.
+            untailored: bring((effect(Action::UNTAILORED).reward, calmed)),
+            suitable: bring((reward, calmed)),
+            unsuitable: bring(after(Action::tailored_to(1))),
+        }
+    }
+
+    /// The mean return of the best choices from the start of an episode on.
+    pub fn mean_return(&self, later: Moment<'_>) -> f64 {
+        let e = &self.environment;
+        let start = self.prospects(later, e.initial_habituation, e.initial_disengagement);
+        match e.first_context {
+            FirstContext::Fixed => self.baseline[0] + Expectation::Certain.of_best(&start),
+            FirstContext::Sampled => self.mean_of_best(&start),
+        }
+    }
+
+    /// The mean value of the best choice where it is made on the signal of a context that is drawn.
+    pub fn mean_of_best(&self, prospects: &Prospects) -> f64 {
+        self.baseline() + self.expectation.of_best(prospects)
     }
 
     /// Mean baseline reward of a step whose context is drawn.
     fn baseline(&self) -> f64 {
         (self.baseline[0] + self.baseline[1]) / 2.0
+    }
+}
+
+/// Where a state is among the nodes of a grid.
+#[derive(Clone, Copy, Debug)]
+struct Spot {
+    rows: Among,
+    column: Place,
+}
+
+/// Values with one number of steps left.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Moment<'a> {
+    /// Those of the nodes.
+    pub layer: &'a [f64],
+    /// What all of them are more than that.
+    pub more: f64,
+}
+
+/// The values of the most steps left that were computed.
+#[derive(Clone, Debug)]
+pub(super) struct Induced {
+    /// Steps that are left.
+    pub left: u32,
+    pub layer: Vec<f64>,
+    /// What each step before them adds; 0 if there is none.
+    pub gain: f64,
+}
+
+impl Induced {
+    /// The values with so many steps left, which are at least as many as these have.
+    pub fn before(&self, left: u32) -> Moment<'_> {
+        Moment { layer: &self.layer, more: f64::from(left - self.left) * self.gain }
     }
 }
 
@@ -273,16 +333,15 @@ fn jumps(e: &Environment, most: usize) -> Vec<f64> {
     // Numbers above 0 are in the order of their bits.
     let mut waiting =
         BinaryHeap::from([Reverse((0, (threshold - e.epsilon_d).max(0.0).to_bits()))]);
-    while let Some(Reverse((smallness, bits))) = waiting.pop() {
+    while found.len() < most
+        && let Some(Reverse((smallness, bits))) = waiting.pop()
+    {
         let jump = f64::from_bits(bits);
         let is_inside = jump > APART && jump < threshold - APART;
         if !is_inside || found.iter().any(|other| (other - jump).abs() < APART) {
             continue;
         }
         found.push(jump);
-        if found.len() >= most {
-            break;
-        }
         // At 1 a suitable message leads to 0 from everywhere.
         if e.delta_d < 1.0 {
             waiting.push(Reverse((smallness + 1, (jump / (1.0 - e.delta_d)).to_bits())));

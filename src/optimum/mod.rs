@@ -1,12 +1,13 @@
 //! The optimum: the best undiscounted return that any policy can reach, and a policy that reaches it.
 //!
 //! In: an environment and a scenario that shows habituation and disengagement risk. Out: an
-//! [`Optimum`] with the error of its numbers, or an [`OptimalPolicy`]. It knows no agent, no run and
-//! no random stream: the expectation over the context signal is exact.
+//! [`Optimum`] with the error of its number, or an [`OptimalPolicy`]. It knows no agent and no run.
 //!
 //! The state of an episode is (time, habituation, disengagement risk). The context signal is drawn
-//! anew in every step, so backward induction over the state, with the signal integrated out, is
-//! exact but for the grid on which the values are kept.
+//! anew in every step, so backward induction over the state, with the signal integrated out in
+//! closed form, is exact but for the grid on which the values are kept. What the grid leaves out is
+//! found by episodes of the policy that it makes best ([`walk`]), and grids are refined until that
+//! policy becomes no better.
 //!
 //! It stands before the agents and not with the analyses, because the optimal policy is one of the
 //! rules that agents are compared with.
@@ -14,31 +15,40 @@
 mod axis;
 mod expectation;
 mod grid;
+mod walk;
 
 use crate::env::{Action, Belief};
 use crate::manifest::{Environment, Feature, FirstContext, Scenario};
 
-use grid::{Grid, Resolution};
+use grid::{Grid, Induced, Moment, Resolution};
+use walk::Walked;
 
-/// The grid of the value, for up to about 800 steps; for more it is coarser.
-const OF_VALUE: Resolution = Resolution { habituation: 160, disengagement: 2000, jumps: 400 };
-/// The grid of the policy, which keeps the values of every step.
-const OF_POLICY: Resolution = Resolution { habituation: 80, disengagement: 240, jumps: 80 };
-/// The grid where nobody's disengagement risk ever grows.
-const OF_HABITUATION: Resolution = Resolution { habituation: 2000, disengagement: 1, jumps: 1 };
-/// Most values that are computed on a grid: a few seconds.
-const MOST_COMPUTED: usize = 360_000_000;
+/// The coarsest grid; every further one is twice as fine in everything.
+const COARSEST: Resolution = Resolution { habituation: 10, disengagement: 75, jumps: 25 };
+/// The coarsest grid where disengagement risk never decays, so that the value is the same between
+/// jumps.
+const COARSEST_OF_STEPS: Resolution =
+    Resolution { habituation: 40, disengagement: 0, jumps: 1_000 };
+/// The coarsest grid where nobody's disengagement risk ever grows.
+const COARSEST_OF_HABITUATION: Resolution =
+    Resolution { habituation: 250, disengagement: 0, jumps: 0 };
+/// Error that is small enough, in steps walked.
+const SMALL: f64 = 0.1;
+/// Most values that are computed for an optimum, in all: a few seconds.
+const MOST_COMPUTED: usize = 800_000_000;
+/// Most values that are kept at a time: 240 MB.
+const MOST_KEPT: usize = 30_000_000;
 /// Most values that a policy keeps: 80 MB.
-const MOST_KEPT: usize = 10_000_000;
+const MOST_OF_POLICY: usize = 10_000_000;
 
 /// The best that can be done in an environment by who observes a scenario.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Optimum {
     /// Mean undiscounted return of the optimal policy, in steps walked.
     pub mean_return: f64,
-    /// How far that may be off, because values are kept on a grid, in steps walked: what halving the
-    /// grid's fineness changes, or a quarter of what halving it once more does, if that is more.
-    pub grid_error: f64,
+    /// How far that may be off, in steps walked: half of what the last refinement of the grid
+    /// changed, or a sixth of the one before, if that is more, and two standard errors.
+    pub error: f64,
 }
 
 /// A scenario without an optimum that could be computed.
@@ -75,37 +85,50 @@ pub fn shows_state(scenario: &Scenario) -> Result<(), StateHidden> {
 /// **Errors**: the scenario does not show habituation and disengagement risk.
 pub fn optimum(environment: &Environment, scenario: &Scenario) -> Result<Optimum, StateHidden> {
     shows_state(scenario)?;
-    let (horizon, belief) = (environment.horizon, Belief::new(environment, scenario));
-    let finest = finest(environment, belief, OF_VALUE);
-    let affordable = finest.within(horizon, MOST_COMPUTED);
-    let of_resolution =
-        |resolution, most_steps| Grid::new(environment, belief, resolution).best_return(most_steps);
-    // Where steps come to add the same, fewer are computed than an episode has, and the grid can be
-    // finer; a coarse grid shows how many, more or less.
-    let most_steps = if affordable == finest {
-        horizon
-    } else {
-        let seen = of_resolution(affordable.scaled(0.5), horizon);
-        seen.map_or(horizon, |(_, steps)| horizon.min(steps.saturating_mul(3)))
-    };
-    let of_three = |finest: Resolution, most_steps| {
-        let of = |share| of_resolution(finest.scaled(share), most_steps);
-        Some([of(0.25)?.0, of(0.5)?.0, of(1.0)?.0])
-    };
-    let [coarse, medium, fine] = of_three(finest.within(most_steps, MOST_COMPUTED), most_steps)
-        .or_else(|| of_three(affordable, horizon))
-        .expect("every step may be computed");
-    // Half the steps have a quarter of the error, or so: values are interpolated linearly, but
-    // across the jumps that have no line. The two changes tell it twice.
-    let grid_error = f64::max((fine - medium).abs(), (medium - coarse).abs() / 4.0);
-    Ok(Optimum { mean_return: fine, grid_error })
+    let belief = Belief::new(environment, scenario);
+    let coarsest = coarsest(environment, belief);
+    let (mut found, mut computed) = (Vec::<Walked>::new(), 0);
+    let mut expected = environment.horizon;
+    for refined in 0.. {
+        let grid = Grid::new(environment, belief, coarsest.refined(refined));
+        let walked = walk::mean_return(&grid, expected);
+        expected = walked.steps;
+        found.push(walked);
+        // A finer grid has four times the values, and they may take more steps to settle. Every layer
+        // is computed twice.
+        let steps = walked.steps as usize;
+        computed += 2 * grid.nodes() * steps;
+        let is_affordable = computed + 10 * grid.nodes() * steps <= MOST_COMPUTED
+            && 4 * grid.nodes() * 2 * steps.isqrt() <= MOST_KEPT;
+        if let Some(error) = error(&found).filter(|error| *error < SMALL || !is_affordable) {
+            return Ok(Optimum { mean_return: walked.mean_return, error });
+        }
+    }
+    unreachable!("a grid is not refined without end")
 }
 
-/// The finest grid of an environment for who knows so much of the context.
-fn finest(environment: &Environment, belief: Belief, usual: Resolution) -> Resolution {
+/// How far the last of what finer and finer grids told may be off; `None` if they are too few.
+///
+/// The policy of a grid twice as fine misses a third of what the one before it misses, or less. That
+/// both miss the same is unlikely, but it happens; the change before tells of it.
+fn error(found: &[Walked]) -> Option<f64> {
+    let [.., first, second, last] = found else { return None };
+    let changed = |from: &Walked, to: &Walked| (from.mean_return - to.mean_return).abs();
+    let changed = f64::max(changed(second, last), changed(first, second) / 3.0);
+    Some(changed / 2.0 + 2.0 * last.standard_error)
+}
+
+/// The coarsest grid of an environment for who knows so much of the context.
+fn coarsest(environment: &Environment, belief: Belief) -> Resolution {
     // Whoever is certain never sends what does not suit, if nothing is gained by an early end.
     let harmless = environment.rho_2 >= 0.0 && environment.mu[0] + environment.mu[1] >= 0.0;
-    if belief == Belief::Certain && harmless { OF_HABITUATION } else { usual }
+    if belief == Belief::Certain && harmless {
+        COARSEST_OF_HABITUATION
+    } else if environment.delta_d == 0.0 {
+        COARSEST_OF_STEPS
+    } else {
+        COARSEST
+    }
 }
 
 /// What each choice brings in a state, reward and everything after it; the baseline reward, which
@@ -143,9 +166,10 @@ impl Prospects {
 #[derive(Clone, Debug)]
 pub struct OptimalPolicy {
     grid: Grid,
-    /// By the number of steps that are left, from 0; more steps than there are entries are as many
-    /// as the last one's.
-    values: Vec<Vec<f64>>,
+    /// By the number of steps that are left, from 0.
+    layers: Vec<Vec<f64>>,
+    /// The last of them, for more steps.
+    last: Induced,
 }
 
 impl OptimalPolicy {
@@ -155,26 +179,29 @@ impl OptimalPolicy {
     /// **Errors**: the scenario does not show habituation and disengagement risk.
     pub fn new(environment: &Environment, scenario: &Scenario) -> Result<Self, StateHidden> {
         shows_state(scenario)?;
-        let (horizon, belief) = (environment.horizon, Belief::new(environment, scenario));
-        let resolution = finest(environment, belief, OF_POLICY).within(horizon, MOST_KEPT);
-        let grid = Grid::new(environment, belief, resolution);
-        let mut values = Vec::new();
-        grid.induce(horizon, |_, layer| values.push(layer.to_vec()));
-        Ok(OptimalPolicy { grid, values })
+        let belief = Belief::new(environment, scenario);
+        let coarsest = coarsest(environment, belief);
+        let on = |resolution| Grid::new(environment, belief, resolution);
+        // About as many as a finer grid takes.
+        let steps = on(coarsest).induce(|_, _| ()).left + 1;
+        let grid = on(coarsest.within(steps, MOST_OF_POLICY));
+        let mut layers = Vec::new();
+        let last = grid.induce(|_, layer| layers.push(layer.to_vec()));
+        Ok(OptimalPolicy { grid, layers, last })
     }
 
     /// The best action in a state where context 0 has the probability `believed`, in [0, 1]; the
     /// lowest numbered of equals. `time` counts from 0 and is below the horizon.
     pub fn choose(&self, time: u32, believed: f64, habituation: f64, disengagement: f64) -> Action {
         let environment = self.grid.environment();
-        let left = environment.horizon.saturating_sub(time + 1) as usize;
-        let later = &self.values[left.min(self.values.len() - 1)];
+        let left = environment.horizon.saturating_sub(time + 1);
+        let later = match self.layers.get(left as usize) {
+            Some(layer) => Moment { layer, more: 0.0 },
+            None => self.last.before(left),
+        };
         let is_known = time == 0 && environment.first_context == FirstContext::Fixed;
-        self.grid.prospects(later, habituation, disengagement).best(if is_known {
-            1.0
-        } else {
-            believed
-        })
+        let believed = if is_known { 1.0 } else { believed };
+        self.grid.prospects(later, habituation, disengagement).best(believed)
     }
 }
 

@@ -4,6 +4,7 @@
 use super::expectation::Expectation;
 use super::*;
 use crate::env::{Signal, inference_error, respond};
+use crate::rng::{Purpose, Stream};
 
 fn value(environment: &Environment, scenario: &str) -> Optimum {
     optimum(environment, &scenario.parse().unwrap()).unwrap()
@@ -14,7 +15,7 @@ fn assert_known(first_context: FirstContext, scenario: &str, known: &[(f64, f64)
         let environment = Environment { first_context, ..Environment::paper(*sigma) };
         let ours = value(&environment, scenario);
         assert!((ours.mean_return - known).abs() < 3.0, "{scenario} {sigma}: {ours:?}");
-        assert!(ours.grid_error < 0.5, "{scenario} {sigma}: {ours:?}");
+        assert!(ours.error < 0.5, "{scenario} {sigma}: {ours:?}");
     }
 }
 
@@ -86,10 +87,10 @@ fn the_optimum_of_short_episodes_is_the_best_of_every_course() {
             let exact = by_every_course(&environment, &belief, 0, start);
             let difference = (ours.mean_return - exact).abs();
             assert!(
-                difference < 0.02 + 2.0 * ours.grid_error,
+                difference < 0.02 + 2.0 * ours.error,
                 "{scenario} {environment:?}: {ours:?} {exact}"
             );
-            assert!(ours.grid_error < 0.2, "{scenario} {environment:?}: {ours:?}");
+            assert!(ours.error < 0.2, "{scenario} {environment:?}: {ours:?}");
         }
     }
 }
@@ -100,9 +101,83 @@ fn other_parameters_and_horizons_converge_too() {
         let environment = Environment { horizon, epsilon_d, ..Environment::paper(0.8) };
         for scenario in ["C-H-D", "P-H-D", "L-H-D"] {
             let ours = value(&environment, scenario);
-            assert!(ours.grid_error < 0.5, "{horizon} {epsilon_d} {scenario}: {ours:?}");
+            assert!(ours.error < 0.5, "{horizon} {epsilon_d} {scenario}: {ours:?}");
         }
     }
+}
+
+/// Mean return of a policy in so many plain episodes, and its standard error.
+fn simulated(policy: &OptimalPolicy, e: &Environment, belief: Belief, count: u32) -> [f64; 2] {
+    let mut stream = Stream::new(3, Purpose::TestEnvironment);
+    let mut episode = || {
+        let mut state = [e.initial_habituation, e.initial_disengagement];
+        let mut total = 0.0;
+        for time in 0..e.horizon {
+            let signal = match (time, e.first_context) {
+                (0, FirstContext::Fixed) => Signal::FIXED_FIRST,
+                _ => Signal::draw(e.sigma, &mut stream),
+            };
+            let believed = belief.probability_of_zero(&signal);
+            let action = policy.choose(time, believed, state[0], state[1]);
+            let effect = respond(e, signal.context, action, state[0], state[1]);
+            total += effect.reward;
+            state = [effect.habituation, effect.disengagement];
+            if effect.disengagement >= e.disengagement_threshold {
+                break;
+            }
+        }
+        total
+    };
+    let totals: Vec<f64> = (0..count).map(|_| episode()).collect();
+    let n = f64::from(count);
+    let mean = totals.iter().sum::<f64>() / n;
+    let variance = totals.iter().map(|x| (x - mean) * (x - mean)).sum::<f64>() / (n - 1.0);
+    [mean, (variance / n).sqrt()]
+}
+
+#[test]
+fn errors_of_interpolation_add_up_to_what_a_policy_s_return_differs_by() {
+    // So coarse that the values promise another return than their policy has.
+    let resolution = Resolution { habituation: 3, disengagement: 1, jumps: 1 };
+    let mut broken = 0.0;
+    for (sigma, first_context) in [(0.6, FirstContext::Fixed), (2.0, FirstContext::Sampled)] {
+        let environment = Environment {
+            horizon: 80,
+            mu: [5.0, -2.0],
+            first_context,
+            ..Environment::paper(sigma)
+        };
+        for scenario in ["P-H-D", "L-H-D", "H-D"] {
+            let belief = Belief::new(&environment, &scenario.parse().unwrap());
+            let grid = Grid::new(&environment, belief, resolution);
+            let walked = walk::mean_return(&grid, environment.horizon);
+            let mut layers = Vec::new();
+            let last = grid.induce(|_, layer| layers.push(layer.to_vec()));
+            let promised = grid.mean_return(last.before(environment.horizon - 1));
+            let policy = OptimalPolicy { grid, layers, last };
+            let [mean, error] = simulated(&policy, &environment, belief, 15_000);
+            let apart = (walked.mean_return - mean).abs();
+            assert!(apart < 4.0 * error.hypot(walked.standard_error), "{walked:?} {mean} {error}");
+            broken = f64::max(broken, (promised - mean).abs() / error);
+        }
+    }
+    assert!(broken > 5.0, "{broken}");
+}
+
+#[test]
+fn where_steps_settle_the_rest_of_them_adds_the_same() {
+    let of_horizon = |horizon| {
+        let environment = Environment { horizon, ..Environment::paper(1.0) };
+        let belief = Belief::new(&environment, &"L-H-D".parse().unwrap());
+        let grid = Grid::new(&environment, belief, COARSEST);
+        (walk::mean_return(&grid, horizon), grid)
+    };
+    let (long, _) = of_horizon(10_000);
+    assert!((100..9_000).contains(&long.steps), "{long:?}");
+    let (shorter, grid) = of_horizon(9_000);
+    let gain = grid.induce(|_, _| ()).gain;
+    let grown = (long.mean_return - shorter.mean_return) / 1_000.0;
+    assert!((grown / gain - 1.0).abs() < 0.01, "{grown} {gain}");
 }
 
 #[test]

@@ -10,7 +10,7 @@ fn rows(folder: &Folder, arguments: &[&str]) -> Vec<Value> {
 }
 
 #[test]
-fn optima_are_told_for_scenarios_and_sigmas_with_their_grid_error() {
+fn optima_are_told_for_scenarios_and_sigmas_with_their_error() {
     let folder = Folder::new();
     let sampled = ["--set", "first_context=sampled", "--sigma", "0.6,2"];
     let rows = rows(&folder, &[&["--scenario", "P-H-D,L-H-D"][..], &sampled].concat());
@@ -24,7 +24,7 @@ fn optima_are_told_for_scenarios_and_sigmas_with_their_grid_error() {
     for (row, (scenario, sigma, optimum)) in rows.iter().zip(known) {
         assert_eq!((&row["scenario"], &row["sigma"]), (&scenario.into(), &sigma.into()));
         assert!((row["optimum"].as_f64().unwrap() - optimum).abs() < 3.0, "{row}");
-        assert!(row["grid_error"].as_f64().unwrap() < 0.5, "{row}");
+        assert!(row["optimum_error"].as_f64().unwrap() < 0.5, "{row}");
     }
 }
 

@@ -1,0 +1,133 @@
+//! Episodes of the policy that values make best: what the values' grid leaves out.
+//!
+//! Were the values exact, the value of a state would be the mean over the signal of what the best
+//! choice brings. What that mean exceeds it by is the error of interpolation in this one state. Over
+//! an episode of the policy, these errors add up, in the mean, to exactly the difference between the
+//! policy's mean return and the value of the start: rewards and values of the states on the way
+//! cancel out. So a few hundred episodes tell a mean return that a simulation of returns would need
+//! millions for.
+
+use crate::env::{Signal, respond};
+use crate::manifest::{Environment, FirstContext};
+use crate::rng::{Purpose, Stream};
+
+use super::grid::{Grid, Moment};
+
+/// Steps of all episodes together, or so.
+const STEPS: u32 = 1_500_000;
+/// Fewest and most episodes.
+const EPISODES: (u32, u32) = (150, 2_000);
+
+/// What episodes told.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Walked {
+    /// Mean return of the policy, in steps walked.
+    pub mean_return: f64,
+    /// Its standard error.
+    pub standard_error: f64,
+    /// Steps whose values were computed.
+    pub steps: u32,
+}
+
+/// The mean return of the policy that makes the best choices by the values on a grid, for which
+/// about so many `steps` will be computed. Every call rolls the same episodes.
+///
+/// Episodes meet the values in the opposite order to the one in which they are computed, and there
+/// is no room for all. So layers are kept at distances, and those between computed again.
+pub(super) fn mean_return(grid: &Grid, steps: u32) -> Walked {
+    let e = grid.environment();
+    let distance = f64::from(steps).sqrt().ceil() as usize;
+    let mut kept: Vec<Vec<f64>> = Vec::new();
+    let induced = grid.induce(|left, layer| {
+        if (left as usize).is_multiple_of(distance) {
+            kept.push(layer.to_vec());
+        }
+    });
+    let (fewest, most) = EPISODES;
+    let mut episodes: Vec<Episode> =
+        (1..=(STEPS / e.horizon).clamp(fewest, most)).map(|seed| Episode::start(e, seed)).collect();
+    let mut step = |later: Moment<'_>, now: Option<Moment<'_>>| {
+        episodes.iter_mut().for_each(|episode| episode.step(grid, later, now));
+    };
+    for left in (induced.left..e.horizon).rev() {
+        let now = (left + 1 < e.horizon).then(|| induced.before(left + 1));
+        step(induced.before(left), now);
+    }
+    let mut end = induced.left as usize;
+    let mut layers = vec![vec![0.0; grid.nodes()]; distance + 1];
+    for (i, first) in kept.iter().enumerate().rev() {
+        let layers = &mut layers[..=end - i * distance];
+        layers[0].copy_from_slice(first);
+        for left in 1..layers.len() {
+            let (later, now) = layers.split_at_mut(left);
+            grid.step_back(&later[left - 1], &mut now[0]);
+        }
+        let moment = |left: usize| Moment { layer: &layers[left], more: 0.0 };
+        for left in (1..layers.len()).rev() {
+            step(moment(left - 1), Some(moment(left)));
+        }
+        end = i * distance;
+    }
+    let left_out = moments(episodes.iter().map(|episode| episode.left_out));
+    let of_start = grid.mean_return(induced.before(e.horizon - 1));
+    Walked {
+        mean_return: of_start + left_out.0,
+        standard_error: left_out.1,
+        steps: induced.left + 1,
+    }
+}
+
+/// An episode under way.
+struct Episode {
+    stream: Stream,
+    habituation: f64,
+    disengagement: f64,
+    has_ended: bool,
+    /// The sum of the errors of interpolation on its way.
+    left_out: f64,
+}
+
+impl Episode {
+    fn start(e: &Environment, seed: u32) -> Episode {
+        Episode {
+            stream: Stream::new(u64::from(seed), Purpose::Optimum),
+            habituation: e.initial_habituation,
+            disengagement: e.initial_disengagement,
+            has_ended: false,
+            left_out: 0.0,
+        }
+    }
+
+    /// Takes a step, given the values after it, and those before it if it is not the first.
+    fn step(&mut self, grid: &Grid, later: Moment<'_>, now: Option<Moment<'_>>) {
+        if self.has_ended {
+            return;
+        }
+        let e = grid.environment();
+        let (habituation, disengagement) = (self.habituation, self.disengagement);
+        let prospects = grid.prospects(later, habituation, disengagement);
+        // The value of the start is computed and not interpolated.
+        if let Some(now) = now {
+            let interpolated = grid.value(now, habituation, disengagement);
+            self.left_out += grid.mean_of_best(&prospects) - interpolated;
+        }
+        let (signal, believed) = if now.is_none() && e.first_context == FirstContext::Fixed {
+            (Signal::FIXED_FIRST, 1.0)
+        } else {
+            let signal = Signal::draw(e.sigma, &mut self.stream);
+            (signal, grid.belief.probability_of_zero(&signal))
+        };
+        let action = prospects.best(believed);
+        let effect = respond(e, signal.context, action, habituation, disengagement);
+        (self.habituation, self.disengagement) = (effect.habituation, effect.disengagement);
+        self.has_ended = effect.disengagement >= e.disengagement_threshold;
+    }
+}
+
+/// The mean of numbers, at least two of them, and its standard error.
+fn moments(numbers: impl ExactSizeIterator<Item = f64> + Clone) -> (f64, f64) {
+    let n = numbers.len() as f64;
+    let mean = numbers.clone().sum::<f64>() / n;
+    let variance = numbers.map(|x| (x - mean) * (x - mean)).sum::<f64>() / (n - 1.0);
+    (mean, (variance / n).sqrt())
+}
