@@ -9,6 +9,7 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::mem;
+use std::thread;
 
 use crate::env::{Action, Belief, respond};
 use crate::manifest::{Environment, FirstContext};
@@ -23,7 +24,10 @@ const APART: f64 = 1e-9;
 const DECAYS_A_MISTAKE: u32 = 4;
 /// How far the steps before a step may still differ from it in what they add, in all, in steps
 /// walked, for the induction to take them as equal.
-const SETTLED: f64 = 0.1;
+const SETTLED: f64 = 1.0;
+
+/// Values of a layer for which it is worth to begin threads.
+const WORTH_A_THREAD: usize = 50_000;
 
 /// How fine a grid is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -92,6 +96,8 @@ pub(super) struct Grid {
     /// Its baseline rewards are 0: they are the same whatever is done.
     environment: Environment,
     pub belief: Belief,
+    /// How many threads compute a layer.
+    pub threads: usize,
     baseline: [f64; 2],
     expectation: Expectation,
     habituation: Axis,
@@ -155,6 +161,7 @@ impl Grid {
         Grid {
             environment,
             belief,
+            threads: 1,
             baseline,
             expectation,
             habituation,
@@ -201,10 +208,24 @@ impl Grid {
 
     /// The values one step earlier.
     pub fn step_back(&self, later: &[f64], now: &mut [f64]) {
+        if self.threads == 1 || self.nodes() < WORTH_A_THREAD {
+            return self.rows_back(&self.rows, later, now);
+        }
+        let part = self.rows.len().div_ceil(self.threads);
+        let values = now.chunks_mut(part * self.columns.len());
+        thread::scope(|scope| {
+            for (rows, now) in self.rows.chunks(part).zip(values) {
+                scope.spawn(move || self.rows_back(rows, later, now));
+            }
+        });
+    }
+
+    /// The values of some rows one step earlier.
+    fn rows_back(&self, rows: &[Row], later: &[f64], now: &mut [f64]) {
         let columns = self.columns.len();
         let baseline = self.baseline();
         let mut rested = vec![0.0; columns];
-        for (row, now) in self.rows.iter().zip(now.chunks_exact_mut(columns)) {
+        for (row, now) in rows.iter().zip(now.chunks_exact_mut(columns)) {
             let messaged = &later[row.messaged * columns..][..columns];
             self.blend(row.rested, later, &mut rested);
             let columns = self.columns.iter().zip(&rested);

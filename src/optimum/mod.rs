@@ -6,7 +6,7 @@
 //! The state of an episode is (time, habituation, disengagement risk). The context signal is drawn
 //! anew in every step, so backward induction over the state, with the signal integrated out in
 //! closed form, is exact but for the grid on which the values are kept. What the grid leaves out is
-//! found by episodes of the policy that it makes best ([`walk`]), and grids are refined until that
+//! found by episodes of the policy that it makes best, and grids are refined until that
 //! policy becomes no better.
 //!
 //! It stands before the agents and not with the analyses, because the optimal policy is one of the
@@ -16,6 +16,8 @@ mod axis;
 mod expectation;
 mod grid;
 mod walk;
+
+use std::thread;
 
 use crate::env::{Action, Belief};
 use crate::manifest::{Environment, Feature, FirstContext, Scenario};
@@ -34,8 +36,10 @@ const COARSEST_OF_HABITUATION: Resolution =
     Resolution { habituation: 250, disengagement: 0, jumps: 0 };
 /// Error that is small enough, in steps walked.
 const SMALL: f64 = 0.1;
+/// Steps of episodes on the coarsest grid; on every further one they are twice as many.
+const STEPS: u32 = 250_000;
 /// Most values that are computed for an optimum, in all: a few seconds.
-const MOST_COMPUTED: usize = 800_000_000;
+const MOST_COMPUTED: usize = 1_500_000_000;
 /// Most values that are kept at a time: 240 MB.
 const MOST_KEPT: usize = 30_000_000;
 /// Most values that a policy keeps: 80 MB.
@@ -89,9 +93,11 @@ pub fn optimum(environment: &Environment, scenario: &Scenario) -> Result<Optimum
     let coarsest = coarsest(environment, belief);
     let (mut found, mut computed) = (Vec::<Walked>::new(), 0);
     let mut expected = environment.horizon;
+    let threads = thread::available_parallelism().map_or(1, usize::from);
     for refined in 0.. {
-        let grid = Grid::new(environment, belief, coarsest.refined(refined));
-        let walked = walk::mean_return(&grid, expected);
+        let mut grid = Grid::new(environment, belief, coarsest.refined(refined));
+        grid.threads = threads;
+        let walked = walk::mean_return(&grid, expected, STEPS << refined);
         expected = walked.steps;
         found.push(walked);
         // A finer grid has four times the values, and they may take more steps to settle. Every layer

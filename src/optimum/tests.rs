@@ -150,7 +150,7 @@ fn errors_of_interpolation_add_up_to_what_a_policy_s_return_differs_by() {
         for scenario in ["P-H-D", "L-H-D", "H-D"] {
             let belief = Belief::new(&environment, &scenario.parse().unwrap());
             let grid = Grid::new(&environment, belief, resolution);
-            let walked = walk::mean_return(&grid, environment.horizon);
+            let walked = walk::mean_return(&grid, environment.horizon, 160_000);
             let mut layers = Vec::new();
             let last = grid.induce(|_, layer| layers.push(layer.to_vec()));
             let promised = grid.mean_return(last.before(environment.horizon - 1));
@@ -170,7 +170,7 @@ fn where_steps_settle_the_rest_of_them_adds_the_same() {
         let environment = Environment { horizon, ..Environment::paper(1.0) };
         let belief = Belief::new(&environment, &"L-H-D".parse().unwrap());
         let grid = Grid::new(&environment, belief, COARSEST);
-        (walk::mean_return(&grid, horizon), grid)
+        (walk::mean_return(&grid, horizon, 1_500_000), grid)
     };
     let (long, _) = of_horizon(10_000);
     assert!((100..9_000).contains(&long.steps), "{long:?}");

@@ -7,16 +7,17 @@
 //! cancel out. So a few hundred episodes tell a mean return that a simulation of returns would need
 //! millions for.
 
+use std::ops::Range;
+use std::thread;
+
 use crate::env::{Signal, respond};
 use crate::manifest::{Environment, FirstContext};
 use crate::rng::{Purpose, Stream};
 
 use super::grid::{Grid, Moment};
 
-/// Steps of all episodes together, or so.
-const STEPS: u32 = 1_500_000;
 /// Fewest and most episodes.
-const EPISODES: (u32, u32) = (150, 2_000);
+const EPISODES: (u32, u32) = (50, 2_000);
 
 /// What episodes told.
 #[derive(Clone, Copy, Debug)]
@@ -29,44 +30,40 @@ pub(super) struct Walked {
     pub steps: u32,
 }
 
-/// The mean return of the policy that makes the best choices by the values on a grid, for which
-/// about so many `steps` will be computed. Every call rolls the same episodes.
+/// The mean return of the policy that makes the best choices by the values on a grid, of about so
+/// many steps `to_walk` in all; those of about so many `steps` will be computed. Every call rolls
+/// the same episodes.
 ///
 /// Episodes meet the values in the opposite order to the one in which they are computed, and there
 /// is no room for all. So layers are kept at distances, and those between computed again.
-pub(super) fn mean_return(grid: &Grid, steps: u32) -> Walked {
+pub(super) fn mean_return(grid: &Grid, steps: u32, to_walk: u32) -> Walked {
     let e = grid.environment();
-    let distance = f64::from(steps).sqrt().ceil() as usize;
+    let distance = f64::from(steps).sqrt().ceil() as u32;
     let mut kept: Vec<Vec<f64>> = Vec::new();
     let induced = grid.induce(|left, layer| {
-        if (left as usize).is_multiple_of(distance) {
+        if left.is_multiple_of(distance) {
             kept.push(layer.to_vec());
         }
     });
     let (fewest, most) = EPISODES;
-    let mut episodes: Vec<Episode> =
-        (1..=(STEPS / e.horizon).clamp(fewest, most)).map(|seed| Episode::start(e, seed)).collect();
-    let mut step = |later: Moment<'_>, now: Option<Moment<'_>>| {
-        episodes.iter_mut().for_each(|episode| episode.step(grid, later, now));
-    };
-    for left in (induced.left..e.horizon).rev() {
-        let now = (left + 1 < e.horizon).then(|| induced.before(left + 1));
-        step(induced.before(left), now);
-    }
-    let mut end = induced.left as usize;
-    let mut layers = vec![vec![0.0; grid.nodes()]; distance + 1];
+    let mut episodes: Vec<Episode> = (1..=(to_walk / e.horizon).clamp(fewest, most))
+        .map(|seed| Episode::start(e, seed))
+        .collect();
+    roll(&mut episodes, grid, induced.left..e.horizon, |left| induced.before(left));
+    let mut end = induced.left;
+    let mut layers = vec![vec![0.0; grid.nodes()]; distance as usize + 1];
     for (i, first) in kept.iter().enumerate().rev() {
-        let layers = &mut layers[..=end - i * distance];
+        let start = i as u32 * distance;
         layers[0].copy_from_slice(first);
-        for left in 1..layers.len() {
+        for left in 1..=(end - start) as usize {
             let (later, now) = layers.split_at_mut(left);
             grid.step_back(&later[left - 1], &mut now[0]);
         }
-        let moment = |left: usize| Moment { layer: &layers[left], more: 0.0 };
-        for left in (1..layers.len()).rev() {
-            step(moment(left - 1), Some(moment(left)));
-        }
-        end = i * distance;
+        roll(&mut episodes, grid, start..end, |left| Moment {
+            layer: &layers[(left - start) as usize],
+            more: 0.0,
+        });
+        end = start;
     }
     let left_out = moments(episodes.iter().map(|episode| episode.left_out));
     let of_start = grid.mean_return(induced.before(e.horizon - 1));
@@ -75,6 +72,30 @@ pub(super) fn mean_return(grid: &Grid, steps: u32) -> Walked {
         standard_error: left_out.1,
         steps: induced.left + 1,
     }
+}
+
+/// Takes the steps of episodes after which so many are `left`, given the values with each number of
+/// steps left, by the number.
+fn roll<'a>(
+    episodes: &mut [Episode],
+    grid: &Grid,
+    left: Range<u32>,
+    values: impl Fn(u32) -> Moment<'a> + Sync,
+) {
+    let horizon = grid.environment().horizon;
+    let part = episodes.len().div_ceil(grid.threads);
+    thread::scope(|scope| {
+        for episodes in episodes.chunks_mut(part) {
+            let (left, values) = (left.clone(), &values);
+            scope.spawn(move || {
+                for left in left.rev() {
+                    let (later, now) = (values(left), left + 1);
+                    let now = (now < horizon).then(|| values(now));
+                    episodes.iter_mut().for_each(|episode| episode.step(grid, later, now));
+                }
+            });
+        }
+    });
 }
 
 /// An episode under way.
