@@ -169,14 +169,14 @@ impl Reader<'_> {
             return None;
         };
         let items = between.get_ref().as_array().map_or(&[][..], |items| &items[..]);
-        let [first, second] = items else {
+        let [one, other] = items else {
             self.expected("between", "a list of two values, as in [\"P-H-D\", \"L-H-D\"]", between);
             return None;
         };
         let parameter = by.get_ref().as_str().unwrap_or_default();
-        let (first, second) = (self.side(parameter, by, first)?, self.side(parameter, by, second)?);
+        let (first, second) = (self.side(parameter, by, one)?, self.side(parameter, by, other)?);
         if first == second {
-            self.expected("between", "two values that differ", between);
+            self.expected("between", "another value than the first", other);
             return None;
         }
         Some(Sides { first, second })

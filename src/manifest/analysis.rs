@@ -139,7 +139,7 @@ pub(super) fn keys_of(kind: &str) -> &'static [&'static str] {
     match kind {
         "contrast" => &["metric", "by", "between", "pairing", "family"],
         "curve" => &["metric", "x"],
-        "learning_curve" => &["metric", "window"],
+        "learning_curve" => &["window"],
         "heat_map" => &["metric", "x", "y", "by", "between"],
         "action_choice" => &["bins"],
         "selection" => &["metric", "rule", "reporting_seeds"],
