@@ -55,7 +55,7 @@ fn running(folder: &Folder) -> i64 {
 /// Starts a sweep of two workers and lets both train until each has made a checkpoint.
 #[track_caller]
 fn well_under_way(folder: &Folder) -> Running {
-    let often = ["run", "sweep.toml", "--workers", "2", "--checkpoint-every", "0.05"];
+    let often = ["run", "sweep.toml", "--workers", "2", "--checkpoint-every", "0.1"];
     let before = contents(folder);
     let run = folder.start(often);
     until("both jobs have made a checkpoint", || {
@@ -77,11 +77,14 @@ fn a_stopped_job_goes_on_from_where_it_was_to_the_same_rows() {
     for signal in ["TERM", "INT", "HUP"] {
         let folder = Folder::with(&text());
         let run = well_under_way(&folder);
+        let before = contents(&folder);
         let asked = Instant::now();
         run.signal(signal);
         run.wait().ended(130).says("2 left; the same command goes on");
         assert!(asked.elapsed() < STOPS_WITHIN, "{signal} took {:?}", asked.elapsed());
-        assert_eq!(checkpoints(&folder).len(), 2);
+        let after = contents(&folder);
+        assert_eq!(after.len(), 2);
+        assert!(after.iter().all(|file| !before.contains(file)), "as they were before the stop");
         let ended = folder.jitai(["run", "sweep.toml"]).succeeded();
         assert_eq!(ended.stderr.matches(": goes on from episode ").count(), 2, "{}", ended.stderr);
         assert!(!ended.stderr.contains("goes on from episode 0 of"), "{}", ended.stderr);
@@ -181,7 +184,8 @@ fn checkpoints_of_jobs_that_are_done_are_removed_when_a_sweep_begins() {
 #[test]
 fn a_stop_writes_checkpoints_while_another_program_holds_the_store() {
     let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Endless));
-    let run = well_under_way(&folder);
+    let run = folder.start(["run", "sweep.toml", "--workers", "2"]);
+    until("both jobs run", || running(&folder) == 2);
     let stranger = Connection::open(folder.path("jitai.sqlite")).unwrap();
     stranger.execute_batch("BEGIN IMMEDIATE").unwrap();
     // Long enough for a heartbeat, which then waits for the store.
@@ -190,6 +194,7 @@ fn a_stop_writes_checkpoints_while_another_program_holds_the_store() {
     run.signal("TERM");
     run.wait().ended(130);
     assert!(asked.elapsed() < STOPS_WITHIN, "it took {:?}", asked.elapsed());
+    // None had been due before.
     assert_eq!(checkpoints(&folder).len(), 2);
     stranger.execute_batch("COMMIT").unwrap();
     let again = folder.start(["run", "sweep.toml"]);

@@ -93,6 +93,7 @@ fn killed_sweep_stores_the_same_rows(effort: Effort, mut within: Duration) {
                 met_a_job |= killed.is_running_a_job();
                 // However slow the machine is, a job has begun by then.
                 within = if kills < KILLS { within } else { within.mul_f64(1.5) };
+                assert!(kills < 2 * KILLS, "no job has begun {within:?} after a start");
             }
             // However fast the machine is, there is something left to kill: the sweep grows.
             Fate::Completed => {

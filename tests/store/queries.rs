@@ -266,8 +266,9 @@ fn a_query_can_be_interrupted_from_another_thread() {
                 interrupter.interrupt();
             }
         });
-        let error = ask(&reader, endless).unwrap_err();
+        let answer = ask(&reader, endless);
         ended.store(true, Ordering::Relaxed);
+        let error = answer.unwrap_err();
         assert!(matches!(error, QueryError::Interrupted), "{error}");
     });
     assert_eq!(ask(&reader, "SELECT 1").unwrap().len(), 2);
