@@ -1,6 +1,7 @@
 //! The optima of jobs, each environment and scenario computed once, on every core.
 
 use std::collections::{HashMap, HashSet};
+use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 use std::thread;
@@ -40,7 +41,8 @@ pub(super) fn of_jobs<'j>(jobs: impl Iterator<Item = &'j Job>) -> HashMap<Cell, 
                 while let Some((cell, environment, scenario)) =
                     distinct.get(next.fetch_add(1, Ordering::Relaxed))
                 {
-                    let best = optimum(environment, scenario).map(|found| found.mean_return);
+                    let best = optimum(environment, scenario, NonZeroUsize::MIN);
+                    let best = best.map(|found| found.mean_return);
                     sender.send((cell.clone(), best)).expect("the receiver outlives the threads");
                 }
             });

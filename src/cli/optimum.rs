@@ -3,7 +3,9 @@
 
 use std::collections::HashSet;
 use std::io::{self, Write};
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
+use std::thread;
 
 use crate::cli::output::{Cell, Format, Rows};
 use crate::cli::setting::adjusted;
@@ -108,7 +110,8 @@ fn known(environment: &Environment, scenario: &Scenario) -> [Cell; 3] {
 
 /// The last of [`COLUMNS`].
 fn found(environment: &Environment, scenario: &Scenario) -> Result<[Cell; 2], StateHidden> {
-    let found = optimum::optimum(environment, scenario)?;
+    let threads = thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
+    let found = optimum::optimum(environment, scenario, threads)?;
     Ok([Cell::Rounded(found.mean_return, 1), Cell::Rounded(found.error, 2)])
 }
 

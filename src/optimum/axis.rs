@@ -37,12 +37,12 @@ pub(super) enum Side {
 }
 
 impl Axis {
-    /// Nodes from 0 to 1 in steps of at most 1 / `steps`, which are at least 3; `stride` is a multiple
-    /// of them, so that adding it leads from node to node.
+    /// Nodes from 0 to 1 in steps of at most 1 / `steps`, which are at least 3. A `stride` of at least
+    /// that is a multiple of them, so that adding it leads from node to node.
     pub fn with_stride(stride: f64, steps: usize) -> Axis {
         debug_assert!(steps >= 3, "a cubic goes through four nodes");
         let most = 1.0 / steps as f64;
-        let step = if stride > 0.0 { stride / (stride / most).ceil() } else { most };
+        let step = if stride >= most { stride / (stride / most).ceil() } else { most };
         let before_one = (0..).map(|i| f64::from(i) * step).take_while(|x| *x < 1.0 - ROUNDING);
         Axis(before_one.chain([1.0]).collect())
     }
@@ -87,12 +87,6 @@ impl Axis {
         // The nodes begin at 0, and nothing is below.
         let (lower, upper) = (self.0[near - 1], self.0[near]);
         Place { node: near - 1, weight: (x - lower) / (upper - lower) }
-    }
-
-    /// The node nearest to a number.
-    pub fn nearest(&self, x: f64) -> usize {
-        let Place { node, weight } = self.place(x, Side::At);
-        node + usize::from(weight > 0.5)
     }
 
     /// The place of a number from 0 to 1 on an axis without jumps: Lagrange's cubic through the two
@@ -148,15 +142,20 @@ mod tests {
 
     #[test]
     fn a_stride_leads_from_node_to_node() {
+        // The last stride is too short to lead to another node.
         for (stride, steps) in [(0.05, 30), (0.3, 7), (0.0, 10), (1.0, 3), (1e-3, 4)] {
             let axis = Axis::with_stride(stride, steps);
             assert!(
                 axis.nodes().windows(2).all(|pair| pair[1] - pair[0] <= 1.0 / steps as f64 + 1e-12)
             );
+            assert!(axis.nodes().len() <= 2 * steps + 1, "{stride} {steps}");
+            if stride * (steps as f64) < 1.0 {
+                continue;
+            }
             for x in axis.nodes().iter().filter(|x| **x + stride <= 1.0) {
-                let weight = axis.place(x + stride, Side::At).weight;
-                assert!(weight == 0.0 || weight == 1.0, "{stride} {x}");
-                assert!((axis.nodes()[axis.nearest(x + stride)] - x - stride).abs() < 1e-12);
+                let place = axis.place(x + stride, Side::At);
+                assert!(place.weight == 0.0 || place.weight == 1.0, "{stride} {x}");
+                assert!((place.of(axis.nodes()) - x - stride).abs() < 1e-12);
             }
         }
     }

@@ -11,7 +11,7 @@ use std::collections::BinaryHeap;
 use std::mem;
 use std::thread;
 
-use crate::env::{Action, Belief, respond};
+use crate::env::{Action, Belief, Effect, respond};
 use crate::manifest::{Environment, FirstContext};
 
 use super::Prospects;
@@ -26,8 +26,8 @@ const DECAYS_A_MISTAKE: u32 = 4;
 /// walked, for the induction to take them as equal.
 const SETTLED: f64 = 1.0;
 
-/// Values of a layer for which it is worth to begin threads.
-const WORTH_A_THREAD: usize = 50_000;
+/// Values of a layer for which it is worth to begin a thread.
+const WORTH_A_THREAD: usize = 25_000;
 
 /// How fine a grid is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,18 +50,10 @@ impl Resolution {
         }
     }
 
-    /// As much finer as makes about so many values in so many steps together, at most eight times.
-    pub fn within(self, steps: u32, most: usize) -> Resolution {
-        // A jump has two nodes and cuts a step in two.
-        let columns = self.disengagement + 2 * self.jumps + 2;
-        let nodes = self.habituation * columns * steps as usize;
-        let finer = (most as f64 / nodes as f64).sqrt().min(8.0);
-        let scaled = |number: usize, least: usize| ((number as f64 * finer) as usize).max(least);
-        Resolution {
-            habituation: scaled(self.habituation, 10),
-            disengagement: scaled(self.disengagement, 0),
-            jumps: scaled(self.jumps, 0),
-        }
+    /// About how many nodes that makes.
+    pub fn nodes(self) -> usize {
+        // A jump has two nodes and cuts a step in two; steps of habituation are up to half as long.
+        2 * self.habituation * (self.disengagement + 2 * self.jumps + 2)
     }
 }
 
@@ -73,10 +65,12 @@ struct Added {
 }
 
 impl Added {
+    /// What further steps add is between the two as well; below 0, between them and 0.
     fn between(later: &[f64], now: &[f64]) -> Added {
         let none = Added { least: f64::INFINITY, most: f64::NEG_INFINITY };
         let added = now.iter().zip(later).map(|(now, later)| now - later);
-        added.fold(none, |all, x| all.or(Added { least: x, most: x }))
+        let added = added.fold(none, |all, x| all.or(Added { least: x, most: x }));
+        if added.least < 0.0 { added.or(Added { least: 0.0, most: 0.0 }) } else { added }
     }
 
     fn or(self, other: Added) -> Added {
@@ -96,7 +90,7 @@ pub(super) struct Grid {
     /// Its baseline rewards are 0: they are the same whatever is done.
     environment: Environment,
     pub belief: Belief,
-    /// How many threads compute a layer.
+    /// Most threads that compute.
     pub threads: usize,
     baseline: [f64; 2],
     expectation: Expectation,
@@ -109,7 +103,7 @@ pub(super) struct Grid {
 /// Where the states of one habituation lead.
 #[derive(Clone, Copy, Debug)]
 struct Row {
-    messaged: usize,
+    messaged: Among,
     rested: Among,
     /// Reward of an untailored and of a suitable message, the baseline aside.
     untailored: f64,
@@ -136,7 +130,7 @@ impl Grid {
             let of = |action| respond(e, 0, action, *h, 0.0);
             let suitable = of(Action::tailored_to(0));
             Row {
-                messaged: habituation.nearest(suitable.habituation),
+                messaged: habituation.among(suitable.habituation),
                 rested: habituation.among(of(Action::NONE).habituation),
                 untailored: of(Action::UNTAILORED).reward,
                 suitable: suitable.reward,
@@ -184,7 +178,8 @@ impl Grid {
     /// `see` each layer. They end sooner if the steps before them would all add the same.
     ///
     /// Two steps that both add g >= 0 to every value show that: the second step's best choices would
-    /// add less if they could end the episode, so they never do, and go on adding g.
+    /// add less if they could end the episode, so they never do, and go on adding g. What lies below
+    /// 0 is added less and less, as episodes end.
     pub fn induce(&self, mut see: impl FnMut(u32, &[f64])) -> Induced {
         let most_left = self.environment.horizon - 1;
         let mut later = vec![0.0; self.nodes()];
@@ -194,10 +189,10 @@ impl Grid {
         for left in 1..=most_left {
             self.step_back(&later, &mut now);
             see(left, &now);
+            let added = Added::between(&later, &now);
             mem::swap(&mut later, &mut now);
-            let added = Added::between(&now, &later);
             let spread = added.or(added_before).spread();
-            if added.least >= 0.0 && spread * f64::from(most_left - left) < SETTLED {
+            if spread * f64::from(most_left - left) < SETTLED {
                 let gain = (added.least + added.most) / 2.0;
                 return Induced { left, layer: later, gain };
             }
@@ -208,10 +203,11 @@ impl Grid {
 
     /// The values one step earlier.
     pub fn step_back(&self, later: &[f64], now: &mut [f64]) {
-        if self.threads == 1 || self.nodes() < WORTH_A_THREAD {
+        let threads = self.threads.min(self.nodes() / WORTH_A_THREAD);
+        if threads < 2 {
             return self.rows_back(&self.rows, later, now);
         }
-        let part = self.rows.len().div_ceil(self.threads);
+        let part = self.rows.len().div_ceil(threads);
         let values = now.chunks_mut(part * self.columns.len());
         thread::scope(|scope| {
             for (rows, now) in self.rows.chunks(part).zip(values) {
@@ -224,18 +220,18 @@ impl Grid {
     fn rows_back(&self, rows: &[Row], later: &[f64], now: &mut [f64]) {
         let columns = self.columns.len();
         let baseline = self.baseline();
-        let mut rested = vec![0.0; columns];
+        let (mut rested, mut messaged) = (vec![0.0; columns], vec![0.0; columns]);
         for (row, now) in rows.iter().zip(now.chunks_exact_mut(columns)) {
-            let messaged = &later[row.messaged * columns..][..columns];
             self.blend(row.rested, later, &mut rested);
+            self.blend(row.messaged, later, &mut messaged);
             let columns = self.columns.iter().zip(&rested);
             for ((column, rested), value) in columns.zip(now) {
-                let calm = column.calmed.of(messaged);
+                let calm = column.calmed.of(&messaged);
                 let prospects = Prospects {
                     nothing: *rested,
                     untailored: row.untailored + calm,
                     suitable: row.suitable + calm,
-                    unsuitable: column.annoyed.map_or(0.0, |place| place.of(messaged)),
+                    unsuitable: column.annoyed.map_or(0.0, |place| place.of(&messaged)),
                 };
                 *value = baseline + self.expectation.of_best(&prospects);
             }
@@ -252,44 +248,32 @@ impl Grid {
         }
     }
 
-    /// Where a state is on the grid; `None` where the episode has ended.
-    fn spot(&self, habituation: f64, disengagement: f64) -> Option<Spot> {
-        let ended = disengagement >= self.environment.disengagement_threshold;
-        (!ended).then(|| Spot {
-            rows: self.habituation.among(habituation),
-            column: self.disengagement.place(disengagement, Side::At),
-        })
-    }
-
     /// The value of a state; 0 where the episode has ended.
     pub fn value(&self, values: Moment<'_>, habituation: f64, disengagement: f64) -> f64 {
-        self.at(values, self.spot(habituation, disengagement))
-    }
-
-    fn at(&self, values: Moment<'_>, spot: Option<Spot>) -> f64 {
+        if disengagement >= self.environment.disengagement_threshold {
+            return 0.0;
+        }
         let columns = self.columns.len();
-        spot.map_or(0.0, |Spot { rows, column }| {
-            let of_row =
-                |i: usize| column.of(&values.layer[(rows.node + i) * columns..][..columns]);
-            rows.of(std::array::from_fn(of_row)) + values.more
-        })
+        let rows = self.habituation.among(habituation);
+        let column = self.disengagement.place(disengagement, Side::At);
+        let of_row = |i: usize| column.of(&values.layer[(rows.node + i) * columns..][..columns]);
+        rows.of(std::array::from_fn(of_row)) + values.more
     }
 
     /// What each choice brings in a state, given the values of the states after it.
     pub fn prospects(&self, later: Moment<'_>, habituation: f64, disengagement: f64) -> Prospects {
         let effect = |action| respond(&self.environment, 0, action, habituation, disengagement);
-        let after = |action| {
-            let effect = effect(action);
-            (effect.reward, self.value(later, effect.habituation, effect.disengagement))
-        };
-        let bring = |(reward, later)| reward + later;
-        let (reward, calmed) = after(Action::tailored_to(0));
+        let after = |effect: Effect| self.value(later, effect.habituation, effect.disengagement);
+        let [nothing, untailored, suitable, unsuitable] =
+            [Action::NONE, Action::UNTAILORED, Action::tailored_to(0), Action::tailored_to(1)]
+                .map(effect);
+        // An untailored message leads to the same state.
+        let calmed = after(suitable);
         Prospects {
-            nothing: bring(after(Action::NONE)),
-            // It leads to the same state as a suitable one.
-            untailored: bring((effect(Action::UNTAILORED).reward, calmed)),
-            suitable: bring((reward, calmed)),
-            unsuitable: bring(after(Action::tailored_to(1))),
+            nothing: nothing.reward + after(nothing),
+            untailored: untailored.reward + calmed,
+            suitable: suitable.reward + calmed,
+            unsuitable: unsuitable.reward + after(unsuitable),
         }
     }
 
@@ -314,13 +298,6 @@ impl Grid {
     }
 }
 
-/// Where a state is among the nodes of a grid.
-#[derive(Clone, Copy, Debug)]
-struct Spot {
-    rows: Among,
-    column: Place,
-}
-
 /// Values with one number of steps left.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Moment<'a> {
@@ -336,7 +313,7 @@ pub(super) struct Induced {
     /// Steps that are left.
     pub left: u32,
     pub layer: Vec<f64>,
-    /// What each step before them adds; 0 if there is none.
+    /// What each step before them adds; of no meaning if there is none.
     pub gain: f64,
 }
 

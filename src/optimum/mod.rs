@@ -6,8 +6,8 @@
 //! The state of an episode is (time, habituation, disengagement risk). The context signal is drawn
 //! anew in every step, so backward induction over the state, with the signal integrated out in
 //! closed form, is exact but for the grid on which the values are kept. What the grid leaves out is
-//! found by episodes of the policy that it makes best, and grids are refined until that
-//! policy becomes no better.
+//! found by episodes of the policy that it makes best, and grids are refined until that policy
+//! becomes no better, or until time is up.
 //!
 //! It stands before the agents and not with the analyses, because the optimal policy is one of the
 //! rules that agents are compared with.
@@ -17,7 +17,7 @@ mod expectation;
 mod grid;
 mod walk;
 
-use std::thread;
+use std::num::NonZeroUsize;
 
 use crate::env::{Action, Belief};
 use crate::manifest::{Environment, Feature, FirstContext, Scenario};
@@ -27,10 +27,11 @@ use walk::Walked;
 
 /// The coarsest grid; every further one is twice as fine in everything.
 const COARSEST: Resolution = Resolution { habituation: 10, disengagement: 75, jumps: 25 };
-/// The coarsest grid where disengagement risk never decays, so that the value is the same between
-/// jumps.
-const COARSEST_OF_STEPS: Resolution =
-    Resolution { habituation: 40, disengagement: 0, jumps: 1_000 };
+/// The coarsest grid where disengagement risk never decays and reaches its end in few increments: the
+/// value is the same between jumps.
+const COARSEST_OF_STEPS: Resolution = Resolution { habituation: 20, disengagement: 0, jumps: 50 };
+/// The least increment of that.
+const LEAST_INCREMENT: f64 = 0.02;
 /// The coarsest grid where nobody's disengagement risk ever grows.
 const COARSEST_OF_HABITUATION: Resolution =
     Resolution { habituation: 250, disengagement: 0, jumps: 0 };
@@ -38,20 +39,25 @@ const COARSEST_OF_HABITUATION: Resolution =
 const SMALL: f64 = 0.1;
 /// Steps of episodes on the coarsest grid; on every further one they are twice as many.
 const STEPS: u32 = 250_000;
-/// Most values that are computed for an optimum, in all: a few seconds.
-const MOST_COMPUTED: usize = 1_500_000_000;
+/// Values that are computed in the time of a step of an episode.
+const VALUES_A_STEP: usize = 70;
+/// Most values that are computed for an optimum, in all, unless three grids take more: a few seconds.
+const MOST_COMPUTED: usize = 2_200_000_000;
 /// Most values that are kept at a time: 240 MB.
 const MOST_KEPT: usize = 30_000_000;
-/// Most values that a policy keeps: 80 MB.
+/// How often the coarsest grid is refined for a policy, at most.
+const POLICY_REFINED: u32 = 3;
+/// Most values that a policy keeps, or so: 80 MB.
 const MOST_OF_POLICY: usize = 10_000_000;
 
 /// The best that can be done in an environment by who observes a scenario.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Optimum {
-    /// Mean undiscounted return of the optimal policy, in steps walked.
+    /// Mean undiscounted return of the best policy that was found, in steps walked.
     pub mean_return: f64,
-    /// How far that may be off, in steps walked: half of what the last refinement of the grid
-    /// changed, or a sixth of the one before, if that is more, and two standard errors.
+    /// How far that may be from the best policy's, in steps walked: half of what the last refinement
+    /// of the grid changed, or a sixth of what the one before did, if that is more, for the policy is
+    /// a little worse; and two standard errors.
     pub error: f64,
 }
 
@@ -82,35 +88,36 @@ pub fn shows_state(scenario: &Scenario) -> Result<(), StateHidden> {
     Err(StateHidden { scenario: scenario.clone(), shown })
 }
 
-/// The optimum of a scenario in an environment.
+/// The optimum of a scenario in an environment, computed by at most so many threads.
 ///
 /// The optimal policy knows which step it is at, and the first context where that is fixed.
 ///
 /// **Errors**: the scenario does not show habituation and disengagement risk.
-pub fn optimum(environment: &Environment, scenario: &Scenario) -> Result<Optimum, StateHidden> {
+pub fn optimum(
+    environment: &Environment,
+    scenario: &Scenario,
+    threads: NonZeroUsize,
+) -> Result<Optimum, StateHidden> {
     shows_state(scenario)?;
     let belief = Belief::new(environment, scenario);
     let coarsest = coarsest(environment, belief);
     let (mut found, mut computed) = (Vec::<Walked>::new(), 0);
-    let mut expected = environment.horizon;
-    let threads = thread::available_parallelism().map_or(1, usize::from);
     for refined in 0.. {
         let mut grid = Grid::new(environment, belief, coarsest.refined(refined));
-        grid.threads = threads;
-        let walked = walk::mean_return(&grid, expected, STEPS << refined);
-        expected = walked.steps;
+        grid.threads = threads.get();
+        let walked = walk::mean_return(&grid, STEPS.saturating_mul(1 << refined));
         found.push(walked);
-        // A finer grid has four times the values, and they may take more steps to settle. Every layer
-        // is computed twice.
-        let steps = walked.steps as usize;
-        computed += 2 * grid.nodes() * steps;
-        let is_affordable = computed + 10 * grid.nodes() * steps <= MOST_COMPUTED
-            && 4 * grid.nodes() * 2 * steps.isqrt() <= MOST_KEPT;
+        let [layers, steps] = walked.work;
+        let (values, steps) = (grid.nodes() * layers, VALUES_A_STEP * steps);
+        computed += values + steps;
+        // A finer grid has up to four times the nodes, and may take more steps to settle.
+        let is_affordable = computed + 5 * values + 2 * steps <= MOST_COMPUTED
+            && 4 * grid.nodes() * 3 * layers.isqrt() <= MOST_KEPT;
         if let Some(error) = error(&found).filter(|error| *error < SMALL || !is_affordable) {
             return Ok(Optimum { mean_return: walked.mean_return, error });
         }
     }
-    unreachable!("a grid is not refined without end")
+    unreachable!("what was computed grows beyond every bound")
 }
 
 /// How far the last of what finer and finer grids told may be off; `None` if they are too few.
@@ -130,7 +137,7 @@ fn coarsest(environment: &Environment, belief: Belief) -> Resolution {
     let harmless = environment.rho_2 >= 0.0 && environment.mu[0] + environment.mu[1] >= 0.0;
     if belief == Belief::Certain && harmless {
         COARSEST_OF_HABITUATION
-    } else if environment.delta_d == 0.0 {
+    } else if environment.delta_d == 0.0 && environment.epsilon_d >= LEAST_INCREMENT {
         COARSEST_OF_STEPS
     } else {
         COARSEST
@@ -189,8 +196,10 @@ impl OptimalPolicy {
         let coarsest = coarsest(environment, belief);
         let on = |resolution| Grid::new(environment, belief, resolution);
         // About as many as a finer grid takes.
-        let steps = on(coarsest).induce(|_, _| ()).left + 1;
-        let grid = on(coarsest.within(steps, MOST_OF_POLICY));
+        let steps = on(coarsest).induce(|_, _| ()).left as usize + 1;
+        let finest = (1..=POLICY_REFINED).rev().map(|times| coarsest.refined(times));
+        let mut affordable = finest.filter(|grid| grid.nodes() * steps <= MOST_OF_POLICY);
+        let grid = on(affordable.next().unwrap_or(coarsest));
         let mut layers = Vec::new();
         let last = grid.induce(|_, layer| layers.push(layer.to_vec()));
         Ok(OptimalPolicy { grid, layers, last })

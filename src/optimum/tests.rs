@@ -1,13 +1,17 @@
 //! The optimum against published values, against every course of short episodes, and at the edges
 //! of its parameters.
 
+use std::num::NonZeroUsize;
+
 use super::expectation::Expectation;
 use super::*;
 use crate::env::{Signal, inference_error, respond};
 use crate::rng::{Purpose, Stream};
 
+const ONE: NonZeroUsize = NonZeroUsize::MIN;
+
 fn value(environment: &Environment, scenario: &str) -> Optimum {
-    optimum(environment, &scenario.parse().unwrap()).unwrap()
+    optimum(environment, &scenario.parse().unwrap(), ONE).unwrap()
 }
 
 fn assert_known(first_context: FirstContext, scenario: &str, known: &[(f64, f64)]) {
@@ -81,7 +85,7 @@ fn the_optimum_of_short_episodes_is_the_best_of_every_course() {
     for environment in odd_environments() {
         for scenario in ["C-H-D", "P-H-D", "L-H-D", "D-T-H"] {
             let scenario: Scenario = scenario.parse().unwrap();
-            let ours = optimum(&environment, &scenario).unwrap();
+            let ours = optimum(&environment, &scenario, ONE).unwrap();
             let start = [environment.initial_habituation, environment.initial_disengagement];
             let belief = Expectation::new(Belief::new(&environment, &scenario));
             let exact = by_every_course(&environment, &belief, 0, start);
@@ -150,7 +154,7 @@ fn errors_of_interpolation_add_up_to_what_a_policy_s_return_differs_by() {
         for scenario in ["P-H-D", "L-H-D", "H-D"] {
             let belief = Belief::new(&environment, &scenario.parse().unwrap());
             let grid = Grid::new(&environment, belief, resolution);
-            let walked = walk::mean_return(&grid, environment.horizon, 160_000);
+            let walked = walk::mean_return(&grid, 160_000);
             let mut layers = Vec::new();
             let last = grid.induce(|_, layer| layers.push(layer.to_vec()));
             let promised = grid.mean_return(last.before(environment.horizon - 1));
@@ -165,15 +169,54 @@ fn errors_of_interpolation_add_up_to_what_a_policy_s_return_differs_by() {
 }
 
 #[test]
+fn threads_make_no_difference() {
+    // Just beside, and at, a whole number of distances between the layers that are kept.
+    for horizon in [129, 130] {
+        let environment = Environment { horizon, ..Environment::paper(0.8) };
+        let belief = Belief::new(&environment, &"P-H-D".parse().unwrap());
+        let walked = |threads| {
+            let mut grid = Grid::new(&environment, belief, COARSEST.refined(3));
+            assert!(grid.nodes() > 60_000, "enough for threads");
+            grid.threads = threads;
+            walk::mean_return(&grid, 20_000).mean_return.to_bits()
+        };
+        assert_eq!(walked(1), walked(3));
+    }
+}
+
+#[test]
+fn the_time_is_bounded_where_increments_are_tiny_and_nothing_settles() {
+    let usual = || Environment { horizon: 10_000, ..Environment::paper(0.8) };
+    for environment in [
+        Environment { epsilon_h: 1e-5, ..usual() },
+        Environment { epsilon_h: 1e-9, epsilon_d: 0.0, mu: [-300.0; 2], ..usual() },
+        Environment { delta_d: 0.0, epsilon_d: 1e-4, ..usual() },
+        Environment { delta_d: 0.0, epsilon_d: 0.02, epsilon_h: 0.0009, ..usual() },
+        Environment { delta_h: 0.0, delta_d: 0.0, epsilon_d: 0.02, ..usual() },
+        Environment { delta_d: 1e-9, epsilon_d: 1e-9, ..usual() },
+    ] {
+        for belief in [Belief::Certain, Belief::Likely { error: 0.2 }] {
+            let coarsest = coarsest(&environment, belief);
+            let nodes =
+                |refined| Grid::new(&environment, belief, coarsest.refined(refined)).nodes();
+            let three: usize = (0..3).map(nodes).sum();
+            assert!(2 * three * 10_000 < MOST_COMPUTED, "{environment:?} {three}");
+            let estimated = (0..5).map(|refined| coarsest.refined(refined).nodes());
+            assert!((0..5).map(nodes).zip(estimated).all(|(nodes, most)| nodes <= most));
+        }
+    }
+}
+
+#[test]
 fn where_steps_settle_the_rest_of_them_adds_the_same() {
     let of_horizon = |horizon| {
         let environment = Environment { horizon, ..Environment::paper(1.0) };
         let belief = Belief::new(&environment, &"L-H-D".parse().unwrap());
         let grid = Grid::new(&environment, belief, COARSEST);
-        (walk::mean_return(&grid, horizon, 1_500_000), grid)
+        (walk::mean_return(&grid, 1_500_000), grid)
     };
     let (long, _) = of_horizon(10_000);
-    assert!((100..9_000).contains(&long.steps), "{long:?}");
+    assert!((200..18_000).contains(&long.work[0]), "{long:?}");
     let (shorter, grid) = of_horizon(9_000);
     let gain = grid.induce(|_, _| ()).gain;
     let grown = (long.mean_return - shorter.mean_return) / 1_000.0;
@@ -196,7 +239,7 @@ fn the_optimal_policy_knows_a_fixed_first_context_and_what_is_left() {
 #[test]
 fn scenarios_that_hide_the_state_have_no_optimum() {
     let refused = |scenario: &str| {
-        let error = optimum(&Environment::paper(1.0), &scenario.parse().unwrap()).unwrap_err();
+        let error = optimum(&Environment::paper(1.0), &scenario.parse().unwrap(), ONE).unwrap_err();
         error.to_string()
     };
     assert_eq!(

@@ -26,29 +26,35 @@ pub(super) struct Walked {
     pub mean_return: f64,
     /// Its standard error.
     pub standard_error: f64,
-    /// Steps whose values were computed.
-    pub steps: u32,
+    /// Layers and steps of episodes that were computed.
+    pub work: [usize; 2],
 }
 
-/// The mean return of the policy that makes the best choices by the values on a grid, of about so
-/// many steps `to_walk` in all; those of about so many `steps` will be computed. Every call rolls
-/// the same episodes.
+/// The mean return of the policy that makes the best choices by the values on a grid, over episodes
+/// of so many steps together, or so. Every call rolls the same episodes.
 ///
 /// Episodes meet the values in the opposite order to the one in which they are computed, and there
 /// is no room for all. So layers are kept at distances, and those between computed again.
-pub(super) fn mean_return(grid: &Grid, steps: u32, to_walk: u32) -> Walked {
+pub(super) fn mean_return(grid: &Grid, steps: u32) -> Walked {
     let e = grid.environment();
-    let distance = f64::from(steps).sqrt().ceil() as u32;
-    let mut kept: Vec<Vec<f64>> = Vec::new();
+    let (mut kept, mut distance) = (Vec::<Vec<f64>>::new(), 8);
     let induced = grid.induce(|left, layer| {
         if left.is_multiple_of(distance) {
             kept.push(layer.to_vec());
         }
+        // As many as there are between two.
+        if kept.len() > 2 * distance as usize {
+            let mut is_even = false;
+            kept.retain(|_| {
+                is_even = !is_even;
+                is_even
+            });
+            distance *= 2;
+        }
     });
     let (fewest, most) = EPISODES;
-    let mut episodes: Vec<Episode> = (1..=(to_walk / e.horizon).clamp(fewest, most))
-        .map(|seed| Episode::start(e, seed))
-        .collect();
+    let mut episodes: Vec<Episode> =
+        (1..=(steps / e.horizon).clamp(fewest, most)).map(|seed| Episode::start(e, seed)).collect();
     roll(&mut episodes, grid, induced.left..e.horizon, |left| induced.before(left));
     let mut end = induced.left;
     let mut layers = vec![vec![0.0; grid.nodes()]; distance as usize + 1];
@@ -70,7 +76,7 @@ pub(super) fn mean_return(grid: &Grid, steps: u32, to_walk: u32) -> Walked {
     Walked {
         mean_return: of_start + left_out.0,
         standard_error: left_out.1,
-        steps: induced.left + 1,
+        work: [2 * (induced.left as usize + 1), episodes.len() * e.horizon as usize],
     }
 }
 
