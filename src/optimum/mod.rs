@@ -42,9 +42,9 @@ const STEPS: u32 = 250_000;
 /// Values that are computed in the time of a step of an episode.
 const VALUES_A_STEP: usize = 70;
 /// Most values that are computed for an optimum, in all, unless three grids take more: a few seconds.
-const MOST_COMPUTED: usize = 2_200_000_000;
-/// Most values that are kept at a time: 240 MB.
-const MOST_KEPT: usize = 30_000_000;
+const MOST_COMPUTED: usize = 2_300_000_000;
+/// Most values that are kept at a time: 320 MB.
+const MOST_KEPT: usize = 40_000_000;
 /// How often the coarsest grid is refined for a policy, at most.
 const POLICY_REFINED: u32 = 3;
 /// Most values that a policy keeps, or so: 80 MB.
@@ -110,9 +110,10 @@ pub fn optimum(
         let [layers, steps] = walked.work;
         let (values, steps) = (grid.nodes() * layers, VALUES_A_STEP * steps);
         computed += values + steps;
-        // A finer grid has up to four times the nodes, and may take more steps to settle.
+        // A finer grid has up to four times the nodes, and may take more steps to settle. Layers are
+        // computed twice; at most three times the root of their number are kept.
         let is_affordable = computed + 5 * values + 2 * steps <= MOST_COMPUTED
-            && 4 * grid.nodes() * 3 * layers.isqrt() <= MOST_KEPT;
+            && 4 * grid.nodes() * 3 * (layers / 2).isqrt() <= MOST_KEPT;
         if let Some(error) = error(&found).filter(|error| *error < SMALL || !is_affordable) {
             return Ok(Optimum { mean_return: walked.mean_return, error });
         }
