@@ -22,9 +22,11 @@ use super::expectation::Expectation;
 const APART: f64 = 1e-9;
 /// How much smaller a jump becomes by a wrong message, in decays: what it is worth to be followed.
 const DECAYS_A_MISTAKE: u32 = 4;
-/// How far the steps before a step may still differ from it in what they add, in all, in steps
-/// walked, for the induction to take them as equal.
+/// How far the steps before a step may still differ from it in what they add, in all, in units
+/// ([`Grid::unit`]), for the induction to take them as equal.
 const SETTLED: f64 = 1.0;
+/// The largest reward of a step by the paper's parameters, in steps walked.
+const USUAL_REWARD: f64 = 200.0;
 
 /// Values of a layer for which it is worth to begin a thread.
 const WORTH_A_THREAD: usize = 25_000;
@@ -169,6 +171,13 @@ impl Grid {
         &self.environment
     }
 
+    /// What differences are measured by: a step walked, or less where messages bring less than the
+    /// paper's.
+    pub fn unit(&self) -> f64 {
+        let reward = self.environment.rho_1.abs().max(self.environment.rho_2.abs());
+        (reward / USUAL_REWARD).clamp(1e-9, 1.0)
+    }
+
     /// How many values a layer has.
     pub fn nodes(&self) -> usize {
         self.rows.len() * self.columns.len()
@@ -192,7 +201,7 @@ impl Grid {
             let added = Added::between(&later, &now);
             mem::swap(&mut later, &mut now);
             let spread = added.or(added_before).spread();
-            if spread * f64::from(most_left - left) < SETTLED {
+            if spread * f64::from(most_left - left) < SETTLED * self.unit() {
                 let gain = (added.least + added.most) / 2.0;
                 return Induced { left, layer: later, gain };
             }

@@ -35,7 +35,7 @@ const LEAST_INCREMENT: f64 = 0.02;
 /// The coarsest grid where nobody's disengagement risk ever grows.
 const COARSEST_OF_HABITUATION: Resolution =
     Resolution { habituation: 250, disengagement: 0, jumps: 0 };
-/// Error that is small enough, in steps walked.
+/// Error that is small enough, in units of the grid.
 const SMALL: f64 = 0.1;
 /// Steps of episodes on the coarsest grid; on every further one they are twice as many.
 const STEPS: u32 = 250_000;
@@ -114,7 +114,9 @@ pub fn optimum(
         // computed twice; at most three times the root of their number are kept.
         let is_affordable = computed + 5 * values + 2 * steps <= MOST_COMPUTED
             && 4 * grid.nodes() * 3 * (layers / 2).isqrt() <= MOST_KEPT;
-        if let Some(error) = error(&found).filter(|error| *error < SMALL || !is_affordable) {
+        if let Some(error) =
+            error(&found).filter(|error| *error < SMALL * grid.unit() || !is_affordable)
+        {
             return Ok(Optimum { mean_return: walked.mean_return, error });
         }
     }

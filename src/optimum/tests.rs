@@ -169,6 +169,23 @@ fn errors_of_interpolation_add_up_to_what_a_policy_s_return_differs_by() {
 }
 
 #[test]
+fn small_rewards_have_as_exact_an_optimum() {
+    for scenario in ["C-H-D", "P-H-D", "L-H-D"] {
+        let usual = Environment::paper(0.8);
+        let small = Environment {
+            rho_1: usual.rho_1 / 1e4,
+            rho_2: usual.rho_2 / 1e4,
+            mu: usual.mu.map(|mu| mu / 1e4),
+            ..usual.clone()
+        };
+        let (usual, small) = (value(&usual, scenario), value(&small, scenario));
+        let apart = (usual.mean_return - 1e4 * small.mean_return).abs();
+        assert!(apart < 0.01 + usual.error, "{scenario}: {usual:?} {small:?}");
+        assert!(small.error < 1e-5 + usual.error / 1e4, "{scenario}: {usual:?} {small:?}");
+    }
+}
+
+#[test]
 fn threads_make_no_difference() {
     // Just beside, and at, a whole number of distances between the layers that are kept.
     for horizon in [129, 130] {
