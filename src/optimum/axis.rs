@@ -61,6 +61,13 @@ impl Axis {
         Axis(nodes)
     }
 
+    /// These nodes, at least one and all below `end`, which is another.
+    pub fn through(mut nodes: Vec<f64>, end: f64) -> Axis {
+        debug_assert!(!nodes.is_empty() && nodes.iter().all(|node| *node < end));
+        nodes.push(end);
+        Axis(nodes)
+    }
+
     pub fn nodes(&self) -> &[f64] {
         &self.0
     }

@@ -8,6 +8,7 @@
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
+use std::iter;
 use std::mem;
 use std::thread;
 
@@ -40,22 +41,26 @@ pub(super) struct Resolution {
     pub disengagement: usize,
     /// Most jumps of the value that have a line of their own.
     pub jumps: usize,
+    /// How many [`levels`] of disengagement risk there are, if the grid has those alone, and no steps
+    /// and jumps; else 0.
+    pub levels: usize,
 }
 
 impl Resolution {
-    /// Twice as fine in everything, so many times over.
+    /// Twice as fine in everything but levels, so many times over.
     pub fn refined(self, times: u32) -> Resolution {
         Resolution {
             habituation: self.habituation << times,
             disengagement: self.disengagement << times,
             jumps: self.jumps << times,
+            levels: self.levels,
         }
     }
 
     /// About how many nodes that makes.
     pub fn nodes(self) -> usize {
         // A jump has two nodes and cuts a step in two; steps of habituation are up to half as long.
-        2 * self.habituation * (self.disengagement + 2 * self.jumps + 2)
+        (2 * self.habituation + 1) * (self.disengagement + 2 * self.jumps + self.levels + 2)
     }
 }
 
@@ -125,9 +130,17 @@ impl Grid {
     pub fn new(environment: &Environment, belief: Belief, resolution: Resolution) -> Grid {
         let e = &Environment { mu: [0.0; 2], ..environment.clone() };
         let habituation = Axis::with_stride(e.epsilon_h, resolution.habituation);
-        let jumps = jumps(e, resolution.jumps);
         let threshold = e.disengagement_threshold;
-        let disengagement = Axis::with_jumps(threshold, resolution.disengagement, &jumps);
+        let levels = levels(e, resolution.levels);
+        // Levels are what episodes meet, to the last bit.
+        let rounding = if levels.is_some() { 0.0 } else { APART / 2.0 };
+        let disengagement = match levels {
+            Some(levels) => Axis::through(levels, threshold),
+            None => {
+                let jumps = jumps(e, resolution.jumps);
+                Axis::with_jumps(threshold, resolution.disengagement, &jumps)
+            }
+        };
         let row = |h: &f64| {
             let of = |action| respond(e, 0, action, *h, 0.0);
             let suitable = of(Action::tailored_to(0));
@@ -145,8 +158,8 @@ impl Grid {
             // Without the cap at 1, at which a limit from below could not be told.
             let annoyed = d + e.epsilon_d;
             let ends = match side {
-                Side::At => annoyed >= threshold - APART / 2.0,
-                Side::Below => annoyed > threshold + APART / 2.0,
+                Side::At => annoyed >= threshold - rounding,
+                Side::Below => annoyed > threshold + rounding,
             };
             let annoyed = (!ends).then(|| disengagement.place(annoyed, side));
             Column { calmed: disengagement.place(calm, side), annoyed }
@@ -331,6 +344,22 @@ impl Induced {
     pub fn before(&self, left: u32) -> Moment<'_> {
         Moment { layer: &self.layer, more: f64::from(left - self.left) * self.gain }
     }
+}
+
+/// The disengagement risks below the threshold that an episode can meet, increasing, where the risk
+/// never decays: the first and what increments lead to, rounded as in an episode. `None` if it decays,
+/// or if they are none or more than `most`.
+pub(super) fn levels(e: &Environment, most: usize) -> Option<Vec<f64>> {
+    if e.delta_d != 0.0 {
+        return None;
+    }
+    let annoyed = |d: &f64| Some(respond(e, 0, Action::tailored_to(1), 0.0, *d).disengagement);
+    let met = iter::successors(Some(e.initial_disengagement), annoyed);
+    let is_below = |d: &f64| *d < e.disengagement_threshold;
+    let mut levels: Vec<f64> = met.take_while(is_below).take(most + 1).collect();
+    // An increment may be nothing.
+    levels.dedup();
+    (1..=most).contains(&levels.len()).then_some(levels)
 }
 
 /// The disengagement risks at which the value jumps, increasing: the largest jumps, at most so many.

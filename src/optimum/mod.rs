@@ -22,19 +22,19 @@ use std::num::NonZeroUsize;
 use crate::env::{Action, Belief};
 use crate::manifest::{Environment, Feature, FirstContext, Scenario};
 
-use grid::{Grid, Induced, Moment, Resolution};
+use grid::{Grid, Induced, Moment, Resolution, levels};
 use walk::Walked;
 
 /// The coarsest grid; every further one is twice as fine in everything.
-const COARSEST: Resolution = Resolution { habituation: 10, disengagement: 75, jumps: 25 };
-/// The coarsest grid where disengagement risk never decays and reaches its end in few increments: the
-/// value is the same between jumps.
-const COARSEST_OF_STEPS: Resolution = Resolution { habituation: 20, disengagement: 0, jumps: 50 };
-/// The least increment of that.
-const LEAST_INCREMENT: f64 = 0.02;
+const COARSEST: Resolution =
+    Resolution { habituation: 10, disengagement: 75, jumps: 25, levels: 0 };
+/// The habituation of the coarsest grid where disengagement risk never decays and its levels are few.
+const COARSEST_OF_LEVELS: usize = 20;
+/// Most of them.
+const MOST_LEVELS: usize = 200;
 /// The coarsest grid where nobody's disengagement risk ever grows.
 const COARSEST_OF_HABITUATION: Resolution =
-    Resolution { habituation: 250, disengagement: 0, jumps: 0 };
+    Resolution { habituation: 250, disengagement: 0, jumps: 0, levels: 0 };
 /// Error that is small enough, in units of the grid.
 const SMALL: f64 = 0.1;
 /// Steps of episodes on the coarsest grid; on every further one they are twice as many.
@@ -140,8 +140,9 @@ fn coarsest(environment: &Environment, belief: Belief) -> Resolution {
     let harmless = environment.rho_2 >= 0.0 && environment.mu[0] + environment.mu[1] >= 0.0;
     if belief == Belief::Certain && harmless {
         COARSEST_OF_HABITUATION
-    } else if environment.delta_d == 0.0 && environment.epsilon_d >= LEAST_INCREMENT {
-        COARSEST_OF_STEPS
+    } else if let Some(levels) = levels(environment, MOST_LEVELS) {
+        let habituation = COARSEST_OF_LEVELS;
+        Resolution { habituation, disengagement: 0, jumps: 0, levels: levels.len() }
     } else {
         COARSEST
     }

@@ -73,11 +73,20 @@ fn odd_environments() -> Vec<Environment> {
         Environment { epsilon_d: 0.0, epsilon_h: 0.0, delta_h: 1.0, delta_d: 1.0, ..paper() },
         Environment { delta_h: 0.0, delta_d: 0.0, epsilon_h: 1.0, ..paper() },
         Environment { initial_disengagement: 1.0, ..paper() },
+        Environment { initial_disengagement: 1.0, delta_d: 0.0, ..paper() },
+        // Three mistakes make 0.8999999999999999.
+        Environment { disengagement_threshold: 0.9, ..of_levels(0.3, 7) },
         Environment { rho_1: -50.0, rho_2: -200.0, mu: [-1e5, -1e5], ..paper() },
         Environment { sigma: 0.0, epsilon_d: 0.3, ..paper() },
         Environment { sigma: 1e6, delta_d: 0.5, epsilon_d: 0.25, ..paper() },
         Environment { horizon: 1, ..paper() },
     ]
+}
+
+/// Disengagement risk grows from 0 and never decays.
+fn of_levels(epsilon_d: f64, horizon: u32) -> Environment {
+    let paper = Environment::paper(0.7);
+    Environment { initial_disengagement: 0.0, delta_d: 0.0, epsilon_d, horizon, ..paper }
 }
 
 #[test]
@@ -142,7 +151,7 @@ fn simulated(policy: &OptimalPolicy, e: &Environment, belief: Belief, count: u32
 #[test]
 fn errors_of_interpolation_add_up_to_what_a_policy_s_return_differs_by() {
     // So coarse that the values promise another return than their policy has.
-    let resolution = Resolution { habituation: 3, disengagement: 1, jumps: 1 };
+    let resolution = Resolution { habituation: 3, disengagement: 1, jumps: 1, levels: 0 };
     let mut broken = 0.0;
     for (sigma, first_context) in [(0.6, FirstContext::Fixed), (2.0, FirstContext::Sampled)] {
         let environment = Environment {
@@ -166,6 +175,26 @@ fn errors_of_interpolation_add_up_to_what_a_policy_s_return_differs_by() {
         }
     }
     assert!(broken > 5.0, "{broken}");
+}
+
+/// Ten tenths added up are less than 1, so that eleven mistakes are needed and not ten.
+#[test]
+fn risk_that_never_decays_has_the_levels_of_its_rounded_sums() {
+    let environment = of_levels(0.1, 1_000);
+    let levels = levels(&environment, MOST_LEVELS).unwrap();
+    assert_eq!(
+        (levels.len(), levels[3], levels[10]),
+        (11, 0.1 + 0.1 + 0.1, 0.999_999_999_999_999_9)
+    );
+    for scenario in ["P-H-D", "L-H-D", "H-D"] {
+        let ours = value(&environment, scenario);
+        assert!(ours.error < 0.5, "{scenario}: {ours:?}");
+        let belief = Belief::new(&environment, &scenario.parse().unwrap());
+        let resolution = coarsest(&environment, belief).refined(2);
+        let promised = Grid::new(&environment, belief, resolution);
+        let promised = promised.mean_return(promised.induce(|_, _| ()).before(999));
+        assert!((promised - ours.mean_return).abs() < 1.0, "{scenario}: {promised} {ours:?}");
+    }
 }
 
 #[test]
@@ -208,7 +237,7 @@ fn the_time_is_bounded_where_increments_are_tiny_and_nothing_settles() {
         Environment { epsilon_h: 1e-5, ..usual() },
         Environment { epsilon_h: 1e-9, epsilon_d: 0.0, mu: [-300.0; 2], ..usual() },
         Environment { delta_d: 0.0, epsilon_d: 1e-4, ..usual() },
-        Environment { delta_d: 0.0, epsilon_d: 0.02, epsilon_h: 0.0009, ..usual() },
+        Environment { delta_d: 0.0, epsilon_d: 0.0046, epsilon_h: 0.026, ..usual() },
         Environment { delta_h: 0.0, delta_d: 0.0, epsilon_d: 0.02, ..usual() },
         Environment { delta_d: 1e-9, epsilon_d: 1e-9, ..usual() },
     ] {
