@@ -5,6 +5,8 @@
 //! decay or by an increment, and there it is a smaller jump. The grid has a line at each of the
 //! largest, so that nothing is interpolated across them. In habituation, an increment leads from line
 //! to line, and what a decay leads to is interpolated by cubics.
+//!
+//! Where disengagement risk never decays, the few levels that it can have are the grid.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
