@@ -77,9 +77,8 @@ impl Reader<'_> {
                 let found = shortened(found);
                 let message =
                     format!("unknown key `{found}` in an [[analysis]] of kind \"{kind}\"");
-                let fault = Fault::at(key.span().into(), message)
-                    .help(format!("its keys are {}", keys.join(", ")));
-                self.faults.add(fault.nearest(&found, keys.iter().copied()));
+                let fault = Fault::at(key.span().into(), message);
+                self.faults.add(fault.one_of("its", &keys, &found));
             }
         }
     }

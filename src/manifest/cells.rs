@@ -6,7 +6,7 @@ use toml::de::DeTable;
 
 use super::declared::Condition;
 use super::draft::Draft;
-use super::fault::Fault;
+use super::fault::{Fault, nearest};
 use super::keys::{Key, Section};
 use super::parameter::Parameter;
 use super::read::{MOST_ENTRIES, shortened};
@@ -98,9 +98,14 @@ impl Reader<'_> {
                     let message = format!("unknown key `{}` in {place}", shortened(found));
                     let fault = Fault::at(key.span().into(), message);
                     let dotted = Parameter::all().map(|parameter| parameter.to_string());
-                    let meant =
-                        dotted.into_iter().find(|name| name.ends_with(&format!(".{found}")));
+                    let mut dotted = dotted.chain(["agent.name".to_owned()]);
+                    let ending = format!(".{found}");
+                    let meant = dotted.find(|name| name == found || name.ends_with(&ending));
                     self.faults.add(match meant {
+                        // In quotes the dot is a letter of the key.
+                        Some(meant) if meant == found => {
+                            fault.help(format!("write it without quotes: {meant} = …"))
+                        }
                         Some(meant) => fault.help(format!("did you mean `{meant}`?")),
                         None => fault.nearest(found, CONDITIONS),
                     });
@@ -133,9 +138,12 @@ impl Reader<'_> {
             let Some((section, known)) = find(section, found) else {
                 let message = format!("unknown key `{section}.{}` in {place}", shortened(found));
                 let fault = Fault::at(key.span().into(), message);
-                let names: Vec<String> = Parameter::all().map(|p| p.to_string()).collect();
-                let dotted = format!("{section}.{found}");
-                self.faults.add(fault.nearest(&dotted, names.iter().map(String::as_str)));
+                let same = Section::ALL.into_iter().filter(|known| known.name() == section);
+                let keys = same.flat_map(|section| section.keys().iter().map(|key| key.name));
+                self.faults.add(match nearest(found, keys) {
+                    Some(key) => fault.help(format!("did you mean `{section}.{key}`?")),
+                    None => fault,
+                });
                 continue;
             };
             let parameter = Parameter::of(section, known.name);

@@ -43,6 +43,12 @@ impl Fault {
         }
     }
 
+    /// Points to the nearest of the keys of `owner`, or else names them all.
+    pub(super) fn one_of(self, owner: &str, keys: &[&str], found: &str) -> Fault {
+        let all = self.help(format!("{owner} keys are {}", keys.join(", ")));
+        all.nearest(found, keys.iter().copied())
+    }
+
     /// What is wrong, with the valid range or values.
     pub fn message(&self) -> &str {
         &self.message

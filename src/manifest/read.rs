@@ -439,7 +439,7 @@ fn belonging(fault: Fault, here: Option<Section>, found: &str, names: &[&str]) -
         Some((section, None, _)) => {
             fault.help(format!("`{found}` belongs in [{}]", section.name()))
         }
-        None => fault.nearest(found, names.iter().copied()),
+        None => fault.one_of(if here.is_some() { "its" } else { "the manifest's" }, names, found),
     }
 }
 
