@@ -161,18 +161,12 @@ pub(super) fn write<W: Write>(
     written.map_or(Ok(()), Written::finish).map_err(Failed::Output)
 }
 
-fn cell(value: &Value<'_>) -> Cell {
-    match value {
+fn cell<'a>(value: &Value<'a>) -> Cell<'a> {
+    match *value {
         Value::Null => Cell::Empty,
-        Value::Integer(number) => Cell::Integer(*number),
-        Value::Real(number) => Cell::Real(*number),
-        Value::Text(text) => Cell::text(*text),
-        Value::Blob(bytes) => Cell::Text(digits(bytes)),
+        Value::Integer(number) => Cell::Integer(number),
+        Value::Real(number) => Cell::Real(number),
+        Value::Text(text) => Cell::text(text),
+        Value::Blob(bytes) => Cell::Bytes(bytes),
     }
-}
-
-/// Bytes as SQL writes them.
-pub(super) fn digits(bytes: &[u8]) -> String {
-    let digits: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
-    format!("x'{digits}'")
 }

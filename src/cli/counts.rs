@@ -16,7 +16,11 @@ pub(super) const COLUMNS: [&str; 8] = [
 ];
 
 /// A row: an experiment, its jobs by state, and the seconds left where they can be estimated.
-pub(super) fn cells(experiment: &str, counts: &Counts, seconds_left: Option<f64>) -> Vec<Cell> {
+pub(super) fn cells<'a>(
+    experiment: &'a str,
+    counts: &Counts,
+    seconds_left: Option<f64>,
+) -> Vec<Cell<'a>> {
     let integer = |count: u64| Cell::Integer(count as i64);
     vec![
         Cell::text(experiment),

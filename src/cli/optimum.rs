@@ -67,7 +67,7 @@ fn of_manifests(manifests: &[Manifest], format: Format) -> Result<(), Error> {
                 [Cell::Empty, Cell::Empty]
             });
             let of_key = |key: &&str| match &serde_json::json!(environment)[*key] {
-                serde_json::Value::String(word) => Cell::text(word),
+                serde_json::Value::String(word) => Cell::text(word.clone()),
                 other => Cell::Nested(other.clone()),
             };
             let mut row = vec![Cell::text(&manifest.name)];
@@ -94,7 +94,8 @@ fn of_arguments(arguments: &Arguments) -> Result<(), Error> {
     for scenario in &arguments.scenarios {
         for environment in &environments {
             let found = found(environment, scenario).map_err(refused)?;
-            let row: Vec<Cell> = known(environment, scenario).into_iter().chain(found).collect();
+            let row: Vec<Cell<'_>> =
+                known(environment, scenario).into_iter().chain(found).collect();
             rows.row(&row)?;
         }
     }
@@ -102,14 +103,17 @@ fn of_arguments(arguments: &Arguments) -> Result<(), Error> {
 }
 
 /// The first of [`COLUMNS`], which need no computation.
-fn known(environment: &Environment, scenario: &Scenario) -> [Cell; 3] {
+fn known(environment: &Environment, scenario: &Scenario) -> [Cell<'static>; 3] {
     let error = inference_error(environment.sigma);
     let sigma = Cell::Real(environment.sigma);
     [Cell::text(scenario.to_string()), sigma, Cell::Rounded(error, 4)]
 }
 
 /// The last of [`COLUMNS`].
-fn found(environment: &Environment, scenario: &Scenario) -> Result<[Cell; 2], StateHidden> {
+fn found(
+    environment: &Environment,
+    scenario: &Scenario,
+) -> Result<[Cell<'static>; 2], StateHidden> {
     let threads = thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
     let found = optimum::optimum(environment, scenario, threads)?;
     Ok([Cell::Rounded(found.mean_return, 1), Cell::Rounded(found.error, 2)])

@@ -1,18 +1,23 @@
 //! Rows for people and for programs: aligned text, CSV or JSON on standard output.
 
+use std::borrow::Cow;
 use std::io::{self, Write};
 
 use clap::ValueEnum;
 use comfy_table::{CellAlignment, ColumnConstraint, Table, Width, presets};
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use crate::manifest::hidden;
+use crate::report::escape::defused;
 
 /// Spaces on either side of a table's columns.
 const PADDING: (u16, u16) = (0, 2);
 
 /// Rows of a table that share their widths: beyond them, nobody has the header in view.
 const ALIGNED_TOGETHER: usize = 10_000;
+
+/// Characters of a cell that a table shows: with more, nobody reads it.
+const MOST_SHOWN: usize = 2_000;
 
 /// How rows are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -27,7 +32,7 @@ pub(super) enum Format {
 
 /// One value of a row.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Cell {
+pub(super) enum Cell<'a> {
     /// Nothing: empty in text and CSV, `null` in JSON.
     Empty,
     /// A whole number.
@@ -39,13 +44,15 @@ pub(super) enum Cell {
     /// Numbers written out, such as `12.3 ± 4.5`.
     Figure(String),
     /// Text.
-    Text(String),
+    Text(Cow<'a, str>),
+    /// Bytes, which are written as SQL writes them.
+    Bytes(&'a [u8]),
     /// A list or object; as it is in JSON, and as its text elsewhere.
     Nested(Value),
 }
 
-impl Cell {
-    pub(super) fn text(text: impl Into<String>) -> Cell {
+impl<'a> Cell<'a> {
+    pub(super) fn text(text: impl Into<Cow<'a, str>>) -> Self {
         Cell::Text(text.into())
     }
 
@@ -53,34 +60,81 @@ impl Cell {
         matches!(self, Cell::Integer(_) | Cell::Real(_) | Cell::Rounded(..) | Cell::Figure(_))
     }
 
-    /// For a person: rounded, and with control characters shown, not obeyed.
+    /// For a person: rounded, with control characters shown, not obeyed, and not longer than can be
+    /// read.
     fn for_reading(&self) -> String {
         match self {
             Cell::Rounded(value, decimals) => format!("{value:.decimals$}"),
-            Cell::Text(text) => printable(text),
-            Cell::Nested(value) => printable(&value.to_string()),
-            Cell::Empty | Cell::Integer(_) | Cell::Real(_) | Cell::Figure(_) => self.exact(),
+            Cell::Text(text) => shown(text),
+            Cell::Nested(value) => shown(&value.to_string()),
+            Cell::Bytes(bytes) if bytes.len() > MOST_SHOWN / 2 => {
+                let first: String = digits(&bytes[..MOST_SHOWN / 2]).collect();
+                format!("x'{first}… ({} bytes)", bytes.len())
+            }
+            Cell::Empty | Cell::Integer(_) | Cell::Real(_) | Cell::Figure(_) | Cell::Bytes(_) => {
+                self.exact().into_owned()
+            }
         }
     }
 
     /// For a program: every digit.
-    fn exact(&self) -> String {
+    fn exact(&self) -> Cow<'_, str> {
         match self {
-            Cell::Empty => String::new(),
-            Cell::Integer(value) => value.to_string(),
-            Cell::Real(value) | Cell::Rounded(value, _) => value.to_string(),
-            Cell::Figure(text) | Cell::Text(text) => text.clone(),
-            Cell::Nested(value) => value.to_string(),
+            Cell::Empty => Cow::Borrowed(""),
+            Cell::Integer(value) => Cow::Owned(value.to_string()),
+            Cell::Real(value) | Cell::Rounded(value, _) => Cow::Owned(value.to_string()),
+            Cell::Figure(text) => Cow::Borrowed(text),
+            Cell::Text(text) => Cow::Borrowed(text),
+            Cell::Bytes(bytes) => Cow::Owned(as_sql(bytes)),
+            Cell::Nested(value) => Cow::Owned(value.to_string()),
         }
     }
 
-    fn to_json(&self) -> Value {
+    /// For CSV: what people and spreadsheets may open.
+    fn for_csv(&self) -> Cow<'_, str> {
         match self {
-            Cell::Empty => Value::Null,
-            Cell::Integer(value) => json!(value),
-            Cell::Real(value) | Cell::Rounded(value, _) => json!(value),
-            Cell::Figure(text) | Cell::Text(text) => json!(text),
-            Cell::Nested(value) => value.clone(),
+            Cell::Text(text) => defused(text),
+            _ => self.exact(),
+        }
+    }
+
+    /// Writes it as JSON, a piece at a time.
+    fn write_json(&self, out: &mut impl Write) -> io::Result<()> {
+        match self {
+            Cell::Empty => out.write_all(b"null"),
+            Cell::Integer(value) => Ok(serde_json::to_writer(out, value)?),
+            Cell::Real(value) | Cell::Rounded(value, _) => Ok(serde_json::to_writer(out, value)?),
+            Cell::Figure(text) => Ok(serde_json::to_writer(out, text)?),
+            Cell::Text(text) => Ok(serde_json::to_writer(out, text)?),
+            Cell::Bytes(bytes) => {
+                out.write_all(b"\"x'")?;
+                for piece in bytes.chunks(1 << 12) {
+                    out.write_all(digits(piece).collect::<String>().as_bytes())?;
+                }
+                out.write_all(b"'\"")
+            }
+            Cell::Nested(value) => Ok(serde_json::to_writer(out, value)?),
+        }
+    }
+}
+
+/// Bytes as SQL writes them.
+pub(super) fn as_sql(bytes: &[u8]) -> String {
+    ["x'"].into_iter().flat_map(str::chars).chain(digits(bytes)).chain(['\'']).collect()
+}
+
+/// The hexadecimal digits of bytes.
+fn digits(bytes: &[u8]) -> impl Iterator<Item = char> {
+    let digit = |half: u8| char::from(b"0123456789abcdef"[usize::from(half)]);
+    bytes.iter().flat_map(move |byte| [digit(byte >> 4), digit(byte & 15)])
+}
+
+/// The text as a table shows it: [`printable`], and cut if it is long.
+fn shown(text: &str) -> String {
+    match text.char_indices().nth(MOST_SHOWN) {
+        None => printable(text),
+        Some((end, _)) => {
+            format!("{}… ({} characters)", printable(&text[..end]), text.chars().count())
         }
     }
 }
@@ -150,7 +204,7 @@ impl<W: Write> Rows<W> {
     }
 
     /// Adds a row, one cell a column.
-    pub(super) fn row(&mut self, cells: &[Cell]) -> io::Result<()> {
+    pub(super) fn row(&mut self, cells: &[Cell<'_>]) -> io::Result<()> {
         match self {
             Rows::Table(out, table, widths) => {
                 if table.row_count() >= ALIGNED_TOGETHER {
@@ -175,17 +229,23 @@ impl<W: Write> Rows<W> {
                 }
             }
             Rows::Csv(writer) => {
-                writer.write_record(cells.iter().map(Cell::exact)).map_err(cause)?;
+                for cell in cells {
+                    writer.write_field(cell.for_csv().as_bytes()).map_err(cause)?;
+                }
+                writer.write_record(None::<&[u8]>).map_err(cause)?;
             }
             Rows::Json(out, columns, count) => {
+                out.write_all(if *count == 0 { b"\n{" } else { b",\n{" })?;
                 // Not a map: it would sort the columns.
-                let members: Vec<String> = columns
-                    .iter()
-                    .zip(cells)
-                    .map(|(name, cell)| format!("{}:{}", json!(name), cell.to_json()))
-                    .collect();
-                let separator = if *count == 0 { "\n" } else { ",\n" };
-                write!(out, "{separator}{{{}}}", members.join(","))?;
+                for (i, (name, cell)) in columns.iter().zip(cells).enumerate() {
+                    if i > 0 {
+                        out.write_all(b",")?;
+                    }
+                    serde_json::to_writer(&mut *out, name)?;
+                    out.write_all(b":")?;
+                    cell.write_json(out)?;
+                }
+                out.write_all(b"}")?;
                 *count += 1;
             }
         }
@@ -248,6 +308,19 @@ mod tests {
     fn tables_round_align_and_escape() {
         let expected = "name               mean\na,\"b\"\\u{1b}[31m  1234.6\nc\n";
         assert_eq!(written(Format::Table), expected);
+    }
+
+    #[test]
+    fn formulas_are_defused_in_csv_and_numbers_are_not() {
+        let mut out = Vec::new();
+        let columns = ["a", "b", "c"].map(str::to_owned);
+        let mut rows = Rows::new(Format::Csv, &columns, &mut out).unwrap();
+        let bytes = [0, 0xaf];
+        rows.row(&[Cell::text("=cmd()"), Cell::text("-0.5"), Cell::Bytes(&bytes)]).unwrap();
+        rows.row(&[Cell::Real(-0.5), Cell::Figure("-1 ± 2".into()), Cell::Empty]).unwrap();
+        rows.finish().unwrap();
+        let text = String::from_utf8(out).unwrap();
+        assert_eq!(text, "a,b,c\n'=cmd(),-0.5,x'00af'\n-0.5,-1 ± 2,\n");
     }
 
     #[test]

@@ -15,7 +15,7 @@ use ::parquet::file::properties::WriterProperties;
 use ::parquet::file::writer::{SerializedColumnWriter, SerializedFileWriter};
 use ::parquet::schema::types::{Type, TypePtr};
 
-use crate::cli::answer::digits;
+use crate::cli::output::as_sql;
 use crate::store::Value;
 
 /// Rows handed to the encoder at a time.
@@ -90,7 +90,7 @@ impl Values {
                 Values::Texts(texts) => texts.push(&number.to_string()),
             },
             Value::Text(text) => self.push_text(text),
-            Value::Blob(bytes) => self.push_text(&digits(bytes)),
+            Value::Blob(bytes) => self.push_text(&as_sql(bytes)),
         }
     }
 

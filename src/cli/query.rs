@@ -3,11 +3,14 @@
 use std::io::{self, Read};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::cli::answer::{self, AnswerFormat, Failed};
 use crate::cli::{Error, Exit, StoreArgument, signals};
 use crate::store::{QueryError, Reader};
+
+/// How long after a signal the query may take to end.
+const PATIENCE: Duration = Duration::from_millis(500);
 
 /// Answer a read-only SQL query; the views are described in docs/store.md
 #[derive(clap::Args)]
@@ -48,9 +51,14 @@ fn interruptible<T>(reader: &Reader, work: impl FnOnce() -> T) -> Result<T, Erro
     let done = AtomicBool::new(false);
     thread::scope(|scope| {
         let watch = || {
+            let mut stopped: Option<Instant> = None;
             while !done.load(Ordering::Relaxed) {
                 if stop.load(Ordering::Relaxed) {
                     interrupter.interrupt();
+                    // An answer may be long to write.
+                    if stopped.get_or_insert_with(Instant::now).elapsed() > PATIENCE {
+                        signals::end_now();
+                    }
                 }
                 thread::park_timeout(Duration::from_millis(20));
             }

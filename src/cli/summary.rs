@@ -71,7 +71,7 @@ fn summarise(
     }))
 }
 
-fn cells(line: &Line, context_error: f64) -> Vec<Cell> {
+fn cells(line: &Line, context_error: f64) -> Vec<Cell<'static>> {
     let (spread, disengaged) = match line.means {
         Some(means) => {
             let spread = match means.sd_return {
@@ -85,9 +85,9 @@ fn cells(line: &Line, context_error: f64) -> Vec<Cell> {
     };
     let word = |text: &String| match text.parse::<f64>() {
         Ok(_) => Cell::Figure(text.clone()),
-        Err(_) => Cell::text(text),
+        Err(_) => Cell::text(text.clone()),
     };
-    let mut cells: Vec<Cell> = line.arm.iter().map(word).collect();
+    let mut cells: Vec<Cell<'_>> = line.arm.iter().map(word).collect();
     cells.extend([
         Cell::Figure(format!("{:.1} %", 100.0 * context_error)),
         Cell::Figure(line.seeds.clone()),

@@ -63,7 +63,7 @@ impl Swept {
     }
 
     /// A job's values as a cell: an object in JSON, words elsewhere.
-    pub(super) fn cell(&self, format: Format, agent: &str, job: &Job) -> Cell {
+    pub(super) fn cell(&self, format: Format, agent: &str, job: &Job) -> Cell<'static> {
         match format {
             Format::Json => Cell::Nested(self.object(agent, job)),
             Format::Table | Format::Csv => Cell::text(self.words(agent, job)),

@@ -1,5 +1,7 @@
 //! Text as each format needs it: names come from manifests, and anybody can write one.
 
+use std::borrow::Cow;
+
 /// Text for HTML and SVG, in elements and in quoted attributes.
 pub fn markup(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
@@ -19,17 +21,21 @@ pub fn markup(text: &str) -> String {
     out
 }
 
-/// A cell of CSV (RFC 4180). What a spreadsheet would run as a formula gets an apostrophe before it.
+/// A cell of CSV (RFC 4180), [`defused`].
 pub fn csv(text: &str) -> String {
-    let is_formula = text.starts_with(['=', '+', '-', '@', '\t', '\r']);
-    let text = if is_formula && text.parse::<f64>().is_err() {
-        format!("'{text}")
-    } else {
-        text.to_owned()
-    };
+    let text = defused(text);
     match text.contains([',', '"', '\n', '\r']) {
         true => format!("\"{}\"", text.replace('"', "\"\"")),
-        false => text,
+        false => text.into_owned(),
+    }
+}
+
+/// The text, with an apostrophe before what a spreadsheet would run as a formula.
+pub fn defused(text: &str) -> Cow<'_, str> {
+    let is_formula = text.starts_with(['=', '+', '-', '@', '\t', '\r']);
+    match is_formula && text.parse::<f64>().is_err() {
+        true => Cow::Owned(format!("'{text}")),
+        false => Cow::Borrowed(text),
     }
 }
 

@@ -81,6 +81,23 @@ fn an_answer_without_rows_has_its_columns() {
 }
 
 #[test]
+fn values_that_are_too_long_to_read_are_cut_in_tables_alone() {
+    let folder = Folder::completed(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    let sql = "SELECT zeroblob(200000) AS bytes, printf('%.*c', 200000, 'ä') AS text";
+    let ask = |format| folder.jitai(["query", sql, "--format", format]).succeeded();
+    let table = ask("table").stdout;
+    assert!(table.chars().count() < 10_000, "{}", table.len());
+    assert!(table.contains("00… (200000 bytes)") && table.contains("ä… (200000 characters)"));
+    let json = ask("json").json();
+    assert_eq!(json[0]["bytes"].as_str().unwrap(), format!("x'{}'", "00".repeat(200_000)));
+    assert_eq!(json[0]["text"].as_str().unwrap(), "ä".repeat(200_000));
+    assert_eq!(
+        ask("csv").stdout.lines().nth(1).unwrap().chars().count(),
+        400_000 + 3 + 1 + 200_000
+    );
+}
+
+#[test]
 fn a_query_can_come_from_standard_input() {
     let folder = completed();
     let mut child = folder
