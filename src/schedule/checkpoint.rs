@@ -12,6 +12,7 @@
 use std::cell::Cell;
 use std::fs::{self, File};
 use std::io::{self, ErrorKind};
+use std::mem;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -194,19 +195,55 @@ impl CheckpointFolder {
     }
 }
 
-/// Rings some time after it is set, as soon as somebody looks at the clock: when the checkpoint of a
-/// worker's job is due, or when the job is over its time.
+/// Between two looks at the clock, at most so much time counts as worked: if it was more, the
+/// process was stopped.
+const MOST_UNSEEN: Duration = Duration::from_secs(1);
+
+/// The time at work since `last`, which becomes now.
+fn worked_since(last: &mut Instant) -> Duration {
+    let now = Instant::now();
+    now.duration_since(mem::replace(last, now)).min(MOST_UNSEEN)
+}
+
+/// Measures the time at work on a job, if somebody looks at the clock all the time.
+#[derive(Debug)]
+pub(super) struct Stopwatch(Mutex<(Duration, Instant)>);
+
+impl Default for Stopwatch {
+    fn default() -> Self {
+        Stopwatch(Mutex::new((Duration::ZERO, Instant::now())))
+    }
+}
+
+impl Stopwatch {
+    /// Begins at nothing.
+    pub(super) fn restart(&self) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = (Duration::ZERO, Instant::now());
+    }
+
+    /// Looks at the clock; the time at work so far.
+    pub(super) fn look(&self) -> Duration {
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let (worked, last) = &mut *state;
+        *worked += worked_since(last);
+        *worked
+    }
+}
+
+/// Rings some time at work after it is set, as soon as somebody looks at the clock: when the
+/// checkpoint of a worker's job is due, or when the job is over its time.
 #[derive(Debug, Default)]
 pub(super) struct Alarm {
-    at: Mutex<Option<Instant>>,
+    /// How long it still is, and when that was.
+    left: Mutex<Option<(Duration, Instant)>>,
     rings: AtomicBool,
 }
 
 impl Alarm {
     /// Makes it ring after this time, and no sooner.
     pub(super) fn set(&self, after: Duration) {
-        let mut at = self.at.lock().unwrap_or_else(PoisonError::into_inner);
-        *at = Instant::now().checked_add(after);
+        let mut left = self.left.lock().unwrap_or_else(PoisonError::into_inner);
+        *left = Some((after, Instant::now()));
         self.rings.store(false, Ordering::Relaxed);
     }
 
@@ -216,8 +253,11 @@ impl Alarm {
 
     /// Looks at the clock.
     pub(super) fn look(&self) {
-        let mut at = self.at.lock().unwrap_or_else(PoisonError::into_inner);
-        if at.take_if(|at| *at <= Instant::now()).is_some() {
+        let mut state = self.left.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some((left, last)) = &mut *state else { return };
+        *left = left.saturating_sub(worked_since(last));
+        if left.is_zero() {
+            *state = None;
             self.rings.store(true, Ordering::Relaxed);
         }
     }
@@ -271,8 +311,7 @@ impl Checkpoints for Keeper<'_> {
     fn resume(&self, read: &mut ReadCheckpoint<'_>) {
         for entry in self.earlier() {
             let path = self.folder.file(&entry);
-            let opened = File::open(&path).map_err(CheckpointError::from);
-            match opened.and_then(|mut file| read(&mut file)) {
+            match open(&path).and_then(|mut file| read(&mut file)) {
                 Ok(resumed) => {
                     self.before.set(resumed.worked);
                     (self.tell)(CheckpointNote::Resumed(resumed));
@@ -296,6 +335,14 @@ impl Checkpoints for Keeper<'_> {
             }
         }
         self.alarm.set(self.every.max(MOST_BETWEEN.min(COSTS_BETWEEN * begun.elapsed())));
+    }
+}
+
+/// A checkpoint's file; a pipe would be waited for.
+fn open(path: &Path) -> Result<File, CheckpointError> {
+    match fs::metadata(path)?.is_file() {
+        true => Ok(File::open(path)?),
+        false => Err(CheckpointError::Damaged),
     }
 }
 
@@ -365,6 +412,41 @@ mod tests {
         assert_eq!(failed.unwrap_err().kind(), ErrorKind::StorageFull);
         assert_eq!(names(&folder), [entry(1, 1).name()]);
         assert_eq!(fs::read(folder.file(&entry(1, 1))).unwrap(), b"state");
+    }
+
+    #[test]
+    fn time_in_which_nobody_could_look_counts_as_a_second() {
+        let long_ago = Instant::now().checked_sub(Duration::from_secs(60)).unwrap();
+        let watch = Stopwatch(Mutex::new((Duration::from_secs(3), long_ago)));
+        let worked = watch.look();
+        assert!((4..=5).contains(&worked.as_secs()), "{worked:?}");
+        let alarm = Alarm::default();
+        alarm.set(Duration::from_secs(40));
+        *alarm.left.lock().unwrap() = Some((Duration::from_secs(40), long_ago));
+        alarm.look();
+        assert!(!alarm.rings());
+        *alarm.left.lock().unwrap() = Some((Duration::from_secs(1), long_ago));
+        alarm.look();
+        assert!(alarm.rings());
+    }
+
+    #[test]
+    fn a_pipe_in_the_place_of_a_checkpoint_is_refused_and_not_waited_for() {
+        let (_place, folder) = folder();
+        write(&folder, &entry(1, 1));
+        let path = folder.file(&entry(1, 1));
+        fs::remove_file(&path).unwrap();
+        let made = std::process::Command::new("mkfifo").arg(&path).status().unwrap();
+        assert!(made.success());
+        let (alarm, notes) = (Alarm::default(), Cell::new(0));
+        let tell = |note| {
+            let refused =
+                matches!(note, CheckpointNote::Refused { reason: CheckpointError::Damaged, .. });
+            notes.set(notes.get() + usize::from(refused));
+        };
+        let keeper = Keeper::new(&folder, (JobKey([1; 16]), 2), (&alarm, Duration::ZERO), &tell);
+        keeper.resume(&mut |_| panic!("it cannot be read"));
+        assert_eq!(notes.get(), 1);
     }
 
     #[test]

@@ -4,11 +4,11 @@ use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError, mpsc};
 use std::thread::{self, Scope};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crate::plan::{Job, JobKey};
 use crate::record::{Failure, FailureKind, Outcome};
-use crate::schedule::checkpoint::{Alarm, CheckpointFolder, CheckpointNote, Keeper};
+use crate::schedule::checkpoint::{Alarm, CheckpointFolder, CheckpointNote, Keeper, Stopwatch};
 use crate::schedule::{Queued, Train, panic};
 use crate::store::Claim;
 use crate::train::{Checkpoints, Monitor, Progress};
@@ -20,11 +20,13 @@ pub(super) struct Slot {
     progress: Mutex<Option<Progress>>,
     checkpoint: Alarm,
     deadline: Alarm,
+    worked: Stopwatch,
 }
 
 impl Slot {
     /// Looks at the clock for the worker.
     pub(super) fn look(&self) {
+        self.worked.look();
         self.checkpoint.look();
         self.deadline.look();
     }
@@ -140,7 +142,7 @@ impl<'scope> Worker<'scope> {
 
 /// Trains a job.
 fn work(worker: usize, task: &Task, slot: &Slot, shared: &Shared<'_>) -> Report {
-    let started = Instant::now();
+    slot.worked.restart();
     let Task { job, key, attempt, time_limit } = task;
     let limit = time_limit.unwrap_or(Duration::MAX);
     slot.deadline.set(limit);
@@ -158,7 +160,7 @@ fn work(worker: usize, task: &Task, slot: &Slot, shared: &Shared<'_>) -> Report 
         Outcome::Interrupted if slot.deadline.rings() => Outcome::Failed(over_time(slot, limit)),
         outcome => outcome,
     };
-    Report { worker, outcome, wall: monitor.keeper.before() + started.elapsed() }
+    Report { worker, outcome, wall: monitor.keeper.before() + slot.worked.look() }
 }
 
 struct SlotMonitor<'a> {
@@ -174,6 +176,10 @@ impl Monitor for SlotMonitor<'_> {
 
     fn stop_requested(&self) -> bool {
         self.halt.load(Ordering::Relaxed) || self.slot.deadline.rings()
+    }
+
+    fn worked(&self) -> Duration {
+        self.slot.worked.look()
     }
 
     fn checkpoints(&self) -> &dyn Checkpoints {

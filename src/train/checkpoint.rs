@@ -138,14 +138,18 @@ impl fmt::Display for Code {
     }
 }
 
-/// Writes a training as a checkpoint.
-pub(super) fn write(training: &Training<'_>, out: &mut dyn Write) -> io::Result<()> {
+/// Writes a training as a checkpoint, after so much time at work in this process.
+pub(super) fn write(
+    training: &Training<'_>,
+    worked: Duration,
+    out: &mut dyn Write,
+) -> io::Result<()> {
     let job = training.job();
     let header = Header {
         job_key: job.key().to_string(),
         code: Code::of_this_program(job),
         episode: training.episodes(),
-        seconds: training.worked().as_secs_f64(),
+        seconds: (training.before() + worked).as_secs_f64(),
     };
     let mut sealing = BufWriter::with_capacity(1 << 16, Sealing { out, seal: Sha256::new() });
     sealing.write_all(FORMAT.as_bytes())?;

@@ -10,6 +10,8 @@ mod roll;
 mod test;
 mod training;
 
+use std::time::Duration;
+
 use crate::agent::OutOfMemory;
 use crate::plan::Job;
 use crate::record::Outcome;
@@ -40,6 +42,11 @@ pub trait Monitor {
 
     /// Whether the training should end at the next occasion, without a result.
     fn stop_requested(&self) -> bool;
+
+    /// Time at work on it in this process; 0, unless somebody measures it.
+    fn worked(&self) -> Duration {
+        Duration::ZERO
+    }
 
     /// Who keeps its checkpoints; nobody, unless there is someone.
     fn checkpoints(&self) -> &dyn Checkpoints {
@@ -78,7 +85,7 @@ pub fn run(job: &Job, monitor: &dyn Monitor) -> Outcome {
         }
         let stopped = monitor.stop_requested();
         if stopped || checkpoints.are_due() {
-            checkpoints.keep(&mut |out| checkpoint::write(&training, out));
+            checkpoints.keep(&mut |out| checkpoint::write(&training, monitor.worked(), out));
         }
         if stopped {
             return Outcome::Interrupted;
@@ -94,7 +101,7 @@ fn begin<'j>(job: &'j Job, checkpoints: &dyn Checkpoints) -> Result<Training<'j>
     let mut found = None;
     checkpoints.resume(&mut |file| {
         let training = checkpoint::read(job, file)?;
-        let resumed = Resumed { episode: training.episodes(), worked: training.worked() };
+        let resumed = Resumed { episode: training.episodes(), worked: training.before() };
         found = Some(training);
         Ok(resumed)
     });

@@ -1,7 +1,7 @@
 //! A job under way: its learner, its curve and its test, and what of them a checkpoint holds.
 
 use std::io;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crate::agent::{
     self, Learner, LearnerError, OutOfMemory, Resumable, Start, StateError, StateReader,
@@ -28,9 +28,8 @@ pub(super) struct Training<'j> {
     chooser: Option<Chooser>,
     /// Room for the episodes of a span.
     finished: Vec<TrainedEpisode>,
-    /// What was worked before this process began.
+    /// Time at work on it before this process began.
     before: Duration,
-    begun: Instant,
 }
 
 /// Whether there is more to do.
@@ -62,7 +61,6 @@ impl<'j> Training<'j> {
             chooser,
             finished: Vec::new(),
             before: Duration::ZERO,
-            begun: Instant::now(),
         })
     }
 
@@ -80,9 +78,9 @@ impl<'j> Training<'j> {
         self.curve.episodes()
     }
 
-    /// Time spent on it, in this process and before.
-    pub(super) fn worked(&self) -> Duration {
-        self.before + self.begun.elapsed()
+    /// Time at work on it before this process began.
+    pub(super) fn before(&self) -> Duration {
+        self.before
     }
 
     pub(super) fn stage(&self) -> Stage {

@@ -203,6 +203,22 @@ fn a_time_limit_counts_what_was_worked_before_a_stop_and_makes_no_other_job() {
     folder.jitai(["run", "sweep.toml"]).ended(1).says("0 jobs run");
 }
 
+#[test]
+fn time_in_which_the_process_is_stopped_is_no_time_at_work() {
+    let text = support::manifest("sweep", "0.6", "1", Effort::Long);
+    let folder = Folder::with(&text);
+    let run = folder.start(["run", "sweep.toml", "--workers", "1"]);
+    support::until("a job runs", || folder.is_running_a_job());
+    run.signal("STOP");
+    std::thread::sleep(Duration::from_secs(4));
+    run.signal("CONT");
+    run.wait().succeeded();
+    // A second of it counts.
+    let of_stopped = "SELECT count(*) FROM run
+        WHERE 86400 * (julianday(ended_at) - julianday(started_at)) - wall_seconds > 2.8";
+    assert_eq!(folder.number(of_stopped), 1);
+}
+
 /// Keeps what each ended job told.
 #[derive(Default)]
 struct Listener(Vec<(u64, Outcome)>);
