@@ -120,6 +120,9 @@ pub fn main() -> ExitCode {
     {
         return Error::Usage(error.to_string()).report().into();
     }
+    if let Err(source) = signals::survive_file_limits() {
+        return Error::Io { what: "listen for signals".to_owned(), source }.report().into();
+    }
     let result = match verb {
         Verb::Check(arguments) => check::run(&arguments),
         Verb::Plan(arguments) => plan::run(&arguments),

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use signal_hook::consts::{SIGABRT, SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGABRT, SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::flag;
 use signal_hook::low_level::pipe;
 
@@ -31,6 +31,17 @@ pub(super) fn stop_flag() -> io::Result<Arc<AtomicBool>> {
     Ok(stop)
 }
 
+/// Ends the process with exit code 130, whatever its threads are at.
+pub(super) fn end_now() -> ! {
+    process::exit(INTERRUPTED)
+}
+
+/// Lets a write beyond the limit on the size of files fail, as on a full disk, instead of ending the
+/// process without a word.
+pub(super) fn survive_file_limits() -> io::Result<()> {
+    flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false))).map(drop)
+}
+
 /// Ends the process 1.5 seconds after the flag is set, if it has not ended by itself: a single
 /// update of a very large network, the registration of a very large manifest, or a store that
 /// another program has locked would keep it for longer. Transactions and checkpoints are whole or
@@ -44,7 +55,7 @@ pub(super) fn end_in_time(stop: Arc<AtomicBool>) -> io::Result<()> {
         thread::sleep(GRACE);
         // A closed standard error is no reason to stay.
         let _ = writeln!(io::stderr(), "stopped in the middle of a step; the same command goes on");
-        process::exit(INTERRUPTED)
+        end_now()
     })?;
     Ok(())
 }

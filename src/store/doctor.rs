@@ -45,7 +45,7 @@ struct Rule {
     sql: &'static str,
 }
 
-const RULES: [Rule; 6] = [
+const RULES: [Rule; 7] = [
     Rule {
         broken: "it has several running or completed runs",
         sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
@@ -89,6 +89,13 @@ const RULES: [Rule; 6] = [
                 AND abs(value - CASE name WHEN 'mean_return' THEN mean_return
                     WHEN 'mean_length' THEN mean_length ELSE disengagement_rate END)
                     > 1e-9 * max(1, abs(value))
+              GROUP BY job.key",
+    },
+    Rule {
+        broken: "a run of it began or ended at no point in time",
+        sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
+              WHERE strftime('%Y-%m-%dT%H:%M:%fZ', started_at) IS NOT started_at
+                  OR strftime('%Y-%m-%dT%H:%M:%fZ', ended_at) IS NOT ended_at
               GROUP BY job.key",
     },
     Rule {

@@ -35,8 +35,8 @@ pub enum StoreError {
     },
     /// The folder that should hold the store does not exist.
     #[error(
-        "cannot make `{}`: there is no folder `{}`; make it first",
-        .path.display(), .folder.display()
+        "there is no folder `{}` for a store at `{}`; make it first, or --store names another",
+        .folder.display(), .path.display()
     )]
     MissingFolder {
         /// The store's path.
@@ -134,8 +134,8 @@ pub enum StoreError {
     },
     /// The disk refuses to read or write.
     #[error(
-        "failed to {action} in `{}`: {reason}; see whether its disk is full or failing; nothing \
-         is half written, and the same command goes on",
+        "failed to {action} in `{}`: {reason}; see whether its disk is full or failing, or \
+         files are limited in size (ulimit -f); nothing is half written, and the same command goes on",
         .path.display()
     )]
     Disk {

@@ -18,6 +18,9 @@ use super::{SCHEMA_VERSION, StoreError, mount, query, schema};
 /// another that writes to the store may hold it for longer.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(60);
 
+/// How long a reader waits for a file without anything in it to become a store.
+const BEING_MADE: Duration = Duration::from_millis(500);
+
 /// What is at a path.
 enum Presence {
     Absent,
@@ -62,10 +65,15 @@ pub(super) fn open_writer(path: &Path) -> Result<(Connection, PathBuf), StoreErr
 /// they were made is not looked at.
 pub(super) fn open_reader(path: &Path) -> Result<(Connection, PathBuf), StoreError> {
     let path = absolute(path)?;
-    match look(&path)? {
-        Presence::Absent => return Err(StoreError::Missing { path }),
-        Presence::Blank => return Err(StoreError::Empty { path }),
-        Presence::Database => {}
+    let asked = Instant::now();
+    loop {
+        match look(&path)? {
+            Presence::Absent => return Err(StoreError::Missing { path }),
+            // A store that another process has just begun to make.
+            Presence::Blank if asked.elapsed() < BEING_MADE => thread::sleep(BEING_MADE / 50),
+            Presence::Blank => return Err(StoreError::Empty { path }),
+            Presence::Database => break,
+        }
     }
     let action = "open the store";
     let connection = connect_reader(&path)

@@ -58,6 +58,8 @@ fn migrate_locked(
         connection.transaction_with_behavior(TransactionBehavior::Immediate).map_err(failed)?;
     // Read again under the lock: another process may have migrated in the meantime.
     let found = version(&transaction).map_err(failed)?;
+    let action = if found == 0 { "make the store" } else { "migrate the store" };
+    let failed = |source| StoreError::sqlite(path, action, source);
     if found > 0 && found < migrations.len() {
         back_up(path, found)?;
     }

@@ -169,6 +169,19 @@ fn run_again(damaged: &Folder, rows: &[String], place: &str) -> Rerun {
 }
 
 #[test]
+fn a_run_that_ended_at_no_point_in_time_is_told() {
+    let folder = healthy();
+    let ended: String =
+        folder.store().query_row("SELECT ended_at FROM run", [], |row| row.get(0)).unwrap();
+    let mut bytes = store(&folder);
+    let length = ended.len();
+    let at = bytes.windows(length).position(|window| window == ended.as_bytes()).unwrap();
+    bytes[at + 4] = b'"';
+    let damaged = with_store(&folder, &bytes);
+    damaged.jitai(["doctor"]).ended(3).prints("began or ended at no point in time");
+}
+
+#[test]
 fn what_a_failed_run_tells_is_held_to_what_was_stored() {
     let folder = healthy();
     let bytes = store(&folder);

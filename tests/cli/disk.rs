@@ -75,6 +75,23 @@ fn a_disk_that_fills_in_the_middle_of_a_sweep_costs_nothing_but_the_time_to_make
 }
 
 #[test]
+fn a_limit_on_the_size_of_files_is_told_and_costs_nothing() {
+    let text = manifest("sweep", "[0.4, 0.6]", "20", Effort::Trivial);
+    let folder = Folder::with(&text);
+    for blocks in [8, 50, 400] {
+        let limited = format!("ulimit -f {blocks} && exec \"$0\" run sweep.toml --quiet");
+        let jitai = env!("CARGO_BIN_EXE_jitai");
+        let ended = folder.command_of("sh", ["-c", &limited, jitai]).output().unwrap();
+        let told = String::from_utf8(ended.stderr).unwrap();
+        assert_eq!(ended.status.code(), Some(3), "{blocks}: {told}");
+        assert_eq!(told.lines().count(), 1, "{told}");
+        assert!(told.contains("ulimit -f") || told.contains("no room is left"), "{told}");
+    }
+    folder.jitai(["run", "sweep.toml", "--quiet"]).succeeded();
+    assert_same_rows(&folder.dump(), &Folder::completed(&text).dump());
+}
+
+#[test]
 fn a_disk_that_cannot_be_written_is_refused_before_any_training() {
     let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
     let Some(disk) = Disk::mount(&folder, "size=10m") else { return };
@@ -95,6 +112,6 @@ fn a_store_that_is_a_folder_or_in_none_is_refused_before_any_training() {
     let run = |store: &str| folder.jitai(["run", "sweep.toml", "--store", store]).ended(3);
     fs::create_dir(folder.path("results")).unwrap();
     run("results").says("results` is a folder, not a store; name another file with --store");
-    run("absent/jitai.sqlite").says("there is no folder").says("absent`; make it first");
+    run("absent/jitai.sqlite").says("there is no folder").says("absent` for a store at `");
     run("/dev/null").says("is a device or pipe, not a store");
 }
