@@ -4,6 +4,7 @@
 use std::cell::{Cell, RefCell};
 use std::fs::File;
 use std::io::Write;
+use std::time::Duration;
 
 use divan::Bencher;
 use jitai::manifest::{Agent, DuelingDqn, Engine, Environment, Evaluation, Reinforce};
@@ -92,6 +93,10 @@ impl Monitor for Timer<'_, '_> {
     fn stop_requested(&self) -> bool {
         self.steps_left.set(self.steps_left.get().saturating_sub(1));
         self.steps_left.get() == 0
+    }
+
+    fn worked(&self) -> Duration {
+        Duration::ZERO
     }
 
     fn checkpoints(&self) -> &dyn Checkpoints {

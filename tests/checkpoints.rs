@@ -401,6 +401,10 @@ fn a_training_whose_checkpoints_cannot_be_kept_goes_on() {
             false
         }
 
+        fn worked(&self) -> Duration {
+            WORKED
+        }
+
         fn checkpoints(&self) -> &dyn Checkpoints {
             self
         }

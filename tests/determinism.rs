@@ -130,6 +130,10 @@ fn a_stop_request_ends_a_training_without_a_result() {
         fn report(&self, progress: train::Progress) {
             assert!(progress.episode <= 1, "it went on to episode {}", progress.episode);
         }
+        fn worked(&self) -> std::time::Duration {
+            std::time::Duration::ZERO
+        }
+
         fn stop_requested(&self) -> bool {
             self.0.set(self.0.get() + 1);
             // It is asked at every step, and an episode has at least three.

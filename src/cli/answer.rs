@@ -16,7 +16,8 @@ use crate::store::{Answer, QueryError, Reader, Value};
 pub(super) enum AnswerFormat {
     /// Aligned columns, for reading.
     Table,
-    /// Comma-separated values with a header line (RFC 4180).
+    /// Comma-separated values with a header line (RFC 4180); a text that a spreadsheet would run has an
+    /// apostrophe before it.
     Csv,
     /// An array of objects, one a line.
     Json,

@@ -24,7 +24,8 @@ const MOST_SHOWN: usize = 2_000;
 pub(super) enum Format {
     /// Aligned columns, for reading.
     Table,
-    /// Comma-separated values with a header line (RFC 4180).
+    /// Comma-separated values with a header line (RFC 4180); a text that a spreadsheet would run has an
+    /// apostrophe before it.
     Csv,
     /// An array of objects, one a line.
     Json,
@@ -187,7 +188,7 @@ impl<W: Write> Rows<W> {
             Format::Table => {
                 let mut table = Table::new();
                 table.load_style(presets::NOTHING);
-                table.set_header(columns.iter().map(|name| printable(name)));
+                table.set_header(columns.iter().map(|name| shown(name)));
                 lay_out(&mut table, &[]);
                 Rows::Table(out, Box::new(table), Vec::new())
             }

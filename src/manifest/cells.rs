@@ -140,6 +140,7 @@ impl Reader<'_> {
                 let fault = Fault::at(key.span().into(), message);
                 let same = Section::ALL.into_iter().filter(|known| known.name() == section);
                 let keys = same.flat_map(|section| section.keys().iter().map(|key| key.name));
+                let keys = keys.chain((section == "agent").then_some("name"));
                 self.faults.add(match nearest(found, keys) {
                     Some(key) => fault.help(format!("did you mean `{section}.{key}`?")),
                     None => fault,

@@ -350,7 +350,7 @@ impl Induced {
 
 /// The disengagement risks below the threshold that an episode can meet, increasing, where the risk
 /// never decays: the first and what increments lead to, rounded as in an episode. `None` if it decays,
-/// or if they are none or more than `most`.
+/// or if they are none, more than `most`, or too near to each other.
 pub(super) fn levels(e: &Environment, most: usize) -> Option<Vec<f64>> {
     if e.delta_d != 0.0 {
         return None;
@@ -361,7 +361,9 @@ pub(super) fn levels(e: &Environment, most: usize) -> Option<Vec<f64>> {
     let mut levels: Vec<f64> = met.take_while(is_below).take(most + 1).collect();
     // An increment may be nothing.
     levels.dedup();
-    (1..=most).contains(&levels.len()).then_some(levels)
+    // Nearer ones would have one node.
+    let are_apart = levels.windows(2).all(|pair| pair[1] - pair[0] > APART);
+    (are_apart && (1..=most).contains(&levels.len())).then_some(levels)
 }
 
 /// The disengagement risks at which the value jumps, increasing: the largest jumps, at most so many.

@@ -198,6 +198,14 @@ fn risk_that_never_decays_has_the_levels_of_its_rounded_sums() {
 }
 
 #[test]
+fn levels_are_none_where_they_are_too_many_or_too_near() {
+    let near = Environment { initial_disengagement: 0.999_999_999_9, ..of_levels(8e-11, 50) };
+    assert_eq!(levels(&near, MOST_LEVELS), None);
+    assert_eq!(levels(&of_levels(1e-3, 50), MOST_LEVELS), None);
+    assert_eq!(levels(&of_levels(0.0, 50), MOST_LEVELS), Some(vec![0.0]));
+}
+
+#[test]
 fn small_rewards_have_as_exact_an_optimum() {
     for scenario in ["C-H-D", "P-H-D", "L-H-D"] {
         let usual = Environment::paper(0.8);

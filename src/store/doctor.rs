@@ -94,8 +94,9 @@ const RULES: [Rule; 7] = [
     Rule {
         broken: "a run of it began or ended at no point in time",
         sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
-              WHERE strftime('%Y-%m-%dT%H:%M:%fZ', started_at) IS NOT started_at
-                  OR strftime('%Y-%m-%dT%H:%M:%fZ', ended_at) IS NOT ended_at
+              WHERE status <> 'completed'
+                AND (strftime('%Y-%m-%dT%H:%M:%fZ', started_at) IS NOT started_at
+                  OR strftime('%Y-%m-%dT%H:%M:%fZ', ended_at) IS NOT ended_at)
               GROUP BY job.key",
     },
     Rule {
@@ -267,9 +268,17 @@ fn fault_of(
     run: i64,
     loads: Loads<'_>,
 ) -> rusqlite::Result<Option<String>> {
-    let (job, stored): (i64, Option<[u8; 32]>) = connection
-        .prepare_cached("SELECT job, results_sha256 FROM run WHERE id = ?1")?
-        .query_row([run], |row| Ok((row.get(0)?, row.get(1)?)))?;
+    let (job, stored, has_instants): (i64, Option<[u8; 32]>, bool) = connection
+        .prepare_cached(
+            "SELECT job, results_sha256,
+                strftime('%Y-%m-%dT%H:%M:%fZ', started_at) IS started_at
+                AND strftime('%Y-%m-%dT%H:%M:%fZ', ended_at) IS ended_at
+             FROM run WHERE id = ?1",
+        )?
+        .query_row([run], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)))?;
+    if !has_instants {
+        return Ok(Some("it began or ended at no point in time".to_owned()));
+    }
     if stored != Some(digest::of_run(connection, run)?) {
         return Ok(Some("its results are not those that were stored".to_owned()));
     }

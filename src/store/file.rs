@@ -84,7 +84,13 @@ pub(super) fn open_reader(path: &Path) -> Result<(Connection, PathBuf), StoreErr
             _ => Err(error),
         })
         .map_err(|source| StoreError::sqlite(&path, action, source))?;
-    match identify(&connection, &path)? {
+    let mut found = identify(&connection, &path)?;
+    // Its tables come with the first transaction.
+    while found == 0 && asked.elapsed() < BEING_MADE {
+        thread::sleep(BEING_MADE / 50);
+        found = identify(&connection, &path)?;
+    }
+    match found {
         0 => Err(StoreError::Missing { path }),
         found if found < SCHEMA_VERSION => {
             Err(StoreError::Older { path, found, known: SCHEMA_VERSION })

@@ -36,30 +36,31 @@ pub(super) fn migrate(
     path: &Path,
     migrations: &'static [Migration],
 ) -> Result<(), StoreError> {
-    let failed = |source| StoreError::sqlite(path, "migrate the store", source);
-    if version(connection).map_err(failed)? >= migrations.len() {
+    let failed = |source| StoreError::sqlite(path, "open the store", source);
+    let found = version(connection).map_err(failed)?;
+    if found >= migrations.len() {
         return Ok(());
     }
+    let action = if found == 0 { "make the store" } else { "migrate the store" };
+    let failed = |source| StoreError::sqlite(path, action, source);
     // A migration may rebuild a table that others refer to; the references are checked at its end.
     // The setting has no effect inside a transaction.
     connection.execute_batch("PRAGMA foreign_keys = OFF").map_err(failed)?;
-    let result = migrate_locked(connection, path, migrations);
+    let result = migrate_locked(connection, (path, action), migrations);
     connection.execute_batch("PRAGMA foreign_keys = ON").map_err(failed)?;
     result
 }
 
 fn migrate_locked(
     connection: &mut Connection,
-    path: &Path,
+    (path, action): (&Path, &'static str),
     migrations: &'static [Migration],
 ) -> Result<(), StoreError> {
-    let failed = |source| StoreError::sqlite(path, "migrate the store", source);
+    let failed = |source| StoreError::sqlite(path, action, source);
     let transaction =
         connection.transaction_with_behavior(TransactionBehavior::Immediate).map_err(failed)?;
     // Read again under the lock: another process may have migrated in the meantime.
     let found = version(&transaction).map_err(failed)?;
-    let action = if found == 0 { "make the store" } else { "migrate the store" };
-    let failed = |source| StoreError::sqlite(path, action, source);
     if found > 0 && found < migrations.len() {
         back_up(path, found)?;
     }

@@ -43,10 +43,8 @@ pub trait Monitor {
     /// Whether the training should end at the next occasion, without a result.
     fn stop_requested(&self) -> bool;
 
-    /// Time at work on it in this process; 0, unless somebody measures it.
-    fn worked(&self) -> Duration {
-        Duration::ZERO
-    }
+    /// Time at work on it in this process, which its checkpoints tell.
+    fn worked(&self) -> Duration;
 
     /// Who keeps its checkpoints; nobody, unless there is someone.
     fn checkpoints(&self) -> &dyn Checkpoints {
@@ -63,6 +61,10 @@ impl Monitor for Unwatched {
 
     fn stop_requested(&self) -> bool {
         false
+    }
+
+    fn worked(&self) -> Duration {
+        Duration::ZERO
     }
 }
 

@@ -408,6 +408,10 @@ impl Monitor for Shelf {
         true
     }
 
+    fn worked(&self) -> Duration {
+        Duration::ZERO
+    }
+
     fn checkpoints(&self) -> &dyn Checkpoints {
         self
     }
