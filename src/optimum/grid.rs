@@ -25,9 +25,15 @@ use super::expectation::Expectation;
 const APART: f64 = 1e-9;
 /// How much smaller a jump becomes by a wrong message, in decays: what it is worth to be followed.
 const DECAYS_A_MISTAKE: u32 = 4;
-/// How far the steps before a step may still differ from it in what they add, in all, in units
-/// ([`Grid::unit`]), for the induction to take them as equal.
-const SETTLED: f64 = 1.0;
+/// How far the steps before a step may still differ from it in what they add, in units
+/// ([`Grid::unit`]) for a step of the horizon, for the induction to take them as equal. The policy
+/// that does so loses far less: its choices are the best but where two are nearly as good.
+const SETTLED: f64 = 0.01;
+/// How far values without a ripple may be from those with it, as a share of that: the policy that
+/// goes over from the ones to the others does not choose when.
+const SMOOTHED: f64 = 0.1;
+/// Fewest layers that are tried as a stretch.
+const SHORTEST_STRETCH: u32 = 40;
 /// The largest reward of a step by the paper's parameters, in steps walked.
 const USUAL_REWARD: f64 = 200.0;
 
@@ -74,12 +80,20 @@ struct Added {
 }
 
 impl Added {
+    const ANYTHING: Added = Added { least: f64::NEG_INFINITY, most: f64::INFINITY };
+    const NOTHING: Added = Added { least: f64::INFINITY, most: f64::NEG_INFINITY };
+
+    fn by(later: &[f64], now: &[f64]) -> Added {
+        now.iter().zip(later).fold(Added::NOTHING, |all, (now, later)| {
+            let x = now - later;
+            let least = if x < all.least { x } else { all.least };
+            Added { least, most: if x > all.most { x } else { all.most } }
+        })
+    }
+
     /// What further steps add is between the two as well; below 0, between them and 0.
-    fn between(later: &[f64], now: &[f64]) -> Added {
-        let none = Added { least: f64::INFINITY, most: f64::NEG_INFINITY };
-        let added = now.iter().zip(later).map(|(now, later)| now - later);
-        let added = added.fold(none, |all, x| all.or(Added { least: x, most: x }));
-        if added.least < 0.0 { added.or(Added { least: 0.0, most: 0.0 }) } else { added }
+    fn and_further(self) -> Added {
+        if self.least < 0.0 { self.or(Added { least: 0.0, most: 0.0 }) } else { self }
     }
 
     fn or(self, other: Added) -> Added {
@@ -88,6 +102,76 @@ impl Added {
 
     fn spread(self) -> f64 {
         self.most - self.least
+    }
+
+    fn middle(self) -> f64 {
+        (self.least + self.most) / 2.0
+    }
+}
+
+/// Backward induction under way.
+#[derive(Clone, Debug)]
+struct Course {
+    /// The last layer.
+    values: Vec<f64>,
+    /// Room for the next.
+    next: Vec<f64>,
+    /// What the last step added.
+    added: Added,
+    /// The last layers in a row: how many.
+    stretch: u32,
+    /// The layer before them.
+    before: Vec<f64>,
+    /// Their sum.
+    sum: Vec<f64>,
+    /// What they added.
+    added_by_stretch: Added,
+}
+
+impl Course {
+    fn new(values: Vec<f64>) -> Course {
+        let sum = vec![0.0; values.len()];
+        let (next, before) = (values.clone(), values.clone());
+        let (added, added_by_stretch) = (Added::ANYTHING, Added::ANYTHING);
+        Course { values, next, added, stretch: 0, before, sum, added_by_stretch }
+    }
+
+    /// Computes the next layer; what this step and the one before it add, and further ones.
+    fn step(&mut self, grid: &Grid) -> Added {
+        let (later, part) = (&self.values, grid.part());
+        let earlier = self.next.chunks_mut(part).zip(self.sum.chunks_mut(part));
+        let parts = later.chunks(part).zip(self.before.chunks(part)).zip(earlier).enumerate();
+        let added = in_parallel(parts, |(i, ((part_of_later, before), (now, sum)))| {
+            grid.part_back(i * part, later, now);
+            sum.iter_mut().zip(&*now).for_each(|(sum, value)| *sum += value);
+            [Added::by(part_of_later, now), Added::by(before, now)]
+        });
+        let all = |which: usize| {
+            added.iter().fold(Added::NOTHING, |all, part| all.or(part[which])).and_further()
+        };
+        let added_before = mem::replace(&mut self.added, all(0));
+        self.added_by_stretch = all(1);
+        self.stretch += 1;
+        mem::swap(&mut self.values, &mut self.next);
+        self.added.or(added_before)
+    }
+
+    fn begin_stretch(&mut self) {
+        self.stretch = 0;
+        self.before.copy_from_slice(&self.values);
+        self.sum.fill(0.0);
+    }
+
+    /// What a step of the stretch adds in the mean, and further ones.
+    fn added_in_mean(&self) -> Added {
+        let Added { least, most } = self.added_by_stretch;
+        let steps = f64::from(self.stretch);
+        Added { least: least / steps, most: most / steps }
+    }
+
+    /// The mean of the stretch's layers.
+    fn mean(&self) -> Vec<f64> {
+        self.sum.iter().map(|sum| sum / f64::from(self.stretch)).collect()
     }
 }
 
@@ -201,43 +285,89 @@ impl Grid {
     /// Computes the values with 0, 1, 2, … steps left, at most one fewer than the horizon, and shows
     /// `see` each layer. They end sooner if the steps before them would all add the same.
     ///
+    /// Where the best choices nearly repeat after some steps, what a step adds settles much later
+    /// than what it adds in the mean over a stretch of steps. Then the mean values of the stretch,
+    /// which have no such ripple, are taken further until a step of theirs settles.
+    pub fn induce(&self, mut see: impl FnMut(u32, &[f64])) -> Induced {
+        let most_left = self.environment.horizon - 1;
+        let mut course = Course::new(vec![0.0; self.nodes()]);
+        see(0, &course.values);
+        let (mut smoothed, mut next_try) = (0, 0);
+        for left in 1..=most_left {
+            let added = course.step(self);
+            see(left, &course.values);
+            if self.is_settled(added, most_left - left) {
+                let (layer, gain) = (course.values, added.middle());
+                return Induced { left, layer, gain, steps: left + smoothed };
+            }
+            if left >= next_try && self.is_settled(course.added_in_mean(), most_left - left) {
+                let (steps, smooth) = self.smooth(&course, left);
+                smoothed += steps;
+                if let Some((layer, gain)) = smooth {
+                    return Induced { left, layer, gain, steps: left + smoothed };
+                }
+                next_try = 2 * left;
+            }
+            if course.stretch > SHORTEST_STRETCH.max(left / 4) {
+                course.begin_stretch();
+            }
+        }
+        Induced { left: most_left, layer: course.values, gain: 0.0, steps: most_left + smoothed }
+    }
+
+    /// Takes the mean values of a stretch further, at most half as many steps as are `left`, until the
+    /// steps before them would all add the same; every as many steps as the stretch has, their mean
+    /// is taken again. How many steps that took, and the values on the level of the stretch's last,
+    /// unless they are too far from those, with what each step before them adds.
+    fn smooth(&self, course: &Course, left: u32) -> (u32, Option<(Vec<f64>, f64)>) {
+        let mut smooth = Course::new(course.mean());
+        for steps in 1..=left / 2 {
+            let added = smooth.step(self);
+            if self.is_settled(added, self.environment.horizon - 1 - left) {
+                let apart = Added::by(&smooth.values, &course.values);
+                let values = smooth.values.iter().map(|value| value + apart.middle()).collect();
+                let is_near = apart.spread() < SMOOTHED * self.allowed();
+                return (steps, is_near.then_some((values, added.middle())));
+            }
+            if smooth.stretch == course.stretch {
+                smooth = Course::new(smooth.mean());
+            }
+        }
+        (left / 2, None)
+    }
+
+    /// Whether so many steps that add so much may be taken to add the same.
+    ///
     /// Two steps that both add g >= 0 to every value show that: the second step's best choices would
     /// add less if they could end the episode, so they never do, and go on adding g. What lies below
     /// 0 is added less and less, as episodes end.
-    pub fn induce(&self, mut see: impl FnMut(u32, &[f64])) -> Induced {
-        let most_left = self.environment.horizon - 1;
-        let mut later = vec![0.0; self.nodes()];
-        see(0, &later);
-        let mut now = later.clone();
-        let mut added_before = Added { least: f64::NEG_INFINITY, most: f64::INFINITY };
-        for left in 1..=most_left {
-            self.step_back(&later, &mut now);
-            see(left, &now);
-            let added = Added::between(&later, &now);
-            mem::swap(&mut later, &mut now);
-            let spread = added.or(added_before).spread();
-            if spread * f64::from(most_left - left) < SETTLED * self.unit() {
-                let gain = (added.least + added.most) / 2.0;
-                return Induced { left, layer: later, gain };
-            }
-            added_before = added;
-        }
-        Induced { left: most_left, layer: later, gain: 0.0 }
+    fn is_settled(&self, added: Added, steps: u32) -> bool {
+        added.spread() * f64::from(steps) < self.allowed()
+    }
+
+    /// How far the steps before a step may differ from it in what they add, in all.
+    fn allowed(&self) -> f64 {
+        SETTLED * self.unit() * f64::from(self.environment.horizon)
     }
 
     /// The values one step earlier.
     pub fn step_back(&self, later: &[f64], now: &mut [f64]) {
-        let threads = self.threads.min(self.nodes() / WORTH_A_THREAD);
-        if threads < 2 {
-            return self.rows_back(&self.rows, later, now);
-        }
-        let part = self.rows.len().div_ceil(threads);
-        let values = now.chunks_mut(part * self.columns.len());
-        thread::scope(|scope| {
-            for (rows, now) in self.rows.chunks(part).zip(values) {
-                scope.spawn(move || self.rows_back(rows, later, now));
-            }
-        });
+        let part = self.part();
+        let parts = now.chunks_mut(part).enumerate();
+        in_parallel(parts, |(i, now)| self.part_back(i * part, later, now));
+    }
+
+    /// How many values a thread computes: some rows.
+    fn part(&self) -> usize {
+        let threads = self.threads.min(self.nodes() / WORTH_A_THREAD).max(1);
+        self.rows.len().div_ceil(threads) * self.columns.len()
+    }
+
+    /// The values of some rows one step earlier, the first of which begins with value `from`.
+    fn part_back(&self, from: usize, later: &[f64], now: &mut [f64]) {
+        let columns = self.columns.len();
+        let rows = &self.rows[from / columns..][..now.len() / columns];
+        self.rows_back(rows, later, now);
     }
 
     /// The values of some rows one step earlier.
@@ -339,6 +469,8 @@ pub(super) struct Induced {
     pub layer: Vec<f64>,
     /// What each step before them adds; of no meaning if there is none.
     pub gain: f64,
+    /// How many layers were computed.
+    pub steps: u32,
 }
 
 impl Induced {
@@ -391,4 +523,19 @@ fn jumps(e: &Environment, most: usize) -> Vec<f64> {
     }
     found.sort_by(f64::total_cmp);
     found
+}
+
+/// What becomes of each part, each by a thread of its own.
+fn in_parallel<P: Send, R: Send>(
+    mut parts: impl ExactSizeIterator<Item = P>,
+    of: impl Fn(P) -> R + Sync,
+) -> Vec<R> {
+    if parts.len() == 1 {
+        return parts.next().map(of).into_iter().collect();
+    }
+    let of = &of;
+    thread::scope(|scope| {
+        let threads: Vec<_> = parts.map(|part| scope.spawn(move || of(part))).collect();
+        threads.into_iter().map(|thread| thread.join().expect("no part panics")).collect()
+    })
 }

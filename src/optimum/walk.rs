@@ -56,27 +56,28 @@ pub(super) fn mean_return(grid: &Grid, steps: u32) -> Walked {
     let mut episodes: Vec<Episode> =
         (1..=(steps / e.horizon).clamp(fewest, most)).map(|seed| Episode::start(e, seed)).collect();
     roll(&mut episodes, grid, induced.left..e.horizon, |left| induced.before(left));
-    let mut end = induced.left;
+    let (mut end, mut above) = (induced.left, &induced.layer);
     let mut layers = vec![vec![0.0; grid.nodes()]; distance as usize + 1];
     for (i, first) in kept.iter().enumerate().rev() {
         let start = i as u32 * distance;
         layers[0].copy_from_slice(first);
-        for left in 1..=(end - start) as usize {
+        for left in 1..(end - start) as usize {
             let (later, now) = layers.split_at_mut(left);
             grid.step_back(&later[left - 1], &mut now[0]);
         }
+        layers[(end - start) as usize].copy_from_slice(above);
         roll(&mut episodes, grid, start..end, |left| Moment {
             layer: &layers[(left - start) as usize],
             more: 0.0,
         });
-        end = start;
+        (end, above) = (start, first);
     }
     let left_out = moments(episodes.iter().map(|episode| episode.left_out));
     let of_start = grid.mean_return(induced.before(e.horizon - 1));
     Walked {
         mean_return: of_start + left_out.0,
         standard_error: left_out.1,
-        work: [2 * (induced.left as usize + 1), episodes.len() * e.horizon as usize],
+        work: [(induced.steps + induced.left) as usize + 2, episodes.len() * e.horizon as usize],
     }
 }
 
