@@ -42,7 +42,7 @@ const STEPS: u32 = 250_000;
 /// Values that are computed in the time of a step of an episode.
 const VALUES_A_STEP: usize = 70;
 /// Most values that are computed for an optimum, in all, unless three grids take more: a few seconds.
-const MOST_COMPUTED: usize = 2_300_000_000;
+const MOST_COMPUTED: usize = 2_200_000_000;
 /// Most values that are kept at a time: 320 MB.
 const MOST_KEPT: usize = 40_000_000;
 /// How often the coarsest grid is refined for a policy, at most.
@@ -101,37 +101,52 @@ pub fn optimum(
     shows_state(scenario)?;
     let belief = Belief::new(environment, scenario);
     let coarsest = coarsest(environment, belief);
+    let on = |refined| Grid::new(environment, belief, coarsest.refined(refined));
     let (mut found, mut computed) = (Vec::<Walked>::new(), 0);
+    let mut grid = on(0);
     for refined in 0.. {
-        let mut grid = Grid::new(environment, belief, coarsest.refined(refined));
         grid.threads = threads.get();
         let walked = walk::mean_return(&grid, STEPS.saturating_mul(1 << refined));
         found.push(walked);
         let [layers, steps] = walked.work;
-        let (values, steps) = (grid.nodes() * layers, VALUES_A_STEP * steps);
-        computed += values + steps;
-        // A finer grid has up to four times the nodes, and may take more steps to settle. Layers are
-        // computed twice; at most three times the root of their number are kept.
-        let is_affordable = computed + 5 * values + 2 * steps <= MOST_COMPUTED
-            && 4 * grid.nodes() * 3 * (layers / 2).isqrt() <= MOST_KEPT;
-        if let Some(error) =
-            error(&found).filter(|error| *error < SMALL * grid.unit() || !is_affordable)
-        {
-            return Ok(Optimum { mean_return: walked.mean_return, error });
+        let steps = VALUES_A_STEP * steps;
+        computed += grid.nodes() * layers + steps;
+        let unit = grid.unit();
+        grid = on(refined + 1);
+        // A finer grid may take more steps to settle. Layers are computed twice; at most three times
+        // the root of their number are kept.
+        let is_affordable = computed + grid.nodes() * layers * 5 / 4 + 2 * steps <= MOST_COMPUTED
+            && grid.nodes() * 3 * (layers / 2).isqrt() <= MOST_KEPT;
+        if let Some(error) = error(&found).filter(|error| *error < SMALL * unit || !is_affordable) {
+            return Ok(Optimum { mean_return: best(&found).mean_return, error });
         }
     }
     unreachable!("what was computed grows beyond every bound")
 }
 
-/// How far the last of what finer and finer grids told may be off; `None` if they are too few.
+/// The best policy of finer and finer grids: the last, unless one before is better beyond chance,
+/// which happens where the value of a finer grid is flawed in a place that its policy prefers.
+fn best(found: &[Walked]) -> Walked {
+    let better = |best: Walked, next: &Walked| {
+        let chance = 2.0 * (best.standard_error + next.standard_error);
+        if best.mean_return - next.mean_return > chance { best } else { *next }
+    };
+    found.iter().skip(1).fold(found[0], better)
+}
+
+/// How far the best of what finer and finer grids told may be off; `None` if they are too few.
 ///
 /// The policy of a grid twice as fine misses a third of what the one before it misses, or less. That
 /// both miss the same is unlikely, but it happens; the change before tells of it.
 fn error(found: &[Walked]) -> Option<f64> {
-    let [.., first, second, last] = found else { return None };
-    let changed = |from: &Walked, to: &Walked| (from.mean_return - to.mean_return).abs();
-    let changed = f64::max(changed(second, last), changed(first, second) / 3.0);
-    Some(changed / 2.0 + 2.0 * last.standard_error)
+    let [before @ .., _, last] = found else { return None };
+    if before.is_empty() {
+        return None;
+    }
+    let (first, second) = (best(before), best(&found[..found.len() - 1]));
+    let changed = |from: Walked, to: Walked| (from.mean_return - to.mean_return).abs();
+    let changed = f64::max(changed(second, *last), changed(first, second) / 3.0);
+    Some(changed / 2.0 + 2.0 * best(found).standard_error)
 }
 
 /// The coarsest grid of an environment for who knows so much of the context.
