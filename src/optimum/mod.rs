@@ -42,7 +42,7 @@ const STEPS: u32 = 250_000;
 /// Values that are computed in the time of a step of an episode.
 const VALUES_A_STEP: usize = 70;
 /// Most values that are computed for an optimum, in all, unless three grids take more: a few seconds.
-const MOST_COMPUTED: usize = 2_200_000_000;
+const MOST_COMPUTED: usize = 2_000_000_000;
 /// Most values that are kept at a time: 320 MB.
 const MOST_KEPT: usize = 40_000_000;
 /// How often the coarsest grid is refined for a policy, at most.
