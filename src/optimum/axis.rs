@@ -4,6 +4,9 @@
 /// Numbers closer than this are one number that was computed in two ways.
 const ROUNDING: f64 = 1e-10;
 
+/// Most strides from 0 to 1 for which there are nodes where the steps asked for are longer.
+const MOST_STRIDES: usize = 100;
+
 /// Increasing nodes, at least two, four for cubics. Where the values jump there are two nodes of one
 /// position: the first holds the limit from below, the second the value itself.
 #[derive(Clone, Debug)]
@@ -37,12 +40,13 @@ pub(super) enum Side {
 }
 
 impl Axis {
-    /// Nodes from 0 to 1 in steps of at most 1 / `steps`, which are at least 3. A `stride` of at least
-    /// that is a multiple of them, so that adding it leads from node to node.
+    /// Nodes from 0 to 1 in steps of at most 1 / `steps`, which are at least 3. A `stride` is a multiple
+    /// of them, so that adding it leads from node to node, unless that took more than [`MOST_STRIDES`].
     pub fn with_stride(stride: f64, steps: usize) -> Axis {
         debug_assert!(steps >= 3, "a cubic goes through four nodes");
         let most = 1.0 / steps as f64;
-        let step = if stride >= most { stride / (stride / most).ceil() } else { most };
+        let is_short = stride < most && stride * (MOST_STRIDES as f64) < 1.0;
+        let step = if is_short { most } else { stride / (stride / most).ceil() };
         let before_one = (0..).map(|i| f64::from(i) * step).take_while(|x| *x < 1.0 - ROUNDING);
         Axis(before_one.chain([1.0]).collect())
     }
@@ -150,13 +154,17 @@ mod tests {
     #[test]
     fn a_stride_leads_from_node_to_node() {
         // The last stride is too short to lead to another node.
-        for (stride, steps) in [(0.05, 30), (0.3, 7), (0.0, 10), (1.0, 3), (1e-3, 4)] {
+        for (stride, steps) in
+            [(0.05, 30), (0.3, 7), (0.01, 10), (0.013, 3), (0.0, 10), (1.0, 3), (1e-3, 4)]
+        {
             let axis = Axis::with_stride(stride, steps);
             assert!(
                 axis.nodes().windows(2).all(|pair| pair[1] - pair[0] <= 1.0 / steps as f64 + 1e-12)
             );
-            assert!(axis.nodes().len() <= 2 * steps + 1, "{stride} {steps}");
-            if stride * (steps as f64) < 1.0 {
+            let most = (2 * steps).max(MOST_STRIDES) + 1;
+            assert!(axis.nodes().len() <= most, "{stride} {steps}");
+            if stride < 1.0 / MOST_STRIDES as f64 {
+                assert_eq!(axis.nodes().len(), steps + 1, "{stride} {steps}");
                 continue;
             }
             for x in axis.nodes().iter().filter(|x| **x + stride <= 1.0) {

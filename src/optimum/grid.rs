@@ -43,7 +43,7 @@ const WORTH_A_THREAD: usize = 25_000;
 /// How fine a grid is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Resolution {
-    /// Steps of habituation from 0 to 1.
+    /// Fewest steps of habituation from 0 to 1.
     pub habituation: usize,
     /// Steps of disengagement risk from 0 to the threshold; where the value jumps, others end.
     pub disengagement: usize,
@@ -63,12 +63,6 @@ impl Resolution {
             jumps: self.jumps << times,
             levels: self.levels,
         }
-    }
-
-    /// About how many nodes that makes.
-    pub fn nodes(self) -> usize {
-        // A jump has two nodes and cuts a step in two; steps of habituation are up to half as long.
-        (2 * self.habituation + 1) * (self.disengagement + 2 * self.jumps + self.levels + 2)
     }
 }
 

@@ -216,9 +216,9 @@ impl OptimalPolicy {
         let on = |resolution| Grid::new(environment, belief, resolution);
         // About as many as a finer grid takes.
         let steps = on(coarsest).induce(|_, _| ()).left as usize + 1;
-        let finest = (1..=POLICY_REFINED).rev().map(|times| coarsest.refined(times));
+        let finest = (1..=POLICY_REFINED).rev().map(|times| on(coarsest.refined(times)));
         let mut affordable = finest.filter(|grid| grid.nodes() * steps <= MOST_OF_POLICY);
-        let grid = on(affordable.next().unwrap_or(coarsest));
+        let grid = affordable.next().unwrap_or_else(|| on(coarsest));
         let mut layers = Vec::new();
         let last = grid.induce(|_, layer| layers.push(layer.to_vec()));
         Ok(OptimalPolicy { grid, layers, last })

@@ -253,6 +253,7 @@ fn the_time_is_bounded_where_increments_are_tiny_and_nothing_settles() {
     let usual = || Environment { horizon: 10_000, ..Environment::paper(0.8) };
     for environment in [
         Environment { epsilon_h: 1e-5, ..usual() },
+        Environment { epsilon_h: 0.01, delta_d: 0.01, ..usual() },
         Environment { epsilon_h: 1e-9, epsilon_d: 0.0, mu: [-300.0; 2], ..usual() },
         Environment { delta_d: 0.0, epsilon_d: 1e-4, ..usual() },
         Environment { delta_d: 0.0, epsilon_d: 0.0046, epsilon_h: 0.026, ..usual() },
@@ -265,8 +266,6 @@ fn the_time_is_bounded_where_increments_are_tiny_and_nothing_settles() {
                 |refined| Grid::new(&environment, belief, coarsest.refined(refined)).nodes();
             let three: usize = (0..3).map(nodes).sum();
             assert!(2 * three * 10_000 < MOST_COMPUTED, "{environment:?} {three}");
-            let estimated = (0..5).map(|refined| coarsest.refined(refined).nodes());
-            assert!((0..5).map(nodes).zip(estimated).all(|(nodes, most)| nodes <= most));
         }
     }
 }
