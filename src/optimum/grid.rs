@@ -28,10 +28,10 @@ const DECAYS_A_MISTAKE: u32 = 4;
 /// How far the steps before a step may still differ from it in what they add, in units
 /// ([`Grid::unit`]) for a step of the horizon, for the induction to take them as equal. The policy
 /// that does so loses far less: its choices are the best but where two are nearly as good.
-const SETTLED: f64 = 0.01;
-/// How far values without a ripple may be from those with it, as a share of that: the policy that
-/// goes over from the ones to the others does not choose when.
-const SMOOTHED: f64 = 0.1;
+const SETTLED: f64 = 0.001;
+/// How much farther the mean steps of a stretch may differ, for it to be worth to take their ripple
+/// away.
+const WORTH_SMOOTHING: f64 = 10.0;
 /// Fewest layers that are tried as a stretch.
 const SHORTEST_STRETCH: u32 = 40;
 /// The largest reward of a step by the paper's parameters, in steps walked.
@@ -294,7 +294,9 @@ impl Grid {
                 let (layer, gain) = (course.values, added.middle());
                 return Induced { left, layer, gain, steps: left + smoothed };
             }
-            if left >= next_try && self.is_settled(course.added_in_mean(), most_left - left) {
+            let is_promising = course.added_in_mean().spread() * f64::from(most_left - left)
+                < WORTH_SMOOTHING * self.allowed();
+            if left >= next_try && is_promising {
                 let (steps, smooth) = self.smooth(&course, left);
                 smoothed += steps;
                 if let Some((layer, gain)) = smooth {
@@ -320,7 +322,8 @@ impl Grid {
             if self.is_settled(added, self.environment.horizon - 1 - left) {
                 let apart = Added::by(&smooth.values, &course.values);
                 let values = smooth.values.iter().map(|value| value + apart.middle()).collect();
-                let is_near = apart.spread() < SMOOTHED * self.allowed();
+                // The policy that goes over from the ones to the others does not choose when.
+                let is_near = apart.spread() < self.allowed();
                 return (steps, is_near.then_some((values, added.middle())));
             }
             if smooth.stretch == course.stretch {
