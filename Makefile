@@ -39,11 +39,13 @@ bench-readers: ## what eight readers that ask every second cost a sweep (minutes
 	$(CARGO) build --release
 	JITAI=$(or $(CARGO_TARGET_DIR),target)/release/jitai benches/readers.sh
 
-# Tests are built as `make run` builds, so that Burn is compiled once.
+# Tests are built as `make run` builds, so that Burn is compiled once, and before the lints, which
+# would wait for the compilation of SQLite with one core idle.
 # Many tests wait for processes, so that more of them run at once than there are cores.
 test: export RUST_TEST_THREADS ?= 4
 test: ## format, lints as errors, unit and integration tests
 	$(CARGO) fmt --check
+	$(CARGO) test --release --quiet --no-run
 	$(CARGO) clippy --release --all-targets --quiet -- -D warnings
 	$(CARGO) test --release --quiet
 
