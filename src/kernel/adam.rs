@@ -1,17 +1,23 @@
 //! Adam.
 
-use pulp::{Simd, WithSimd};
+use pulp::{Scalar, Simd, WithSimd};
 
 use crate::kernel::{Aligned, Isa, math};
 
 const BETA_1: f64 = 0.9;
 const BETA_2: f64 = 0.999;
-const EPSILON: f32 = 1e-8;
-/// Moments below this become 0. Those of a unit that has gone quiet would decay into denormal
-/// numbers, on which processors are slow, and move nothing long before that.
+const EPSILON: f64 = 1e-8;
+/// Moments below this become 0 when they are renewed. Those of a unit that has gone quiet would
+/// decay into denormal numbers, on which processors are slow, and move nothing long before that.
 const QUIET: f32 = 1e-30;
+/// Moments are renewed when the first has decayed to this: every 66 updates.
+const RENEWED_AT: f64 = 1e-3;
 
 /// The state of Adam for an array of parameters.
+///
+/// A moment m <- beta m + (1 - beta) g is kept as m / beta^k, k updates after it was renewed: what
+/// is kept only takes (1 - beta) / beta^k g more, and beta^k is a factor of the step, the same for
+/// all parameters. To renew it is to write m itself.
 ///
 /// **Source**: Kingma and Ba, "Adam: a method for stochastic optimization", 2015, with the
 /// published constants beta_1 = 0.9, beta_2 = 0.999, epsilon = 1e-8.
@@ -22,6 +28,8 @@ pub struct Adam {
     second: Aligned,
     /// beta_1 and beta_2 to the power of the updates made.
     powers: [f64; 2],
+    /// The same of the updates made since moments were renewed.
+    decays: [f64; 2],
 }
 
 impl Adam {
@@ -31,41 +39,100 @@ impl Adam {
             learning_rate,
             first: Aligned::zeros(parameters),
             second: Aligned::zeros(parameters),
-            powers: [1.0, 1.0],
+            powers: [1.0; 2],
+            decays: [1.0; 2],
         }
     }
 
-    /// The first and second moments of every parameter, and beta_1 and beta_2 to the power of the
-    /// updates made: all that an update depends on.
-    pub fn state(&self) -> ([&[f32]; 2], [f64; 2]) {
-        ([&self.first, &self.second], self.powers)
+    /// What is kept of the first and second moments of every parameter, and beta_1 and beta_2 to the
+    /// power of the updates made and of those since moments were renewed: all that an update depends
+    /// on.
+    pub fn state(&self) -> ([&[f32]; 2], [[f64; 2]; 2]) {
+        ([&self.first, &self.second], [self.powers, self.decays])
     }
 
     /// As [`Adam::state`], to be changed.
-    pub fn state_mut(&mut self) -> ([&mut [f32]; 2], &mut [f64; 2]) {
-        ([&mut self.first, &mut self.second], &mut self.powers)
+    pub fn state_mut(&mut self) -> ([&mut [f32]; 2], [&mut [f64; 2]; 2]) {
+        ([&mut self.first, &mut self.second], [&mut self.powers, &mut self.decays])
     }
 
     /// Moves the parameters by their gradient, which becomes 0.
     pub fn update(&mut self, isa: Isa, parameters: &mut [f32], gradient: &mut [f32]) {
-        self.powers[0] *= BETA_1;
-        self.powers[1] *= BETA_2;
+        let step = self.begin();
+        let (first, second) = (&mut self.first[..], &mut self.second[..]);
+        isa.run(Update { step, parameters, gradient, first, second });
+        if self.decays[0] <= RENEWED_AT {
+            isa.run(Renewal { kept: &mut self.first, decay: self.decays[0] as f32 });
+            isa.run(Renewal { kept: &mut self.second, decay: self.decays[1] as f32 });
+            self.decays = [1.0; 2];
+        }
+    }
+
+    fn begin(&mut self) -> Step {
+        for (i, beta) in [BETA_1, BETA_2].into_iter().enumerate() {
+            self.powers[i] *= beta;
+            self.decays[i] *= beta;
+        }
         let [first, second] = self.powers.map(|power| 1.0 - power);
-        isa.run(Update {
-            step: (self.learning_rate / first) as f32,
-            scale: (1.0 / second.sqrt()) as f32,
-            parameters,
-            gradient,
-            first: &mut self.first,
-            second: &mut self.second,
-        });
+        let scale = (self.decays[1] / second).sqrt();
+        Step {
+            shares: [
+                ((1.0 - BETA_1) / self.decays[0]) as f32,
+                ((1.0 - BETA_2) / self.decays[1]) as f32,
+            ],
+            rate: (self.learning_rate * self.decays[0] / (first * scale)) as f32,
+            epsilon: (EPSILON / scale) as f32,
+        }
     }
 }
 
-/// parameter -= step * first / (scale * sqrt(second) + epsilon).
+/// What an update has for all parameters: first += share g, second += share g^2,
+/// parameter -= rate first / (sqrt(second) + epsilon), with the moments as they are kept.
+#[derive(Clone, Copy, Debug)]
+struct Step {
+    shares: [f32; 2],
+    rate: f32,
+    epsilon: f32,
+}
+
+impl Step {
+    /// Parameters and their moments after a step by their gradient.
+    #[inline(always)]
+    fn after<S: Simd>(
+        self,
+        simd: S,
+        gradient: S::f32s,
+        [parameter, first, second]: [S::f32s; 3],
+    ) -> [S::f32s; 3] {
+        let [share_1, share_2] = self.shares.map(|share| simd.splat_f32s(share));
+        let (rate, epsilon) = (simd.splat_f32s(self.rate), simd.splat_f32s(self.epsilon));
+        let first = simd.mul_add_f32s(share_1, gradient, first);
+        let second = simd.mul_add_f32s(simd.mul_f32s(share_2, gradient), gradient, second);
+        let by = simd.div_f32s(first, math::root_plus(simd, second, epsilon));
+        [simd.negate_mul_add_f32s(rate, by, parameter), first, second]
+    }
+
+    #[inline(always)]
+    fn take<S: Simd>(
+        self,
+        simd: S,
+        parameters: &mut [S::f32s],
+        gradient: &mut [S::f32s],
+        moments: [&mut [S::f32s]; 2],
+    ) {
+        let [first, second] = moments.map(|moments| moments.iter_mut());
+        let parameters = parameters.iter_mut().zip(gradient);
+        for ((parameter, gradient), (first, second)) in parameters.zip(first.zip(second)) {
+            let after = self.after(simd, *gradient, [*parameter, *first, *second]);
+            [*parameter, *first, *second] = after;
+            *gradient = simd.splat_f32s(0.0);
+        }
+    }
+}
+
+/// A step of all parameters.
 struct Update<'a> {
-    step: f32,
-    scale: f32,
+    step: Step,
     parameters: &'a mut [f32],
     gradient: &'a mut [f32],
     first: &'a mut [f32],
@@ -76,21 +143,31 @@ impl WithSimd for Update<'_> {
     type Output = ();
 
     #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let (parameters, few_parameters) = S::as_mut_simd_f32s(self.parameters);
+        let (gradient, few_gradient) = S::as_mut_simd_f32s(self.gradient);
+        let (first, few_first) = S::as_mut_simd_f32s(self.first);
+        let (second, few_second) = S::as_mut_simd_f32s(self.second);
+        self.step.take(simd, parameters, gradient, [first, second]);
+        let few = [few_first, few_second];
+        self.step.take(Scalar::new(), few_parameters, few_gradient, few);
+    }
+}
+
+/// Writes moments with their decay.
+struct Renewal<'a> {
+    kept: &'a mut [f32],
+    decay: f32,
+}
+
+impl WithSimd for Renewal<'_> {
+    type Output = ();
+
+    #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let (decay_1, share_1) = (BETA_1 as f32, (1.0 - BETA_1) as f32);
-        let (decay_2, share_2) = (BETA_2 as f32, (1.0 - BETA_2) as f32);
-        let state = self.first.iter_mut().zip(self.second);
-        let parameters = self.parameters.iter_mut().zip(self.gradient);
-        for ((parameter, gradient), (first, second)) in parameters.zip(state) {
-            let g = *gradient;
-            *gradient = 0.0;
-            let m = decay_1.mul_add(*first, share_1 * g);
-            let v = decay_2.mul_add(*second, share_2 * g * g);
-            let m = if m.abs() < QUIET { 0.0 } else { m };
-            let v = if v < QUIET { 0.0 } else { v };
-            *first = m;
-            *second = v;
-            *parameter -= self.step * m / self.scale.mul_add(math::root_f32(v), EPSILON);
+        for moment in self.kept {
+            let renewed = *moment * self.decay;
+            *moment = if renewed.abs() < QUIET { 0.0 } else { renewed };
         }
     }
 }
@@ -115,6 +192,35 @@ mod tests {
     }
 
     #[test]
+    fn steps_are_those_of_the_formula_however_often_moments_were_renewed() {
+        let mut adam = Adam::new(1e-3, 5);
+        let mut ours = [0.0f32; 5];
+        let (mut theirs, mut moments) = ([0.0f64; 5], [[0.0f64; 2]; 5]);
+        let mut powers = [1.0, 1.0];
+        for step in 0..400 {
+            powers = [powers[0] * BETA_1, powers[1] * BETA_2];
+            // Of sizes from 1e-6 to 100, and none for 150 updates.
+            let gradient = |i: usize| {
+                let silent = (100..250).contains(&step);
+                let size = 10f32.powi(2 * i as i32 - 6);
+                if silent { 0.0 } else { size * (((i * 31 + step * 17) % 13) as f32 - 5.0) }
+            };
+            adam.update(Isa::chosen(), &mut ours, &mut std::array::from_fn::<f32, 5, _>(gradient));
+            for (i, [first, second]) in moments.iter_mut().enumerate() {
+                let g = f64::from(gradient(i));
+                *first = BETA_1 * *first + (1.0 - BETA_1) * g;
+                *second = BETA_2 * *second + (1.0 - BETA_2) * g * g;
+                let corrected = [*first / (1.0 - powers[0]), *second / (1.0 - powers[1])];
+                theirs[i] -= 1e-3 * corrected[0] / (corrected[1].sqrt() + EPSILON);
+            }
+            for (ours, theirs) in ours.into_iter().zip(theirs) {
+                let apart = (f64::from(ours) - theirs).abs();
+                assert!(apart < 1e-6, "{step}: {ours} {theirs}");
+            }
+        }
+    }
+
+    #[test]
     fn moments_of_a_quiet_parameter_become_zero_and_not_denormal() {
         let mut adam = Adam::new(1e-3, 1);
         let mut parameters = [1.0f32];
@@ -136,7 +242,7 @@ mod tests {
         let mut made = Isa::available().into_iter().map(|isa| {
             let mut adam = Adam::new(6e-4, 37);
             let mut parameters: Vec<f32> = (0..37).map(|i| i as f32 / 37.0).collect();
-            for step in 0..50 {
+            for step in 0..150 {
                 let mut gradient: Vec<f32> =
                     (0..37).map(|i| ((i * 31 + step * 17) % 13) as f32 - 6.0).collect();
                 adam.update(isa, &mut parameters, &mut gradient);

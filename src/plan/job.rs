@@ -64,8 +64,8 @@ impl Job {
         Versions {
             environment: 1,
             algorithm: match self.agent.algorithm() {
-                Algorithm::DuelingDqn => 1,
-                Algorithm::Reinforce => 1,
+                Algorithm::DuelingDqn => 2,
+                Algorithm::Reinforce => 2,
                 Algorithm::Rule => 1,
             },
         }
