@@ -8,7 +8,7 @@ use std::time::Duration;
 use std::{fs, panic, thread};
 
 use jitai::manifest::{self, Key, Manifest, Section, Value};
-use jitai::plan::{self, PlannedJob};
+use jitai::plan::{self, PlannedJob, Versions};
 
 /// Compares with the text of the file at `expected`, and tells how to accept `actual` instead.
 fn assert_text(actual: &str, expected: &Path) -> Result<(), String> {
@@ -448,11 +448,13 @@ fn parsed(text: &str) -> Manifest {
     manifest::parse("test", text.as_bytes()).unwrap()
 }
 
-/// The first job of a manifest, its canonical form and its key.
+/// The first job of a manifest, its canonical form and its key under the first versions of the code.
 fn assert_first_job(text: &str, canonical: &str, key: &str) {
     let job = &jobs_of(text)[0].job;
     assert_eq!(job.canonical(), canonical);
-    assert_eq!(job.key().to_string(), key);
+    let first = Versions { environment: 1, algorithm: 1 };
+    assert_eq!(job.form().key_under(first).to_string(), key);
+    assert_eq!(job.key(), job.versions().key_of(canonical));
 }
 
 #[test]
