@@ -34,7 +34,7 @@ pub fn exp_f32(x: f32) -> f32 {
 }
 
 /// sqrt(x) + y in f32 within 2 units in the last place, for x that are 0, a normal positive number or
-/// infinity, and y >= 0; several times as fast as the processor's root.
+/// infinity, and y >= 0.
 ///
 /// **Source**: a first guess of 1 / sqrt(x) by its bits, 3.5 % off at most (Muller et al., "Handbook
 /// of floating-point arithmetic", 2018, section 4.7.3). With r = 1 - x guess^2,
