@@ -17,88 +17,85 @@ impl<const K: usize> WithSimd for Backward<'_, K> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
-        let units = self.network.bias.len();
-        for unit in (0..units).step_by(S::F32_LANES) {
+        for column in 0..self.network.bias.len() / S::F32_LANES {
             if self.network.moments.is_empty() {
-                self.column::<S, false>(simd, unit);
+                self.column::<S, false>(simd, column);
             } else {
-                self.column::<S, true>(simd, unit);
+                self.column::<S, true>(simd, column);
             }
         }
     }
 }
 
 impl<const K: usize> Backward<'_, K> {
-    /// One register of units, over all rows, which have moments or have none.
+    /// One register of units, counted in registers, over all rows, which have moments or have none.
     #[inline(always)]
     #[allow(clippy::needless_range_loop)]
-    fn column<S: Simd, const MOMENTS: bool>(&mut self, simd: S, unit: usize) {
+    fn column<S: Simd, const MOMENTS: bool>(&mut self, simd: S, column: usize) {
         let Shallow { weight, bias, head, inputs, moments, rows } = self.network;
-        let units = bias.len();
-        let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
+        let columns = bias.len() / S::F32_LANES;
+        let (weight, bias, head) = (
+            &S::as_simd_f32s(weight).0[column..],
+            S::as_simd_f32s(bias).0,
+            S::as_simd_f32s(head).0,
+        );
+        let by_weight = &mut S::as_mut_simd_f32s(self.gradient.weight).0[column..];
+        let by_bias = &mut S::as_mut_simd_f32s(self.gradient.bias).0[column];
+        let by_head = &mut S::as_mut_simd_f32s(self.gradient.head).0[column..];
+        let zero = simd.splat_f32s(0.0);
         let (mut weights, mut by_weights) = ([zero; K], [zero; K]);
         for k in 0..K {
-            weights[k] = load(simd, weight, k * units + unit);
-            by_weights[k] = load(simd, self.gradient.weight, k * units + unit);
+            (weights[k], by_weights[k]) = (weight[k * columns], by_weight[k * columns]);
         }
         let (mut heads, mut by_heads) = ([zero; OUTPUTS], [zero; OUTPUTS]);
         for j in 0..OUTPUTS {
-            heads[j] = load(simd, head, j * units + unit);
-            by_heads[j] = load(simd, self.gradient.head, j * units + unit);
+            (heads[j], by_heads[j]) = (head[j * columns + column], by_head[j * columns]);
         }
-        let start = load(simd, bias, unit);
-        let mut by_start = load(simd, self.gradient.bias, unit);
+        let (start, mut by_start) = (bias[column], *by_bias);
         let inputs = &inputs.as_chunks::<K>().0[..rows];
+        // Read again rather than kept, for which there are not registers enough.
+        let again = &std::hint::black_box(inputs)[..rows];
         let by_outputs = &self.by_outputs.as_chunks::<OUTPUTS>().0[..rows];
-        for (row, (inputs, by_outputs)) in inputs.iter().zip(by_outputs).enumerate() {
+        let (entries, by_entries) = if MOMENTS {
+            let by_entries = &mut by_weight[K * columns..];
+            (&weight[K * columns..][..by_entries.len()], by_entries)
+        } else {
+            (&weight[..0], &mut by_weight[..0])
+        };
+        for row in 0..rows {
             let mut hidden = start;
             let mut entry = 0;
             if MOMENTS {
-                entry = (K + moments[row] as usize) * units + unit;
-                hidden = simd.add_f32s(hidden, load(simd, weight, entry));
+                entry = moments[row] as usize * columns;
+                hidden = simd.add_f32s(hidden, entries[entry]);
             }
             for k in 0..K {
-                hidden = simd.mul_add_f32s(simd.splat_f32s(inputs[k]), weights[k], hidden);
+                hidden = simd.mul_add_f32s(simd.splat_f32s(inputs[row][k]), weights[k], hidden);
             }
-            let positive = simd.greater_than_f32s(hidden, zero);
+            // What is not a number may become 0 here or not: such a training fails either way.
+            hidden = simd.max_f32s(hidden, zero);
             let mut by_hidden = zero;
             for j in 0..OUTPUTS {
-                let by_output = simd.splat_f32s(by_outputs[j]);
+                let by_output = simd.splat_f32s(by_outputs[row][j]);
                 by_hidden = simd.mul_add_f32s(by_output, heads[j], by_hidden);
-                let more = simd.mul_add_f32s(by_output, hidden, by_heads[j]);
-                by_heads[j] = simd.select_f32s(positive, more, by_heads[j]);
+                by_heads[j] = simd.mul_add_f32s(by_output, hidden, by_heads[j]);
             }
-            by_hidden = simd.select_f32s(positive, by_hidden, zero);
-            by_start = simd.mul_add_f32s(one, by_hidden, by_start);
+            by_hidden = simd.select_f32s(simd.greater_than_f32s(hidden, zero), by_hidden, zero);
+            by_start = simd.add_f32s(by_start, by_hidden);
             for k in 0..K {
-                let input = simd.splat_f32s(inputs[k]);
+                let input = simd.splat_f32s(again[row][k]);
                 by_weights[k] = simd.mul_add_f32s(input, by_hidden, by_weights[k]);
             }
             if MOMENTS {
-                let sum = simd.add_f32s(load(simd, self.gradient.weight, entry), by_hidden);
-                store::<S>(sum, self.gradient.weight, entry);
+                by_entries[entry] = simd.add_f32s(by_entries[entry], by_hidden);
             }
         }
         for k in 0..K {
-            store::<S>(by_weights[k], self.gradient.weight, k * units + unit);
+            by_weight[k * columns] = by_weights[k];
         }
         for j in 0..OUTPUTS {
-            store::<S>(by_heads[j], self.gradient.head, j * units + unit);
+            by_head[j * columns] = by_heads[j];
         }
-        store::<S>(by_start, self.gradient.bias, unit);
+        *by_bias = by_start;
     }
-}
-
-/// The register that starts at a position.
-#[inline(always)]
-fn load<S: Simd>(_: S, values: &[f32], at: usize) -> S::f32s {
-    let (registers, _) = S::as_simd_f32s(&values[at..at + S::F32_LANES]);
-    registers[0]
-}
-
-/// Puts a register at a position.
-#[inline(always)]
-fn store<S: Simd>(register: S::f32s, values: &mut [f32], at: usize) {
-    let (registers, _) = S::as_mut_simd_f32s(&mut values[at..at + S::F32_LANES]);
-    registers[0] = register;
 }
