@@ -7,7 +7,7 @@ use serde_json::json;
 
 use crate::cli::output::counted;
 use crate::cli::{Error, Exit};
-use crate::manifest::{self, Faults, Manifest};
+use crate::manifest::{self, Faults, Manifest, Published};
 use crate::plan;
 
 /// Validate manifests; every fault at once, each with its line, column and remedy
@@ -32,7 +32,8 @@ enum Format {
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let mut faulty = Vec::new();
     for path in &arguments.manifests {
-        match manifest::load(path) {
+        let loaded = manifest::load(path);
+        match loaded.and_then(|manifest| Published::of(&manifest).map(|_| manifest)) {
             Ok(manifest) if arguments.format == Format::Text => {
                 let jobs = counted(plan::count(&manifest), "job");
                 writeln!(io::stdout(), "{}: ok, {jobs}", path.display())?;

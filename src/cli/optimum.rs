@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::thread;
 
 use crate::cli::output::{Cell, Format, Rows};
-use crate::cli::setting::adjusted;
+use crate::cli::setting::{adjusted, sets};
 use crate::cli::{Error, Exit, check};
 use crate::env::inference_error;
 use crate::manifest::{Environment, Manifest, Scenario};
@@ -86,9 +86,18 @@ fn of_arguments(arguments: &Arguments) -> Result<(), Error> {
         optimum::shows_state(scenario).map_err(refused)?;
     }
     let environment = |sigma: &String| {
-        let settings = arguments.settings.iter().cloned().chain([format!("sigma={sigma}")]);
-        adjusted(Environment::paper(0.0), &settings.collect::<Vec<_>>())
+        let noisy = adjusted(Environment::paper(0.0), &[format!("sigma={sigma}")]);
+        let as_written = |said: String| said.replacen("--set sigma=", "--sigma ", 1);
+        let noisy = noisy.map_err(|error| match error {
+            Error::Usage(said) => Error::Usage(as_written(said)),
+            other => other,
+        })?;
+        adjusted(noisy, &arguments.settings)
     };
+    if let Some(setting) = arguments.settings.iter().find(|setting| sets(setting, "sigma")) {
+        let help = "several with commas, are given by --sigma";
+        return Err(Error::Usage(format!("--set {setting}: standard deviations, {help}")));
+    }
     let environments = arguments.sigmas.iter().map(environment).collect::<Result<Vec<_>, _>>()?;
     let mut rows = Rows::new(arguments.format, &COLUMNS.map(str::to_owned), io::stdout().lock())?;
     for scenario in &arguments.scenarios {

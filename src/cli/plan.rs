@@ -329,6 +329,10 @@ fn explain(all: &Sum, seconds: Option<f64>, workers: NonZeroUsize) -> io::Result
     let workers = counted(workers.get(), "worker");
     match seconds {
         _ if all.to_run() == 0 => writeln!(err, "nothing to run"),
+        Some(0.0) => {
+            let jobs = counted(all.to_run(), "job");
+            writeln!(err, "{jobs} to run, which do not train; no time is estimated")
+        }
         Some(seconds) => {
             let (jobs, time) = (counted(all.to_run(), "job"), spoken(seconds));
             writeln!(err, "{jobs} to run: about {time} with {workers}, as fast as earlier runs")

@@ -145,7 +145,8 @@ impl Shown {
 
     /// The time left, if it is known, as people say it.
     fn left(&self) -> Option<String> {
-        self.seconds_left().filter(|_| self.done < self.jobs).map(spoken)
+        let is_known = |seconds: &f64| self.done < self.jobs && *seconds > 0.0;
+        self.seconds_left().filter(is_known).map(spoken)
     }
 
     /// Writes a line for a person; a closed standard error ends nothing.
@@ -239,7 +240,11 @@ impl Shown {
                 }
                 if self.style == Style::Lines {
                     let (episode, episodes) = (resumed.episode, queued.job.agent.episodes());
-                    self.say(&format!("{name}: goes on from episode {episode} of {episodes}"));
+                    let from = match episode < episodes {
+                        true => format!("from episode {episode} of {episodes}"),
+                        false => "with its test".to_owned(),
+                    };
+                    self.say(&format!("{name}: goes on {from}"));
                 }
                 event["event"] = json!("resumed");
                 event["episode"] = json!(resumed.episode);
@@ -321,7 +326,7 @@ impl Shown {
         if waiting_for > 0 && !self.told_waiting {
             self.told_waiting = true;
             let jobs = counted(waiting_for, "job");
-            self.say(&format!("waiting for {jobs} that another process is running"));
+            self.say(&format!("waiting for {jobs} that another process has taken"));
         }
     }
 

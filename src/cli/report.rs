@@ -14,9 +14,6 @@ use crate::record::{Failure, JobRecord, Progress, Setting};
 use crate::report::{ReportFile, ReportedExperiment, report};
 use crate::store::{JobState, Parts, Provided, ProvidedPart, Reader};
 
-/// Largest file of published numbers.
-const MOST_BYTES: u64 = 10_000_000;
-
 /// Write tables, figures and a page about the results that there are
 #[derive(clap::Args)]
 pub(super) struct Arguments {
@@ -32,7 +29,8 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let manifests = check::load_all(&arguments.manifests)?;
-    let published = manifests.iter().map(published).collect::<Result<Vec<_>, Error>>()?;
+    let published = manifests.iter().map(Published::of).collect::<Result<Vec<_>, _>>();
+    let published = published.map_err(|faults| Error::Manifests(vec![faults]))?;
     let reader = Reader::open(&arguments.store.store)?;
     folder::make(&arguments.out)?;
     let mut experiments = Vec::new();
@@ -57,21 +55,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     files.iter().try_for_each(|file| write(&arguments.out, file))?;
     writeln!(io::stdout(), "{}", arguments.out.join("index.html").display())?;
     Ok(Exit::Done)
-}
-
-/// The published numbers that a manifest names.
-fn published(manifest: &Manifest) -> Result<Option<Published>, Error> {
-    let Some(name) = &manifest.published else { return Ok(None) };
-    let folder = Path::new(&manifest.path).parent().unwrap_or(Path::new(""));
-    let path = folder.join(name);
-    let failure = |source| Error::Io { what: format!("read `{}`", path.display()), source };
-    let size = fs::metadata(&path).map_err(failure)?.len();
-    if size > MOST_BYTES {
-        let path = path.display();
-        return Err(Error::Usage(format!("`{path}` has more than {MOST_BYTES} bytes")));
-    }
-    let text = fs::read_to_string(&path).map_err(failure)?;
-    Published::parse(&path, &text).map(Some).map_err(|faults| Error::Manifests(vec![faults]))
 }
 
 /// The jobs of a manifest with what the store knows of them.

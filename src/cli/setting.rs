@@ -10,8 +10,11 @@ pub(super) fn adjusted(
     settings: &[String],
 ) -> Result<Environment, Error> {
     let mut table = serde_json::json!(environment);
-    for setting in settings {
+    for (i, setting) in settings.iter().enumerate() {
         let (name, value) = name_and_value(setting)?;
+        if settings[..i].iter().any(|earlier| sets(earlier, name)) {
+            return Err(Error::Usage(format!("--set {setting}: `{name}` is set a second time")));
+        }
         let environment = format!("{name} = {}", quoted(value));
         let text = format!(
             "format = 1\nextends = \"paper\"\nname = \"simulate\"\nscenarios = [\"C\"]\nseeds = 1\n\
@@ -34,6 +37,11 @@ pub(super) fn adjusted(
         table[name] = set[name].clone();
     }
     Ok(serde_json::from_value(table).expect("every value was checked as a manifest's"))
+}
+
+/// Whether a setting is one of this parameter.
+pub(super) fn sets(setting: &str, parameter: &str) -> bool {
+    name_and_value(setting).is_ok_and(|(name, _)| name == parameter)
 }
 
 /// The parts of a setting. They become a line of TOML, so neither may hold more than one.

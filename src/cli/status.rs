@@ -89,8 +89,16 @@ fn show(reader: &Reader, format: Format) -> Result<Unfinished, Error> {
         rows.row(&cells)?;
     }
     rows.finish()?;
-    if format == Format::Table {
-        failed.list()?;
+    match format {
+        Format::Table => failed.list()?,
+        Format::Json => {}
+        _ if failed.jobs.is_empty() => {}
+        _ => {
+            let jobs = counted(failed.jobs.len(), "failed job");
+            let told =
+                "table and json tell the reasons, and so does `failure_message` of run_summary";
+            writeln!(io::stderr(), "{jobs}: {told}")?;
+        }
     }
     Ok(unfinished)
 }

@@ -262,7 +262,9 @@ impl Reader<'_> {
         let fault = Fault::at(node.span().into(), message);
         // A bare key is missing its section, which no edit distance would find.
         let known = names.iter().map(String::as_str).chain(others.iter().copied());
+        let section = others.iter().copied().find(|name| name.split('.').next() == Some(dotted));
         let bare = known.clone().find(|name| name.split('.').next_back() == Some(dotted));
+        let bare = section.or(bare);
         self.faults.add(match bare.filter(|name| *name != dotted) {
             Some(name) => fault.help(format!("did you mean `{name}`?")),
             None => fault.nearest(dotted, known.filter(|name| *name != dotted)),

@@ -1,10 +1,17 @@
 //! Published numbers, as a file beside the manifests holds them for the report to compare with.
 
+use std::fs;
 use std::path::Path;
 
 use serde::Deserialize;
+use toml::de::DeTable;
 
+use super::Manifest;
 use super::fault::{Fault, Faults};
+use super::source::Span;
+
+/// Largest file of published numbers.
+const MOST_BYTES: u64 = 10_000_000;
 
 /// The numbers of a publication. Lists of one table have one length.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
@@ -85,6 +92,34 @@ pub struct PublishedHeatMap {
 }
 
 impl Published {
+    /// Reads the file that a manifest names, if it names one.
+    ///
+    /// # Errors
+    /// What is wrong with the file, or with its name, in the form that authors see.
+    pub fn of(manifest: &Manifest) -> Result<Option<Published>, Faults> {
+        let Some(name) = &manifest.published else { return Ok(None) };
+        let folder = Path::new(&manifest.path).parent().unwrap_or(Path::new(""));
+        let path = folder.join(name);
+        let unreadable = |reason: String| {
+            let message = format!("`published`: `{}` cannot be read: {reason}", path.display());
+            let fault = match span_of_name(&manifest.source) {
+                Some(span) => Fault::at(span, message),
+                None => Fault::whole(message),
+            };
+            let fault = fault.help("the path starts in the manifest's folder");
+            Faults::of_text(&manifest.path, &manifest.source, fault)
+        };
+        let file = fs::metadata(&path).map_err(|error| unreadable(error.to_string()))?;
+        if !file.is_file() {
+            return Err(unreadable("it is not a regular file".to_owned()));
+        }
+        if file.len() > MOST_BYTES {
+            return Err(unreadable(format!("it has more than {MOST_BYTES} bytes")));
+        }
+        let text = fs::read_to_string(&path).map_err(|error| unreadable(error.to_string()))?;
+        Published::parse(&path, &text).map(Some)
+    }
+
     /// Reads the text of the file called `path`.
     ///
     /// # Errors
@@ -93,7 +128,11 @@ impl Published {
         let label = path.display().to_string();
         let fault = |message: String| Faults::of_file(&label, Fault::whole(message));
         let published: Published = toml::from_str(text).map_err(|error| {
-            fault(format!("published numbers cannot be read: {}", error.to_string().trim_end()))
+            let message = format!("published numbers cannot be read: {}", error.message());
+            match error.span() {
+                Some(span) => Faults::of_text(&label, text, Fault::at(span.into(), message)),
+                None => fault(message),
+            }
         })?;
         match published.uneven() {
             None => Ok(published),
@@ -124,6 +163,12 @@ impl Published {
         };
         self.heat_maps.iter().any(uneven).then_some("[heat_map]")
     }
+}
+
+/// Where a manifest's text names its published numbers.
+fn span_of_name(text: &str) -> Option<Span> {
+    let root = DeTable::parse(text).ok()?;
+    Some(root.get_ref().get("published")?.span().into())
 }
 
 #[cfg(test)]

@@ -427,6 +427,10 @@ fn algorithm_of(section: Section) -> Option<Algorithm> {
 
 /// Says where a key belongs, or which one was meant.
 fn belonging(fault: Fault, here: Option<Section>, found: &str, names: &[&str]) -> Fault {
+    let is_table = ["environment", "agent", "evaluation", "exclude", "analysis"].contains(&found);
+    if here.is_some() && !is_table && TOP_KEYS.contains(&found) {
+        return fault.help(format!("`{found}` belongs above the first table"));
+    }
     let elsewhere = Section::ALL
         .into_iter()
         .find(|section| Some(*section) != here && section.find(found).is_some());

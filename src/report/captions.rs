@@ -102,10 +102,16 @@ fn curve(figure: &CurveFigure, metric: &str) -> Vec<String> {
     };
     let line = |line: &CurveLine| {
         let ((x, y), (last_x, last_y)) = ends(line)?;
-        let verb = if last_y < y { "falls" } else { "rises" };
         let (from, to) = (amount(y, metric), amount(last_y, metric));
-        let name = arm_label(&line.name);
-        Some(format!("{name} {verb} from {from} at {} to {to} at {}.", at(x), at(last_x)))
+        let (name, start, end) = (arm_label(&line.name), at(x), at(last_x));
+        Some(if x == last_x {
+            format!("{name} is at {from} at {start}.")
+        } else if from == to {
+            format!("{name} is at {from} both at {start} and at {end}.")
+        } else {
+            let verb = if last_y < y { "falls" } else { "rises" };
+            format!("{name} {verb} from {from} at {start} to {to} at {end}.")
+        })
     };
     let mut sentences: Vec<String> = figure.lines.iter().filter_map(line).collect();
     sentences.extend(figure.lines.iter().filter_map(shares));
@@ -117,7 +123,9 @@ fn curve(figure: &CurveFigure, metric: &str) -> Vec<String> {
         let widest = gap.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()));
         if let Some((x, gap)) = widest {
             let (size, place) = (amount(gap.abs(), metric), at(x));
-            sentences.push(format!("They are furthest apart at {place}, by {size}."));
+            if size != amount(0.0, metric) {
+                sentences.push(format!("They are furthest apart at {place}, by {size}."));
+            }
         }
     }
     sentences
@@ -173,12 +181,13 @@ fn heat(figure: &HeatFigure, metric: &str) -> Option<String> {
         }
         Scale::Mean => String::new(),
     };
+    let subject = format!("{}, {}{above}", figure.agent, figure.subject.replace(" - ", " − "));
+    let (least, most) = (amount(least, metric), amount(most, metric));
+    if least == most {
+        return Some(format!("{subject} is {most} in every cell."));
+    }
     Some(format!(
-        "{}, {}{above} goes from {} to {}, the most at {} = {} and {} = {}.",
-        figure.agent,
-        figure.subject.replace(" - ", " − "),
-        amount(least, metric),
-        amount(most, metric),
+        "{subject} goes from {least} to {most}, the most at {} = {} and {} = {}.",
         last(&figure.x.0),
         top.x,
         last(&figure.y.0),

@@ -39,7 +39,10 @@ fn arguments_without_an_optimum_are_refused() {
     refused(&["--scenario", "P-H-D,P-T"]).says("no optimum is computed for P-T");
     refused(&["--scenario", "X"]).says("`X` is not a feature");
     refused(&["--sigma=-1"]).says("expected a number from 0 to 1000000, found -1");
+    refused(&["--sigma", "0.4,x"]).says("--sigma x: `sigma`: expected a number");
     refused(&["--set", "horizn=3"]).says("did you mean `horizon`?");
+    refused(&["--set", "sigma=0.4"]).says("are given by --sigma");
+    refused(&["--set", "horizon=3", "--set", "horizon=4"]).says("`horizon` is set a second time");
 }
 
 /// Rules beside each other in a scenario with an optimum and one without.

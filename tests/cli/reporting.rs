@@ -161,6 +161,33 @@ fn a_report_needs_a_store_and_readable_published_numbers() {
     let told = folder.jitai(["report", "sweep.toml", "--out", "report"]);
     assert_eq!(told.code, Some(2));
     assert!(told.stderr.contains("published numbers cannot be read"), "{}", told.stderr);
+    folder.jitai(["check", "sweep.toml"]).ended(2).says("published.toml:2:9: ");
+    std::fs::remove_file(folder.path("published.toml")).unwrap();
+    for command in [&["check", "sweep.toml"][..], &["report", "sweep.toml", "--out", "report"]] {
+        folder.jitai(command.iter().copied()).ended(2).says("sweep.toml:").says("`published`: ");
+    }
+}
+
+#[test]
+fn a_caption_tells_of_no_trend_where_there_is_none() {
+    let manifest = "format = 1\nname = \"rules\"\nscenarios = [\"P-H-D\", \"L-H-D\"]\nseeds = 2\n\
+                    environment.sigma = [0.4, 0.8]\nevaluation.test_episodes = 20\n\
+                    [[agent]]\nname = \"never\"\nalgorithm = \"rule\"\nrule = \"never\"\n\
+                    [[analysis]]\nname = \"returns\"\nkind = \"curve\"\n";
+    let folder = Folder::with(manifest);
+    let report = || {
+        folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
+        folder.read("report/index.html")
+    };
+    folder.jitai(["run", "sweep.toml", "--filter", "environment.sigma=0.8"]).succeeded();
+    let page = report();
+    assert!(page.contains("</span> is at 5 at 27&nbsp;% error."), "{page}");
+    folder.jitai(["run", "sweep.toml"]).succeeded();
+    let page = report();
+    assert!(page.contains("</span> is at 5 both at 11&nbsp;% error and at 27&nbsp;% error."), "{page}");
+    for trend in ["rises", "falls", "apart"] {
+        assert!(!page.contains(trend), "{trend}: {page}");
+    }
 }
 
 #[test]

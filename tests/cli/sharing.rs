@@ -31,7 +31,7 @@ fn a_sweep_that_waits_takes_over_the_jobs_of_one_that_is_killed() {
     until("the job runs", || folder.is_running_a_job());
     let second = folder.start(arguments);
     until("the second waits", || {
-        second.stderr().contains("waiting for 1 job that another process is running")
+        second.stderr().contains("waiting for 1 job that another process has taken")
     });
     first.kill();
     second.wait().succeeded().says("1 job run, 1 completed in all");
