@@ -184,7 +184,10 @@ fn a_caption_tells_of_no_trend_where_there_is_none() {
     assert!(page.contains("</span> is at 5 at 27&nbsp;% error."), "{page}");
     folder.jitai(["run", "sweep.toml"]).succeeded();
     let page = report();
-    assert!(page.contains("</span> is at 5 both at 11&nbsp;% error and at 27&nbsp;% error."), "{page}");
+    assert!(
+        page.contains("</span> is at 5 both at 11&nbsp;% error and at 27&nbsp;% error."),
+        "{page}"
+    );
     for trend in ["rises", "falls", "apart"] {
         assert!(!page.contains(trend), "{trend}: {page}");
     }
