@@ -220,7 +220,7 @@ fn what_a_trained_policy_observes_cannot_be_set_anew() {
             .unwrap();
         let policy = format!("run:{key}");
         let simulate = |setting: &str| {
-            folder.jitai(["simulate", "--policy", &policy, "--set", "sigma=0.5", "--set", setting])
+            folder.jitai(["simulate", "--policy", &policy, "--set", "rho_1=9", "--set", setting])
         };
         for setting in refused {
             let told = format!("--set {setting}: the policy of job {key} was trained on");
