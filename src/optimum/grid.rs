@@ -12,7 +12,8 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::iter;
 use std::mem;
-use std::thread;
+
+use rayon::iter::{IndexedParallelIterator, IntoParallelIterator, ParallelIterator};
 
 use crate::env::{Action, Belief, Effect, respond};
 use crate::manifest::{Environment, FirstContext};
@@ -37,8 +38,8 @@ const SHORTEST_STRETCH: u32 = 40;
 /// The largest reward of a step by the paper's parameters, in steps walked.
 const USUAL_REWARD: f64 = 200.0;
 
-/// Values of a layer for which it is worth to begin a thread.
-const WORTH_A_THREAD: usize = 25_000;
+/// Values of a layer for which it is worth to wake a thread.
+const WORTH_A_THREAD: usize = 2_000;
 
 /// How fine a grid is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,6 +56,11 @@ pub(super) struct Resolution {
 }
 
 impl Resolution {
+    /// Twice as fine in habituation.
+    pub fn finer_in_habituation(self) -> Resolution {
+        Resolution { habituation: 2 * self.habituation, ..self }
+    }
+
     /// Twice as fine in everything but levels, so many times over.
     pub fn refined(self, times: u32) -> Resolution {
         Resolution {
@@ -269,6 +275,11 @@ impl Grid {
     pub fn unit(&self) -> f64 {
         let reward = self.environment.rho_1.abs().max(self.environment.rho_2.abs());
         (reward / USUAL_REWARD).clamp(1e-9, 1.0)
+    }
+
+    /// How many of the values of a layer differ in habituation alone.
+    pub fn rows(&self) -> usize {
+        self.rows.len()
     }
 
     /// How many values a layer has.
@@ -522,17 +533,14 @@ fn jumps(e: &Environment, most: usize) -> Vec<f64> {
     found
 }
 
-/// What becomes of each part, each by a thread of its own.
-fn in_parallel<P: Send, R: Send>(
-    mut parts: impl ExactSizeIterator<Item = P>,
+/// What becomes of each part, at once where the pool has threads.
+pub(super) fn in_parallel<P: Send, R: Send>(
+    parts: impl ExactSizeIterator<Item = P>,
     of: impl Fn(P) -> R + Sync,
 ) -> Vec<R> {
     if parts.len() == 1 {
-        return parts.next().map(of).into_iter().collect();
+        return parts.map(of).collect();
     }
-    let of = &of;
-    thread::scope(|scope| {
-        let threads: Vec<_> = parts.map(|part| scope.spawn(move || of(part))).collect();
-        threads.into_iter().map(|thread| thread.join().expect("no part panics")).collect()
-    })
+    let parts: Vec<P> = parts.collect();
+    parts.into_par_iter().with_max_len(1).map(&of).collect()
 }

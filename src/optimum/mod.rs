@@ -6,7 +6,7 @@
 //! The state of an episode is (time, habituation, disengagement risk). The context signal is drawn
 //! anew in every step, so backward induction over the state, with the signal integrated out in
 //! closed form, is exact but for the grid on which the values are kept. What the grid leaves out is
-//! found by episodes of the policy that it makes best, and grids are refined until that policy
+//! found by episodes of the policy that it makes best, and a search refines grids until that policy
 //! becomes no better, or until time is up.
 //!
 //! It stands before the agents and not with the analyses, because the optimal policy is one of the
@@ -15,6 +15,7 @@
 mod axis;
 mod expectation;
 mod grid;
+mod search;
 mod walk;
 
 use std::num::NonZeroUsize;
@@ -23,7 +24,7 @@ use crate::env::{Action, Belief};
 use crate::manifest::{Environment, Feature, FirstContext, Scenario};
 
 use grid::{Grid, Induced, Moment, Resolution, levels};
-use walk::Walked;
+use search::Search;
 
 /// The coarsest grid; every further one is twice as fine in everything.
 const COARSEST: Resolution =
@@ -35,16 +36,6 @@ const MOST_LEVELS: usize = 200;
 /// The coarsest grid where nobody's disengagement risk ever grows.
 const COARSEST_OF_HABITUATION: Resolution =
     Resolution { habituation: 250, disengagement: 0, jumps: 0, levels: 0 };
-/// Error that is small enough, in units of the grid.
-const SMALL: f64 = 0.1;
-/// Steps of episodes on the coarsest grid; on every further one they are twice as many.
-const STEPS: u32 = 250_000;
-/// Values that are computed in the time of a step of an episode.
-const VALUES_A_STEP: usize = 70;
-/// Most values that are computed for an optimum, in all, unless three grids take more: a few seconds.
-const MOST_COMPUTED: usize = 2_000_000_000;
-/// Most values that are kept at a time: 320 MB.
-const MOST_KEPT: usize = 40_000_000;
 /// How often the coarsest grid is refined for a policy, at most.
 const POLICY_REFINED: u32 = 3;
 /// Most values that a policy keeps, or so: 80 MB.
@@ -57,7 +48,8 @@ pub struct Optimum {
     pub mean_return: f64,
     /// How far that may be from the best policy's, in steps walked: half of what the last refinement
     /// of the grid changed, or a sixth of what the one before did, if that is more, for the policy is
-    /// a little worse; and two standard errors.
+    /// a little worse; the same for habituation alone, if it was refined alone; and two standard
+    /// errors.
     pub error: f64,
 }
 
@@ -101,52 +93,13 @@ pub fn optimum(
     shows_state(scenario)?;
     let belief = Belief::new(environment, scenario);
     let coarsest = coarsest(environment, belief);
-    let on = |refined| Grid::new(environment, belief, coarsest.refined(refined));
-    let (mut found, mut computed) = (Vec::<Walked>::new(), 0);
-    let mut grid = on(0);
-    for refined in 0.. {
-        grid.threads = threads.get();
-        let walked = walk::mean_return(&grid, STEPS.saturating_mul(1 << refined));
-        found.push(walked);
-        let [layers, steps] = walked.work;
-        let steps = VALUES_A_STEP * steps;
-        computed += grid.nodes() * layers + steps;
-        let unit = grid.unit();
-        grid = on(refined + 1);
-        // A finer grid may take more steps to settle. Layers are computed twice; at most three times
-        // the root of their number are kept.
-        let is_affordable = computed + grid.nodes() * layers * 5 / 4 + 2 * steps <= MOST_COMPUTED
-            && grid.nodes() * 3 * (layers / 2).isqrt() <= MOST_KEPT;
-        if let Some(error) = error(&found).filter(|error| *error < SMALL * unit || !is_affordable) {
-            return Ok(Optimum { mean_return: best(&found).mean_return, error });
-        }
-    }
-    unreachable!("what was computed grows beyond every bound")
-}
-
-/// The best policy of finer and finer grids: the last, unless one before is better beyond chance,
-/// which happens where the value of a finer grid is flawed in a place that its policy prefers.
-fn best(found: &[Walked]) -> Walked {
-    let better = |best: Walked, next: &Walked| {
-        let chance = 2.0 * (best.standard_error + next.standard_error);
-        if best.mean_return - next.mean_return > chance { best } else { *next }
-    };
-    found.iter().skip(1).fold(found[0], better)
-}
-
-/// How far the best of what finer and finer grids told may be off; `None` if they are too few.
-///
-/// The policy of a grid twice as fine misses a third of what the one before it misses, or less. That
-/// both miss the same is unlikely, but it happens; the change before tells of it.
-fn error(found: &[Walked]) -> Option<f64> {
-    let [before @ .., _, last] = found else { return None };
-    if before.is_empty() {
-        return None;
-    }
-    let (first, second) = (best(before), best(&found[..found.len() - 1]));
-    let changed = |from: Walked, to: Walked| (from.mean_return - to.mean_return).abs();
-    let changed = f64::max(changed(second, *last), changed(first, second) / 3.0);
-    Some(changed / 2.0 + 2.0 * best(found).standard_error)
+    let by = |threads| Search::new(environment, belief, threads).from(coarsest);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.get());
+    Ok(match threads.get() {
+        1 => by(1),
+        // A machine without threads to spare has this one.
+        threads => pool.build().map_or_else(|_| by(1), |pool| pool.install(|| by(threads))),
+    })
 }
 
 /// The coarsest grid of an environment for who knows so much of the context.

@@ -4,6 +4,7 @@
 use std::num::NonZeroUsize;
 
 use super::expectation::Expectation;
+use super::search::MOST_COMPUTED;
 use super::*;
 use crate::env::{Signal, inference_error, respond};
 use crate::rng::{Purpose, Stream};
@@ -117,6 +118,29 @@ fn other_parameters_and_horizons_converge_too() {
             assert!(ours.error < 0.5, "{horizon} {epsilon_d} {scenario}: {ours:?}");
         }
     }
+}
+
+/// Twice as fine a habituation is the same lines where its increments are shorter than that.
+#[test]
+fn the_error_counts_habituation_where_its_increments_are_short() {
+    let environment = Environment {
+        delta_h: 0.5,
+        epsilon_h: 0.01,
+        delta_d: 0.3,
+        epsilon_d: 0.7,
+        disengagement_threshold: 0.6,
+        horizon: 200,
+        ..Environment::paper(2.0)
+    };
+    let ours = value(&environment, "P-H-D");
+    let belief = Belief::new(&environment, &"P-H-D".parse().unwrap());
+    let finer = Resolution { habituation: 300, ..COARSEST.refined(1) };
+    let finer = walk::mean_return(&Grid::new(&environment, belief, finer), 500_000);
+    let missed = finer.mean_return - ours.mean_return;
+    assert!(missed.abs() < ours.error + 2.0 * finer.standard_error, "{ours:?} {finer:?}");
+    let alike = walk::mean_return(&Grid::new(&environment, belief, COARSEST.refined(2)), 500_000);
+    let missed = finer.mean_return - alike.mean_return;
+    assert!(missed > 0.1 && ours.error < 0.1, "{ours:?} {finer:?} {alike:?}");
 }
 
 /// Mean return of a policy in so many plain episodes, and its standard error.

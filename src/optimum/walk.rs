@@ -8,13 +8,12 @@
 //! millions for.
 
 use std::ops::Range;
-use std::thread;
 
 use crate::env::{Signal, respond};
 use crate::manifest::{Environment, FirstContext};
 use crate::rng::{Purpose, Stream};
 
-use super::grid::{Grid, Moment};
+use super::grid::{Grid, Moment, in_parallel};
 
 /// Fewest and most episodes.
 const EPISODES: (u32, u32) = (50, 2_000);
@@ -91,16 +90,11 @@ fn roll<'a>(
 ) {
     let horizon = grid.environment().horizon;
     let part = episodes.len().div_ceil(grid.threads);
-    thread::scope(|scope| {
-        for episodes in episodes.chunks_mut(part) {
-            let (left, values) = (left.clone(), &values);
-            scope.spawn(move || {
-                for left in left.rev() {
-                    let (later, now) = (values(left), left + 1);
-                    let now = (now < horizon).then(|| values(now));
-                    episodes.iter_mut().for_each(|episode| episode.step(grid, later, now));
-                }
-            });
+    in_parallel(episodes.chunks_mut(part), |episodes| {
+        for left in left.clone().rev() {
+            let (later, now) = (values(left), left + 1);
+            let now = (now < horizon).then(|| values(now));
+            episodes.iter_mut().for_each(|episode| episode.step(grid, later, now));
         }
     });
 }

@@ -1,0 +1,182 @@
+//! Finer and finer grids, until their policies become no better, or until time is up.
+
+use crate::env::Belief;
+use crate::manifest::Environment;
+
+use super::Optimum;
+use super::grid::{Grid, Resolution};
+use super::walk::{self, Walked};
+
+/// Error that is small enough, in units of the grid.
+const SMALL: f64 = 0.1;
+/// Steps of episodes on the coarsest grid; on every further one they are twice as many.
+const STEPS: u32 = 250_000;
+/// Values that are computed in the time of a step of an episode.
+const VALUES_A_STEP: usize = 70;
+/// Most values that are computed for an optimum, in all, unless the first grids take more: a few
+/// seconds.
+pub(super) const MOST_COMPUTED: usize = 1_800_000_000;
+/// Most values that are kept at a time: 320 MB.
+const MOST_KEPT: usize = 40_000_000;
+
+/// The search for the best policy of who knows so much of the context.
+#[derive(Debug)]
+pub(super) struct Search<'a> {
+    environment: &'a Environment,
+    belief: Belief,
+    threads: usize,
+    /// Values that were computed.
+    computed: usize,
+}
+
+/// A grid whose policy was walked.
+#[derive(Clone, Copy, Debug)]
+struct Tried {
+    resolution: Resolution,
+    /// How many lines it has in habituation.
+    rows: usize,
+    /// What differences are measured by.
+    unit: f64,
+    /// The steps of episodes that were asked for.
+    steps: u32,
+    walked: Walked,
+}
+
+impl<'a> Search<'a> {
+    pub fn new(environment: &'a Environment, belief: Belief, threads: usize) -> Self {
+        Search { environment, belief, threads, computed: 0 }
+    }
+
+    /// The best policy of grids from the coarsest on, each twice as fine in everything as the one
+    /// before it.
+    pub fn from(mut self, coarsest: Resolution) -> Optimum {
+        let (mut tried, mut steps) = (Vec::new(), STEPS);
+        let mut next = (coarsest, self.grid(coarsest));
+        let missed = loop {
+            let last = self.walk(next, steps);
+            tried.push(last);
+            let finer = last.resolution.refined(1);
+            next = (finer, self.grid(finer));
+            steps = steps.saturating_mul(2);
+            let is_affordable = self.affords(&next.1, last);
+            if let Some(missed) = missed(&tried)
+                && (error(missed, &tried) < SMALL * last.unit || !is_affordable)
+            {
+                break missed;
+            }
+        };
+        let missed = missed + self.missed_in_habituation(&mut tried);
+        Optimum { mean_return: best(&tried).mean_return, error: error(missed, &tried) }
+    }
+
+    /// What is missed in habituation if the grids have not twice become finer in it, which happens where
+    /// its increments are shorter than the steps that are asked for. Grids that are finer in it alone
+    /// tell, beside the finest for which there is time.
+    fn missed_in_habituation(&mut self, tried: &mut Vec<Tried>) -> f64 {
+        let refined = tried.windows(2).filter(|pair| pair[0].rows < pair[1].rows).count();
+        if refined >= 2 {
+            return 0.0;
+        }
+        let finest = tried[tried.len() - 1];
+        let alike = || tried.iter().rev().take_while(|other| other.rows == finest.rows).copied();
+        let is_affordable =
+            |beside: &Tried| self.affords(&self.finer_in_habituation(*beside).1, *beside);
+        // The coarsest takes less than all that were tried.
+        let beside = alike().find(is_affordable).or(alike().last().filter(|_| refined == 0));
+        let Some(mut last) = beside else { return 0.0 };
+        let (mut change, mut before) = (f64::INFINITY, 0.0);
+        loop {
+            let finer = self.finer_in_habituation(last);
+            if change < SMALL * last.unit || change.is_finite() && !self.affords(&finer.1, last) {
+                return change_to_come(change, before);
+            }
+            let walked = self.walk(finer, last.steps);
+            before = if change.is_finite() { change } else { 0.0 };
+            change = apart(walked.walked, last.walked);
+            last = walked;
+            // Beside a coarser grid it is no better than the finest.
+            if last.resolution.disengagement == finest.resolution.disengagement {
+                tried.push(last);
+            }
+        }
+    }
+
+    fn grid(&self, resolution: Resolution) -> Grid {
+        let mut grid = Grid::new(self.environment, self.belief, resolution);
+        grid.threads = self.threads;
+        grid
+    }
+
+    fn finer_in_habituation(&self, than: Tried) -> (Resolution, Grid) {
+        let mut resolution = than.resolution;
+        loop {
+            resolution = resolution.finer_in_habituation();
+            let grid = self.grid(resolution);
+            if grid.rows() > than.rows {
+                return (resolution, grid);
+            }
+        }
+    }
+
+    fn walk(&mut self, (resolution, grid): (Resolution, Grid), steps: u32) -> Tried {
+        let walked = walk::mean_return(&grid, steps);
+        let [layers, steps_taken] = walked.work;
+        self.computed += self.values(&grid, layers) + VALUES_A_STEP * steps_taken;
+        Tried { resolution, rows: grid.rows(), unit: grid.unit(), steps, walked }
+    }
+
+    /// The values of layers; where the context is inferred, each takes the time of more of them.
+    fn values(&self, grid: &Grid, layers: usize) -> usize {
+        let inferred = matches!(self.belief, Belief::Inferred { .. });
+        let [times, of] = if inferred { [4, 3] } else { [1, 1] };
+        grid.nodes() * layers * times / of
+    }
+
+    /// Whether there is time and room for a grid that is finer than the one tried before.
+    fn affords(&self, grid: &Grid, before: Tried) -> bool {
+        let [layers, steps] = before.walked.work;
+        // A finer grid may take more steps to settle. Layers are computed twice; at most three times
+        // the root of their number are kept.
+        let takes = self.values(grid, layers) * 5 / 4 + 2 * VALUES_A_STEP * steps;
+        self.computed + takes <= MOST_COMPUTED
+            && grid.nodes() * 3 * (layers / 2).isqrt() <= MOST_KEPT
+    }
+}
+
+/// The best policy of finer and finer grids: the last, unless one before is better beyond chance,
+/// which happens where the value of a finer grid is flawed in a place that its policy prefers.
+fn best(tried: &[Tried]) -> Walked {
+    let better = |best: Walked, next: &Tried| {
+        let chance = 2.0 * (best.standard_error + next.walked.standard_error);
+        let is_better = best.mean_return - next.walked.mean_return > chance;
+        if is_better { best } else { next.walked }
+    };
+    tried.iter().skip(1).fold(tried[0].walked, better)
+}
+
+/// How far the best policy may be from the best there is, if so much is missed.
+fn error(missed: f64, tried: &[Tried]) -> f64 {
+    missed + 2.0 * best(tried).standard_error
+}
+
+/// What finer and finer grids would still change; `None` if fewer than three were tried.
+fn missed(tried: &[Tried]) -> Option<f64> {
+    let [before @ .., _, last] = tried else { return None };
+    if before.is_empty() {
+        return None;
+    }
+    let (first, second) = (best(before), best(&tried[..tried.len() - 1]));
+    Some(change_to_come(apart(second, last.walked), apart(first, second)))
+}
+
+fn apart(one: Walked, other: Walked) -> f64 {
+    (one.mean_return - other.mean_return).abs()
+}
+
+/// What finer and finer grids would still change, by what the last refinement did and the one before.
+///
+/// The policy of a grid twice as fine misses a third of what the one before it misses, or less. That
+/// both miss the same is unlikely, but it happens; the change before tells of it.
+fn change_to_come(last: f64, before: f64) -> f64 {
+    f64::max(last, before / 3.0) / 2.0
+}
