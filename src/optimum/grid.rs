@@ -533,7 +533,7 @@ fn jumps(e: &Environment, most: usize) -> Vec<f64> {
     found
 }
 
-/// What becomes of each part, at once where the pool has threads.
+/// What becomes of each part, at once by the threads of the pool in which this is called.
 pub(super) fn in_parallel<P: Send, R: Send>(
     parts: impl ExactSizeIterator<Item = P>,
     of: impl Fn(P) -> R + Sync,

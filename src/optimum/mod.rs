@@ -26,7 +26,7 @@ use crate::manifest::{Environment, Feature, FirstContext, Scenario};
 use grid::{Grid, Induced, Moment, Resolution, levels};
 use search::Search;
 
-/// The coarsest grid; every further one is twice as fine in everything.
+/// The coarsest grid.
 const COARSEST: Resolution =
     Resolution { habituation: 10, disengagement: 75, jumps: 25, levels: 0 };
 /// The habituation of the coarsest grid where disengagement risk never decays and its levels are few.
@@ -48,8 +48,8 @@ pub struct Optimum {
     pub mean_return: f64,
     /// How far that may be from the best policy's, in steps walked: half of what the last refinement
     /// of the grid changed, or a sixth of what the one before did, if that is more, for the policy is
-    /// a little worse; the same for habituation alone, if it was refined alone; and two standard
-    /// errors.
+    /// a little worse; the same for habituation alone where that left its lines as they were, and there
+    /// was time; and two standard errors.
     pub error: f64,
 }
 
@@ -93,7 +93,7 @@ pub fn optimum(
     shows_state(scenario)?;
     let belief = Belief::new(environment, scenario);
     let coarsest = coarsest(environment, belief);
-    let by = |threads| Search::new(environment, belief, threads).from(coarsest);
+    let by = |threads| Search::new(environment, belief, threads).best_from(coarsest);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.get());
     Ok(match threads.get() {
         1 => by(1),

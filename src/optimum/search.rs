@@ -27,6 +27,8 @@ pub(super) struct Search<'a> {
     threads: usize,
     /// Values that were computed.
     computed: usize,
+    /// Most of them, unless the first grids take more.
+    pub most_computed: usize,
 }
 
 /// A grid whose policy was walked.
@@ -44,12 +46,11 @@ struct Tried {
 
 impl<'a> Search<'a> {
     pub fn new(environment: &'a Environment, belief: Belief, threads: usize) -> Self {
-        Search { environment, belief, threads, computed: 0 }
+        Search { environment, belief, threads, computed: 0, most_computed: MOST_COMPUTED }
     }
 
-    /// The best policy of grids from the coarsest on, each twice as fine in everything as the one
-    /// before it.
-    pub fn from(mut self, coarsest: Resolution) -> Optimum {
+    /// The best policy of grids from the coarsest on, each twice as fine as the one before it.
+    pub fn best_from(mut self, coarsest: Resolution) -> Optimum {
         let (mut tried, mut steps) = (Vec::new(), STEPS);
         let mut next = (coarsest, self.grid(coarsest));
         let missed = loop {
@@ -65,40 +66,48 @@ impl<'a> Search<'a> {
                 break missed;
             }
         };
-        let missed = missed + self.missed_in_habituation(&mut tried);
+        let missed = missed + self.missed_in_habituation(missed, &mut tried);
         Optimum { mean_return: best(&tried).mean_return, error: error(missed, &tried) }
     }
 
-    /// What is missed in habituation if the grids have not twice become finer in it, which happens where
-    /// its increments are shorter than the steps that are asked for. Grids that are finer in it alone
-    /// tell, beside the finest for which there is time.
-    fn missed_in_habituation(&mut self, tried: &mut Vec<Tried>) -> f64 {
+    /// What is missed in habituation, so much being missed besides, unless the grids have twice become
+    /// finer in it. They have not where its increments are shorter than the steps that are asked for.
+    ///
+    /// Grids that are finer in it alone tell: than the finest grid, or, if there is no time for that,
+    /// than a coarser one with as many lines.
+    fn missed_in_habituation(&mut self, besides: f64, tried: &mut Vec<Tried>) -> f64 {
         let refined = tried.windows(2).filter(|pair| pair[0].rows < pair[1].rows).count();
         if refined >= 2 {
             return 0.0;
         }
         let finest = tried[tried.len() - 1];
         let alike = || tried.iter().rev().take_while(|other| other.rows == finest.rows).copied();
-        let is_affordable =
-            |beside: &Tried| self.affords(&self.finer_in_habituation(*beside).1, *beside);
-        // The coarsest takes less than all that were tried.
-        let beside = alike().find(is_affordable).or(alike().last().filter(|_| refined == 0));
-        let Some(mut last) = beside else { return 0.0 };
-        let (mut change, mut before) = (f64::INFINITY, 0.0);
-        loop {
-            let finer = self.finer_in_habituation(last);
-            if change < SMALL * last.unit || change.is_finite() && !self.affords(&finer.1, last) {
-                return change_to_come(change, before);
-            }
-            let walked = self.walk(finer, last.steps);
-            before = if change.is_finite() { change } else { 0.0 };
-            change = apart(walked.walked, last.walked);
-            last = walked;
-            // Beside a coarser grid it is no better than the finest.
-            if last.resolution.disengagement == finest.resolution.disengagement {
+        let is_affordable = |other: &Tried| self.affords(&self.with_more_rows(*other).1, *other);
+        // It is taken even if there is no time: it has fewer nodes than all that were tried.
+        let coarsest = alike().last().filter(|_| refined == 0);
+        let Some(first) = alike().find(is_affordable).or(coarsest) else { return 0.0 };
+        let is_finest = first.resolution == finest.resolution;
+        let mut last = self.walk(self.with_more_rows(first), first.steps);
+        let mut changes = [apart(last.walked, first.walked), 0.0];
+        for made in 1.. {
+            if is_finest {
                 tried.push(last);
             }
+            let [change, before] = changes;
+            let to_come = change_to_come(change, before);
+            let is_little =
+                refined + made >= 2 && to_come <= f64::max(besides, SMALL * last.unit / 2.0);
+            let finer = self.with_more_rows(last);
+            if is_little || !self.affords(&finer.1, last) {
+                // The number is that of the finest grid, which has none of what was gained.
+                let gained = if is_finest { 0.0 } else { apart(last.walked, first.walked) };
+                return gained + to_come;
+            }
+            let next = self.walk(finer, last.steps);
+            changes = [apart(next.walked, last.walked), change];
+            last = next;
         }
+        unreachable!("there is no time for ever finer grids")
     }
 
     fn grid(&self, resolution: Resolution) -> Grid {
@@ -107,7 +116,8 @@ impl<'a> Search<'a> {
         grid
     }
 
-    fn finer_in_habituation(&self, than: Tried) -> (Resolution, Grid) {
+    /// The next grid that is finer in habituation alone.
+    fn with_more_rows(&self, than: Tried) -> (Resolution, Grid) {
         let mut resolution = than.resolution;
         loop {
             resolution = resolution.finer_in_habituation();
@@ -125,7 +135,8 @@ impl<'a> Search<'a> {
         Tried { resolution, rows: grid.rows(), unit: grid.unit(), steps, walked }
     }
 
-    /// The values of layers; where the context is inferred, each takes the time of more of them.
+    /// The values of layers. Where the context is inferred, a value takes a third more time, and
+    /// counts as much.
     fn values(&self, grid: &Grid, layers: usize) -> usize {
         let inferred = matches!(self.belief, Belief::Inferred { .. });
         let [times, of] = if inferred { [4, 3] } else { [1, 1] };
@@ -138,7 +149,7 @@ impl<'a> Search<'a> {
         // A finer grid may take more steps to settle. Layers are computed twice; at most three times
         // the root of their number are kept.
         let takes = self.values(grid, layers) * 5 / 4 + 2 * VALUES_A_STEP * steps;
-        self.computed + takes <= MOST_COMPUTED
+        self.computed + takes <= self.most_computed
             && grid.nodes() * 3 * (layers / 2).isqrt() <= MOST_KEPT
     }
 }

@@ -141,6 +141,12 @@ fn the_error_counts_habituation_where_its_increments_are_short() {
     let alike = walk::mean_return(&Grid::new(&environment, belief, COARSEST.refined(2)), 500_000);
     let missed = finer.mean_return - alike.mean_return;
     assert!(missed > 0.1 && ours.error < 0.1, "{ours:?} {finer:?} {alike:?}");
+    // With time for coarser grids alone.
+    let mut search = Search::new(&environment, belief, 1);
+    search.most_computed = 100_000_000;
+    let hasty = search.best_from(COARSEST);
+    let missed = (finer.mean_return - hasty.mean_return).abs();
+    assert!(missed < hasty.error && hasty.error < 2.0, "{hasty:?} {finer:?}");
 }
 
 /// Mean return of a policy in so many plain episodes, and its standard error.
@@ -270,6 +276,10 @@ fn threads_make_no_difference() {
         };
         assert_eq!(walked(1), walked(3));
     }
+    let environment = Environment { epsilon_h: 0.03, ..Environment::paper(0.6) };
+    let scenario = "L-H-D".parse().unwrap();
+    let by = |threads| optimum(&environment, &scenario, NonZeroUsize::new(threads).unwrap());
+    assert_eq!(by(1), by(3));
 }
 
 #[test]
@@ -284,12 +294,14 @@ fn the_time_is_bounded_where_increments_are_tiny_and_nothing_settles() {
         Environment { delta_h: 0.0, delta_d: 0.0, epsilon_d: 0.02, ..usual() },
         Environment { delta_d: 1e-9, epsilon_d: 1e-9, ..usual() },
     ] {
-        for belief in [Belief::Certain, Belief::Likely { error: 0.2 }] {
+        let inferred = Belief::Inferred { sigma: 0.8 };
+        for belief in [Belief::Certain, Belief::Likely { error: 0.2 }, inferred] {
             let coarsest = coarsest(&environment, belief);
-            let nodes =
-                |refined| Grid::new(&environment, belief, coarsest.refined(refined)).nodes();
-            let three: usize = (0..3).map(nodes).sum();
-            assert!(2 * three * 10_000 < MOST_COMPUTED, "{environment:?} {three}");
+            let on = |resolution| Grid::new(&environment, belief, resolution).nodes();
+            let three: usize = (0..3).map(|refined| on(coarsest.refined(refined))).sum();
+            // One that is finer in habituation alone is tried beside them, whatever it takes.
+            let nodes = three + 2 * on(coarsest);
+            assert!(2 * nodes * 10_000 < 5 * MOST_COMPUTED / 4, "{environment:?} {nodes}");
         }
     }
 }
