@@ -176,7 +176,7 @@ pub(super) fn speeds(reader: &Reader) -> Result<Speeds, Error> {
     Ok(speeds)
 }
 
-/// Registers a manifest; breaks off if `stop` is set.
+/// Registers a manifest, and says so if that drops jobs; breaks off if `stop` is set.
 fn register(
     store: &mut Store,
     manifest: &Manifest,
@@ -189,8 +189,19 @@ fn register(
         manifest: &manifest.source,
     };
     let jobs = plan::jobs(manifest).map(|planned| (planned.agent, planned.job));
-    let registered = store.register_until(stop, &experiment, jobs)?;
-    Ok(if registered.is_some() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) })
+    let Some(registered) = store.register_until(stop, &experiment, jobs)? else {
+        return Ok(ControlFlow::Break(()));
+    };
+    if registered.dropped > 0 {
+        let _ = writeln!(
+            io::stderr(),
+            "{}: dropped {} that the manifest had before; results stay in the store. Another \
+             experiment needs another name",
+            printable(&manifest.name),
+            counted(registered.dropped, "job"),
+        );
+    }
+    Ok(ControlFlow::Continue(()))
 }
 
 /// What there is to do when the sweep begins.

@@ -379,7 +379,7 @@ pub enum QueryError {
         name: String,
     },
     /// The SQL is faulty at a known place.
-    #[error("{message} at line {line}, column {column}\n  {text}\n  {:>column$}", "^")]
+    #[error("{message} at line {line}, column {column}\n  {text}\n  {:>column$}{help}", "^")]
     Sql {
         /// What SQLite said.
         message: String,
@@ -389,6 +389,8 @@ pub enum QueryError {
         column: usize,
         /// The line.
         text: String,
+        /// What there is instead, if that is known: lines, each after a line break.
+        help: String,
     },
     /// [`Interrupter::interrupt`](super::Interrupter::interrupt) was called.
     #[error("the query was interrupted")]

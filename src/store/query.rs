@@ -59,7 +59,8 @@ impl Reader {
         sql: &str,
         mut hear: impl FnMut(Answer<'_>) -> ControlFlow<()>,
     ) -> Result<(), QueryError> {
-        let mut statement = self.connection.prepare(sql).map_err(|error| explain(error, sql))?;
+        let mut statement =
+            self.connection.prepare(sql).map_err(|error| self.explain(error, sql))?;
         let columns = statement.column_count();
         if columns == 0 {
             // Statements that answer nothing: none at all, or one that is meant to act.
@@ -75,9 +76,9 @@ impl Reader {
         if hear(Answer::Columns(&statement.column_names().collect::<Vec<_>>())).is_break() {
             return Ok(());
         }
-        let mut rows = statement.query([]).map_err(|error| explain(error, sql))?;
-        while let Some(row) = rows.next().map_err(|error| explain(error, sql))? {
-            let values = values(row, columns).map_err(|error| explain(error, sql))?;
+        let mut rows = statement.query([]).map_err(|error| self.explain(error, sql))?;
+        while let Some(row) = rows.next().map_err(|error| self.explain(error, sql))? {
+            let values = values(row, columns).map_err(|error| self.explain(error, sql))?;
             if hear(Answer::Row(&values)).is_break() {
                 break;
             }
@@ -88,6 +89,49 @@ impl Reader {
     /// A handle that stops queries of this reader.
     pub fn interrupter(&self) -> Interrupter {
         Interrupter(self.connection.get_interrupt_handle())
+    }
+
+    /// The error in words for whoever wrote `sql`.
+    fn explain(&self, error: Error, sql: &str) -> QueryError {
+        match error {
+            Error::MultipleStatement => QueryError::Several,
+            // What SQLite says, without a code of its own, of a function that is not allowed.
+            Error::SqlInputError { msg, .. } if msg.starts_with("not authorized") => {
+                QueryError::NotAllowed
+            }
+            Error::SqlInputError { msg, .. } | Error::SqliteFailure(_, Some(msg))
+                if msg.starts_with(NO_SUCH_TABLE) =>
+            {
+                QueryError::NoSuchTable { name: msg[NO_SUCH_TABLE.len()..].to_owned() }
+            }
+            Error::SqlInputError { msg, offset, .. } => {
+                let (line, column, text) = place(sql, usize::try_from(offset).unwrap_or(0));
+                let is_of_column = msg.starts_with(NO_SUCH_COLUMN);
+                let help = if is_of_column { self.columns_of_views_in(sql) } else { String::new() };
+                QueryError::Sql { message: msg, line, column, text, help }
+            }
+            other if is_damage(&other) => QueryError::Damaged { reason: other.to_string() },
+            other => match other.sqlite_error_code() {
+                Some(ErrorCode::OperationInterrupted) => QueryError::Interrupted,
+                Some(ErrorCode::OutOfMemory | ErrorCode::TooBig) => QueryError::TooLarge,
+                Some(ErrorCode::AuthorizationForStatementDenied | ErrorCode::ReadOnly) => {
+                    QueryError::NotAllowed
+                }
+                _ => QueryError::Sqlite(other),
+            },
+        }
+    }
+
+    /// The columns of each view that the query names, a line a view.
+    fn columns_of_views_in(&self, sql: &str) -> String {
+        let is_name = |c: char| c.is_ascii_alphanumeric() || c == '_';
+        let is_in_query =
+            |view: &&str| sql.split(|c| !is_name(c)).any(|word| word.eq_ignore_ascii_case(view));
+        let columns = |view: &str| {
+            let all = self.connection.prepare(&format!("SELECT * FROM {view}")).ok()?;
+            Some(format!("\n{view} has {}", all.column_names().collect::<Vec<_>>().join(", ")))
+        };
+        VIEWS.into_iter().filter(is_in_query).filter_map(columns).collect()
     }
 }
 
@@ -163,35 +207,8 @@ const DESCRIBING_PRAGMAS: &[&str] =
 
 /// How SQLite begins to say that there is no table or view of a name.
 const NO_SUCH_TABLE: &str = "no such table: ";
-
-/// The error in words for whoever wrote `sql`.
-fn explain(error: Error, sql: &str) -> QueryError {
-    match error {
-        Error::MultipleStatement => QueryError::Several,
-        // What SQLite says, without a code of its own, of a function that is not allowed.
-        Error::SqlInputError { msg, .. } if msg.starts_with("not authorized") => {
-            QueryError::NotAllowed
-        }
-        Error::SqlInputError { msg, .. } | Error::SqliteFailure(_, Some(msg))
-            if msg.starts_with(NO_SUCH_TABLE) =>
-        {
-            QueryError::NoSuchTable { name: msg[NO_SUCH_TABLE.len()..].to_owned() }
-        }
-        Error::SqlInputError { msg, offset, .. } => {
-            let (line, column, text) = place(sql, usize::try_from(offset).unwrap_or(0));
-            QueryError::Sql { message: msg, line, column, text }
-        }
-        other if is_damage(&other) => QueryError::Damaged { reason: other.to_string() },
-        other => match other.sqlite_error_code() {
-            Some(ErrorCode::OperationInterrupted) => QueryError::Interrupted,
-            Some(ErrorCode::OutOfMemory | ErrorCode::TooBig) => QueryError::TooLarge,
-            Some(ErrorCode::AuthorizationForStatementDenied | ErrorCode::ReadOnly) => {
-                QueryError::NotAllowed
-            }
-            _ => QueryError::Sqlite(other),
-        },
-    }
-}
+/// The same of a column.
+const NO_SUCH_COLUMN: &str = "no such column: ";
 
 /// Line and column, from 1, of a byte of a text, and that line.
 fn place(text: &str, byte: usize) -> (usize, usize, String) {

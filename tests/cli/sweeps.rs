@@ -81,9 +81,12 @@ fn an_edit_that_drops_jobs_keeps_their_runs() {
     let folder = Folder::completed(&manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial));
     let before = folder.dump();
     folder.write("sweep.toml", manifest("sweep", "0.6", "2", Effort::Trivial));
-    folder.jitai(["run", "sweep.toml"]).succeeded().says("nothing to run: all 4 jobs");
+    let narrowed = folder.jitai(["run", "sweep.toml"]).succeeded();
+    narrowed.says("nothing to run: all 4 jobs").says("sweep: dropped 4 jobs that the manifest had");
     assert_eq!(jobs_of(&folder, "sweep"), 4);
     assert_eq!(folder.number("SELECT count(DISTINCT job_key) FROM metric"), 8);
+    let again = folder.jitai(["run", "sweep.toml"]).succeeded();
+    assert!(!again.stderr.contains("dropped"), "{}", again.stderr);
     folder.write("sweep.toml", manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial));
     folder.jitai(["run", "sweep.toml"]).succeeded().says("nothing to run: all 8 jobs");
     assert_same_rows(&folder.dump(), &before);
