@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::thread;
 
 use crate::cli::output::{Cell, Format, Rows};
-use crate::cli::setting::{adjusted, sets};
+use crate::cli::setting::{adjusted, sets, with};
 use crate::cli::{Error, Exit, check};
 use crate::env::inference_error;
 use crate::manifest::{Environment, Manifest, Scenario};
@@ -86,12 +86,8 @@ fn of_arguments(arguments: &Arguments) -> Result<(), Error> {
         optimum::shows_state(scenario).map_err(refused)?;
     }
     let environment = |sigma: &String| {
-        let noisy = adjusted(Environment::paper(0.0), &[format!("sigma={sigma}")]);
-        let as_written = |said: String| said.replacen("--set sigma=", "--sigma ", 1);
-        let noisy = noisy.map_err(|error| match error {
-            Error::Usage(said) => Error::Usage(as_written(said)),
-            other => other,
-        })?;
+        let option = format!("--sigma {sigma}");
+        let noisy = with(Environment::paper(0.0), "sigma", sigma.trim(), &option)?;
         adjusted(noisy, &arguments.settings)
     };
     if let Some(setting) = arguments.settings.iter().find(|setting| sets(setting, "sigma")) {

@@ -6,36 +6,50 @@ use crate::plan;
 
 /// The environment with settings as a manifest would make them, and with a manifest's checks.
 pub(super) fn adjusted(
-    environment: Environment,
+    mut environment: Environment,
     settings: &[String],
 ) -> Result<Environment, Error> {
-    let mut table = serde_json::json!(environment);
     for (i, setting) in settings.iter().enumerate() {
         let (name, value) = name_and_value(setting)?;
         if settings[..i].iter().any(|earlier| sets(earlier, name)) {
             return Err(Error::Usage(format!("--set {setting}: `{name}` is set a second time")));
         }
-        let environment = format!("{name} = {}", quoted(value));
-        let text = format!(
-            "format = 1\nextends = \"paper\"\nname = \"simulate\"\nscenarios = [\"C\"]\nseeds = 1\n\
-             [environment]\n{}{environment}\n",
-            if name == "sigma" { "" } else { "sigma = 1\n" }
-        );
-        let manifest = manifest::parse("--set", text.as_bytes()).map_err(|faults| {
-            let said = faults.list().iter().map(|fault| match fault.hint() {
-                Some(hint) => format!("{} ({hint})", fault.message()),
-                None => fault.message().to_owned(),
-            });
-            let said: Vec<String> = said.collect();
-            Error::Usage(format!("--set {setting}: {}", said.join("; ")))
-        })?;
-        if manifest.environment.iter().any(|(_, values)| values.len() > 1) {
-            return Err(Error::Usage(format!("--set {setting}: expected one value, not a sweep")));
-        }
-        let set = plan::jobs(&manifest).next().map(|planned| planned.job.environment);
-        let set = serde_json::json!(set);
-        table[name] = set[name].clone();
+        environment = with(environment, name, value, &format!("--set {setting}"))?;
     }
+    Ok(environment)
+}
+
+/// The environment with another value of a parameter, given by an option that messages name.
+pub(super) fn with(
+    environment: Environment,
+    name: &str,
+    value: &str,
+    option: &str,
+) -> Result<Environment, Error> {
+    let refused = |why: &str| Error::Usage(format!("{option}: {why}"));
+    // It becomes a line of TOML.
+    if value.contains(char::is_control) {
+        return Err(refused("a value is one line"));
+    }
+    let text = format!(
+        "format = 1\nextends = \"paper\"\nname = \"simulate\"\nscenarios = [\"C\"]\nseeds = 1\n\
+         [environment]\n{}{name} = {}\n",
+        if name == "sigma" { "" } else { "sigma = 1\n" },
+        quoted(value),
+    );
+    let manifest = manifest::parse(option, text.as_bytes()).map_err(|faults| {
+        let said = faults.list().iter().map(|fault| match fault.hint() {
+            Some(hint) => format!("{} ({hint})", fault.message()),
+            None => fault.message().to_owned(),
+        });
+        refused(&said.collect::<Vec<_>>().join("; "))
+    })?;
+    if manifest.environment.iter().any(|(_, values)| values.len() > 1) {
+        return Err(refused("expected one value, not a sweep"));
+    }
+    let set = plan::jobs(&manifest).next().map(|planned| planned.job.environment);
+    let mut table = serde_json::json!(environment);
+    table[name] = serde_json::json!(set)[name].clone();
     Ok(serde_json::from_value(table).expect("every value was checked as a manifest's"))
 }
 
@@ -44,7 +58,7 @@ pub(super) fn sets(setting: &str, parameter: &str) -> bool {
     name_and_value(setting).is_ok_and(|(name, _)| name == parameter)
 }
 
-/// The parts of a setting. They become a line of TOML, so neither may hold more than one.
+/// The parts of a setting.
 fn name_and_value(setting: &str) -> Result<(&str, &str), Error> {
     let is_name = |name: &str| {
         !name.is_empty() && name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_')
@@ -53,7 +67,7 @@ fn name_and_value(setting: &str) -> Result<(&str, &str), Error> {
         .split_once('=')
         .map(|(name, value)| (name.trim(), value.trim()))
         .map(|(name, value)| (name.strip_prefix("environment.").unwrap_or(name), value))
-        .filter(|(name, value)| is_name(name) && !value.contains(char::is_control))
+        .filter(|(name, _)| is_name(name))
         .ok_or_else(|| Error::Usage(format!("`{setting}` is not NAME=VALUE, such as sigma=0.4")))
 }
 

@@ -53,6 +53,8 @@ pub(super) struct Arguments {
     store: StoreArgument,
 }
 
+const GREEDY_RULE: &str = "--greedy is for trained policies; a rule does not explore";
+
 /// Who acts.
 #[derive(Clone, Debug, PartialEq)]
 enum PolicyArgument {
@@ -86,6 +88,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         return replay::run(path, arguments.format);
     }
     let (environment, chooser) = match &arguments.policy {
+        PolicyArgument::Rule(_) | PolicyArgument::Fixed(_) if arguments.greedy => {
+            return Err(Error::Usage(GREEDY_RULE.to_owned()));
+        }
         PolicyArgument::Rule(rule) => {
             let environment = adjusted(Environment::paper(0.6), &arguments.settings)?;
             let usual = || "P-H-D".parse().expect("its letters are features");
@@ -133,6 +138,7 @@ fn of_run(key: &str, arguments: &Arguments) -> Result<(Environment, Chooser), Er
     let Some(safetensors) = stored.safetensors else {
         // A rule needs no training, and acts as it would in a job with this environment.
         return match agent::start(&job.agent, &environment, &job.scenario, job.seed) {
+            Ok(Start::Rule(_)) if arguments.greedy => Err(Error::Usage(GREEDY_RULE.to_owned())),
             Ok(Start::Rule(rule)) => Ok((environment, Chooser::Rule(rule))),
             Ok(Start::Learner(_)) | Err(_) => {
                 Err(Error::Usage(format!("job {key} has left no weights; its store is damaged")))

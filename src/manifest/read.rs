@@ -12,7 +12,7 @@ use super::scenario::{Feature, Scenario};
 use super::source::{Located, Span, hidden};
 use super::sweep::{Node, Reader, whole};
 
-/// The keys at the top of a manifest.
+/// The keys at the top of a manifest; the last [`TABLES`] of them are tables.
 pub(super) const TOP_KEYS: [&str; 15] = [
     "format",
     "name",
@@ -30,6 +30,7 @@ pub(super) const TOP_KEYS: [&str; 15] = [
     "exclude",
     "analysis",
 ];
+const TABLES: usize = 5;
 
 /// The version of the format that this program reads and writes.
 pub(super) const FORMAT: u64 = 1;
@@ -427,8 +428,8 @@ fn algorithm_of(section: Section) -> Option<Algorithm> {
 
 /// Says where a key belongs, or which one was meant.
 fn belonging(fault: Fault, here: Option<Section>, found: &str, names: &[&str]) -> Fault {
-    let is_table = ["environment", "agent", "evaluation", "exclude", "analysis"].contains(&found);
-    if here.is_some() && !is_table && TOP_KEYS.contains(&found) {
+    let above_tables = &TOP_KEYS[..TOP_KEYS.len() - TABLES];
+    if here.is_some() && above_tables.contains(&found) {
         return fault.help(format!("`{found}` belongs above the first table"));
     }
     let elsewhere = Section::ALL

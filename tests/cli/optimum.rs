@@ -40,6 +40,7 @@ fn arguments_without_an_optimum_are_refused() {
     refused(&["--scenario", "X"]).says("`X` is not a feature");
     refused(&["--sigma=-1"]).says("expected a number from 0 to 1000000, found -1");
     refused(&["--sigma", "0.4,x"]).says("--sigma x: `sigma`: expected a number");
+    refused(&["--sigma", "1\nhorizon = 3"]).says("a value is one line");
     refused(&["--set", "horizn=3"]).says("did you mean `horizon`?");
     refused(&["--set", "sigma=0.4"]).says("are given by --sigma");
     refused(&["--set", "horizon=3", "--set", "horizon=4"]).says("`horizon` is set a second time");
@@ -112,5 +113,8 @@ fn rules_are_jobs_like_others_and_run_once() {
             row.get(0)
         })
         .unwrap();
-    folder.jitai(["simulate", "--policy", &format!("run:{key}")]).succeeded();
+    let policy = format!("run:{key}");
+    folder.jitai(["simulate", "--policy", &policy]).succeeded();
+    let greedy = folder.jitai(["simulate", "--policy", &policy, "--greedy"]).ended(2);
+    greedy.says("--greedy is for trained policies");
 }

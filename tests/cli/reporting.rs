@@ -191,6 +191,15 @@ fn a_caption_tells_of_no_trend_where_there_is_none() {
     for trend in ["rises", "falls", "apart"] {
         assert!(!page.contains(trend), "{trend}: {page}");
     }
+    let map = "environment.delta_d = [0.1, 0.2]\n[[agent]]";
+    let kind = "\"heat_map\"\nx = \"environment.sigma\"\ny = \"environment.delta_d\"\n\
+                where = { scenario = \"P-H-D\" }";
+    let manifest = manifest.replacen("[[agent]]", map, 1).replace("\"curve\"", kind);
+    let folder = Folder::completed(&manifest);
+    folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
+    let page = folder.read("report/index.html");
+    assert!(page.contains(" is 5 in every cell."), "{page}");
+    assert!(!page.contains("the most at"), "{page}");
 }
 
 #[test]

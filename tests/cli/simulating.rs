@@ -154,8 +154,12 @@ fn faulty_settings_and_rules_are_refused_with_what_is_valid() {
     set("sigma=nan").says("`sigma`: expected a number");
     set("sigma=[0.4, 0.6]").says("expected one value, not a sweep");
     set("horizon={ from = 1, to = 3, step = 1 }").says("expected one value, not a sweep");
-    for form in ["sigma", "=1", "sigma=0.4\nhorizon=3", "\"horizon\"=3", "mu.x=3", "a b=1"] {
+    for form in ["sigma", "=1", "\"horizon\"=3", "mu.x=3", "a b=1"] {
         set(form).says("is not NAME=VALUE");
+    }
+    set("sigma=0.4\nhorizon=3").says("a value is one line");
+    for rule in ["random", "fixed:2"] {
+        refused(&folder, &["--greedy", "--policy", rule]).says("--greedy is for trained policies");
     }
     let rules = "the rules are never, untailored, tailored, threshold:<0.5-1>, random, optimal, \
                  fixed:<action 0-3>, run:<job key>";
