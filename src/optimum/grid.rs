@@ -70,6 +70,15 @@ impl Resolution {
             levels: self.levels,
         }
     }
+
+    /// How many lines a grid of this environment has in habituation.
+    pub fn rows(self, environment: &Environment) -> usize {
+        self.habituation_axis(environment).nodes().len()
+    }
+
+    fn habituation_axis(self, environment: &Environment) -> Axis {
+        Axis::with_stride(environment.epsilon_h, self.habituation)
+    }
 }
 
 /// What a step adds to the values: the least and the most of all states.
@@ -215,7 +224,7 @@ impl Grid {
     /// The grid of an environment, for a policy that knows so much of the context.
     pub fn new(environment: &Environment, belief: Belief, resolution: Resolution) -> Grid {
         let e = &Environment { mu: [0.0; 2], ..environment.clone() };
-        let habituation = Axis::with_stride(e.epsilon_h, resolution.habituation);
+        let habituation = resolution.habituation_axis(e);
         let threshold = e.disengagement_threshold;
         let levels = levels(e, resolution.levels);
         // Levels are what episodes meet, to the last bit.
@@ -275,11 +284,6 @@ impl Grid {
     pub fn unit(&self) -> f64 {
         let reward = self.environment.rho_1.abs().max(self.environment.rho_2.abs());
         (reward / USUAL_REWARD).clamp(1e-9, 1.0)
-    }
-
-    /// How many of the values of a layer differ in habituation alone.
-    pub fn rows(&self) -> usize {
-        self.rows.len()
     }
 
     /// How many values a layer has.

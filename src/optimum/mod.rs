@@ -94,12 +94,13 @@ pub fn optimum(
     let belief = Belief::new(environment, scenario);
     let coarsest = coarsest(environment, belief);
     let by = |threads| Search::new(environment, belief, threads).best_from(coarsest);
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.get());
-    Ok(match threads.get() {
-        1 => by(1),
-        // A machine without threads to spare has this one.
-        threads => pool.build().map_or_else(|_| by(1), |pool| pool.install(|| by(threads))),
-    })
+    let threads = threads.get();
+    if threads == 1 {
+        return Ok(by(1));
+    }
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    // A machine without threads to spare has this one.
+    Ok(pool.map_or_else(|_| by(1), |pool| pool.install(|| by(threads))))
 }
 
 /// The coarsest grid of an environment for who knows so much of the context.

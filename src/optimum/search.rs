@@ -35,8 +35,9 @@ pub(super) struct Search<'a> {
 #[derive(Clone, Copy, Debug)]
 struct Tried {
     resolution: Resolution,
-    /// How many lines it has in habituation.
+    /// How many lines it has in habituation, and in disengagement.
     rows: usize,
+    columns: usize,
     /// What differences are measured by.
     unit: f64,
     /// The steps of episodes that were asked for.
@@ -54,12 +55,13 @@ impl<'a> Search<'a> {
         let (mut tried, mut steps) = (Vec::new(), STEPS);
         let mut next = (coarsest, self.grid(coarsest));
         let missed = loop {
-            let last = self.walk(next, steps);
+            let (resolution, grid) = next;
+            let last = self.walk(resolution, &grid, steps);
             tried.push(last);
-            let finer = last.resolution.refined(1);
+            let finer = resolution.refined(1);
             next = (finer, self.grid(finer));
             steps = steps.saturating_mul(2);
-            let is_affordable = self.affords(&next.1, last);
+            let is_affordable = self.affords(next.1.nodes(), last);
             if let Some(missed) = missed(&tried)
                 && (error(missed, &tried) < SMALL * last.unit || !is_affordable)
             {
@@ -82,12 +84,12 @@ impl<'a> Search<'a> {
         }
         let finest = tried[tried.len() - 1];
         let alike = || tried.iter().rev().take_while(|other| other.rows == finest.rows).copied();
-        let is_affordable = |other: &Tried| self.affords(&self.with_more_rows(*other).1, *other);
+        let is_affordable = |other: &Tried| self.affords(self.with_more_rows(*other).1, *other);
         // It is taken even if there is no time: it has fewer nodes than all that were tried.
         let coarsest = alike().last().filter(|_| refined == 0);
         let Some(first) = alike().find(is_affordable).or(coarsest) else { return 0.0 };
         let is_finest = first.resolution == finest.resolution;
-        let mut last = self.walk(self.with_more_rows(first), first.steps);
+        let mut last = self.walk_with_more_rows(first);
         let mut changes = [apart(last.walked, first.walked), 0.0];
         for made in 1.. {
             if is_finest {
@@ -97,13 +99,13 @@ impl<'a> Search<'a> {
             let to_come = change_to_come(change, before);
             let is_little =
                 refined + made >= 2 && to_come <= f64::max(besides, SMALL * last.unit / 2.0);
-            let finer = self.with_more_rows(last);
-            if is_little || !self.affords(&finer.1, last) {
+            let (_, nodes) = self.with_more_rows(last);
+            if is_little || !self.affords(nodes, last) {
                 // The number is that of the finest grid, which has none of what was gained.
                 let gained = if is_finest { 0.0 } else { apart(last.walked, first.walked) };
                 return gained + to_come;
             }
-            let next = self.walk(finer, last.steps);
+            let next = self.walk_with_more_rows(last);
             changes = [apart(next.walked, last.walked), change];
             last = next;
         }
@@ -116,41 +118,46 @@ impl<'a> Search<'a> {
         grid
     }
 
-    /// The next grid that is finer in habituation alone.
-    fn with_more_rows(&self, than: Tried) -> (Resolution, Grid) {
+    /// The next grid that is finer in habituation alone, and how many values a layer of it has.
+    fn with_more_rows(&self, than: Tried) -> (Resolution, usize) {
         let mut resolution = than.resolution;
         loop {
             resolution = resolution.finer_in_habituation();
-            let grid = self.grid(resolution);
-            if grid.rows() > than.rows {
-                return (resolution, grid);
+            let rows = resolution.rows(self.environment);
+            if rows > than.rows {
+                return (resolution, rows * than.columns);
             }
         }
     }
 
-    fn walk(&mut self, (resolution, grid): (Resolution, Grid), steps: u32) -> Tried {
-        let walked = walk::mean_return(&grid, steps);
-        let [layers, steps_taken] = walked.work;
-        self.computed += self.values(&grid, layers) + VALUES_A_STEP * steps_taken;
-        Tried { resolution, rows: grid.rows(), unit: grid.unit(), steps, walked }
+    fn walk_with_more_rows(&mut self, than: Tried) -> Tried {
+        let (resolution, _) = self.with_more_rows(than);
+        self.walk(resolution, &self.grid(resolution), than.steps)
     }
 
-    /// The values of layers. Where the context is inferred, a value takes a third more time, and
+    fn walk(&mut self, resolution: Resolution, grid: &Grid, steps: u32) -> Tried {
+        let walked = walk::mean_return(grid, steps);
+        let [layers, steps_taken] = walked.work;
+        self.computed += self.values(grid.nodes(), layers) + VALUES_A_STEP * steps_taken;
+        let (rows, unit) = (resolution.rows(self.environment), grid.unit());
+        Tried { resolution, rows, columns: grid.nodes() / rows, unit, steps, walked }
+    }
+
+    /// The values of layers of so many nodes. Where the context is inferred, a value takes a third more time, and
     /// counts as much.
-    fn values(&self, grid: &Grid, layers: usize) -> usize {
+    fn values(&self, nodes: usize, layers: usize) -> usize {
         let inferred = matches!(self.belief, Belief::Inferred { .. });
         let [times, of] = if inferred { [4, 3] } else { [1, 1] };
-        grid.nodes() * layers * times / of
+        nodes * layers * times / of
     }
 
-    /// Whether there is time and room for a grid that is finer than the one tried before.
-    fn affords(&self, grid: &Grid, before: Tried) -> bool {
+    /// Whether there is time and room for a grid of so many nodes, finer than the one tried before.
+    fn affords(&self, nodes: usize, before: Tried) -> bool {
         let [layers, steps] = before.walked.work;
         // A finer grid may take more steps to settle. Layers are computed twice; at most three times
         // the root of their number are kept.
-        let takes = self.values(grid, layers) * 5 / 4 + 2 * VALUES_A_STEP * steps;
-        self.computed + takes <= self.most_computed
-            && grid.nodes() * 3 * (layers / 2).isqrt() <= MOST_KEPT
+        let takes = self.values(nodes, layers) * 5 / 4 + 2 * VALUES_A_STEP * steps;
+        self.computed + takes <= self.most_computed && nodes * 3 * (layers / 2).isqrt() <= MOST_KEPT
     }
 }
 
