@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::thread;
 
 use crate::cli::output::{Cell, Format, Rows};
-use crate::cli::setting::{adjusted, sets, with};
+use crate::cli::setting::{adjusted, sets, with_parameter};
 use crate::cli::{Error, Exit, check};
 use crate::env::inference_error;
 use crate::manifest::{Environment, Manifest, Scenario};
@@ -87,7 +87,7 @@ fn of_arguments(arguments: &Arguments) -> Result<(), Error> {
     }
     let environment = |sigma: &String| {
         let option = format!("--sigma {sigma}");
-        let noisy = with(Environment::paper(0.0), "sigma", sigma.trim(), &option)?;
+        let noisy = with_parameter(Environment::paper(0.0), "sigma", sigma.trim(), &option)?;
         adjusted(noisy, &arguments.settings)
     };
     if let Some(setting) = arguments.settings.iter().find(|setting| sets(setting, "sigma")) {

@@ -51,7 +51,7 @@ pub(super) struct Arguments {
     /// nothing. Where writing one takes long, there is more time between two, up to 25 seconds.
     #[arg(long, value_name = "SECONDS", default_value = "20", value_parser = seconds)]
     checkpoint_every: Duration,
-    /// Show no progress
+    /// Show no progress; what is unusual is told
     #[arg(long, short)]
     quiet: bool,
     /// How progress and summary are written
@@ -195,10 +195,10 @@ fn register(
     if registered.dropped > 0 {
         let _ = writeln!(
             io::stderr(),
-            "{}: dropped {} that the manifest had before; results stay in the store. Another \
-             experiment needs another name",
-            printable(&manifest.name),
+            "{name} no longer has {} that it had before; results stay in the store. If the manifest is \
+             meant as another experiment than before, give it another name",
             counted(registered.dropped, "job"),
+            name = printable(&manifest.name),
         );
     }
     Ok(ControlFlow::Continue(()))

@@ -1,6 +1,7 @@
-//! Environment parameters on the command line, `--set NAME=VALUE`: as a manifest writes them.
+//! Environment parameters on the command line, such as `--set NAME=VALUE`: as a manifest writes them.
 
 use crate::cli::Error;
+use crate::cli::output::printable;
 use crate::manifest::{self, Environment};
 use crate::plan;
 
@@ -14,22 +15,22 @@ pub(super) fn adjusted(
         if settings[..i].iter().any(|earlier| sets(earlier, name)) {
             return Err(Error::Usage(format!("--set {setting}: `{name}` is set a second time")));
         }
-        environment = with(environment, name, value, &format!("--set {setting}"))?;
+        environment = with_parameter(environment, name, value, &format!("--set {setting}"))?;
     }
     Ok(environment)
 }
 
 /// The environment with another value of a parameter, given by an option that messages name.
-pub(super) fn with(
+pub(super) fn with_parameter(
     environment: Environment,
     name: &str,
     value: &str,
     option: &str,
 ) -> Result<Environment, Error> {
-    let refused = |why: &str| Error::Usage(format!("{option}: {why}"));
+    let refused = |why: &str| Error::Usage(format!("{}: {why}", printable(option)));
     // It becomes a line of TOML.
     if value.contains(char::is_control) {
-        return Err(refused("a value is one line"));
+        return Err(refused("a value is one line, without control characters"));
     }
     let text = format!(
         "format = 1\nextends = \"paper\"\nname = \"simulate\"\nscenarios = [\"C\"]\nseeds = 1\n\

@@ -36,7 +36,7 @@ pub(super) struct Arguments {
     /// Seed of the random streams
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Let a trained policy take its best action always, without exploring
+    /// Let a trained policy take its best action always, without exploring; not for rules
     #[arg(long)]
     greedy: bool,
     /// Print one line about all episodes instead of every step
@@ -53,7 +53,7 @@ pub(super) struct Arguments {
     store: StoreArgument,
 }
 
-const GREEDY_RULE: &str = "--greedy is for trained policies; a rule does not explore";
+const GREEDY_RULE: &str = "--greedy is for trained policies, and this policy is a rule";
 
 /// Who acts.
 #[derive(Clone, Debug, PartialEq)]

@@ -12,7 +12,7 @@ use super::scenario::{Feature, Scenario};
 use super::source::{Located, Span, hidden};
 use super::sweep::{Node, Reader, whole};
 
-/// The keys at the top of a manifest; the last [`TABLES`] of them are tables.
+/// The keys at the top of a manifest: first those above all tables, then the tables.
 pub(super) const TOP_KEYS: [&str; 15] = [
     "format",
     "name",
@@ -30,7 +30,8 @@ pub(super) const TOP_KEYS: [&str; 15] = [
     "exclude",
     "analysis",
 ];
-const TABLES: usize = 5;
+/// How many of [`TOP_KEYS`] stand above all tables.
+const ABOVE_TABLES: usize = 10;
 
 /// The version of the format that this program reads and writes.
 pub(super) const FORMAT: u64 = 1;
@@ -428,8 +429,7 @@ fn algorithm_of(section: Section) -> Option<Algorithm> {
 
 /// Says where a key belongs, or which one was meant.
 fn belonging(fault: Fault, here: Option<Section>, found: &str, names: &[&str]) -> Fault {
-    let above_tables = &TOP_KEYS[..TOP_KEYS.len() - TABLES];
-    if here.is_some() && above_tables.contains(&found) {
+    if here.is_some() && TOP_KEYS[..ABOVE_TABLES].contains(&found) {
         return fault.help(format!("`{found}` belongs above the first table"));
     }
     let elsewhere = Section::ALL

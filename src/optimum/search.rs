@@ -143,8 +143,8 @@ impl<'a> Search<'a> {
         Tried { resolution, rows, columns: grid.nodes() / rows, unit, steps, walked }
     }
 
-    /// The values of layers of so many nodes. Where the context is inferred, a value takes a third more time, and
-    /// counts as much.
+    /// The values of layers of so many nodes. Where the context is inferred, a value takes a third
+    /// more time, and counts as much.
     fn values(&self, nodes: usize, layers: usize) -> usize {
         let inferred = matches!(self.belief, Belief::Inferred { .. });
         let [times, of] = if inferred { [4, 3] } else { [1, 1] };

@@ -31,7 +31,8 @@ pub struct Registered {
     pub jobs: usize,
     /// Of these, new to the experiment.
     pub added: usize,
-    /// No longer held, because the manifest dropped them. Their runs stay in the store.
+    /// Jobs that were held before, and now are under no agent: the manifest does not have them any
+    /// more, or what makes their keys has changed. Their runs stay in the store.
     pub dropped: usize,
 }
 
@@ -150,7 +151,7 @@ impl Held {
         })
     }
 
-    /// Lets go of the jobs that were not met; returns how many.
+    /// Lets go of the jobs that were not met; returns how many were met under no other agent.
     fn drop_others(&self, connection: &Connection, experiment: i64) -> rusqlite::Result<usize> {
         let stored: usize = connection.query_row(
             "SELECT count(*) FROM experiment_job WHERE experiment = ?1",
@@ -177,7 +178,9 @@ impl Held {
         for (job, agent) in &others {
             delete.execute(params![experiment, job, agent])?;
         }
-        Ok(others.len())
+        let kept: HashSet<i64> = self.jobs.iter().map(|(job, _)| *job).collect();
+        let dropped: HashSet<i64> = others.into_iter().map(|(job, _)| job).collect();
+        Ok(dropped.difference(&kept).count())
     }
 }
 

@@ -129,7 +129,10 @@ impl Reader {
             |view: &&str| sql.split(|c| !is_name(c)).any(|word| word.eq_ignore_ascii_case(view));
         let columns = |view: &str| {
             let all = self.connection.prepare(&format!("SELECT * FROM {view}")).ok()?;
-            Some(format!("\n{view} has {}", all.column_names().collect::<Vec<_>>().join(", ")))
+            Some(format!(
+                "\nthe view {view} has {}",
+                all.column_names().collect::<Vec<_>>().join(", ")
+            ))
         };
         VIEWS.into_iter().filter(is_in_query).filter_map(columns).collect()
     }

@@ -117,8 +117,8 @@ fn faulty_sql_is_refused_with_its_place() {
     let folder = completed();
     let fault = folder.jitai(["query", "SELECT agent,\n  mood FROM run_summary"]).ended(2);
     let fault = fault.says("no such column: mood at line 2, column 3");
-    let fault =
-        fault.says("\n    mood FROM run_summary\n    ^\nrun_summary has experiment, job_key,");
+    let fault = fault
+        .says("\n    mood FROM run_summary\n    ^\nthe view run_summary has experiment, job_key,");
     assert_eq!(fault.stdout, "");
     folder.jitai(["query", "SELEC 1"]).ended(2).says("at line 1, column 1");
     folder.jitai(["query", ""]).ended(2).says("the query is empty");

@@ -82,14 +82,27 @@ fn an_edit_that_drops_jobs_keeps_their_runs() {
     let before = folder.dump();
     folder.write("sweep.toml", manifest("sweep", "0.6", "2", Effort::Trivial));
     let narrowed = folder.jitai(["run", "sweep.toml"]).succeeded();
-    narrowed.says("nothing to run: all 4 jobs").says("sweep: dropped 4 jobs that the manifest had");
+    narrowed.says("nothing to run: all 4 jobs").says("sweep no longer has 4 jobs that it had");
     assert_eq!(jobs_of(&folder, "sweep"), 4);
     assert_eq!(folder.number("SELECT count(DISTINCT job_key) FROM metric"), 8);
     let again = folder.jitai(["run", "sweep.toml"]).succeeded();
-    assert!(!again.stderr.contains("dropped"), "{}", again.stderr);
+    assert!(!again.stderr.contains("no longer"), "{}", again.stderr);
     folder.write("sweep.toml", manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial));
     folder.jitai(["run", "sweep.toml"]).succeeded().says("nothing to run: all 8 jobs");
     assert_same_rows(&folder.dump(), &before);
+    // The same jobs by another name.
+    let renamed = manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial).replace("\"dqn\"", "\"q\"");
+    folder.write("sweep.toml", &renamed);
+    let renamed = folder.jitai(["run", "sweep.toml"]).succeeded();
+    let renamed = renamed.says("nothing to run: all 8 jobs");
+    assert!(!renamed.stderr.contains("no longer"), "{}", renamed.stderr);
+    for style in [&["--quiet"][..], &["--format", "json"]] {
+        folder.write("sweep.toml", manifest("sweep", "0.6", "1", Effort::Trivial));
+        let run = folder.jitai(["run", "sweep.toml"].iter().chain(style).copied()).succeeded();
+        run.says("sweep no longer has 6 jobs that it had");
+        folder.write("sweep.toml", manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial));
+        folder.jitai(["run", "sweep.toml"]).succeeded();
+    }
 }
 
 #[test]

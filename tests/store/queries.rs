@@ -228,7 +228,7 @@ fn faulty_sql_is_shown_with_its_place() {
     let error = error.to_string();
     let place = "no such column: mean_retrun at line 2, column 3\n    mean_retrun\n    ^\n";
     assert!(error.starts_with(place), "{error}");
-    let help = "\nrun_summary has experiment, job_key, agent, ";
+    let help = "\nthe view run_summary has experiment, job_key, agent, ";
     assert!(error.contains(help) && error.lines().count() == 4, "{error}");
     let error = ask(&reader, "SELECT 1 WHERE x").unwrap_err().to_string();
     assert!(error.starts_with("no such column: x at") && error.ends_with('^'), "{error}");
