@@ -116,7 +116,7 @@ const BLOCK: usize = 64;
 /// Signals of the words that come next in a stream, for those who take one at a time: two registers
 /// of them are made in hardly more time than one signal.
 #[derive(Clone, Debug)]
-pub(super) struct Ahead {
+pub struct Signals {
     sigma: f64,
     words: [u64; AHEAD],
     contexts: [u8; AHEAD],
@@ -129,10 +129,10 @@ pub(super) struct Ahead {
 /// Signals made at a time.
 const AHEAD: usize = 16;
 
-impl Ahead {
+impl Signals {
     /// Nothing made ahead yet.
-    pub(super) fn new(sigma: f64) -> Self {
-        Ahead {
+    pub fn new(sigma: f64) -> Self {
+        Signals {
             sigma,
             words: [0; AHEAD],
             contexts: [0; AHEAD],
@@ -144,7 +144,7 @@ impl Ahead {
 
     /// The next signal of the stream, as [`Signal::draw`] makes it. What was made ahead is known by
     /// its word, so that any stream may come, from anywhere.
-    pub(super) fn take(&mut self, isa: Isa, stream: &mut Stream) -> Signal {
+    pub fn take(&mut self, isa: Isa, stream: &mut Stream) -> Signal {
         let word = stream.bits();
         if self.words.get(self.taken) != Some(&word) {
             self.words[0] = word;
@@ -212,7 +212,7 @@ mod tests {
 
     #[test]
     fn signals_made_ahead_are_those_of_the_stream_that_comes() {
-        let mut ahead = Ahead::new(0.7);
+        let mut ahead = Signals::new(0.7);
         let mut streams = [1, 2].map(|seed| Stream::new(seed, Purpose::Environment));
         for turn in 0..200 {
             // Long and short turns, some words of the stream taken by others.

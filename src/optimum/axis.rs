@@ -1,16 +1,27 @@
 //! Nodes along one variable of the state, and interpolation between them: linear, and cubic where the
 //! values do not jump.
 
+use std::array;
+
 /// Numbers closer than this are one number that was computed in two ways.
 const ROUNDING: f64 = 1e-10;
 
 /// Most strides from 0 to 1 for which there are nodes where the steps asked for are longer.
 const MOST_STRIDES: usize = 100;
 
-/// Increasing nodes, at least two, four for cubics. Where the values jump there are two nodes of one
-/// position: the first holds the limit from below, the second the value itself.
+/// Parts of an axis of the same length, for each node, that tell where to look for a number.
+const PARTS_A_NODE: usize = 2;
+
+/// Increasing nodes from 0 on, at least two, four for cubics. Where the values jump there are two nodes
+/// of one position: the first holds the limit from below, the second the value itself.
 #[derive(Clone, Debug)]
-pub(super) struct Axis(Vec<f64>);
+pub(super) struct Axis {
+    nodes: Vec<f64>,
+    /// How many parts there are from 0 to 1.
+    parts: f64,
+    /// The first node that is not below a part.
+    first_nodes: Vec<usize>,
+}
 
 /// A place between two neighbouring nodes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,6 +51,16 @@ pub(super) enum Side {
 }
 
 impl Axis {
+    fn new(nodes: Vec<f64>) -> Axis {
+        let count = PARTS_A_NODE * nodes.len();
+        let parts = count as f64 / nodes[nodes.len() - 1];
+        // A number at the end of a part may be counted to the next.
+        let begins = |part: usize| part as f64 / parts - 2.0 * ROUNDING;
+        let first_nodes =
+            (0..count).map(|part| nodes.partition_point(|node| *node < begins(part))).collect();
+        Axis { nodes, parts, first_nodes }
+    }
+
     /// Nodes from 0 to 1 in steps of at most 1 / `steps`, which are at least 3. A `stride` is a multiple
     /// of them, so that adding it leads from node to node, unless that took more than [`MOST_STRIDES`].
     pub fn with_stride(stride: f64, steps: usize) -> Axis {
@@ -48,7 +69,7 @@ impl Axis {
         let is_short = stride < most && stride * (MOST_STRIDES as f64) < 1.0;
         let step = if is_short { most } else { stride / (stride / most).ceil() };
         let before_one = (0..).map(|i| f64::from(i) * step).take_while(|x| *x < 1.0 - ROUNDING);
-        Axis(before_one.chain([1.0]).collect())
+        Axis::new(before_one.chain([1.0]).collect())
     }
 
     /// Nodes from 0 to `end` in steps of at most `end / steps`, two at each of the increasing `jumps`
@@ -62,41 +83,44 @@ impl Axis {
             nodes.push(to);
             from = to;
         }
-        Axis(nodes)
+        Axis::new(nodes)
     }
 
     /// These nodes, at least one and all below `end`, which is another.
     pub fn through(mut nodes: Vec<f64>, end: f64) -> Axis {
         debug_assert!(!nodes.is_empty() && nodes.iter().all(|node| *node < end));
         nodes.push(end);
-        Axis(nodes)
+        Axis::new(nodes)
     }
 
     pub fn nodes(&self) -> &[f64] {
-        &self.0
+        &self.nodes
     }
 
     /// Which side of a jump a node is on.
     pub fn side(&self, node: usize) -> Side {
-        let ends_a_piece = self.0.get(node + 1).is_none_or(|next| *next == self.0[node]);
+        let ends_a_piece = self.nodes.get(node + 1).is_none_or(|next| *next == self.nodes[node]);
         if ends_a_piece { Side::Below } else { Side::At }
     }
 
     /// The place of a number; the ends of the axis stand for what lies beyond them.
     pub fn place(&self, x: f64, side: Side) -> Place {
-        let last = self.0.len() - 1;
-        let near = self.0.partition_point(|node| *node < x - ROUNDING);
+        let last = self.nodes.len() - 1;
+        let part = ((x * self.parts) as usize).min(self.first_nodes.len() - 1);
+        let first = self.first_nodes[part];
+        let below = self.nodes[first..].iter().take_while(|node| **node < x - ROUNDING);
+        let near = first + below.count();
         if near > last {
             return Place { node: last - 1, weight: 1.0 };
         }
-        if self.0[near] <= x + ROUNDING {
-            let twin = self.0.get(near + 1).is_some_and(|next| *next == self.0[near]);
+        if self.nodes[near] <= x + ROUNDING {
+            let twin = self.nodes.get(near + 1).is_some_and(|next| *next == self.nodes[near]);
             let node = if twin && side == Side::At { near + 1 } else { near };
             let lower = node.min(last - 1);
             return Place { node: lower, weight: (node - lower) as f64 };
         }
         // The nodes begin at 0, and nothing is below.
-        let (lower, upper) = (self.0[near - 1], self.0[near]);
+        let (lower, upper) = (self.nodes[near - 1], self.nodes[near]);
         Place { node: near - 1, weight: (x - lower) / (upper - lower) }
     }
 
@@ -104,13 +128,13 @@ impl Axis {
     /// nodes on either side, or through the four at an end.
     pub fn among(&self, x: f64) -> Among {
         let between = self.place(x, Side::At).node;
-        let node = between.saturating_sub(1).min(self.0.len() - 4);
-        let near: [f64; 4] = std::array::from_fn(|i| self.0[node + i]);
+        let node = between.saturating_sub(1).min(self.nodes.len() - 4);
+        let near: [f64; 4] = array::from_fn(|i| self.nodes[node + i]);
         let weight = |i: usize| {
             let others = (0..4).filter(|j| *j != i);
             others.map(|j| (x - near[j]) / (near[i] - near[j])).product()
         };
-        Among { node, weights: std::array::from_fn(weight) }
+        Among { node, weights: array::from_fn(weight) }
     }
 }
 
@@ -119,6 +143,13 @@ impl Place {
     pub fn of(self, values: &[f64]) -> f64 {
         let (lower, upper) = (values[self.node], values[self.node + 1]);
         (1.0 - self.weight) * lower + self.weight * upper
+    }
+
+    /// The values there of several functions, of each node's values.
+    #[inline(always)]
+    pub fn of_each<const N: usize>(self, values: &[[f64; N]]) -> [f64; N] {
+        let (lower, upper) = (values[self.node], values[self.node + 1]);
+        array::from_fn(|i| (1.0 - self.weight) * lower[i] + self.weight * upper[i])
     }
 }
 
@@ -152,6 +183,23 @@ mod tests {
     }
 
     #[test]
+    fn a_number_is_found_wherever_it_is() {
+        let jumps = [1e-3, 1.1e-3, 0.3, 0.300_1, 0.699_999];
+        let levels = Axis::through(vec![0.0, 0.1, 0.7], 0.700_000_1);
+        for axis in [Axis::with_jumps(0.7, 9, &jumps), Axis::with_stride(0.013, 20), levels] {
+            let nodes = axis.nodes();
+            let near = nodes.iter().flat_map(|x| [*x, x - 2e-10, x + 2e-10]);
+            let all = near.chain((0..=1_000).map(|i| f64::from(i) * 1e-3));
+            for x in all.filter(|x| *x >= 0.0) {
+                let place = axis.place(x, Side::Below);
+                let x = x.clamp(0.0, nodes[nodes.len() - 1]);
+                assert!((place.of(nodes) - x).abs() <= ROUNDING, "{x}: {place:?}");
+                assert!((0.0..=1.0).contains(&place.weight), "{x}: {place:?}");
+            }
+        }
+    }
+
+    #[test]
     fn a_stride_leads_from_node_to_node() {
         // The last stride is too short to lead to another node.
         for (stride, steps) in
@@ -179,7 +227,7 @@ mod tests {
     fn cubics_are_kept_between_the_nodes_and_at_the_ends() {
         let interpolated = |axis: &Axis, x: f64, value: fn(f64) -> f64| {
             let among = axis.among(x);
-            among.of(std::array::from_fn(|i| value(axis.nodes()[among.node + i])))
+            among.of(array::from_fn(|i| value(axis.nodes()[among.node + i])))
         };
         let cubic = |x: f64| 2.0 - 3.0 * x + 5.0 * x * x - 7.0 * x * x * x;
         // The last step is shorter than the others where the stride is no part of 1.

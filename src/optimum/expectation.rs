@@ -1,5 +1,6 @@
 //! The mean over the context signal of the best that can be chosen on seeing it, in closed form.
 
+use std::array;
 use std::f64::consts::FRAC_1_SQRT_2;
 
 use crate::env::Belief;
@@ -10,6 +11,8 @@ use super::Prospects;
 const PIECES_LOG2: u32 = 8;
 /// How often 1/2 is halved before the table ends.
 const HALVINGS: u32 = 20;
+/// Pieces of the table.
+const PIECES: usize = (HALVINGS as usize) << PIECES_LOG2;
 /// How far a piece may be from the closed form, as a share of what is at stake.
 const PRECISION: f64 = 1e-11;
 
@@ -39,20 +42,48 @@ impl Expectation {
 
     /// The mean value of the best choice; the baseline reward aside.
     pub fn of_best(&self, prospects: &Prospects) -> f64 {
-        let plain = prospects.nothing.max(prospects.untailored);
-        let better = prospects.suitable.max(prospects.unsuitable);
-        let worse = prospects.suitable.min(prospects.unsuitable);
+        let Prospects { nothing, untailored, suitable, unsuitable } = *prospects;
+        let [mean] = self.of_best_each([nothing], [untailored], [suitable], [unsuitable]);
+        mean
+    }
+
+    /// [`Expectation::of_best`] in several states, given what each choice brings in each.
+    #[inline(always)]
+    pub fn of_best_each<const N: usize>(
+        &self,
+        nothing: [f64; N],
+        untailored: [f64; N],
+        suitable: [f64; N],
+        unsuitable: [f64; N],
+    ) -> [f64; N] {
+        let plain: [f64; N] = array::from_fn(|i| larger(nothing[i], untailored[i]));
+        let better: [f64; N] = array::from_fn(|i| larger(suitable[i], unsuitable[i]));
+        let worse: [f64; N] = array::from_fn(|i| larger(-suitable[i], -unsuitable[i])).map(|x| -x);
         match self {
-            Expectation::Certain => plain.max(better),
-            Expectation::Likely { error } => plain.max((1.0 - error) * better + error * worse),
-            Expectation::Ignorant => plain.max((better + worse) / 2.0),
-            Expectation::Inferred(_) if plain >= better => plain,
+            Expectation::Certain => array::from_fn(|i| larger(plain[i], better[i])),
+            Expectation::Likely { error } => {
+                array::from_fn(|i| larger(plain[i], (1.0 - error) * better[i] + error * worse[i]))
+            }
+            Expectation::Ignorant => {
+                array::from_fn(|i| larger(plain[i], (better[i] + worse[i]) / 2.0))
+            }
             Expectation::Inferred(mean) => {
-                let rest = (better - plain) / (better - worse);
-                worse + (better - worse) * mean.at(rest)
+                let rest: [f64; N] =
+                    array::from_fn(|i| (better[i] - plain[i]) / (better[i] - worse[i]));
+                let mean = mean.at_each(rest);
+                array::from_fn(|i| {
+                    let tailored = worse[i] + (better[i] - worse[i]) * mean[i];
+                    if plain[i] >= better[i] { plain[i] } else { tailored }
+                })
             }
         }
     }
+}
+
+/// The larger of two numbers, none of which is not a number: one instruction, unlike [`f64::max`].
+#[inline(always)]
+fn larger(x: f64, y: f64) -> f64 {
+    if x > y { x } else { y }
 }
 
 /// The mean of the larger of 1 - x and the probability of the likelier context, as a function of x.
@@ -63,51 +94,61 @@ impl Expectation {
 #[derive(Clone, Debug)]
 pub(super) struct BetterOf {
     sigma: f64,
-    /// The probability that the likelier context is the true one: the mean for x from 1/2 on.
-    right: f64,
-    /// By the leading bits of x. `None` where a piece is not precise.
-    pieces: Vec<Option<[f64; 4]>>,
+    /// By the leading bits of x: from the constant on. Not numbers where a piece is not precise. The
+    /// last is for x from 1/2 on.
+    pieces: Box<[[f64; 4]; PIECES + 1]>,
 }
 
 impl BetterOf {
     /// Bits of a double that tell places within a piece.
     const WITHIN: u32 = f64::MANTISSA_DIGITS - 1 - PIECES_LOG2;
+    /// Where the table begins.
+    const LEAST: f64 = 0.5 / (1_u32 << HALVINGS) as f64;
+    /// Its leading bits.
+    const FIRST: usize = (Self::LEAST.to_bits() >> Self::WITHIN) as usize;
+    /// Bits of a mantissa.
+    const MANTISSA: u64 = (1 << (f64::MANTISSA_DIGITS - 1)) - 1;
 
     fn new(sigma: f64) -> Self {
+        let mut pieces = Box::new([[f64::NAN; 4]; PIECES + 1]);
+        for (i, piece) in pieces[..PIECES].iter_mut().enumerate() {
+            *piece = cubic(sigma, i).unwrap_or(*piece);
+        }
+        // The probability that the likelier context is the true one.
         let [right, _] = closed_form(sigma, 0.5);
-        let pieces = (0..u64::from(HALVINGS) << PIECES_LOG2).map(|piece| cubic(sigma, piece));
-        BetterOf { sigma, right, pieces: pieces.collect() }
+        pieces[PIECES] = [right, 0.0, 0.0, 0.0];
+        BetterOf { sigma, pieces }
     }
 
     /// Where a piece begins.
-    fn beginning(piece: u64) -> f64 {
-        f64::from_bits((Self::first() + piece) << Self::WITHIN)
+    fn beginning(piece: usize) -> f64 {
+        f64::from_bits(((Self::FIRST + piece) as u64) << Self::WITHIN)
     }
 
-    /// The leading bits of where the table begins.
-    fn first() -> u64 {
-        (0.5 / f64::from(1 << HALVINGS)).to_bits() >> Self::WITHIN
-    }
-
-    /// The mean for this x, at least 0.
-    fn at(&self, x: f64) -> f64 {
-        if x >= 0.5 {
-            return self.right;
+    /// The mean for each x; of no meaning for those that are not above 0.
+    #[inline(always)]
+    fn at_each<const N: usize>(&self, x: [f64; N]) -> [f64; N] {
+        let inside = x.map(|x| if x > Self::LEAST { x } else { Self::LEAST });
+        let inside = inside.map(|x| if x < 0.5 { x } else { 0.5 });
+        let piece = inside.map(|x| (x.to_bits() >> Self::WITHIN) as usize - Self::FIRST);
+        let cubics = piece.map(|piece| self.pieces[piece.min(PIECES)]);
+        // The bits within a piece behind the 1 of a number from 1 to 2.
+        let within = inside.map(|x| (x.to_bits() << PIECES_LOG2) & Self::MANTISSA);
+        let part = within.map(|bits| f64::from_bits(1.0_f64.to_bits() | bits) - 1.0);
+        let [a, b, c, d]: [[f64; N]; 4] = array::from_fn(|k| cubics.map(|cubic| cubic[k]));
+        let tabulated: [f64; N] = array::from_fn(|i| value(&[a[i], b[i], c[i], d[i]], part[i]));
+        // Without a branch for each.
+        let is_left_out = |i: usize| tabulated[i].is_nan() | ((x[i] > 0.0) & (x[i] < Self::LEAST));
+        if (0..N).fold(false, |any, i| any | is_left_out(i)) {
+            let exact = |i: usize| closed_form(self.sigma, x[i])[0];
+            return array::from_fn(|i| if is_left_out(i) { exact(i) } else { tabulated[i] });
         }
-        let bits = x.to_bits();
-        let piece = (bits >> Self::WITHIN).wrapping_sub(Self::first());
-        match self.pieces.get(piece as usize) {
-            Some(Some(cubic)) => {
-                let within = bits & ((1 << Self::WITHIN) - 1);
-                value(cubic, within as f64 / (1_u64 << Self::WITHIN) as f64)
-            }
-            _ => closed_form(self.sigma, x)[0],
-        }
+        tabulated
     }
 }
 
 /// The cubic of a piece (Hermite's), from its constant on; `None` if it is not precise.
-fn cubic(sigma: f64, piece: u64) -> Option<[f64; 4]> {
+fn cubic(sigma: f64, piece: usize) -> Option<[f64; 4]> {
     let (from, to) = (BetterOf::beginning(piece), BetterOf::beginning(piece + 1));
     let width = to - from;
     let ([at_from, slope_from], [at_to, slope_to]) =
@@ -123,6 +164,7 @@ fn cubic(sigma: f64, piece: u64) -> Option<[f64; 4]> {
 }
 
 /// The value of a cubic, `part` of the way from the beginning of its piece.
+#[inline(always)]
 fn value(cubic: &[f64; 4], part: f64) -> f64 {
     let [a, b, c, d] = cubic;
     a + part * (b + part * (c + part * d))
@@ -198,10 +240,37 @@ mod tests {
             let mean = BetterOf::new(sigma);
             for i in 0..20_000 {
                 let x = 0.55 * libm::exp(-f64::from(i) * 1e-3);
-                let difference = (mean.at(x) - closed_form(sigma, x)[0]).abs();
+                let difference = (mean.at_each([x])[0] - closed_form(sigma, x)[0]).abs();
                 assert!(difference < 2.0 * PRECISION, "{sigma} {x}: {difference}");
             }
-            assert_eq!(mean.at(0.0), 1.0);
+        }
+    }
+
+    #[test]
+    fn several_states_have_what_each_has_alone() {
+        let nothing = [0.0, 7.0, 0.0, 2.0];
+        let untailored = [4.0, -3.0, 9.999_999_9, 2.0];
+        let suitable = [10.0, 6.0, 10.0, -20.0];
+        let unsuitable = [-20.0, 6.0, -20.0, 12.0];
+        let beliefs = [
+            Belief::Certain,
+            Belief::Inferred { sigma: 0.8 },
+            Belief::Inferred { sigma: 1e-3 },
+            Belief::Likely { error: 0.2 },
+            Belief::Ignorant,
+        ];
+        for belief in beliefs {
+            let expectation = Expectation::new(belief);
+            let each = expectation.of_best_each(nothing, untailored, suitable, unsuitable);
+            for (i, ours) in each.into_iter().enumerate() {
+                let alone = Prospects {
+                    nothing: nothing[i],
+                    untailored: untailored[i],
+                    suitable: suitable[i],
+                    unsuitable: unsuitable[i],
+                };
+                assert_eq!(ours.to_bits(), expectation.of_best(&alone).to_bits(), "{belief:?} {i}");
+            }
         }
     }
 

@@ -8,14 +8,18 @@
 //!
 //! Where disengagement risk never decays, the few levels that it can have are the grid.
 
+use std::array;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::iter;
 use std::mem;
+use std::ops::Range;
 
+use pulp::{Simd, WithSimd};
 use rayon::iter::{IndexedParallelIterator, IntoParallelIterator, ParallelIterator};
 
-use crate::env::{Action, Belief, Effect, respond};
+use crate::env::{Action, Belief, respond};
+use crate::kernel::Isa;
 use crate::manifest::{Environment, FirstContext};
 
 use super::Prospects;
@@ -38,6 +42,8 @@ const SHORTEST_STRETCH: u32 = 40;
 /// The largest reward of a step by the paper's parameters, in steps walked.
 const USUAL_REWARD: f64 = 200.0;
 
+/// Rows whose values are computed at once.
+const AT_ONCE: usize = 4;
 /// Values of a layer for which it is worth to wake a thread.
 const WORTH_A_THREAD: usize = 2_000;
 
@@ -93,11 +99,22 @@ impl Added {
     const NOTHING: Added = Added { least: f64::INFINITY, most: f64::NEG_INFINITY };
 
     fn by(later: &[f64], now: &[f64]) -> Added {
-        now.iter().zip(later).fold(Added::NOTHING, |all, (now, later)| {
-            let x = now - later;
-            let least = if x < all.least { x } else { all.least };
-            Added { least, most: if x > all.most { x } else { all.most } }
-        })
+        // As many of them as there may be in a register, each of its own.
+        let mut all = [Added::NOTHING; AT_ONCE];
+        let (laters, few_later) = later.as_chunks::<AT_ONCE>();
+        let (nows, few_now) = now.as_chunks::<AT_ONCE>();
+        for (later, now) in laters.iter().zip(nows) {
+            for (i, added) in all.iter_mut().enumerate() {
+                *added = added.or_by(now[i] - later[i]);
+            }
+        }
+        let few = few_now.iter().zip(few_later).map(|(now, later)| now - later);
+        few.fold(all.into_iter().fold(Added::NOTHING, Added::or), Added::or_by)
+    }
+
+    fn or_by(self, x: f64) -> Added {
+        let least = if x < self.least { x } else { self.least };
+        Added { least, most: if x > self.most { x } else { self.most } }
     }
 
     /// What further steps add is between the two as well; below 0, between them and 0.
@@ -151,9 +168,16 @@ impl Course {
         let earlier = self.next.chunks_mut(part).zip(self.sum.chunks_mut(part));
         let parts = later.chunks(part).zip(self.before.chunks(part)).zip(earlier).enumerate();
         let added = in_parallel(parts, |(i, ((part_of_later, before), (now, sum)))| {
-            grid.part_back(i * part, later, now);
-            sum.iter_mut().zip(&*now).for_each(|(sum, value)| *sum += value);
-            [Added::by(part_of_later, now), Added::by(before, now)]
+            let mut added = [Added::NOTHING; 2];
+            // While they are in the nearest caches.
+            grid.part_back(i * part, later, now, |rows, now| {
+                let sum = sum[rows.clone()].iter_mut();
+                sum.zip(now).for_each(|(sum, value)| *sum += value);
+                for (added, later) in added.iter_mut().zip([part_of_later, before]) {
+                    *added = added.or(Added::by(&later[rows.clone()], now));
+                }
+            });
+            added
         });
         let all = |which: usize| {
             added.iter().fold(Added::NOTHING, |all, part| all.or(part[which])).and_further()
@@ -192,6 +216,8 @@ pub(super) struct Grid {
     /// Its baseline rewards are 0: they are the same whatever is done.
     environment: Environment,
     pub belief: Belief,
+    /// What layers are compiled for; it makes no difference to their values.
+    pub isa: Isa,
     /// Most threads that compute.
     pub threads: usize,
     baseline: [f64; 2],
@@ -265,6 +291,7 @@ impl Grid {
         Grid {
             environment,
             belief,
+            isa: Isa::chosen(),
             threads: 1,
             baseline,
             expectation,
@@ -277,6 +304,17 @@ impl Grid {
 
     pub fn environment(&self) -> &Environment {
         &self.environment
+    }
+
+    /// The states that have a node of their own, limits aside.
+    #[cfg(test)]
+    pub fn states(&self) -> Vec<[f64; 2]> {
+        let is_limit = |column: usize| self.disengagement.side(column) == Side::Below;
+        let columns = self.disengagement.nodes().iter().enumerate();
+        let of_column = |(column, d): (usize, &f64)| (!is_limit(column)).then_some(*d);
+        let columns: Vec<f64> = columns.filter_map(of_column).collect();
+        let of_row = |h: &f64| columns.iter().map(|d| [*h, *d]).collect::<Vec<_>>();
+        self.habituation.nodes().iter().flat_map(of_row).collect()
     }
 
     /// What differences are measured by: a step walked, or less where messages bring less than the
@@ -366,7 +404,7 @@ impl Grid {
     pub fn step_back(&self, later: &[f64], now: &mut [f64]) {
         let part = self.part();
         let parts = now.chunks_mut(part).enumerate();
-        in_parallel(parts, |(i, now)| self.part_back(i * part, later, now));
+        in_parallel(parts, |(i, now)| self.part_back(i * part, later, now, |_, _| ()));
     }
 
     /// How many values a thread computes: some rows.
@@ -375,71 +413,58 @@ impl Grid {
         self.rows.len().div_ceil(threads) * self.columns.len()
     }
 
-    /// The values of some rows one step earlier, the first of which begins with value `from`.
-    fn part_back(&self, from: usize, later: &[f64], now: &mut [f64]) {
+    /// The values of some rows one step earlier, the first of which begins with value `from`. Shows
+    /// `see` a few rows at a time, and where among those of `now` they stand.
+    fn part_back(
+        &self,
+        from: usize,
+        later: &[f64],
+        now: &mut [f64],
+        mut see: impl FnMut(Range<usize>, &[f64]),
+    ) {
         let columns = self.columns.len();
         let rows = &self.rows[from / columns..][..now.len() / columns];
-        self.rows_back(rows, later, now);
-    }
-
-    /// The values of some rows one step earlier.
-    fn rows_back(&self, rows: &[Row], later: &[f64], now: &mut [f64]) {
-        let columns = self.columns.len();
-        let baseline = self.baseline();
-        let (mut rested, mut messaged) = (vec![0.0; columns], vec![0.0; columns]);
-        for (row, now) in rows.iter().zip(now.chunks_exact_mut(columns)) {
-            self.blend(row.rested, later, &mut rested);
-            self.blend(row.messaged, later, &mut messaged);
-            let columns = self.columns.iter().zip(&rested);
-            for ((column, rested), value) in columns.zip(now) {
-                let calm = column.calmed.of(&messaged);
-                let prospects = Prospects {
-                    nothing: *rested,
-                    untailored: row.untailored + calm,
-                    suitable: row.suitable + calm,
-                    unsuitable: column.annoyed.map_or(0.0, |place| place.of(&messaged)),
-                };
-                *value = baseline + self.expectation.of_best(&prospects);
-            }
-        }
-    }
-
-    /// A row of a layer among four of its rows.
-    fn blend(&self, place: Among, layer: &[f64], out: &mut [f64]) {
-        let columns = out.len();
-        let row = |i: usize| &layer[(place.node + i) * columns..][..columns];
-        let (a, b, c, d) = (row(0), row(1), row(2), row(3));
-        for (column, out) in out.iter_mut().enumerate() {
-            *out = place.of([a[column], b[column], c[column], d[column]]);
+        let mut room = [vec![[0.0; AT_ONCE]; columns], vec![[0.0; AT_ONCE]; columns]];
+        let mut start = 0;
+        for (rows, now) in rows.chunks(AT_ONCE).zip(now.chunks_mut(AT_ONCE * columns)) {
+            self.isa.run(RowsBack { grid: self, rows, later, room: &mut room, now });
+            see(start..start + now.len(), now);
+            start += now.len();
         }
     }
 
     /// The value of a state; 0 where the episode has ended.
     pub fn value(&self, values: Moment<'_>, habituation: f64, disengagement: f64) -> f64 {
+        self.value_among(values, self.habituation.among(habituation), disengagement)
+    }
+
+    /// [`Grid::value`] by where the habituation is.
+    fn value_among(&self, values: Moment<'_>, rows: Among, disengagement: f64) -> f64 {
         if disengagement >= self.environment.disengagement_threshold {
             return 0.0;
         }
         let columns = self.columns.len();
-        let rows = self.habituation.among(habituation);
         let column = self.disengagement.place(disengagement, Side::At);
         let of_row = |i: usize| column.of(&values.layer[(rows.node + i) * columns..][..columns]);
-        rows.of(std::array::from_fn(of_row)) + values.more
+        rows.of(array::from_fn(of_row)) + values.more
     }
 
     /// What each choice brings in a state, given the values of the states after it.
     pub fn prospects(&self, later: Moment<'_>, habituation: f64, disengagement: f64) -> Prospects {
         let effect = |action| respond(&self.environment, 0, action, habituation, disengagement);
-        let after = |effect: Effect| self.value(later, effect.habituation, effect.disengagement);
         let [nothing, untailored, suitable, unsuitable] =
             [Action::NONE, Action::UNTAILORED, Action::tailored_to(0), Action::tailored_to(1)]
                 .map(effect);
-        // An untailored message leads to the same state.
-        let calmed = after(suitable);
+        // All messages lead to the same habituation, and an untailored one to the same state as a
+        // suitable one.
+        let messaged = self.habituation.among(suitable.habituation);
+        let calmed = self.value_among(later, messaged, suitable.disengagement);
+        let annoyed = self.value_among(later, messaged, unsuitable.disengagement);
         Prospects {
-            nothing: nothing.reward + after(nothing),
+            nothing: nothing.reward + self.value(later, nothing.habituation, nothing.disengagement),
             untailored: untailored.reward + calmed,
             suitable: suitable.reward + calmed,
-            unsuitable: unsuitable.reward + after(unsuitable),
+            unsuitable: unsuitable.reward + annoyed,
         }
     }
 
@@ -461,6 +486,61 @@ impl Grid {
     /// Mean baseline reward of a step whose context is drawn.
     fn baseline(&self) -> f64 {
         (self.baseline[0] + self.baseline[1]) / 2.0
+    }
+}
+
+/// The values of some rows one step earlier, at most [`AT_ONCE`].
+struct RowsBack<'a> {
+    grid: &'a Grid,
+    rows: &'a [Row],
+    later: &'a [f64],
+    /// Two numbers of each row for every column.
+    room: &'a mut [Vec<[f64; AT_ONCE]>; 2],
+    now: &'a mut [f64],
+}
+
+impl WithSimd for RowsBack<'_> {
+    type Output = ();
+
+    /// Compiled for the instruction set, which takes an array of [`AT_ONCE`] as a register. Without
+    /// fused operations, so that each number is what it would be alone.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let RowsBack { grid, rows, later, room: [values, messaged], now } = self;
+        // The last stands for those that are not there.
+        let rows: [Row; AT_ONCE] = array::from_fn(|r| rows[r.min(rows.len() - 1)]);
+        blend(rows.map(|row| row.rested), later, values);
+        blend(rows.map(|row| row.messaged), later, messaged);
+        let [untailored, suitable] = [rows.map(|row| row.untailored), rows.map(|row| row.suitable)];
+        for (column, value) in grid.columns.iter().zip(&mut *values) {
+            let calm = column.calmed.of_each(messaged);
+            let annoyed = column.annoyed.map_or([0.0; AT_ONCE], |place| place.of_each(messaged));
+            *value = grid.expectation.of_best_each(
+                *value,
+                array::from_fn(|r| untailored[r] + calm[r]),
+                array::from_fn(|r| suitable[r] + calm[r]),
+                annoyed,
+            );
+        }
+        let baseline = grid.baseline();
+        for (r, now) in now.chunks_exact_mut(values.len()).enumerate() {
+            for (now, value) in now.iter_mut().zip(&*values) {
+                *now = baseline + value[r];
+            }
+        }
+    }
+}
+
+/// Rows of a layer, each among four of its rows.
+#[inline(always)]
+fn blend(places: [Among; AT_ONCE], layer: &[f64], out: &mut [[f64; AT_ONCE]]) {
+    let columns = out.len();
+    for (r, place) in places.into_iter().enumerate() {
+        let row = |i: usize| &layer[(place.node + i) * columns..][..columns];
+        let (a, b, c, d) = (row(0), row(1), row(2), row(3));
+        for (column, out) in out.iter_mut().enumerate() {
+            out[r] = place.of([a[column], b[column], c[column], d[column]]);
+        }
     }
 }
 

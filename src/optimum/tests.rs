@@ -7,6 +7,7 @@ use super::expectation::Expectation;
 use super::search::MOST_COMPUTED;
 use super::*;
 use crate::env::{Signal, inference_error, respond};
+use crate::kernel::Isa;
 use crate::rng::{Purpose, Stream};
 
 const ONE: NonZeroUsize = NonZeroUsize::MIN;
@@ -205,6 +206,45 @@ fn errors_of_interpolation_add_up_to_what_a_policy_s_return_differs_by() {
         }
     }
     assert!(broken > 5.0, "{broken}");
+}
+
+/// Rows are computed several at a time; at a node, what is not interpolated is known from a single
+/// state.
+#[test]
+fn layers_are_what_single_states_make_on_every_instruction_set() {
+    for environment in [Environment::paper(0.8), of_levels(0.3, 50)] {
+        for scenario in ["C-H-D", "P-H-D", "L-H-D", "H-D"] {
+            let belief = Belief::new(&environment, &scenario.parse().unwrap());
+            let resolution = Resolution { habituation: 13, ..coarsest(&environment, belief) };
+            let mut grid = Grid::new(&environment, belief, resolution);
+            let mut later = Vec::new();
+            grid.induce(|left, layer| {
+                if left == 20 {
+                    later = layer.to_vec()
+                }
+            });
+            let mut layers = Isa::available().into_iter().map(|isa| {
+                let mut now = vec![0.0; grid.nodes()];
+                grid.isa = isa;
+                grid.step_back(&later, &mut now);
+                now
+            });
+            let layer = layers.next().unwrap();
+            let bits = |layer: &[f64]| layer.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+            assert!(layers.all(|other| bits(&other) == bits(&layer)), "{scenario}");
+            drop(layers);
+            let [later, now] = [&later, &layer].map(|layer| Moment { layer, more: 0.0 });
+            let mut compared = 0;
+            for [habituation, disengagement] in grid.states() {
+                let prospects = grid.prospects(later, habituation, disengagement);
+                let alone = grid.mean_of_best(&prospects);
+                let ours = grid.value(now, habituation, disengagement);
+                assert!((ours - alone).abs() < 1e-7, "{scenario} {habituation} {disengagement}");
+                compared += 1;
+            }
+            assert!(compared > 20, "{compared}");
+        }
+    }
 }
 
 /// The value of the start by as many layers as there are steps.
