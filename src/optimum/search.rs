@@ -12,12 +12,12 @@ const SMALL: f64 = 0.1;
 /// Steps of episodes on the coarsest grid; on every further one they are twice as many.
 const STEPS: u32 = 250_000;
 /// Values that are computed in the time of a step of an episode.
-const VALUES_A_STEP: usize = 70;
+const VALUES_A_STEP: usize = 50;
 /// Most values that are computed for an optimum, in all, unless the first grids take more: a few
 /// seconds.
-pub(super) const MOST_COMPUTED: usize = 1_800_000_000;
-/// Most values that are kept at a time: 320 MB.
-const MOST_KEPT: usize = 40_000_000;
+pub(super) const MOST_COMPUTED: usize = 2_700_000_000;
+/// Most values that are kept at a time: 640 MB.
+const MOST_KEPT: usize = 80_000_000;
 
 /// The search for the best policy of who knows so much of the context.
 #[derive(Debug)]
@@ -143,12 +143,11 @@ impl<'a> Search<'a> {
         Tried { resolution, rows, columns: grid.nodes() / rows, unit, steps, walked }
     }
 
-    /// The values of layers of so many nodes. Where the context is inferred, a value takes a third
-    /// more time, and counts as much.
-    fn values(&self, nodes: usize, layers: usize) -> usize {
+    /// The values of layers of so many nodes. Where the context is inferred, a value takes twice the
+    /// time, and counts as much.
+    pub fn values(&self, nodes: usize, layers: usize) -> usize {
         let inferred = matches!(self.belief, Belief::Inferred { .. });
-        let [times, of] = if inferred { [4, 3] } else { [1, 1] };
-        nodes * layers * times / of
+        nodes * layers * if inferred { 2 } else { 1 }
     }
 
     /// Whether there is time and room for a grid of so many nodes, finer than the one tried before.
