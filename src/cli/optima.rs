@@ -1,4 +1,4 @@
-//! The optima of jobs, each environment and scenario computed once, on every core.
+//! The optima of jobs, each environment and scenario computed once, several at a time.
 
 use std::collections::{HashMap, HashSet};
 use std::num::NonZeroUsize;
@@ -10,6 +10,9 @@ use crate::cli::counting::Counting;
 use crate::manifest::{Environment, Scenario};
 use crate::optimum::{optimum, shows_state};
 use crate::plan::Job;
+
+/// Most optima that are computed at a time: each may take some hundred megabytes at long horizons.
+const MOST_AT_ONCE: usize = 8;
 
 /// An environment and a scenario, as words that tell them from others.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -31,7 +34,7 @@ pub(super) fn of_jobs<'j>(jobs: impl Iterator<Item = &'j Job>) -> HashMap<Cell, 
         .map(|job| (Cell::of(job), &job.environment, &job.scenario))
         .filter(|(cell, _, _)| seen.insert(cell.clone()))
         .collect();
-    let cores = thread::available_parallelism().map_or(1, usize::from);
+    let cores = thread::available_parallelism().map_or(1, usize::from).min(MOST_AT_ONCE);
     let next = AtomicUsize::new(0);
     let (sender, found) = mpsc::channel();
     thread::scope(|scope| {

@@ -116,7 +116,7 @@ const BLOCK: usize = 64;
 /// Signals of the words that come next in a stream, for those who take one at a time: two registers
 /// of them are made in hardly more time than one signal.
 #[derive(Clone, Debug)]
-pub struct Signals {
+pub struct SignalsAhead {
     sigma: f64,
     words: [u64; AHEAD],
     contexts: [u8; AHEAD],
@@ -129,10 +129,10 @@ pub struct Signals {
 /// Signals made at a time.
 const AHEAD: usize = 16;
 
-impl Signals {
+impl SignalsAhead {
     /// Nothing made ahead yet.
     pub fn new(sigma: f64) -> Self {
-        Signals {
+        SignalsAhead {
             sigma,
             words: [0; AHEAD],
             contexts: [0; AHEAD],
@@ -212,7 +212,7 @@ mod tests {
 
     #[test]
     fn signals_made_ahead_are_those_of_the_stream_that_comes() {
-        let mut ahead = Signals::new(0.7);
+        let mut ahead = SignalsAhead::new(0.7);
         let mut streams = [1, 2].map(|seed| Stream::new(seed, Purpose::Environment));
         for turn in 0..200 {
             // Long and short turns, some words of the stream taken by others.

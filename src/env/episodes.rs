@@ -3,7 +3,7 @@
 use pulp::{Simd, WithSimd};
 
 use crate::env::Signal;
-use crate::env::context::{Draws, Signals};
+use crate::env::context::{Draws, SignalsAhead};
 use crate::kernel::{Isa, LINE};
 use crate::manifest::{Environment, FirstContext};
 use crate::rng::Stream;
@@ -97,7 +97,7 @@ pub struct Episodes {
     /// Words of the stream for the next signals.
     words: Vec<u64>,
     /// Signals for the steps of a single episode.
-    ahead: Signals,
+    ahead: SignalsAhead,
     isa: Isa,
 }
 
@@ -122,7 +122,7 @@ impl Episodes {
             disengagement: vec![0.0; lanes],
             endings: vec![Ending::Truncated; lanes],
             words: vec![0; padded],
-            ahead: Signals::new(environment.sigma),
+            ahead: SignalsAhead::new(environment.sigma),
             isa: Isa::chosen(),
         }
     }

@@ -10,6 +10,6 @@ mod episodes;
 mod observation;
 
 pub use belief::Belief;
-pub use context::{Signal, Signals, inference_error, probability_of_zero};
+pub use context::{Signal, SignalsAhead, inference_error, probability_of_zero};
 pub use episodes::{Action, Effect, Ending, Episodes, Lane, respond};
 pub use observation::{Observations, Observer};

@@ -9,17 +9,17 @@ const ROUNDING: f64 = 1e-10;
 /// Most strides from 0 to 1 for which there are nodes where the steps asked for are longer.
 const MOST_STRIDES: usize = 100;
 
-/// Parts of an axis of the same length, for each node, that tell where to look for a number.
+/// Equal parts that an axis is cut into, for each of its nodes: they tell where to look for a number.
 const PARTS_A_NODE: usize = 2;
 
-/// Increasing nodes from 0 on, at least two, four for cubics. Where the values jump there are two nodes
-/// of one position: the first holds the limit from below, the second the value itself.
+/// Increasing nodes, none below 0, at least two, four for cubics. Where the values jump there are two
+/// nodes of one position: the first holds the limit from below, the second the value itself.
 #[derive(Clone, Debug)]
 pub(super) struct Axis {
     nodes: Vec<f64>,
-    /// How many parts there are from 0 to 1.
+    /// Parts in a unit of length.
     parts: f64,
-    /// The first node that is not below a part.
+    /// For each part, the first node that a number in it can be next to.
     first_nodes: Vec<usize>,
 }
 
@@ -54,7 +54,8 @@ impl Axis {
     fn new(nodes: Vec<f64>) -> Axis {
         let count = PARTS_A_NODE * nodes.len();
         let parts = count as f64 / nodes[nodes.len() - 1];
-        // A number at the end of a part may be counted to the next.
+        // Nodes a rounding below a number are looked for, and one at the end of a part may be counted to
+        // the next.
         let begins = |part: usize| part as f64 / parts - 2.0 * ROUNDING;
         let first_nodes =
             (0..count).map(|part| nodes.partition_point(|node| *node < begins(part))).collect();
@@ -119,7 +120,7 @@ impl Axis {
             let lower = node.min(last - 1);
             return Place { node: lower, weight: (node - lower) as f64 };
         }
-        // The nodes begin at 0, and nothing is below.
+        debug_assert!(near > 0, "nothing below the first node is asked for");
         let (lower, upper) = (self.nodes[near - 1], self.nodes[near]);
         Place { node: near - 1, weight: (x - lower) / (upper - lower) }
     }
@@ -141,8 +142,8 @@ impl Axis {
 impl Place {
     /// The value there.
     pub fn of(self, values: &[f64]) -> f64 {
-        let (lower, upper) = (values[self.node], values[self.node + 1]);
-        (1.0 - self.weight) * lower + self.weight * upper
+        let [value] = self.of_each(values.as_chunks().0);
+        value
     }
 
     /// The values there of several functions, of each node's values.
@@ -155,6 +156,7 @@ impl Place {
 
 impl Among {
     /// The value there, of the four nodes' values.
+    #[inline(always)]
     pub fn of(self, values: [f64; 4]) -> f64 {
         let ([a, b, c, d], [of_a, of_b, of_c, of_d]) = (self.weights, values);
         a * of_a + b * of_b + c * of_c + d * of_d
@@ -182,19 +184,50 @@ mod tests {
         assert_eq!((sides[3], sides[6]), (Side::Below, Side::Below));
     }
 
+    /// By halving, without parts.
+    fn near(axis: &Axis, x: f64) -> usize {
+        axis.nodes().partition_point(|node| *node < x - ROUNDING)
+    }
+
     #[test]
-    fn a_number_is_found_wherever_it_is() {
+    fn parts_lead_to_the_node_that_halving_finds() {
+        // At the end of a part there are twins; others are crowded in one.
         let jumps = [1e-3, 1.1e-3, 0.3, 0.300_1, 0.699_999];
-        let levels = Axis::through(vec![0.0, 0.1, 0.7], 0.700_000_1);
-        for axis in [Axis::with_jumps(0.7, 9, &jumps), Axis::with_stride(0.013, 20), levels] {
-            let nodes = axis.nodes();
-            let near = nodes.iter().flat_map(|x| [*x, x - 2e-10, x + 2e-10]);
-            let all = near.chain((0..=1_000).map(|i| f64::from(i) * 1e-3));
-            for x in all.filter(|x| *x >= 0.0) {
-                let place = axis.place(x, Side::Below);
-                let x = x.clamp(0.0, nodes[nodes.len() - 1]);
-                assert!((place.of(nodes) - x).abs() <= ROUNDING, "{x}: {place:?}");
-                assert!((0.0..=1.0).contains(&place.weight), "{x}: {place:?}");
+        let axes = [
+            Axis::with_jumps(0.7, 9, &jumps),
+            Axis::with_jumps(1.0, 8, &[0.25, 0.5]),
+            Axis::with_stride(0.013, 20),
+            Axis::through(vec![0.1, 0.2, 0.7], 0.700_000_1),
+        ];
+        for axis in axes {
+            let ends = (0..axis.first_nodes.len()).map(|part| part as f64 / axis.parts);
+            let at: Vec<f64> = ends.chain(axis.nodes().iter().copied()).collect();
+            let about = |x: f64| {
+                let by = [0.0, 0.9 * ROUNDING, ROUNDING, 1.1 * ROUNDING, 2.0 * ROUNDING, 1e-5];
+                [x.next_up(), x.next_down()]
+                    .into_iter()
+                    .chain(by.map(|by| x + by))
+                    .chain(by.map(|by| x - by))
+            };
+            for x in at.into_iter().flat_map(about).chain([1.0, 7.0]) {
+                if x < axis.nodes()[0] {
+                    continue;
+                }
+                let near = near(&axis, x);
+                for (side, twin) in [(Side::Below, 0), (Side::At, 1)] {
+                    let place = axis.place(x, side);
+                    let Some(node) = axis.nodes().get(near) else {
+                        assert_eq!((place.node, place.weight), (near - 2, 1.0), "{x}");
+                        continue;
+                    };
+                    let is_at = *node <= x + ROUNDING;
+                    let has_twin = axis.nodes().get(near + 1) == Some(node);
+                    let on = near + if has_twin { twin } else { 0 };
+                    match is_at {
+                        true => assert_eq!(place.node as f64 + place.weight, on as f64, "{x}"),
+                        false => assert_eq!(place.node, near - 1, "{x}"),
+                    }
+                }
             }
         }
     }

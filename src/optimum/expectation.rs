@@ -25,7 +25,7 @@ const PRECISION: f64 = 1e-11;
 #[derive(Clone, Debug)]
 pub(super) enum Expectation {
     Certain,
-    Inferred(Box<BetterOf>),
+    Inferred(BetterOf),
     Likely { error: f64 },
     Ignorant,
 }
@@ -34,7 +34,7 @@ impl Expectation {
     pub fn new(belief: Belief) -> Expectation {
         match belief {
             Belief::Certain => Expectation::Certain,
-            Belief::Inferred { sigma } => Expectation::Inferred(Box::new(BetterOf::new(sigma))),
+            Belief::Inferred { sigma } => Expectation::Inferred(BetterOf::new(sigma)),
             Belief::Likely { error } => Expectation::Likely { error },
             Belief::Ignorant => Expectation::Ignorant,
         }
@@ -58,7 +58,7 @@ impl Expectation {
     ) -> [f64; N] {
         let plain: [f64; N] = array::from_fn(|i| larger(nothing[i], untailored[i]));
         let better: [f64; N] = array::from_fn(|i| larger(suitable[i], unsuitable[i]));
-        let worse: [f64; N] = array::from_fn(|i| larger(-suitable[i], -unsuitable[i])).map(|x| -x);
+        let worse: [f64; N] = array::from_fn(|i| smaller(suitable[i], unsuitable[i]));
         match self {
             Expectation::Certain => array::from_fn(|i| larger(plain[i], better[i])),
             Expectation::Likely { error } => {
@@ -71,19 +71,23 @@ impl Expectation {
                 let rest: [f64; N] =
                     array::from_fn(|i| (better[i] - plain[i]) / (better[i] - worse[i]));
                 let mean = mean.at_each(rest);
-                array::from_fn(|i| {
-                    let tailored = worse[i] + (better[i] - worse[i]) * mean[i];
-                    if plain[i] >= better[i] { plain[i] } else { tailored }
-                })
+                // Where the plain choice is best, the other mean has no meaning but is below the better.
+                array::from_fn(|i| larger(worse[i] + (better[i] - worse[i]) * mean[i], plain[i]))
             }
         }
     }
 }
 
-/// The larger of two numbers, none of which is not a number: one instruction, unlike [`f64::max`].
+/// The larger of two numbers, or the second if one is NaN: one instruction, unlike [`f64::max`].
 #[inline(always)]
 fn larger(x: f64, y: f64) -> f64 {
     if x > y { x } else { y }
+}
+
+/// The smaller of two numbers, or the second if one is NaN.
+#[inline(always)]
+fn smaller(x: f64, y: f64) -> f64 {
+    if x < y { x } else { y }
 }
 
 /// The mean of the larger of 1 - x and the probability of the likelier context, as a function of x.
@@ -94,8 +98,8 @@ fn larger(x: f64, y: f64) -> f64 {
 #[derive(Clone, Debug)]
 pub(super) struct BetterOf {
     sigma: f64,
-    /// By the leading bits of x: from the constant on. Not numbers where a piece is not precise. The
-    /// last is for x from 1/2 on.
+    /// By the leading bits of x: coefficients, the constant first; NaN where a piece is not precise.
+    /// The last is for x from 1/2 on.
     pieces: Box<[[f64; 4]; PIECES + 1]>,
 }
 
@@ -248,10 +252,11 @@ mod tests {
 
     #[test]
     fn several_states_have_what_each_has_alone() {
-        let nothing = [0.0, 7.0, 0.0, 2.0];
-        let untailored = [4.0, -3.0, 9.999_999_9, 2.0];
-        let suitable = [10.0, 6.0, 10.0, -20.0];
-        let unsuitable = [-20.0, 6.0, -20.0, 12.0];
+        // Among them all equal, and tailoring that is as good either way, or hardly better than none.
+        let nothing = [0.0, 7.0, 0.0, 2.0, 3.0, 1.0, 0.0];
+        let untailored = [4.0, -3.0, 9.999_999_9, 2.0, 3.0, 0.0, -1.0];
+        let suitable = [10.0, 6.0, 10.0, -20.0, 3.0, 5.0, 5e-324];
+        let unsuitable = [-20.0, 6.0, -20.0, 12.0, 3.0, 5.0, -20.0];
         let beliefs = [
             Belief::Certain,
             Belief::Inferred { sigma: 0.8 },
@@ -270,6 +275,10 @@ mod tests {
                     unsuitable: unsuitable[i],
                 };
                 assert_eq!(ours.to_bits(), expectation.of_best(&alone).to_bits(), "{belief:?} {i}");
+                let plain = f64::max(nothing[i], untailored[i]);
+                let better = f64::max(suitable[i], unsuitable[i]);
+                let most = plain.max(better) + 1e-12;
+                assert!((plain..=most).contains(&ours), "{belief:?} {i}: {ours}");
             }
         }
     }

@@ -99,22 +99,18 @@ impl Added {
     const NOTHING: Added = Added { least: f64::INFINITY, most: f64::NEG_INFINITY };
 
     fn by(later: &[f64], now: &[f64]) -> Added {
-        // As many of them as there may be in a register, each of its own.
-        let mut all = [Added::NOTHING; AT_ONCE];
-        let (laters, few_later) = later.as_chunks::<AT_ONCE>();
-        let (nows, few_now) = now.as_chunks::<AT_ONCE>();
+        let one = |later: f64, now: f64| Added { least: now - later, most: now - later };
+        // Several at once that do not wait for each other, so that they become vector code.
+        let mut several = [Added::NOTHING; 4];
+        let (laters, last_laters) = later.as_chunks::<4>();
+        let (nows, last_nows) = now.as_chunks::<4>();
         for (later, now) in laters.iter().zip(nows) {
-            for (i, added) in all.iter_mut().enumerate() {
-                *added = added.or_by(now[i] - later[i]);
+            for (i, added) in several.iter_mut().enumerate() {
+                *added = added.or(one(later[i], now[i]));
             }
         }
-        let few = few_now.iter().zip(few_later).map(|(now, later)| now - later);
-        few.fold(all.into_iter().fold(Added::NOTHING, Added::or), Added::or_by)
-    }
-
-    fn or_by(self, x: f64) -> Added {
-        let least = if x < self.least { x } else { self.least };
-        Added { least, most: if x > self.most { x } else { self.most } }
+        let last = last_laters.iter().zip(last_nows).map(|(later, now)| one(*later, *now));
+        several.into_iter().chain(last).fold(Added::NOTHING, Added::or)
     }
 
     /// What further steps add is between the two as well; below 0, between them and 0.
@@ -123,7 +119,8 @@ impl Added {
     }
 
     fn or(self, other: Added) -> Added {
-        Added { least: self.least.min(other.least), most: self.most.max(other.most) }
+        let least = if other.least < self.least { other.least } else { self.least };
+        Added { least, most: if other.most > self.most { other.most } else { self.most } }
     }
 
     fn spread(self) -> f64 {
@@ -168,16 +165,16 @@ impl Course {
         let earlier = self.next.chunks_mut(part).zip(self.sum.chunks_mut(part));
         let parts = later.chunks(part).zip(self.before.chunks(part)).zip(earlier).enumerate();
         let added = in_parallel(parts, |(i, ((part_of_later, before), (now, sum)))| {
-            let mut added = [Added::NOTHING; 2];
+            let mut by_both = [Added::NOTHING; 2];
             // While they are in the nearest caches.
-            grid.part_back(i * part, later, now, |rows, now| {
-                let sum = sum[rows.clone()].iter_mut();
+            grid.part_back(i * part, later, now, |range, now| {
+                let sum = sum[range.clone()].iter_mut();
                 sum.zip(now).for_each(|(sum, value)| *sum += value);
-                for (added, later) in added.iter_mut().zip([part_of_later, before]) {
-                    *added = added.or(Added::by(&later[rows.clone()], now));
+                for (by, later) in by_both.iter_mut().zip([part_of_later, before]) {
+                    *by = by.or(Added::by(&later[range.clone()], now));
                 }
             });
-            added
+            by_both
         });
         let all = |which: usize| {
             added.iter().fold(Added::NOTHING, |all, part| all.or(part[which])).and_further()
@@ -216,7 +213,7 @@ pub(super) struct Grid {
     /// Its baseline rewards are 0: they are the same whatever is done.
     environment: Environment,
     pub belief: Belief,
-    /// What layers are compiled for; it makes no difference to their values.
+    /// What layers and signals are compiled for; it makes no difference to them.
     pub isa: Isa,
     /// Most threads that compute.
     pub threads: usize,
@@ -494,7 +491,8 @@ struct RowsBack<'a> {
     grid: &'a Grid,
     rows: &'a [Row],
     later: &'a [f64],
-    /// Two numbers of each row for every column.
+    /// For every column, what resting brings in each row, and then the result; and what a message
+    /// leads to.
     room: &'a mut [Vec<[f64; AT_ONCE]>; 2],
     now: &'a mut [f64],
 }
@@ -627,4 +625,28 @@ pub(super) fn in_parallel<P: Send, R: Send>(
     }
     let parts: Vec<P> = parts.collect();
     parts.into_par_iter().with_max_len(1).map(&of).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_least_and_the_most_are_found_wherever_they_are() {
+        for len in 1..10 {
+            for (least, most) in (0..len).flat_map(|i| (0..len).map(move |j| (i, j))) {
+                let later: Vec<f64> = (0..len).map(f64::from).collect();
+                let mut now: Vec<f64> = later.iter().map(|x| x + 1.0).collect();
+                now[most as usize] += 2.0;
+                now[least as usize] -= 7.0;
+                let added = Added::by(&later, &now);
+                let expected = match (len, least == most) {
+                    (1, _) => [-4.0, -4.0],
+                    (_, true) => [-4.0, 1.0],
+                    (_, false) => [-6.0, 3.0],
+                };
+                assert_eq!([added.least, added.most], expected, "{len} {least} {most}");
+            }
+        }
+    }
 }

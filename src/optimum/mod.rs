@@ -159,8 +159,8 @@ pub struct OptimalPolicy {
 }
 
 impl OptimalPolicy {
-    /// The optimal policy of a scenario in an environment. Takes about a tenth of a second at the
-    /// paper's horizon.
+    /// The optimal policy of a scenario in an environment. Takes less than a tenth of a second at
+    /// the paper's horizon.
     ///
     /// **Errors**: the scenario does not show habituation and disengagement risk.
     pub fn new(environment: &Environment, scenario: &Scenario) -> Result<Self, StateHidden> {

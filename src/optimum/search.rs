@@ -13,10 +13,10 @@ const SMALL: f64 = 0.1;
 const STEPS: u32 = 250_000;
 /// Values that are computed in the time of a step of an episode.
 const VALUES_A_STEP: usize = 50;
-/// Most values that are computed for an optimum, in all, unless the first grids take more: a few
-/// seconds.
+/// Most values that are computed for an optimum, in all, unless the first grids take more: twelve
+/// seconds of a core or so.
 pub(super) const MOST_COMPUTED: usize = 2_700_000_000;
-/// Most values that are kept at a time: 640 MB.
+/// Most values that a search keeps at a time: 640 MB.
 const MOST_KEPT: usize = 80_000_000;
 
 /// The search for the best policy of who knows so much of the context.

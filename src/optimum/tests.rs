@@ -208,8 +208,8 @@ fn errors_of_interpolation_add_up_to_what_a_policy_s_return_differs_by() {
     assert!(broken > 5.0, "{broken}");
 }
 
-/// Rows are computed several at a time; at a node, what is not interpolated is known from a single
-/// state.
+/// At a node nothing is interpolated, so that a layer must be what the prospects of that state alone
+/// make.
 #[test]
 fn layers_are_what_single_states_make_on_every_instruction_set() {
     for environment in [Environment::paper(0.8), of_levels(0.3, 50)] {
@@ -342,7 +342,9 @@ fn the_time_is_bounded_where_increments_are_tiny_and_nothing_settles() {
             // One that is finer in habituation alone is tried beside them, whatever it takes.
             let nodes = three + 2 * on(coarsest);
             let takes = Search::new(&environment, belief, 1).values(nodes, 2 * 10_000);
-            assert!(takes < 5 * MOST_COMPUTED / 3, "{environment:?} {nodes}");
+            // Of all beliefs the inferred one takes most.
+            let most = if belief == inferred { 5 * MOST_COMPUTED / 3 } else { MOST_COMPUTED };
+            assert!(takes < most, "{environment:?} {nodes}");
         }
     }
 }

@@ -9,7 +9,7 @@
 
 use std::ops::Range;
 
-use crate::env::{Signal, Signals, respond};
+use crate::env::{Signal, SignalsAhead, respond};
 use crate::manifest::{Environment, FirstContext};
 use crate::rng::{Purpose, Stream};
 
@@ -102,7 +102,7 @@ fn roll<'a>(
 /// An episode under way.
 struct Episode {
     stream: Stream,
-    signals: Signals,
+    ahead: SignalsAhead,
     habituation: f64,
     disengagement: f64,
     has_ended: bool,
@@ -114,7 +114,7 @@ impl Episode {
     fn start(e: &Environment, seed: u32) -> Episode {
         Episode {
             stream: Stream::new(u64::from(seed), Purpose::Optimum),
-            signals: Signals::new(e.sigma),
+            ahead: SignalsAhead::new(e.sigma),
             habituation: e.initial_habituation,
             disengagement: e.initial_disengagement,
             has_ended: false,
@@ -138,7 +138,7 @@ impl Episode {
         let (signal, believed) = if now.is_none() && e.first_context == FirstContext::Fixed {
             (Signal::FIXED_FIRST, 1.0)
         } else {
-            let signal = self.signals.take(grid.isa, &mut self.stream);
+            let signal = self.ahead.take(grid.isa, &mut self.stream);
             (signal, grid.belief.probability_of_zero(&signal))
         };
         let action = prospects.best(believed);
