@@ -8,7 +8,7 @@ use crate::kernel::{Isa, LANES};
 ///
 /// Each element is one chain of fused multiply-adds over p, in order, whatever the instruction set
 /// and however rows are grouped.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Product<'a> {
     /// Element \[i, p\] stands at `i * left_row_step + p * left_term_step`.
     pub left: &'a [f32],
@@ -36,6 +36,9 @@ impl Product<'_> {
     }
 }
 
+/// Most terms that are added at a time; the chains go on from the stored sums.
+const TERMS: usize = 128;
+
 struct Operation<'a, 'b> {
     product: Product<'a>,
     result: &'b mut [f32],
@@ -47,27 +50,26 @@ impl WithSimd for Operation<'_, '_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Operation { product, result } = self;
-        let width = product.width;
-        let mut column = 0;
-        // Eight registers of one row hide the latency of their chains.
-        while product.rows == 1 && column + 8 * S::F32_LANES <= width {
-            product.tile::<S, 1, 8>(simd, 0, column, result);
-            column += 8 * S::F32_LANES;
-        }
-        // As many registers as leave room for the operands: 24 of 32, or 12 of 16.
-        if S::F32_LANES != 8 {
-            while column + 4 * S::F32_LANES <= width {
-                product.band::<S, 4>(simd, column, result);
-                column += 4 * S::F32_LANES;
+        for first in (0..product.terms).step_by(TERMS) {
+            let part = Product {
+                left: &product.left[first * product.left_term_step..],
+                right: &product.right[first * product.width..],
+                terms: TERMS.min(product.terms - first),
+                ..product
+            };
+            let mut row = 0;
+            while row + 6 <= part.rows {
+                part.strip::<S, 6>(simd, row, result);
+                row += 6;
             }
-        }
-        while column + 2 * S::F32_LANES <= width {
-            product.band::<S, 2>(simd, column, result);
-            column += 2 * S::F32_LANES;
-        }
-        while column + S::F32_LANES <= width {
-            product.band::<S, 1>(simd, column, result);
-            column += S::F32_LANES;
+            while row + 4 <= part.rows {
+                part.strip::<S, 4>(simd, row, result);
+                row += 4;
+            }
+            while row < part.rows {
+                part.strip::<S, 1>(simd, row, result);
+                row += 1;
+            }
         }
     }
 }
@@ -75,21 +77,39 @@ impl WithSimd for Operation<'_, '_> {
 // Nothing here is a closure or goes through a reference to a register: the compiler would put the
 // sums into memory.
 impl Product<'_> {
-    /// Columns from `column` on, V registers wide.
+    /// I rows of the result, at most [`TERMS`] terms.
     #[inline(always)]
-    fn band<S: Simd, const V: usize>(&self, simd: S, column: usize, result: &mut [f32]) {
-        let mut row = 0;
-        while row + 6 <= self.rows {
-            self.tile::<S, 6, V>(simd, row, column, result);
-            row += 6;
+    #[allow(clippy::needless_range_loop)]
+    fn strip<S: Simd, const I: usize>(&self, simd: S, row: usize, result: &mut [f32]) {
+        // The rows' factors side by side, so that tiles walk along them without a check for each.
+        let mut factors = [[0.0; I]; TERMS];
+        let left = &self.left[row * self.left_row_step..];
+        for (p, factors) in factors[..self.terms].iter_mut().enumerate() {
+            for i in 0..I {
+                factors[i] = left[i * self.left_row_step + p * self.left_term_step];
+            }
         }
-        while row + 4 <= self.rows {
-            self.tile::<S, 4, V>(simd, row, column, result);
-            row += 4;
+        let factors = &factors[..self.terms];
+        let mut column = 0;
+        // Eight registers of one row hide the latency of their chains.
+        while I == 1 && column + 8 * S::F32_LANES <= self.width {
+            self.tile::<S, I, 8>(simd, factors, row, column, result);
+            column += 8 * S::F32_LANES;
         }
-        while row < self.rows {
-            self.tile::<S, 1, V>(simd, row, column, result);
-            row += 1;
+        // As many registers as leave room for the operands: 24 of 32, or 12 of 16.
+        if S::F32_LANES != 8 {
+            while column + 4 * S::F32_LANES <= self.width {
+                self.tile::<S, I, 4>(simd, factors, row, column, result);
+                column += 4 * S::F32_LANES;
+            }
+        }
+        while column + 2 * S::F32_LANES <= self.width {
+            self.tile::<S, I, 2>(simd, factors, row, column, result);
+            column += 2 * S::F32_LANES;
+        }
+        while column + S::F32_LANES <= self.width {
+            self.tile::<S, I, 1>(simd, factors, row, column, result);
+            column += S::F32_LANES;
         }
     }
 
@@ -99,6 +119,7 @@ impl Product<'_> {
     fn tile<S: Simd, const I: usize, const V: usize>(
         &self,
         simd: S,
+        factors: &[[f32; I]],
         row: usize,
         column: usize,
         result: &mut [f32],
@@ -112,12 +133,11 @@ impl Product<'_> {
                 sums[i][v] = stored[v];
             }
         }
-        let left = &self.left[row * self.left_row_step..];
-        for (p, right) in self.right[column..].chunks(self.width).take(self.terms).enumerate() {
+        let rights = self.right[column..].chunks(self.width);
+        for (factors, right) in factors.iter().zip(rights) {
             let (right, _) = S::as_simd_f32s(&right[..span]);
-            let left = &left[p * self.left_term_step..];
             for i in 0..I {
-                let factor = simd.splat_f32s(left[i * self.left_row_step]);
+                let factor = simd.splat_f32s(factors[i]);
                 for v in 0..V {
                     sums[i][v] = simd.mul_add_f32s(factor, right[v], sums[i][v]);
                 }
@@ -152,7 +172,7 @@ mod tests {
         // Miri takes a minute for what a processor does in one thousandth of a second.
         let (long, large) =
             if cfg!(miri) { ((3, 40, 16), (9, 5, 48)) } else { ((13, 40, 48), (64, 17, 144)) };
-        for (rows, terms, width) in [(1, 3, 128), (5, 1, 16), long, large] {
+        for (rows, terms, width) in [(1, 3, 128), (5, 1, 16), (7, 2 * TERMS + 3, 16), long, large] {
             for transposed in [false, true] {
                 let (left_row_step, left_term_step) =
                     if transposed { (1, rows + 2) } else { (terms + 2, 1) };
