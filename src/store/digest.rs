@@ -8,12 +8,13 @@ use rusqlite::types::ValueRef;
 use rusqlite::{Connection, Statement};
 use sha2::{Digest, Sha256};
 
-/// Every result of run `?1`, in an order that the row ids of one file do not decide.
+/// Every result of run `?1`, in an order that the row ids of one file do not decide. The cross join
+/// reads a curve metric by metric, as it stands in the file, where SQLite would sort all of it.
 const RESULTS: [&str; 5] = [
     "SELECT name, value FROM run_metric JOIN metric_name ON metric_name.id = metric
      WHERE run = ?1 ORDER BY name",
-    "SELECT name, episode, value FROM curve_point JOIN metric_name ON metric_name.id = metric
-     WHERE run = ?1 ORDER BY name, episode",
+    "SELECT name, episode, value FROM metric_name CROSS JOIN curve_point
+     ON run = ?1 AND metric = metric_name.id ORDER BY name, episode",
     "SELECT episode, total_reward, length, disengaged FROM test_episode
      WHERE run = ?1 ORDER BY episode",
     "SELECT bin, context, action, count FROM action_count

@@ -2,11 +2,15 @@
 
 use std::collections::HashMap;
 
-use rusqlite::{Connection, OptionalExtension, params};
+use rusqlite::types::Value;
+use rusqlite::{Connection, OptionalExtension, params, params_from_iter};
 
-use crate::record::{Failure, Outcome, Results};
+use crate::record::{ActionCount, Failure, Outcome, Results, TestEpisode};
 
 use super::{Claim, NOW, Store, StoreError, digest};
+
+/// Rows that one statement inserts: to start and end it takes as long as to insert three.
+const ROWS: usize = 32;
 
 /// The end of a claimed run.
 #[derive(Clone, Copy, Debug)]
@@ -131,35 +135,57 @@ pub(super) fn end_run(
 
 fn insert_results(connection: &Connection, run: i64, results: &Results) -> rusqlite::Result<()> {
     let mut names = MetricNames { connection, ids: HashMap::new() };
-    let mut insert = connection.prepare_cached("INSERT INTO run_metric VALUES (?1, ?2, ?3)")?;
     for metric in &results.metrics {
-        insert.execute(params![run, names.id(metric.name)?, metric.value])?;
+        let row = [run.into(), names.id(metric.name)?.into(), metric.value.into()];
+        insert_rows(connection, "run_metric", [row])?;
     }
-    let mut insert =
-        connection.prepare_cached("INSERT INTO curve_point VALUES (?1, ?2, ?3, ?4)")?;
-    for point in &results.curve {
-        insert.execute(params![run, names.id(point.metric)?, point.episode, point.value])?;
-    }
-    let mut insert =
-        connection.prepare_cached("INSERT INTO test_episode VALUES (?1, ?2, ?3, ?4, ?5)")?;
-    for (number, episode) in (1_i64..).zip(&results.episodes) {
-        insert.execute(params![
-            run,
-            number,
-            episode.total_reward,
-            episode.length,
-            episode.disengaged
-        ])?;
-    }
-    let mut insert =
-        connection.prepare_cached("INSERT INTO action_count VALUES (?1, ?2, ?3, ?4, ?5)")?;
-    for choice in &results.actions {
-        insert.execute(params![run, choice.bin, choice.context, choice.action, choice.count])?;
-    }
+    // In the order of the table's key: every row goes to its end.
+    let points = results.curve.iter().map(|point| Ok((names.id(point.metric)?, point)));
+    let mut points: Vec<_> = points.collect::<rusqlite::Result<_>>()?;
+    points.sort_unstable_by_key(|(metric, point)| (*metric, point.episode));
+    let points = points.into_iter();
+    let points = points.map(|(metric, point)| {
+        [run.into(), metric.into(), point.episode.into(), point.value.into()]
+    });
+    insert_rows(connection, "curve_point", points)?;
+    let episodes = (1_i64..).zip(&results.episodes).map(|(number, episode)| {
+        let TestEpisode { total_reward, length, disengaged } = *episode;
+        [run.into(), number.into(), total_reward.into(), length.into(), disengaged.into()]
+    });
+    insert_rows(connection, "test_episode", episodes)?;
+    let actions = results.actions.iter().map(|choice| {
+        let ActionCount { bin, context, action, count } = *choice;
+        [run.into(), bin.into(), context.into(), action.into(), count.cast_signed().into()]
+    });
+    insert_rows(connection, "action_count", actions)?;
     if let Some(weights) = &results.weights {
         connection
             .prepare_cached("INSERT INTO trained_weights VALUES (?1, ?2)")?
             .execute(params![run, weights])?;
+    }
+    Ok(())
+}
+
+/// Adds rows to a table, [`ROWS`] by a statement as long as there are so many.
+fn insert_rows<const COLUMNS: usize>(
+    connection: &Connection,
+    table: &str,
+    rows: impl IntoIterator<Item = [Value; COLUMNS]>,
+) -> rusqlite::Result<()> {
+    let row = format!("({})", ["?"; COLUMNS].join(", "));
+    let sql =
+        |rows: usize| format!("INSERT INTO {table} VALUES {}", vec![row.as_str(); rows].join(", "));
+    let mut waiting: Vec<[Value; COLUMNS]> = Vec::with_capacity(ROWS);
+    let mut many = connection.prepare_cached(&sql(ROWS))?;
+    for row in rows {
+        waiting.push(row);
+        if waiting.len() == ROWS {
+            many.execute(params_from_iter(waiting.drain(..).flatten()))?;
+        }
+    }
+    let mut one = connection.prepare_cached(&sql(1))?;
+    for row in waiting {
+        one.execute(params_from_iter(row))?;
     }
     Ok(())
 }
@@ -196,8 +222,8 @@ impl MetricNames<'_> {
 mod tests {
     use super::*;
     use crate::plan::Job;
-    use crate::record::{FailureKind, METRICS, Metric, Provenance, TestEpisode};
-    use crate::store::{Claimed, Company, Experiment, RetryFailed};
+    use crate::record::{CURVE_METRICS, CurvePoint, FailureKind, METRICS, Metric, Provenance};
+    use crate::store::{Claimed, Company, Experiment, RetryFailed, SessionId};
 
     /// Writes down how commits are synchronised whenever a run begins or ends.
     const WATCH: &str = "CREATE TEMP TABLE watched (status TEXT, synchronous INTEGER);
@@ -234,18 +260,90 @@ mod tests {
         }
     }
 
+    fn begin_session(store: &mut Store) -> SessionId {
+        let [code_version, git_revision, backend, host, processor] =
+            ["1", "2", "3", "4", "5"].map(str::to_owned);
+        let provenance = Provenance { code_version, git_revision, backend, host, processor };
+        store.begin_session(&provenance).unwrap()
+    }
+
+    /// Claims a job of an experiment of its own.
+    fn claim(store: &mut Store, session: SessionId, job: &Job) -> Claim {
+        let name = format!("sweep {}", job.seed);
+        let experiment = Experiment { name: &name, question: None, hypothesis: None, manifest: "" };
+        store.register(&experiment, [("dqn", job)]).unwrap();
+        let claimed = store.claim(session, &job.key(), RetryFailed::No, Company::Others);
+        let Ok(Claimed::Claimed(claim)) = claimed else { panic!("{claimed:?}") };
+        claim
+    }
+
+    #[test]
+    fn all_results_are_stored_whatever_their_number() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut store = Store::open(&folder.path().join("jitai.sqlite")).unwrap();
+        let session = begin_session(&mut store);
+        for (seed, count) in (1..).zip([1, ROWS - 1, ROWS, 3 * ROWS + 5]) {
+            let job = Job { seed, ..job() };
+            let names = CURVE_METRICS.iter().map(|(name, _)| *name);
+            let curve: Vec<CurvePoint> = (1..=count as u32)
+                .flat_map(|episode| names.clone().map(move |metric| (episode, metric)))
+                .zip(0..)
+                .map(|((episode, metric), value)| CurvePoint {
+                    episode,
+                    metric,
+                    value: value.into(),
+                })
+                .collect();
+            let episodes: Vec<TestEpisode> = (1..=count as u32)
+                .map(|length| TestEpisode {
+                    total_reward: f64::from(length) / 7.0,
+                    length,
+                    disengaged: length % 3 == 0,
+                })
+                .collect();
+            let whole = Results { curve, episodes, ..results() };
+            let claim = claim(&mut store, session, &job);
+            store.finish(&claim, &Outcome::Completed(whole.clone()), 1.0).unwrap();
+
+            let mut statement = store
+                .connection
+                .prepare(
+                    "SELECT episode, name, value FROM curve_point
+                        JOIN metric_name ON metric_name.id = metric WHERE run = ?1 ORDER BY value",
+                )
+                .unwrap();
+            let stored: Vec<(u32, String, f64)> = statement
+                .query_map([claim.run], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)))
+                .unwrap()
+                .collect::<Result<_, _>>()
+                .unwrap();
+            let expected = whole.curve.iter().map(|p| (p.episode, p.metric.to_owned(), p.value));
+            assert_eq!(stored, expected.collect::<Vec<_>>(), "{count} points of each metric");
+            let mut statement = store
+                .connection
+                .prepare(
+                    "SELECT total_reward, length, disengaged FROM test_episode
+                        WHERE run = ?1 ORDER BY episode",
+                )
+                .unwrap();
+            let stored: Vec<TestEpisode> = statement
+                .query_map([claim.run], |row| {
+                    let (total_reward, length) = (row.get(0)?, row.get(1)?);
+                    Ok(TestEpisode { total_reward, length, disengaged: row.get(2)? })
+                })
+                .unwrap()
+                .collect::<Result<_, _>>()
+                .unwrap();
+            assert_eq!(stored, whole.episodes, "{count} episodes");
+        }
+    }
+
     #[test]
     fn the_end_of_a_run_waits_for_the_disk_and_its_beginning_does_not() {
         let folder = tempfile::tempdir().unwrap();
         let mut store = Store::open(&folder.path().join("jitai.sqlite")).unwrap();
-        let experiment =
-            Experiment { name: "sweep", question: None, hypothesis: None, manifest: "" };
         let jobs = [job(), Job { seed: 2, ..job() }];
-        store.register(&experiment, jobs.iter().map(|job| ("dqn", job))).unwrap();
-        let [code_version, git_revision, backend, host, processor] =
-            ["1", "2", "3", "4", "5"].map(str::to_owned);
-        let provenance = Provenance { code_version, git_revision, backend, host, processor };
-        let session = store.begin_session(&provenance).unwrap();
+        let session = begin_session(&mut store);
         store.connection.execute_batch(WATCH).unwrap();
         let failure =
             Failure { kind: FailureKind::Diverged, message: "it diverged".to_owned(), episode: 3 };
@@ -255,8 +353,7 @@ mod tests {
             (&jobs[1], Outcome::Failed(failure)),
         ];
         for (job, outcome) in &outcomes {
-            let claimed = store.claim(session, &job.key(), RetryFailed::No, Company::Others);
-            let Ok(Claimed::Claimed(claim)) = claimed else { panic!("{claimed:?}") };
+            let claim = claim(&mut store, session, job);
             store.finish(&claim, outcome, 1.0).unwrap();
         }
         let mut statement =

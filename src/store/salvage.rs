@@ -34,8 +34,6 @@ pub struct Salvaged {
     pub others: usize,
 }
 
-/// Statements that a connection keeps prepared; every run takes some thirty.
-const STATEMENTS_KEPT: usize = 64;
 /// The tables of results, each keyed by its run.
 const RESULTS: [&str; 5] =
     ["run_metric", "curve_point", "test_episode", "action_count", "trained_weights"];
@@ -60,8 +58,6 @@ fn write_new(damaged: &Path, new: &Path, loads: Loads<'_>) -> Result<Salvaged, S
     drop(Store::open(new)?);
     let mut store = Store::open(new)?;
     let source = Source::open(damaged, &store)?;
-    store.connection.set_prepared_statement_cache_capacity(STATEMENTS_KEPT);
-    source.connection.set_prepared_statement_cache_capacity(STATEMENTS_KEPT);
     store.write_durably("write the salvaged store", |transaction| {
         let copy = Copy { from: &source.connection, to: transaction, loads };
         let salvaged = copy.everything()?;
