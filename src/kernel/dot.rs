@@ -133,10 +133,7 @@ fn by_halves(mut lanes: [f32; LANES]) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn bits(values: &[f32]) -> Vec<u32> {
-        values.iter().map(|value| value.to_bits()).collect()
-    }
+    use crate::kernel::test_numbers::bits;
 
     #[test]
     fn sums_go_over_sixteen_lanes_and_by_halves_on_every_instruction_set() {

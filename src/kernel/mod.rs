@@ -30,3 +30,17 @@ pub use isa::{Isa, IsaError};
 pub use product::Product;
 pub use shallow::{MOST_INPUTS, OUTPUTS, Shallow, ShallowGradient};
 pub use transpose::transpose;
+
+#[cfg(test)]
+mod test_numbers {
+    /// Numbers without a pattern, in [-1, 1]; others for every seed below 100.
+    pub(super) fn numbers(len: usize, seed: u32) -> Vec<f32> {
+        let at = seed * 41_000_000;
+        let value = |i: u32| (i.wrapping_add(at).wrapping_mul(2_654_435_761) >> 8) as f32;
+        (0..len as u32).map(|i| value(i) / 8_388_608.0 - 1.0).collect()
+    }
+
+    pub(super) fn bits(values: &[f32]) -> Vec<u32> {
+        values.iter().map(|value| value.to_bits()).collect()
+    }
+}

@@ -156,16 +156,7 @@ impl Product<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn bits(values: &[f32]) -> Vec<u32> {
-        values.iter().map(|value| value.to_bits()).collect()
-    }
-
-    /// Numbers without a pattern, in [-1, 1].
-    fn numbers(len: usize, seed: u32) -> Vec<f32> {
-        let value = |i: u32| (i.wrapping_mul(2_654_435_761).wrapping_add(seed) >> 8) as f32;
-        (0..len as u32).map(|i| value(i) / 8_388_608.0 - 1.0).collect()
-    }
+    use crate::kernel::test_numbers::{bits, numbers};
 
     #[test]
     fn every_element_is_a_chain_of_fused_multiply_adds_on_every_instruction_set() {

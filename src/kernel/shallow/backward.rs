@@ -17,11 +17,15 @@ impl<const K: usize> WithSimd for Backward<'_, K> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
-        for column in 0..self.network.bias.len() / S::F32_LANES {
-            if self.network.moments.is_empty() {
-                self.column::<S, false>(simd, column);
+        let Shallow { bias, moments, rows, .. } = self.network;
+        let runs = 1 + moments.windows(2).filter(|pair| pair[0] != pair[1]).count();
+        for column in 0..bias.len() / S::F32_LANES {
+            if moments.is_empty() {
+                self.column::<S, false, false>(simd, column);
+            } else if runs * 4 > rows {
+                self.column::<S, true, false>(simd, column);
             } else {
-                self.column::<S, true>(simd, column);
+                self.column::<S, true, true>(simd, column);
             }
         }
     }
@@ -29,9 +33,12 @@ impl<const K: usize> WithSimd for Backward<'_, K> {
 
 impl<const K: usize> Backward<'_, K> {
     /// One register of units, counted in registers, over all rows, which have moments or have none.
+    /// With `RUNS`, rows of one moment that follow each other share its entry in a register; without,
+    /// every row reads and writes it, which takes less time where a moment is seldom that of the row
+    /// before.
     #[inline(always)]
     #[allow(clippy::needless_range_loop)]
-    fn column<S: Simd, const MOMENTS: bool>(&mut self, simd: S, column: usize) {
+    fn column<S: Simd, const MOMENTS: bool, const RUNS: bool>(&mut self, simd: S, column: usize) {
         let Shallow { weight, bias, head, inputs, moments, rows } = self.network;
         let columns = bias.len() / S::F32_LANES;
         let (weight, bias, head) = (
@@ -62,33 +69,45 @@ impl<const K: usize> Backward<'_, K> {
         } else {
             (&weight[..0], &mut by_weight[..0])
         };
-        for row in 0..rows {
-            let mut hidden = start;
-            let mut entry = 0;
+        let mut row = 0;
+        while row < rows {
+            let (mut first, mut entry, mut end) = (start, 0, rows);
             if MOMENTS {
                 entry = moments[row] as usize * columns;
-                hidden = simd.add_f32s(hidden, entries[entry]);
+                first = simd.add_f32s(start, entries[entry]);
+                end = row + 1;
+                while RUNS && end < rows && moments[end] == moments[row] {
+                    end += 1;
+                }
             }
-            for k in 0..K {
-                hidden = simd.mul_add_f32s(simd.splat_f32s(inputs[row][k]), weights[k], hidden);
-            }
-            // What is not a number may become 0 here or not: such a training fails either way.
-            hidden = simd.max_f32s(hidden, zero);
-            let mut by_hidden = zero;
-            for j in 0..OUTPUTS {
-                let by_output = simd.splat_f32s(by_outputs[row][j]);
-                by_hidden = simd.mul_add_f32s(by_output, heads[j], by_hidden);
-                by_heads[j] = simd.mul_add_f32s(by_output, hidden, by_heads[j]);
-            }
-            by_hidden = simd.select_f32s(simd.greater_than_f32s(hidden, zero), by_hidden, zero);
-            by_start = simd.add_f32s(by_start, by_hidden);
-            for k in 0..K {
-                let input = simd.splat_f32s(again[row][k]);
-                by_weights[k] = simd.mul_add_f32s(input, by_hidden, by_weights[k]);
+            let mut by_entry = if MOMENTS { by_entries[entry] } else { zero };
+            for row in row..end.min(rows) {
+                let mut hidden = first;
+                for k in 0..K {
+                    hidden = simd.mul_add_f32s(simd.splat_f32s(inputs[row][k]), weights[k], hidden);
+                }
+                // What is not a number may become 0 here or not: such a training fails either way.
+                hidden = simd.max_f32s(hidden, zero);
+                let mut by_hidden = zero;
+                for j in 0..OUTPUTS {
+                    let by_output = simd.splat_f32s(by_outputs[row][j]);
+                    by_hidden = simd.mul_add_f32s(by_output, heads[j], by_hidden);
+                    by_heads[j] = simd.mul_add_f32s(by_output, hidden, by_heads[j]);
+                }
+                by_hidden = simd.select_f32s(simd.greater_than_f32s(hidden, zero), by_hidden, zero);
+                by_start = simd.add_f32s(by_start, by_hidden);
+                for k in 0..K {
+                    let input = simd.splat_f32s(again[row][k]);
+                    by_weights[k] = simd.mul_add_f32s(input, by_hidden, by_weights[k]);
+                }
+                if MOMENTS {
+                    by_entry = simd.add_f32s(by_entry, by_hidden);
+                }
             }
             if MOMENTS {
-                by_entries[entry] = simd.add_f32s(by_entries[entry], by_hidden);
+                by_entries[entry] = by_entry;
             }
+            row = end;
         }
         for k in 0..K {
             by_weight[k * columns] = by_weights[k];

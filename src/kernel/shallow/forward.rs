@@ -2,13 +2,10 @@
 //!
 //! Both ways take the same sums in the same order: those of the virtual lanes, then by halves.
 
-use pulp::{Simd, WithSimd};
+use pulp::{Simd, WithSimd, bytemuck};
 
 use super::{OUTPUTS, Shallow};
 use crate::kernel::LANES;
-
-/// Most rows of a tile: three registers of sixteen.
-const MOST_ROWS: usize = 48;
 
 /// The virtual lanes in an order in which the halves that are added follow each other.
 const BY_HALVES: [usize; LANES] = [0, 8, 4, 12, 2, 10, 6, 14, 1, 9, 5, 13, 3, 11, 7, 15];
@@ -61,8 +58,13 @@ impl<const K: usize> Forward<'_, K> {
         if moments.iter().any(|moment| *moment != moments[0]) {
             return row;
         }
+        let mut waiting = [[[simd.splat_f32s(0.0); R]; OUTPUTS]; HALVINGS];
         while row + R * S::F32_LANES <= self.network.rows {
-            self.tall_tile::<S, R>(simd, row);
+            if moments.is_empty() {
+                self.tall_tile::<S, R, false>(simd, row, &mut waiting);
+            } else {
+                self.tall_tile::<S, R, true>(simd, row, &mut waiting);
+            }
             row += R * S::F32_LANES;
         }
         row
@@ -88,47 +90,43 @@ impl<const K: usize> Forward<'_, K> {
     }
 
     /// R registers of rows of one moment: a virtual lane after the other, so that the sums across
-    /// lanes are sums of registers. Nothing in it is a closure: the compiler would put the sums into
-    /// memory.
+    /// lanes are sums of registers. `waiting` is room for sums. Nothing that has them in it is a
+    /// closure: the compiler would put them into memory.
     #[inline(always)]
     #[allow(clippy::needless_range_loop)]
-    fn tall_tile<S: Simd, const R: usize>(&mut self, simd: S, row: usize) {
+    fn tall_tile<S: Simd, const R: usize, const MOMENTS: bool>(
+        &mut self,
+        simd: S,
+        row: usize,
+        waiting: &mut [[[S::f32s; R]; OUTPUTS]; HALVINGS],
+    ) {
         let Shallow { weight, bias, head, inputs, moments, .. } = self.network;
         let units = bias.len();
         let zero = simd.splat_f32s(0.0);
-        let mut columns = [[0.0; MOST_ROWS]; K];
-        for (r, inputs) in inputs.as_chunks::<K>().0[row..row + R * S::F32_LANES].iter().enumerate()
-        {
-            for k in 0..K {
-                columns[k][r] = inputs[k];
-            }
-        }
-        let biases = lanes(bias);
-        let (mut factors, mut weights, mut heads) =
-            ([[zero; R]; K], [biases; K], [biases; OUTPUTS]);
+        let (mut factors, mut weights, mut heads) = ([[zero; R]; K], [bias; K], [bias; OUTPUTS]);
+        let inputs = &inputs.as_chunks::<K>().0[row..row + R * S::F32_LANES];
         for k in 0..K {
-            factors[k].copy_from_slice(&S::as_simd_f32s(&columns[k]).0[..R]);
-            weights[k] = lanes(&weight[k * units..(k + 1) * units]);
+            let column: &mut [f32] = bytemuck::cast_slice_mut(&mut factors[k]);
+            column.iter_mut().zip(inputs).for_each(|(factor, inputs)| *factor = inputs[k]);
+            weights[k] = &weight[k * units..][..units];
         }
         for j in 0..OUTPUTS {
-            heads[j] = lanes(&head[j * units..(j + 1) * units]);
+            heads[j] = &head[j * units..][..units];
         }
-        let entries = moments.first().map(|moment| {
-            let at = (K + *moment as usize) * units;
-            lanes(&weight[at..at + units])
-        });
-        let mut waiting = [[[zero; R]; OUTPUTS]; HALVINGS];
+        let entries = if MOMENTS { (K + moments[0] as usize) * units } else { 0 };
+        let entries = &weight[entries..][..units];
         let mut sums = [[zero; R]; OUTPUTS];
         for (at, lane) in BY_HALVES.into_iter().enumerate() {
             sums = [[zero; R]; OUTPUTS];
-            for block in 0..biases.len() {
-                let mut start = biases[block][lane];
-                if let Some(entries) = entries {
-                    start += entries[block][lane];
+            let mut unit = lane;
+            while unit < units {
+                let mut start = simd.splat_f32s(bias[unit]);
+                if MOMENTS {
+                    start = simd.add_f32s(start, simd.splat_f32s(entries[unit]));
                 }
-                let mut hidden = [simd.splat_f32s(start); R];
+                let mut hidden = [start; R];
                 for k in 0..K {
-                    let weight = simd.splat_f32s(weights[k][block][lane]);
+                    let weight = simd.splat_f32s(weights[k][unit]);
                     for r in 0..R {
                         hidden[r] = simd.mul_add_f32s(factors[k][r], weight, hidden[r]);
                     }
@@ -138,11 +136,12 @@ impl<const K: usize> Forward<'_, K> {
                     hidden[r] = simd.max_f32s(hidden[r], zero);
                 }
                 for j in 0..OUTPUTS {
-                    let head = simd.splat_f32s(heads[j][block][lane]);
+                    let head = simd.splat_f32s(heads[j][unit]);
                     for r in 0..R {
                         sums[j][r] = simd.mul_add_f32s(hidden[r], head, sums[j][r]);
                     }
                 }
+                unit += LANES;
             }
             // The sum of a half that is whole is added to the one that waits for it.
             let whole = at.trailing_ones() as usize;
@@ -157,15 +156,10 @@ impl<const K: usize> Forward<'_, K> {
                 waiting[whole] = sums;
             }
         }
-        let mut outputs = [[0.0; MOST_ROWS]; OUTPUTS];
-        for j in 0..OUTPUTS {
-            S::as_mut_simd_f32s(&mut outputs[j]).0[..R].copy_from_slice(&sums[j]);
-        }
         let out = &mut self.out.as_chunks_mut::<OUTPUTS>().0[row..row + R * S::F32_LANES];
-        for (r, out) in out.iter_mut().enumerate() {
-            for j in 0..OUTPUTS {
-                out[j] = outputs[j][r] + self.start[j];
-            }
+        for j in 0..OUTPUTS {
+            let (sums, start): (&[f32], f32) = (bytemuck::cast_slice(&sums[j]), self.start[j]);
+            out.iter_mut().zip(sums).for_each(|(out, sum)| out[j] = sum + start);
         }
     }
 
@@ -263,9 +257,4 @@ fn all_by_halves(lanes: &[[f32; LANES]; OUTPUTS]) -> [f32; OUTPUTS] {
         sums[j] = (four[j][0] + four[j][2]) + (four[j][1] + four[j][3]);
     }
     sums
-}
-
-/// Numbers of units by block and virtual lane.
-fn lanes(numbers: &[f32]) -> &[[f32; LANES]] {
-    numbers.as_chunks().0
 }
