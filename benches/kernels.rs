@@ -3,7 +3,7 @@
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use jitai::env::{Action, Episodes};
-use jitai::kernel::{Adam, Aligned, Isa, Product, Shallow, ShallowGradient, dot};
+use jitai::kernel::{Adam, Aligned, Isa, Product, Shallow, ShallowGradient, Start, dot};
 use jitai::manifest::Environment;
 use jitai::rng::{Purpose, Stream};
 
@@ -30,15 +30,16 @@ fn product_64x128x128(bencher: Bencher<'_, '_>, name: &str) {
     let mut result = numbers(64 * 128);
     bencher.counter(ItemsCount::new(2 * 64 * 128 * 128u32)).bench_local(|| {
         let product = Product {
+            start: Start::Stored,
             left: &left,
-            left_row_step: 128,
-            left_term_step: 1,
+            left_stride: 128,
+            left_transposed: false,
             right: &right,
             terms: 128,
             rows: 64,
             width: 128,
         };
-        product.add_to(isa, &mut result);
+        product.write_to(isa, &mut result);
     });
 }
 

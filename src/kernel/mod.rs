@@ -27,7 +27,7 @@ pub use adam::Adam;
 pub use aligned::{Aligned, LINE};
 pub use dot::{LANES, dot};
 pub use isa::{Isa, IsaError};
-pub use product::Product;
+pub use product::{Product, Start};
 pub use shallow::{MOST_INPUTS, OUTPUTS, Shallow, ShallowGradient};
 pub use transpose::transpose;
 

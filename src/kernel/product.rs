@@ -4,18 +4,20 @@ use pulp::{Simd, WithSimd};
 
 use crate::kernel::{Isa, LANES};
 
-/// result\[i, j\] += Σ_p left\[i, p\] right\[p, j\].
+/// result\[i, j\] = start\[i, j\] + Σ_p left\[i, p\] right\[p, j\].
 ///
 /// Each element is one chain of fused multiply-adds over p, in order, whatever the instruction set
 /// and however rows are grouped.
 #[derive(Clone, Copy, Debug)]
 pub struct Product<'a> {
-    /// Element \[i, p\] stands at `i * left_row_step + p * left_term_step`.
+    /// What the sums start from.
+    pub start: Start<'a>,
+    /// Element \[i, p\] stands at `i * left_stride + p`, or, transposed, at `p * left_stride + i`.
     pub left: &'a [f32],
     /// See `left`.
-    pub left_row_step: usize,
+    pub left_stride: usize,
     /// See `left`.
-    pub left_term_step: usize,
+    pub left_transposed: bool,
     /// \[terms, width\], row by row.
     pub right: &'a [f32],
     /// Length of the sums.
@@ -26,10 +28,22 @@ pub struct Product<'a> {
     pub width: usize,
 }
 
+/// What the sums of a [`Product`] start from.
+#[derive(Clone, Copy, Debug)]
+pub enum Start<'a> {
+    /// What the result is before.
+    Stored,
+    /// The same numbers in every row, \[width\].
+    Row(&'a [f32]),
+    /// Zero.
+    Zero,
+}
+
 impl Product<'_> {
-    /// Adds it to `result`, \[rows, width\], row by row.
-    pub fn add_to(self, isa: Isa, result: &mut [f32]) {
+    /// Writes it to `result`, \[rows, width\], row by row.
+    pub fn write_to(self, isa: Isa, result: &mut [f32]) {
         assert_eq!(self.width % LANES, 0, "rows are padded");
+        assert!(self.terms > 0, "at least one term");
         assert!(self.right.len() >= self.terms * self.width, "a row of `right` for every term");
         assert!(result.len() >= self.rows * self.width, "room for every row");
         isa.run(Operation { product: self, result });
@@ -38,6 +52,8 @@ impl Product<'_> {
 
 /// Most terms that are added at a time; the chains go on from the stored sums.
 const TERMS: usize = 128;
+/// Most rows of the result that are computed at a time.
+const STRIP: usize = 6;
 
 struct Operation<'a, 'b> {
     product: Product<'a>,
@@ -50,24 +66,27 @@ impl WithSimd for Operation<'_, '_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Operation { product, result } = self;
+        let mut room = [0.0; STRIP * TERMS];
         for first in (0..product.terms).step_by(TERMS) {
+            let left = if product.left_transposed { first * product.left_stride } else { first };
             let part = Product {
-                left: &product.left[first * product.left_term_step..],
+                start: if first == 0 { product.start } else { Start::Stored },
+                left: &product.left[left..],
                 right: &product.right[first * product.width..],
                 terms: TERMS.min(product.terms - first),
                 ..product
             };
             let mut row = 0;
-            while row + 6 <= part.rows {
-                part.strip::<S, 6>(simd, row, result);
-                row += 6;
+            while row + STRIP <= part.rows {
+                part.strip::<S, STRIP>(simd, row, &mut room, result);
+                row += STRIP;
             }
             while row + 4 <= part.rows {
-                part.strip::<S, 4>(simd, row, result);
+                part.strip::<S, 4>(simd, row, &mut room, result);
                 row += 4;
             }
             while row < part.rows {
-                part.strip::<S, 1>(simd, row, result);
+                part.strip::<S, 1>(simd, row, &mut room, result);
                 row += 1;
             }
         }
@@ -79,17 +98,17 @@ impl WithSimd for Operation<'_, '_> {
 impl Product<'_> {
     /// I rows of the result, at most [`TERMS`] terms.
     #[inline(always)]
-    #[allow(clippy::needless_range_loop)]
-    fn strip<S: Simd, const I: usize>(&self, simd: S, row: usize, result: &mut [f32]) {
+    fn strip<S: Simd, const I: usize>(
+        &self,
+        simd: S,
+        row: usize,
+        room: &mut [f32; STRIP * TERMS],
+        result: &mut [f32],
+    ) {
         // The rows' factors side by side, so that tiles walk along them without a check for each.
-        let mut factors = [[0.0; I]; TERMS];
-        let left = &self.left[row * self.left_row_step..];
-        for (p, factors) in factors[..self.terms].iter_mut().enumerate() {
-            for i in 0..I {
-                factors[i] = left[i * self.left_row_step + p * self.left_term_step];
-            }
-        }
-        let factors = &factors[..self.terms];
+        let factors = &mut room.as_chunks_mut::<I>().0[..self.terms];
+        self.gather(row, factors);
+        let factors = &*factors;
         let mut column = 0;
         // Eight registers of one row hide the latency of their chains.
         while I == 1 && column + 8 * S::F32_LANES <= self.width {
@@ -113,6 +132,26 @@ impl Product<'_> {
         }
     }
 
+    /// Copies the factors of I rows, term by term.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop)]
+    fn gather<const I: usize>(&self, row: usize, factors: &mut [[f32; I]]) {
+        if self.left_transposed {
+            let terms = self.left[row..].chunks(self.left_stride);
+            factors.iter_mut().zip(terms).for_each(|(to, left)| to.copy_from_slice(&left[..I]));
+        } else {
+            let mut rows = [self.left; I];
+            for i in 0..I {
+                rows[i] = &self.left[(row + i) * self.left_stride..][..factors.len()];
+            }
+            for (p, factors) in factors.iter_mut().enumerate() {
+                for i in 0..I {
+                    factors[i] = rows[i][p];
+                }
+            }
+        }
+    }
+
     /// I rows of V registers, held in registers over all the terms.
     #[inline(always)]
     #[allow(clippy::needless_range_loop, clippy::manual_memcpy)]
@@ -127,10 +166,14 @@ impl Product<'_> {
         let span = V * S::F32_LANES;
         let mut sums = [[simd.splat_f32s(0.0); V]; I];
         for i in 0..I {
-            let at = (row + i) * self.width + column;
-            let (stored, _) = S::as_simd_f32s(&result[at..at + span]);
+            let start = match self.start {
+                Start::Stored => &result[(row + i) * self.width + column..],
+                Start::Row(row) => &row[column..],
+                Start::Zero => continue,
+            };
+            let (start, _) = S::as_simd_f32s(&start[..span]);
             for v in 0..V {
-                sums[i][v] = stored[v];
+                sums[i][v] = start[v];
             }
         }
         let rights = self.right[column..].chunks(self.width);
@@ -167,27 +210,42 @@ mod tests {
             ((13, 40, 48), (64, 17, 144), (7, 2 * TERMS + 3, 16))
         };
         for (rows, terms, width) in [(1, 3, 128), (5, 1, 16), long, large, parts] {
-            for transposed in [false, true] {
-                let (left_row_step, left_term_step) =
-                    if transposed { (1, rows + 2) } else { (terms + 2, 1) };
+            let right = numbers(terms * width, 2);
+            let (before, row) = (numbers(rows * width, 3), numbers(width, 4));
+            let starts = [Start::Stored, Start::Row(&row), Start::Zero];
+            for (start, transposed) in
+                starts.into_iter().zip([false, true, false]).chain([(Start::Stored, true)])
+            {
+                let left_stride = if transposed { rows + 2 } else { terms + 2 };
                 let left = numbers((rows + 2) * (terms + 2), 1);
-                let right = numbers(terms * width, 2);
-                let start = numbers(rows * width, 3);
-                let mut plain = start.clone();
+                let mut plain = match start {
+                    Start::Stored => before.clone(),
+                    Start::Row(row) => row.repeat(rows),
+                    Start::Zero => vec![0.0; rows * width],
+                };
                 for i in 0..rows {
                     for j in 0..width {
                         for p in 0..terms {
-                            let factor = left[i * left_row_step + p * left_term_step];
+                            let at =
+                                if transposed { p * left_stride + i } else { i * left_stride + p };
                             plain[i * width + j] =
-                                factor.mul_add(right[p * width + j], plain[i * width + j]);
+                                left[at].mul_add(right[p * width + j], plain[i * width + j]);
                         }
                     }
                 }
+                let product = Product {
+                    start,
+                    left: &left,
+                    left_stride,
+                    left_transposed: transposed,
+                    right: &right,
+                    terms,
+                    rows,
+                    width,
+                };
                 for isa in Isa::available() {
-                    let mut ours = start.clone();
-                    let (left, right) = (&left[..], &right[..]);
-                    Product { left, left_row_step, left_term_step, right, terms, rows, width }
-                        .add_to(isa, &mut ours);
+                    let mut ours = before.clone();
+                    product.write_to(isa, &mut ours);
                     assert_eq!(bits(&ours), bits(&plain), "{} {rows} {terms} {width}", isa.name());
                 }
             }

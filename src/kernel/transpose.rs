@@ -2,6 +2,8 @@
 
 /// Rows and columns moved at a time, so that what is read and written stays in cache.
 const BLOCK: usize = 16;
+/// Rows of a block that are read side by side.
+const SIDE: usize = 4;
 
 /// Copies `from`, \[rows, columns\] in rows `from_stride` apart, into `to`, \[columns, rows\] in rows
 /// `to_stride` apart.
@@ -14,11 +16,23 @@ pub fn transpose(
 ) {
     for first_row in (0..rows).step_by(BLOCK) {
         for first_column in (0..columns).step_by(BLOCK) {
-            for column in first_column..(first_column + BLOCK).min(columns) {
-                let last = (first_row + BLOCK).min(rows);
-                let to = &mut to[column * to_stride + first_row..column * to_stride + last];
-                let from = from[first_row * from_stride + column..].iter().step_by(from_stride);
-                to.iter_mut().zip(from).for_each(|(to, from)| *to = *from);
+            let last_column = columns.min(first_column + BLOCK);
+            let of_row = |row: usize| &from[row * from_stride..][first_column..last_column];
+            let to = &mut to[first_column * to_stride..];
+            let end = rows.min(first_row + BLOCK);
+            let mut row = first_row;
+            while row + SIDE <= end {
+                let rows: [&[f32]; SIDE] = std::array::from_fn(|i| of_row(row + i));
+                for (column, to) in to.chunks_mut(to_stride).take(rows[0].len()).enumerate() {
+                    to[row..row + SIDE].copy_from_slice(&rows.map(|row| row[column]));
+                }
+                row += SIDE;
+            }
+            while row < end {
+                for (to, from) in to.chunks_mut(to_stride).zip(of_row(row)) {
+                    to[row] = *from;
+                }
+                row += 1;
             }
         }
     }

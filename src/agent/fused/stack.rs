@@ -6,8 +6,8 @@ use crate::agent::layers::{self, Layer};
 use crate::agent::weights::{Tensor, Weights, WeightsError};
 use crate::env::{Action, Observations};
 use crate::kernel::{
-    Activation, Aligned, Isa, LANES, MOST_INPUTS, OUTPUTS, Product, Shallow, ShallowGradient, dot,
-    transpose,
+    Activation, Aligned, Isa, LANES, MOST_INPUTS, OUTPUTS, Product, Shallow, ShallowGradient,
+    Start, dot, transpose,
 };
 use crate::manifest;
 
@@ -247,25 +247,29 @@ impl Stack {
             let (before, from) = room.hidden.split_at_mut(i);
             let units = &mut from[0][..count * layer.stride];
             let bias = &flat[layer.bias..layer.bias + layer.stride];
-            units.chunks_exact_mut(layer.stride).for_each(|row| row.copy_from_slice(bias));
-            let (left, step, terms) = match before.last() {
+            let mut start = Start::Row(bias);
+            let (left, stride, terms) = match before.last() {
                 None => {
-                    self.add_one_hots(flat, (observations, rows.clone()), units);
+                    if observations.one_hot() > 0 {
+                        self.start_with_one_hots(flat, (observations, rows.clone()), units);
+                        start = Start::Stored;
+                    }
                     let width = observations.width();
                     (&observations.features()[rows.start * width..], width, width)
                 }
                 Some(left) => (&left[..], self.hidden[i - 1].stride, self.hidden[i - 1].units),
             };
             Product {
+                start,
                 left,
-                left_row_step: step,
-                left_term_step: 1,
+                left_stride: stride,
+                left_transposed: false,
                 right: &flat[layer.weight..],
                 terms,
                 rows: count,
                 width: layer.stride,
             }
-            .add_to(isa, units);
+            .write_to(isa, units);
             self.activation.apply(isa, units);
         }
         let stride = self.head_stride();
@@ -275,19 +279,21 @@ impl Stack {
         dot(isa, last, weight, stride, bias, &mut room.outputs[..count * self.outputs]);
     }
 
-    /// Adds to the first layer's units the weights of the one-hots' entries that are 1.
-    fn add_one_hots(
+    /// Makes the first layer's units the bias and the weights of the one-hots' entries that are 1.
+    fn start_with_one_hots(
         &self,
         flat: &[f32],
         (observations, rows): (&Observations, Range<usize>),
         units: &mut [f32],
     ) {
         let layer = &self.hidden[0];
-        let moments = observations.moments().get(rows).unwrap_or_default();
+        let bias = &flat[layer.bias..layer.bias + layer.stride];
+        let moments = &observations.moments()[rows];
         for (units, moment) in units.chunks_exact_mut(layer.stride).zip(moments) {
             let entry = layer.weight + (observations.width() + *moment as usize) * layer.stride;
             let weights = &flat[entry..entry + layer.stride];
-            units.iter_mut().zip(weights).for_each(|(unit, weight)| *unit += weight);
+            let sums = bias.iter().zip(weights).map(|(bias, weight)| bias + weight);
+            units.iter_mut().zip(sums).for_each(|(unit, sum)| *unit = sum);
         }
     }
 
@@ -373,17 +379,17 @@ impl Stack {
             let to = &mut gradient[layer.weight..];
             outer(isa, (units, previous.stride, previous.units), derivatives, count, to);
             let into = &mut by_previous[..count * previous.stride];
-            into.fill(0.0);
             Product {
+                start: Start::Zero,
                 left: derivatives,
-                left_row_step: layer.stride,
-                left_term_step: 1,
+                left_stride: layer.stride,
+                left_transposed: false,
                 right: &room.transposed[before],
                 terms: layer.units,
                 rows: count,
                 width: previous.stride,
             }
-            .add_to(isa, into);
+            .write_to(isa, into);
             self.activation.differentiate(isa, &units[..into.len()], into);
             std::mem::swap(by_units, by_previous);
         }
@@ -405,17 +411,17 @@ impl Stack {
         outer(isa, (by_outputs, self.outputs, self.outputs), last, count, to);
         self.add_head_biases(by_outputs, gradient);
         let into = &mut room.by_units[0][..count * stride];
-        into.fill(0.0);
         Product {
+            start: Start::Zero,
             left: by_outputs,
-            left_row_step: self.outputs,
-            left_term_step: 1,
+            left_stride: self.outputs,
+            left_transposed: false,
             right: &flat[self.head_weight..],
             terms: self.outputs,
             rows: count,
             width: stride,
         }
-        .add_to(isa, into);
+        .write_to(isa, into);
         self.activation.differentiate(isa, last, into);
     }
 }
@@ -430,15 +436,16 @@ fn outer(
     to: &mut [f32],
 ) {
     Product {
+        start: Start::Stored,
         left,
-        left_row_step: 1,
-        left_term_step: stride,
+        left_stride: stride,
+        left_transposed: true,
         right,
         terms: count,
         rows: columns,
         width: right.len() / count,
     }
-    .add_to(isa, to);
+    .write_to(isa, to);
 }
 
 /// to\[j\] += Σ_row rows\[row, j\], the sums held in registers.
@@ -451,9 +458,9 @@ fn add_rows<const N: usize>(rows: &[f32], to: &mut [f32]) {
     *to = sums;
 }
 
-/// to\[j\] += Σ_row values\[row, j\].
+/// to\[j\] += Σ_row values\[row, j\], of at most [`BLOCK`] rows.
 fn sums_of_columns(isa: Isa, values: &[f32], count: usize, to: &mut [f32]) {
-    outer(isa, (&[1.0], 0, 1), values, count, to);
+    outer(isa, (&[1.0; BLOCK], 1, 1), values, count, to);
 }
 
 #[cfg(test)]
