@@ -49,7 +49,7 @@ pub(super) struct Room {
     pub(super) outputs: Vec<f32>,
     /// Derivatives of the loss by the outputs, \[rows, outputs\].
     pub(super) by_outputs: Vec<f32>,
-    /// Derivatives by a hidden layer's units, and by those of the layer before, \[rows, stride\].
+    /// Derivatives by a hidden layer's units before and after activation, \[rows, stride\].
     by_units: [Aligned; 2],
     /// The weights of each hidden layer but the first, \[units, stride of the layer before\].
     transposed: Vec<Aligned>,
@@ -356,7 +356,7 @@ impl Stack {
     ) {
         let count = rows.len();
         self.backward_heads(isa, flat, count, room, gradient);
-        let [by_units, by_previous] = &mut room.by_units;
+        let [by_units, by_active] = &mut room.by_units;
         for (i, layer) in self.hidden.iter().enumerate().rev() {
             let derivatives = &by_units[..count * layer.stride];
             let bias = &mut gradient[layer.bias..layer.bias + layer.stride];
@@ -378,7 +378,7 @@ impl Stack {
             let units = &room.hidden[before];
             let to = &mut gradient[layer.weight..];
             outer(isa, (units, previous.stride, previous.units), derivatives, count, to);
-            let into = &mut by_previous[..count * previous.stride];
+            let into = &mut by_active[..count * previous.stride];
             Product {
                 start: Start::Zero,
                 left: derivatives,
@@ -390,8 +390,8 @@ impl Stack {
                 width: previous.stride,
             }
             .write_to(isa, into);
-            self.activation.differentiate(isa, &units[..into.len()], into);
-            std::mem::swap(by_units, by_previous);
+            let active = &units[..into.len()];
+            self.activation.differentiate(isa, active, into, &mut by_units[..into.len()]);
         }
     }
 
@@ -410,7 +410,8 @@ impl Stack {
         let to = &mut gradient[self.head_weight..self.head_weight + self.outputs * stride];
         outer(isa, (by_outputs, self.outputs, self.outputs), last, count, to);
         self.add_head_biases(by_outputs, gradient);
-        let into = &mut room.by_units[0][..count * stride];
+        let [by_units, by_active] = &mut room.by_units;
+        let into = &mut by_active[..count * stride];
         Product {
             start: Start::Zero,
             left: by_outputs,
@@ -422,7 +423,7 @@ impl Stack {
             width: stride,
         }
         .write_to(isa, into);
-        self.activation.differentiate(isa, last, into);
+        self.activation.differentiate(isa, last, into, &mut by_units[..into.len()]);
     }
 }
 
