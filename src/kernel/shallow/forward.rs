@@ -54,12 +54,13 @@ impl<const K: usize> Forward<'_, K> {
     /// their moment; returns the first row that is left.
     #[inline(always)]
     fn by_rows<S: Simd, const R: usize>(&mut self, simd: S, mut row: usize) -> usize {
-        let moments = self.network.moments;
-        if moments.iter().any(|moment| *moment != moments[0]) {
+        let Shallow { moments, rows, .. } = self.network;
+        let full = |row: usize| row + R * S::F32_LANES <= rows;
+        if !full(row) || moments.iter().any(|moment| *moment != moments[0]) {
             return row;
         }
         let mut waiting = [[[simd.splat_f32s(0.0); R]; OUTPUTS]; HALVINGS];
-        while row + R * S::F32_LANES <= self.network.rows {
+        while full(row) {
             if moments.is_empty() {
                 self.tall_tile::<S, R, false>(simd, row, &mut waiting);
             } else {
@@ -206,8 +207,7 @@ impl<const K: usize> Forward<'_, K> {
                     }
                 }
                 for r in 0..R {
-                    let positive = simd.greater_than_f32s(hidden[r], zero);
-                    hidden[r] = simd.select_f32s(positive, hidden[r], zero);
+                    hidden[r] = simd.max_f32s(hidden[r], zero);
                 }
                 for j in 0..OUTPUTS {
                     let head = heads[j][unit];
