@@ -21,8 +21,10 @@ impl Activation {
 
     /// Writes derivatives, each multiplied by that of the activation, given the activated values.
     ///
-    /// **Shapes**: all are of one length. They are not changed in their place because compilers make
-    /// of that stores under a mask, for which some processors take twenty times as long.
+    /// They are not changed in their place because compilers make of that stores under a mask, for
+    /// which some processors take twenty times as long.
+    ///
+    /// **Shapes**: all are of one length.
     pub fn differentiate(self, isa: Isa, active: &[f32], derivatives: &[f32], out: &mut [f32]) {
         assert_eq!(active.len(), derivatives.len(), "a derivative for each value");
         assert_eq!(out.len(), derivatives.len(), "room for every derivative");
@@ -93,14 +95,14 @@ mod tests {
     fn relu_keeps_what_is_positive_on_every_instruction_set() {
         for len in [0, 1, 15, 16, 100] {
             let mut values = numbers(len, 1);
-            let (derivatives, mut ours) = (numbers(len, 2), vec![1.0; len]);
+            let derivatives = numbers(len, 2);
             let special = [f32::NAN, 0.0, -0.0, f32::INFINITY, f32::NEG_INFINITY];
             values.iter_mut().step_by(3).zip(special).for_each(|(value, special)| *value = special);
             let positive = |by: &[f32]| -> Vec<f32> {
                 by.iter().zip(&values).map(|(by, v)| if *v > 0.0 { *by } else { 0.0 }).collect()
             };
             for isa in Isa::available() {
-                let mut active = values.clone();
+                let (mut active, mut ours) = (values.clone(), vec![1.0; len]);
                 Activation::Relu.apply(isa, &mut active);
                 assert_eq!(bits(&active), bits(&positive(&values)), "{}", isa.name());
                 Activation::Relu.differentiate(isa, &active, &derivatives, &mut ours);

@@ -46,6 +46,11 @@ impl Product<'_> {
         assert!(self.terms > 0, "at least one term");
         assert!(self.right.len() >= self.terms * self.width, "a row of `right` for every term");
         assert!(result.len() >= self.rows * self.width, "room for every row");
+        let lines =
+            if self.left_transposed { (self.terms, self.rows) } else { (self.rows, self.terms) };
+        let left = lines.0.saturating_sub(1) * self.left_stride + lines.1;
+        assert!(self.rows == 0 || self.left.len() >= left, "a factor for every row and term");
+        assert!(!matches!(self.start, Start::Row(row) if row.len() < self.width), "a whole row");
         isa.run(Operation { product: self, result });
     }
 }
@@ -213,11 +218,10 @@ mod tests {
             let right = numbers(terms * width, 2);
             let (before, row) = (numbers(rows * width, 3), numbers(width, 4));
             let starts = [Start::Stored, Start::Row(&row), Start::Zero];
-            for (start, transposed) in
-                starts.into_iter().zip([false, true, false]).chain([(Start::Stored, true)])
-            {
+            for (start, transposed) in starts.into_iter().flat_map(|s| [(s, false), (s, true)]) {
                 let left_stride = if transposed { rows + 2 } else { terms + 2 };
-                let left = numbers((rows + 2) * (terms + 2), 1);
+                let (lines, of_line) = if transposed { (terms, rows) } else { (rows, terms) };
+                let left = numbers((lines - 1) * left_stride + of_line, 1);
                 let mut plain = match start {
                     Start::Stored => before.clone(),
                     Start::Row(row) => row.repeat(rows),

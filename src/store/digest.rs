@@ -5,16 +5,22 @@
 //! rows as they stand in the file, so that a byte that changes later is noticed by whoever asks.
 
 use rusqlite::types::ValueRef;
-use rusqlite::{Connection, Statement};
+use rusqlite::{Connection, Params};
 use sha2::{Digest, Sha256};
 
-/// Every result of run `?1`, in an order that the row ids of one file do not decide. The cross join
-/// reads a curve metric by metric, as it stands in the file, where SQLite would sort all of it.
-const RESULTS: [&str; 5] = [
-    "SELECT name, value FROM run_metric JOIN metric_name ON metric_name.id = metric
-     WHERE run = ?1 ORDER BY name",
-    "SELECT name, episode, value FROM metric_name CROSS JOIN curve_point
-     ON run = ?1 AND metric = metric_name.id ORDER BY name, episode",
+/// The metrics of run `?1`. This and what follows is in orders that the row ids of one file do not
+/// decide.
+const METRICS: &str = "SELECT name, value FROM run_metric JOIN metric_name
+    ON metric_name.id = metric WHERE run = ?1 ORDER BY name";
+/// Ids of metrics by name, from where readers find the names: an index of them may be damaged when
+/// they are not, and they when it is not.
+const METRIC_IDS: &str = "SELECT id FROM metric_name NOT INDEXED ORDER BY name";
+/// The curve of metric `?2` of run `?1`. One metric is read as it stands in the file, where SQLite
+/// would sort the whole curve.
+const CURVE: &str = "SELECT name, episode, value FROM curve_point JOIN metric_name
+    ON metric_name.id = metric WHERE run = ?1 AND metric = ?2 ORDER BY episode";
+/// The other results of run `?1`.
+const OTHERS: [&str; 3] = [
     "SELECT episode, total_reward, length, disengaged FROM test_episode
      WHERE run = ?1 ORDER BY episode",
     "SELECT bin, context, action, count FROM action_count
@@ -28,10 +34,16 @@ pub(super) fn of_run(connection: &Connection, run: i64) -> rusqlite::Result<[u8;
     let mut hasher = Sha256::new();
     hasher.update("jitai results 1\n");
     hasher.update(key_of(connection, run)?);
-    for sql in RESULTS {
+    hasher.update("\n");
+    add_rows(&mut hasher, connection, METRICS, [run])?;
+    hasher.update("\n");
+    let mut metrics = connection.prepare_cached(METRIC_IDS)?;
+    for metric in metrics.query_map([], |row| row.get::<_, i64>(0))? {
+        add_rows(&mut hasher, connection, CURVE, [run, metric?])?;
+    }
+    for sql in OTHERS {
         hasher.update("\n");
-        let mut statement = connection.prepare_cached(sql)?;
-        add_rows(&mut hasher, &mut statement, run)?;
+        add_rows(&mut hasher, connection, sql, [run])?;
     }
     Ok(hasher.finalize().into())
 }
@@ -60,9 +72,15 @@ fn key_of(connection: &Connection, run: i64) -> rusqlite::Result<String> {
 
 /// Adds the rows of a statement; every value says its type and its length, so that no two answers
 /// are the same bytes.
-fn add_rows(hasher: &mut Sha256, statement: &mut Statement<'_>, run: i64) -> rusqlite::Result<()> {
+fn add_rows(
+    hasher: &mut Sha256,
+    connection: &Connection,
+    sql: &str,
+    parameters: impl Params,
+) -> rusqlite::Result<()> {
+    let mut statement = connection.prepare_cached(sql)?;
     let columns = statement.column_count();
-    let mut rows = statement.query([run])?;
+    let mut rows = statement.query(parameters)?;
     while let Some(row) = rows.next()? {
         for column in 0..columns {
             match row.get_ref(column)? {
@@ -85,4 +103,27 @@ fn add(hasher: &mut Sha256, kind: &str, bytes: &[u8]) {
 fn add_sized(hasher: &mut Sha256, kind: &str, bytes: &[u8]) {
     add(hasher, kind, &(bytes.len() as u64).to_le_bytes());
     hasher.update(bytes);
+}
+
+#[cfg(test)]
+mod tests {
+    use rusqlite::StatementStatus;
+
+    use super::*;
+    use crate::store::Store;
+
+    #[test]
+    fn a_kept_statement_is_compiled_once_whatever_is_bound_to_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(&folder.path().join("jitai.sqlite")).unwrap();
+        for run in 0..3 {
+            add_rows(&mut Sha256::new(), &store.connection, METRICS, [run]).unwrap();
+            add_rows(&mut Sha256::new(), &store.connection, CURVE, [run, 1]).unwrap();
+        }
+        for sql in [METRICS, CURVE] {
+            let statement = store.connection.prepare_cached(sql).unwrap();
+            assert_eq!(statement.get_status(StatementStatus::Run), 3, "{sql}");
+            assert_eq!(statement.get_status(StatementStatus::RePrepare), 0, "{sql}");
+        }
+    }
 }

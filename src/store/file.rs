@@ -129,6 +129,7 @@ pub(super) fn open_damaged(path: &Path) -> Result<Connection, StoreError> {
         .and_then(|()| {
             connection.set_prepared_statement_cache_capacity(STATEMENTS_KEPT);
             connection.set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true)?;
+            connection.set_db_config(DbConfig::SQLITE_DBCONFIG_ENABLE_QPSG, true)?;
             connection.set_db_config(DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false)?;
             // Without it SQLite reads nothing of a file that is shorter than its header says.
             connection.execute_batch("PRAGMA writable_schema = ON; PRAGMA query_only = ON")
@@ -253,8 +254,8 @@ fn set_up(connection: &Connection, flag: DbConfig) -> rusqlite::Result<()> {
     connection.busy_timeout(BUSY_TIMEOUT)?;
     connection.set_prepared_statement_cache_capacity(STATEMENTS_KEPT);
     connection.set_db_config(flag, true)?;
-    // Else a statement is compiled again for every value that a partial index may be about: half of
-    // what storing a short job takes.
+    // Else SQLite compiles a kept statement again at each use, for the plan might depend on a bound
+    // value: half of what storing a short job takes.
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_ENABLE_QPSG, true)?;
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_DQS_DML, false)?;
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_DEFENSIVE, true)?;

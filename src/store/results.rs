@@ -135,10 +135,11 @@ pub(super) fn end_run(
 
 fn insert_results(connection: &Connection, run: i64, results: &Results) -> rusqlite::Result<()> {
     let mut names = MetricNames { connection, ids: HashMap::new() };
-    for metric in &results.metrics {
-        let row = [run.into(), names.id(metric.name)?.into(), metric.value.into()];
-        insert_rows(connection, "run_metric", [row])?;
-    }
+    let metrics = results.metrics.iter();
+    let metrics = metrics.map(|metric| Ok((names.id(metric.name)?, metric.value)));
+    let metrics = metrics.collect::<rusqlite::Result<Vec<_>>>()?.into_iter();
+    let metrics = metrics.map(|(metric, value)| [run.into(), metric.into(), value.into()]);
+    insert_rows(connection, "run_metric", metrics)?;
     // In the order of the table's key: every row goes to its end.
     let points = results.curve.iter().map(|point| Ok((names.id(point.metric)?, point)));
     let mut points: Vec<_> = points.collect::<rusqlite::Result<_>>()?;
@@ -166,20 +167,24 @@ fn insert_results(connection: &Connection, run: i64, results: &Results) -> rusql
     Ok(())
 }
 
-/// Adds rows to a table, [`ROWS`] by a statement as long as there are so many.
+/// Adds rows to a table, [`ROWS`] by a statement as long as there are so many, then one by one.
 fn insert_rows<const COLUMNS: usize>(
     connection: &Connection,
     table: &str,
-    rows: impl IntoIterator<Item = [Value; COLUMNS]>,
+    rows: impl Iterator<Item = [Value; COLUMNS]>,
 ) -> rusqlite::Result<()> {
     let row = format!("({})", ["?"; COLUMNS].join(", "));
     let sql =
         |rows: usize| format!("INSERT INTO {table} VALUES {}", vec![row.as_str(); rows].join(", "));
     let mut waiting: Vec<[Value; COLUMNS]> = Vec::with_capacity(ROWS);
-    let mut many = connection.prepare_cached(&sql(ROWS))?;
+    let mut many = None;
     for row in rows {
         waiting.push(row);
         if waiting.len() == ROWS {
+            let many = match &mut many {
+                Some(many) => many,
+                none => none.insert(connection.prepare_cached(&sql(ROWS))?),
+            };
             many.execute(params_from_iter(waiting.drain(..).flatten()))?;
         }
     }
@@ -278,6 +283,52 @@ mod tests {
     }
 
     #[test]
+    fn the_digest_of_results_stays_what_it_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut store = Store::open(&folder.path().join("jitai.sqlite")).unwrap();
+        let session = begin_session(&mut store);
+        // Names that are first met in another order than the alphabet's.
+        let point = |episode, metric, value| CurvePoint { episode, metric, value };
+        let results = Results {
+            curve: vec![
+                point(10, "mean_return", 1.5),
+                point(10, "mean_loss", 2.5),
+                point(10, "epsilon", 0.5),
+                point(20, "mean_return", -1.5),
+                point(20, "epsilon", 0.25),
+            ],
+            actions: vec![ActionCount { bin: 9, context: 1, action: 3, count: 7 }],
+            ..results()
+        };
+        let claim = claim(&mut store, session, &job());
+        store.finish(&claim, &Outcome::Completed(results), 1.0).unwrap();
+        let digest: String = store
+            .connection
+            .query_row("SELECT lower(hex(results_sha256)) FROM run", [], |row| row.get(0))
+            .unwrap();
+        assert_eq!(
+            digest, "92fa6b4698c5779d193a01e9a60bd36d94219c139e47f70c342d7c836a72ec34",
+            "stored results would no longer count as intact"
+        );
+    }
+
+    #[test]
+    fn a_row_that_is_there_already_undoes_all_of_its_run() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut store = Store::open(&folder.path().join("jitai.sqlite")).unwrap();
+        let session = begin_session(&mut store);
+        let claim = claim(&mut store, session, &job());
+        let point = |i: u32| CurvePoint { episode: 1 + i % 63, metric: "epsilon", value: 1.0 };
+        let results = Results { curve: (0..64).map(point).collect(), ..results() };
+        let error = store.finish(&claim, &Outcome::Completed(results), 1.0).unwrap_err();
+        assert!(format!("{error:?}").contains("results are written once"), "{error:?}");
+        let count = "SELECT (SELECT count(*) FROM curve_point) + (SELECT count(*) FROM run_metric)
+            + (SELECT count(*) FROM test_episode)";
+        let left: i64 = store.connection.query_row(count, [], |row| row.get(0)).unwrap();
+        assert_eq!(left, 0);
+    }
+
+    #[test]
     fn all_results_are_stored_whatever_their_number() {
         let folder = tempfile::tempdir().unwrap();
         let mut store = Store::open(&folder.path().join("jitai.sqlite")).unwrap();
@@ -301,7 +352,15 @@ mod tests {
                     disengaged: length % 3 == 0,
                 })
                 .collect();
-            let whole = Results { curve, episodes, ..results() };
+            let actions: Vec<ActionCount> = (0..count.min(80) as u8)
+                .map(|i| ActionCount {
+                    bin: i / 8,
+                    context: i / 4 % 2,
+                    action: i % 4,
+                    count: 1 + u64::from(i),
+                })
+                .collect();
+            let whole = Results { curve, episodes, actions, ..results() };
             let claim = claim(&mut store, session, &job);
             store.finish(&claim, &Outcome::Completed(whole.clone()), 1.0).unwrap();
 
@@ -335,6 +394,23 @@ mod tests {
                 .collect::<Result<_, _>>()
                 .unwrap();
             assert_eq!(stored, whole.episodes, "{count} episodes");
+            let mut statement = store
+                .connection
+                .prepare(
+                    "SELECT bin, context, action, count FROM action_count
+                        WHERE run = ?1 ORDER BY count",
+                )
+                .unwrap();
+            let stored: Vec<ActionCount> = statement
+                .query_map([claim.run], |row| {
+                    let (bin, context) = (row.get(0)?, row.get(1)?);
+                    let count: i64 = row.get(3)?;
+                    Ok(ActionCount { bin, context, action: row.get(2)?, count: count as u64 })
+                })
+                .unwrap()
+                .collect::<Result<_, _>>()
+                .unwrap();
+            assert_eq!(stored, whole.actions, "{count} choices");
         }
     }
 

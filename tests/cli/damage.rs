@@ -348,6 +348,27 @@ fn a_result_that_was_changed_is_found_by_its_digest() {
 }
 
 #[test]
+fn a_name_of_a_metric_that_was_changed_is_found_by_the_digests() {
+    let origin = healthy();
+    let with_loss = origin.number(
+        "SELECT count(DISTINCT run) FROM curve_point
+            WHERE metric = (SELECT id FROM metric_name WHERE name = 'mean_loss')",
+    );
+    assert!(with_loss > 0);
+    let mut bytes = store(&origin);
+    // In the table, where readers find it, and not in its index.
+    let page: i64 = origin.number("SELECT min(pageno) FROM dbstat WHERE name = 'metric_name'");
+    let page = &mut bytes[4096 * (page as usize - 1)..][..4096];
+    let at = page.windows(9).position(|name| name == b"mean_loss").expect("the name's row");
+    page[at + 8] = b't';
+    let damaged = with_store(&origin, &bytes);
+    let name = "SELECT count(*) FROM learning_curve WHERE metric || '' = 'mean_lost'";
+    assert!(damaged.number(name) > 0);
+    let diagnosis = damaged.jitai(["doctor", "--format", "json"]).ended(3).json();
+    assert_eq!(diagnosis["intact"].as_i64(), Some(14 - with_loss));
+}
+
+#[test]
 fn a_log_left_behind_is_read_and_one_cut_short_loses_its_end_alone() {
     let origin = Folder::with(&manifest("sweep", "0.6", "2", Effort::Trivial));
     origin.jitai(["run", "sweep.toml", "--quiet"]).succeeded();

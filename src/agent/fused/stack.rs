@@ -49,8 +49,10 @@ pub(super) struct Room {
     pub(super) outputs: Vec<f32>,
     /// Derivatives of the loss by the outputs, \[rows, outputs\].
     pub(super) by_outputs: Vec<f32>,
-    /// Derivatives by a hidden layer's units before and after activation, \[rows, stride\].
-    by_units: [Aligned; 2],
+    /// Derivatives by a hidden layer's units, \[rows, stride\].
+    by_units: Aligned,
+    /// Derivatives by what the activation makes of them, \[rows, stride\].
+    by_active: Aligned,
     /// The weights of each hidden layer but the first, \[units, stride of the layer before\].
     transposed: Vec<Aligned>,
 }
@@ -117,7 +119,8 @@ impl Stack {
             hidden: self.hidden.iter().map(|h| Aligned::zeros(BLOCK * h.stride)).collect(),
             outputs: vec![0.0; BLOCK * self.outputs],
             by_outputs: vec![0.0; BLOCK * self.outputs],
-            by_units: [Aligned::zeros(BLOCK * widest), Aligned::zeros(BLOCK * widest)],
+            by_units: Aligned::zeros(BLOCK * widest),
+            by_active: Aligned::zeros(BLOCK * widest),
             transposed: pairs.map(|p| Aligned::zeros(p[1].units * p[0].stride)).collect(),
         }
     }
@@ -356,7 +359,7 @@ impl Stack {
     ) {
         let count = rows.len();
         self.backward_heads(isa, flat, count, room, gradient);
-        let [by_units, by_active] = &mut room.by_units;
+        let Room { by_units, by_active, .. } = room;
         for (i, layer) in self.hidden.iter().enumerate().rev() {
             let derivatives = &by_units[..count * layer.stride];
             let bias = &mut gradient[layer.bias..layer.bias + layer.stride];
@@ -410,7 +413,7 @@ impl Stack {
         let to = &mut gradient[self.head_weight..self.head_weight + self.outputs * stride];
         outer(isa, (by_outputs, self.outputs, self.outputs), last, count, to);
         self.add_head_biases(by_outputs, gradient);
-        let [by_units, by_active] = &mut room.by_units;
+        let Room { by_units, by_active, .. } = room;
         let into = &mut by_active[..count * stride];
         Product {
             start: Start::Zero,
@@ -461,7 +464,7 @@ fn add_rows<const N: usize>(rows: &[f32], to: &mut [f32]) {
 
 /// to\[j\] += Σ_row values\[row, j\], of at most [`BLOCK`] rows.
 fn sums_of_columns(isa: Isa, values: &[f32], count: usize, to: &mut [f32]) {
-    outer(isa, (&[1.0; BLOCK], 1, 1), values, count, to);
+    outer(isa, (&[1.0; BLOCK][..count], 1, 1), values, count, to);
 }
 
 #[cfg(test)]

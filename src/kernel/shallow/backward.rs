@@ -4,6 +4,9 @@ use pulp::{Simd, WithSimd};
 
 use super::{OUTPUTS, Shallow, ShallowGradient};
 
+/// How many rows a moment has to last on average to be kept in a register meanwhile.
+const LONG_RUN: usize = 4;
+
 /// Adds to a gradient what the derivatives by the outputs make.
 pub(super) struct Backward<'a, const K: usize> {
     pub(super) network: Shallow<'a>,
@@ -22,7 +25,7 @@ impl<const K: usize> WithSimd for Backward<'_, K> {
         for column in 0..bias.len() / S::F32_LANES {
             if moments.is_empty() {
                 self.column::<S, false, false>(simd, column);
-            } else if runs * 4 > rows {
+            } else if runs * LONG_RUN > rows {
                 self.column::<S, true, false>(simd, column);
             } else {
                 self.column::<S, true, true>(simd, column);
@@ -34,8 +37,7 @@ impl<const K: usize> WithSimd for Backward<'_, K> {
 impl<const K: usize> Backward<'_, K> {
     /// One register of units, counted in registers, over all rows, which have moments or have none.
     /// With `RUNS`, rows of one moment that follow each other share its entry in a register; without,
-    /// every row reads and writes it, which takes less time where a moment is seldom that of the row
-    /// before.
+    /// every row reads and writes it, which takes less time where a moment lasts a few rows at most.
     #[inline(always)]
     #[allow(clippy::needless_range_loop)]
     fn column<S: Simd, const MOMENTS: bool, const RUNS: bool>(&mut self, simd: S, column: usize) {

@@ -91,8 +91,8 @@ impl<const K: usize> Forward<'_, K> {
     }
 
     /// R registers of rows of one moment: a virtual lane after the other, so that the sums across
-    /// lanes are sums of registers. `waiting` is room for sums. Nothing that has them in it is a
-    /// closure: the compiler would put them into memory.
+    /// lanes are sums of registers. `MOMENTS` is whether there are moments, `waiting` room for sums.
+    /// Nothing that adds to the sums is a closure: the compiler would put them into memory.
     #[inline(always)]
     #[allow(clippy::needless_range_loop)]
     fn tall_tile<S: Simd, const R: usize, const MOMENTS: bool>(
