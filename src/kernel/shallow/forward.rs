@@ -59,7 +59,7 @@ impl<const K: usize> Forward<'_, K> {
         if !full(row) || moments.iter().any(|moment| *moment != moments[0]) {
             return row;
         }
-        let mut waiting = [[[simd.splat_f32s(0.0); R]; OUTPUTS]; HALVINGS];
+        let mut waiting = [[[simd.splat_f32s(0.0); R]; OUTPUTS]; HALVINGS + 1];
         while full(row) {
             if moments.is_empty() {
                 self.tall_tile::<S, R, false>(simd, row, &mut waiting);
@@ -99,7 +99,7 @@ impl<const K: usize> Forward<'_, K> {
         &mut self,
         simd: S,
         row: usize,
-        waiting: &mut [[[S::f32s; R]; OUTPUTS]; HALVINGS],
+        waiting: &mut [[[S::f32s; R]; OUTPUTS]; HALVINGS + 1],
     ) {
         let Shallow { weight, bias, head, inputs, moments, .. } = self.network;
         let units = bias.len();
@@ -116,9 +116,8 @@ impl<const K: usize> Forward<'_, K> {
         }
         let entries = if MOMENTS { (K + moments[0] as usize) * units } else { 0 };
         let entries = &weight[entries..][..units];
-        let mut sums = [[zero; R]; OUTPUTS];
         for (at, lane) in BY_HALVES.into_iter().enumerate() {
-            sums = [[zero; R]; OUTPUTS];
+            let mut sums = [[zero; R]; OUTPUTS];
             let mut unit = lane;
             while unit < units {
                 let mut start = simd.splat_f32s(bias[unit]);
@@ -146,20 +145,23 @@ impl<const K: usize> Forward<'_, K> {
             }
             // The sum of a half that is whole is added to the one that waits for it.
             let whole = at.trailing_ones() as usize;
-            for level in 0..whole {
+            for waiting in &waiting[..whole] {
                 for j in 0..OUTPUTS {
                     for r in 0..R {
-                        sums[j][r] = simd.add_f32s(waiting[level][j][r], sums[j][r]);
+                        sums[j][r] = simd.add_f32s(waiting[j][r], sums[j][r]);
                     }
                 }
             }
-            if whole < HALVINGS {
-                waiting[whole] = sums;
+            for j in 0..OUTPUTS {
+                for r in 0..R {
+                    waiting[whole][j][r] = sums[j][r];
+                }
             }
         }
         let out = &mut self.out.as_chunks_mut::<OUTPUTS>().0[row..row + R * S::F32_LANES];
         for j in 0..OUTPUTS {
-            let (sums, start): (&[f32], f32) = (bytemuck::cast_slice(&sums[j]), self.start[j]);
+            let (sums, start): (&[f32], f32) =
+                (bytemuck::cast_slice(&waiting[HALVINGS][j]), self.start[j]);
             out.iter_mut().zip(sums).for_each(|(out, sum)| out[j] = sum + start);
         }
     }
