@@ -1,5 +1,7 @@
 //! Episodes in lockstep.
 
+use std::hint::select_unpredictable;
+
 use pulp::{Simd, WithSimd};
 
 use crate::env::Signal;
@@ -296,21 +298,23 @@ impl WithSimd for Response<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
+        // A copy, of which the compiler knows that nothing written below changes it.
+        let environment = self.environment.clone();
         let (habituation, disengagement) = (self.habituation.iter_mut(), self.disengagement);
         let states = habituation.zip(disengagement).zip(self.endings);
         let given = self.contexts.iter().zip(self.actions);
         for (((habituation, disengagement), ending), ((context, action), reward)) in
             states.zip(given.zip(self.rewards))
         {
-            let step = respond(self.environment, *context, *action, *habituation, *disengagement);
+            let step = respond(&environment, *context, *action, *habituation, *disengagement);
             let running = *ending == Ending::Running;
             let end = if self.last { Ending::Truncated } else { Ending::Running };
-            let disengaged = step.disengagement >= self.environment.disengagement_threshold;
-            let end = if disengaged { Ending::Terminated } else { end };
-            *habituation = if running { step.habituation } else { *habituation };
-            *disengagement = if running { step.disengagement } else { *disengagement };
-            *reward = if running { step.reward } else { 0.0 };
-            *ending = if running { end } else { *ending };
+            let disengaged = step.disengagement >= environment.disengagement_threshold;
+            let end = select_unpredictable(disengaged, Ending::Terminated, end);
+            *habituation = select_unpredictable(running, step.habituation, *habituation);
+            *disengagement = select_unpredictable(running, step.disengagement, *disengagement);
+            *reward = select_unpredictable(running, step.reward, 0.0);
+            *ending = select_unpredictable(running, end, *ending);
         }
     }
 }
