@@ -233,6 +233,8 @@ WHEN NEW.status IN ('failed', 'interrupted') AND (
     OR EXISTS (SELECT 1 FROM trained_weights WHERE run = NEW.id))
 BEGIN SELECT RAISE(ABORT, 'only a completed run has results'); END;
 
+-- A run ends in the transaction that writes its results, and what has ended takes no others: also by
+-- INSERT OR REPLACE they are written once.
 CREATE TRIGGER run_metric_is_written_in_the_run BEFORE INSERT ON run_metric
 WHEN (SELECT status FROM run WHERE id = NEW.run) IS NOT 'running'
 BEGIN SELECT RAISE(ABORT, 'results belong to a run in progress'); END;
@@ -248,23 +250,6 @@ BEGIN SELECT RAISE(ABORT, 'results belong to a run in progress'); END;
 CREATE TRIGGER trained_weights_are_written_in_the_run BEFORE INSERT ON trained_weights
 WHEN (SELECT status FROM run WHERE id = NEW.run) IS NOT 'running'
 BEGIN SELECT RAISE(ABORT, 'results belong to a run in progress'); END;
-
-CREATE TRIGGER run_metric_is_written_once BEFORE INSERT ON run_metric
-WHEN EXISTS (SELECT 1 FROM run_metric WHERE run = NEW.run AND metric = NEW.metric)
-BEGIN SELECT RAISE(ABORT, 'results are written once'); END;
-CREATE TRIGGER curve_point_is_written_once BEFORE INSERT ON curve_point
-WHEN EXISTS (SELECT 1 FROM curve_point WHERE run = NEW.run AND metric = NEW.metric AND episode = NEW.episode)
-BEGIN SELECT RAISE(ABORT, 'results are written once'); END;
-CREATE TRIGGER test_episode_is_written_once BEFORE INSERT ON test_episode
-WHEN EXISTS (SELECT 1 FROM test_episode WHERE run = NEW.run AND episode = NEW.episode)
-BEGIN SELECT RAISE(ABORT, 'results are written once'); END;
-CREATE TRIGGER action_count_is_written_once BEFORE INSERT ON action_count
-WHEN EXISTS (SELECT 1 FROM action_count WHERE run = NEW.run AND bin = NEW.bin AND context = NEW.context
-    AND action = NEW.action)
-BEGIN SELECT RAISE(ABORT, 'results are written once'); END;
-CREATE TRIGGER trained_weights_are_written_once BEFORE INSERT ON trained_weights
-WHEN EXISTS (SELECT 1 FROM trained_weights WHERE run = NEW.run)
-BEGIN SELECT RAISE(ABORT, 'results are written once'); END;
 
 CREATE TRIGGER run_metric_is_fixed BEFORE UPDATE ON run_metric
 BEGIN SELECT RAISE(ABORT, 'results never change'); END;

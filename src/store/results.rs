@@ -321,7 +321,7 @@ mod tests {
         let point = |i: u32| CurvePoint { episode: 1 + i % 63, metric: "epsilon", value: 1.0 };
         let results = Results { curve: (0..64).map(point).collect(), ..results() };
         let error = store.finish(&claim, &Outcome::Completed(results), 1.0).unwrap_err();
-        assert!(format!("{error:?}").contains("results are written once"), "{error:?}");
+        assert!(format!("{error:?}").contains("UNIQUE constraint failed"), "{error:?}");
         let count = "SELECT (SELECT count(*) FROM curve_point) + (SELECT count(*) FROM run_metric)
             + (SELECT count(*) FROM test_episode)";
         let left: i64 = store.connection.query_row(count, [], |row| row.get(0)).unwrap();

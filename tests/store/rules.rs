@@ -373,6 +373,10 @@ fn replacing_deletes_nothing() {
 
 #[test]
 fn results_are_written_once() {
+    let job = dqn(0.4, 1);
+    let mut sample = Sample::with(std::slice::from_ref(&job));
+    sample.run(&job, &completed());
+    let ended = sample.raw();
     for insert in [
         "run_metric VALUES (1, 1, 2.5)",
         "curve_point VALUES (1, 1, 20, 2.5)",
@@ -382,8 +386,13 @@ fn results_are_written_once() {
     ] {
         let (_sample, raw) = running();
         raw.execute_batch(&format!("INSERT INTO {insert}")).unwrap();
+        refused(&raw, &format!("INSERT INTO {insert}"), "UNIQUE constraint failed");
         for verb in ["INSERT", "INSERT OR REPLACE", "INSERT OR IGNORE"] {
-            refused(&raw, &format!("{verb} INTO {insert}"), "results are written once");
+            refused(
+                &ended,
+                &format!("{verb} INTO {insert}"),
+                "results belong to a run in progress",
+            );
         }
     }
 }
