@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use signal_hook::consts::{SIGABRT, SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::flag;
+use signal_hook::iterator::Signals;
 use signal_hook::low_level::pipe;
 
 /// Exit code after a signal.
@@ -23,11 +24,19 @@ const LOOK: Duration = Duration::from_millis(50);
 /// with exit code 130.
 pub(super) fn stop_flag() -> io::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
-        // In this order: the first signal finds the flag unset and sets it.
-        flag::register_conditional_shutdown(signal, INTERRUPTED, Arc::clone(&stop))?;
-        flag::register(signal, Arc::clone(&stop))?;
-    }
+    let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP])?;
+    // One thread hears of all of them. Handlers may run in several threads at a time, and two
+    // signals would then both be the first.
+    thread::Builder::new().name("signals".to_owned()).spawn({
+        let stop = Arc::clone(&stop);
+        move || {
+            for _ in signals.forever() {
+                if stop.swap(true, Ordering::Relaxed) {
+                    end_now();
+                }
+            }
+        }
+    })?;
     Ok(stop)
 }
 

@@ -207,8 +207,8 @@ fn a_sweep_goes_on_with_as_many_workers_as_there_can_be() {
 #[test]
 fn a_sweep_without_a_single_worker_is_an_error() {
     let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
-    // Room for the thread that keeps the time of a stop, but for no other.
-    let output = with_memory(&folder, 1024, 1700, "run sweep.toml --workers 2");
+    // Room for the threads that hear of signals and keep the time of a stop, but for no other.
+    let output = with_memory(&folder, 1024, 2700, "run sweep.toml --workers 2");
     let said = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(3), "{said}");
     assert!(said.starts_with("error: failed to start a worker: "), "{said}");
