@@ -184,8 +184,9 @@ CREATE TABLE trained_weights (
     safetensors BLOB NOT NULL CHECK (length(safetensors) > 0)
 ) STRICT;
 
--- A run begins running and ends once. Its results are written while it runs and stay only if the
--- same transaction completes it: so a completed run has all its results, every other run none.
+-- A run begins running and ends once. Its results are written while it runs, and it cannot end as
+-- anything but completed while it has results: so a completed run has all its results, every other
+-- run that has ended none.
 
 CREATE TRIGGER run_begins_running BEFORE INSERT ON run WHEN NEW.status <> 'running'
 BEGIN SELECT RAISE(ABORT, 'a run begins running'); END;
@@ -233,8 +234,8 @@ WHEN NEW.status IN ('failed', 'interrupted') AND (
     OR EXISTS (SELECT 1 FROM trained_weights WHERE run = NEW.id))
 BEGIN SELECT RAISE(ABORT, 'only a completed run has results'); END;
 
--- A run ends in the transaction that writes its results, and what has ended takes no others: also by
--- INSERT OR REPLACE they are written once.
+-- What has ended takes no results. The key of each of these tables begins with the run, so INSERT OR
+-- REPLACE can only replace rows of a run in progress.
 CREATE TRIGGER run_metric_is_written_in_the_run BEFORE INSERT ON run_metric
 WHEN (SELECT status FROM run WHERE id = NEW.run) IS NOT 'running'
 BEGIN SELECT RAISE(ABORT, 'results belong to a run in progress'); END;

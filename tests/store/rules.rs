@@ -1,6 +1,7 @@
 //! States that must not be are refused by the file itself, whoever writes them.
 
 use rusqlite::Connection;
+use rusqlite::types::Value;
 
 use crate::sample::{Sample, completed, dqn, failed, number};
 
@@ -228,8 +229,7 @@ fn only_a_run_in_progress_takes_results() {
         let mut sample = Sample::with(std::slice::from_ref(&job));
         sample.run(&job, &outcome);
         for insert in inserts {
-            // Some are there already, and are refused for that.
-            refused(&sample.raw(), insert, "results ");
+            refused(&sample.raw(), insert, "results belong to a run in progress");
         }
     }
     // And results without a run belong to nothing.
@@ -362,7 +362,7 @@ fn replacing_deletes_nothing() {
         ),
         ("INSERT OR REPLACE INTO metric_name VALUES (1, 'x')".into(), "is given once"),
         ("INSERT OR REPLACE INTO metric_name VALUES (99, 'sd_return')".into(), "is given once"),
-        ("INSERT OR REPLACE INTO trained_weights VALUES (1, x'00')".into(), "results"),
+        ("INSERT OR REPLACE INTO trained_weights VALUES (1, x'00')".into(), "results belong"),
     ] {
         refused(&raw, &sql, reason);
     }
@@ -373,27 +373,51 @@ fn replacing_deletes_nothing() {
 
 #[test]
 fn results_are_written_once() {
-    let job = dqn(0.4, 1);
-    let mut sample = Sample::with(std::slice::from_ref(&job));
-    sample.run(&job, &completed());
-    let ended = sample.raw();
-    for insert in [
-        "run_metric VALUES (1, 1, 2.5)",
-        "curve_point VALUES (1, 1, 20, 2.5)",
-        "test_episode VALUES (1, 99, 2.5, 50, 0)",
-        "action_count VALUES (1, 0, 0, 0, 1)",
-        "trained_weights VALUES (1, x'00')",
+    let jobs = [dqn(0.4, 1), dqn(0.4, 2)];
+    let mut sample = Sample::with(&jobs);
+    sample.run(&jobs[0], &completed());
+    sample.claim(&jobs[1]);
+    let raw = sample.raw();
+    for (table, key, value, other) in [
+        ("run_metric", "1", "2.5", "value = 0.5"),
+        ("curve_point", "1, 10", "2.5", "value = 0.5"),
+        ("test_episode", "1", "9.5, 3, 0", "length = 4"),
+        ("action_count", "9, 0, 2", "5", "count = 6"),
+        ("trained_weights", "", "x'00'", "safetensors = x'01'"),
     ] {
-        let (_sample, raw) = running();
-        raw.execute_batch(&format!("INSERT INTO {insert}")).unwrap();
-        refused(&raw, &format!("INSERT INTO {insert}"), "UNIQUE constraint failed");
+        let of = |run: i64| {
+            let columns: Vec<String> = [run.to_string().as_str(), key, value]
+                .into_iter()
+                .filter(|part| !part.is_empty())
+                .map(str::to_owned)
+                .collect();
+            format!("INTO {table} VALUES ({})", columns.join(", "))
+        };
+        let rows = |run: i64| -> Vec<Vec<Value>> {
+            let mut rows =
+                raw.prepare(&format!("SELECT * FROM {table} WHERE run = {run}")).unwrap();
+            let columns = rows.column_count();
+            rows.query_map([], |row| (0..columns).map(|column| row.get(column)).collect())
+                .unwrap()
+                .map(Result::unwrap)
+                .collect()
+        };
+        let of_the_ended = rows(1);
+        assert!(!of_the_ended.is_empty(), "{table}");
+        let instead = |run: i64| format!("INSERT {} ON CONFLICT DO UPDATE SET {other}", of(run));
         for verb in ["INSERT", "INSERT OR REPLACE", "INSERT OR IGNORE"] {
-            refused(
-                &ended,
-                &format!("{verb} INTO {insert}"),
-                "results belong to a run in progress",
-            );
+            let insert = format!("{verb} {}", of(1));
+            refused(&raw, &insert, "results belong to a run in progress");
         }
+        refused(&raw, &instead(1), "results belong to a run in progress");
+        // What a run in progress replaces is its own.
+        raw.execute_batch(&format!("INSERT {}", of(2))).unwrap();
+        let before = rows(2);
+        refused(&raw, &format!("INSERT {}", of(2)), "UNIQUE constraint failed");
+        refused(&raw, &instead(2), "results never change");
+        raw.execute_batch(&format!("INSERT OR REPLACE {}", of(2))).unwrap();
+        assert_eq!(rows(2), before, "{table}");
+        assert_eq!(rows(1), of_the_ended, "{table}");
     }
 }
 
