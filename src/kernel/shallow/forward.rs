@@ -91,8 +91,10 @@ impl<const K: usize> Forward<'_, K> {
     }
 
     /// R registers of rows of one moment: a virtual lane after the other, so that the sums across
-    /// lanes are sums of registers. `MOMENTS` is whether there are moments, `waiting` room for sums.
-    /// Nothing that adds to the sums is a closure: the compiler would put them into memory.
+    /// lanes are sums of registers. `MOMENTS` is whether there are moments, `waiting` room for sums:
+    /// the sum of a half of 2^i lanes waits at i, so the last place has the total. Nothing that adds
+    /// to the sums is a closure, and they are stored one register at a time: the compiler would keep
+    /// in memory what is assigned as a whole.
     #[inline(always)]
     #[allow(clippy::needless_range_loop)]
     fn tall_tile<S: Simd, const R: usize, const MOMENTS: bool>(
@@ -145,10 +147,10 @@ impl<const K: usize> Forward<'_, K> {
             }
             // The sum of a half that is whole is added to the one that waits for it.
             let whole = at.trailing_ones() as usize;
-            for waiting in &waiting[..whole] {
+            for half in &waiting[..whole] {
                 for j in 0..OUTPUTS {
                     for r in 0..R {
-                        sums[j][r] = simd.add_f32s(waiting[j][r], sums[j][r]);
+                        sums[j][r] = simd.add_f32s(half[j][r], sums[j][r]);
                     }
                 }
             }
