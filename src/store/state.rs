@@ -1,6 +1,6 @@
 //! What has become of a job, over all its runs.
 
-use std::collections::HashMap;
+use std::cmp::Reverse;
 
 use rusqlite::Connection;
 use rusqlite::types::{FromSql, FromSqlError, FromSqlResult, ValueRef};
@@ -66,36 +66,40 @@ impl Counts {
     }
 }
 
-/// The states of all jobs that have runs, by row id. For counting: reading every run once is many
-/// times faster than asking for every job by [`state_sql`].
-pub(super) struct States(HashMap<i64, JobState>);
+/// The states of all jobs that have runs, ordered by row id. For counting: reading every run once is
+/// many times faster than asking for every job by [`state_sql`], and jobs asked for in order are
+/// found near each other, as they would not be in a table of hashes.
+pub(super) struct States(Vec<(i64, JobState)>);
 
 impl States {
     /// The states as they are now, where `alive` are the living sessions.
     pub(super) fn read(connection: &Connection, alive: &[i64]) -> rusqlite::Result<States> {
-        let runs = "SELECT count(*) FROM run";
-        let runs: usize = connection.query_row(runs, [], |row| row.get(0))?;
-        let mut states = HashMap::with_capacity(runs);
         let mut statement = connection.prepare_cached(
             "SELECT job, session, CASE status
                 WHEN 'completed' THEN 4 WHEN 'running' THEN 3 WHEN 'failed' THEN 2 ELSE 1 END
              FROM run",
         )?;
         let mut rows = statement.query([])?;
+        let mut states = Vec::new();
         while let Some(row) = rows.next()? {
             let mut state: JobState = row.get(2)?;
             if state == JobState::Running && !alive.contains(&row.get(1)?) {
                 state = JobState::Interrupted;
             }
-            let furthest = states.entry(row.get(0)?).or_insert(state);
-            *furthest = state.max(*furthest);
+            states.push((row.get(0)?, state));
         }
+        // Of a job's runs the furthest is the first, and stays.
+        states.sort_by_key(|&(job, state)| (job, Reverse(state)));
+        states.dedup_by_key(|&mut (job, _)| job);
         Ok(States(states))
     }
 
     /// The state of a job.
     pub(super) fn of(&self, job: i64) -> JobState {
-        self.0.get(&job).copied().unwrap_or(JobState::Pending)
+        match self.0.binary_search_by_key(&job, |&(job, _)| job) {
+            Ok(at) => self.0[at].1,
+            Err(_) => JobState::Pending,
+        }
     }
 }
 
