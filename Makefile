@@ -31,8 +31,8 @@ bench: ## time kernels, simulation, store and whole jobs (minutes; BENCH=name fo
 	$(CARGO) bench --quiet -- $(BENCH)
 
 bench-burn: ## time both engines with Burn compiled to be fast, on both of its CPU backends (minutes)
-	for features in default burn-flex; do \
-		$(CARGO) bench --quiet --config benches/burn-for-speed.toml --features $$features --bench jobs -- a_tenth || exit; \
+	for features in "" burn-flex; do \
+		$(CARGO) bench --quiet --config benches/burn-for-speed.toml --features "$$features" --bench jobs -- a_tenth || exit; \
 	done
 
 bench-readers: ## what eight readers that ask every second cost a sweep (minutes; PAIRS=n, PAUSE=seconds)
