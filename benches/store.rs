@@ -1,50 +1,132 @@
-//! Writing: the jobs of an experiment.
+//! Writing: the jobs of an experiment, and the ends of runs.
 
-use std::path::PathBuf;
+use std::slice;
 use std::sync::atomic::AtomicBool;
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use jitai::manifest::{Agent, Environment, Evaluation, Reinforce};
 use jitai::plan::Job;
-use jitai::store::{Experiment, Store};
+use jitai::record::{Outcome, Provenance};
+use jitai::store::{Claim, Claimed, Company, Experiment, RetryFailed, RunEnd, SessionId, Store};
+use jitai::train::{self, Unwatched};
+use tempfile::TempDir;
 
 fn main() {
     divan::main();
 }
 
-fn jobs(count: u64) -> Vec<Job> {
-    (1..=count)
-        .map(|seed| Job {
-            environment: Environment::paper(0.6),
-            scenario: "P-H-D".parse().unwrap(),
-            agent: Agent::Reinforce(Reinforce { episodes: 1, ..Reinforce::default() }),
-            evaluation: Evaluation { test_episodes: 1, ..Evaluation::default() },
-            seed,
-        })
-        .collect()
+/// A store in a folder of its own.
+struct Fresh {
+    _folder: TempDir,
+    store: Store,
 }
 
-/// Registering an experiment in an empty store.
+impl Fresh {
+    fn new() -> Fresh {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(&folder.path().join("jitai.sqlite")).unwrap();
+        Fresh { _folder: folder, store }
+    }
+
+    fn with(jobs: &[Job]) -> Fresh {
+        let mut fresh = Fresh::new();
+        fresh.register(jobs);
+        fresh
+    }
+
+    fn register(&mut self, jobs: &[Job]) {
+        let experiment =
+            Experiment { name: "bench", question: None, hypothesis: None, manifest: "" };
+        let stop = AtomicBool::new(false);
+        let named = jobs.iter().map(|job| ("reinforce", job));
+        self.store.register_until(&stop, &experiment, named).unwrap().unwrap();
+    }
+
+    fn begin_session(&mut self) -> SessionId {
+        let provenance = Provenance {
+            code_version: String::new(),
+            git_revision: String::new(),
+            backend: String::new(),
+            host: String::new(),
+            processor: String::new(),
+        };
+        self.store.begin_session(&provenance).unwrap()
+    }
+
+    fn claim(&mut self, session: SessionId, job: &Job) -> Claim {
+        let claimed =
+            self.store.claim(session, &job.key(), RetryFailed::No, Company::Others).unwrap();
+        match claimed {
+            Claimed::Claimed(claim) => claim,
+            other => panic!("the job is not free: {other:?}"),
+        }
+    }
+}
+
+fn job(episodes: u32, evaluation: Evaluation) -> Job {
+    Job {
+        environment: Environment::paper(0.6),
+        scenario: "P-H-D".parse().unwrap(),
+        agent: Agent::Reinforce(Reinforce { episodes, ..Reinforce::default() }),
+        evaluation,
+        seed: 1,
+    }
+}
+
+/// Jobs of one training and one test episode.
+fn trivial(count: u64) -> Vec<Job> {
+    let job = job(1, Evaluation { test_episodes: 1, ..Evaluation::default() });
+    (1..=count).map(|seed| Job { seed, ..job.clone() }).collect()
+}
+
+/// Registering an experiment in an empty store; counted in jobs.
 #[divan::bench(sample_count = 5, sample_size = 1, args = [10_000])]
 fn registering(bencher: Bencher<'_, '_>, count: u64) {
-    let jobs = jobs(count);
-    let fresh = || {
-        let folder = tempfile::tempdir().unwrap();
-        let path: PathBuf = folder.path().join("jitai.sqlite");
-        let store = Store::open(&path).unwrap();
-        (folder, store)
+    let jobs = trivial(count);
+    bencher.counter(ItemsCount::new(count)).with_inputs(Fresh::new).bench_local_values(
+        |mut fresh| {
+            fresh.register(&jobs);
+            fresh
+        },
+    );
+}
+
+/// Claiming jobs of one training and one test episode one by one, and ending their runs together,
+/// synced to the disk; counted in jobs.
+#[divan::bench(sample_count = 20, sample_size = 1, args = [1, 100])]
+fn claiming_and_ending(bencher: Bencher<'_, '_>, count: u64) {
+    let jobs = trivial(count);
+    let outcome = train::run(&jobs[0], &Unwatched);
+    bencher.counter(ItemsCount::new(count)).with_inputs(|| Fresh::with(&jobs)).bench_local_values(
+        |mut fresh| {
+            let session = fresh.begin_session();
+            let claims: Vec<Claim> = jobs.iter().map(|job| fresh.claim(session, job)).collect();
+            let end = |claim| RunEnd { claim, outcome: &outcome, wall_seconds: 1.0 };
+            let ends: Vec<RunEnd<'_>> = claims.iter().map(end).collect();
+            fresh.store.finish_all(&ends).unwrap();
+            fresh
+        },
+    );
+}
+
+/// Ending a run in the published settings with a point of the learning curve for every training
+/// episode, synced to the disk; counted in values of the curve.
+#[divan::bench(sample_count = 10, sample_size = 1)]
+fn ending_with_a_long_curve(bencher: Bencher<'_, '_>) {
+    let job = job(15_000, Evaluation { curve_stride: 1, ..Evaluation::default() });
+    let outcome = train::run(&job, &Unwatched);
+    let Outcome::Completed(results) = &outcome else { panic!("{outcome:?}") };
+    let claimed = || {
+        let mut fresh = Fresh::with(slice::from_ref(&job));
+        let session = fresh.begin_session();
+        let claim = fresh.claim(session, &job);
+        (fresh, claim)
     };
-    bencher.counter(ItemsCount::new(count)).with_inputs(fresh).bench_local_values(
-        |(folder, mut store)| {
-            let experiment =
-                Experiment { name: "bench", question: None, hypothesis: None, manifest: "" };
-            let stop = AtomicBool::new(false);
-            store
-                .register_until(&stop, &experiment, jobs.iter().map(|job| ("reinforce", job)))
-                .unwrap()
-                .unwrap();
-            (folder, store)
+    bencher.counter(ItemsCount::new(results.curve.len())).with_inputs(claimed).bench_local_values(
+        |(mut fresh, claim)| {
+            fresh.store.finish(&claim, &outcome, 1.0).unwrap();
+            fresh
         },
     );
 }
