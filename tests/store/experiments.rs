@@ -129,7 +129,7 @@ fn experiments_and_agents_that_declare_the_same_job_share_it() {
 
 #[test]
 fn jobs_are_counted_by_what_became_of_them() {
-    let jobs: Vec<Job> = (1..=6).map(|seed| dqn(0.4, seed)).collect();
+    let jobs: Vec<Job> = (1..=9).map(|seed| dqn(0.4, seed)).collect();
     let mut sample = Sample::with(&jobs);
     sample.run(&jobs[0], &completed());
     sample.run(&jobs[1], &failed());
@@ -137,18 +137,38 @@ fn jobs_are_counted_by_what_became_of_them() {
     sample.run(&jobs[3], &Outcome::Interrupted);
     sample.run(&jobs[3], &completed());
     sample.claim(&jobs[4]);
-    let expected = Counts { pending: 1, interrupted: 1, failed: 1, running: 1, completed: 2 };
+    // A failed one again: once running, once interrupted; and an interrupted one, running.
+    sample.run(&jobs[5], &failed());
+    sample.run(&jobs[6], &failed());
+    sample.run(&jobs[7], &Outcome::Interrupted);
+    sample.session = sample.store.begin_session(&crate::sample::provenance()).unwrap();
+    sample.claim(&jobs[5]);
+    sample.run(&jobs[6], &Outcome::Interrupted);
+    sample.claim(&jobs[7]);
+    let expected = Counts { pending: 1, interrupted: 1, failed: 2, running: 3, completed: 2 };
     assert_eq!(counts(&sample, "sweep"), expected);
-    assert_eq!(expected.total(), 6);
+    assert_eq!(expected.total(), 9);
 
     let keys: Vec<_> = jobs.iter().map(Job::key).chain([dqn(9.0, 1).key()]).collect();
     let states = Reader::open(&sample.path).unwrap().job_states(&keys).unwrap();
     use JobState::{Completed, Failed, Interrupted, Pending, Running};
-    assert_eq!(states, [Completed, Failed, Interrupted, Completed, Running, Pending, Pending]);
+    let of_each = [
+        Completed,
+        Failed,
+        Interrupted,
+        Completed,
+        Running,
+        Running,
+        Failed,
+        Running,
+        Pending,
+        Pending,
+    ];
+    assert_eq!(states, of_each);
 
     let mut tried = Vec::new();
     Reader::open(&sample.path).unwrap().tried(|key, state| tried.push((key, state))).unwrap();
-    let expected = jobs.iter().zip(states).take(5).map(|(job, state)| (job.key(), state));
+    let expected = jobs.iter().zip(states).take(8).map(|(job, state)| (job.key(), state));
     assert_eq!(tried, expected.collect::<Vec<_>>());
 }
 

@@ -378,12 +378,12 @@ fn results_are_written_once() {
     sample.run(&jobs[0], &completed());
     sample.claim(&jobs[1]);
     let raw = sample.raw();
-    for (table, key, value, other) in [
-        ("run_metric", "1", "2.5", "value = 0.5"),
-        ("curve_point", "1, 10", "2.5", "value = 0.5"),
-        ("test_episode", "1", "9.5, 3, 0", "length = 4"),
-        ("action_count", "9, 0, 2", "5", "count = 6"),
-        ("trained_weights", "", "x'00'", "safetensors = x'01'"),
+    for (table, key, value, replaced, other) in [
+        ("run_metric", "1", "2.5", "3.5", "value = 0.5"),
+        ("curve_point", "1, 10", "2.5", "3.5", "value = 0.5"),
+        ("test_episode", "1", "9.5, 3, 0", "8.5, 3, 0", "length = 4"),
+        ("action_count", "9, 0, 2", "5", "7", "count = 6"),
+        ("trained_weights", "", "x'00'", "x'02'", "safetensors = x'01'"),
     ] {
         let of = |run: i64| {
             let columns: Vec<String> = [run.to_string().as_str(), key, value]
@@ -415,8 +415,10 @@ fn results_are_written_once() {
         let before = rows(2);
         refused(&raw, &format!("INSERT {}", of(2)), "UNIQUE constraint failed");
         refused(&raw, &instead(2), "results never change");
-        raw.execute_batch(&format!("INSERT OR REPLACE {}", of(2))).unwrap();
-        assert_eq!(rows(2), before, "{table}");
+        let replace = format!("INSERT OR REPLACE {}", of(2)).replace(value, replaced);
+        raw.execute_batch(&replace).unwrap();
+        assert_eq!(rows(2).len(), before.len(), "{table}");
+        assert_ne!(rows(2), before, "{table}");
         assert_eq!(rows(1), of_the_ended, "{table}");
     }
 }
