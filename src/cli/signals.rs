@@ -2,7 +2,6 @@
 
 use std::fs::File;
 use std::io::{self, Write};
-use std::process;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -11,7 +10,7 @@ use std::time::Duration;
 use signal_hook::consts::{SIGABRT, SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::flag;
 use signal_hook::iterator::Signals;
-use signal_hook::low_level::pipe;
+use signal_hook::low_level::{self, pipe};
 
 /// Exit code after a signal.
 const INTERRUPTED: i32 = 130;
@@ -21,7 +20,7 @@ const GRACE: Duration = Duration::from_millis(1500);
 const LOOK: Duration = Duration::from_millis(50);
 
 /// A flag that the first SIGINT, SIGTERM or SIGHUP sets; a second one ends the process at once,
-/// with exit code 130.
+/// with exit code 130. The same one twice at a time counts once, as it does to the system.
 pub(super) fn stop_flag() -> io::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP])?;
@@ -42,7 +41,7 @@ pub(super) fn stop_flag() -> io::Result<Arc<AtomicBool>> {
 
 /// Ends the process with exit code 130, whatever its threads are at.
 pub(super) fn end_now() -> ! {
-    process::exit(INTERRUPTED)
+    low_level::exit(INTERRUPTED)
 }
 
 /// Lets a write beyond the limit on the size of files fail, as on a full disk, instead of ending the
