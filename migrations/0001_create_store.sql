@@ -185,8 +185,8 @@ CREATE TABLE trained_weights (
 ) STRICT;
 
 -- A run begins running and ends once. Its results are written while it runs, and it cannot end as
--- anything but completed while it has results: so a completed run has all its results, every other
--- run that has ended none.
+-- anything but completed while it has results: so every run that has ended otherwise has none. That
+-- a completed one has all of them is due to the writer, which ends it in the same transaction.
 
 CREATE TRIGGER run_begins_running BEFORE INSERT ON run WHEN NEW.status <> 'running'
 BEGIN SELECT RAISE(ABORT, 'a run begins running'); END;
