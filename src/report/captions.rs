@@ -7,10 +7,12 @@ use crate::analyse::declared::{
     ActionPanel, Chosen, Content, ContrastRow, CurveFigure, CurveLine, CurvePoint, ErrorFigure,
     Finding, HeatFigure, LearningPanel, Reproduction, Scale, Subject,
 };
-use crate::analyse::{FEW_SEEDS, Moments};
+use crate::analyse::{FEW_SEEDS, Moments, welch_t_test};
 
 /// Below this, a corrected p value counts as a finding.
 const ALPHA: f64 = 0.05;
+/// More lines than this are hard to tell apart.
+const MANY_LINES: usize = 12;
 
 /// What a reader sees in a finding.
 pub fn caption(finding: &Finding) -> String {
@@ -88,10 +90,56 @@ fn mean(values: &[f64]) -> Option<f64> {
     Moments::of(values).ok().map(|moments| moments.mean)
 }
 
-fn ends(line: &CurveLine) -> Option<((f64, f64), (f64, f64))> {
-    let seen =
-        || line.points.iter().filter_map(|point| Some((point.x, mean(point.sample.values())?)));
-    Some((seen().next()?, seen().next_back()?))
+/// Whether the means of two points differ by no more than chance (Welch's 95 % interval of the
+/// difference holds 0).
+fn is_chance(one: &CurvePoint, other: &CurvePoint) -> bool {
+    let test = welch_t_test(one.sample.values(), other.sample.values());
+    test.is_ok_and(|test| test.interval.low <= 0.0 && test.interval.high >= 0.0)
+}
+
+/// How a line goes from its first point to its last, by way of points between that are above or
+/// below both by more than chance.
+fn course(line: &CurveLine, metric: &str, at: impl Fn(f64) -> String) -> Option<String> {
+    let seen = line.points.iter().filter_map(|point| Some((point, mean(point.sample.values())?)));
+    let seen: Vec<(&CurvePoint, f64)> = seen.collect();
+    let (first, last) = (*seen.first()?, *seen.last()?);
+    let place = |(point, mean): (&CurvePoint, f64)| (amount(mean, metric), at(point.x));
+    let name = arm_label(&line.name);
+    let ((from, start), (to, end)) = (place(first), place(last));
+    if seen.len() == 1 {
+        return Some(format!("{name} is at {from} at {start}."));
+    }
+    let highest = seen.iter().copied().max_by(|one, other| one.1.total_cmp(&other.1))?;
+    let lowest = seen.iter().copied().min_by(|one, other| one.1.total_cmp(&other.1))?;
+    let mut between: Vec<(&CurvePoint, f64)> = [highest, lowest]
+        .into_iter()
+        .filter(|extreme| {
+            [first, last]
+                .iter()
+                .all(|end| place(*end).0 != place(*extreme).0 && !is_chance(end.0, extreme.0))
+        })
+        .collect();
+    between.sort_by(|one, other| one.0.x.total_cmp(&other.0.x));
+    if !between.is_empty() {
+        let way = between.into_iter().map(|extreme| {
+            let (value, place) = place(extreme);
+            format!("{value} at {place}")
+        });
+        let way = way.collect::<Vec<_>>().join(" and ");
+        return Some(format!(
+            "{name} goes from {from} at {start} by way of {way} to {to} at {end}."
+        ));
+    }
+    Some(if from == to {
+        format!("{name} is at {from} both at {start} and at {end}.")
+    } else if is_chance(first.0, last.0) {
+        format!(
+            "{name} is at {from} at {start} and at {to} at {end}, no further apart than by chance."
+        )
+    } else {
+        let verb = if last.1 < first.1 { "falls" } else { "rises" };
+        format!("{name} {verb} from {from} at {start} to {to} at {end}.")
+    })
 }
 
 fn curve(figure: &CurveFigure, metric: &str) -> Vec<String> {
@@ -100,21 +148,15 @@ fn curve(figure: &CurveFigure, metric: &str) -> Vec<String> {
         true => format!("{} % error", shown(x * 100.0, 0)),
         false => x.to_string(),
     };
-    let line = |line: &CurveLine| {
-        let ((x, y), (last_x, last_y)) = ends(line)?;
-        let (from, to) = (amount(y, metric), amount(last_y, metric));
-        let (name, start, end) = (arm_label(&line.name), at(x), at(last_x));
-        Some(if x == last_x {
-            format!("{name} is at {from} at {start}.")
-        } else if from == to {
-            format!("{name} is at {from} both at {start} and at {end}.")
-        } else {
-            let verb = if last_y < y { "falls" } else { "rises" };
-            format!("{name} {verb} from {from} at {start} to {to} at {end}.")
-        })
-    };
-    let mut sentences: Vec<String> = figure.lines.iter().filter_map(line).collect();
-    sentences.extend(figure.lines.iter().filter_map(shares));
+    let lines = figure.lines.as_slice();
+    let mut sentences: Vec<String> =
+        lines.iter().filter_map(|line| course(line, metric, at)).collect();
+    sentences.extend(lines.iter().filter_map(shares));
+    if lines.len() > MANY_LINES {
+        let count = lines.len();
+        sentences
+            .push(format!("{count} lines are many to tell apart: `where` picks some of them."));
+    }
     if let [first, second] = figure.lines.as_slice() {
         let gap = first.points.iter().filter_map(|point| {
             let other = second.points.iter().find(|other| other.x == point.x)?;
@@ -186,13 +228,11 @@ fn heat(figure: &HeatFigure, metric: &str) -> Option<String> {
     if least == most {
         return Some(format!("{subject} is {most} in every cell."));
     }
-    Some(format!(
-        "{subject} goes from {least} to {most}, the most at {} = {} and {} = {}.",
-        last(&figure.x.0),
-        top.x,
-        last(&figure.y.0),
-        top.y
-    ))
+    let place = match cells().filter(|(_, value)| amount(*value, metric) == most).count() {
+        1 => format!("at {} = {} and {} = {}", last(&figure.x.0), top.x, last(&figure.y.0), top.y),
+        tied => format!("in {tied} of {} cells", cells().count()),
+    };
+    Some(format!("{subject} goes from {least} to {most}, the most {place}."))
 }
 
 fn actions(panels: &[ActionPanel]) -> Vec<String> {
@@ -218,7 +258,8 @@ fn actions(panels: &[ActionPanel]) -> Vec<String> {
 }
 
 fn selected(chosen: &Chosen, metric: &str) -> Option<String> {
-    let best = chosen.candidates.first()?;
+    // Of a single one nothing is chosen.
+    let [best, _, ..] = chosen.candidates.as_slice() else { return None };
     let mean = best.mean.ok()?;
     let rule = chosen.rule.replace('_', " ");
     let (place, settings) = (arm_label(&chosen.place), settings_label(&best.settings));
@@ -288,4 +329,55 @@ pub fn reproduction(reproduction: &Reproduction) -> Vec<String> {
         ));
     }
     sentences
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::analyse::Sample;
+    use crate::analyse::declared::Name;
+
+    /// A line of an arm called `dqn`, with three seeds at 1, 2 and so on: a mean, and how far the
+    /// other two seeds are from it.
+    fn line(points: &[(f64, f64)]) -> CurveLine {
+        let point = |(x, (mean, spread)): (f64, &(f64, f64))| {
+            let values = [(1, *mean), (2, mean - spread), (3, mean + spread)];
+            CurvePoint { x, parameter: x, sample: Sample::new(values, 0, 0).unwrap() }
+        };
+        CurveLine {
+            name: Name { agent: "dqn".into(), scenario: String::new(), settings: Vec::new() },
+            points: (1..).map(f64::from).zip(points).map(point).collect(),
+            optimum: Vec::new(),
+            published: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_course_tells_of_trends_and_turns_beyond_chance_alone() {
+        for (points, told) in [
+            (&[(5.0, 1.0)][..], "is at 5 at 1."),
+            (&[(90.0, 1.0), (50.0, 1.0), (20.0, 1.0)], "falls from 90 at 1 to 20 at 3."),
+            (&[(20.0, 1.0), (90.0, 1.0)], "rises from 20 at 1 to 90 at 2."),
+            (&[(20.0, 1.0), (20.0, 1.0)], "is at 20 both at 1 and at 2."),
+            (
+                &[(20.0, 9.0), (30.0, 9.0)],
+                "is at 20 at 1 and at 30 at 2, no further apart than by chance.",
+            ),
+            (
+                &[(50.0, 1.0), (90.0, 1.0), (20.0, 1.0)],
+                "goes from 50 at 1 by way of 90 at 2 to 20 at 3.",
+            ),
+            (
+                &[(50.0, 1.0), (5.0, 1.0), (90.0, 1.0), (50.0, 1.0)],
+                "goes from 50 at 1 by way of 5 at 2 and 90 at 3 to 50 at 4.",
+            ),
+            // The turn is within chance.
+            (&[(50.0, 1.0), (55.0, 40.0), (20.0, 1.0)], "falls from 50 at 1 to 20 at 3."),
+            // Without a spread, every difference counts.
+            (&[(50.0, 0.0), (55.0, 0.0)], "rises from 50 at 1 to 55 at 2."),
+        ] {
+            let course = course(&line(points), "mean_return", |x| x.to_string()).unwrap();
+            assert_eq!(course, format!("dqn {told}"), "{points:?}");
+        }
+    }
 }

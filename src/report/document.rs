@@ -17,6 +17,9 @@ use super::tables;
 use crate::analyse::declared::{ArmResults, Content, Finding, JobCounts, Name, Reproduction};
 use crate::record::JobRecord;
 
+/// Panels of the choice of actions that a figure has at most, one below the other.
+const PANELS: usize = 12;
+
 /// An experiment with what was found.
 #[derive(Clone, Debug)]
 pub struct ReportedExperiment {
@@ -183,7 +186,14 @@ fn shown<'e>(finding: &'e Finding, sql: &'e str, stem: String, looks: &Looks) ->
                 (format!("{stem}-{panel}"), heat_figure(figure, finding.metric))
             })
             .collect(),
-        Content::ActionChoice(panels) => one(action_figure(panels)),
+        Content::ActionChoice(panels) => panels
+            .chunks(PANELS)
+            .enumerate()
+            .map(|(at, panels)| {
+                let stem = if at == 0 { stem.clone() } else { format!("{stem}-part-{}", at + 1) };
+                (stem, action_figure(panels))
+            })
+            .collect(),
         Content::Selection(_) => Vec::new(),
         Content::InferenceError(figure) => one(error_figure(figure)),
     };

@@ -102,8 +102,10 @@ fn two_reports_of_one_store_are_equal_to_the_byte_and_hold_every_analysis() {
     assert!(one.contains_key("report/reproduction.csv"), "{names:?}");
     let drawn = names.iter().filter(|name| name.ends_with(".png")).count();
     assert_eq!(drawn, names.iter().filter(|name| name.ends_with(".svg")).count());
-    // A figure for each of contrast, curve, choices and error; two panels; two agents in two scenarios.
-    assert_eq!(drawn, 4 + 2 + 4, "{names:?}");
+    // A figure for each of contrast, curve and error; two of the 16 panels of choices, two panels of
+    // learning, two agents in two scenarios.
+    assert_eq!(drawn, 3 + 2 + 2 + 4, "{names:?}");
+    assert!(one.contains_key("report/figures/every-kind-choices-part-2.svg"), "{names:?}");
     let page = String::from_utf8(one["report/index.html"].clone()).unwrap();
     assert!(!page.contains("</script><b>") && !page.contains("every <kind>"));
     assert!(

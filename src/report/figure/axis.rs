@@ -69,10 +69,18 @@ impl Axis {
                 (first..=last).map(|at| at as f64 * step).collect()
             }
             AxisScale::Log => {
-                let powers = low.log10().floor() as i32..=high.log10().ceil() as i32;
-                let all =
-                    powers.flat_map(|power| [1.0, 3.0].map(|digit| digit * 10_f64.powi(power)));
-                all.filter(|tick| (low * 0.999..=high * 1.001).contains(tick)).collect()
+                let powers = || low.log10().floor() as i32..=high.log10().ceil() as i32;
+                let inside = |tick: &f64| (low * 0.999..=high * 1.001).contains(tick);
+                let tick = |power: i32, digit: f64| digit * 10_f64.powi(power);
+                let halves = powers().flat_map(|power| [tick(power, 1.0), tick(power, 3.0)]);
+                let ticks: Vec<f64> = halves.filter(inside).collect();
+                if ticks.len() <= wanted + 1 {
+                    return ticks;
+                }
+                let whole: Vec<f64> =
+                    powers().map(|power| tick(power, 1.0)).filter(inside).collect();
+                let every = whole.len().div_ceil(wanted.max(1));
+                whole.into_iter().step_by(every).collect()
             }
         }
     }
@@ -83,6 +91,9 @@ impl Axis {
             Numbers::Plain => (number, step),
             Numbers::Percent => (number * 100.0, step * 100.0),
         };
+        if self.scale == AxisScale::Log && number < 1e-3 {
+            return format!("{number:.0e}");
+        }
         let decimals = (0..4).find(|digits| {
             let scaled = step * 10_f64.powi(*digits);
             (scaled - scaled.round()).abs() < 1e-6
@@ -134,7 +145,7 @@ impl Frame {
             let points = vec![(across, bottom), (across, bottom + 3.0)];
             marks.push(Shape::Line { points, stroke: Stroke::solid(FAINT, 0.7) }.into());
             let at = (across, bottom + 4.0 + TEXT);
-            let step = if x.scale == AxisScale::Log { 1.0 } else { step };
+            let step = if x.scale == AxisScale::Log { *tick } else { step };
             marks.push(text(at, x.written(*tick, step), plain, FAINT, Anchor::Middle).into());
         }
         let points = vec![(self.left, bottom), (self.left + self.width, bottom)];
@@ -175,5 +186,14 @@ mod tests {
         assert_eq!(axis.written(0.25, 0.25), "0.25");
         axis.numbers = Numbers::Percent;
         assert_eq!(axis.written(0.2, 0.1), "20");
+        let axis = self::axis((1e-5, 100.0), AxisScale::Log);
+        let ticks: Vec<String> =
+            axis.ticks(20).iter().map(|tick| axis.written(*tick, *tick)).collect();
+        let written = "1e-5 3e-5 1e-4 3e-4 0.001 0.003 0.01 0.03 0.1 0.3 1 3 10 30 100";
+        assert_eq!(ticks.join(" "), written);
+        assert_eq!(axis.ticks(8).len(), 8);
+        let ticks: Vec<String> =
+            axis.ticks(4).iter().map(|tick| axis.written(*tick, *tick)).collect();
+        assert_eq!(ticks.join(" "), "1e-5 0.001 0.1 10");
     }
 }

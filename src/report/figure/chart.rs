@@ -101,9 +101,23 @@ pub fn curve_figure(figure: &CurveFigure, metric: &str, looks: &Looks) -> Scene 
         }
     };
     let agents = shared_word(&names);
-    let axes = axes(&lines, (x_title, x_numbers, AxisScale::Linear), (metric, numbers));
+    let scale = if is_error { AxisScale::Linear } else { scale_of(&lines) };
+    let x_title = match scale {
+        AxisScale::Log => format!("{x_title} (logarithmic)"),
+        AxisScale::Linear => x_title,
+    };
+    let axes = axes(&lines, (x_title, x_numbers, scale), (metric, numbers));
     let description = format!("{} against {}", metric_title(metric), axes.0.title);
     draw(&Chart { heading: agents, description, axes, lines, note })
+}
+
+/// The scale along which values of a parameter are told apart: by powers of ten where the largest
+/// is many times the smallest.
+fn scale_of(lines: &[Line]) -> AxisScale {
+    const MANY_TIMES: f64 = 30.0;
+    let values = || lines.iter().flat_map(|line| &line.points).map(|point| point.x);
+    let (least, most) = (values().fold(f64::INFINITY, f64::min), values().fold(0.0, f64::max));
+    if least > 0.0 && most >= MANY_TIMES * least { AxisScale::Log } else { AxisScale::Linear }
 }
 
 /// A point of a curve; the axis shows the context inference error, or a parameter.
@@ -191,35 +205,61 @@ fn optimum_lines<'n>(
     optima: impl Iterator<Item = (&'n Name, Vec<(f64, f64)>)>,
     looks: &Looks,
 ) -> Vec<Line> {
-    let mut drawn: Vec<Vec<(f64, f64)>> = Vec::new();
-    let (mut lines, mut names) = (Vec::new(), Vec::new());
-    for (name, points) in optima {
-        if points.is_empty() || drawn.contains(&points) {
+    // Whatever the agent is, the optimum is the same; agents may have it at different places.
+    let (mut names, mut of_names): (Vec<Name>, Vec<Optimum>) = (Vec::new(), Vec::new());
+    for (name, points) in optima.filter(|(_, points)| !points.is_empty()) {
+        let mut of = Name { agent: String::new(), ..name.clone() };
+        of.settings.retain(|(key, _)| !key.starts_with("agent."));
+        if let Some(at) = names.iter().position(|known| *known == of) {
+            of_names[at].points.extend(points);
             continue;
         }
-        // Whatever the agent is, the optimum is the same.
-        let mut of = Name { agent: "optimum".to_owned(), ..name.clone() };
-        of.settings.retain(|(key, _)| !key.starts_with("agent."));
-        let place = |(x, y): &(f64, f64)| {
-            let tip = format!("{}: {}", arm_label(&of), shown(*y, 0));
-            Place { x: *x, y: *y, interval: None, tip }
-        };
-        lines.push(Line {
-            label: of.agent.clone(),
-            look: looks.of_optimum(name),
-            points: points.iter().map(place).collect(),
-            reference: Vec::new(),
-            spread: Spread::Exact,
-        });
-        drawn.push(points);
         names.push(of);
+        of_names.push(Optimum { labels: Vec::new(), look: looks.of_optimum(name), points });
     }
-    if lines.len() > 1 {
-        for (line, told) in lines.iter_mut().zip(labels(&names.iter().collect::<Vec<_>>())) {
-            line.label = format!("optimum {told}");
+    // Names whose optimum is the same share a line.
+    let mut distinct: Vec<Optimum> = Vec::new();
+    for (mut one, label) in of_names.into_iter().zip(labels(&names.iter().collect::<Vec<_>>())) {
+        one.points.sort_by(|one, other| one.0.total_cmp(&other.0));
+        one.points.dedup_by_key(|(x, _)| *x);
+        match distinct.iter_mut().find(|known| known.points == one.points) {
+            Some(known) => known.labels.push(label),
+            None => distinct.push(Optimum { labels: vec![label], ..one }),
         }
     }
-    lines
+    let is_alone = distinct.len() == 1;
+    distinct.into_iter().map(|optimum| optimum.line(is_alone)).collect()
+}
+
+/// A line of the optimum, before it is drawn.
+struct Optimum {
+    /// Of what it is the optimum.
+    labels: Vec<String>,
+    look: Look,
+    points: Vec<(f64, f64)>,
+}
+
+impl Optimum {
+    fn line(self, is_alone: bool) -> Line {
+        let label = match self.labels.as_slice() {
+            [one] if !is_alone => format!("optimum {one}"),
+            [one, other] if !is_alone => format!("optimum {one}, {other}"),
+            [one, others @ ..] if !is_alone => format!("optimum {one} and {} more", others.len()),
+            _ => "optimum".to_owned(),
+        };
+        let of = self.labels.join(", ");
+        let place = |(x, y): &(f64, f64)| {
+            let tip = format!("optimum {of}: {}", shown(*y, 0));
+            Place { x: *x, y: *y, interval: None, tip }
+        };
+        Line {
+            label,
+            look: self.look,
+            points: self.points.iter().map(place).collect(),
+            reference: Vec::new(),
+            spread: Spread::Exact,
+        }
+    }
 }
 
 /// Places of at most some hundred points, evenly along the logarithm of their number: what a line
@@ -371,8 +411,17 @@ fn draw(chart: &Chart) -> Scene {
         let words = "no completed jobs yet";
         marks.push(text(at, words, (TEXT, Weight::Regular), FAINT, Anchor::Middle).into());
     }
-    for (series, line) in chart.lines.iter().enumerate() {
-        marks.extend(line_marks(line, (x, y), &frame).into_iter().map(|mark| mark.of(series)));
+    // Points lie on the lines of all, hollow ones below filled ones, which are smaller: where two
+    // arms meet, both are seen.
+    let of_each = chart.lines.iter().enumerate();
+    marks.extend(of_each.clone().flat_map(|(series, line)| {
+        line_marks(line, (x, y), &frame).into_iter().map(move |mark| mark.of(series))
+    }));
+    for hollow in [true, false] {
+        let of_kind = of_each.clone().filter(|(_, line)| line.look.marker.is_hollow() == hollow);
+        marks.extend(of_kind.flat_map(|(series, line)| {
+            point_marks(line, (x, y), &frame).into_iter().map(move |mark| mark.of(series))
+        }));
     }
     marks.extend(end_labels(chart, &frame));
     let at = (whole.0 / 2.0, whole.1 - 5.0);
@@ -411,30 +460,36 @@ fn line_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame) -> Vec<Mark> {
         let stroke = Stroke { color, width, dash: line.look.dash, opacity: 1.0 };
         marks.push(Shape::Line { points, stroke }.into());
     }
-    for point in &line.points {
-        let at = place(point.x, point.y);
-        if let (Some((low, high)), Spread::Bars) = (point.interval, line.spread) {
-            let points = vec![place(point.x, low), place(point.x, high)];
-            marks.push(Shape::Line { points, stroke: Stroke::solid(color, 1.0) }.into());
-        }
-        let mark: Mark = match line.spread {
-            Spread::Bars | Spread::Points => marker(at, &line.look, 2.6).into(),
-            Spread::Band | Spread::Exact => {
-                let fill = Fill { color, opacity: 0.0 };
-                Shape::Circle { centre: at, radius: 3.0, fill, stroke: None }.into()
-            }
-        };
-        match (point.tip.is_empty(), line.spread) {
-            (false, _) => marks.push(mark.saying(&point.tip)),
-            (true, Spread::Bars | Spread::Points) => marks.push(mark),
-            (true, Spread::Band | Spread::Exact) => {}
-        }
-    }
+    let with_bars = line.points.iter().filter(|_| line.spread == Spread::Bars);
+    marks.extend(with_bars.filter_map(|point| {
+        let (low, high) = point.interval?;
+        let points = vec![place(point.x, low), place(point.x, high)];
+        Some(Shape::Line { points, stroke: Stroke::solid(color, 1.0) }.into())
+    }));
     marks
+}
+
+/// The points of a line: where they are marked, and where they say something.
+fn point_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame) -> Vec<Mark> {
+    let is_marked = matches!(line.spread, Spread::Bars | Spread::Points);
+    let said = line.points.iter().filter(|point| is_marked || !point.tip.is_empty());
+    let mark = |point: &Place| {
+        let at = frame.place(axes, (point.x, point.y));
+        let shape = if is_marked {
+            marker(at, &line.look, 2.6)
+        } else {
+            let fill = Fill { color: line.look.color, opacity: 0.0 };
+            Shape::Circle { centre: at, radius: 3.0, fill, stroke: None }
+        };
+        let mark = Mark::from(shape);
+        if point.tip.is_empty() { mark } else { mark.saying(&point.tip) }
+    };
+    said.map(mark).collect()
 }
 
 /// The mark of a point.
 pub(super) fn marker(at: Point, look: &Look, radius: f64) -> Shape {
+    let radius = if look.marker.is_hollow() { radius * 1.25 } else { radius * 0.85 };
     let solid = Fill { color: look.color, opacity: 1.0 };
     let white = Fill { color: Color::WHITE, opacity: 1.0 };
     let rim = Some(Stroke::solid(look.color, 1.3));
@@ -539,5 +594,61 @@ fn spread_out(ends: &mut [(usize, Point, f64)], gap: f64, (top, bottom): (f64, f
     for end in ends.iter_mut().rev() {
         end.2 = end.2.min(most);
         most = end.2 - gap;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::Setting;
+
+    #[test]
+    fn optima_that_are_the_same_share_a_line_and_names_have_one() {
+        let name = |agent: &str, scenario: &str, sigma: f64| Name {
+            agent: agent.into(),
+            scenario: scenario.into(),
+            settings: vec![
+                ("agent.layers".into(), Setting::Text("[64]".into())),
+                ("environment.sigma".into(), Setting::Number(sigma)),
+            ],
+        };
+        let (dqn, reinforce) = (name("dqn", "P-H-D", 0.6), name("reinforce", "P-H-D", 0.6));
+        let (blind, noisier) = (name("dqn", "H-D", 0.6), name("dqn", "H-D", 1.0));
+        let optima = [
+            // Two agents at different places.
+            (&dqn, vec![(2.0, 90.0), (3.0, 80.0)]),
+            (&reinforce, vec![(1.0, 95.0), (3.0, 80.0)]),
+            // Who sees no context is as well off whatever sigma is.
+            (&blind, vec![(1.0, 40.0)]),
+            (&noisier, vec![(1.0, 40.0)]),
+        ];
+        let looks = Looks::of(optima.iter().map(|(name, _)| *name));
+        let lines = optimum_lines(optima.clone().into_iter(), &looks);
+        let labels: Vec<&str> = lines.iter().map(|line| line.label.as_str()).collect();
+        assert_eq!(labels, ["optimum P-H-D sigma=0.6", "optimum H-D sigma=0.6, H-D sigma=1"]);
+        let places: Vec<(f64, f64)> = lines[0].points.iter().map(|p| (p.x, p.y)).collect();
+        assert_eq!(places, [(1.0, 95.0), (2.0, 90.0), (3.0, 80.0)]);
+        let alone = optimum_lines(optima.into_iter().take(2), &looks);
+        assert_eq!(alone.len(), 1);
+        assert_eq!(alone[0].label, "optimum");
+    }
+
+    #[test]
+    fn values_many_times_each_other_stand_by_powers_of_ten() {
+        let line = |xs: &[f64]| Line {
+            label: String::new(),
+            look: Look { color: INK, dash: None, marker: Marker::Disc },
+            points: xs
+                .iter()
+                .map(|x| Place { x: *x, y: 0.0, interval: None, tip: String::new() })
+                .collect(),
+            reference: Vec::new(),
+            spread: Spread::Bars,
+        };
+        assert_eq!(scale_of(&[line(&[1e-5, 1e-3])]), AxisScale::Log);
+        assert_eq!(scale_of(&[line(&[1e-5]), line(&[1e-3])]), AxisScale::Log);
+        assert_eq!(scale_of(&[line(&[0.4, 2.0])]), AxisScale::Linear);
+        assert_eq!(scale_of(&[line(&[0.0, 2.0])]), AxisScale::Linear);
+        assert_eq!(scale_of(&[]), AxisScale::Linear);
     }
 }

@@ -66,6 +66,16 @@ pub enum Marker {
     Diamond,
 }
 
+impl Marker {
+    /// Whether it is a rim around white.
+    pub(super) fn is_hollow(self) -> bool {
+        match self {
+            Marker::Ring | Marker::Diamond => true,
+            Marker::Disc | Marker::Square => false,
+        }
+    }
+}
+
 const MARKERS: [Marker; 4] = [Marker::Disc, Marker::Ring, Marker::Square, Marker::Diamond];
 
 /// The looks of a report's arms: colours by scenario, dashes and markers by agent; the other way

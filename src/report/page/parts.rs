@@ -184,7 +184,7 @@ pub fn provenance(experiments: &[&ReportedExperiment], store: &str) -> String {
         ("runs", "Runs"),
         ("code_version", "jitai"),
         ("git_revision", "Git revision"),
-        ("backend", "Tensor backend"),
+        ("backend", "Tensor backend of the build"),
         ("processor", "Processor"),
         ("host", "Host"),
         ("first", "First ended"),
