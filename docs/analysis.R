@@ -3,7 +3,8 @@
 #   Rscript docs/analysis.R [STORE [FOLDER]]
 #
 # prints the answers about a store (jitai.sqlite by default), or writes them into FOLDER as 1.csv,
-# 2.csv and so on. Every section stands on the first one alone, to be copied into a script.
+# 2.csv and so on. Every section stands on the first one alone, to be copied into a script. Where a
+# store has nothing to answer a question from, it stays without an answer.
 
 # The views of the store, and the completed runs of an experiment.
 arguments <- commandArgs(trailingOnly = TRUE)
@@ -149,13 +150,15 @@ value_of <- function(job_keys, name) {
 dynamics <- subset(completed, experiment == "disengagement")
 dynamics$delta_d <- as.numeric(value_of(dynamics$job_key, "environment.delta_d"))
 dynamics$epsilon_d <- as.numeric(value_of(dynamics$job_key, "environment.epsilon_d"))
-means <- aggregate(mean_return ~ agent + delta_d + epsilon_d + scenario, dynamics, mean)
-pairs <- merge(
-  subset(means, scenario == "P-H-D"), subset(means, scenario == "L-H-D"),
-  by = c("agent", "delta_d", "epsilon_d")
-)
-pairs$gain <- pairs$mean_return.x - pairs$mean_return.y
-answers[["14"]] <- pairs[c("agent", "delta_d", "epsilon_d", "gain")]
+if (nrow(dynamics) > 0) {
+  means <- aggregate(mean_return ~ agent + delta_d + epsilon_d + scenario, dynamics, mean)
+  pairs <- merge(
+    subset(means, scenario == "P-H-D"), subset(means, scenario == "L-H-D"),
+    by = c("agent", "delta_d", "epsilon_d")
+  )
+  pairs$gain <- pairs$mean_return.x - pairs$mean_return.y
+  answers[["14"]] <- pairs[c("agent", "delta_d", "epsilon_d", "gain")]
+}
 
 # 15. What were the parameters of a job?
 job <- subset(quickstart, agent == "dqn" & scenario == "P-H-D" & sigma == 0.6 & seed == 1)
@@ -169,8 +172,10 @@ of_parameter <- function(held) {
   if (!anyNA(numbers)) values <- numbers
   data.frame(held[1, c("agent", "name")], different = length(values), lowest = min(values), highest = max(values))
 }
-varied <- do.call(rbind, lapply(split(held, held[c("agent", "name")], drop = TRUE), of_parameter))
-answers[["16"]] <- subset(varied, different > 1)
+if (nrow(held) > 0) {
+  varied <- do.call(rbind, lapply(split(held, held[c("agent", "name")], drop = TRUE), of_parameter))
+  answers[["16"]] <- subset(varied, different > 1)
+}
 
 # 17. Which runs failed?
 failed <- subset(runs, status == "failed")
@@ -206,9 +211,10 @@ answers[["19"]] <- do.call(rbind, lapply(split(jobs, jobs$value), of_algorithm))
 # 20. Which experiments share jobs?
 held <- unique(runs[c("experiment", "job_key")])
 pairs <- merge(held, setNames(held, c("shares_with", "job_key")), by = "job_key")
-answers[["20"]] <- aggregate(
-  cbind(jobs = job_key) ~ experiment + shares_with, subset(pairs, shares_with > experiment), length
-)
+pairs <- subset(pairs, shares_with > experiment)
+if (nrow(pairs) > 0) {
+  answers[["20"]] <- aggregate(cbind(jobs = job_key) ~ experiment + shares_with, pairs, length)
+}
 
 # 21. Which version of jitai made which results?
 version <- completed[c("experiment", "code_version")]
@@ -243,13 +249,14 @@ shares$share <- shares$mean_return / shares$mean_return_best
 answers[["24"]] <- shares[c("agent", "scenario", "sigma", "share")]
 
 # Printed, or written as files.
-for (question in names(answers)) {
-  if (length(arguments) > 1) {
+for (question in as.character(1:24)) {
+  answer <- answers[[question]]
+  if (length(arguments) < 2) {
+    cat("\n", question, ".\n", sep = "")
+    if (is.null(answer)) cat("nothing in this store\n") else print(answer, row.names = FALSE)
+  } else if (!is.null(answer)) {
     dir.create(arguments[2], showWarnings = FALSE, recursive = TRUE)
     file <- file.path(arguments[2], paste0(question, ".csv"))
-    write.csv(answers[[question]], file, row.names = FALSE, na = "")
-  } else {
-    cat("\n", question, ".\n", sep = "")
-    print(answers[[question]], row.names = FALSE)
+    write.csv(answer, file, row.names = FALSE, na = "")
   }
 }

@@ -3,7 +3,8 @@
     python docs/analysis.py [STORE [FOLDER]]
 
 prints the answers about a store (jitai.sqlite by default), or writes them into FOLDER as 1.csv,
-2.csv and so on. Every cell stands on the first one alone, to be copied into a notebook.
+2.csv and so on. Every cell stands on the first one alone, to be copied into a notebook. Where a
+store has nothing to answer a question from, it stays without an answer.
 """
 
 # %% The views of the store, and the completed runs of an experiment
@@ -144,8 +145,9 @@ swept = (
     .astype(float)
 )
 dynamics = completed[completed["experiment"] == "disengagement"].join(swept, on="job_key")
-means = dynamics.pivot_table("mean_return", ["agent", "delta_d", "epsilon_d"], "scenario")
-answers[14] = (means["P-H-D"] - means["L-H-D"]).rename("gain")
+if not dynamics.empty:
+    means = dynamics.pivot_table("mean_return", ["agent", "delta_d", "epsilon_d"], "scenario")
+    answers[14] = (means["P-H-D"] - means["L-H-D"]).rename("gain")
 
 # %% 15. What were the parameters of a job?
 job = quickstart.query("agent == 'dqn' and scenario == 'P-H-D' and sigma == 0.6 and seed == 1")
@@ -202,15 +204,17 @@ answers[23] = difference.abs().agg(["max"]).rename("largest_difference")
 # %% 24. What share of the optimum does each agent reach?
 both = completed[completed["experiment"].isin(["quickstart", "reference"])]
 mean = both.groupby(ARM)["mean_return"].mean()
-best = mean.xs("optimal", level="agent")
-answers[24] = mean.div(best, axis=0).dropna().rename("share")
+if "optimal" in mean.index.get_level_values("agent"):
+    best = mean.xs("optimal", level="agent")
+    answers[24] = mean.div(best, axis=0).dropna().rename("share")
 
 # %% Printed, or written as files
 if __name__ == "__main__":
-    for question, answer in answers.items():
-        if len(sys.argv) > 2:
+    for question in range(1, 25):
+        answer = answers.get(question)
+        if len(sys.argv) < 3:
+            print(f"\n{question}.\n{'nothing in this store' if answer is None else answer}")
+        elif answer is not None:
             folder = Path(sys.argv[2])
             folder.mkdir(parents=True, exist_ok=True)
             answer.to_csv(folder / f"{question}.csv")
-        else:
-            print(f"\n{question}.\n{answer}")
