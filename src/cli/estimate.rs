@@ -25,13 +25,44 @@ impl Speeds {
 
     /// Seconds of work in all that is left; `None` if some algorithm of it has not been timed.
     pub(super) fn seconds(&self, left: &Episodes) -> Option<f64> {
-        left.0.iter().filter(|(_, episodes)| **episodes > 0).try_fold(
-            0.0,
-            |seconds, (algorithm, episodes)| {
-                let speed = self.0.get(algorithm).filter(|speed| speed.episodes > 0.0)?;
-                Some(seconds + speed.seconds / speed.episodes * *episodes as f64)
-            },
-        )
+        let estimate = self.estimate(left);
+        estimate.is_whole.then_some(estimate.seconds)
+    }
+
+    /// The work in what is left, as far as its algorithms have been timed.
+    pub(super) fn estimate(&self, left: &Episodes) -> Estimate {
+        let mut estimate = Estimate { seconds: 0.0, is_whole: true };
+        for (algorithm, episodes) in left.0.iter().filter(|(_, episodes)| **episodes > 0) {
+            match self.0.get(algorithm).filter(|speed| speed.episodes > 0.0) {
+                Some(speed) => {
+                    estimate.seconds += speed.seconds / speed.episodes * *episodes as f64
+                }
+                None => estimate.is_whole = false,
+            }
+        }
+        estimate
+    }
+}
+
+/// How long something takes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Estimate {
+    /// Seconds, of the algorithms that have been timed.
+    pub seconds: f64,
+    /// Whether they all have been.
+    pub is_whole: bool,
+}
+
+impl Estimate {
+    /// The time when so many workers share it.
+    pub(super) fn shared_by(self, workers: usize) -> Estimate {
+        Estimate { seconds: self.seconds / workers.max(1) as f64, ..self }
+    }
+
+    /// `about 5 s` or, where there is more to it, `at least 5 s`; nothing if nothing is known.
+    pub(super) fn spoken(self) -> Option<String> {
+        let about = if self.is_whole { "about" } else { "at least" };
+        (self.seconds > 0.0).then(|| format!("{about} {}", spoken(self.seconds)))
     }
 }
 
@@ -56,7 +87,7 @@ impl Episodes {
 }
 
 /// A duration as people say it: `45 s`, `12 min`, `3 h 20 min`.
-pub(super) fn spoken(seconds: f64) -> String {
+fn spoken(seconds: f64) -> String {
     let whole = seconds.max(0.0).round() as u64;
     match (whole / 3600, whole / 60 % 60) {
         (0, _) if whole < 100 => format!("{whole} s"),
@@ -92,6 +123,12 @@ mod tests {
         left.remove(&job);
         // Not -0.0, which prints as "-0".
         assert_eq!(speeds.seconds(&left).map(f64::to_bits), Some(0));
+        assert_eq!(speeds.estimate(&left).spoken(), None);
+        left.add("reinforce", 30_000);
+        assert_eq!(speeds.estimate(&left).shared_by(2).spoken().unwrap(), "about 30 s");
+        left.add("dueling_dqn", 1);
+        assert_eq!(speeds.seconds(&left), None);
+        assert_eq!(speeds.estimate(&left).shared_by(2).spoken().unwrap(), "at least 30 s");
     }
 
     #[test]

@@ -10,9 +10,9 @@ use std::io::{self, Write};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
-use crate::cli::estimate::{Episodes, Speeds, spoken};
+use crate::cli::estimate::{Episodes, Estimate, Speeds};
 use crate::cli::filter::Filter;
-use crate::cli::output::{Cell, Format, Rows, counted};
+use crate::cli::output::{Cell, Format, Rows, counted, printable};
 use crate::cli::selection::Selection;
 use crate::cli::swept::Swept;
 use crate::cli::{Error, Exit, StoreArgument, check, counts, one_a_core, run};
@@ -161,8 +161,8 @@ impl Reason {
     fn of(self, jobs: u64) -> String {
         let (all, one) = (counted(jobs, "job"), jobs == 1);
         match self {
-            Reason::Interrupted if one => format!("{all} was interrupted and runs again"),
-            Reason::Interrupted => format!("{all} were interrupted and run again"),
+            Reason::Interrupted if one => format!("{all} was interrupted; a run goes on with it"),
+            Reason::Interrupted => format!("{all} were interrupted; a run goes on with them"),
             Reason::Failed if one => format!("{all} failed; it runs with --retry-failed"),
             Reason::Failed => format!("{all} failed; they run with --retry-failed"),
             Reason::Outdated { .. } => format!("{all} to run again: {self}"),
@@ -221,6 +221,18 @@ impl<'a> Survey<'a> {
         self.shared += u64::from(met.sharing == Sharing::First);
         *met = Met { place, sharing: Sharing::Shared };
         Some(Sharing::Shared)
+    }
+
+    /// How many jobs the experiment of the manifest in this place, which was walked last, has in the
+    /// store that are not the manifest's.
+    fn dropped(&self, place: usize) -> Result<u64, Error> {
+        let Some(reader) = &self.reader else { return Ok(0) };
+        let mut dropped = 0;
+        reader.jobs_of(&self.selection.manifests()[place].name, |key| {
+            let is_kept = self.met.get(&key).is_some_and(|met| met.place == place);
+            dropped += u64::from(!is_kept);
+        })?;
+        Ok(dropped)
     }
 
     /// The state of each job, in the order of `keys`.
@@ -294,10 +306,10 @@ impl Sum {
 fn list_experiments(mut survey: Survey<'_>, arguments: &Arguments) -> Result<(), Error> {
     let workers = arguments.workers.unwrap_or_else(one_a_core);
     let speeds = survey.speeds()?;
-    let seconds = |sum: &Sum| speeds.seconds(&sum.left).map(|s| s / workers.get() as f64);
+    let time = |sum: &Sum| speeds.estimate(&sum.left).shared_by(workers.get());
     let columns = counts::COLUMNS.map(str::to_owned);
     let mut rows = Rows::new(arguments.format, &columns, io::stdout().lock())?;
-    let mut all = Sum::default();
+    let (mut all, mut dropped) = (Sum::default(), Vec::new());
     for (place, manifest) in survey.selection.manifests().iter().enumerate() {
         let mut experiment = Sum::default();
         survey.walk(place, |job| {
@@ -308,7 +320,11 @@ fn list_experiments(mut survey: Survey<'_>, arguments: &Arguments) -> Result<(),
             }
             Ok(())
         })?;
-        let left = seconds(&experiment);
+        let left = time(&experiment);
+        let left = left.is_whole.then_some(left.seconds);
+        if arguments.filter.is_none() {
+            dropped.push((&manifest.name, survey.dropped(place)?));
+        }
         rows.row(&counts::cells(&manifest.name, &experiment.counts, left))?;
     }
     rows.finish()?;
@@ -317,31 +333,30 @@ fn list_experiments(mut survey: Survey<'_>, arguments: &Arguments) -> Result<(),
         1 => writeln!(io::stderr(), "1 job is shared between the manifests and runs once")?,
         n => writeln!(io::stderr(), "{n} jobs are shared between the manifests and run once")?,
     }
-    Ok(explain(&all, seconds(&all), workers)?)
+    for (name, jobs) in dropped.into_iter().filter(|(_, jobs)| *jobs > 0) {
+        let (name, jobs) = (printable(name), counted(jobs, "job"));
+        writeln!(io::stderr(), "a run will drop {jobs} from {name} that it has now; results stay")?;
+    }
+    Ok(explain(&all, time(&all), workers)?)
 }
 
-/// Says on standard error what the numbers do not; `seconds` is the time that is left.
-fn explain(all: &Sum, seconds: Option<f64>, workers: NonZeroUsize) -> io::Result<()> {
+/// Says on standard error what the numbers do not; `time` is what is left.
+fn explain(all: &Sum, time: Estimate, workers: NonZeroUsize) -> io::Result<()> {
     let mut err = io::stderr();
     for (reason, jobs) in &all.reasons {
         writeln!(err, "{}", reason.of(*jobs))?;
     }
     let workers = counted(workers.get(), "worker");
-    match seconds {
+    let jobs = counted(all.to_run(), "job");
+    match time.spoken() {
         _ if all.to_run() == 0 => writeln!(err, "nothing to run"),
-        Some(0.0) => {
-            let jobs = counted(all.to_run(), "job");
+        Some(time) => {
+            writeln!(err, "{jobs} to run: {time} with {workers}, as fast as earlier runs")
+        }
+        None if time.is_whole => {
             writeln!(err, "{jobs} to run, which do not train; no time is estimated")
         }
-        Some(seconds) => {
-            let (jobs, time) = (counted(all.to_run(), "job"), spoken(seconds));
-            writeln!(err, "{jobs} to run: about {time} with {workers}, as fast as earlier runs")
-        }
-        None => {
-            let jobs = counted(all.to_run(), "job");
-            let when = "no time can be estimated before a job of each algorithm has run";
-            writeln!(err, "{jobs} to run; {when}")
-        }
+        None => writeln!(err, "{jobs} to run; no time can be estimated before a job has run"),
     }
 }
 

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Value, json};
 
-use crate::cli::estimate::{Episodes, Speeds, spoken};
+use crate::cli::estimate::{Episodes, Estimate, Speeds};
 use crate::cli::output::{counted, printable};
 use crate::cli::swept::Swept;
 use crate::record::{Outcome, Results};
@@ -130,8 +130,8 @@ impl Shown {
         }
     }
 
-    /// Seconds until the last job ends, if every algorithm left has been timed.
-    fn seconds_left(&self) -> Option<f64> {
+    /// The time until the last job ends.
+    fn time_left(&self) -> Estimate {
         let mut left = self.unbegun.clone();
         let mut speeds = self.speeds.clone();
         for (queued, started, progress) in self.running.iter().flatten() {
@@ -140,13 +140,12 @@ impl Shown {
             left.add(queued.job.algorithm(), u64::from(ahead));
             speeds.add(queued.job.algorithm(), u64::from(gone), started.elapsed());
         }
-        Some(speeds.seconds(&left)? / self.running.len().max(1) as f64)
+        speeds.estimate(&left).shared_by(self.running.len())
     }
 
-    /// The time left, if it is known, as people say it.
+    /// The time left, if something is known of it, as people say it.
     fn left(&self) -> Option<String> {
-        let is_known = |seconds: &f64| self.done < self.jobs && *seconds > 0.0;
-        self.seconds_left().filter(is_known).map(spoken)
+        self.time_left().spoken().filter(|_| self.done < self.jobs)
     }
 
     /// Writes a line for a person; a closed standard error ends nothing.
@@ -204,7 +203,7 @@ impl Shown {
         // On a terminal the bars say how completed jobs did.
         if self.style == Style::Lines || matches!(outcome, Outcome::Failed(_)) {
             let (done, jobs, name) = (self.done, self.jobs, self.name(queued));
-            let left = self.left().map_or_else(String::new, |time| format!(", about {time} left"));
+            let left = self.left().map_or_else(String::new, |time| format!(", {time} left"));
             self.say(&format!("[{done}/{jobs}] {name}: {what}, {seconds:.1} s{left}"));
         }
         let mut event = json!({

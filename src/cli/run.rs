@@ -389,14 +389,14 @@ fn example_query(manifests: &[Manifest]) -> String {
     columns.extend(["agent", "scenario", "sigma"].map(str::to_owned));
     for name in Swept::of(manifests).names() {
         columns.push(format!(
-            "(SELECT value FROM parameter AS p WHERE p.job_key = s.job_key AND name = '{name}') \
+            "(SELECT value FROM parameter AS p WHERE p.job_key = run_summary.job_key AND name = '{name}') \
              AS {}",
             last_part(&name)
         ));
     }
     let groups: Vec<String> = (1..=columns.len()).map(|place| place.to_string()).collect();
     format!(
-        "SELECT {}, avg(mean_return) FROM run_summary AS s \
+        "SELECT {}, avg(mean_return) FROM run_summary \
          WHERE status = 'completed' AND experiment {condition} GROUP BY {}",
         columns.join(", "),
         groups.join(", ")

@@ -102,6 +102,22 @@ impl Reader {
         })
     }
 
+    /// Shows `see` every job of an experiment once; none if there is no experiment of this name.
+    pub fn jobs_of(&self, experiment: &str, mut see: impl FnMut(JobKey)) -> Result<(), StoreError> {
+        self.read("read the jobs of an experiment", |connection| {
+            let mut statement = connection.prepare_cached(
+                "SELECT unhex(key) FROM job WHERE id IN (
+                    SELECT job FROM experiment_job
+                    WHERE experiment = (SELECT id FROM experiment WHERE name = ?1))",
+            )?;
+            let mut rows = statement.query([experiment])?;
+            while let Some(row) = rows.next()? {
+                see(JobKey(row.get(0)?));
+            }
+            Ok(())
+        })
+    }
+
     /// The failed jobs of every experiment, in the order of the experiments and their manifests.
     pub fn failed_jobs(&self) -> Result<Vec<FailedJob>, StoreError> {
         self.read("read failures", |connection| {

@@ -81,7 +81,13 @@ fn an_edit_that_drops_jobs_keeps_their_runs() {
     let folder = Folder::completed(&manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial));
     let before = folder.dump();
     folder.write("sweep.toml", manifest("sweep", "0.6", "2", Effort::Trivial));
+    let plan = |arguments: &[&str]| {
+        folder.jitai(["plan", "sweep.toml"].iter().chain(arguments).copied()).succeeded()
+    };
+    plan(&[]).says("a run will drop 4 jobs from sweep that it has now; results stay");
+    assert!(!plan(&["--filter", "seed=1"]).stderr.contains("drop"));
     let narrowed = folder.jitai(["run", "sweep.toml"]).succeeded();
+    assert!(!plan(&[]).stderr.contains("drop"));
     narrowed.says("nothing to run: all 4 jobs").says("sweep no longer has 4 jobs that it had");
     assert_eq!(jobs_of(&folder, "sweep"), 4);
     assert_eq!(folder.number("SELECT count(DISTINCT job_key) FROM metric"), 8);
