@@ -152,6 +152,9 @@ fn agree(script: &mut Command, folder: &Path, sql: &[(usize, Table)]) -> usize {
     let (mut cells, mut faults) = (0, Vec::new());
     for (number, table) in sql {
         let file = folder.join("answers").join(format!("{number}.csv"));
+        if table.rows.is_empty() && !file.exists() {
+            continue;
+        }
         match compare(*number, table, &answer_of_file(&file)) {
             Ok(compared) => cells += compared,
             Err(fault) => faults.push(fault),
@@ -164,33 +167,55 @@ fn agree(script: &mut Command, folder: &Path, sql: &[(usize, Table)]) -> usize {
     cells
 }
 
-#[test]
-fn pandas_and_r_answer_every_question_as_sql_does() {
-    let folder = tempfile::tempdir().unwrap();
-    examples::fill_store(folder.path());
-    let reader = Reader::open(&folder.path().join("jitai.sqlite")).unwrap();
+/// What SQL answers about the store in a folder, and the numbers of the questions whose answer has
+/// no rows.
+fn answers_of_sql(folder: &Path) -> (Vec<(usize, Table)>, Vec<usize>) {
+    let reader = Reader::open(&folder.join("jitai.sqlite")).unwrap();
     let questions = questions();
     assert!(questions.len() >= 20, "{} questions were found", questions.len());
     assert!(questions.iter().map(|question| question.number).eq(1..=questions.len()));
     let answer = |question: Question| (question.number, answer_of_sql(&reader, &question.sql));
     let sql: Vec<(usize, Table)> = questions.into_iter().map(answer).collect();
-    let silent: Vec<usize> =
-        sql.iter().filter(|(_, table)| table.rows.is_empty()).map(|(number, _)| *number).collect();
-    assert!(silent.is_empty(), "questions whose answer in SQL has no rows: {silent:?}");
-    println!("SQL answered {} questions", sql.len());
+    let silent = sql.iter().filter(|(_, table)| table.rows.is_empty());
+    let silent = silent.map(|(number, _)| *number).collect();
+    (sql, silent)
+}
+
+/// Has pandas and R answer about the store in a folder, as far as they are at hand.
+fn all_agree(folder: &Path, sql: &[(usize, Table)]) {
     match python() {
         Some(python) => {
-            let cells = agree(Command::new(python).arg("docs/analysis.py"), folder.path(), &sql);
+            let cells = agree(Command::new(python).arg("docs/analysis.py"), folder, sql);
             println!("pandas agreed on {cells} values");
         }
         None => left_out("pandas"),
     }
     if answers(OsStr::new("Rscript"), &["-e", "library(DBI); library(RSQLite)"]) {
-        let cells = agree(Command::new("Rscript").arg("docs/analysis.R"), folder.path(), &sql);
+        let cells = agree(Command::new("Rscript").arg("docs/analysis.R"), folder, sql);
         println!("R agreed on {cells} values");
     } else {
         left_out("R with DBI and RSQLite");
     }
+}
+
+#[test]
+fn pandas_and_r_answer_every_question_as_sql_does() {
+    let folder = tempfile::tempdir().unwrap();
+    examples::fill_store(folder.path());
+    let (sql, silent) = answers_of_sql(folder.path());
+    assert!(silent.is_empty(), "questions whose answer in SQL has no rows: {silent:?}");
+    println!("SQL answered {} questions", sql.len());
+    all_agree(folder.path(), &sql);
+}
+
+#[test]
+fn questions_that_a_store_cannot_answer_stop_nobody() {
+    let folder = tempfile::tempdir().unwrap();
+    examples::fill_with_quickstart(folder.path());
+    let (sql, silent) = answers_of_sql(folder.path());
+    // Other experiments, failures, shared jobs and second attempts are not there.
+    assert_eq!(silent, [14, 16, 17, 20, 22, 24]);
+    all_agree(folder.path(), &sql);
 }
 
 /// What pandas is asked: that the Parquet files hold what the CSV files hold.

@@ -84,11 +84,18 @@ learning_rate = 1.0
     )
 }
 
+/// Makes `jitai.sqlite` in a folder, with the quickstart alone.
+pub fn fill_with_quickstart(folder: &Path) {
+    let text = manifest_of_short_jobs("quickstart", "sigma = [0.4, 0.6]");
+    fs::write(folder.join("quickstart.toml"), text).unwrap();
+    run(folder, &["run", "quickstart.toml"], 0);
+}
+
 /// Makes `jitai.sqlite` in a folder, with the experiments that the documents ask about: two share
 /// jobs, one fails and is tried again.
 pub fn fill_store(folder: &Path) {
+    fill_with_quickstart(folder);
     let manifests = [
-        ("quickstart", manifest_of_short_jobs("quickstart", "sigma = [0.4, 0.6]"), 0),
         ("probabilities", manifest_of_short_jobs("probabilities", "sigma = 0.6"), 0),
         (
             "disengagement",
