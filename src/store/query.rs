@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 
-use rusqlite::functions::FunctionFlags;
+use rusqlite::functions::{Aggregate, Context, FunctionFlags};
 use rusqlite::hooks::{AuthAction, AuthContext, Authorization};
 use rusqlite::limits::Limit;
 use rusqlite::types::ValueRef;
@@ -165,14 +165,57 @@ pub(super) fn add_functions(connection: &Connection) -> rusqlite::Result<()> {
         | FunctionFlags::SQLITE_INNOCUOUS;
     // Like that of the sqlite3 shell: NULL for what has no root.
     connection.create_scalar_function("sqrt", 1, flags, |context| {
-        Ok(match context.get_raw(0) {
-            ValueRef::Integer(whole) => Some(whole as f64),
-            ValueRef::Real(real) => Some(real),
-            ValueRef::Null | ValueRef::Text(_) | ValueRef::Blob(_) => None,
+        Ok(number(context).map(f64::sqrt).filter(|root| !root.is_nan()))
+    })?;
+    connection.create_aggregate_function("stddev", 1, flags, StandardDeviation)
+}
+
+/// The only argument of a function, if it is a number.
+fn number(context: &Context<'_>) -> Option<f64> {
+    match context.get_raw(0) {
+        ValueRef::Integer(whole) => Some(whole as f64),
+        ValueRef::Real(real) => Some(real),
+        ValueRef::Null | ValueRef::Text(_) | ValueRef::Blob(_) => None,
+    }
+}
+
+/// The standard deviation (n - 1) of the numbers met; NULL of fewer than two, as in PostgreSQL.
+///
+/// **Source**: Welford, "Note on a method for calculating corrected sums of squares and products",
+/// 1962.
+struct StandardDeviation;
+
+/// How many numbers were met, their mean, and the sum of squares about it.
+#[derive(Default)]
+struct Squares {
+    n: f64,
+    mean: f64,
+    sum: f64,
+}
+
+impl Aggregate<Squares, Option<f64>> for StandardDeviation {
+    fn init(&self, _: &mut Context<'_>) -> rusqlite::Result<Squares> {
+        Ok(Squares::default())
+    }
+
+    fn step(&self, context: &mut Context<'_>, squares: &mut Squares) -> rusqlite::Result<()> {
+        if let Some(number) = number(context) {
+            squares.n += 1.0;
+            let apart = number - squares.mean;
+            squares.mean += apart / squares.n;
+            squares.sum += apart * (number - squares.mean);
         }
-        .map(f64::sqrt)
-        .filter(|root| !root.is_nan()))
-    })
+        Ok(())
+    }
+
+    fn finalize(
+        &self,
+        _: &mut Context<'_>,
+        squares: Option<Squares>,
+    ) -> rusqlite::Result<Option<f64>> {
+        let squares = squares.filter(|squares| squares.n > 1.0);
+        Ok(squares.map(|squares| (squares.sum / (squares.n - 1.0)).sqrt()))
+    }
 }
 
 /// Makes the connection refuse every statement that does not merely read the store, and those that
