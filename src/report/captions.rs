@@ -7,11 +7,11 @@ use crate::analyse::declared::{
     ActionPanel, Chosen, Content, ContrastRow, CurveFigure, CurveLine, CurvePoint, ErrorFigure,
     Finding, HeatFigure, LearningPanel, Reproduction, Scale, Subject,
 };
-use crate::analyse::{FEW_SEEDS, Moments, welch_t_test};
+use crate::analyse::{FEW_SEEDS, Moments, Undefined, welch_t_test};
 
 /// Below this, a corrected p value counts as a finding.
 const ALPHA: f64 = 0.05;
-/// More lines than this are hard to tell apart.
+/// Of more lines than this, a caption would say too much.
 const MANY_LINES: usize = 12;
 
 /// What a reader sees in a finding.
@@ -90,55 +90,83 @@ fn mean(values: &[f64]) -> Option<f64> {
     Moments::of(values).ok().map(|moments| moments.mean)
 }
 
-/// Whether the means of two points differ by no more than chance (Welch's 95 % interval of the
-/// difference holds 0).
-fn is_chance(one: &CurvePoint, other: &CurvePoint) -> bool {
-    let test = welch_t_test(one.sample.values(), other.sample.values());
-    test.is_ok_and(|test| test.interval.low <= 0.0 && test.interval.high >= 0.0)
+/// What can be said of two means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Apart {
+    /// They differ by more than chance.
+    Surely,
+    /// Chance makes such differences.
+    Perhaps,
+    /// There are too few seeds for a test.
+    Untested,
 }
 
-/// How a line goes from its first point to its last, by way of points between that are above or
-/// below both by more than chance.
-fn course(line: &CurveLine, metric: &str, at: impl Fn(f64) -> String) -> Option<String> {
+/// Whether the means of two points differ, as one of so many pairs that are looked at: by Welch's t,
+/// with Bonferroni's correction. Means of seeds that are all alike differ if they are not the same.
+fn apart(one: &CurvePoint, other: &CurvePoint, pairs: usize) -> Apart {
+    match welch_t_test(one.sample.values(), other.sample.values()) {
+        Ok(test) if test.p * (pairs as f64) < ALPHA => Apart::Surely,
+        Err(Undefined::NoVariance) => Apart::Surely,
+        Ok(_) => Apart::Perhaps,
+        Err(_) => Apart::Untested,
+    }
+}
+
+/// How many pairs of points are looked at for what is told of the courses of lines, and of how far
+/// two are apart.
+fn pairs(lines: &[CurveLine]) -> usize {
+    let of_ends_and_turns = |line: &CurveLine| 1 + 2 * line.points.len().saturating_sub(2);
+    let between = if let [first, _] = lines { first.points.len() } else { 0 };
+    lines.iter().map(of_ends_and_turns).sum::<usize>() + between
+}
+
+/// How a line goes from its first point to its last, by way of its highest and lowest point where
+/// these are above or below both, as one of so many pairs of points.
+fn course(
+    line: &CurveLine,
+    metric: &str,
+    at: impl Fn(f64) -> String,
+    pairs: usize,
+) -> Option<String> {
     let seen = line.points.iter().filter_map(|point| Some((point, mean(point.sample.values())?)));
     let seen: Vec<(&CurvePoint, f64)> = seen.collect();
     let (first, last) = (*seen.first()?, *seen.last()?);
-    let place = |(point, mean): (&CurvePoint, f64)| (amount(mean, metric), at(point.x));
+    let told = |(point, mean): (&CurvePoint, f64)| (amount(mean, metric), at(point.x));
     let name = arm_label(&line.name);
-    let ((from, start), (to, end)) = (place(first), place(last));
+    let ((from, start), (to, end)) = (told(first), told(last));
     if seen.len() == 1 {
         return Some(format!("{name} is at {from} at {start}."));
     }
     let highest = seen.iter().copied().max_by(|one, other| one.1.total_cmp(&other.1))?;
     let lowest = seen.iter().copied().min_by(|one, other| one.1.total_cmp(&other.1))?;
-    let mut between: Vec<(&CurvePoint, f64)> = [highest, lowest]
-        .into_iter()
-        .filter(|extreme| {
-            [first, last]
-                .iter()
-                .all(|end| place(*end).0 != place(*extreme).0 && !is_chance(end.0, extreme.0))
+    let is_turn = |point: &(&CurvePoint, f64)| {
+        [first, last].iter().all(|end| {
+            told(*end).0 != told(*point).0 && apart(end.0, point.0, pairs) == Apart::Surely
         })
-        .collect();
-    between.sort_by(|one, other| one.0.x.total_cmp(&other.0.x));
-    if !between.is_empty() {
-        let way = between.into_iter().map(|extreme| {
-            let (value, place) = place(extreme);
+    };
+    let mut turns: Vec<_> = [highest, lowest].into_iter().filter(is_turn).collect();
+    turns.sort_by(|one, other| one.0.x.total_cmp(&other.0.x));
+    if !turns.is_empty() {
+        let turns = turns.into_iter().map(|turn| {
+            let (value, place) = told(turn);
             format!("{value} at {place}")
         });
-        let way = way.collect::<Vec<_>>().join(" and ");
+        let way = turns.collect::<Vec<_>>().join(" and ");
         return Some(format!(
             "{name} goes from {from} at {start} by way of {way} to {to} at {end}."
         ));
     }
-    Some(if from == to {
-        format!("{name} is at {from} both at {start} and at {end}.")
-    } else if is_chance(first.0, last.0) {
-        format!(
-            "{name} is at {from} at {start} and at {to} at {end}, no further apart than by chance."
-        )
-    } else {
-        let verb = if last.1 < first.1 { "falls" } else { "rises" };
-        format!("{name} {verb} from {from} at {start} to {to} at {end}.")
+    if from == to {
+        return Some(format!("{name} is at {from} both at {start} and at {end}."));
+    }
+    let ends = format!("{name} is at {from} at {start} and at {to} at {end}");
+    Some(match apart(first.0, last.0, pairs) {
+        Apart::Surely => {
+            let verb = if last.1 < first.1 { "falls" } else { "rises" };
+            format!("{name} {verb} from {from} at {start} to {to} at {end}.")
+        }
+        Apart::Perhaps => format!("{ends}, which is not told apart from chance."),
+        Apart::Untested => format!("{ends}, with too few seeds for a test."),
     })
 }
 
@@ -149,26 +177,30 @@ fn curve(figure: &CurveFigure, metric: &str) -> Vec<String> {
         false => x.to_string(),
     };
     let lines = figure.lines.as_slice();
-    let mut sentences: Vec<String> =
-        lines.iter().filter_map(|line| course(line, metric, at)).collect();
-    sentences.extend(lines.iter().filter_map(shares));
     if lines.len() > MANY_LINES {
-        let count = lines.len();
-        sentences
-            .push(format!("{count} lines are many to tell apart: `where` picks some of them."));
+        return vec![format!("{} lines; the table has their points.", lines.len())];
     }
-    if let [first, second] = figure.lines.as_slice() {
+    let pairs = pairs(lines);
+    let mut sentences: Vec<String> =
+        lines.iter().filter_map(|line| course(line, metric, at, pairs)).collect();
+    sentences.extend(lines.iter().filter_map(shares));
+    if let [first, second] = lines {
         let gap = first.points.iter().filter_map(|point| {
             let other = second.points.iter().find(|other| other.x == point.x)?;
-            Some((point.x, mean(point.sample.values())? - mean(other.sample.values())?))
+            let gap = mean(point.sample.values())? - mean(other.sample.values())?;
+            Some((point.x, gap, apart(point, other, pairs)))
         });
         let widest = gap.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()));
-        if let Some((x, gap)) = widest {
+        if let Some((x, gap, Apart::Surely)) = widest {
             let (size, place) = (amount(gap.abs(), metric), at(x));
             if size != amount(0.0, metric) {
                 sentences.push(format!("They are furthest apart at {place}, by {size}."));
             }
         }
+    }
+    let counts = lines.iter().flat_map(|line| &line.points).map(|point| point.sample.n());
+    if let Some(fewest) = counts.filter(|n| *n > 0).min().filter(|n| *n < FEW_SEEDS) {
+        sentences.push(format!("Few seeds: {fewest} a point."));
     }
     sentences
 }
@@ -361,7 +393,7 @@ mod tests {
             (&[(20.0, 1.0), (20.0, 1.0)], "is at 20 both at 1 and at 2."),
             (
                 &[(20.0, 9.0), (30.0, 9.0)],
-                "is at 20 at 1 and at 30 at 2, no further apart than by chance.",
+                "is at 20 at 1 and at 30 at 2, which is not told apart from chance.",
             ),
             (
                 &[(50.0, 1.0), (90.0, 1.0), (20.0, 1.0)],
@@ -376,8 +408,49 @@ mod tests {
             // Without a spread, every difference counts.
             (&[(50.0, 0.0), (55.0, 0.0)], "rises from 50 at 1 to 55 at 2."),
         ] {
-            let course = course(&line(points), "mean_return", |x| x.to_string()).unwrap();
+            let line = line(points);
+            let pairs = pairs(std::slice::from_ref(&line));
+            let course = course(&line, "mean_return", |x| x.to_string(), pairs).unwrap();
             assert_eq!(course, format!("dqn {told}"), "{points:?}");
         }
+    }
+
+    #[test]
+    fn a_difference_counts_for_less_the_more_pairs_are_looked_at() {
+        // t is 5.0 with 4 degrees of freedom: p is 0.0075.
+        let line = line(&[(20.0, 9.0), (56.742, 9.0)]);
+        assert_eq!(apart(&line.points[0], &line.points[1], 6), Apart::Surely);
+        assert_eq!(apart(&line.points[0], &line.points[1], 7), Apart::Perhaps);
+        let course = |pairs| course(&line, "mean_return", |x| x.to_string(), pairs).unwrap();
+        assert!(course(6).contains("rises") && course(7).contains("not told apart"));
+    }
+
+    #[test]
+    fn one_seed_is_no_trend() {
+        let mut line = line(&[(20.0, 1.0), (90.0, 1.0), (30.0, 1.0)]);
+        line.points[2].sample = Sample::new([(1, 30.0)], 0, 2).unwrap();
+        let figure = CurveFigure { axis: "environment.sigma".into(), lines: vec![line] };
+        let told = "dqn is at 20 at 1 and at 30 at 3, with too few seeds for a test.";
+        assert_eq!(curve(&figure, "mean_return"), [told, "Few seeds: 1 a point."]);
+    }
+
+    #[test]
+    fn two_lines_are_told_to_be_apart_beyond_chance_alone() {
+        let figure = |second: &[(f64, f64)]| CurveFigure {
+            axis: "environment.sigma".into(),
+            lines: vec![line(&[(20.0, 1.0), (20.0, 1.0)]), line(second)],
+        };
+        let told = |second: &[(f64, f64)]| curve(&figure(second), "mean_return").join(" ");
+        let clear = told(&[(20.0, 1.0), (60.0, 1.0)]);
+        assert!(clear.contains("They are furthest apart at 2, by 40."), "{clear}");
+        let noise = told(&[(20.0, 1.0), (60.0, 90.0)]);
+        assert!(!noise.contains("furthest"), "{noise}");
+    }
+
+    #[test]
+    fn many_lines_are_not_told_one_by_one() {
+        let lines = vec![line(&[(20.0, 1.0), (90.0, 1.0)]); MANY_LINES + 1];
+        let figure = CurveFigure { axis: "environment.sigma".into(), lines };
+        assert_eq!(curve(&figure, "mean_return"), ["13 lines; the table has their points."]);
     }
 }

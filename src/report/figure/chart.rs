@@ -115,7 +115,9 @@ pub fn curve_figure(figure: &CurveFigure, metric: &str, looks: &Looks) -> Scene 
 /// is many times the smallest.
 fn scale_of(lines: &[Line]) -> AxisScale {
     const MANY_TIMES: f64 = 30.0;
-    let values = || lines.iter().flat_map(|line| &line.points).map(|point| point.x);
+    let points = || lines.iter().flat_map(|line| &line.points).map(|point| point.x);
+    let published = || lines.iter().flat_map(|line| &line.reference).map(|(x, _)| *x);
+    let values = || points().chain(published());
     let (least, most) = (values().fold(f64::INFINITY, f64::min), values().fold(0.0, f64::max));
     if least > 0.0 && most >= MANY_TIMES * least { AxisScale::Log } else { AxisScale::Linear }
 }
@@ -411,8 +413,8 @@ fn draw(chart: &Chart) -> Scene {
         let words = "no completed jobs yet";
         marks.push(text(at, words, (TEXT, Weight::Regular), FAINT, Anchor::Middle).into());
     }
-    // Points lie on the lines of all, hollow ones below filled ones, which are smaller: where two
-    // arms meet, both are seen.
+    // Points lie on the lines of all, hollow ones below filled ones, which are smaller: where one of
+    // each meet, both are seen.
     let of_each = chart.lines.iter().enumerate();
     marks.extend(of_each.clone().flat_map(|(series, line)| {
         line_marks(line, (x, y), &frame).into_iter().map(move |mark| mark.of(series))
@@ -476,7 +478,7 @@ fn point_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame) -> Vec<Mark> {
     let mark = |point: &Place| {
         let at = frame.place(axes, (point.x, point.y));
         let shape = if is_marked {
-            marker(at, &line.look, 2.6)
+            marker(at, &line.look, if line.look.marker.is_hollow() { 3.2 } else { 2.2 })
         } else {
             let fill = Fill { color: line.look.color, opacity: 0.0 };
             Shape::Circle { centre: at, radius: 3.0, fill, stroke: None }
@@ -489,7 +491,6 @@ fn point_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame) -> Vec<Mark> {
 
 /// The mark of a point.
 pub(super) fn marker(at: Point, look: &Look, radius: f64) -> Shape {
-    let radius = if look.marker.is_hollow() { radius * 1.25 } else { radius * 0.85 };
     let solid = Fill { color: look.color, opacity: 1.0 };
     let white = Fill { color: Color::WHITE, opacity: 1.0 };
     let rim = Some(Stroke::solid(look.color, 1.3));
@@ -649,6 +650,8 @@ mod tests {
         assert_eq!(scale_of(&[line(&[1e-5]), line(&[1e-3])]), AxisScale::Log);
         assert_eq!(scale_of(&[line(&[0.4, 2.0])]), AxisScale::Linear);
         assert_eq!(scale_of(&[line(&[0.0, 2.0])]), AxisScale::Linear);
+        let published = Line { reference: vec![(0.0, 1.0)], ..line(&[1e-5, 1e-3]) };
+        assert_eq!(scale_of(&[published]), AxisScale::Linear);
         assert_eq!(scale_of(&[]), AxisScale::Linear);
     }
 }

@@ -109,7 +109,7 @@ fn row_marks(
     if let Some((effect, p)) = row.published {
         let look = Look { color: VERMILLION, dash: None, marker: Marker::Diamond };
         let tip = format!("{label}: published {} (p = {p})", shown(effect, 0));
-        marks.push(Mark::from(marker((across(effect), middle), &look, 2.9)).saying(tip));
+        marks.push(Mark::from(marker((across(effect), middle), &look, 3.6)).saying(tip));
     }
     if let Ok(difference) = row.contrast.difference {
         // Rates are below 1, returns in the hundreds.
@@ -123,7 +123,7 @@ fn row_marks(
         });
         let tip = format!("{label}: {}{spread}", shown(difference, decimals));
         let look = Look { color: BLUE, dash: None, marker: Marker::Disc };
-        marks.push(Mark::from(marker((across(difference), middle), &look, 3.5)).saying(tip));
+        marks.push(Mark::from(marker((across(difference), middle), &look, 3.0)).saying(tip));
     }
     marks
 }
