@@ -26,18 +26,18 @@ impl Speeds {
     /// Seconds of work in all that is left; `None` if some algorithm of it has not been timed.
     pub(super) fn seconds(&self, left: &Episodes) -> Option<f64> {
         let estimate = self.estimate(left);
-        estimate.is_whole.then_some(estimate.seconds)
+        estimate.is_whole().then_some(estimate.seconds)
     }
 
     /// The work in what is left, as far as its algorithms have been timed.
     pub(super) fn estimate(&self, left: &Episodes) -> Estimate {
-        let mut estimate = Estimate { seconds: 0.0, is_whole: true };
+        let mut estimate = Estimate { seconds: 0.0, untimed: Vec::new() };
         for (algorithm, episodes) in left.0.iter().filter(|(_, episodes)| **episodes > 0) {
             match self.0.get(algorithm).filter(|speed| speed.episodes > 0.0) {
                 Some(speed) => {
                     estimate.seconds += speed.seconds / speed.episodes * *episodes as f64
                 }
-                None => estimate.is_whole = false,
+                None => estimate.untimed.push(algorithm.clone()),
             }
         }
         estimate
@@ -45,23 +45,28 @@ impl Speeds {
 }
 
 /// How long something takes.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Estimate {
     /// Seconds, of the algorithms that have been timed.
     pub seconds: f64,
-    /// Whether they all have been.
-    pub is_whole: bool,
+    /// The algorithms that have not been.
+    pub untimed: Vec<String>,
 }
 
 impl Estimate {
+    /// Whether it is of all algorithms.
+    pub(super) fn is_whole(&self) -> bool {
+        self.untimed.is_empty()
+    }
+
     /// The time when so many workers share it.
     pub(super) fn shared_by(self, workers: usize) -> Estimate {
         Estimate { seconds: self.seconds / workers.max(1) as f64, ..self }
     }
 
     /// `about 5 s` or, where there is more to it, `at least 5 s`; nothing if nothing is known.
-    pub(super) fn spoken(self) -> Option<String> {
-        let about = if self.is_whole { "about" } else { "at least" };
+    pub(super) fn spoken(&self) -> Option<String> {
+        let about = if self.is_whole() { "about" } else { "at least" };
         (self.seconds > 0.0).then(|| format!("{about} {}", spoken(self.seconds)))
     }
 }

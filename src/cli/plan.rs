@@ -4,7 +4,7 @@
 //! seconds and little memory.
 
 use std::collections::hash_map::Entry;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fmt;
 use std::io::{self, Write};
 use std::num::NonZeroUsize;
@@ -16,7 +16,7 @@ use crate::cli::output::{Cell, Format, Rows, counted, printable};
 use crate::cli::selection::Selection;
 use crate::cli::swept::Swept;
 use crate::cli::{Error, Exit, StoreArgument, check, counts, one_a_core, run};
-use crate::plan::{JobKey, PlannedJob, Versions};
+use crate::plan::{self, JobKey, PlannedJob, Versions};
 use crate::store::{Counts, JobState, Reader, StoreError};
 
 /// Jobs that the store is asked about at a time.
@@ -224,15 +224,22 @@ impl<'a> Survey<'a> {
     }
 
     /// How many jobs the experiment of the manifest in this place, which was walked last, has in the
-    /// store that are not the manifest's.
+    /// store that are not the manifest's. A filter runs fewer jobs and drops as many.
     fn dropped(&self, place: usize) -> Result<u64, Error> {
         let Some(reader) = &self.reader else { return Ok(0) };
-        let mut dropped = 0;
-        reader.jobs_of(&self.selection.manifests()[place].name, |key| {
-            let is_kept = self.met.get(&key).is_some_and(|met| met.place == place);
-            dropped += u64::from(!is_kept);
+        let manifest = &self.selection.manifests()[place];
+        let mut others = HashSet::new();
+        reader.jobs_of(&manifest.name, |key| {
+            if self.met.get(&key).is_none_or(|met| met.place != place) {
+                others.insert(key);
+            }
         })?;
-        Ok(dropped)
+        if !others.is_empty() && self.selection.is_filtered() {
+            for planned in plan::jobs(manifest) {
+                others.remove(&planned.form.key());
+            }
+        }
+        Ok(others.len() as u64)
     }
 
     /// The state of each job, in the order of `keys`.
@@ -321,10 +328,8 @@ fn list_experiments(mut survey: Survey<'_>, arguments: &Arguments) -> Result<(),
             Ok(())
         })?;
         let left = time(&experiment);
-        let left = left.is_whole.then_some(left.seconds);
-        if arguments.filter.is_none() {
-            dropped.push((&manifest.name, survey.dropped(place)?));
-        }
+        let left = left.is_whole().then_some(left.seconds);
+        dropped.push((&manifest.name, survey.dropped(place)?));
         rows.row(&counts::cells(&manifest.name, &experiment.counts, left))?;
     }
     rows.finish()?;
@@ -335,7 +340,11 @@ fn list_experiments(mut survey: Survey<'_>, arguments: &Arguments) -> Result<(),
     }
     for (name, jobs) in dropped.into_iter().filter(|(_, jobs)| *jobs > 0) {
         let (name, jobs) = (printable(name), counted(jobs, "job"));
-        writeln!(io::stderr(), "a run will drop {jobs} from {name} that it has now; results stay")?;
+        writeln!(
+            io::stderr(),
+            "{name} has {jobs} in the store that this manifest and this version do not make; a run \
+             takes them out of it and keeps their results"
+        )?;
     }
     Ok(explain(&all, time(&all), workers)?)
 }
@@ -349,14 +358,18 @@ fn explain(all: &Sum, time: Estimate, workers: NonZeroUsize) -> io::Result<()> {
     let workers = counted(workers.get(), "worker");
     let jobs = counted(all.to_run(), "job");
     match time.spoken() {
-        _ if all.to_run() == 0 => writeln!(err, "nothing to run"),
+        _ if all.to_run() == 0 => return writeln!(err, "nothing to run"),
         Some(time) => {
-            writeln!(err, "{jobs} to run: {time} with {workers}, as fast as earlier runs")
+            writeln!(err, "{jobs} to run: {time} with {workers}, as fast as earlier runs")?;
         }
-        None if time.is_whole => {
-            writeln!(err, "{jobs} to run, which do not train; no time is estimated")
+        None if time.is_whole() => {
+            writeln!(err, "{jobs} to run, which do not train; no time is estimated")?;
         }
-        None => writeln!(err, "{jobs} to run; no time can be estimated before a job has run"),
+        None => writeln!(err, "{jobs} to run; no time can be estimated")?,
+    }
+    match time.untimed.join(" and ").as_str() {
+        "" => Ok(()),
+        untimed => writeln!(err, "no run of {untimed} has been timed"),
     }
 }
 

@@ -42,6 +42,11 @@ impl<'a> Selection<'a> {
         self.manifests
     }
 
+    /// Whether some jobs may have been left out.
+    pub(super) fn is_filtered(&self) -> bool {
+        self.filter.is_some()
+    }
+
     /// The jobs of one of the manifests, one at a time; agents of equal content repeat theirs.
     pub(super) fn jobs(&self, manifest: &'a Manifest) -> impl Iterator<Item = PlannedJob> + 'a {
         let filter = self.filter;

@@ -30,7 +30,7 @@ pub(super) struct Arguments {
     /// policy, none that changes what it observes
     #[arg(long = "set", value_name = "NAME=VALUE")]
     settings: Vec<String>,
-    /// Episodes to roll; with run:<job key> they are others than those of its test in the store
+    /// Episodes to roll, one at a time; they do not repeat the test of run:<job key>, which plays up to 1000 at once
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     episodes: u32,
     /// Seed of the random streams

@@ -91,7 +91,8 @@ fn manifests_of_one_name_are_not_taken_together() {
 fn plan_counts_the_jobs_and_makes_no_store() {
     let folder = Folder::with(&manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial));
     let plan = folder.jitai(["plan", "sweep.toml", "--format", "json"]).succeeded();
-    let plan = plan.says("no time can be estimated before a job has run").json();
+    let plan = plan.says("8 jobs to run; no time can be estimated");
+    let plan = plan.says("no run of dueling_dqn and reinforce has been timed").json();
     let expected = json!([{
         "experiment": "sweep", "jobs": 8, "completed": 0, "running": 0, "failed": 0,
         "interrupted": 0, "pending": 8, "seconds_left": null,
