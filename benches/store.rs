@@ -98,9 +98,13 @@ fn registering(bencher: Bencher<'_, '_>, count: u64) {
 fn claiming_and_ending(bencher: Bencher<'_, '_>, count: u64) {
     let jobs = trivial(count);
     let outcome = train::run(&jobs[0], &Unwatched);
-    bencher.counter(ItemsCount::new(count)).with_inputs(|| Fresh::with(&jobs)).bench_local_values(
-        |mut fresh| {
-            let session = fresh.begin_session();
+    let begun = || {
+        let mut fresh = Fresh::with(&jobs);
+        let session = fresh.begin_session();
+        (fresh, session)
+    };
+    bencher.counter(ItemsCount::new(count)).with_inputs(begun).bench_local_values(
+        |(mut fresh, session)| {
             let claims: Vec<Claim> = jobs.iter().map(|job| fresh.claim(session, job)).collect();
             let end = |claim| RunEnd { claim, outcome: &outcome, wall_seconds: 1.0 };
             let ends: Vec<RunEnd<'_>> = claims.iter().map(end).collect();

@@ -3,8 +3,9 @@
 #   Rscript docs/analysis.R [STORE [FOLDER]]
 #
 # prints the answers about a store (jitai.sqlite by default), or writes them into FOLDER as 1.csv,
-# 2.csv and so on. Every section stands on the first one alone, to be copied into a script. Where a
-# store has nothing to answer a question from, it stays without an answer.
+# 2.csv and so on. Every section stands on the first one alone, to be copied into a script. The
+# quickstart has to be in the store and complete; questions about other experiments that it lacks
+# stay without an answer.
 
 # The views of the store, and the completed runs of an experiment.
 arguments <- commandArgs(trailingOnly = TRUE)

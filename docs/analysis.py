@@ -3,8 +3,9 @@
     python docs/analysis.py [STORE [FOLDER]]
 
 prints the answers about a store (jitai.sqlite by default), or writes them into FOLDER as 1.csv,
-2.csv and so on. Every cell stands on the first one alone, to be copied into a notebook. Where a
-store has nothing to answer a question from, it stays without an answer.
+2.csv and so on. Every cell stands on the first one alone, to be copied into a notebook. The
+quickstart has to be in the store and complete; questions about other experiments that it lacks stay
+without an answer.
 """
 
 # %% The views of the store, and the completed runs of an experiment
@@ -145,8 +146,8 @@ swept = (
     .astype(float)
 )
 dynamics = completed[completed["experiment"] == "disengagement"].join(swept, on="job_key")
-if not dynamics.empty:
-    means = dynamics.pivot_table("mean_return", ["agent", "delta_d", "epsilon_d"], "scenario")
+means = dynamics.pivot_table("mean_return", ["agent", "delta_d", "epsilon_d"], "scenario")
+if {"P-H-D", "L-H-D"} <= set(means):
     answers[14] = (means["P-H-D"] - means["L-H-D"]).rename("gain")
 
 # %% 15. What were the parameters of a job?
