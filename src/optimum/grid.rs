@@ -432,14 +432,10 @@ impl Grid {
 
     /// The value of a state; 0 where the episode has ended.
     pub fn value(&self, values: Moment<'_>, habituation: f64, disengagement: f64) -> f64 {
-        self.value_among(values, self.habituation.among(habituation), disengagement)
-    }
-
-    /// [`Grid::value`] by where the habituation is.
-    fn value_among(&self, values: Moment<'_>, rows: Among, disengagement: f64) -> f64 {
         if disengagement >= self.environment.disengagement_threshold {
             return 0.0;
         }
+        let rows = self.habituation.among(habituation);
         let columns = self.columns.len();
         let column = self.disengagement.place(disengagement, Side::At);
         let of_row = |i: usize| column.of(&values.layer[(rows.node + i) * columns..][..columns]);
@@ -448,30 +444,36 @@ impl Grid {
 
     /// What each choice brings in a state, given the values of the states after it.
     pub fn prospects(&self, later: Moment<'_>, habituation: f64, disengagement: f64) -> Prospects {
+        self.prospects_by(|h, d| self.value(later, h, d), habituation, disengagement)
+    }
+
+    /// [`Grid::prospects`], given what tells the values of the states after it.
+    pub fn prospects_by(
+        &self,
+        later: impl Fn(f64, f64) -> f64,
+        habituation: f64,
+        disengagement: f64,
+    ) -> Prospects {
         let effect = |action| respond(&self.environment, 0, action, habituation, disengagement);
         let [nothing, untailored, suitable, unsuitable] =
             [Action::NONE, Action::UNTAILORED, Action::tailored_to(0), Action::tailored_to(1)]
                 .map(effect);
-        // All messages lead to the same habituation, and an untailored one to the same state as a
-        // suitable one.
-        let messaged = self.habituation.among(suitable.habituation);
-        let calmed = self.value_among(later, messaged, suitable.disengagement);
-        let annoyed = self.value_among(later, messaged, unsuitable.disengagement);
+        // An untailored message leads to the same state as a suitable one.
+        let calmed = later(suitable.habituation, suitable.disengagement);
         Prospects {
-            nothing: nothing.reward + self.value(later, nothing.habituation, nothing.disengagement),
+            nothing: nothing.reward + later(nothing.habituation, nothing.disengagement),
             untailored: untailored.reward + calmed,
             suitable: suitable.reward + calmed,
-            unsuitable: unsuitable.reward + annoyed,
+            unsuitable: unsuitable.reward + later(unsuitable.habituation, unsuitable.disengagement),
         }
     }
 
-    /// The mean return of the best choices from the start of an episode on.
-    pub fn mean_return(&self, later: Moment<'_>) -> f64 {
-        let e = &self.environment;
-        let start = self.prospects(later, e.initial_habituation, e.initial_disengagement);
-        match e.first_context {
-            FirstContext::Fixed => self.baseline[0] + Expectation::Certain.of_best(&start),
-            FirstContext::Sampled => self.mean_of_best(&start),
+    /// The mean return of the best choices from the start of an episode on, given what each brings
+    /// there.
+    pub fn mean_return(&self, start: &Prospects) -> f64 {
+        match self.environment.first_context {
+            FirstContext::Fixed => self.baseline[0] + Expectation::Certain.of_best(start),
+            FirstContext::Sampled => self.mean_of_best(start),
         }
     }
 

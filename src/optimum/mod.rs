@@ -6,8 +6,8 @@
 //! The state of an episode is (time, habituation, disengagement risk). The context signal is drawn
 //! anew in every step, so backward induction over the state, with the signal integrated out in
 //! closed form, is exact but for the grid on which the values are kept. What the grid leaves out is
-//! found by episodes of the policy that it makes best, and a search refines grids until that policy
-//! becomes no better, or until time is up.
+//! found by episodes of the policy that looks a step further than it, and a search refines grids until
+//! that policy becomes no better, or until time is up.
 //!
 //! It stands before the agents and not with the analyses, because the optimal policy is one of the
 //! rules that agents are compared with.

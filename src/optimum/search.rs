@@ -10,9 +10,9 @@ use super::walk::{self, Walked};
 /// Error that is small enough, in units of the grid.
 const SMALL: f64 = 0.1;
 /// Steps of episodes on the coarsest grid; on every further one they are twice as many.
-const STEPS: u32 = 250_000;
+const STEPS: u32 = 125_000;
 /// Values that are computed in the time of a step of an episode.
-const VALUES_A_STEP: usize = 50;
+const VALUES_A_STEP: usize = 150;
 /// Most values that are computed for an optimum, in all, unless the first grids take more: twelve
 /// seconds of a core or so.
 pub(super) const MOST_COMPUTED: usize = 2_700_000_000;

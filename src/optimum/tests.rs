@@ -150,8 +150,14 @@ fn the_error_counts_habituation_where_its_increments_are_short() {
     assert!(missed < hasty.error && hasty.error < 2.0, "{hasty:?} {finer:?}");
 }
 
-/// Mean return of a policy in so many plain episodes, and its standard error.
-fn simulated(policy: &OptimalPolicy, e: &Environment, belief: Belief, count: u32) -> [f64; 2] {
+/// Mean return in so many plain episodes, and its standard error, of the policy that makes the best
+/// choice, given what tells the prospects of a state after which so many steps are left.
+fn simulated(
+    prospects: impl Fn(u32, [f64; 2]) -> Prospects,
+    e: &Environment,
+    belief: Belief,
+    count: u32,
+) -> [f64; 2] {
     let mut stream = Stream::new(3, Purpose::TestEnvironment);
     let mut episode = || {
         let mut state = [e.initial_habituation, e.initial_disengagement];
@@ -161,8 +167,9 @@ fn simulated(policy: &OptimalPolicy, e: &Environment, belief: Belief, count: u32
                 (0, FirstContext::Fixed) => Signal::FIXED_FIRST,
                 _ => Signal::draw(e.sigma, &mut stream),
             };
-            let believed = belief.probability_of_zero(&signal);
-            let action = policy.choose(time, believed, state[0], state[1]);
+            let is_known = time == 0 && e.first_context == FirstContext::Fixed;
+            let believed = if is_known { 1.0 } else { belief.probability_of_zero(&signal) };
+            let action = prospects(e.horizon - 1 - time, state).best(believed);
             let effect = respond(e, signal.context, action, state[0], state[1]);
             total += effect.reward;
             state = [effect.habituation, effect.disengagement];
@@ -197,9 +204,25 @@ fn errors_of_interpolation_add_up_to_what_a_policy_s_return_differs_by() {
             let walked = walk::mean_return(&grid, 160_000);
             let mut layers = Vec::new();
             let last = grid.induce(|_, layer| layers.push(layer.to_vec()));
-            let promised = grid.mean_return(last.before(environment.horizon - 1));
-            let policy = OptimalPolicy { grid, layers, last };
-            let [mean, error] = simulated(&policy, &environment, belief, 15_000);
+            let promised = promised(&grid, last.before(environment.horizon - 1));
+            let kept = |left: u32| match layers.get(left as usize) {
+                Some(layer) => Moment { layer, more: 0.0 },
+                None => last.before(left),
+            };
+            // Kept are the values with every eighth number of steps left, and the last.
+            let is_kept = |left| left == last.left || left < last.left && left % 8 == 0;
+            let value = |left: u32, h: f64, d: f64| {
+                if d >= environment.disengagement_threshold {
+                    0.0
+                } else if is_kept(left) {
+                    grid.value(kept(left), h, d)
+                } else {
+                    grid.mean_of_best(&grid.prospects(kept(left - 1), h, d))
+                }
+            };
+            let prospects =
+                |left: u32, [h, d]: [f64; 2]| grid.prospects_by(|h, d| value(left, h, d), h, d);
+            let [mean, error] = simulated(prospects, &environment, belief, 15_000);
             let apart = (walked.mean_return - mean).abs();
             assert!(apart < 4.0 * error.hypot(walked.standard_error), "{walked:?} {mean} {error}");
             broken = f64::max(broken, (promised - mean).abs() / error);
@@ -247,6 +270,12 @@ fn layers_are_what_single_states_make_on_every_instruction_set() {
     }
 }
 
+/// The value of the start, given those of the states after it.
+fn promised(grid: &Grid, later: Moment<'_>) -> f64 {
+    let e = grid.environment();
+    grid.mean_return(&grid.prospects(later, e.initial_habituation, e.initial_disengagement))
+}
+
 /// The value of the start by as many layers as there are steps.
 fn promised_in_full(grid: &Grid) -> f64 {
     let mut later = vec![0.0; grid.nodes()];
@@ -255,7 +284,7 @@ fn promised_in_full(grid: &Grid) -> f64 {
         grid.step_back(&later, &mut now);
         std::mem::swap(&mut later, &mut now);
     }
-    grid.mean_return(Moment { layer: &later, more: 0.0 })
+    promised(grid, Moment { layer: &later, more: 0.0 })
 }
 
 /// Ten tenths added up are less than 1, so that eleven mistakes are needed and not ten.
@@ -384,7 +413,7 @@ fn what_settles_in_the_mean_over_a_stretch_is_the_full_induction_s() {
     let [most, least] = [added.clone().fold(f64::MIN, f64::max), added.fold(f64::MAX, f64::min)];
     assert!(most - least > 0.5, "a single step has settled: {least} {most}");
     let full = promised_in_full(&grid);
-    let ours = grid.mean_return(induced.before(horizon - 1));
+    let ours = promised(&grid, induced.before(horizon - 1));
     assert!((full - ours).abs() < 5.0, "{full} {ours}");
 }
 

@@ -1,11 +1,15 @@
 //! Episodes of the policy that values make best: what the values' grid leaves out.
 //!
 //! Were the values exact, the value of a state would be the mean over the signal of what the best
-//! choice brings. What that mean exceeds it by is the error of interpolation in this one state. Over
-//! an episode of the policy, these errors add up, in the mean, to exactly the difference between the
+//! choice brings. What that mean exceeds it by is the error of the value in this one state. Over an
+//! episode of the policy, these errors add up, in the mean, to exactly the difference between the
 //! policy's mean return and the value of the start: rewards and values of the states on the way
 //! cancel out. So a few hundred episodes tell a mean return that a simulation of returns would need
 //! millions for.
+//!
+//! This holds whatever the values are. Those of the policy that is walked are not interpolated: each
+//! is the mean of the best choice by the interpolated values of the step after it. Such a policy
+//! looks one step further, and misses a fraction of what one misses that trusts interpolation.
 
 use std::ops::Range;
 
@@ -13,6 +17,7 @@ use crate::env::{Signal, SignalsAhead, respond};
 use crate::manifest::{Environment, FirstContext};
 use crate::rng::{Purpose, Stream};
 
+use super::Prospects;
 use super::grid::{Grid, Moment, in_parallel};
 
 /// Fewest and most episodes.
@@ -72,7 +77,10 @@ pub(super) fn mean_return(grid: &Grid, steps: u32) -> Walked {
         (end, above) = (start, first);
     }
     let left_out = moments(episodes.iter().map(|episode| episode.left_out));
-    let of_start = grid.mean_return(induced.before(e.horizon - 1));
+    let before = |left| induced.before(left);
+    let settled = Ahead { grid, left: induced.left..e.horizon, kept: &before };
+    let first = settled.prospects(e.horizon - 1, e.initial_habituation, e.initial_disengagement);
+    let of_start = grid.mean_return(&first);
     Walked {
         mean_return: of_start + left_out.0,
         standard_error: left_out.1,
@@ -80,23 +88,55 @@ pub(super) fn mean_return(grid: &Grid, steps: u32) -> Walked {
     }
 }
 
-/// Takes the steps of episodes after which so many are `left`, given the values with each number of
-/// steps left, by the number.
+/// Takes the steps of episodes after which so many are `left`, given the values that are kept with
+/// each number of steps left, by the number.
 fn roll<'a>(
     episodes: &mut [Episode],
     grid: &Grid,
     left: Range<u32>,
-    values: impl Fn(u32) -> Moment<'a> + Sync,
+    kept: impl Fn(u32) -> Moment<'a> + Sync,
 ) {
-    let horizon = grid.environment().horizon;
     let part = episodes.len().div_ceil(grid.threads);
     in_parallel(episodes.chunks_mut(part), |episodes| {
+        let ahead = Ahead { grid, left: left.clone(), kept: &kept };
         for left in left.clone().rev() {
-            let (later, now) = (values(left), left + 1);
-            let now = (now < horizon).then(|| values(now));
-            episodes.iter_mut().for_each(|episode| episode.step(grid, later, now));
+            episodes.iter_mut().for_each(|episode| episode.step(&ahead, left));
         }
     });
+}
+
+/// The values of states by those that are kept with one step less left.
+///
+/// Only those with the fewest steps left of a range, and those with as many as the range ends at,
+/// are taken as they are kept: of the former there is no step less at hand, and the latter are the
+/// former of the range before.
+struct Ahead<'g, F> {
+    grid: &'g Grid,
+    left: Range<u32>,
+    kept: &'g F,
+}
+
+impl<'a, F: Fn(u32) -> Moment<'a>> Ahead<'_, F> {
+    fn are_computed(&self, left: u32) -> bool {
+        self.left.start < left && left < self.left.end
+    }
+
+    /// The value of a state with so many steps left; 0 where the episode has ended.
+    fn value(&self, left: u32, habituation: f64, disengagement: f64) -> f64 {
+        let grid = self.grid;
+        let has_ended = disengagement >= grid.environment().disengagement_threshold;
+        if has_ended || !self.are_computed(left) {
+            return grid.value((self.kept)(left), habituation, disengagement);
+        }
+        let prospects = grid.prospects((self.kept)(left - 1), habituation, disengagement);
+        grid.mean_of_best(&prospects)
+    }
+
+    /// What each choice brings in a state after which so many steps are left.
+    fn prospects(&self, left: u32, habituation: f64, disengagement: f64) -> Prospects {
+        let later = |habituation, disengagement| self.value(left, habituation, disengagement);
+        self.grid.prospects_by(later, habituation, disengagement)
+    }
 }
 
 /// An episode under way.
@@ -106,7 +146,7 @@ struct Episode {
     habituation: f64,
     disengagement: f64,
     has_ended: bool,
-    /// The sum of the errors of interpolation on its way.
+    /// The sum of the errors of values on its way.
     left_out: f64,
 }
 
@@ -122,20 +162,21 @@ impl Episode {
         }
     }
 
-    /// Takes a step, given the values after it, and those before it if it is not the first.
-    fn step(&mut self, grid: &Grid, later: Moment<'_>, now: Option<Moment<'_>>) {
+    /// Takes a step after which so many are left.
+    fn step<'a>(&mut self, ahead: &Ahead<'_, impl Fn(u32) -> Moment<'a>>, left: u32) {
         if self.has_ended {
             return;
         }
-        let e = grid.environment();
+        let (grid, e) = (ahead.grid, ahead.grid.environment());
         let (habituation, disengagement) = (self.habituation, self.disengagement);
-        let prospects = grid.prospects(later, habituation, disengagement);
-        // The value of the start is computed and not interpolated.
-        if let Some(now) = now {
-            let interpolated = grid.value(now, habituation, disengagement);
-            self.left_out += grid.mean_of_best(&prospects) - interpolated;
+        let prospects = ahead.prospects(left, habituation, disengagement);
+        let is_first = left + 1 == e.horizon;
+        // The value of the start is what the best choice there brings.
+        if !is_first {
+            let value = ahead.value(left + 1, habituation, disengagement);
+            self.left_out += grid.mean_of_best(&prospects) - value;
         }
-        let (signal, believed) = if now.is_none() && e.first_context == FirstContext::Fixed {
+        let (signal, believed) = if is_first && e.first_context == FirstContext::Fixed {
             (Signal::FIXED_FIRST, 1.0)
         } else {
             let signal = self.ahead.take(grid.isa, &mut self.stream);
