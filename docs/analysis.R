@@ -250,14 +250,13 @@ shares$share <- shares$mean_return / shares$mean_return_best
 answers[["24"]] <- shares[c("agent", "scenario", "sigma", "share")]
 
 # Printed, or written as files.
-for (question in as.character(1:24)) {
-  answer <- answers[[question]]
-  if (length(arguments) < 2) {
-    cat("\n", question, ".\n", sep = "")
-    if (is.null(answer)) cat("nothing in this store\n") else print(answer, row.names = FALSE)
-  } else if (!is.null(answer)) {
+for (question in names(answers)) {
+  if (length(arguments) > 1) {
     dir.create(arguments[2], showWarnings = FALSE, recursive = TRUE)
     file <- file.path(arguments[2], paste0(question, ".csv"))
-    write.csv(answer, file, row.names = FALSE, na = "")
+    write.csv(answers[[question]], file, row.names = FALSE, na = "")
+  } else {
+    cat("\n", question, ".\n", sep = "")
+    print(answers[[question]], row.names = FALSE)
   }
 }

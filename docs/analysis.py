@@ -211,11 +211,10 @@ if "optimal" in mean.index.get_level_values("agent"):
 
 # %% Printed, or written as files
 if __name__ == "__main__":
-    for question in range(1, 25):
-        answer = answers.get(question)
-        if len(sys.argv) < 3:
-            print(f"\n{question}.\n{'nothing in this store' if answer is None else answer}")
-        elif answer is not None:
+    for question, answer in answers.items():
+        if len(sys.argv) > 2:
             folder = Path(sys.argv[2])
             folder.mkdir(parents=True, exist_ok=True)
             answer.to_csv(folder / f"{question}.csv")
+        else:
+            print(f"\n{question}.\n{answer}")
