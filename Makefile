@@ -13,7 +13,7 @@ run: ## build, run the quickstart into jitai.sqlite and report on it (minutes; `
 	$(CARGO) build --release
 	$(JITAI) run experiments/quickstart.toml
 	$(JITAI) report experiments/quickstart.toml --out reports/quickstart
-	@echo "jitai is $(JITAI); README.md says how to have it on the PATH"
+	@echo "jitai is $(or $(CARGO_TARGET_DIR),target)/release/jitai; README.md says how to have it on the PATH"
 
 PAPER := $(addprefix experiments/paper/,context_error.toml learning_curves.toml disengagement.toml)
 
