@@ -25,8 +25,7 @@ impl Speeds {
 
     /// Seconds of work in all that is left; `None` if some algorithm of it has not been timed.
     pub(super) fn seconds(&self, left: &Episodes) -> Option<f64> {
-        let estimate = self.estimate(left);
-        estimate.is_whole().then_some(estimate.seconds)
+        self.estimate(left).whole()
     }
 
     /// The work in what is left, as far as its algorithms have been timed.
@@ -59,15 +58,21 @@ impl Estimate {
         self.untimed.is_empty()
     }
 
+    /// The seconds, if they are of all algorithms.
+    pub(super) fn whole(&self) -> Option<f64> {
+        self.is_whole().then_some(self.seconds)
+    }
+
     /// The time when so many workers share it.
     pub(super) fn shared_by(self, workers: usize) -> Estimate {
         Estimate { seconds: self.seconds / workers.max(1) as f64, ..self }
     }
 
-    /// `about 5 s` or, where there is more to it, `at least 5 s`; nothing if nothing is known.
+    /// `about 5 s` or, where there is more to it, `at least 5 s`; nothing if nothing is known, and
+    /// never at least nothing.
     pub(super) fn spoken(&self) -> Option<String> {
-        let about = if self.is_whole() { "about" } else { "at least" };
-        (self.seconds > 0.0).then(|| format!("{about} {}", spoken(self.seconds)))
+        let (about, least) = if self.is_whole() { ("about", 0.0) } else { ("at least", 0.5) };
+        (self.seconds > least).then(|| format!("{about} {}", spoken(self.seconds)))
     }
 }
 
@@ -134,6 +139,7 @@ mod tests {
         left.add("dueling_dqn", 1);
         assert_eq!(speeds.seconds(&left), None);
         assert_eq!(speeds.estimate(&left).shared_by(2).spoken().unwrap(), "at least 30 s");
+        assert_eq!(speeds.estimate(&left).shared_by(200).spoken(), None);
     }
 
     #[test]

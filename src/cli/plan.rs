@@ -327,8 +327,7 @@ fn list_experiments(mut survey: Survey<'_>, arguments: &Arguments) -> Result<(),
             }
             Ok(())
         })?;
-        let left = time(&experiment);
-        let left = left.is_whole().then_some(left.seconds);
+        let left = time(&experiment).whole();
         dropped.push((&manifest.name, survey.dropped(place)?));
         rows.row(&counts::cells(&manifest.name, &experiment.counts, left))?;
     }
