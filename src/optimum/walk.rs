@@ -59,7 +59,8 @@ pub(super) fn mean_return(grid: &Grid, steps: u32) -> Walked {
     let (fewest, most) = EPISODES;
     let mut episodes: Vec<Episode> =
         (1..=(steps / e.horizon).clamp(fewest, most)).map(|seed| Episode::start(e, seed)).collect();
-    roll(&mut episodes, grid, induced.left..e.horizon, |left| induced.before(left));
+    let settled = |left| induced.before(left);
+    roll(&mut episodes, grid, induced.left..e.horizon, settled);
     let (mut end, mut above) = (induced.left, &induced.layer);
     let mut layers = vec![vec![0.0; grid.nodes()]; distance as usize + 1];
     for (i, first) in kept.iter().enumerate().rev() {
@@ -77,9 +78,8 @@ pub(super) fn mean_return(grid: &Grid, steps: u32) -> Walked {
         (end, above) = (start, first);
     }
     let left_out = moments(episodes.iter().map(|episode| episode.left_out));
-    let before = |left| induced.before(left);
-    let settled = Ahead { grid, left: induced.left..e.horizon, kept: &before };
-    let first = settled.prospects(e.horizon - 1, e.initial_habituation, e.initial_disengagement);
+    let ahead = Ahead { grid, left: induced.left..e.horizon, kept: &settled };
+    let first = ahead.prospects(e.horizon - 1, e.initial_habituation, e.initial_disengagement);
     let of_start = grid.mean_return(&first);
     Walked {
         mean_return: of_start + left_out.0,
