@@ -73,17 +73,22 @@ impl Axis {
         Axis::new(before_one.chain([1.0]).collect())
     }
 
-    /// Nodes from 0 to `end` in steps of at most `end / steps`, two at each of the increasing `jumps`
-    /// between. The last stands for the limit at `end`.
-    pub fn with_jumps(end: f64, steps: usize, jumps: &[f64]) -> Axis {
-        let mut nodes = Vec::new();
-        let mut from = 0.0;
-        for to in jumps.iter().copied().chain([end]) {
-            let parts = ((to - from) / end * steps as f64).ceil().max(1.0);
-            nodes.extend((0..parts as u32).map(|i| from + (to - from) * f64::from(i) / parts));
-            nodes.push(to);
-            from = to;
+    /// Nodes at 0, at the `lines` between it and `end`, two at each of the `jumps` there, and at `end`,
+    /// where the node stands for the limit. Lines within `apart` of a jump are that jump.
+    pub fn with_jumps(end: f64, lines: &[f64], jumps: &[f64], apart: f64) -> Axis {
+        let lines = lines.iter().map(|line| (*line, false));
+        let mut inner: Vec<(f64, bool)> =
+            jumps.iter().map(|jump| (*jump, true)).chain(lines).collect();
+        inner.retain(|(x, _)| apart < *x && *x < end - apart);
+        inner.sort_by(|(x, _), (y, _)| x.total_cmp(y));
+        let mut nodes = vec![0.0];
+        for near in inner.chunk_by(|(x, _), (y, _)| y - x < apart) {
+            match near.iter().find(|(_, is_jump)| *is_jump) {
+                Some((jump, _)) => nodes.extend([*jump, *jump]),
+                None => nodes.push(near[0].0),
+            }
         }
+        nodes.push(end);
         Axis::new(nodes)
     }
 
@@ -169,7 +174,8 @@ mod tests {
 
     #[test]
     fn places_are_between_neighbours_and_jumps_have_two_sides() {
-        let axis = Axis::with_jumps(1.0, 4, &[0.6]);
+        // A line that is a rounding away from the jump is the jump.
+        let axis = Axis::with_jumps(1.0, &[0.4, 0.6 - 1e-12, 0.8, 0.2, 1.0], &[0.6, 1.2], 1e-9);
         let expected = [0.0, 0.2, 0.4, 0.6, 0.6, 0.8, 1.0];
         assert!(axis.nodes().iter().zip(expected).all(|(ours, x)| (ours - x).abs() < 1e-15));
         let values = [0.0, 2.0, 4.0, 6.0, 16.0, 18.0, 20.0];
@@ -193,9 +199,10 @@ mod tests {
     fn parts_lead_to_the_node_that_halving_finds() {
         // At the end of a part there are twins; others are crowded in one.
         let jumps = [1e-3, 1.1e-3, 0.3, 0.300_1, 0.699_999];
+        let ninths: [f64; 8] = array::from_fn(|i| (i + 1) as f64 / 9.0);
         let axes = [
-            Axis::with_jumps(0.7, 9, &jumps),
-            Axis::with_jumps(1.0, 8, &[0.25, 0.5]),
+            Axis::with_jumps(0.7, &ninths.map(|ninth| 0.7 * ninth), &jumps, 1e-9),
+            Axis::with_jumps(1.0, &[0.125, 0.25, 0.375, 0.5, 0.625, 0.875], &[0.25, 0.5], 1e-9),
             Axis::with_stride(0.013, 20),
             Axis::through(vec![0.1, 0.2, 0.7], 0.700_000_1),
         ];

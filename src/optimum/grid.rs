@@ -28,12 +28,15 @@ use super::expectation::Expectation;
 
 /// Jumps nearer to each other than this are one.
 const APART: f64 = 1e-9;
-/// How much smaller a jump becomes by a wrong message, in decays: what it is worth to be followed.
-const DECAYS_A_MISTAKE: u32 = 4;
-/// How far the steps before a step may still differ from it in what they add, in units
-/// ([`Grid::unit`]) for a step of the horizon, for the induction to take them as equal. The policy
-/// that does so loses far less: its choices are the best but where two are nearly as good.
-const SETTLED: f64 = 0.001;
+/// How much smaller a jump becomes by a wrong message, in suitable ones: what it is worth to be
+/// followed.
+const DECAYS_A_MISTAKE: u32 = 7;
+/// How much shorter than the steps that are asked for those may be that a decay leads along.
+const SHORTEST_STEP: f64 = 0.25;
+/// How far the steps before a step may still differ from it in what they add, in all and in units
+/// ([`Grid::unit`]), for the induction to take them as equal, unless more is allowed. The policy that
+/// does so loses far less: its choices are the best but where two are nearly as good.
+const SETTLED: f64 = 0.5;
 /// How much farther the mean steps of a stretch may differ, for it to be worth to take their ripple
 /// away.
 const WORTH_SMOOTHING: f64 = 10.0;
@@ -46,6 +49,13 @@ const USUAL_REWARD: f64 = 200.0;
 const AT_ONCE: usize = 4;
 /// Values of a layer for which it is worth to wake a thread.
 const WORTH_A_THREAD: usize = 2_000;
+
+/// A variable of the state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Variable {
+    Habituation,
+    Disengagement,
+}
 
 /// How fine a grid is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,23 +72,43 @@ pub(super) struct Resolution {
 }
 
 impl Resolution {
-    /// Twice as fine in habituation.
-    pub fn finer_in_habituation(self) -> Resolution {
-        Resolution { habituation: 2 * self.habituation, ..self }
-    }
-
-    /// Twice as fine in everything but levels, so many times over.
-    pub fn refined(self, times: u32) -> Resolution {
-        Resolution {
-            habituation: self.habituation << times,
-            disengagement: self.disengagement << times,
-            jumps: self.jumps << times,
-            levels: self.levels,
+    /// The variables that have steps.
+    pub fn variables(self) -> &'static [Variable] {
+        match self.disengagement {
+            0 => &[Variable::Habituation],
+            _ => &[Variable::Habituation, Variable::Disengagement],
         }
     }
 
+    /// Twice as fine in one variable.
+    fn finer_in(self, variable: Variable) -> Resolution {
+        match variable {
+            Variable::Habituation => Resolution { habituation: 2 * self.habituation, ..self },
+            Variable::Disengagement => {
+                let Resolution { disengagement, jumps, .. } = self;
+                Resolution { disengagement: 2 * disengagement, jumps: 2 * jumps, ..self }
+            }
+        }
+    }
+
+    /// As fine in one variable as it takes in an environment for more lines than these: those of
+    /// habituation stay where its increments are shorter than the steps that are asked for.
+    pub fn with_more_lines(self, variable: Variable, environment: &Environment) -> Resolution {
+        let mut finer = self.finer_in(variable);
+        while variable == Variable::Habituation && finer.rows(environment) == self.rows(environment)
+        {
+            finer = finer.finer_in(variable);
+        }
+        finer
+    }
+
+    /// Twice as fine in every variable.
+    pub fn refined(self) -> Resolution {
+        self.variables().iter().fold(self, |finer, variable| finer.finer_in(*variable))
+    }
+
     /// How many lines a grid of this environment has in habituation.
-    pub fn rows(self, environment: &Environment) -> usize {
+    fn rows(self, environment: &Environment) -> usize {
         self.habituation_axis(environment).nodes().len()
     }
 
@@ -217,6 +247,8 @@ pub(super) struct Grid {
     pub isa: Isa,
     /// Most threads that compute.
     pub threads: usize,
+    /// How far the steps before a step may differ from it in what they add, in all and in units.
+    pub settled: f64,
     baseline: [f64; 2],
     expectation: Expectation,
     habituation: Axis,
@@ -255,8 +287,8 @@ impl Grid {
         let disengagement = match levels {
             Some(levels) => Axis::through(levels, threshold),
             None => {
-                let jumps = jumps(e, resolution.jumps);
-                Axis::with_jumps(threshold, resolution.disengagement, &jumps)
+                let lines = lines(e, resolution.disengagement);
+                Axis::with_jumps(threshold, &lines, &jumps(e, resolution.jumps), APART)
             }
         };
         let row = |h: &f64| {
@@ -290,6 +322,7 @@ impl Grid {
             belief,
             isa: Isa::chosen(),
             threads: 1,
+            settled: SETTLED,
             baseline,
             expectation,
             habituation,
@@ -394,7 +427,7 @@ impl Grid {
 
     /// How far the steps before a step may differ from it in what they add, in all.
     fn allowed(&self) -> f64 {
-        SETTLED * self.unit() * f64::from(self.environment.horizon)
+        self.settled * self.unit()
     }
 
     /// The values one step earlier.
@@ -590,13 +623,56 @@ pub(super) fn levels(e: &Environment, most: usize) -> Option<Vec<f64>> {
     (are_apart && (1..=most).contains(&levels.len())).then_some(levels)
 }
 
+/// The disengagement risk from which on a wrong message ends the episode.
+fn danger(e: &Environment) -> f64 {
+    (e.disengagement_threshold - e.epsilon_d).max(0.0)
+}
+
+/// How many lines lead from one to its decay, in steps of at most the threshold / `steps` up to where a
+/// mistake would end the episode. `None` where that makes far shorter steps than those, or no sense.
+fn lines_a_decay(e: &Environment, steps: usize) -> Option<f64> {
+    let step = e.disengagement_threshold / steps as f64;
+    let decay = -libm::log1p(-e.delta_d) * danger(e);
+    let leads_on = decay > SHORTEST_STEP * step && e.delta_d < 1.0 && e.epsilon_d > 0.0;
+    leads_on.then(|| (decay / step).ceil())
+}
+
+/// Disengagement risks below the threshold in steps of at most the threshold / `steps` up to where a
+/// mistake would end the episode; further up there are as many between a line and its decay.
+///
+/// A decay leads from each to another, so that nothing is interpolated along decays: a flaw of the
+/// values in between is the same after every decay, and none is taken for a gain. Only where the steps
+/// of such lines would be far shorter than those that are asked for, the lines are in equal steps.
+fn lines(e: &Environment, steps: usize) -> Vec<f64> {
+    let (threshold, danger) = (e.disengagement_threshold, danger(e));
+    let step = threshold / steps as f64;
+    let up_to = |end: f64| {
+        let parts = (end / step).ceil();
+        (1..parts as u32).map(move |i| end * f64::from(i) / parts)
+    };
+    let Some(parts) = lines_a_decay(e, steps) else {
+        return up_to(threshold).collect();
+    };
+    let ratio = libm::pow(1.0 - e.delta_d, 1.0 / parts);
+    let above = iter::successors(Some(danger / ratio), |x| Some(x / ratio));
+    let below = iter::successors(Some(danger), |x| Some(x * ratio));
+    let is_long = |x: &f64| x * (1.0 - ratio) > SHORTEST_STEP * step;
+    let mut lines: Vec<f64> = below.take_while(is_long).collect();
+    let lowest = lines.last().copied().unwrap_or(danger);
+    lines.extend(above.take_while(|x| *x < threshold));
+    lines.extend(up_to(lowest));
+    lines
+}
+
 /// The disengagement risks at which the value jumps, increasing: the largest jumps, at most so many.
+///
+/// From where a mistake would end the episode, none is made, so that a jump there is as large a decay
+/// further up.
 fn jumps(e: &Environment, most: usize) -> Vec<f64> {
-    let threshold = e.disengagement_threshold;
+    let (threshold, danger) = (e.disengagement_threshold, danger(e));
     let mut found: Vec<f64> = Vec::new();
     // Numbers above 0 are in the order of their bits.
-    let mut waiting =
-        BinaryHeap::from([Reverse((0, (threshold - e.epsilon_d).max(0.0).to_bits()))]);
+    let mut waiting = BinaryHeap::from([Reverse((0, danger.to_bits()))]);
     while found.len() < most
         && let Some(Reverse((smallness, bits))) = waiting.pop()
     {
@@ -608,7 +684,8 @@ fn jumps(e: &Environment, most: usize) -> Vec<f64> {
         found.push(jump);
         // At 1 a suitable message leads to 0 from everywhere.
         if e.delta_d < 1.0 {
-            waiting.push(Reverse((smallness + 1, (jump / (1.0 - e.delta_d)).to_bits())));
+            let smaller = u32::from(jump < danger - APART);
+            waiting.push(Reverse((smallness + smaller, (jump / (1.0 - e.delta_d)).to_bits())));
         }
         let mistaken = (jump - e.epsilon_d).max(0.0);
         waiting.push(Reverse((smallness + DECAYS_A_MISTAKE, mistaken.to_bits())));
@@ -632,6 +709,62 @@ pub(super) fn in_parallel<P: Send, R: Send>(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn with(delta_d: f64, epsilon_d: f64, disengagement_threshold: f64) -> Environment {
+        let paper = Environment::paper(0.8);
+        Environment { delta_d, epsilon_d, disengagement_threshold, ..paper }
+    }
+
+    #[test]
+    fn a_decay_leads_from_line_to_line() {
+        for (environment, steps) in [
+            (with(0.1, 0.4, 1.0), 75),
+            (with(0.01, 0.4, 0.8), 75),
+            (with(0.5, 0.1, 0.6), 300),
+            (with(0.002, 0.05, 1.0), 1200),
+        ] {
+            let mut lines = lines(&environment, steps);
+            lines.sort_by(f64::total_cmp);
+            let threshold = environment.disengagement_threshold;
+            let step = threshold / steps as f64;
+            let below = lines.partition_point(|line| *line < danger(&environment) + 1e-12);
+            assert!(lines[..below].windows(2).all(|pair| pair[1] - pair[0] < step + 1e-12));
+            assert!(lines[0] < step + 1e-12 && lines.iter().all(|line| *line < threshold));
+            let is_line = |x: f64| lines.iter().any(|line| (line - x).abs() < 1e-12);
+            assert!(is_line(danger(&environment)));
+            // Further down they are in equal steps.
+            let parts = lines_a_decay(&environment, steps).unwrap();
+            let share = 1.0 - libm::pow(1.0 - environment.delta_d, 1.0 / parts);
+            let lowest = SHORTEST_STEP * step / share;
+            let decays = lines.iter().map(|line| (1.0 - environment.delta_d) * line);
+            let led_to: Vec<f64> = decays.filter(|x| *x > lowest).collect();
+            assert!(led_to.len() > 5 && led_to.iter().all(|x| is_line(*x)), "{environment:?}");
+        }
+    }
+
+    #[test]
+    fn lines_are_in_equal_steps_where_decays_lead_nowhere() {
+        let of = |delta_d, epsilon_d| lines(&with(delta_d, epsilon_d, 1.0), 4);
+        for (delta_d, epsilon_d) in [(1e-9, 0.4), (1.0, 0.4), (0.1, 0.0), (0.1, 1.0), (0.0, 0.4)] {
+            assert_eq!(of(delta_d, epsilon_d), [0.25, 0.5, 0.75], "{delta_d} {epsilon_d}");
+        }
+    }
+
+    #[test]
+    fn jumps_are_followed_upwards_first_where_no_mistake_is_made() {
+        let environment = with(0.1, 0.4, 1.0);
+        let of = |most| jumps(&environment, most);
+        let upwards: Vec<f64> = (0..5).map(|i| 0.6 / 0.9_f64.powi(i)).collect();
+        let are_near = |ours: &[f64], others: &[f64]| {
+            ours.len() == others.len()
+                && ours.iter().zip(others).all(|(one, other)| (one - other).abs() < 1e-12)
+        };
+        assert!(are_near(&of(3), &upwards[..3]) && are_near(&of(5), &upwards), "{:?}", of(5));
+        // Then what leads there by one mistake.
+        let mistaken: Vec<f64> = upwards.iter().map(|jump| jump - 0.4).collect();
+        assert!(are_near(&of(10), &[mistaken, upwards].concat()), "{:?}", of(10));
+        assert!(jumps(&with(0.1, 0.0, 1.0), 10).is_empty());
+    }
 
     #[test]
     fn the_least_and_the_most_are_found_wherever_they_are() {

@@ -18,6 +18,7 @@ mod grid;
 mod search;
 mod walk;
 
+use std::iter;
 use std::num::NonZeroUsize;
 
 use crate::env::{Action, Belief};
@@ -26,9 +27,6 @@ use crate::manifest::{Environment, Feature, FirstContext, Scenario};
 use grid::{Grid, Induced, Moment, Resolution, levels};
 use search::Search;
 
-/// The coarsest grid.
-const COARSEST: Resolution =
-    Resolution { habituation: 10, disengagement: 75, jumps: 25, levels: 0 };
 /// The habituation of the coarsest grid where disengagement risk never decays and its levels are few.
 const COARSEST_OF_LEVELS: usize = 20;
 /// Most of them.
@@ -37,7 +35,10 @@ const MOST_LEVELS: usize = 200;
 const COARSEST_OF_HABITUATION: Resolution =
     Resolution { habituation: 250, disengagement: 0, jumps: 0, levels: 0 };
 /// How often the coarsest grid is refined for a policy, at most.
-const POLICY_REFINED: u32 = 3;
+const POLICY_REFINED: usize = 3;
+/// How far the steps before a step may differ from it in what they add, for a policy to keep no values
+/// of them: in units of the grid for a step of the horizon.
+const POLICY_SETTLED: f64 = 0.001;
 /// Most values that a policy keeps, or so: 80 MB.
 const MOST_OF_POLICY: usize = 10_000_000;
 
@@ -46,10 +47,10 @@ const MOST_OF_POLICY: usize = 10_000_000;
 pub struct Optimum {
     /// Mean undiscounted return of the best policy that was found, in steps walked.
     pub mean_return: f64,
-    /// How far that may be from the best policy's, in steps walked: half of what the last refinement
-    /// of the grid changed, or a sixth of what the one before did, if that is more, for the policy is
-    /// a little worse; the same for habituation alone where that left its lines as they were, and there
-    /// was time; and two standard errors.
+    /// How far that may be from the best policy's, in steps walked: for habituation and for
+    /// disengagement risk, half of what the last refinement of the grid changed, or a sixth of what the
+    /// one before did, if that is more, for the policy is a little worse, or all that the only one did;
+    /// and two standard errors.
     pub error: f64,
 }
 
@@ -113,7 +114,12 @@ fn coarsest(environment: &Environment, belief: Belief) -> Resolution {
         let habituation = COARSEST_OF_LEVELS;
         Resolution { habituation, disengagement: 0, jumps: 0, levels: levels.len() }
     } else {
-        COARSEST
+        let habituation = match belief {
+            Belief::Inferred { .. } => 20,
+            // Values have kinks in it where the signal is one of few.
+            _ => 40,
+        };
+        Resolution { habituation, disengagement: 75, jumps: 50, levels: 0 }
     }
 }
 
@@ -167,11 +173,17 @@ impl OptimalPolicy {
         shows_state(scenario)?;
         let belief = Belief::new(environment, scenario);
         let coarsest = coarsest(environment, belief);
-        let on = |resolution| Grid::new(environment, belief, resolution);
+        let on = |resolution| {
+            let mut grid = Grid::new(environment, belief, resolution);
+            grid.settled = f64::max(grid.settled, POLICY_SETTLED * f64::from(environment.horizon));
+            grid
+        };
         // About as many as a finer grid takes.
         let steps = on(coarsest).induce(|_, _| ()).left as usize + 1;
-        let finest = (1..=POLICY_REFINED).rev().map(|times| on(coarsest.refined(times)));
-        let mut affordable = finest.filter(|grid| grid.nodes() * steps <= MOST_OF_POLICY);
+        let finer = iter::successors(Some(coarsest), |resolution| Some(resolution.refined()));
+        let finer: Vec<Resolution> = finer.skip(1).take(POLICY_REFINED).collect();
+        let mut affordable =
+            finer.into_iter().rev().map(on).filter(|grid| grid.nodes() * steps <= MOST_OF_POLICY);
         let grid = affordable.next().unwrap_or_else(|| on(coarsest));
         let mut layers = Vec::new();
         let last = grid.induce(|_, layer| layers.push(layer.to_vec()));

@@ -4,18 +4,24 @@ use crate::env::Belief;
 use crate::manifest::Environment;
 
 use super::Optimum;
-use super::grid::{Grid, Resolution};
+use super::grid::{Grid, Resolution, Variable};
 use super::walk::{self, Walked};
 
 /// Error that is small enough, in units of the grid.
 const SMALL: f64 = 0.1;
-/// Steps of episodes on the coarsest grid; on every further one they are twice as many.
-const STEPS: u32 = 125_000;
+/// Steps of episodes on the coarsest grid, or so; on others they grow with the root of the values.
+const STEPS: f64 = 125_000.0;
+/// Fewest and most episodes of a grid.
+const EPISODES: (u32, u32) = (50, 2_000);
+/// Most episodes of the grid that is taken in the end.
+const MOST_EPISODES: u32 = 20_000;
+/// How many times more must be to come of another variable, for finer lines in one not to be kept.
+const NEGLIGIBLE: f64 = 4.0;
 /// Values that are computed in the time of a step of an episode.
 const VALUES_A_STEP: usize = 150;
-/// Most values that are computed for an optimum, in all, unless the first grids take more: twelve
+/// Most values that are computed for an optimum, in all, unless the first grids take more: fifteen
 /// seconds of a core or so.
-pub(super) const MOST_COMPUTED: usize = 2_700_000_000;
+pub(super) const MOST_COMPUTED: usize = 3_400_000_000;
 /// Most values that a search keeps at a time: 640 MB.
 const MOST_KEPT: usize = 80_000_000;
 
@@ -35,14 +41,43 @@ pub(super) struct Search<'a> {
 #[derive(Clone, Copy, Debug)]
 struct Tried {
     resolution: Resolution,
-    /// How many lines it has in habituation, and in disengagement.
-    rows: usize,
-    columns: usize,
-    /// What differences are measured by.
-    unit: f64,
-    /// The steps of episodes that were asked for.
-    steps: u32,
+    /// How many values a layer has.
+    nodes: usize,
+    /// The steps of episodes that were asked for, and how many episodes those are.
+    steps: f64,
+    episodes: u32,
     walked: Walked,
+}
+
+/// What finer lines in a variable have changed.
+#[derive(Clone, Copy, Debug)]
+struct Changes {
+    variable: Variable,
+    /// When they were made finer the last time, and the time before.
+    last: Option<f64>,
+    before: Option<f64>,
+}
+
+impl Changes {
+    fn none_in(variable: Variable) -> Changes {
+        Changes { variable, last: None, before: None }
+    }
+
+    fn add(&mut self, change: f64) {
+        (self.last, self.before) = (Some(change), self.last);
+    }
+
+    /// What finer and finer lines would still change; infinite if none were tried.
+    ///
+    /// The policy of lines twice as fine misses a third of what the one before it misses, or less. That
+    /// both miss the same is unlikely, but it happens; the change before tells of it.
+    fn still_to_come(&self) -> f64 {
+        match (self.last, self.before) {
+            (Some(last), Some(before)) => f64::max(last, before / 3.0) / 2.0,
+            (Some(last), None) => last,
+            (None, _) => f64::INFINITY,
+        }
+    }
 }
 
 impl<'a> Search<'a> {
@@ -50,66 +85,55 @@ impl<'a> Search<'a> {
         Search { environment, belief, threads, computed: 0, most_computed: MOST_COMPUTED }
     }
 
-    /// The best policy of grids from the coarsest on, each twice as fine as the one before it.
+    /// The best policy of finer and finer grids, from the coarsest on. Each is twice as fine as the one
+    /// before it in the variable of which the most is still to come, until that is little, and no
+    /// variable owes that to a coincidence, or until there is no time.
     pub fn best_from(mut self, coarsest: Resolution) -> Optimum {
-        let (mut tried, mut steps) = (Vec::new(), STEPS);
-        let mut next = (coarsest, self.grid(coarsest));
-        let missed = loop {
-            let (resolution, grid) = next;
-            let last = self.walk(resolution, &grid, steps);
-            tried.push(last);
-            let finer = resolution.refined(1);
-            next = (finer, self.grid(finer));
-            steps = steps.saturating_mul(2);
-            let is_affordable = self.affords(next.1.nodes(), last);
-            if let Some(missed) = missed(&tried)
-                && (error(missed, &tried) < SMALL * last.unit || !is_affordable)
-            {
-                break missed;
+        let grid = self.grid(coarsest);
+        let small = SMALL * grid.unit();
+        let mut last = self.walk(coarsest, &grid, STEPS);
+        let mut best = last;
+        let mut changes: Vec<Changes> =
+            coarsest.variables().iter().map(|variable| Changes::none_in(*variable)).collect();
+        while let Some(most) = most_to_come(&changes, small) {
+            let variable = changes[most].variable;
+            let resolution = last.resolution.with_more_lines(variable, self.environment);
+            let grid = self.grid(resolution);
+            if missed(&changes).is_finite() && !self.affords(grid.nodes(), last) {
+                break;
             }
-        };
-        let missed = missed + self.missed_in_habituation(missed, &mut tried);
-        Optimum { mean_return: best(&tried).mean_return, error: error(missed, &tried) }
+            let growth = grid.nodes() as f64 / last.nodes as f64;
+            let next = self.walk(resolution, &grid, last.steps * growth.sqrt());
+            let change = (next.walked.mean_return - last.walked.mean_return).abs();
+            changes[most].add(change);
+            best = better(best, next);
+            let missed = missed(&changes);
+            let of_others = missed - changes[most].still_to_come();
+            if missed.is_infinite() || NEGLIGIBLE * change >= of_others {
+                last = next;
+            }
+        }
+        // A coarser grid's policy is only better where finer ones are flawed.
+        let flawed = best.walked.mean_return - last.walked.mean_return;
+        let missed = f64::max(missed(&changes), flawed);
+        let allowed = f64::max(small - missed, f64::max(small, missed) / 2.0);
+        let walked = self.walked_longer(best, allowed);
+        Optimum { mean_return: walked.mean_return, error: missed + 2.0 * walked.standard_error }
     }
 
-    /// What is missed in habituation, so much being missed besides, unless the grids have twice become
-    /// finer in it. They have not where its increments are shorter than the steps that are asked for.
-    ///
-    /// Grids that are finer in it alone tell: than the finest grid, or, if there is no time for that,
-    /// than a coarser one with as many lines.
-    fn missed_in_habituation(&mut self, besides: f64, tried: &mut Vec<Tried>) -> f64 {
-        let refined = tried.windows(2).filter(|pair| pair[0].rows < pair[1].rows).count();
-        if refined >= 2 {
-            return 0.0;
+    /// The policy of a grid, over as many more episodes as it needs for two standard errors to be what
+    /// is allowed, or as there is time for.
+    fn walked_longer(&self, tried: Tried, allowed: f64) -> Walked {
+        let excess = 2.0 * tried.walked.standard_error / allowed;
+        let layers = self.values(tried.nodes, tried.walked.layers);
+        let left = self.most_computed.saturating_sub(self.computed + layers);
+        let affordable = left / self.stepping(1);
+        let episodes = (f64::from(tried.episodes) * excess * excess) as usize;
+        let episodes = episodes.min(affordable).min(MOST_EPISODES as usize) as u32;
+        if episodes < 2 * tried.episodes {
+            return tried.walked;
         }
-        let finest = tried[tried.len() - 1];
-        let alike = || tried.iter().rev().take_while(|other| other.rows == finest.rows).copied();
-        let is_affordable = |other: &Tried| self.affords(self.with_more_rows(*other).1, *other);
-        // It is taken even if there is no time: it has fewer nodes than all that were tried.
-        let coarsest = alike().last().filter(|_| refined == 0);
-        let Some(first) = alike().find(is_affordable).or(coarsest) else { return 0.0 };
-        let is_finest = first.resolution == finest.resolution;
-        let mut last = self.walk_with_more_rows(first);
-        let mut changes = [apart(last.walked, first.walked), 0.0];
-        for made in 1.. {
-            if is_finest {
-                tried.push(last);
-            }
-            let [change, before] = changes;
-            let to_come = change_to_come(change, before);
-            let is_little =
-                refined + made >= 2 && to_come <= f64::max(besides, SMALL * last.unit / 2.0);
-            let (_, nodes) = self.with_more_rows(last);
-            if is_little || !self.affords(nodes, last) {
-                // The number is that of the finest grid, which has none of what was gained.
-                let gained = if is_finest { 0.0 } else { apart(last.walked, first.walked) };
-                return gained + to_come;
-            }
-            let next = self.walk_with_more_rows(last);
-            changes = [apart(next.walked, last.walked), change];
-            last = next;
-        }
-        unreachable!("there is no time for ever finer grids")
+        walk::mean_return(&self.grid(tried.resolution), episodes)
     }
 
     fn grid(&self, resolution: Resolution) -> Grid {
@@ -118,29 +142,12 @@ impl<'a> Search<'a> {
         grid
     }
 
-    /// The next grid that is finer in habituation alone, and how many values a layer of it has.
-    fn with_more_rows(&self, than: Tried) -> (Resolution, usize) {
-        let mut resolution = than.resolution;
-        loop {
-            resolution = resolution.finer_in_habituation();
-            let rows = resolution.rows(self.environment);
-            if rows > than.rows {
-                return (resolution, rows * than.columns);
-            }
-        }
-    }
-
-    fn walk_with_more_rows(&mut self, than: Tried) -> Tried {
-        let (resolution, _) = self.with_more_rows(than);
-        self.walk(resolution, &self.grid(resolution), than.steps)
-    }
-
-    fn walk(&mut self, resolution: Resolution, grid: &Grid, steps: u32) -> Tried {
-        let walked = walk::mean_return(grid, steps);
-        let [layers, steps_taken] = walked.work;
-        self.computed += self.values(grid.nodes(), layers) + VALUES_A_STEP * steps_taken;
-        let (rows, unit) = (resolution.rows(self.environment), grid.unit());
-        Tried { resolution, rows, columns: grid.nodes() / rows, unit, steps, walked }
+    fn walk(&mut self, resolution: Resolution, grid: &Grid, steps: f64) -> Tried {
+        let (fewest, most) = EPISODES;
+        let episodes = ((steps / f64::from(self.environment.horizon)) as u32).clamp(fewest, most);
+        let (nodes, walked) = (grid.nodes(), walk::mean_return(grid, episodes));
+        self.computed += self.values(nodes, walked.layers) + self.stepping(episodes);
+        Tried { resolution, nodes, steps, episodes, walked }
     }
 
     /// The values of layers of so many nodes. Where the context is inferred, a value takes twice the
@@ -150,50 +157,41 @@ impl<'a> Search<'a> {
         nodes * layers * if inferred { 2 } else { 1 }
     }
 
+    /// Values that are computed in the time of so many episodes.
+    fn stepping(&self, episodes: u32) -> usize {
+        VALUES_A_STEP * episodes as usize * self.environment.horizon as usize
+    }
+
     /// Whether there is time and room for a grid of so many nodes, finer than the one tried before.
     fn affords(&self, nodes: usize, before: Tried) -> bool {
-        let [layers, steps] = before.walked.work;
+        let layers = before.walked.layers;
         // A finer grid may take more steps to settle. Layers are computed twice; at most three times
         // the root of their number are kept.
-        let takes = self.values(nodes, layers) * 5 / 4 + 2 * VALUES_A_STEP * steps;
+        let takes = self.values(nodes, layers) * 5 / 4 + 2 * self.stepping(before.episodes);
         self.computed + takes <= self.most_computed && nodes * 3 * (layers / 2).isqrt() <= MOST_KEPT
     }
 }
 
-/// The best policy of finer and finer grids: the last, unless one before is better beyond chance,
-/// which happens where the value of a finer grid is flawed in a place that its policy prefers.
-fn best(tried: &[Tried]) -> Walked {
-    let better = |best: Walked, next: &Tried| {
-        let chance = 2.0 * (best.standard_error + next.walked.standard_error);
-        let is_better = best.mean_return - next.walked.mean_return > chance;
-        if is_better { best } else { next.walked }
-    };
-    tried.iter().skip(1).fold(tried[0].walked, better)
+/// What finer and finer lines would still change, in all variables.
+fn missed(changes: &[Changes]) -> f64 {
+    changes.iter().map(Changes::still_to_come).sum()
 }
 
-/// How far the best policy may be from the best there is, if so much is missed.
-fn error(missed: f64, tried: &[Tried]) -> f64 {
-    missed + 2.0 * best(tried).standard_error
-}
-
-/// What finer and finer grids would still change; `None` if fewer than three were tried.
-fn missed(tried: &[Tried]) -> Option<f64> {
-    let [before @ .., _, last] = tried else { return None };
-    if before.is_empty() {
-        return None;
+/// The variable of which most is still to come; if that is small in all of them, one that was made
+/// finer only once, if any.
+fn most_to_come(changes: &[Changes], small: f64) -> Option<usize> {
+    if missed(changes) < small {
+        return changes.iter().position(|changes| changes.before.is_none());
     }
-    let (first, second) = (best(before), best(&tried[..tried.len() - 1]));
-    Some(change_to_come(apart(second, last.walked), apart(first, second)))
+    let by_need =
+        |i: &usize, j: &usize| changes[*i].still_to_come().total_cmp(&changes[*j].still_to_come());
+    (0..changes.len()).max_by(by_need)
 }
 
-fn apart(one: Walked, other: Walked) -> f64 {
-    (one.mean_return - other.mean_return).abs()
-}
-
-/// What finer and finer grids would still change, by what the last refinement did and the one before.
-///
-/// The policy of a grid twice as fine misses a third of what the one before it misses, or less. That
-/// both miss the same is unlikely, but it happens; the change before tells of it.
-fn change_to_come(last: f64, before: f64) -> f64 {
-    f64::max(last, before / 3.0) / 2.0
+/// The better of a policy and a finer grid's: the latter, unless the former is better beyond chance,
+/// which happens where the value of a finer grid is flawed in a place that its policy prefers.
+fn better(best: Tried, next: Tried) -> Tried {
+    let (by, other) = (best.walked, next.walked);
+    let chance = 2.0 * (by.standard_error + other.standard_error);
+    if by.mean_return - other.mean_return > chance { best } else { next }
 }

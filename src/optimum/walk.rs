@@ -20,9 +20,6 @@ use crate::rng::{Purpose, Stream};
 use super::Prospects;
 use super::grid::{Grid, Moment, in_parallel};
 
-/// Fewest and most episodes.
-const EPISODES: (u32, u32) = (50, 2_000);
-
 /// What episodes told.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Walked {
@@ -30,16 +27,16 @@ pub(super) struct Walked {
     pub mean_return: f64,
     /// Its standard error.
     pub standard_error: f64,
-    /// Layers and steps of episodes that were computed.
-    pub work: [usize; 2],
+    /// Layers that were computed.
+    pub layers: usize,
 }
 
-/// The mean return of the policy that makes the best choices by the values on a grid, over episodes
-/// of so many steps together, or so. Every call rolls the same episodes.
+/// The mean return of the policy that makes the best choices by the values on a grid, over so many
+/// episodes, at least two. Every call rolls the same ones.
 ///
 /// Episodes meet the values in the opposite order to the one in which they are computed, and there
 /// is no room for all. So layers are kept at distances, and those between computed again.
-pub(super) fn mean_return(grid: &Grid, steps: u32) -> Walked {
+pub(super) fn mean_return(grid: &Grid, episodes: u32) -> Walked {
     let e = grid.environment();
     let (mut kept, mut distance) = (Vec::<Vec<f64>>::new(), 8);
     let induced = grid.induce(|left, layer| {
@@ -56,9 +53,7 @@ pub(super) fn mean_return(grid: &Grid, steps: u32) -> Walked {
             distance *= 2;
         }
     });
-    let (fewest, most) = EPISODES;
-    let mut episodes: Vec<Episode> =
-        (1..=(steps / e.horizon).clamp(fewest, most)).map(|seed| Episode::start(e, seed)).collect();
+    let mut episodes: Vec<Episode> = (1..=episodes).map(|seed| Episode::start(e, seed)).collect();
     let settled = |left| induced.before(left);
     roll(&mut episodes, grid, induced.left..e.horizon, settled);
     let (mut end, mut above) = (induced.left, &induced.layer);
@@ -84,7 +79,7 @@ pub(super) fn mean_return(grid: &Grid, steps: u32) -> Walked {
     Walked {
         mean_return: of_start + left_out.0,
         standard_error: left_out.1,
-        work: [(induced.steps + induced.left) as usize + 2, episodes.len() * e.horizon as usize],
+        layers: (induced.steps + induced.left) as usize + 2,
     }
 }
 

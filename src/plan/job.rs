@@ -5,7 +5,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use crate::manifest::{Agent, Algorithm, Environment, Evaluation, Scenario};
+use crate::manifest::{Agent, DecisionRule, Environment, Evaluation, Rule, Scenario};
 
 /// What should run: the whole content of a training with its test.
 ///
@@ -63,10 +63,11 @@ impl Job {
     pub fn versions(&self) -> Versions {
         Versions {
             environment: 1,
-            algorithm: match self.agent.algorithm() {
-                Algorithm::DuelingDqn => 2,
-                Algorithm::Reinforce => 2,
-                Algorithm::Rule => 1,
+            algorithm: match &self.agent {
+                Agent::DuelingDqn(_) => 2,
+                Agent::Reinforce(_) => 2,
+                Agent::Rule(DecisionRule { rule: Rule::Optimal, .. }) => 2,
+                Agent::Rule(_) => 1,
             },
         }
     }
