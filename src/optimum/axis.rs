@@ -76,18 +76,16 @@ impl Axis {
     /// Nodes at 0, at the `lines` between it and `end`, two at each of the `jumps` there, and at `end`,
     /// where the node stands for the limit. Lines within `apart` of a jump are that jump.
     pub fn with_jumps(end: f64, lines: &[f64], jumps: &[f64], apart: f64) -> Axis {
-        let lines = lines.iter().map(|line| (*line, false));
-        let mut inner: Vec<(f64, bool)> =
-            jumps.iter().map(|jump| (*jump, true)).chain(lines).collect();
-        inner.retain(|(x, _)| apart < *x && *x < end - apart);
-        inner.sort_by(|(x, _), (y, _)| x.total_cmp(y));
+        let is_inside = |x: &f64| apart < *x && *x < end - apart;
+        let is_apart = |x: &f64| jumps.iter().all(|jump| (x - jump).abs() >= apart);
+        let mut inner: Vec<f64> = lines.iter().copied().filter(is_apart).collect();
+        inner.sort_by(f64::total_cmp);
+        inner.dedup_by(|x, below| *x - *below < apart);
+        inner.extend(jumps.iter().flat_map(|jump| [*jump, *jump]));
+        inner.retain(is_inside);
+        inner.sort_by(f64::total_cmp);
         let mut nodes = vec![0.0];
-        for near in inner.chunk_by(|(x, _), (y, _)| y - x < apart) {
-            match near.iter().find(|(_, is_jump)| *is_jump) {
-                Some((jump, _)) => nodes.extend([*jump, *jump]),
-                None => nodes.push(near[0].0),
-            }
-        }
+        nodes.extend(inner);
         nodes.push(end);
         Axis::new(nodes)
     }

@@ -2,7 +2,7 @@
 //!
 //! The value is continuous in habituation and jumps in disengagement risk: a wrong message ends the
 //! episode from threshold - epsilon_d on. Every jump is carried to the states that lead to it, by
-//! decay or by an increment, and there it is a smaller jump. The grid has a line at each of the
+//! decay or by an increment, and there it is as large or smaller. The grid has a line at each of the
 //! largest, so that nothing is interpolated across them. In habituation, an increment leads from line
 //! to line, and what a decay leads to is interpolated by cubics.
 //!
@@ -33,10 +33,11 @@ const APART: f64 = 1e-9;
 const DECAYS_A_MISTAKE: u32 = 7;
 /// How much shorter than the steps that are asked for those may be that a decay leads along.
 const SHORTEST_STEP: f64 = 0.25;
-/// How far the steps before a step may still differ from it in what they add, in all and in units
-/// ([`Grid::unit`]), for the induction to take them as equal, unless more is allowed. The policy that
+/// How far the steps before a step may still differ from it in what they add, for the induction to
+/// take them as equal: in units ([`Grid::unit`]) for a step of the horizon, and in all. The policy that
 /// does so loses far less: its choices are the best but where two are nearly as good.
-const SETTLED: f64 = 0.5;
+pub(super) const SETTLED: f64 = 0.001;
+const SETTLED_IN_ALL: f64 = 0.5;
 /// How much farther the mean steps of a stretch may differ, for it to be worth to take their ripple
 /// away.
 const WORTH_SMOOTHING: f64 = 10.0;
@@ -62,7 +63,7 @@ pub(super) enum Variable {
 pub(super) struct Resolution {
     /// Fewest steps of habituation from 0 to 1.
     pub habituation: usize,
-    /// Steps of disengagement risk from 0 to the threshold; where the value jumps, others end.
+    /// Steps of disengagement risk from 0 to the threshold, or so: see [`lines`].
     pub disengagement: usize,
     /// Most jumps of the value that have a line of their own.
     pub jumps: usize,
@@ -94,9 +95,12 @@ impl Resolution {
     /// As fine in one variable as it takes in an environment for more lines than these: those of
     /// habituation stay where its increments are shorter than the steps that are asked for.
     pub fn with_more_lines(self, variable: Variable, environment: &Environment) -> Resolution {
-        let mut finer = self.finer_in(variable);
-        while variable == Variable::Habituation && finer.rows(environment) == self.rows(environment)
-        {
+        let lines = |resolution: Resolution| match variable {
+            Variable::Habituation => resolution.habituation_axis(environment).nodes().len(),
+            Variable::Disengagement => resolution.disengagement_axis(environment).nodes().len(),
+        };
+        let (mut finer, fewest) = (self.finer_in(variable), lines(self));
+        while lines(finer) <= fewest {
             finer = finer.finer_in(variable);
         }
         finer
@@ -107,13 +111,19 @@ impl Resolution {
         self.variables().iter().fold(self, |finer, variable| finer.finer_in(*variable))
     }
 
-    /// How many lines a grid of this environment has in habituation.
-    fn rows(self, environment: &Environment) -> usize {
-        self.habituation_axis(environment).nodes().len()
-    }
-
     fn habituation_axis(self, environment: &Environment) -> Axis {
         Axis::with_stride(environment.epsilon_h, self.habituation)
+    }
+
+    fn disengagement_axis(self, e: &Environment) -> Axis {
+        let threshold = e.disengagement_threshold;
+        match levels(e, self.levels) {
+            Some(levels) => Axis::through(levels, threshold),
+            None => {
+                let lines = lines(e, self.disengagement);
+                Axis::with_jumps(threshold, &lines, &jumps(e, self.jumps), APART)
+            }
+        }
     }
 }
 
@@ -281,16 +291,9 @@ impl Grid {
         let e = &Environment { mu: [0.0; 2], ..environment.clone() };
         let habituation = resolution.habituation_axis(e);
         let threshold = e.disengagement_threshold;
-        let levels = levels(e, resolution.levels);
         // Levels are what episodes meet, to the last bit.
-        let rounding = if levels.is_some() { 0.0 } else { APART / 2.0 };
-        let disengagement = match levels {
-            Some(levels) => Axis::through(levels, threshold),
-            None => {
-                let lines = lines(e, resolution.disengagement);
-                Axis::with_jumps(threshold, &lines, &jumps(e, resolution.jumps), APART)
-            }
-        };
+        let rounding = if resolution.levels > 0 { 0.0 } else { APART / 2.0 };
+        let disengagement = resolution.disengagement_axis(e);
         let row = |h: &f64| {
             let of = |action| respond(e, 0, action, *h, 0.0);
             let suitable = of(Action::tailored_to(0));
@@ -322,7 +325,7 @@ impl Grid {
             belief,
             isa: Isa::chosen(),
             threads: 1,
-            settled: SETTLED,
+            settled: f64::min(SETTLED_IN_ALL, SETTLED * f64::from(e.horizon)),
             baseline,
             expectation,
             habituation,
@@ -641,8 +644,8 @@ fn lines_a_decay(e: &Environment, steps: usize) -> Option<f64> {
 /// mistake would end the episode; further up there are as many between a line and its decay.
 ///
 /// A decay leads from each to another, so that nothing is interpolated along decays: a flaw of the
-/// values in between is the same after every decay, and none is taken for a gain. Only where the steps
-/// of such lines would be far shorter than those that are asked for, the lines are in equal steps.
+/// values in between is the same after every decay, and none is taken for a gain. Where the steps of
+/// such lines are far shorter than those that are asked for, near 0, the lines are in equal steps.
 fn lines(e: &Environment, steps: usize) -> Vec<f64> {
     let (threshold, danger) = (e.disengagement_threshold, danger(e));
     let step = threshold / steps as f64;
@@ -666,8 +669,8 @@ fn lines(e: &Environment, steps: usize) -> Vec<f64> {
 
 /// The disengagement risks at which the value jumps, increasing: the largest jumps, at most so many.
 ///
-/// From where a mistake would end the episode, none is made, so that a jump there is as large a decay
-/// further up.
+/// From where a mistake would end the episode, hardly any is made, so that a jump there is taken to be
+/// as large a decay further up.
 fn jumps(e: &Environment, most: usize) -> Vec<f64> {
     let (threshold, danger) = (e.disengagement_threshold, danger(e));
     let mut found: Vec<f64> = Vec::new();

@@ -24,7 +24,7 @@ use std::num::NonZeroUsize;
 use crate::env::{Action, Belief};
 use crate::manifest::{Environment, Feature, FirstContext, Scenario};
 
-use grid::{Grid, Induced, Moment, Resolution, levels};
+use grid::{Grid, Induced, Moment, Resolution, SETTLED, levels};
 use search::Search;
 
 /// The habituation of the coarsest grid where disengagement risk never decays and its levels are few.
@@ -36,9 +36,6 @@ const COARSEST_OF_HABITUATION: Resolution =
     Resolution { habituation: 250, disengagement: 0, jumps: 0, levels: 0 };
 /// How often the coarsest grid is refined for a policy, at most.
 const POLICY_REFINED: usize = 3;
-/// How far the steps before a step may differ from it in what they add, for a policy to keep no values
-/// of them: in units of the grid for a step of the horizon.
-const POLICY_SETTLED: f64 = 0.001;
 /// Most values that a policy keeps, or so: 80 MB.
 const MOST_OF_POLICY: usize = 10_000_000;
 
@@ -175,7 +172,8 @@ impl OptimalPolicy {
         let coarsest = coarsest(environment, belief);
         let on = |resolution| {
             let mut grid = Grid::new(environment, belief, resolution);
-            grid.settled = f64::max(grid.settled, POLICY_SETTLED * f64::from(environment.horizon));
+            // No tighter at a long horizon: a policy keeps all values until then.
+            grid.settled = SETTLED * f64::from(environment.horizon);
             grid
         };
         // About as many as a finer grid takes.

@@ -19,9 +19,9 @@ const MOST_EPISODES: u32 = 20_000;
 const NEGLIGIBLE: f64 = 4.0;
 /// Values that are computed in the time of a step of an episode.
 const VALUES_A_STEP: usize = 150;
-/// Most values that are computed for an optimum, in all, unless the first grids take more: fifteen
+/// Most values that are computed for an optimum, in all, unless the first grids take more: twelve
 /// seconds of a core or so.
-pub(super) const MOST_COMPUTED: usize = 3_400_000_000;
+pub(super) const MOST_COMPUTED: usize = 2_700_000_000;
 /// Most values that a search keeps at a time: 640 MB.
 const MOST_KEPT: usize = 80_000_000;
 
@@ -56,15 +56,20 @@ struct Changes {
     /// When they were made finer the last time, and the time before.
     last: Option<f64>,
     before: Option<f64>,
+    /// Whether the last finer lines were given up again.
+    is_set_back: bool,
 }
 
 impl Changes {
     fn none_in(variable: Variable) -> Changes {
-        Changes { variable, last: None, before: None }
+        Changes { variable, last: None, before: None, is_set_back: false }
     }
 
     fn add(&mut self, change: f64) {
-        (self.last, self.before) = (Some(change), self.last);
+        if !self.is_set_back {
+            self.before = self.last;
+        }
+        (self.last, self.is_set_back) = (Some(change), false);
     }
 
     /// What finer and finer lines would still change; infinite if none were tried.
@@ -87,7 +92,8 @@ impl<'a> Search<'a> {
 
     /// The best policy of finer and finer grids, from the coarsest on. Each is twice as fine as the one
     /// before it in the variable of which the most is still to come, until that is little, and no
-    /// variable owes that to a coincidence, or until there is no time.
+    /// variable owes that to a coincidence, or until there is no time. Finer lines are given up again,
+    /// for now, where the other variable has much more to come.
     pub fn best_from(mut self, coarsest: Resolution) -> Optimum {
         let grid = self.grid(coarsest);
         let small = SMALL * grid.unit();
@@ -108,12 +114,16 @@ impl<'a> Search<'a> {
             changes[most].add(change);
             best = better(best, next);
             let missed = missed(&changes);
-            let of_others = missed - changes[most].still_to_come();
-            if missed.is_infinite() || NEGLIGIBLE * change >= of_others {
+            let to_come = changes[most].still_to_come();
+            // Where the others have more to come, it is their turn next.
+            let is_negligible = NEGLIGIBLE * to_come < missed - to_come;
+            if missed.is_finite() && missed >= small && is_negligible {
+                changes[most].is_set_back = true;
+            } else {
                 last = next;
             }
         }
-        // A coarser grid's policy is only better where finer ones are flawed.
+        // A policy is only better than that of the last grid where this is flawed.
         let flawed = best.walked.mean_return - last.walked.mean_return;
         let missed = f64::max(missed(&changes), flawed);
         let allowed = f64::max(small - missed, f64::max(small, missed) / 2.0);
