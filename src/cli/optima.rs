@@ -11,8 +11,9 @@ use crate::manifest::{Environment, Scenario};
 use crate::optimum::{optimum, shows_state};
 use crate::plan::Job;
 
-/// Most optima that are computed at a time: each may take some hundred megabytes at long horizons.
-const MOST_AT_ONCE: usize = 8;
+/// Most optima that are computed at a time: each may take more than a gigabyte at horizons of thousands
+/// of steps.
+const MOST_AT_ONCE: usize = 4;
 
 /// An environment and a scenario, as words that tell them from others.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]

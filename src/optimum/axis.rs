@@ -21,6 +21,8 @@ pub(super) struct Axis {
     parts: f64,
     /// For each part, the first node that a number in it can be next to.
     first_nodes: Vec<usize>,
+    /// For the cubic from each node on, what Lagrange's products of its four are divided by: as factors.
+    factors: Vec<[f64; 4]>,
 }
 
 /// A place between two neighbouring nodes.
@@ -59,7 +61,9 @@ impl Axis {
         let begins = |part: usize| part as f64 / parts - 2.0 * ROUNDING;
         let first_nodes =
             (0..count).map(|part| nodes.partition_point(|node| *node < begins(part))).collect();
-        Axis { nodes, parts, first_nodes }
+        let factor = |near: &[f64], i: usize| 1.0 / from_others(near, i, near[i]);
+        let factors = nodes.windows(4).map(|near| array::from_fn(|i| factor(near, i))).collect();
+        Axis { nodes, parts, first_nodes, factors }
     }
 
     /// Nodes from 0 to 1 in steps of at most 1 / `steps`, which are at least 3. A `stride` is a multiple
@@ -131,29 +135,38 @@ impl Axis {
     /// The place of a number from 0 to 1 on an axis without jumps: Lagrange's cubic through the two
     /// nodes on either side, or through the four at an end.
     pub fn among(&self, x: f64) -> Among {
-        let between = self.place(x, Side::At).node;
+        let Place { node: between, weight } = self.place(x, Side::At);
         let node = between.saturating_sub(1).min(self.nodes.len() - 4);
-        let near: [f64; 4] = array::from_fn(|i| self.nodes[node + i]);
-        let weight = |i: usize| {
-            let others = (0..4).filter(|j| *j != i);
-            others.map(|j| (x - near[j]) / (near[i] - near[j])).product()
+        let weights = if weight == 0.0 || weight == 1.0 {
+            // Exactly one of them.
+            let at = between - node + weight as usize;
+            array::from_fn(|i| if i == at { 1.0 } else { 0.0 })
+        } else {
+            let (near, factors) = (&self.nodes[node..][..4], self.factors[node]);
+            array::from_fn(|i| from_others(near, i, x) * factors[i])
         };
-        Among { node, weights: array::from_fn(weight) }
+        Among { node, weights }
     }
 }
 
+/// The product of how far a number is from each of some but one.
+fn from_others(near: &[f64], but: usize, x: f64) -> f64 {
+    let others = near.iter().enumerate().filter(|(i, _)| *i != but);
+    others.map(|(_, other)| x - other).product()
+}
+
 impl Place {
-    /// The value there.
-    pub fn of(self, values: &[f64]) -> f64 {
-        let [value] = self.of_each(values.as_chunks().0);
-        value
+    /// The value there, of the values of the two nodes.
+    #[inline(always)]
+    pub fn between(self, lower: f64, upper: f64) -> f64 {
+        (1.0 - self.weight) * lower + self.weight * upper
     }
 
     /// The values there of several functions, of each node's values.
     #[inline(always)]
     pub fn of_each<const N: usize>(self, values: &[[f64; N]]) -> [f64; N] {
         let (lower, upper) = (values[self.node], values[self.node + 1]);
-        array::from_fn(|i| (1.0 - self.weight) * lower[i] + self.weight * upper[i])
+        array::from_fn(|i| self.between(lower[i], upper[i]))
     }
 }
 
@@ -177,7 +190,7 @@ mod tests {
         let expected = [0.0, 0.2, 0.4, 0.6, 0.6, 0.8, 1.0];
         assert!(axis.nodes().iter().zip(expected).all(|(ours, x)| (ours - x).abs() < 1e-15));
         let values = [0.0, 2.0, 4.0, 6.0, 16.0, 18.0, 20.0];
-        let at = |x, side| axis.place(x, side).of(&values);
+        let at = |x, side| axis.place(x, side).of_each::<1>(values.as_chunks().0)[0];
         assert!((at(0.3, Side::At) - 3.0).abs() < 1e-12);
         assert_eq!((at(0.6, Side::Below), at(0.6, Side::At)), (6.0, 16.0));
         // One rounding away from the jump is at the jump.
@@ -256,7 +269,8 @@ mod tests {
             for x in axis.nodes().iter().filter(|x| **x + stride <= 1.0) {
                 let place = axis.place(x + stride, Side::At);
                 assert!(place.weight == 0.0 || place.weight == 1.0, "{stride} {x}");
-                assert!((place.of(axis.nodes()) - x - stride).abs() < 1e-12);
+                let [led_to] = place.of_each(axis.nodes().as_chunks().0);
+                assert!((led_to - x - stride).abs() < 1e-12);
             }
         }
     }

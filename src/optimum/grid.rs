@@ -18,7 +18,7 @@ use std::ops::Range;
 use pulp::{Simd, WithSimd};
 use rayon::iter::{IndexedParallelIterator, IntoParallelIterator, ParallelIterator};
 
-use crate::env::{Action, Belief, respond};
+use crate::env::{Action, Belief, Effect, respond};
 use crate::kernel::Isa;
 use crate::manifest::{Environment, FirstContext};
 
@@ -47,9 +47,14 @@ const SHORTEST_STRETCH: u32 = 40;
 const USUAL_REWARD: f64 = 200.0;
 
 /// Rows whose values are computed at once.
-const AT_ONCE: usize = 4;
+const AT_ONCE: usize = 8;
+/// Rows that are added up at once.
+const ADDED_AT_ONCE: usize = 4;
 /// Values of a layer for which it is worth to wake a thread.
 const WORTH_A_THREAD: usize = 2_000;
+
+/// A number for each of some neighbouring rows.
+pub(super) type Lanes = [f64; AT_ONCE];
 
 /// A variable of the state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -138,19 +143,23 @@ impl Added {
     const ANYTHING: Added = Added { least: f64::NEG_INFINITY, most: f64::INFINITY };
     const NOTHING: Added = Added { least: f64::INFINITY, most: f64::NEG_INFINITY };
 
-    fn by(later: &[f64], now: &[f64]) -> Added {
-        let one = |later: f64, now: f64| Added { least: now - later, most: now - later };
-        // Several at once that do not wait for each other, so that they become vector code.
-        let mut several = [Added::NOTHING; 4];
-        let (laters, last_laters) = later.as_chunks::<4>();
-        let (nows, last_nows) = now.as_chunks::<4>();
-        for (later, now) in laters.iter().zip(nows) {
-            for (i, added) in several.iter_mut().enumerate() {
-                *added = added.or(one(later[i], now[i]));
-            }
+    fn by(isa: Isa, later: &[Lanes], now: &[Lanes]) -> Added {
+        let [added, _] = isa.run(Tally { later: [later, later], now, sum: &mut [] });
+        added
+    }
+
+    #[inline(always)]
+    fn by_vectors<S: Simd>(simd: S, later: &[Lanes], now: &[Lanes]) -> Added {
+        let [(later, _), (now, _)] =
+            [S::as_simd_f64s(later.as_flattened()), S::as_simd_f64s(now.as_flattened())];
+        let mut least = simd.splat_f64s(Added::NOTHING.least);
+        let mut most = simd.splat_f64s(Added::NOTHING.most);
+        for (later, now) in later.iter().zip(now) {
+            let added = simd.sub_f64s(*now, *later);
+            least = simd.min_f64s(least, added);
+            most = simd.max_f64s(most, added);
         }
-        let last = last_laters.iter().zip(last_nows).map(|(later, now)| one(*later, *now));
-        several.into_iter().chain(last).fold(Added::NOTHING, Added::or)
+        Added { least: simd.reduce_min_f64s(least), most: simd.reduce_max_f64s(most) }
     }
 
     /// What further steps add is between the two as well; below 0, between them and 0.
@@ -172,82 +181,129 @@ impl Added {
     }
 }
 
+/// What some values of a layer are more than those of each of two later ones. They are added to a sum,
+/// unless that is empty.
+struct Tally<'a> {
+    later: [&'a [Lanes]; 2],
+    now: &'a [Lanes],
+    sum: &'a mut [Lanes],
+}
+
+impl WithSimd for Tally<'_> {
+    type Output = [Added; 2];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> [Added; 2] {
+        let Tally { later: [one, other], now, sum } = self;
+        let (vectors, _) = S::as_simd_f64s(now.as_flattened());
+        let (sum, _) = S::as_mut_simd_f64s(sum.as_flattened_mut());
+        for (sum, now) in sum.iter_mut().zip(vectors) {
+            *sum = simd.add_f64s(*sum, *now);
+        }
+        [Added::by_vectors(simd, one, now), Added::by_vectors(simd, other, now)]
+    }
+}
+
 /// Backward induction under way.
 #[derive(Clone, Debug)]
 struct Course {
     /// The last layer.
-    values: Vec<f64>,
+    values: Vec<Lanes>,
     /// Room for the next.
-    next: Vec<f64>,
+    next: Vec<Lanes>,
     /// What the last step added.
     added: Added,
-    /// The last layers in a row: how many.
-    stretch: u32,
+    /// The last layers in a row, if their mean is asked for.
+    stretch: Option<Stretch>,
+}
+
+/// Layers in a row.
+#[derive(Clone, Debug)]
+struct Stretch {
+    /// How many.
+    layers: u32,
     /// The layer before them.
-    before: Vec<f64>,
+    before: Vec<Lanes>,
     /// Their sum.
-    sum: Vec<f64>,
+    sum: Vec<Lanes>,
     /// What they added.
-    added_by_stretch: Added,
+    added: Added,
 }
 
 impl Course {
-    fn new(values: Vec<f64>) -> Course {
-        let sum = vec![0.0; values.len()];
-        let (next, before) = (values.clone(), values.clone());
-        let (added, added_by_stretch) = (Added::ANYTHING, Added::ANYTHING);
-        Course { values, next, added, stretch: 0, before, sum, added_by_stretch }
+    fn new(values: Vec<Lanes>) -> Course {
+        Course { next: values.clone(), values, added: Added::ANYTHING, stretch: None }
     }
 
     /// Computes the next layer; what this step and the one before it add, and further ones.
     fn step(&mut self, grid: &Grid) -> Added {
         let (later, part) = (&self.values, grid.part());
-        let earlier = self.next.chunks_mut(part).zip(self.sum.chunks_mut(part));
-        let parts = later.chunks(part).zip(self.before.chunks(part)).zip(earlier).enumerate();
-        let added = in_parallel(parts, |(i, ((part_of_later, before), (now, sum)))| {
+        let parts = later.chunks(part).zip(self.next.chunks_mut(part));
+        let stretches: Vec<Option<_>> = match &mut self.stretch {
+            Some(Stretch { before, sum, .. }) => {
+                before.chunks(part).zip(sum.chunks_mut(part)).map(Some).collect()
+            }
+            None => later.chunks(part).map(|_| None).collect(),
+        };
+        let parts = parts.zip(stretches).enumerate();
+        let added = in_parallel(parts, |(i, ((part_of_later, now), mut stretch))| {
             let mut by_both = [Added::NOTHING; 2];
             // While they are in the nearest caches.
             grid.part_back(i * part, later, now, |range, now| {
-                let sum = sum[range.clone()].iter_mut();
-                sum.zip(now).for_each(|(sum, value)| *sum += value);
-                for (by, later) in by_both.iter_mut().zip([part_of_later, before]) {
-                    *by = by.or(Added::by(&later[range.clone()], now));
-                }
+                let (before, sum): (&[Lanes], &mut [Lanes]) = match &mut stretch {
+                    Some((before, sum)) => (&before[range.clone()], &mut sum[range.clone()]),
+                    None => (&[], &mut []),
+                };
+                let later = [&part_of_later[range], before];
+                let added = grid.isa.run(Tally { later, now, sum });
+                by_both = array::from_fn(|which| by_both[which].or(added[which]));
             });
             by_both
         });
         let all = |which: usize| {
             added.iter().fold(Added::NOTHING, |all, part| all.or(part[which])).and_further()
         };
+        if let Some(stretch) = &mut self.stretch {
+            stretch.layers += 1;
+            stretch.added = all(1);
+        }
         let added_before = mem::replace(&mut self.added, all(0));
-        self.added_by_stretch = all(1);
-        self.stretch += 1;
         mem::swap(&mut self.values, &mut self.next);
         self.added.or(added_before)
     }
 
+    /// Begins to count layers anew.
     fn begin_stretch(&mut self) {
-        self.stretch = 0;
-        self.before.copy_from_slice(&self.values);
-        self.sum.fill(0.0);
+        let stretch = self.stretch.get_or_insert_with(|| Stretch {
+            layers: 0,
+            before: self.values.clone(),
+            sum: self.values.clone(),
+            added: Added::ANYTHING,
+        });
+        stretch.layers = 0;
+        stretch.before.copy_from_slice(&self.values);
+        stretch.sum.fill([0.0; AT_ONCE]);
     }
+}
 
-    /// What a step of the stretch adds in the mean, and further ones.
+impl Stretch {
+    /// What a step adds in the mean, and further ones.
     fn added_in_mean(&self) -> Added {
-        let Added { least, most } = self.added_by_stretch;
-        let steps = f64::from(self.stretch);
+        let (Added { least, most }, steps) = (self.added, f64::from(self.layers));
         Added { least: least / steps, most: most / steps }
     }
 
-    /// The mean of the stretch's layers.
-    fn mean(&self) -> Vec<f64> {
-        self.sum.iter().map(|sum| sum / f64::from(self.stretch)).collect()
+    /// The mean of the layers.
+    fn mean(&self) -> Vec<Lanes> {
+        self.sum.iter().map(|sums| sums.map(|sum| sum / f64::from(self.layers))).collect()
     }
 }
 
 /// The states that have a value, and where actions lead from them.
 ///
-/// **Shapes**: a layer of values is \[habituation, disengagement\], row by row.
+/// **Shapes**: a layer of values is \[rows in groups, disengagement, row of the group\], where rows are
+/// those of habituation, in groups of [`AT_ONCE`]; where the last group has fewer, its last row stands
+/// for those that it lacks.
 #[derive(Clone, Debug)]
 pub(super) struct Grid {
     /// Its baseline rewards are 0: they are the same whatever is done.
@@ -259,22 +315,83 @@ pub(super) struct Grid {
     pub threads: usize,
     /// How far the steps before a step may differ from it in what they add, in all and in units.
     pub settled: f64,
+    /// How many steps may settle without a look at the mean over a stretch of them.
+    pub unstretched: u32,
     baseline: [f64; 2],
     expectation: Expectation,
     habituation: Axis,
     disengagement: Axis,
-    rows: Vec<Row>,
+    groups: Vec<Group>,
     columns: Vec<Column>,
 }
 
-/// Where the states of one habituation lead.
-#[derive(Clone, Copy, Debug)]
-struct Row {
-    messaged: Among,
-    rested: Among,
+/// Where the states of some neighbouring rows lead.
+#[derive(Clone, Debug)]
+struct Group {
+    messaged: Blend,
+    rested: Blend,
     /// Reward of an untailored and of a suitable message, the baseline aside.
-    untailored: f64,
-    suitable: f64,
+    untailored: Lanes,
+    suitable: Lanes,
+}
+
+/// Sums of rows, one for each of a group: of rows in a row, each by so much for each of the group.
+#[derive(Clone, Debug)]
+struct Blend {
+    first: usize,
+    shares: Vec<[Lanes; ADDED_AT_ONCE]>,
+}
+
+impl Blend {
+    /// The rows of places, of which there are so many in all.
+    fn new(places: [Among; AT_ONCE], rows: usize) -> Blend {
+        let of_each = places.iter().flat_map(|place| (place.node..).zip(place.weights));
+        let (from, to) = of_each
+            .filter(|(_, weight)| *weight != 0.0)
+            .fold((rows, 0), |(from, to), (row, _)| (from.min(row), to.max(row + 1)));
+        let parts = (to - from).div_ceil(ADDED_AT_ONCE);
+        let first = from.min(rows - parts * ADDED_AT_ONCE);
+        let share = |row: usize| {
+            places.map(|place| {
+                let which = row.checked_sub(place.node);
+                which.and_then(|i| place.weights.get(i)).copied().unwrap_or(0.0)
+            })
+        };
+        let part = |i: usize| array::from_fn(|j| share(first + i * ADDED_AT_ONCE + j));
+        Blend { first, shares: (0..parts).map(part).collect() }
+    }
+
+    /// The sums in a layer, for each of its columns. Without fused operations.
+    ///
+    /// By vectors of the instruction set: left to itself, the compiler gathers columns.
+    #[inline(always)]
+    fn of<S: Simd>(&self, simd: S, layer: &[Lanes], out: &mut [Lanes]) {
+        let columns = out.len();
+        let vectors = AT_ONCE / S::F64_LANES;
+        let (out, _) = S::as_mut_simd_f64s(out.as_flattened_mut());
+        for (i, shares) in self.shares.iter().enumerate() {
+            let shares = shares.each_ref().map(|shares| S::as_simd_f64s(shares).0);
+            let rows: [(&[Lanes], usize); ADDED_AT_ONCE] = array::from_fn(|j| {
+                let row = self.first + i * ADDED_AT_ONCE + j;
+                (&layer[row / AT_ONCE * columns..][..columns], row % AT_ONCE)
+            });
+            for vector in 0..vectors {
+                let shares = shares.map(|shares| shares[vector]);
+                for column in 0..columns {
+                    let out = &mut out[column * vectors + vector];
+                    let term = |j: usize| {
+                        let (group, lane) = rows[j];
+                        simd.mul_f64s(shares[j], simd.splat_f64s(group[column][lane]))
+                    };
+                    let mut sum = if i == 0 { term(0) } else { simd.add_f64s(*out, term(0)) };
+                    for j in 1..ADDED_AT_ONCE {
+                        sum = simd.add_f64s(sum, term(j));
+                    }
+                    *out = sum;
+                }
+            }
+        }
+    }
 }
 
 /// Where the states of one disengagement risk lead.
@@ -294,17 +411,25 @@ impl Grid {
         // Levels are what episodes meet, to the last bit.
         let rounding = if resolution.levels > 0 { 0.0 } else { APART / 2.0 };
         let disengagement = resolution.disengagement_axis(e);
-        let row = |h: &f64| {
-            let of = |action| respond(e, 0, action, *h, 0.0);
-            let suitable = of(Action::tailored_to(0));
-            Row {
-                messaged: habituation.among(suitable.habituation),
-                rested: habituation.among(of(Action::NONE).habituation),
-                untailored: of(Action::UNTAILORED).reward,
-                suitable: suitable.reward,
+        let groups = habituation.nodes().chunks(AT_ONCE);
+        let rows = groups.len() * AT_ONCE;
+        let group = |nodes: &[f64]| {
+            // The last stands for those that are not there.
+            let nodes: Lanes = array::from_fn(|r| nodes[r.min(nodes.len() - 1)]);
+            let of = |action| nodes.map(|h| respond(e, 0, action, h, 0.0));
+            let [nothing, untailored, suitable] =
+                [Action::NONE, Action::UNTAILORED, Action::tailored_to(0)].map(of);
+            let blend = |to: [Effect; AT_ONCE]| {
+                Blend::new(to.map(|effect| habituation.among(effect.habituation)), rows)
+            };
+            Group {
+                messaged: blend(suitable),
+                rested: blend(nothing),
+                untailored: untailored.map(|effect| effect.reward),
+                suitable: suitable.map(|effect| effect.reward),
             }
         };
-        let rows = habituation.nodes().iter().map(row).collect();
+        let groups = groups.map(group).collect();
         let column = |(node, d): (usize, &f64)| {
             let side = disengagement.side(node);
             let calm = respond(e, 0, Action::tailored_to(0), 0.0, *d).disengagement;
@@ -325,12 +450,13 @@ impl Grid {
             belief,
             isa: Isa::chosen(),
             threads: 1,
+            unstretched: 0,
             settled: f64::min(SETTLED_IN_ALL, SETTLED * f64::from(e.horizon)),
             baseline,
             expectation,
             habituation,
             disengagement,
-            rows,
+            groups,
             columns,
         }
     }
@@ -359,7 +485,12 @@ impl Grid {
 
     /// How many values a layer has.
     pub fn nodes(&self) -> usize {
-        self.rows.len() * self.columns.len()
+        self.groups.len() * self.columns.len() * AT_ONCE
+    }
+
+    /// The values of episodes that have ended.
+    pub fn zeros(&self) -> Vec<Lanes> {
+        vec![[0.0; AT_ONCE]; self.groups.len() * self.columns.len()]
     }
 
     /// Computes the values with 0, 1, 2, … steps left, at most one fewer than the horizon, and shows
@@ -368,52 +499,66 @@ impl Grid {
     /// Where the best choices nearly repeat after some steps, what a step adds settles much later
     /// than what it adds in the mean over a stretch of steps. Then the mean values of the stretch,
     /// which have no such ripple, are taken further until a step of theirs settles.
-    pub fn induce(&self, mut see: impl FnMut(u32, &[f64])) -> Induced {
+    pub fn induce(&self, mut see: impl FnMut(u32, &[Lanes])) -> Induced {
         let most_left = self.environment.horizon - 1;
-        let mut course = Course::new(vec![0.0; self.nodes()]);
+        let mut course = Course::new(self.zeros());
         see(0, &course.values);
         let (mut smoothed, mut next_try) = (0, 0);
         for left in 1..=most_left {
+            if left > self.unstretched
+                && course.stretch.as_ref().is_none_or(|s| s.layers > SHORTEST_STRETCH.max(left / 4))
+            {
+                course.begin_stretch();
+            }
             let added = course.step(self);
             see(left, &course.values);
             if self.is_settled(added, most_left - left) {
                 let (layer, gain) = (course.values, added.middle());
-                return Induced { left, layer, gain, steps: left + smoothed };
+                return Induced { left, layer, gain, smoothed };
             }
-            let is_promising = course.added_in_mean().spread() * f64::from(most_left - left)
+            let Some(stretch) = &course.stretch else {
+                continue;
+            };
+            let is_promising = stretch.added_in_mean().spread() * f64::from(most_left - left)
                 < WORTH_SMOOTHING * self.allowed();
-            if left >= next_try && is_promising {
-                let (steps, smooth) = self.smooth(&course, left);
+            if left >= next_try && stretch.layers >= SHORTEST_STRETCH && is_promising {
+                let (steps, smooth) = self.smooth(&course.values, stretch, left);
                 smoothed += steps;
                 if let Some((layer, gain)) = smooth {
-                    return Induced { left, layer, gain, steps: left + smoothed };
+                    return Induced { left, layer, gain, smoothed };
                 }
                 next_try = 2 * left;
             }
-            if course.stretch > SHORTEST_STRETCH.max(left / 4) {
-                course.begin_stretch();
-            }
         }
-        Induced { left: most_left, layer: course.values, gain: 0.0, steps: most_left + smoothed }
+        Induced { left: most_left, layer: course.values, gain: 0.0, smoothed }
     }
 
     /// Takes the mean values of a stretch further, at most half as many steps as are `left`, until the
     /// steps before them would all add the same; every as many steps as the stretch has, their mean
     /// is taken again. How many steps that took, and the values on the level of the stretch's last,
     /// unless they are too far from those, with what each step before them adds.
-    fn smooth(&self, course: &Course, left: u32) -> (u32, Option<(Vec<f64>, f64)>) {
-        let mut smooth = Course::new(course.mean());
+    fn smooth(
+        &self,
+        last: &[Lanes],
+        stretch: &Stretch,
+        left: u32,
+    ) -> (u32, Option<(Vec<Lanes>, f64)>) {
+        let mut smooth = Course::new(stretch.mean());
         for steps in 1..=left / 2 {
+            if steps % stretch.layers == 1 {
+                if let Some(stretch) = &smooth.stretch {
+                    smooth = Course::new(stretch.mean());
+                }
+                smooth.begin_stretch();
+            }
             let added = smooth.step(self);
             if self.is_settled(added, self.environment.horizon - 1 - left) {
-                let apart = Added::by(&smooth.values, &course.values);
-                let values = smooth.values.iter().map(|value| value + apart.middle()).collect();
+                let apart = Added::by(self.isa, &smooth.values, last);
+                let level = |values: &Lanes| values.map(|value| value + apart.middle());
+                let values = smooth.values.iter().map(level).collect();
                 // The policy that goes over from the ones to the others does not choose when.
                 let is_near = apart.spread() < self.allowed();
                 return (steps, is_near.then_some((values, added.middle())));
-            }
-            if smooth.stretch == course.stretch {
-                smooth = Course::new(smooth.mean());
             }
         }
         (left / 2, None)
@@ -434,35 +579,35 @@ impl Grid {
     }
 
     /// The values one step earlier.
-    pub fn step_back(&self, later: &[f64], now: &mut [f64]) {
+    pub fn step_back(&self, later: &[Lanes], now: &mut [Lanes]) {
         let part = self.part();
         let parts = now.chunks_mut(part).enumerate();
         in_parallel(parts, |(i, now)| self.part_back(i * part, later, now, |_, _| ()));
     }
 
-    /// How many values a thread computes: some rows.
+    /// How much of a layer a thread computes: some groups of rows.
     fn part(&self) -> usize {
         let threads = self.threads.min(self.nodes() / WORTH_A_THREAD).max(1);
-        self.rows.len().div_ceil(threads) * self.columns.len()
+        self.groups.len().div_ceil(threads) * self.columns.len()
     }
 
-    /// The values of some rows one step earlier, the first of which begins with value `from`. Shows
-    /// `see` a few rows at a time, and where among those of `now` they stand.
+    /// The values of some groups one step earlier, the first of which begins at `from`. Shows `see`
+    /// each group, and where in `now` it stands.
     fn part_back(
         &self,
         from: usize,
-        later: &[f64],
-        now: &mut [f64],
-        mut see: impl FnMut(Range<usize>, &[f64]),
+        later: &[Lanes],
+        now: &mut [Lanes],
+        mut see: impl FnMut(Range<usize>, &[Lanes]),
     ) {
         let columns = self.columns.len();
-        let rows = &self.rows[from / columns..][..now.len() / columns];
-        let mut room = [vec![[0.0; AT_ONCE]; columns], vec![[0.0; AT_ONCE]; columns]];
+        let groups = &self.groups[from / columns..];
+        let mut messaged = vec![[0.0; AT_ONCE]; columns];
         let mut start = 0;
-        for (rows, now) in rows.chunks(AT_ONCE).zip(now.chunks_mut(AT_ONCE * columns)) {
-            self.isa.run(RowsBack { grid: self, rows, later, room: &mut room, now });
-            see(start..start + now.len(), now);
-            start += now.len();
+        for (group, now) in groups.iter().zip(now.chunks_mut(columns)) {
+            self.isa.run(GroupBack { grid: self, group, later, messaged: &mut messaged, now });
+            see(start..start + columns, now);
+            start += columns;
         }
     }
 
@@ -474,7 +619,11 @@ impl Grid {
         let rows = self.habituation.among(habituation);
         let columns = self.columns.len();
         let column = self.disengagement.place(disengagement, Side::At);
-        let of_row = |i: usize| column.of(&values.layer[(rows.node + i) * columns..][..columns]);
+        let of_row = |i: usize| {
+            let (group, lane) = ((rows.node + i) / AT_ONCE, (rows.node + i) % AT_ONCE);
+            let group = &values.layer[group * columns..][..columns];
+            column.between(group[column.node][lane], group[column.node + 1][lane])
+        };
         rows.of(array::from_fn(of_row)) + values.more
     }
 
@@ -490,17 +639,33 @@ impl Grid {
         habituation: f64,
         disengagement: f64,
     ) -> Prospects {
-        let effect = |action| respond(&self.environment, 0, action, habituation, disengagement);
-        let [nothing, untailored, suitable, unsuitable] =
-            [Action::NONE, Action::UNTAILORED, Action::tailored_to(0), Action::tailored_to(1)]
-                .map(effect);
-        // An untailored message leads to the same state as a suitable one.
-        let calmed = later(suitable.habituation, suitable.disengagement);
+        let values = self.states_after(habituation, disengagement).map(|[h, d]| later(h, d));
+        self.prospects_of(values, habituation, disengagement)
+    }
+
+    /// The states after a state, \[habituation, disengagement risk\]: where nothing is sent, after a
+    /// message that suits or is not tailored, and after one that does not suit.
+    pub fn states_after(&self, habituation: f64, disengagement: f64) -> [[f64; 2]; 3] {
+        [Action::NONE, Action::tailored_to(0), Action::tailored_to(1)].map(|action| {
+            let effect = respond(&self.environment, 0, action, habituation, disengagement);
+            [effect.habituation, effect.disengagement]
+        })
+    }
+
+    /// [`Grid::prospects`], given the values of [`Grid::states_after`].
+    pub fn prospects_of(
+        &self,
+        [rested, calmed, annoyed]: [f64; 3],
+        habituation: f64,
+        disengagement: f64,
+    ) -> Prospects {
+        let reward =
+            |action| respond(&self.environment, 0, action, habituation, disengagement).reward;
         Prospects {
-            nothing: nothing.reward + later(nothing.habituation, nothing.disengagement),
-            untailored: untailored.reward + calmed,
-            suitable: suitable.reward + calmed,
-            unsuitable: unsuitable.reward + later(unsuitable.habituation, unsuitable.disengagement),
+            nothing: reward(Action::NONE) + rested,
+            untailored: reward(Action::UNTAILORED) + calmed,
+            suitable: reward(Action::tailored_to(0)) + calmed,
+            unsuitable: reward(Action::tailored_to(1)) + annoyed,
         }
     }
 
@@ -524,58 +689,38 @@ impl Grid {
     }
 }
 
-/// The values of some rows one step earlier, at most [`AT_ONCE`].
-struct RowsBack<'a> {
+/// The values of a group of rows one step earlier.
+struct GroupBack<'a> {
     grid: &'a Grid,
-    rows: &'a [Row],
-    later: &'a [f64],
-    /// For every column, what resting brings in each row, and then the result; and what a message
-    /// leads to.
-    room: &'a mut [Vec<[f64; AT_ONCE]>; 2],
-    now: &'a mut [f64],
+    group: &'a Group,
+    later: &'a [Lanes],
+    /// Room for what a message leads to, for each column.
+    messaged: &'a mut [Lanes],
+    now: &'a mut [Lanes],
 }
 
-impl WithSimd for RowsBack<'_> {
+impl WithSimd for GroupBack<'_> {
     type Output = ();
 
-    /// Compiled for the instruction set, which takes an array of [`AT_ONCE`] as a register. Without
-    /// fused operations, so that each number is what it would be alone.
+    /// Compiled for the instruction set, which takes lanes as registers. Without fused operations, so
+    /// that each number is what it would be alone.
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let RowsBack { grid, rows, later, room: [values, messaged], now } = self;
-        // The last stands for those that are not there.
-        let rows: [Row; AT_ONCE] = array::from_fn(|r| rows[r.min(rows.len() - 1)]);
-        blend(rows.map(|row| row.rested), later, values);
-        blend(rows.map(|row| row.messaged), later, messaged);
-        let [untailored, suitable] = [rows.map(|row| row.untailored), rows.map(|row| row.suitable)];
-        for (column, value) in grid.columns.iter().zip(&mut *values) {
+    fn with_simd<S: Simd>(self, simd: S) {
+        let GroupBack { grid, group, later, messaged, now } = self;
+        let Group { untailored, suitable, .. } = group;
+        group.rested.of(simd, later, now);
+        group.messaged.of(simd, later, messaged);
+        let baseline = grid.baseline();
+        for (column, now) in grid.columns.iter().zip(now) {
             let calm = column.calmed.of_each(messaged);
             let annoyed = column.annoyed.map_or([0.0; AT_ONCE], |place| place.of_each(messaged));
-            *value = grid.expectation.of_best_each(
-                *value,
+            let best = grid.expectation.of_best_each(
+                *now,
                 array::from_fn(|r| untailored[r] + calm[r]),
                 array::from_fn(|r| suitable[r] + calm[r]),
                 annoyed,
             );
-        }
-        let baseline = grid.baseline();
-        for (r, now) in now.chunks_exact_mut(values.len()).enumerate() {
-            for (now, value) in now.iter_mut().zip(&*values) {
-                *now = baseline + value[r];
-            }
-        }
-    }
-}
-
-/// Rows of a layer, each among four of its rows.
-#[inline(always)]
-fn blend(places: [Among; AT_ONCE], layer: &[f64], out: &mut [[f64; AT_ONCE]]) {
-    let columns = out.len();
-    for (r, place) in places.into_iter().enumerate() {
-        let row = |i: usize| &layer[(place.node + i) * columns..][..columns];
-        let (a, b, c, d) = (row(0), row(1), row(2), row(3));
-        for (column, out) in out.iter_mut().enumerate() {
-            out[r] = place.of([a[column], b[column], c[column], d[column]]);
+            *now = best.map(|value| baseline + value);
         }
     }
 }
@@ -584,7 +729,7 @@ fn blend(places: [Among; AT_ONCE], layer: &[f64], out: &mut [[f64; AT_ONCE]]) {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Moment<'a> {
     /// Those of the nodes.
-    pub layer: &'a [f64],
+    pub layer: &'a [Lanes],
     /// What all of them are more than that.
     pub more: f64,
 }
@@ -594,11 +739,11 @@ pub(super) struct Moment<'a> {
 pub(super) struct Induced {
     /// Steps that are left.
     pub left: u32,
-    pub layer: Vec<f64>,
+    pub layer: Vec<Lanes>,
     /// What each step before them adds; of no meaning if there is none.
     pub gain: f64,
-    /// How many layers were computed.
-    pub steps: u32,
+    /// How many steps more were computed of means over stretches.
+    pub smoothed: u32,
 }
 
 impl Induced {
@@ -771,19 +916,16 @@ mod tests {
 
     #[test]
     fn the_least_and_the_most_are_found_wherever_they_are() {
-        for len in 1..10 {
-            for (least, most) in (0..len).flat_map(|i| (0..len).map(move |j| (i, j))) {
-                let later: Vec<f64> = (0..len).map(f64::from).collect();
-                let mut now: Vec<f64> = later.iter().map(|x| x + 1.0).collect();
-                now[most as usize] += 2.0;
-                now[least as usize] -= 7.0;
-                let added = Added::by(&later, &now);
-                let expected = match (len, least == most) {
-                    (1, _) => [-4.0, -4.0],
-                    (_, true) => [-4.0, 1.0],
-                    (_, false) => [-6.0, 3.0],
-                };
-                assert_eq!([added.least, added.most], expected, "{len} {least} {most}");
+        let len = 3 * AT_ONCE;
+        for (least, most) in (0..len).flat_map(|i| (0..len).map(move |j| (i, j))) {
+            let later: Vec<f64> = (0..len).map(|i| i as f64).collect();
+            let mut now: Vec<f64> = later.iter().map(|x| x + 1.0).collect();
+            now[most] += 2.0;
+            now[least] -= 7.0;
+            let expected = if least == most { [-4.0, 1.0] } else { [-6.0, 3.0] };
+            for isa in Isa::available() {
+                let added = Added::by(isa, later.as_chunks().0, now.as_chunks().0);
+                assert_eq!([added.least, added.most], expected, "{least} {most}");
             }
         }
     }

@@ -24,7 +24,7 @@ use std::num::NonZeroUsize;
 use crate::env::{Action, Belief};
 use crate::manifest::{Environment, Feature, FirstContext, Scenario};
 
-use grid::{Grid, Induced, Moment, Resolution, SETTLED, levels};
+use grid::{Grid, Induced, Lanes, Moment, Resolution, SETTLED, levels};
 use search::Search;
 
 /// The habituation of the coarsest grid where disengagement risk never decays and its levels are few.
@@ -156,7 +156,7 @@ impl Prospects {
 pub struct OptimalPolicy {
     grid: Grid,
     /// By the number of steps that are left, from 0.
-    layers: Vec<Vec<f64>>,
+    layers: Vec<Vec<Lanes>>,
     /// The last of them, for more steps.
     last: Induced,
 }

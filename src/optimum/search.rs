@@ -18,12 +18,12 @@ const MOST_EPISODES: u32 = 20_000;
 /// How many times more must be to come of another variable, for finer lines in one not to be kept.
 const NEGLIGIBLE: f64 = 4.0;
 /// Values that are computed in the time of a step of an episode.
-const VALUES_A_STEP: usize = 150;
-/// Most values that are computed for an optimum, in all, unless the first grids take more: twelve
+const VALUES_A_STEP: usize = 100;
+/// Most values that are computed for an optimum, in all, unless the first grids take more: a dozen
 /// seconds of a core or so.
-pub(super) const MOST_COMPUTED: usize = 2_700_000_000;
-/// Most values that a search keeps at a time: 640 MB.
-const MOST_KEPT: usize = 80_000_000;
+pub(super) const MOST_COMPUTED: usize = 4_800_000_000;
+/// Most values that a search keeps at a time: 1.3 GB.
+const MOST_KEPT: usize = 160_000_000;
 
 /// The search for the best policy of who knows so much of the context.
 #[derive(Debug)]
@@ -41,6 +41,8 @@ pub(super) struct Search<'a> {
 #[derive(Clone, Copy, Debug)]
 struct Tried {
     resolution: Resolution,
+    /// [`Grid::unstretched`] of it.
+    unstretched: u32,
     /// How many values a layer has.
     nodes: usize,
     /// The steps of episodes that were asked for, and how many episodes those are.
@@ -95,7 +97,7 @@ impl<'a> Search<'a> {
     /// variable owes that to a coincidence, or until there is no time. Finer lines are given up again,
     /// for now, where the other variable has much more to come.
     pub fn best_from(mut self, coarsest: Resolution) -> Optimum {
-        let grid = self.grid(coarsest);
+        let grid = self.grid(coarsest, 0);
         let small = SMALL * grid.unit();
         let mut last = self.walk(coarsest, &grid, STEPS);
         let mut best = last;
@@ -104,7 +106,7 @@ impl<'a> Search<'a> {
         while let Some(most) = most_to_come(&changes, small) {
             let variable = changes[most].variable;
             let resolution = last.resolution.with_more_lines(variable, self.environment);
-            let grid = self.grid(resolution);
+            let grid = self.grid(resolution, last.walked.unstretched);
             if missed(&changes).is_finite() && !self.affords(grid.nodes(), last) {
                 break;
             }
@@ -143,12 +145,12 @@ impl<'a> Search<'a> {
         if episodes < 2 * tried.episodes {
             return tried.walked;
         }
-        walk::mean_return(&self.grid(tried.resolution), episodes)
+        walk::mean_return(&self.grid(tried.resolution, tried.unstretched), episodes)
     }
 
-    fn grid(&self, resolution: Resolution) -> Grid {
+    fn grid(&self, resolution: Resolution, unstretched: u32) -> Grid {
         let mut grid = Grid::new(self.environment, self.belief, resolution);
-        grid.threads = self.threads;
+        (grid.threads, grid.unstretched) = (self.threads, unstretched);
         grid
     }
 
@@ -157,7 +159,7 @@ impl<'a> Search<'a> {
         let episodes = ((steps / f64::from(self.environment.horizon)) as u32).clamp(fewest, most);
         let (nodes, walked) = (grid.nodes(), walk::mean_return(grid, episodes));
         self.computed += self.values(nodes, walked.layers) + self.stepping(episodes);
-        Tried { resolution, nodes, steps, episodes, walked }
+        Tried { resolution, unstretched: grid.unstretched, nodes, steps, episodes, walked }
     }
 
     /// The values of layers of so many nodes. Where the context is inferred, a value takes twice the

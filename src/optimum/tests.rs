@@ -253,13 +253,15 @@ fn layers_are_what_single_states_make_on_every_instruction_set() {
                 }
             });
             let mut layers = Isa::available().into_iter().map(|isa| {
-                let mut now = vec![0.0; grid.nodes()];
+                let mut now = grid.zeros();
                 grid.isa = isa;
                 grid.step_back(&later, &mut now);
                 now
             });
             let layer = layers.next().unwrap();
-            let bits = |layer: &[f64]| layer.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+            let bits = |layer: &[Lanes]| {
+                layer.as_flattened().iter().map(|x| x.to_bits()).collect::<Vec<_>>()
+            };
             assert!(layers.all(|other| bits(&other) == bits(&layer)), "{scenario}");
             drop(layers);
             let [later, now] = [&later, &layer].map(|layer| Moment { layer, more: 0.0 });
@@ -284,7 +286,7 @@ fn promised(grid: &Grid, later: Moment<'_>) -> f64 {
 
 /// The value of the start by as many layers as there are steps.
 fn promised_in_full(grid: &Grid) -> f64 {
-    let mut later = vec![0.0; grid.nodes()];
+    let mut later = grid.zeros();
     let mut now = later.clone();
     for _ in 1..grid.environment().horizon {
         grid.step_back(&later, &mut now);
@@ -403,6 +405,19 @@ fn where_steps_settle_the_rest_of_them_adds_the_same() {
     assert!((grown / gain - 1.0).abs() < 0.01, "{grown} {gain}");
 }
 
+#[test]
+fn single_steps_settle_where_they_do_though_no_stretch_is_looked_at() {
+    let environment = Environment { horizon: 10_000, ..Environment::paper(0.4) };
+    let belief = Belief::new(&environment, &"L-H-D".parse().unwrap());
+    let mut grid = Grid::new(&environment, belief, COARSE);
+    let looked_at = grid.induce(|_, _| ());
+    assert_eq!(looked_at.smoothed, 0);
+    grid.unstretched = walk::mean_return(&grid, 2).unstretched;
+    assert!((looked_at.left + 1..10_000).contains(&grid.unstretched));
+    let not = grid.induce(|_, _| ());
+    assert_eq!((not.left, not.layer, not.gain), (looked_at.left, looked_at.layer, looked_at.gain));
+}
+
 /// The best choices nearly repeat after 35 steps, and what a single step adds goes up and down with
 /// them.
 #[test]
@@ -418,7 +433,8 @@ fn what_settles_in_the_mean_over_a_stretch_is_the_full_induction_s() {
         last_two[1] = layer.to_vec();
     });
     assert!((300..5_000).contains(&induced.left), "{}", induced.left);
-    let added = last_two[1].iter().zip(&last_two[0]).map(|(now, later)| now - later);
+    let [later, now] = [&last_two[0], &last_two[1]].map(|layer| layer.as_flattened());
+    let added = now.iter().zip(later).map(|(now, later)| now - later);
     let [most, least] = [added.clone().fold(f64::MIN, f64::max), added.fold(f64::MAX, f64::min)];
     let ripple = (most - least) * f64::from(horizon - induced.left);
     assert!(ripple > 100.0, "a single step has settled: {least} {most}");

@@ -18,7 +18,7 @@ use crate::manifest::{Environment, FirstContext};
 use crate::rng::{Purpose, Stream};
 
 use super::Prospects;
-use super::grid::{Grid, Moment, in_parallel};
+use super::grid::{Grid, Lanes, Moment, in_parallel};
 
 /// What episodes told.
 #[derive(Clone, Copy, Debug)]
@@ -29,6 +29,9 @@ pub(super) struct Walked {
     pub standard_error: f64,
     /// Layers that were computed.
     pub layers: usize,
+    /// How many steps may settle on a finer grid, as they did on this, without a look at the mean over a
+    /// stretch of them.
+    pub unstretched: u32,
 }
 
 /// The mean return of the policy that makes the best choices by the values on a grid, over so many
@@ -38,7 +41,7 @@ pub(super) struct Walked {
 /// is no room for all. So layers are kept at distances, and those between computed again.
 pub(super) fn mean_return(grid: &Grid, episodes: u32) -> Walked {
     let e = grid.environment();
-    let (mut kept, mut distance) = (Vec::<Vec<f64>>::new(), 8);
+    let (mut kept, mut distance) = (Vec::<Vec<Lanes>>::new(), 8);
     let induced = grid.induce(|left, layer| {
         if left.is_multiple_of(distance) {
             kept.push(layer.to_vec());
@@ -57,7 +60,7 @@ pub(super) fn mean_return(grid: &Grid, episodes: u32) -> Walked {
     let settled = |left| induced.before(left);
     roll(&mut episodes, grid, induced.left..e.horizon, settled);
     let (mut end, mut above) = (induced.left, &induced.layer);
-    let mut layers = vec![vec![0.0; grid.nodes()]; distance as usize + 1];
+    let mut layers = vec![grid.zeros(); distance as usize + 1];
     for (i, first) in kept.iter().enumerate().rev() {
         let start = i as u32 * distance;
         layers[0].copy_from_slice(first);
@@ -79,7 +82,8 @@ pub(super) fn mean_return(grid: &Grid, episodes: u32) -> Walked {
     Walked {
         mean_return: of_start + left_out.0,
         standard_error: left_out.1,
-        layers: (induced.steps + induced.left) as usize + 2,
+        layers: (2 * induced.left + induced.smoothed) as usize + 2,
+        unstretched: if induced.smoothed > 0 { induced.left / 2 } else { 2 * induced.left },
     }
 }
 
@@ -140,6 +144,8 @@ struct Episode {
     ahead: SignalsAhead,
     habituation: f64,
     disengagement: f64,
+    /// The value of this state, but at the start.
+    value: f64,
     has_ended: bool,
     /// The sum of the errors of values on its way.
     left_out: f64,
@@ -152,6 +158,7 @@ impl Episode {
             ahead: SignalsAhead::new(e.sigma),
             habituation: e.initial_habituation,
             disengagement: e.initial_disengagement,
+            value: 0.0,
             has_ended: false,
             left_out: 0.0,
         }
@@ -164,12 +171,13 @@ impl Episode {
         }
         let (grid, e) = (ahead.grid, ahead.grid.environment());
         let (habituation, disengagement) = (self.habituation, self.disengagement);
-        let prospects = ahead.prospects(left, habituation, disengagement);
+        let states = grid.states_after(habituation, disengagement);
+        let values = states.map(|[h, d]| ahead.value(left, h, d));
+        let prospects = grid.prospects_of(values, habituation, disengagement);
         let is_first = left + 1 == e.horizon;
         // The value of the start is what the best choice there brings.
         if !is_first {
-            let value = ahead.value(left + 1, habituation, disengagement);
-            self.left_out += grid.mean_of_best(&prospects) - value;
+            self.left_out += grid.mean_of_best(&prospects) - self.value;
         }
         let (signal, believed) = if is_first && e.first_context == FirstContext::Fixed {
             (Signal::FIXED_FIRST, 1.0)
@@ -180,6 +188,9 @@ impl Episode {
         let action = prospects.best(believed);
         let effect = respond(e, signal.context, action, habituation, disengagement);
         (self.habituation, self.disengagement) = (effect.habituation, effect.disengagement);
+        let is_met = |state: &[f64; 2]| *state == [self.habituation, self.disengagement];
+        let met = states.iter().position(is_met).expect("a context makes no other state");
+        self.value = values[met];
         self.has_ended = effect.disengagement >= e.disengagement_threshold;
     }
 }
