@@ -125,17 +125,20 @@ impl<'a> Search<'a> {
                 last = next;
             }
         }
-        // A policy is only better than that of the last grid where this is flawed.
+        // A policy is only better than that of the last grid where this is flawed, or by chance.
+        if best.resolution != last.resolution {
+            best = better(self.walked_longer(best, small), last);
+        }
         let flawed = best.walked.mean_return - last.walked.mean_return;
         let missed = f64::max(missed(&changes), flawed);
         let allowed = f64::max(small - missed, f64::max(small, missed) / 2.0);
-        let walked = self.walked_longer(best, allowed);
+        let walked = self.walked_longer(best, allowed).walked;
         Optimum { mean_return: walked.mean_return, error: missed + 2.0 * walked.standard_error }
     }
 
     /// The policy of a grid, over as many more episodes as it needs for two standard errors to be what
     /// is allowed, or as there is time for.
-    fn walked_longer(&self, tried: Tried, allowed: f64) -> Walked {
+    fn walked_longer(&mut self, tried: Tried, allowed: f64) -> Tried {
         let excess = 2.0 * tried.walked.standard_error / allowed;
         let layers = self.values(tried.nodes, tried.walked.layers);
         let left = self.most_computed.saturating_sub(self.computed + layers);
@@ -143,9 +146,11 @@ impl<'a> Search<'a> {
         let episodes = (f64::from(tried.episodes) * excess * excess) as usize;
         let episodes = episodes.min(affordable).min(MOST_EPISODES as usize) as u32;
         if episodes < 2 * tried.episodes {
-            return tried.walked;
+            return tried;
         }
-        walk::mean_return(&self.grid(tried.resolution, tried.unstretched), episodes)
+        self.computed += layers + self.stepping(episodes);
+        let walked = walk::mean_return(&self.grid(tried.resolution, tried.unstretched), episodes);
+        Tried { episodes, walked, ..tried }
     }
 
     fn grid(&self, resolution: Resolution, unstretched: u32) -> Grid {
