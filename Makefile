@@ -3,8 +3,8 @@
 CARGO ?= cargo
 JITAI := $(CARGO) run --release --quiet --
 
-.PHONY: help run paper readings bench bench-burn bench-readers test test-slow test-features test-kill test-damage
-.PHONY: test-bad-input fuzz deny miri test-browser browser test-analysis analysis doc clean
+.PHONY: help run paper readings bench bench-burn bench-readers bench-optima test test-slow test-features
+.PHONY: test-kill test-damage test-bad-input fuzz deny miri test-browser browser test-analysis analysis doc clean
 
 help: ## these targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -35,6 +35,9 @@ bench-burn: ## time both engines with Burn compiled to be fast, on both of its C
 	for features in "" burn-flex; do \
 		$(CARGO) bench --quiet --config benches/burn-for-speed.toml --features "$$features" --bench jobs -- a_tenth || exit; \
 	done
+
+bench-optima: ## how exact optima of random environments are, and how long they take (minutes; ENVIRONMENTS=n, HORIZONS=n,n)
+	$(CARGO) bench --quiet --bench optima
 
 bench-readers: ## what eight readers that ask every second cost a sweep (minutes; PAIRS=n, PAUSE=seconds)
 	$(CARGO) build --release

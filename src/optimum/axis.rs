@@ -22,6 +22,7 @@ pub(super) struct Axis {
     /// For each part, the first node that a number in it can be next to.
     first_nodes: Vec<usize>,
     /// For the cubic from each node on, what Lagrange's products of its four are divided by: as factors.
+    /// Of an axis without jumps.
     factors: Vec<[f64; 4]>,
 }
 
@@ -61,9 +62,7 @@ impl Axis {
         let begins = |part: usize| part as f64 / parts - 2.0 * ROUNDING;
         let first_nodes =
             (0..count).map(|part| nodes.partition_point(|node| *node < begins(part))).collect();
-        let factor = |near: &[f64], i: usize| 1.0 / from_others(near, i, near[i]);
-        let factors = nodes.windows(4).map(|near| array::from_fn(|i| factor(near, i))).collect();
-        Axis { nodes, parts, first_nodes, factors }
+        Axis { nodes, parts, first_nodes, factors: vec![] }
     }
 
     /// Nodes from 0 to 1 in steps of at most 1 / `steps`, which are at least 3. A `stride` is a multiple
@@ -74,7 +73,11 @@ impl Axis {
         let is_short = stride < most && stride * (MOST_STRIDES as f64) < 1.0;
         let step = if is_short { most } else { stride / (stride / most).ceil() };
         let before_one = (0..).map(|i| f64::from(i) * step).take_while(|x| *x < 1.0 - ROUNDING);
-        Axis::new(before_one.chain([1.0]).collect())
+        let axis = Axis::new(before_one.chain([1.0]).collect());
+        let factor = |near: &[f64], i: usize| 1.0 / from_others(near, i, near[i]);
+        let cubics = axis.nodes.windows(4);
+        let factors = cubics.map(|near| array::from_fn(|i| factor(near, i))).collect();
+        Axis { factors, ..axis }
     }
 
     /// Nodes at 0, at the `lines` between it and `end`, two at each of the `jumps` there, and at `end`,

@@ -48,8 +48,8 @@ const USUAL_REWARD: f64 = 200.0;
 
 /// Rows whose values are computed at once.
 const AT_ONCE: usize = 8;
-/// Rows that are added up at once.
-const ADDED_AT_ONCE: usize = 4;
+/// Rows that are blended at once.
+const BLENDED_AT_ONCE: usize = 4;
 /// Values of a layer for which it is worth to wake a thread.
 const WORTH_A_THREAD: usize = 2_000;
 
@@ -144,7 +144,7 @@ impl Added {
     const NOTHING: Added = Added { least: f64::INFINITY, most: f64::NEG_INFINITY };
 
     fn by(isa: Isa, later: &[Lanes], now: &[Lanes]) -> Added {
-        let [added, _] = isa.run(Tally { later: [later, later], now, sum: &mut [] });
+        let [added, _] = isa.run(Tally { later: [later, &[]], now, sum: &mut [] });
         added
     }
 
@@ -181,8 +181,8 @@ impl Added {
     }
 }
 
-/// What some values of a layer are more than those of each of two later ones. They are added to a sum,
-/// unless that is empty.
+/// What some values of a layer are more than those of each of two later ones. They are added to a sum.
+/// The second of those and the sum may be empty, for nothing.
 struct Tally<'a> {
     later: [&'a [Lanes]; 2],
     now: &'a [Lanes],
@@ -315,8 +315,8 @@ pub(super) struct Grid {
     pub threads: usize,
     /// How far the steps before a step may differ from it in what they add, in all and in units.
     pub settled: f64,
-    /// How many steps may settle without a look at the mean over a stretch of them.
-    pub unstretched: u32,
+    /// How many steps are computed before a first look at the mean over a stretch of them.
+    pub stretches_after: u32,
     baseline: [f64; 2],
     expectation: Expectation,
     habituation: Axis,
@@ -339,7 +339,7 @@ struct Group {
 #[derive(Clone, Debug)]
 struct Blend {
     first: usize,
-    shares: Vec<[Lanes; ADDED_AT_ONCE]>,
+    shares: Vec<[Lanes; BLENDED_AT_ONCE]>,
 }
 
 impl Blend {
@@ -349,15 +349,15 @@ impl Blend {
         let (from, to) = of_each
             .filter(|(_, weight)| *weight != 0.0)
             .fold((rows, 0), |(from, to), (row, _)| (from.min(row), to.max(row + 1)));
-        let parts = (to - from).div_ceil(ADDED_AT_ONCE);
-        let first = from.min(rows - parts * ADDED_AT_ONCE);
+        let parts = (to - from).div_ceil(BLENDED_AT_ONCE);
+        let first = from.min(rows - parts * BLENDED_AT_ONCE);
         let share = |row: usize| {
             places.map(|place| {
                 let which = row.checked_sub(place.node);
                 which.and_then(|i| place.weights.get(i)).copied().unwrap_or(0.0)
             })
         };
-        let part = |i: usize| array::from_fn(|j| share(first + i * ADDED_AT_ONCE + j));
+        let part = |i: usize| array::from_fn(|j| share(first + i * BLENDED_AT_ONCE + j));
         Blend { first, shares: (0..parts).map(part).collect() }
     }
 
@@ -371,8 +371,8 @@ impl Blend {
         let (out, _) = S::as_mut_simd_f64s(out.as_flattened_mut());
         for (i, shares) in self.shares.iter().enumerate() {
             let shares = shares.each_ref().map(|shares| S::as_simd_f64s(shares).0);
-            let rows: [(&[Lanes], usize); ADDED_AT_ONCE] = array::from_fn(|j| {
-                let row = self.first + i * ADDED_AT_ONCE + j;
+            let rows: [(&[Lanes], usize); BLENDED_AT_ONCE] = array::from_fn(|j| {
+                let row = self.first + i * BLENDED_AT_ONCE + j;
                 (&layer[row / AT_ONCE * columns..][..columns], row % AT_ONCE)
             });
             for vector in 0..vectors {
@@ -384,7 +384,7 @@ impl Blend {
                         simd.mul_f64s(shares[j], simd.splat_f64s(group[column][lane]))
                     };
                     let mut sum = if i == 0 { term(0) } else { simd.add_f64s(*out, term(0)) };
-                    for j in 1..ADDED_AT_ONCE {
+                    for j in 1..BLENDED_AT_ONCE {
                         sum = simd.add_f64s(sum, term(j));
                     }
                     *out = sum;
@@ -450,7 +450,7 @@ impl Grid {
             belief,
             isa: Isa::chosen(),
             threads: 1,
-            unstretched: 0,
+            stretches_after: 0,
             settled: f64::min(SETTLED_IN_ALL, SETTLED * f64::from(e.horizon)),
             baseline,
             expectation,
@@ -505,7 +505,7 @@ impl Grid {
         see(0, &course.values);
         let (mut smoothed, mut next_try) = (0, 0);
         for left in 1..=most_left {
-            if left > self.unstretched
+            if left > self.stretches_after
                 && course.stretch.as_ref().is_none_or(|s| s.layers > SHORTEST_STRETCH.max(left / 4))
             {
                 course.begin_stretch();
@@ -533,8 +533,8 @@ impl Grid {
         Induced { left: most_left, layer: course.values, gain: 0.0, smoothed }
     }
 
-    /// Takes the mean values of a stretch further, at most half as many steps as are `left`, until the
-    /// steps before them would all add the same; every as many steps as the stretch has, their mean
+    /// Takes the mean values of a stretch further, at most half as many steps as are `left` or as many as
+    /// that may save, until the steps before them would all add the same; every as many steps as the stretch has, their mean
     /// is taken again. How many steps that took, and the values on the level of the stretch's last,
     /// unless they are too far from those, with what each step before them adds.
     fn smooth(
@@ -544,7 +544,9 @@ impl Grid {
         left: u32,
     ) -> (u32, Option<(Vec<Lanes>, f64)>) {
         let mut smooth = Course::new(stretch.mean());
-        for steps in 1..=left / 2 {
+        let rest = self.environment.horizon - 1 - left;
+        let most = rest.min(left / 2);
+        for steps in 1..=most {
             if steps % stretch.layers == 1 {
                 if let Some(stretch) = &smooth.stretch {
                     smooth = Course::new(stretch.mean());
@@ -552,7 +554,7 @@ impl Grid {
                 smooth.begin_stretch();
             }
             let added = smooth.step(self);
-            if self.is_settled(added, self.environment.horizon - 1 - left) {
+            if self.is_settled(added, rest) {
                 let apart = Added::by(self.isa, &smooth.values, last);
                 let level = |values: &Lanes| values.map(|value| value + apart.middle());
                 let values = smooth.values.iter().map(level).collect();
@@ -561,7 +563,7 @@ impl Grid {
                 return (steps, is_near.then_some((values, added.middle())));
             }
         }
-        (left / 2, None)
+        (most, None)
     }
 
     /// Whether so many steps that add so much may be taken to add the same.
@@ -585,7 +587,8 @@ impl Grid {
         in_parallel(parts, |(i, now)| self.part_back(i * part, later, now, |_, _| ()));
     }
 
-    /// How much of a layer a thread computes: some groups of rows.
+    /// How much of a layer a thread computes: some groups of rows, so that there is work for no more
+    /// threads than groups.
     fn part(&self) -> usize {
         let threads = self.threads.min(self.nodes() / WORTH_A_THREAD).max(1);
         self.groups.len().div_ceil(threads) * self.columns.len()
@@ -650,6 +653,17 @@ impl Grid {
             let effect = respond(&self.environment, 0, action, habituation, disengagement);
             [effect.habituation, effect.disengagement]
         })
+    }
+
+    /// Which of [`Grid::states_after`] an action leads to.
+    pub fn led_to(context: u8, action: Action) -> usize {
+        if action == Action::NONE {
+            0
+        } else if [Action::UNTAILORED, Action::tailored_to(context)].contains(&action) {
+            1
+        } else {
+            2
+        }
     }
 
     /// [`Grid::prospects`], given the values of [`Grid::states_after`].

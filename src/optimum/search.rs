@@ -22,7 +22,7 @@ const VALUES_A_STEP: usize = 100;
 /// Most values that are computed for an optimum, in all, unless the first grids take more: a dozen
 /// seconds of a core or so.
 pub(super) const MOST_COMPUTED: usize = 4_800_000_000;
-/// Most values that a search keeps at a time: 1.3 GB.
+/// Most values that a search keeps at a time, or so: 1.3 GB.
 const MOST_KEPT: usize = 160_000_000;
 
 /// The search for the best policy of who knows so much of the context.
@@ -41,8 +41,8 @@ pub(super) struct Search<'a> {
 #[derive(Clone, Copy, Debug)]
 struct Tried {
     resolution: Resolution,
-    /// [`Grid::unstretched`] of it.
-    unstretched: u32,
+    /// [`Grid::stretches_after`] of it.
+    stretches_after: u32,
     /// How many values a layer has.
     nodes: usize,
     /// The steps of episodes that were asked for, and how many episodes those are.
@@ -106,7 +106,7 @@ impl<'a> Search<'a> {
         while let Some(most) = most_to_come(&changes, small) {
             let variable = changes[most].variable;
             let resolution = last.resolution.with_more_lines(variable, self.environment);
-            let grid = self.grid(resolution, last.walked.unstretched);
+            let grid = self.grid(resolution, last.walked.stretches_after);
             if missed(&changes).is_finite() && !self.affords(grid.nodes(), last) {
                 break;
             }
@@ -125,8 +125,9 @@ impl<'a> Search<'a> {
                 last = next;
             }
         }
-        // A policy is only better than that of the last grid where this is flawed, or by chance.
-        if best.resolution != last.resolution {
+        // The policy of a coarser grid is only better than the last one's where this is flawed, or by
+        // chance.
+        if best.nodes < last.nodes {
             best = better(self.walked_longer(best, small), last);
         }
         let flawed = best.walked.mean_return - last.walked.mean_return;
@@ -149,13 +150,14 @@ impl<'a> Search<'a> {
             return tried;
         }
         self.computed += layers + self.stepping(episodes);
-        let walked = walk::mean_return(&self.grid(tried.resolution, tried.unstretched), episodes);
+        let walked =
+            walk::mean_return(&self.grid(tried.resolution, tried.stretches_after), episodes);
         Tried { episodes, walked, ..tried }
     }
 
-    fn grid(&self, resolution: Resolution, unstretched: u32) -> Grid {
+    fn grid(&self, resolution: Resolution, stretches_after: u32) -> Grid {
         let mut grid = Grid::new(self.environment, self.belief, resolution);
-        (grid.threads, grid.unstretched) = (self.threads, unstretched);
+        (grid.threads, grid.stretches_after) = (self.threads, stretches_after);
         grid
     }
 
@@ -164,7 +166,7 @@ impl<'a> Search<'a> {
         let episodes = ((steps / f64::from(self.environment.horizon)) as u32).clamp(fewest, most);
         let (nodes, walked) = (grid.nodes(), walk::mean_return(grid, episodes));
         self.computed += self.values(nodes, walked.layers) + self.stepping(episodes);
-        Tried { resolution, unstretched: grid.unstretched, nodes, steps, episodes, walked }
+        Tried { resolution, stretches_after: grid.stretches_after, nodes, steps, episodes, walked }
     }
 
     /// The values of layers of so many nodes. Where the context is inferred, a value takes twice the

@@ -383,7 +383,8 @@ fn the_time_is_bounded_where_increments_are_tiny_and_nothing_settles() {
             }
             let takes = Search::new(&environment, belief, 1).values(nodes, 2 * 10_000);
             // Of all beliefs the inferred one takes most.
-            let most = if belief == inferred { 15 * MOST_COMPUTED / 8 } else { MOST_COMPUTED };
+            let sixteenths = if belief == inferred { 18 } else { 9 };
+            let most = MOST_COMPUTED / 16 * sixteenths;
             assert!(takes < most, "{environment:?} {nodes}");
         }
     }
@@ -398,24 +399,11 @@ fn where_steps_settle_the_rest_of_them_adds_the_same() {
         (walk::mean_return(&grid, 150), grid)
     };
     let (long, _) = of_horizon(10_000);
-    assert!((100..18_000).contains(&long.layers), "{long:?}");
+    assert!((100..9_000).contains(&long.layers), "{long:?}");
     let (shorter, grid) = of_horizon(9_000);
     let gain = grid.induce(|_, _| ()).gain;
     let grown = (long.mean_return - shorter.mean_return) / 1_000.0;
     assert!((grown / gain - 1.0).abs() < 0.01, "{grown} {gain}");
-}
-
-#[test]
-fn single_steps_settle_where_they_do_though_no_stretch_is_looked_at() {
-    let environment = Environment { horizon: 10_000, ..Environment::paper(0.4) };
-    let belief = Belief::new(&environment, &"L-H-D".parse().unwrap());
-    let mut grid = Grid::new(&environment, belief, COARSE);
-    let looked_at = grid.induce(|_, _| ());
-    assert_eq!(looked_at.smoothed, 0);
-    grid.unstretched = walk::mean_return(&grid, 2).unstretched;
-    assert!((looked_at.left + 1..10_000).contains(&grid.unstretched));
-    let not = grid.induce(|_, _| ());
-    assert_eq!((not.left, not.layer, not.gain), (looked_at.left, looked_at.layer, looked_at.gain));
 }
 
 /// The best choices nearly repeat after 35 steps, and what a single step adds goes up and down with
@@ -426,7 +414,7 @@ fn what_settles_in_the_mean_over_a_stretch_is_the_full_induction_s() {
     let environment =
         Environment { delta_h, delta_d, epsilon_d, horizon, ..Environment::paper(0.4) };
     let belief = Belief::new(&environment, &"H-D".parse().unwrap());
-    let grid = Grid::new(&environment, belief, COARSE);
+    let mut grid = Grid::new(&environment, belief, COARSE);
     let mut last_two = [vec![], vec![]];
     let induced = grid.induce(|_, layer| {
         last_two.reverse();
@@ -441,6 +429,11 @@ fn what_settles_in_the_mean_over_a_stretch_is_the_full_induction_s() {
     let full = promised_in_full(&grid);
     let ours = promised(&grid, induced.before(horizon - 1));
     assert!((full - ours).abs() < 0.5, "{full} {ours}");
+    // A finer grid is as likely to; and it is not looked for before it is said to be.
+    assert_eq!(walk::mean_return(&grid, 2).stretches_after, induced.left / 2);
+    grid.stretches_after = 2 * induced.left;
+    let later = grid.induce(|_, _| ());
+    assert!(induced.smoothed > 0 && later.left > grid.stretches_after, "{}", later.left);
 }
 
 #[test]

@@ -18,7 +18,7 @@ use crate::manifest::{Environment, FirstContext};
 use crate::rng::{Purpose, Stream};
 
 use super::Prospects;
-use super::grid::{Grid, Lanes, Moment, in_parallel};
+use super::grid::{Grid, Induced, Lanes, Moment, in_parallel};
 
 /// What episodes told.
 #[derive(Clone, Copy, Debug)]
@@ -29,9 +29,8 @@ pub(super) struct Walked {
     pub standard_error: f64,
     /// Layers that were computed.
     pub layers: usize,
-    /// How many steps may settle on a finer grid, as they did on this, without a look at the mean over a
-    /// stretch of them.
-    pub unstretched: u32,
+    /// [`Grid::stretches_after`] of a finer grid, which is as likely to settle by single steps as this.
+    pub stretches_after: u32,
 }
 
 /// The mean return of the policy that makes the best choices by the values on a grid, over so many
@@ -59,21 +58,21 @@ pub(super) fn mean_return(grid: &Grid, episodes: u32) -> Walked {
     let mut episodes: Vec<Episode> = (1..=episodes).map(|seed| Episode::start(e, seed)).collect();
     let settled = |left| induced.before(left);
     roll(&mut episodes, grid, induced.left..e.horizon, settled);
-    let (mut end, mut above) = (induced.left, &induced.layer);
-    let mut layers = vec![grid.zeros(); distance as usize + 1];
+    let mut end = induced.left;
+    let mut layers = vec![grid.zeros(); distance as usize - 1];
     for (i, first) in kept.iter().enumerate().rev() {
         let start = i as u32 * distance;
         layers[0].copy_from_slice(first);
-        for left in 1..(end - start) as usize {
-            let (later, now) = layers.split_at_mut(left);
-            grid.step_back(&later[left - 1], &mut now[0]);
+        // The last step of a range asks for the values two steps before its end.
+        for left in 2..(end - start) as usize {
+            let (later, now) = layers.split_at_mut(left - 1);
+            grid.step_back(&later[left - 2], &mut now[0]);
         }
-        layers[(end - start) as usize].copy_from_slice(above);
         roll(&mut episodes, grid, start..end, |left| Moment {
             layer: &layers[(left - start) as usize],
             more: 0.0,
         });
-        (end, above) = (start, first);
+        end = start;
     }
     let left_out = moments(episodes.iter().map(|episode| episode.left_out));
     let ahead = Ahead { grid, left: induced.left..e.horizon, kept: &settled };
@@ -83,7 +82,10 @@ pub(super) fn mean_return(grid: &Grid, episodes: u32) -> Walked {
         mean_return: of_start + left_out.0,
         standard_error: left_out.1,
         layers: (2 * induced.left + induced.smoothed) as usize + 2,
-        unstretched: if induced.smoothed > 0 { induced.left / 2 } else { 2 * induced.left },
+        stretches_after: match induced {
+            Induced { smoothed: 0, left, .. } if left < e.horizon - 1 => 2 * left,
+            Induced { left, .. } => left / 2,
+        },
     }
 }
 
@@ -106,9 +108,8 @@ fn roll<'a>(
 
 /// The values of states by those that are kept with one step less left.
 ///
-/// Only those with the fewest steps left of a range, and those with as many as the range ends at,
-/// are taken as they are kept: of the former there is no step less at hand, and the latter are the
-/// former of the range before.
+/// Only those with the fewest steps left of a range are taken as they are kept: there is no step less
+/// at hand.
 struct Ahead<'g, F> {
     grid: &'g Grid,
     left: Range<u32>,
@@ -116,15 +117,13 @@ struct Ahead<'g, F> {
 }
 
 impl<'a, F: Fn(u32) -> Moment<'a>> Ahead<'_, F> {
-    fn are_computed(&self, left: u32) -> bool {
-        self.left.start < left && left < self.left.end
-    }
-
     /// The value of a state with so many steps left; 0 where the episode has ended.
     fn value(&self, left: u32, habituation: f64, disengagement: f64) -> f64 {
         let grid = self.grid;
-        let has_ended = disengagement >= grid.environment().disengagement_threshold;
-        if has_ended || !self.are_computed(left) {
+        if disengagement >= grid.environment().disengagement_threshold {
+            return 0.0;
+        }
+        if left == self.left.start {
             return grid.value((self.kept)(left), habituation, disengagement);
         }
         let prospects = grid.prospects((self.kept)(left - 1), habituation, disengagement);
@@ -188,9 +187,7 @@ impl Episode {
         let action = prospects.best(believed);
         let effect = respond(e, signal.context, action, habituation, disengagement);
         (self.habituation, self.disengagement) = (effect.habituation, effect.disengagement);
-        let is_met = |state: &[f64; 2]| *state == [self.habituation, self.disengagement];
-        let met = states.iter().position(is_met).expect("a context makes no other state");
-        self.value = values[met];
+        self.value = values[Grid::led_to(signal.context, action)];
         self.has_ended = effect.disengagement >= e.disengagement_threshold;
     }
 }

@@ -1,0 +1,81 @@
+//! How exact the optima of environments drawn at random are, and how long each takes.
+//!
+//! `ENVIRONMENTS` and `HORIZONS` (with commas between) say how many are drawn and what for.
+
+use std::env;
+use std::num::NonZeroUsize;
+use std::thread;
+use std::time::Instant;
+
+use jitai::manifest::{Environment, Scenario};
+use jitai::optimum::optimum;
+use rand::seq::IndexedRandom;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// The error that is asked for, in steps walked.
+const ASKED_FOR: f64 = 0.5;
+
+/// A number between two whose logarithm is uniform, of two digits, as people write them.
+fn between(rng: &mut ChaCha8Rng, least: f64, most: f64) -> f64 {
+    let drawn = (least.ln() + rng.random::<f64>() * (most / least).ln()).exp();
+    format!("{drawn:.1e}").parse().expect("a number")
+}
+
+fn draw(rng: &mut ChaCha8Rng) -> (Scenario, Environment) {
+    let scenarios = ["P-H-D", "P-H-D", "L-H-D", "L-H-D", "C-H-D", "H-D"];
+    let scenario = scenarios.choose(rng).expect("some").parse().expect("a scenario");
+    let environment = Environment {
+        delta_h: between(rng, 0.01, 0.5),
+        epsilon_h: between(rng, 0.01, 0.3),
+        delta_d: between(rng, 0.01, 0.5),
+        epsilon_d: between(rng, 0.05, 0.7),
+        disengagement_threshold: between(rng, 0.5, 1.0),
+        ..Environment::paper(between(rng, 0.3, 2.0))
+    };
+    (scenario, environment)
+}
+
+fn main() {
+    let given = |name: &str, usual: &str| env::var(name).unwrap_or_else(|_| usual.to_owned());
+    let count: usize = given("ENVIRONMENTS", "40").parse().expect("ENVIRONMENTS is a number");
+    let threads = thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
+    println!("scenario  sigma  delta_h  epsilon_h  delta_d  epsilon_d  threshold  optimum  error");
+    for horizon in given("HORIZONS", "50,1000,10000").split(',') {
+        let horizon = horizon.parse().expect("HORIZONS are numbers with commas between");
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let (mut errors, mut seconds) = (vec![], vec![]);
+        for _ in 0..count {
+            let (scenario, e) = draw(&mut rng);
+            let e = Environment { horizon, ..e };
+            let begun = Instant::now();
+            let found = optimum(&e, &scenario, threads).expect("a scenario with H and D");
+            seconds.push(begun.elapsed().as_secs_f64());
+            errors.push(found.error);
+            if found.error > ASKED_FOR {
+                println!(
+                    "{:8}  {:5}  {:7}  {:9}  {:7}  {:9}  {:9}  {:7.0}  {:5.2}",
+                    scenario.to_string(),
+                    e.sigma,
+                    e.delta_h,
+                    e.epsilon_h,
+                    e.delta_d,
+                    e.epsilon_d,
+                    e.disengagement_threshold,
+                    found.mean_return,
+                    found.error
+                );
+            }
+        }
+        seconds.sort_by(f64::total_cmp);
+        errors.sort_by(f64::total_cmp);
+        let exact = errors.partition_point(|error| *error <= ASKED_FOR);
+        println!(
+            "horizon {horizon}: {exact} of {count} within {ASKED_FOR}, the largest error {:.2}; \
+             median {:.1} s, longest {:.1} s",
+            errors[count - 1],
+            seconds[count / 2],
+            seconds[count - 1]
+        );
+    }
+}
