@@ -11,17 +11,19 @@ use super::walk::{self, Walked};
 const SMALL: f64 = 0.1;
 /// Steps of episodes on the coarsest grid, or so; on others they grow with the root of the values.
 const STEPS: f64 = 125_000.0;
-/// Fewest and most episodes of a grid.
-const EPISODES: (u32, u32) = (50, 2_000);
-/// Most episodes of the grid that is taken in the end.
-const MOST_EPISODES: u32 = 20_000;
+/// Fewest and most episodes of a grid, unless they are noisy.
+const EPISODES: (usize, usize) = (50, 2_000);
+/// Most episodes of a grid.
+const MOST_EPISODES: usize = 20_000;
+/// How many times the time of noisy episodes that of a grid's values is, or more.
+const OF_NOISY_EPISODES: usize = 3;
 /// How many times more must be to come of another variable, for finer lines in one not to be kept.
 const NEGLIGIBLE: f64 = 4.0;
-/// Values that are computed in the time of a step of an episode.
+/// Values that are computed in the time of a step of an episode, where the context is not inferred.
 const VALUES_A_STEP: usize = 100;
 /// Most values that are computed for an optimum, in all, unless the first grids take more: a dozen
 /// seconds of a core or so.
-pub(super) const MOST_COMPUTED: usize = 4_800_000_000;
+pub(super) const MOST_COMPUTED: usize = 5_500_000_000;
 /// Most values that a search keeps at a time, or so: 1.3 GB.
 const MOST_KEPT: usize = 160_000_000;
 
@@ -45,10 +47,18 @@ struct Tried {
     stretches_after: u32,
     /// How many values a layer has.
     nodes: usize,
-    /// The steps of episodes that were asked for, and how many episodes those are.
+    /// The steps of episodes that were asked for, at least.
     steps: f64,
-    episodes: u32,
     walked: Walked,
+}
+
+impl Tried {
+    /// How many episodes it takes for two standard errors to be what is allowed.
+    fn episodes_for(&self, allowed: f64) -> usize {
+        let excess = 2.0 * self.walked.standard_error / allowed;
+        let episodes = (self.walked.episodes as f64 * excess * excess) as usize;
+        episodes.min(MOST_EPISODES)
+    }
 }
 
 /// What finer lines in a variable have changed.
@@ -99,7 +109,7 @@ impl<'a> Search<'a> {
     pub fn best_from(mut self, coarsest: Resolution) -> Optimum {
         let grid = self.grid(coarsest, 0);
         let small = SMALL * grid.unit();
-        let mut last = self.walk(coarsest, &grid, STEPS);
+        let mut last = self.walk(coarsest, &grid, STEPS, MOST_EPISODES);
         let mut best = last;
         let mut changes: Vec<Changes> =
             coarsest.variables().iter().map(|variable| Changes::none_in(*variable)).collect();
@@ -107,11 +117,15 @@ impl<'a> Search<'a> {
             let variable = changes[most].variable;
             let resolution = last.resolution.with_more_lines(variable, self.environment);
             let grid = self.grid(resolution, last.walked.stretches_after);
-            if missed(&changes).is_finite() && !self.affords(grid.nodes(), last) {
+            let growth = grid.nodes() as f64 / last.nodes as f64;
+            let steps = last.steps * growth.sqrt();
+            let needed = last.episodes_for(small / 2.0);
+            if missed(&changes).is_finite()
+                && !self.affords(&grid, last.walked.layers, steps, needed)
+            {
                 break;
             }
-            let growth = grid.nodes() as f64 / last.nodes as f64;
-            let next = self.walk(resolution, &grid, last.steps * growth.sqrt());
+            let next = self.walk(resolution, &grid, steps, needed);
             let change = (next.walked.mean_return - last.walked.mean_return).abs();
             changes[most].add(change);
             best = better(best, next);
@@ -140,19 +154,17 @@ impl<'a> Search<'a> {
     /// The policy of a grid, over as many more episodes as it needs for two standard errors to be what
     /// is allowed, or as there is time for.
     fn walked_longer(&mut self, tried: Tried, allowed: f64) -> Tried {
-        let excess = 2.0 * tried.walked.standard_error / allowed;
         let layers = self.values(tried.nodes, tried.walked.layers);
         let left = self.most_computed.saturating_sub(self.computed + layers);
         let affordable = left / self.stepping(1);
-        let episodes = (f64::from(tried.episodes) * excess * excess) as usize;
-        let episodes = episodes.min(affordable).min(MOST_EPISODES as usize) as u32;
-        if episodes < 2 * tried.episodes {
+        let episodes = tried.episodes_for(allowed).min(affordable);
+        if episodes < 2 * tried.walked.episodes {
             return tried;
         }
         self.computed += layers + self.stepping(episodes);
         let walked =
-            walk::mean_return(&self.grid(tried.resolution, tried.stretches_after), episodes);
-        Tried { episodes, walked, ..tried }
+            walk::mean_return(&self.grid(tried.resolution, tried.stretches_after), |_| episodes);
+        Tried { walked, ..tried }
     }
 
     fn grid(&self, resolution: Resolution, stretches_after: u32) -> Grid {
@@ -161,32 +173,48 @@ impl<'a> Search<'a> {
         grid
     }
 
-    fn walk(&mut self, resolution: Resolution, grid: &Grid, steps: f64) -> Tried {
+    /// The policy of a grid, over episodes of so many steps in all, or over more if so many episodes are
+    /// `needed`.
+    fn walk(&mut self, resolution: Resolution, grid: &Grid, steps: f64, needed: usize) -> Tried {
+        let nodes = grid.nodes();
+        let episodes = |layers| self.episodes(nodes, layers, steps, needed);
+        let walked = walk::mean_return(grid, episodes);
+        self.computed += self.values(nodes, walked.layers) + self.stepping(walked.episodes);
+        Tried { resolution, stretches_after: grid.stretches_after, nodes, steps, walked }
+    }
+
+    /// How many episodes of so many steps in all, or of more if so many episodes are needed: at most as
+    /// many as take a fraction of the time of the values.
+    fn episodes(&self, nodes: usize, layers: usize, steps: f64, needed: usize) -> usize {
         let (fewest, most) = EPISODES;
-        let episodes = ((steps / f64::from(self.environment.horizon)) as u32).clamp(fewest, most);
-        let (nodes, walked) = (grid.nodes(), walk::mean_return(grid, episodes));
-        self.computed += self.values(nodes, walked.layers) + self.stepping(episodes);
-        Tried { resolution, stretches_after: grid.stretches_after, nodes, steps, episodes, walked }
+        let usual = ((steps / f64::from(self.environment.horizon)) as usize).clamp(fewest, most);
+        let affordable = self.values(nodes, layers) / (OF_NOISY_EPISODES * self.stepping(1));
+        usual.max(needed.min(affordable))
     }
 
     /// The values of layers of so many nodes. Where the context is inferred, a value takes twice the
     /// time, and counts as much.
     pub fn values(&self, nodes: usize, layers: usize) -> usize {
-        let inferred = matches!(self.belief, Belief::Inferred { .. });
-        nodes * layers * if inferred { 2 } else { 1 }
+        nodes * layers * if self.infers() { 2 } else { 1 }
     }
 
     /// Values that are computed in the time of so many episodes.
-    fn stepping(&self, episodes: u32) -> usize {
-        VALUES_A_STEP * episodes as usize * self.environment.horizon as usize
+    fn stepping(&self, episodes: usize) -> usize {
+        let a_step = if self.infers() { VALUES_A_STEP * 3 / 2 } else { VALUES_A_STEP };
+        a_step * episodes * self.environment.horizon as usize
     }
 
-    /// Whether there is time and room for a grid of so many nodes, finer than the one tried before.
-    fn affords(&self, nodes: usize, before: Tried) -> bool {
-        let layers = before.walked.layers;
-        // A finer grid may take more steps to settle. Layers are computed twice; at most three times
-        // the root of their number are kept.
-        let takes = self.values(nodes, layers) * 5 / 4 + 2 * self.stepping(before.episodes);
+    fn infers(&self) -> bool {
+        matches!(self.belief, Belief::Inferred { .. })
+    }
+
+    /// Whether there is time and room for a grid with so many layers or somewhat more, and for its
+    /// episodes.
+    fn affords(&self, grid: &Grid, layers: usize, steps: f64, needed: usize) -> bool {
+        let (nodes, layers) = (grid.nodes(), layers * 5 / 4);
+        let episodes = self.episodes(nodes, layers, steps, needed);
+        let takes = self.values(nodes, layers) + self.stepping(episodes);
+        // Layers are computed twice; at most three times the root of their number are kept.
         self.computed + takes <= self.most_computed && nodes * 3 * (layers / 2).isqrt() <= MOST_KEPT
     }
 }

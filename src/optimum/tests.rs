@@ -140,7 +140,7 @@ fn the_error_counts_habituation_where_its_increments_are_short() {
     let belief = Belief::new(&environment, &"P-H-D".parse().unwrap());
     let on = |habituation| {
         let resolution = Resolution { habituation, ..COARSE.refined() };
-        walk::mean_return(&Grid::new(&environment, belief, resolution), 2_000)
+        walk::mean_return(&Grid::new(&environment, belief, resolution), |_| 2_000)
     };
     let (coarse, alike, finer) = (on(10), on(40), on(300));
     assert_eq!(coarse.mean_return, alike.mean_return);
@@ -207,7 +207,7 @@ fn errors_of_interpolation_add_up_to_what_a_policy_s_return_differs_by() {
         for scenario in ["P-H-D", "L-H-D", "H-D"] {
             let belief = Belief::new(&environment, &scenario.parse().unwrap());
             let grid = Grid::new(&environment, belief, resolution);
-            let walked = walk::mean_return(&grid, 2_000);
+            let walked = walk::mean_return(&grid, |_| 2_000);
             let mut layers = Vec::new();
             let last = grid.induce(|_, layer| layers.push(layer.to_vec()));
             let promised = promised(&grid, last.before(environment.horizon - 1));
@@ -349,7 +349,7 @@ fn threads_make_no_difference() {
             let mut grid = Grid::new(&environment, belief, COARSE.refined().refined().refined());
             assert!(grid.nodes() > 60_000, "enough for threads");
             grid.threads = threads;
-            walk::mean_return(&grid, 155).mean_return.to_bits()
+            walk::mean_return(&grid, |_| 155).mean_return.to_bits()
         };
         assert_eq!(walked(1), walked(3));
     }
@@ -396,7 +396,7 @@ fn where_steps_settle_the_rest_of_them_adds_the_same() {
         let environment = Environment { horizon, ..Environment::paper(1.0) };
         let belief = Belief::new(&environment, &"L-H-D".parse().unwrap());
         let grid = Grid::new(&environment, belief, COARSE);
-        (walk::mean_return(&grid, 150), grid)
+        (walk::mean_return(&grid, |_| 150), grid)
     };
     let (long, _) = of_horizon(10_000);
     assert!((100..9_000).contains(&long.layers), "{long:?}");
@@ -430,7 +430,7 @@ fn what_settles_in_the_mean_over_a_stretch_is_the_full_induction_s() {
     let ours = promised(&grid, induced.before(horizon - 1));
     assert!((full - ours).abs() < 0.5, "{full} {ours}");
     // A finer grid is as likely to; and it is not looked for before it is said to be.
-    assert_eq!(walk::mean_return(&grid, 2).stretches_after, induced.left / 2);
+    assert_eq!(walk::mean_return(&grid, |_| 2).stretches_after, induced.left / 2);
     grid.stretches_after = 2 * induced.left;
     let later = grid.induce(|_, _| ());
     assert!(induced.smoothed > 0 && later.left > grid.stretches_after, "{}", later.left);

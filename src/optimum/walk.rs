@@ -27,6 +27,8 @@ pub(super) struct Walked {
     pub mean_return: f64,
     /// Its standard error.
     pub standard_error: f64,
+    /// How many episodes told it.
+    pub episodes: usize,
     /// Layers that were computed.
     pub layers: usize,
     /// [`Grid::stretches_after`] of a finer grid, which is as likely to settle by single steps as this.
@@ -34,11 +36,11 @@ pub(super) struct Walked {
 }
 
 /// The mean return of the policy that makes the best choices by the values on a grid, over so many
-/// episodes, at least two. Every call rolls the same ones.
+/// `episodes`, at least two, given how many layers are computed. Every call rolls the same ones.
 ///
 /// Episodes meet the values in the opposite order to the one in which they are computed, and there
 /// is no room for all. So layers are kept at distances, and those between computed again.
-pub(super) fn mean_return(grid: &Grid, episodes: u32) -> Walked {
+pub(super) fn mean_return(grid: &Grid, episodes: impl FnOnce(usize) -> usize) -> Walked {
     let e = grid.environment();
     let (mut kept, mut distance) = (Vec::<Vec<Lanes>>::new(), 8);
     let induced = grid.induce(|left, layer| {
@@ -55,7 +57,9 @@ pub(super) fn mean_return(grid: &Grid, episodes: u32) -> Walked {
             distance *= 2;
         }
     });
-    let mut episodes: Vec<Episode> = (1..=episodes).map(|seed| Episode::start(e, seed)).collect();
+    let computed = (2 * induced.left + induced.smoothed) as usize + 2;
+    let seeds = 1..=episodes(computed) as u64;
+    let mut episodes: Vec<Episode> = seeds.map(|seed| Episode::start(e, seed)).collect();
     let settled = |left| induced.before(left);
     roll(&mut episodes, grid, induced.left..e.horizon, settled);
     let mut end = induced.left;
@@ -81,7 +85,8 @@ pub(super) fn mean_return(grid: &Grid, episodes: u32) -> Walked {
     Walked {
         mean_return: of_start + left_out.0,
         standard_error: left_out.1,
-        layers: (2 * induced.left + induced.smoothed) as usize + 2,
+        episodes: episodes.len(),
+        layers: computed,
         stretches_after: match induced {
             Induced { smoothed: 0, left, .. } if left < e.horizon - 1 => 2 * left,
             Induced { left, .. } => left / 2,
@@ -151,9 +156,9 @@ struct Episode {
 }
 
 impl Episode {
-    fn start(e: &Environment, seed: u32) -> Episode {
+    fn start(e: &Environment, seed: u64) -> Episode {
         Episode {
-            stream: Stream::new(u64::from(seed), Purpose::Optimum),
+            stream: Stream::new(seed, Purpose::Optimum),
             ahead: SignalsAhead::new(e.sigma),
             habituation: e.initial_habituation,
             disengagement: e.initial_disengagement,
