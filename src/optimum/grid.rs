@@ -111,6 +111,11 @@ impl Resolution {
         finer
     }
 
+    /// Whether it is coarser than another in habituation or in disengagement risk.
+    pub fn is_coarser_in_one(self, other: Resolution) -> bool {
+        self.habituation < other.habituation || self.disengagement < other.disengagement
+    }
+
     /// Twice as fine in every variable.
     pub fn refined(self) -> Resolution {
         self.variables().iter().fold(self, |finer, variable| finer.finer_in(*variable))
@@ -315,7 +320,7 @@ pub(super) struct Grid {
     pub threads: usize,
     /// How far the steps before a step may differ from it in what they add, in all and in units.
     pub settled: f64,
-    /// How many steps are computed before a first look at the mean over a stretch of them.
+    /// How many steps are computed before a first stretch of them begins.
     pub stretches_after: u32,
     baseline: [f64; 2],
     expectation: Expectation,
@@ -533,9 +538,9 @@ impl Grid {
         Induced { left: most_left, layer: course.values, gain: 0.0, smoothed }
     }
 
-    /// Takes the mean values of a stretch further, at most half as many steps as are `left` or as many as
-    /// that may save, until the steps before them would all add the same; every as many steps as the stretch has, their mean
-    /// is taken again. How many steps that took, and the values on the level of the stretch's last,
+    /// Takes the mean values of a stretch further, at most half as many steps as are `left`, and no more
+    /// than that can save, until the steps before them would all add the same; every as many steps as
+    /// the stretch has, their mean is taken again. How many steps that took, and the values on the level of the stretch's last,
     /// unless they are too far from those, with what each step before them adds.
     fn smooth(
         &self,

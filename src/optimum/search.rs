@@ -11,12 +11,13 @@ use super::walk::{self, Walked};
 const SMALL: f64 = 0.1;
 /// Steps of episodes on the coarsest grid, or so; on others they grow with the root of the values.
 const STEPS: f64 = 125_000.0;
-/// Fewest and most episodes of a grid, unless they are noisy.
+/// Fewest and most episodes of a grid, unless noise asks for more.
 const EPISODES: (usize, usize) = (50, 2_000);
 /// Most episodes of a grid.
 const MOST_EPISODES: usize = 20_000;
-/// How many times the time of noisy episodes that of a grid's values is, or more.
-const OF_NOISY_EPISODES: usize = 3;
+/// How many times the time of the episodes that noise asks for that of a grid's values is, or more. Of
+/// the noise on the coarsest grid, nothing is known before.
+pub(super) const OF_NOISY_EPISODES: usize = 3;
 /// How many times more must be to come of another variable, for finer lines in one not to be kept.
 const NEGLIGIBLE: f64 = 4.0;
 /// Values that are computed in the time of a step of an episode, where the context is not inferred.
@@ -139,9 +140,9 @@ impl<'a> Search<'a> {
                 last = next;
             }
         }
-        // The policy of a coarser grid is only better than the last one's where this is flawed, or by
-        // chance.
-        if best.nodes < last.nodes {
+        // The policy of a grid that is coarser in a variable is only better than the last one's where
+        // this is flawed, or by chance.
+        if best.resolution.is_coarser_in_one(last.resolution) {
             best = better(self.walked_longer(best, small), last);
         }
         let flawed = best.walked.mean_return - last.walked.mean_return;

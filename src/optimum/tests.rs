@@ -4,7 +4,7 @@
 use std::num::NonZeroUsize;
 
 use super::expectation::Expectation;
-use super::search::{MOST_COMPUTED, Search};
+use super::search::{MOST_COMPUTED, OF_NOISY_EPISODES, Search};
 use super::*;
 use crate::env::{Signal, inference_error, respond};
 use crate::kernel::Isa;
@@ -383,7 +383,8 @@ fn the_time_is_bounded_where_increments_are_tiny_and_nothing_settles() {
             }
             let takes = Search::new(&environment, belief, 1).values(nodes, 2 * 10_000);
             // Of all beliefs the inferred one takes most.
-            let sixteenths = if belief == inferred { 18 } else { 9 };
+            let takes = takes + takes / OF_NOISY_EPISODES;
+            let sixteenths = if belief == inferred { 22 } else { 11 };
             let most = MOST_COMPUTED / 16 * sixteenths;
             assert!(takes < most, "{environment:?} {nodes}");
         }
@@ -404,6 +405,18 @@ fn where_steps_settle_the_rest_of_them_adds_the_same() {
     let gain = grid.induce(|_, _| ()).gain;
     let grown = (long.mean_return - shorter.mean_return) / 1_000.0;
     assert!((grown / gain - 1.0).abs() < 0.01, "{grown} {gain}");
+}
+
+#[test]
+fn single_steps_settle_as_soon_without_a_stretch() {
+    let environment = Environment { horizon: 10_000, ..Environment::paper(0.4) };
+    let belief = Belief::new(&environment, &"L-H-D".parse().unwrap());
+    let mut grid = Grid::new(&environment, belief, COARSE);
+    let with = grid.induce(|_, _| ());
+    grid.stretches_after = walk::mean_return(&grid, |_| 2).stretches_after;
+    assert_eq!((with.smoothed, grid.stretches_after), (0, 2 * with.left));
+    let without = grid.induce(|_, _| ());
+    assert_eq!((without.left, without.layer), (with.left, with.layer));
 }
 
 /// The best choices nearly repeat after 35 steps, and what a single step adds goes up and down with
@@ -429,7 +442,7 @@ fn what_settles_in_the_mean_over_a_stretch_is_the_full_induction_s() {
     let full = promised_in_full(&grid);
     let ours = promised(&grid, induced.before(horizon - 1));
     assert!((full - ours).abs() < 0.5, "{full} {ours}");
-    // A finer grid is as likely to; and it is not looked for before it is said to be.
+    // A finer grid is as likely to; and no stretch begins before it is said to.
     assert_eq!(walk::mean_return(&grid, |_| 2).stretches_after, induced.left / 2);
     grid.stretches_after = 2 * induced.left;
     let later = grid.induce(|_, _| ());

@@ -67,7 +67,7 @@ pub(super) fn mean_return(grid: &Grid, episodes: impl FnOnce(usize) -> usize) ->
     for (i, first) in kept.iter().enumerate().rev() {
         let start = i as u32 * distance;
         layers[0].copy_from_slice(first);
-        // The last step of a range asks for the values two steps before its end.
+        // No episode asks for the values with `end` - 1 steps left.
         for left in 2..(end - start) as usize {
             let (later, now) = layers.split_at_mut(left - 1);
             grid.step_back(&later[left - 2], &mut now[0]);
@@ -88,7 +88,7 @@ pub(super) fn mean_return(grid: &Grid, episodes: impl FnOnce(usize) -> usize) ->
         episodes: episodes.len(),
         layers: computed,
         stretches_after: match induced {
-            Induced { smoothed: 0, left, .. } if left < e.horizon - 1 => 2 * left,
+            Induced { smoothed: 0, left, .. } if 2 * left < e.horizon - 1 => 2 * left,
             Induced { left, .. } => left / 2,
         },
     }
@@ -192,7 +192,9 @@ impl Episode {
         let action = prospects.best(believed);
         let effect = respond(e, signal.context, action, habituation, disengagement);
         (self.habituation, self.disengagement) = (effect.habituation, effect.disengagement);
-        self.value = values[Grid::led_to(signal.context, action)];
+        let led_to = Grid::led_to(signal.context, action);
+        debug_assert_eq!(states[led_to], [self.habituation, self.disengagement]);
+        self.value = values[led_to];
         self.has_ended = effect.disengagement >= e.disengagement_threshold;
     }
 }
