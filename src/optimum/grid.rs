@@ -540,8 +540,8 @@ impl Grid {
 
     /// Takes the mean values of a stretch further, at most half as many steps as are `left`, and no more
     /// than that can save, until the steps before them would all add the same; every as many steps as
-    /// the stretch has, their mean is taken again. How many steps that took, and the values on the level of the stretch's last,
-    /// unless they are too far from those, with what each step before them adds.
+    /// the stretch has, their mean is taken again. How many steps that took, and the values on the level
+    /// of the stretch's last, unless they are too far from those, with what each step before them adds.
     fn smooth(
         &self,
         last: &[Lanes],
