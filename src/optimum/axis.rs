@@ -65,14 +65,26 @@ impl Axis {
         Axis { nodes, parts, first_nodes, factors: vec![] }
     }
 
-    /// Nodes from 0 to 1 in steps of at most 1 / `steps`, which are at least 3. A `stride` is a multiple
-    /// of them, so that adding it leads from node to node, unless that took more than [`MOST_STRIDES`].
-    pub fn with_stride(stride: f64, steps: usize) -> Axis {
-        debug_assert!(steps >= 3, "a cubic goes through four nodes");
+    /// Nodes from 0 to 1 in steps of at most 1 / `steps`, and in so many `times` longer ones elsewhere
+    /// than from one number to another. A `stride` is a multiple of the steps, so that adding it leads
+    /// from node to node, unless that took more than [`MOST_STRIDES`]; and of the longer ones, unless it
+    /// is shorter. There are at least 3 of the longer ones.
+    pub fn with_stride(stride: f64, steps: usize, [from, to]: [f64; 2], times: usize) -> Axis {
+        debug_assert!(steps / times >= 3, "a cubic goes through four nodes");
         let most = 1.0 / steps as f64;
         let is_short = stride < most && stride * (MOST_STRIDES as f64) < 1.0;
-        let step = if is_short { most } else { stride / (stride / most).ceil() };
-        let before_one = (0..).map(|i| f64::from(i) * step).take_while(|x| *x < 1.0 - ROUNDING);
+        let step = if is_short {
+            most
+        } else {
+            let in_a_stride = (stride / most).ceil();
+            let longer = (in_a_stride / times as f64).ceil() * times as f64;
+            stride / if in_a_stride < times as f64 { in_a_stride } else { longer }
+        };
+        let is_node = |i: usize, x: f64| (from..=to).contains(&x) || i.is_multiple_of(times);
+        let before_one = (0..)
+            .map(|i| (i, i as f64 * step))
+            .take_while(|(_, x)| *x < 1.0 - ROUNDING)
+            .filter_map(|(i, x)| is_node(i, x).then_some(x));
         let axis = Axis::new(before_one.chain([1.0]).collect());
         let factor = |near: &[f64], i: usize| 1.0 / from_others(near, i, near[i]);
         let cubics = axis.nodes.windows(4);
@@ -217,7 +229,8 @@ mod tests {
         let axes = [
             Axis::with_jumps(0.7, &ninths.map(|ninth| 0.7 * ninth), &jumps, 1e-9),
             Axis::with_jumps(1.0, &[0.125, 0.25, 0.375, 0.5, 0.625, 0.875], &[0.25, 0.5], 1e-9),
-            Axis::with_stride(0.013, 20),
+            Axis::with_stride(0.013, 20, [0.0, 1.0], 1),
+            Axis::with_stride(0.013, 40, [0.2, 0.6], 4),
             Axis::through(vec![0.1, 0.2, 0.7], 0.700_000_1),
         ];
         for axis in axes {
@@ -259,7 +272,7 @@ mod tests {
         for (stride, steps) in
             [(0.05, 30), (0.3, 7), (0.01, 10), (0.013, 3), (0.0, 10), (1.0, 3), (1e-3, 4)]
         {
-            let axis = Axis::with_stride(stride, steps);
+            let axis = Axis::with_stride(stride, steps, [0.0, 1.0], 1);
             assert!(
                 axis.nodes().windows(2).all(|pair| pair[1] - pair[0] <= 1.0 / steps as f64 + 1e-12)
             );
@@ -279,6 +292,31 @@ mod tests {
     }
 
     #[test]
+    fn elsewhere_a_stride_leads_from_node_to_node_as_well() {
+        for (stride, steps, times) in [(0.05, 78, 4), (0.3, 20, 4), (0.011, 400, 2)] {
+            let (from, to) = (0.3, 0.55);
+            let axis = Axis::with_stride(stride, steps, [from, to], times);
+            let (mut longest, mut led) = ([0.0; 2], 0);
+            for pair in axis.nodes().windows(2) {
+                let is_elsewhere = pair[1] < from || to < pair[0];
+                let longest = &mut longest[usize::from(is_elsewhere)];
+                *longest = f64::max(*longest, pair[1] - pair[0]);
+                if is_elsewhere && pair[0] + stride <= 1.0 {
+                    let place = axis.place(pair[0] + stride, Side::At);
+                    assert!(place.weight == 0.0 || place.weight == 1.0, "{stride} {pair:?}");
+                    led += 1;
+                }
+            }
+            // Where the two kinds meet, a step is of the longer ones.
+            let step = 1.0 / steps as f64;
+            assert!(longest[1] < step * times as f64 + 1e-12, "{longest:?}");
+            assert!(longest[1] > 0.7 * step * times as f64 && longest[0] <= longest[1]);
+            let inside = axis.nodes().iter().filter(|x| (from..=to).contains(*x)).count();
+            assert!(inside as f64 >= (to - from) / step - 1.0 && led > 1, "{inside} {led}");
+        }
+    }
+
+    #[test]
     fn cubics_are_kept_between_the_nodes_and_at_the_ends() {
         let interpolated = |axis: &Axis, x: f64, value: fn(f64) -> f64| {
             let among = axis.among(x);
@@ -286,8 +324,8 @@ mod tests {
         };
         let cubic = |x: f64| 2.0 - 3.0 * x + 5.0 * x * x - 7.0 * x * x * x;
         // The last step is shorter than the others where the stride is no part of 1.
-        for (stride, steps) in [(0.3, 3), (0.05, 40), (0.0, 3)] {
-            let axis = Axis::with_stride(stride, steps);
+        for (stride, steps, times) in [(0.3, 3, 1), (0.05, 40, 1), (0.0, 3, 1), (0.07, 40, 4)] {
+            let axis = Axis::with_stride(stride, steps, [0.3, 0.5], times);
             for i in 0..=100 {
                 let x = f64::from(i) / 100.0;
                 let ours = interpolated(&axis, x, cubic);

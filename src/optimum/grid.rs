@@ -4,7 +4,8 @@
 //! episode from threshold - epsilon_d on. Every jump is carried to the states that lead to it, by
 //! decay or by an increment, and there it is as large or smaller. The grid has a line at each of the
 //! largest, so that nothing is interpolated across them. In habituation, an increment leads from line
-//! to line, and what a decay leads to is interpolated by cubics.
+//! to line, and what a decay leads to is interpolated by cubics. Where episodes hardly come, there are
+//! fewer lines: what a policy loses depends on the values that it meets.
 //!
 //! Where disengagement risk never decays, the few levels that it can have are the grid.
 
@@ -46,6 +47,12 @@ const SHORTEST_STRETCH: u32 = 40;
 /// The largest reward of a step by the paper's parameters, in steps walked.
 const USUAL_REWARD: f64 = 200.0;
 
+/// How many times coarser a grid is elsewhere than in the region where it is fine: as many as leave it
+/// enough steps.
+const TIMES_COARSER: [usize; 2] = [4, 2];
+/// How many are enough: of habituation and of disengagement risk.
+pub(super) const COARSEST: [usize; 2] = [20, 75];
+
 /// Rows whose values are computed at once.
 const AT_ONCE: usize = 8;
 /// Rows that are blended at once.
@@ -63,8 +70,20 @@ pub(super) enum Variable {
     Disengagement,
 }
 
+/// The states with a habituation and a disengagement risk from one number to another.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Region {
+    pub habituation: [f64; 2],
+    pub disengagement: [f64; 2],
+}
+
+impl Region {
+    /// All states.
+    pub const ALL: Region = Region { habituation: [0.0, 1.0], disengagement: [0.0, 1.0] };
+}
+
 /// How fine a grid is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Resolution {
     /// Fewest steps of habituation from 0 to 1.
     pub habituation: usize,
@@ -75,6 +94,8 @@ pub(super) struct Resolution {
     /// How many [`levels`] of disengagement risk there are, if the grid has those alone, and no steps
     /// and jumps; else 0.
     pub levels: usize,
+    /// Where it is that fine. Elsewhere it has up to four times fewer steps and jumps.
+    pub region: Region,
 }
 
 impl Resolution {
@@ -82,7 +103,7 @@ impl Resolution {
     pub fn variables(self) -> &'static [Variable] {
         match self.disengagement {
             0 => &[Variable::Habituation],
-            _ => &[Variable::Habituation, Variable::Disengagement],
+            _ => &[Variable::Disengagement, Variable::Habituation],
         }
     }
 
@@ -121,8 +142,17 @@ impl Resolution {
         self.variables().iter().fold(self, |finer, variable| finer.finer_in(*variable))
     }
 
+    /// How many times coarser it is elsewhere, where it has so many steps and `coarsest` are fewest.
+    fn times_coarser(self, steps: usize, coarsest: usize) -> usize {
+        if self.region == Region::ALL {
+            return 1;
+        }
+        TIMES_COARSER.into_iter().find(|times| steps / times >= coarsest).unwrap_or(1)
+    }
+
     fn habituation_axis(self, environment: &Environment) -> Axis {
-        Axis::with_stride(environment.epsilon_h, self.habituation)
+        let times = self.times_coarser(self.habituation, COARSEST[0]);
+        Axis::with_stride(environment.epsilon_h, self.habituation, self.region.habituation, times)
     }
 
     fn disengagement_axis(self, e: &Environment) -> Axis {
@@ -130,8 +160,17 @@ impl Resolution {
         match levels(e, self.levels) {
             Some(levels) => Axis::through(levels, threshold),
             None => {
-                let lines = lines(e, self.disengagement);
-                Axis::with_jumps(threshold, &lines, &jumps(e, self.jumps), APART)
+                let times = self.times_coarser(self.disengagement, COARSEST[1]);
+                let [from, to] = self.region.disengagement;
+                let is_inside = |x: &f64| (from..=to).contains(x);
+                let of_both = |fine: Vec<f64>, coarse: Vec<f64>| -> Vec<f64> {
+                    let inside = fine.into_iter().filter(is_inside);
+                    inside.chain(coarse.into_iter().filter(|x| !is_inside(x))).collect()
+                };
+                let steps = self.disengagement;
+                let lines = of_both(lines(e, steps), lines(e, steps / times));
+                let jumps = of_both(jumps(e, self.jumps), jumps(e, self.jumps / times));
+                Axis::with_jumps(threshold, &lines, &jumps, APART)
             }
         }
     }
@@ -340,30 +379,39 @@ struct Group {
     suitable: Lanes,
 }
 
-/// Sums of rows, one for each of a group: of rows in a row, each by so much for each of the group.
+/// Sums of rows, one for each of a group: of some rows, each by so much for each of the group.
 #[derive(Clone, Debug)]
 struct Blend {
-    first: usize,
-    shares: Vec<[Lanes; BLENDED_AT_ONCE]>,
+    parts: Vec<Part>,
+}
+
+/// Rows that are blended at once, and by how much for each of a group.
+#[derive(Clone, Copy, Debug)]
+struct Part {
+    rows: [usize; BLENDED_AT_ONCE],
+    shares: [Lanes; BLENDED_AT_ONCE],
 }
 
 impl Blend {
-    /// The rows of places, of which there are so many in all.
-    fn new(places: [Among; AT_ONCE], rows: usize) -> Blend {
+    /// The rows of places.
+    fn new(places: [Among; AT_ONCE]) -> Blend {
         let of_each = places.iter().flat_map(|place| (place.node..).zip(place.weights));
-        let (from, to) = of_each
-            .filter(|(_, weight)| *weight != 0.0)
-            .fold((rows, 0), |(from, to), (row, _)| (from.min(row), to.max(row + 1)));
-        let parts = (to - from).div_ceil(BLENDED_AT_ONCE);
-        let first = from.min(rows - parts * BLENDED_AT_ONCE);
+        let with_weight = of_each.filter(|(_, weight)| *weight != 0.0);
+        let mut rows: Vec<usize> = with_weight.map(|(row, _)| row).collect();
+        rows.sort_unstable();
+        rows.dedup();
         let share = |row: usize| {
             places.map(|place| {
                 let which = row.checked_sub(place.node);
                 which.and_then(|i| place.weights.get(i)).copied().unwrap_or(0.0)
             })
         };
-        let part = |i: usize| array::from_fn(|j| share(first + i * BLENDED_AT_ONCE + j));
-        Blend { first, shares: (0..parts).map(part).collect() }
+        let part = |rows: &[usize]| Part {
+            // By nothing of the last, where they are too few.
+            rows: array::from_fn(|j| rows[j.min(rows.len() - 1)]),
+            shares: array::from_fn(|j| rows.get(j).map_or([0.0; AT_ONCE], |row| share(*row))),
+        };
+        Blend { parts: rows.chunks(BLENDED_AT_ONCE).map(part).collect() }
     }
 
     /// The sums in a layer, for each of its columns. Without fused operations.
@@ -374,11 +422,11 @@ impl Blend {
         let columns = out.len();
         let vectors = AT_ONCE / S::F64_LANES;
         let (out, _) = S::as_mut_simd_f64s(out.as_flattened_mut());
-        for (i, shares) in self.shares.iter().enumerate() {
+        for (i, Part { rows, shares }) in self.parts.iter().enumerate() {
             let shares = shares.each_ref().map(|shares| S::as_simd_f64s(shares).0);
-            let rows: [(&[Lanes], usize); BLENDED_AT_ONCE] = array::from_fn(|j| {
-                let row = self.first + i * BLENDED_AT_ONCE + j;
-                (&layer[row / AT_ONCE * columns..][..columns], row % AT_ONCE)
+            let rows = rows.map(|row| {
+                let group: &[Lanes] = &layer[row / AT_ONCE * columns..][..columns];
+                (group, row % AT_ONCE)
             });
             for vector in 0..vectors {
                 let shares = shares.map(|shares| shares[vector]);
@@ -417,7 +465,6 @@ impl Grid {
         let rounding = if resolution.levels > 0 { 0.0 } else { APART / 2.0 };
         let disengagement = resolution.disengagement_axis(e);
         let groups = habituation.nodes().chunks(AT_ONCE);
-        let rows = groups.len() * AT_ONCE;
         let group = |nodes: &[f64]| {
             // The last stands for those that are not there.
             let nodes: Lanes = array::from_fn(|r| nodes[r.min(nodes.len() - 1)]);
@@ -425,7 +472,7 @@ impl Grid {
             let [nothing, untailored, suitable] =
                 [Action::NONE, Action::UNTAILORED, Action::tailored_to(0)].map(of);
             let blend = |to: [Effect; AT_ONCE]| {
-                Blend::new(to.map(|effect| habituation.among(effect.habituation)), rows)
+                Blend::new(to.map(|effect| habituation.among(effect.habituation)))
             };
             Group {
                 messaged: blend(suitable),
@@ -931,6 +978,45 @@ mod tests {
         let mistaken: Vec<f64> = upwards.iter().map(|jump| jump - 0.4).collect();
         assert!(are_near(&of(10), &[mistaken, upwards].concat()), "{:?}", of(10));
         assert!(jumps(&with(0.1, 0.0, 1.0), 10).is_empty());
+    }
+
+    #[test]
+    fn a_grid_has_all_lines_in_its_region_and_a_few_elsewhere() {
+        let environment = Environment { epsilon_h: 0.025, ..with(0.1, 0.4, 0.8) };
+        let (h, d) = ([0.2, 0.5], [0.1, 0.45]);
+        let all = Resolution {
+            habituation: 320,
+            disengagement: 600,
+            jumps: 400,
+            levels: 0,
+            region: Region::ALL,
+        };
+        let some = Resolution { region: Region { habituation: h, disengagement: d }, ..all };
+        let split = |axis: &Axis, [from, to]: [f64; 2]| -> [Vec<f64>; 2] {
+            let (inside, outside) = axis.nodes().iter().partition(|x| (from..=to).contains(*x));
+            [inside, outside]
+        };
+        let axes = |of: fn(Resolution, &Environment) -> Axis, region| {
+            let [fine, fewer] = [all, some].map(|resolution| of(resolution, &environment));
+            [split(&fine, region), split(&fewer, region)]
+        };
+        // Increments are eight steps here, and two of the longer ones.
+        let [[inside, outside], [as_fine, fewer]] = axes(Resolution::habituation_axis, h);
+        let alike = inside.iter().zip(&as_fine).all(|(x, y)| (x - y).abs() < 1e-12);
+        assert!(alike && inside.len() == as_fine.len() && inside.len() > 90);
+        assert!(fewer.len() * 7 < outside.len() * 2, "{} {}", fewer.len(), outside.len());
+        let [[inside, outside], [as_fine, fewer]] = axes(Resolution::disengagement_axis, d);
+        assert!(inside == as_fine && inside.len() > 300);
+        assert!(fewer.len() * 3 < outside.len(), "{} {}", fewer.len(), outside.len());
+        let coarse = Resolution { disengagement: 150, jumps: 100, ..all };
+        let [_, of_coarse] = split(&coarse.disengagement_axis(&environment), d);
+        assert_eq!(fewer, of_coarse);
+        // None becomes coarser than is enough.
+        let coarsest = Resolution { habituation: 20, disengagement: 75, jumps: 50, ..some };
+        let everywhere = Resolution { region: Region::ALL, ..coarsest };
+        for of in [Resolution::habituation_axis, Resolution::disengagement_axis] {
+            assert_eq!(of(coarsest, &environment).nodes(), of(everywhere, &environment).nodes());
+        }
     }
 
     #[test]

@@ -24,16 +24,14 @@ use std::num::NonZeroUsize;
 use crate::env::{Action, Belief};
 use crate::manifest::{Environment, Feature, FirstContext, Scenario};
 
-use grid::{Grid, Induced, Lanes, Moment, Resolution, SETTLED, levels};
+use grid::{COARSEST, Grid, Induced, Lanes, Moment, Region, Resolution, SETTLED, levels};
 use search::Search;
 
-/// The habituation of the coarsest grid where disengagement risk never decays and its levels are few.
-const COARSEST_OF_LEVELS: usize = 20;
-/// Most of them.
+/// Most levels of a disengagement risk that never decays, for them to be the grid.
 const MOST_LEVELS: usize = 200;
 /// The coarsest grid where nobody's disengagement risk ever grows.
 const COARSEST_OF_HABITUATION: Resolution =
-    Resolution { habituation: 250, disengagement: 0, jumps: 0, levels: 0 };
+    Resolution { habituation: 250, disengagement: 0, jumps: 0, levels: 0, region: Region::ALL };
 /// How often the coarsest grid is refined for a policy, at most.
 const POLICY_REFINED: usize = 3;
 /// Most values that a policy keeps, or so: 80 MB.
@@ -103,20 +101,21 @@ pub fn optimum(
 
 /// The coarsest grid of an environment for who knows so much of the context.
 fn coarsest(environment: &Environment, belief: Belief) -> Resolution {
+    let [habituation, disengagement] = COARSEST;
+    let region = Region::ALL;
     // Whoever is certain never sends what does not suit, if nothing is gained by an early end.
     let harmless = environment.rho_2 >= 0.0 && environment.mu[0] + environment.mu[1] >= 0.0;
     if belief == Belief::Certain && harmless {
         COARSEST_OF_HABITUATION
     } else if let Some(levels) = levels(environment, MOST_LEVELS) {
-        let habituation = COARSEST_OF_LEVELS;
-        Resolution { habituation, disengagement: 0, jumps: 0, levels: levels.len() }
+        Resolution { habituation, disengagement: 0, jumps: 0, levels: levels.len(), region }
     } else {
         let habituation = match belief {
-            Belief::Inferred { .. } => 20,
+            Belief::Inferred { .. } => habituation,
             // Values have kinks in it where the signal is one of few.
-            _ => 40,
+            _ => 2 * habituation,
         };
-        Resolution { habituation, disengagement: 75, jumps: 50, levels: 0 }
+        Resolution { habituation, disengagement, jumps: 50, levels: 0, region }
     }
 }
 

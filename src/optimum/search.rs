@@ -106,7 +106,8 @@ impl<'a> Search<'a> {
     /// The best policy of finer and finer grids, from the coarsest on. Each is twice as fine as the one
     /// before it in the variable of which the most is still to come, until that is little, and no
     /// variable owes that to a coincidence, or until there is no time. Finer lines are given up again,
-    /// for now, where the other variable has much more to come.
+    /// for now, where the other variable has much more to come. They are coarser where the episodes of
+    /// the grid before hardly were.
     pub fn best_from(mut self, coarsest: Resolution) -> Optimum {
         let grid = self.grid(coarsest, 0);
         let small = SMALL * grid.unit();
@@ -116,7 +117,8 @@ impl<'a> Search<'a> {
             coarsest.variables().iter().map(|variable| Changes::none_in(*variable)).collect();
         while let Some(most) = most_to_come(&changes, small) {
             let variable = changes[most].variable;
-            let resolution = last.resolution.with_more_lines(variable, self.environment);
+            let from = Resolution { region: last.walked.region, ..last.resolution };
+            let resolution = from.with_more_lines(variable, self.environment);
             let grid = self.grid(resolution, last.walked.stretches_after);
             let growth = grid.nodes() as f64 / last.nodes as f64;
             let steps = last.steps * growth.sqrt();
@@ -231,6 +233,7 @@ fn most_to_come(changes: &[Changes], small: f64) -> Option<usize> {
     if missed(changes) < small {
         return changes.iter().position(|changes| changes.before.is_none());
     }
+    // Of equals the last: habituation first, which makes episodes less noisy.
     let by_need =
         |i: &usize, j: &usize| changes[*i].still_to_come().total_cmp(&changes[*j].still_to_come());
     (0..changes.len()).max_by(by_need)

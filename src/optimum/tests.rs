@@ -5,6 +5,7 @@ use std::num::NonZeroUsize;
 
 use super::expectation::Expectation;
 use super::search::{MOST_COMPUTED, OF_NOISY_EPISODES, Search};
+use super::walk::Walked;
 use super::*;
 use crate::env::{Signal, inference_error, respond};
 use crate::kernel::Isa;
@@ -13,7 +14,8 @@ use crate::rng::{Purpose, Stream};
 const ONE: NonZeroUsize = NonZeroUsize::MIN;
 
 /// Coarser than a search begins with.
-const COARSE: Resolution = Resolution { habituation: 10, disengagement: 75, jumps: 25, levels: 0 };
+const COARSE: Resolution =
+    Resolution { habituation: 10, disengagement: 75, jumps: 25, levels: 0, region: Region::ALL };
 
 fn value(environment: &Environment, scenario: &str) -> Optimum {
     optimum(environment, &scenario.parse().unwrap(), ONE).unwrap()
@@ -195,7 +197,7 @@ fn simulated(
 #[test]
 fn errors_of_interpolation_add_up_to_what_a_policy_s_return_differs_by() {
     // So coarse that the values promise another return than their policy has.
-    let resolution = Resolution { habituation: 3, disengagement: 1, jumps: 1, levels: 0 };
+    let resolution = Resolution { habituation: 3, disengagement: 1, jumps: 1, ..COARSE };
     let mut broken = 0.0;
     for (sigma, first_context) in [(0.6, FirstContext::Fixed), (2.0, FirstContext::Sampled)] {
         let environment = Environment {
@@ -239,42 +241,75 @@ fn errors_of_interpolation_add_up_to_what_a_policy_s_return_differs_by() {
 
 /// At a node nothing is interpolated, so that a layer must be what the prospects of that state alone
 /// make.
+fn assert_layers_are_of_single_states(mut grid: Grid, which: &str) {
+    let mut later = Vec::new();
+    grid.induce(|left, layer| {
+        if left == 20 {
+            later = layer.to_vec()
+        }
+    });
+    let mut layers = Isa::available().into_iter().map(|isa| {
+        let mut now = grid.zeros();
+        grid.isa = isa;
+        grid.step_back(&later, &mut now);
+        now
+    });
+    let layer = layers.next().unwrap();
+    let bits =
+        |layer: &[Lanes]| layer.as_flattened().iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+    assert!(layers.all(|other| bits(&other) == bits(&layer)), "{which}");
+    drop(layers);
+    let [later, now] = [&later, &layer].map(|layer| Moment { layer, more: 0.0 });
+    let mut compared = 0;
+    for [habituation, disengagement] in grid.states() {
+        let prospects = grid.prospects(later, habituation, disengagement);
+        let alone = grid.mean_of_best(&prospects);
+        let ours = grid.value(now, habituation, disengagement);
+        assert!((ours - alone).abs() < 1e-7, "{which} {habituation} {disengagement}");
+        compared += 1;
+    }
+    assert!(compared > 20, "{compared}");
+}
+
 #[test]
 fn layers_are_what_single_states_make_on_every_instruction_set() {
     for environment in [Environment::paper(0.8), of_levels(0.3, 50)] {
         for scenario in ["C-H-D", "P-H-D", "L-H-D", "H-D"] {
             let belief = Belief::new(&environment, &scenario.parse().unwrap());
-            let resolution = Resolution { habituation: 13, ..coarsest(&environment, belief) };
-            let mut grid = Grid::new(&environment, belief, resolution);
-            let mut later = Vec::new();
-            grid.induce(|left, layer| {
-                if left == 20 {
-                    later = layer.to_vec()
-                }
-            });
-            let mut layers = Isa::available().into_iter().map(|isa| {
-                let mut now = grid.zeros();
-                grid.isa = isa;
-                grid.step_back(&later, &mut now);
-                now
-            });
-            let layer = layers.next().unwrap();
-            let bits = |layer: &[Lanes]| {
-                layer.as_flattened().iter().map(|x| x.to_bits()).collect::<Vec<_>>()
-            };
-            assert!(layers.all(|other| bits(&other) == bits(&layer)), "{scenario}");
-            drop(layers);
-            let [later, now] = [&later, &layer].map(|layer| Moment { layer, more: 0.0 });
-            let mut compared = 0;
-            for [habituation, disengagement] in grid.states() {
-                let prospects = grid.prospects(later, habituation, disengagement);
-                let alone = grid.mean_of_best(&prospects);
-                let ours = grid.value(now, habituation, disengagement);
-                assert!((ours - alone).abs() < 1e-7, "{scenario} {habituation} {disengagement}");
-                compared += 1;
+            let coarsest = coarsest(&environment, belief);
+            let region = Region { habituation: [0.3, 0.6], disengagement: [0.2, 0.5] };
+            let coarse = Resolution { habituation: 13, ..coarsest };
+            let coarser_elsewhere = Resolution { habituation: 83, region, ..coarsest };
+            for resolution in [coarse, coarser_elsewhere] {
+                let grid = Grid::new(&environment, belief, resolution);
+                assert_layers_are_of_single_states(grid, &format!("{scenario} {resolution:?}"));
             }
-            assert!(compared > 20, "{compared}");
         }
+    }
+}
+
+/// A policy loses hardly anything by coarse values of states that it hardly meets, and much more by
+/// those of all states.
+#[test]
+fn a_grid_that_is_coarser_where_episodes_hardly_are_has_as_good_a_policy() {
+    for (scenario, delta_d) in [("L-H-D", 0.1), ("H-D", 0.03)] {
+        let environment = Environment { delta_d, horizon: 300, ..Environment::paper(0.8) };
+        let belief = Belief::new(&environment, &scenario.parse().unwrap());
+        let on = |resolution| {
+            let grid = Grid::new(&environment, belief, resolution);
+            (grid.nodes(), walk::mean_return(&grid, |_| 1_000))
+        };
+        let coarse = coarsest(&environment, belief);
+        let fine = coarse.refined().refined();
+        let (nodes, all) = on(fine);
+        let (fewer, some) = on(Resolution { region: all.region, ..fine });
+        let (_, coarse) = on(coarse);
+        let misses = |walked: Walked| (walked.mean_return - all.mean_return).abs();
+        assert!(fewer * 4 < nodes * 3, "{scenario} {fewer} {nodes}");
+        assert!(
+            misses(some) < 0.01 && misses(coarse) > 0.1,
+            "{scenario} {all:?} {some:?} {coarse:?}"
+        );
     }
 }
 

@@ -18,7 +18,7 @@ use crate::manifest::{Environment, FirstContext};
 use crate::rng::{Purpose, Stream};
 
 use super::Prospects;
-use super::grid::{Grid, Induced, Lanes, Moment, in_parallel};
+use super::grid::{Grid, Induced, Lanes, Moment, Region, in_parallel};
 
 /// What episodes told.
 #[derive(Clone, Copy, Debug)]
@@ -33,6 +33,48 @@ pub(super) struct Walked {
     pub layers: usize,
     /// [`Grid::stretches_after`] of a finer grid, which is as likely to settle by single steps as this.
     pub stretches_after: u32,
+    /// The states that the episodes hardly left, and what a step leads to from there, mistakes aside.
+    pub region: Region,
+}
+
+/// How many equal parts of a variable are told apart in which episodes were.
+const PARTS: usize = 100;
+/// The part of the steps that may lead beyond each end of a region that episodes hardly leave.
+const HARDLY: f64 = 0.002;
+
+/// In how many steps episodes were in each part of a variable.
+#[derive(Clone, Copy, Debug)]
+struct Visits([u64; PARTS]);
+
+impl Visits {
+    const NONE: Visits = Visits([0; PARTS]);
+
+    /// Counts a number from 0 to the last, as a share of that.
+    fn count(&mut self, share: f64) {
+        self.0[((share * PARTS as f64) as usize).min(PARTS - 1)] += 1;
+    }
+
+    fn add(&mut self, others: &Visits) {
+        self.0.iter_mut().zip(others.0).for_each(|(ours, others)| *ours += others);
+    }
+
+    /// From where to where nearly all of them were, and a part more at either end, as shares of the last
+    /// number.
+    fn extent(&self) -> [f64; 2] {
+        let few = (HARDLY * self.0.iter().sum::<u64>() as f64) as u64;
+        let (below, above) = (leading(self.0.iter(), few), leading(self.0.iter().rev(), few));
+        let (from, to) = (below.saturating_sub(1), PARTS - above.saturating_sub(1));
+        [from, to].map(|part| part as f64 / PARTS as f64)
+    }
+}
+
+/// How many of the first numbers add up to at most a `few`.
+fn leading<'a>(numbers: impl Iterator<Item = &'a u64>, few: u64) -> usize {
+    let add = |sum: &mut u64, number: &u64| {
+        *sum += number;
+        Some(*sum)
+    };
+    numbers.scan(0, add).take_while(|sum| *sum <= few).count()
 }
 
 /// The mean return of the policy that makes the best choices by the values on a grid, over so many
@@ -60,8 +102,9 @@ pub(super) fn mean_return(grid: &Grid, episodes: impl FnOnce(usize) -> usize) ->
     let computed = (2 * induced.left + induced.smoothed) as usize + 2;
     let seeds = 1..=episodes(computed) as u64;
     let mut episodes: Vec<Episode> = seeds.map(|seed| Episode::start(e, seed)).collect();
+    let mut visits = [Visits::NONE; 2];
     let settled = |left| induced.before(left);
-    roll(&mut episodes, grid, induced.left..e.horizon, settled);
+    roll(&mut episodes, &mut visits, grid, induced.left..e.horizon, settled);
     let mut end = induced.left;
     let mut layers = vec![grid.zeros(); distance as usize - 1];
     for (i, first) in kept.iter().enumerate().rev() {
@@ -72,7 +115,7 @@ pub(super) fn mean_return(grid: &Grid, episodes: impl FnOnce(usize) -> usize) ->
             let (later, now) = layers.split_at_mut(left - 1);
             grid.step_back(&later[left - 2], &mut now[0]);
         }
-        roll(&mut episodes, grid, start..end, |left| Moment {
+        roll(&mut episodes, &mut visits, grid, start..end, |left| Moment {
             layer: &layers[(left - start) as usize],
             more: 0.0,
         });
@@ -91,24 +134,47 @@ pub(super) fn mean_return(grid: &Grid, episodes: impl FnOnce(usize) -> usize) ->
             Induced { smoothed: 0, left, .. } if 2 * left < e.horizon - 1 => 2 * left,
             Induced { left, .. } => left / 2,
         },
+        region: region(e, visits.map(|visits| visits.extent())),
+    }
+}
+
+/// From where to where episodes were in habituation and in disengagement risk, and what a step leads to
+/// from there, mistakes aside. Disengagement risks are given as shares of the threshold.
+fn region(e: &Environment, [habituation, disengagement]: [[f64; 2]; 2]) -> Region {
+    let ([rested, habituated], [calm, at_risk]) = (habituation, disengagement);
+    Region {
+        habituation: [rested * (1.0 - e.delta_h), habituated + e.epsilon_h],
+        disengagement: [calm * (1.0 - e.delta_d), at_risk].map(|x| x * e.disengagement_threshold),
     }
 }
 
 /// Takes the steps of episodes after which so many are `left`, given the values that are kept with
-/// each number of steps left, by the number.
+/// each number of steps left, by the number. Counts where they begin: in habituation and in
+/// disengagement risk.
 fn roll<'a>(
     episodes: &mut [Episode],
+    visits: &mut [Visits; 2],
     grid: &Grid,
     left: Range<u32>,
     kept: impl Fn(u32) -> Moment<'a> + Sync,
 ) {
     let part = episodes.len().div_ceil(grid.threads);
-    in_parallel(episodes.chunks_mut(part), |episodes| {
+    let threshold = grid.environment().disengagement_threshold;
+    let of_parts = in_parallel(episodes.chunks_mut(part), |episodes| {
         let ahead = Ahead { grid, left: left.clone(), kept: &kept };
+        let mut visits = [Visits::NONE; 2];
         for left in left.clone().rev() {
-            episodes.iter_mut().for_each(|episode| episode.step(&ahead, left));
+            for episode in episodes.iter_mut().filter(|episode| !episode.has_ended) {
+                visits[0].count(episode.habituation);
+                visits[1].count(episode.disengagement / threshold);
+                episode.step(&ahead, left);
+            }
         }
+        visits
     });
+    for of_part in &of_parts {
+        visits.iter_mut().zip(of_part).for_each(|(visits, others)| visits.add(others));
+    }
 }
 
 /// The values of states by those that are kept with one step less left.
@@ -168,11 +234,8 @@ impl Episode {
         }
     }
 
-    /// Takes a step after which so many are left.
+    /// Takes a step after which so many are left; it has not ended.
     fn step<'a>(&mut self, ahead: &Ahead<'_, impl Fn(u32) -> Moment<'a>>, left: u32) {
-        if self.has_ended {
-            return;
-        }
         let (grid, e) = (ahead.grid, ahead.grid.environment());
         let (habituation, disengagement) = (self.habituation, self.disengagement);
         let states = grid.states_after(habituation, disengagement);
@@ -205,4 +268,41 @@ fn moments(numbers: impl ExactSizeIterator<Item = f64> + Clone) -> (f64, f64) {
     let mean = numbers.clone().sum::<f64>() / n;
     let variance = numbers.map(|x| (x - mean) * (x - mean)).sum::<f64>() / (n - 1.0);
     (mean, (variance / n).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_extent_leaves_out_a_few_visits_at_either_end() {
+        let mut visits = Visits::NONE;
+        // At 1 they are in the last part.
+        for (share, count) in [(0.0, 1), (0.105, 2), (0.3, 990), (0.7, 5), (1.0, 2)] {
+            (0..count).for_each(|_| visits.count(share));
+        }
+        // Of a thousand, two are a few, but three are not.
+        assert_eq!(visits.extent(), [0.09, 0.72]);
+        let mut twice = visits;
+        twice.add(&visits);
+        assert_eq!((twice.0[30], twice.extent()), (1980, [0.09, 0.72]));
+        let mut once = Visits::NONE;
+        once.count(0.425);
+        assert_eq!(once.extent(), [0.41, 0.44]);
+        let mut everywhere = Visits::NONE;
+        (0..PARTS).for_each(|part| everywhere.count(part as f64 / PARTS as f64));
+        assert_eq!(everywhere.extent(), [0.0, 1.0]);
+    }
+
+    #[test]
+    fn a_region_is_led_to_by_a_step() {
+        let paper = Environment::paper(0.8);
+        let e = Environment { delta_h: 0.1, epsilon_h: 0.05, delta_d: 0.2, ..paper };
+        let e = Environment { disengagement_threshold: 0.5, ..e };
+        let Region { habituation, disengagement } = region(&e, [[0.2, 0.6], [0.5, 1.0]]);
+        let are_near = |ours: [f64; 2], others: [f64; 2]| {
+            ours.iter().zip(others).all(|(one, other)| (one - other).abs() < 1e-12)
+        };
+        assert!(are_near(habituation, [0.18, 0.65]) && are_near(disengagement, [0.2, 0.5]));
+    }
 }
