@@ -1,15 +1,17 @@
-//! How exact the optima of environments drawn at random are, and how long they take. Those that are
-//! not exact enough are listed.
+//! How exact the optima of environments drawn at random are, and how long they take. Those that may be
+//! farther off than half a step are listed, and compared with what a search of several times the usual
+//! length finds.
 //!
-//! `ENVIRONMENTS` and `HORIZONS` (with commas between) say how many are drawn and what for.
+//! `ENVIRONMENTS` and `HORIZONS` (with commas between) say how many are drawn and what for, `SEED` says
+//! which, and `TIMES` says how many times the usual length is.
 
 use std::env;
-use std::num::NonZeroUsize;
+use std::num::{NonZeroU32, NonZeroUsize};
 use std::thread;
 use std::time::Instant;
 
 use jitai::manifest::{Environment, Scenario};
-use jitai::optimum::optimum;
+use jitai::optimum::{Effort, optimum};
 use rand::seq::IndexedRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -41,22 +43,30 @@ fn main() {
     let given = |name: &str, usual: &str| env::var(name).unwrap_or_else(|_| usual.to_owned());
     let count: NonZeroUsize = given("ENVIRONMENTS", "40").parse().expect("ENVIRONMENTS is above 0");
     let count = count.get();
-    let threads = thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
-    println!("scenario  sigma  delta_h  epsilon_h  delta_d  epsilon_d  threshold  optimum  error");
+    let seed = given("SEED", "1").parse().expect("SEED is a whole number");
+    let times: NonZeroU32 = given("TIMES", "10").parse().expect("TIMES is above 0");
+    let usual = Effort::usual(thread::available_parallelism().unwrap_or(NonZeroUsize::MIN));
+    println!(
+        "scenario  sigma  delta_h  epsilon_h  delta_d  epsilon_d  threshold    optimum   error    \
+         {times} times  error"
+    );
     for horizon in given("HORIZONS", "50,1000,10000").split(',') {
         let horizon = horizon.parse().expect("HORIZONS are numbers with commas between");
-        let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let (mut errors, mut seconds) = (vec![], vec![]);
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let (mut errors, mut seconds, mut apart) = (vec![], vec![], 0.0);
         for _ in 0..count {
             let (scenario, e) = draw(&mut rng);
             let e = Environment { horizon, ..e };
             let begun = Instant::now();
-            let found = optimum(&e, &scenario, threads).expect("a scenario with H and D");
+            let found = optimum(&e, &scenario, usual).expect("a scenario with H and D");
             seconds.push(begun.elapsed().as_secs_f64());
             errors.push(found.error);
             if found.error > EXACT {
+                let longer = Effort { times, ..usual };
+                let better = optimum(&e, &scenario, longer).expect("as before");
+                apart = f64::max(apart, (better.mean_return - found.mean_return).abs());
                 println!(
-                    "{:8}  {:5}  {:7}  {:9}  {:7}  {:9}  {:9}  {:7.0}  {:5.2}",
+                    "{:8}  {:5}  {:7}  {:9}  {:7}  {:9}  {:9}  {:9.1}  {:6.2}  {:9.1}  {:5.2}",
                     scenario.to_string(),
                     e.sigma,
                     e.delta_h,
@@ -65,7 +75,9 @@ fn main() {
                     e.epsilon_d,
                     e.disengagement_threshold,
                     found.mean_return,
-                    found.error
+                    found.error,
+                    better.mean_return,
+                    better.error
                 );
             }
         }
@@ -73,8 +85,9 @@ fn main() {
         errors.sort_by(f64::total_cmp);
         let exact = errors.partition_point(|error| *error <= EXACT);
         println!(
-            "horizon {horizon}: {exact} of {count} within {EXACT}, the largest error {:.2}; \
-             median {:.1} s, longest {:.1} s",
+            "horizon {horizon}: {exact} of {count} within {EXACT}, the largest error {:.2}; the \
+             others {apart:.2} at most from what {times} times as long finds; median {:.1} s, longest \
+             {:.1} s",
             errors[count - 1],
             seconds[count / 2],
             seconds[count - 1]

@@ -8,7 +8,7 @@ use std::thread;
 
 use crate::cli::counting::Counting;
 use crate::manifest::{Environment, Scenario};
-use crate::optimum::{optimum, shows_state};
+use crate::optimum::{Effort, optimum, shows_state};
 use crate::plan::Job;
 
 /// Most optima that are computed at a time: each may take more than a gigabyte at horizons of thousands
@@ -45,7 +45,7 @@ pub(super) fn of_jobs<'j>(jobs: impl Iterator<Item = &'j Job>) -> HashMap<Cell, 
                 while let Some((cell, environment, scenario)) =
                     distinct.get(next.fetch_add(1, Ordering::Relaxed))
                 {
-                    let best = optimum(environment, scenario, NonZeroUsize::MIN);
+                    let best = optimum(environment, scenario, Effort::usual(NonZeroUsize::MIN));
                     let best = best.map(|found| found.mean_return);
                     sender.send((cell.clone(), best)).expect("the receiver outlives the threads");
                 }

@@ -19,7 +19,7 @@ mod search;
 mod walk;
 
 use std::iter;
-use std::num::NonZeroUsize;
+use std::num::{NonZeroU32, NonZeroUsize};
 
 use crate::env::{Action, Belief};
 use crate::manifest::{Environment, Feature, FirstContext, Scenario};
@@ -49,6 +49,22 @@ pub struct Optimum {
     pub error: f64,
 }
 
+/// How much may be computed for an optimum.
+#[derive(Clone, Copy, Debug)]
+pub struct Effort {
+    /// Most threads that compute.
+    pub threads: NonZeroUsize,
+    /// How many times as long it may take as it usually does at most, for a smaller error.
+    pub times: NonZeroU32,
+}
+
+impl Effort {
+    /// The usual effort, by at most so many threads: ten seconds of two cores or so at most.
+    pub fn usual(threads: NonZeroUsize) -> Effort {
+        Effort { threads, times: NonZeroU32::MIN }
+    }
+}
+
 /// A scenario without an optimum that could be computed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
@@ -76,7 +92,7 @@ pub fn shows_state(scenario: &Scenario) -> Result<(), StateHidden> {
     Err(StateHidden { scenario: scenario.clone(), shown })
 }
 
-/// The optimum of a scenario in an environment, computed by at most so many threads.
+/// The optimum of a scenario in an environment.
 ///
 /// The optimal policy knows which step it is at, and the first context where that is fixed.
 ///
@@ -84,19 +100,19 @@ pub fn shows_state(scenario: &Scenario) -> Result<(), StateHidden> {
 pub fn optimum(
     environment: &Environment,
     scenario: &Scenario,
-    threads: NonZeroUsize,
+    effort: Effort,
 ) -> Result<Optimum, StateHidden> {
     shows_state(scenario)?;
     let belief = Belief::new(environment, scenario);
     let coarsest = coarsest(environment, belief);
-    let by = |threads| Search::new(environment, belief, threads).best_from(coarsest);
-    let threads = threads.get();
-    if threads == 1 {
-        return Ok(by(1));
+    let by = |effort| Search::new(environment, belief, effort).best_from(coarsest);
+    let alone = Effort { threads: NonZeroUsize::MIN, ..effort };
+    if effort.threads == alone.threads {
+        return Ok(by(alone));
     }
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(effort.threads.get()).build();
     // A machine without threads to spare has this one.
-    Ok(pool.map_or_else(|_| by(1), |pool| pool.install(|| by(threads))))
+    Ok(pool.map_or_else(|_| by(alone), |pool| pool.install(|| by(effort))))
 }
 
 /// The coarsest grid of an environment for who knows so much of the context.

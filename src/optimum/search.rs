@@ -3,9 +3,9 @@
 use crate::env::Belief;
 use crate::manifest::Environment;
 
-use super::Optimum;
 use super::grid::{Grid, Resolution, Variable};
 use super::walk::{self, Walked};
+use super::{Effort, Optimum};
 
 /// Error that is small enough, in units of the grid.
 const SMALL: f64 = 0.1;
@@ -22,10 +22,10 @@ pub(super) const OF_NOISY_EPISODES: usize = 3;
 const NEGLIGIBLE: f64 = 4.0;
 /// Values that are computed in the time of a step of an episode, where the context is not inferred.
 const VALUES_A_STEP: usize = 100;
-/// Most values that are computed for an optimum, in all, unless the first grids take more: a dozen
-/// seconds of a core or so.
+/// Most values that are computed for an optimum by the usual effort, in all, unless the first grids take
+/// more: a dozen seconds of a core or so.
 pub(super) const MOST_COMPUTED: usize = 5_500_000_000;
-/// Most values that a search keeps at a time, or so: 1.3 GB.
+/// Most values that a search keeps at a time, or so, by whatever effort: 1.3 GB.
 const MOST_KEPT: usize = 160_000_000;
 
 /// The search for the best policy of who knows so much of the context.
@@ -66,23 +66,19 @@ impl Tried {
 #[derive(Clone, Copy, Debug)]
 struct Changes {
     variable: Variable,
-    /// When they were made finer the last time, and the time before.
+    /// When they were made finer the last time, and the time before: of the same lines, where they were
+    /// given up again in between.
     last: Option<f64>,
     before: Option<f64>,
-    /// Whether the last finer lines were given up again.
-    is_set_back: bool,
 }
 
 impl Changes {
     fn none_in(variable: Variable) -> Changes {
-        Changes { variable, last: None, before: None, is_set_back: false }
+        Changes { variable, last: None, before: None }
     }
 
     fn add(&mut self, change: f64) {
-        if !self.is_set_back {
-            self.before = self.last;
-        }
-        (self.last, self.is_set_back) = (Some(change), false);
+        (self.last, self.before) = (Some(change), self.last);
     }
 
     /// What finer and finer lines would still change; infinite if none were tried.
@@ -99,8 +95,9 @@ impl Changes {
 }
 
 impl<'a> Search<'a> {
-    pub fn new(environment: &'a Environment, belief: Belief, threads: usize) -> Self {
-        Search { environment, belief, threads, computed: 0, most_computed: MOST_COMPUTED }
+    pub fn new(environment: &'a Environment, belief: Belief, effort: Effort) -> Self {
+        let most_computed = MOST_COMPUTED.saturating_mul(effort.times.get() as usize);
+        Search { environment, belief, threads: effort.threads.get(), computed: 0, most_computed }
     }
 
     /// The best policy of finer and finer grids, from the coarsest on. Each is twice as fine as the one
@@ -136,9 +133,7 @@ impl<'a> Search<'a> {
             let to_come = changes[most].still_to_come();
             // Where the others have more to come, it is their turn next.
             let is_negligible = NEGLIGIBLE * to_come < missed - to_come;
-            if missed.is_finite() && missed >= small && is_negligible {
-                changes[most].is_set_back = true;
-            } else {
+            if !(missed.is_finite() && missed >= small && is_negligible) {
                 last = next;
             }
         }
@@ -245,4 +240,79 @@ fn better(best: Tried, next: Tried) -> Tried {
     let (by, other) = (best.walked, next.walked);
     let chance = 2.0 * (by.standard_error + other.standard_error);
     if by.mean_return - other.mean_return > chance { best } else { next }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::grid::Region;
+    use super::*;
+
+    fn changed(variable: Variable, changes: &[f64]) -> Changes {
+        let mut all = Changes::none_in(variable);
+        changes.iter().for_each(|change| all.add(*change));
+        all
+    }
+
+    #[test]
+    fn what_is_still_to_come_is_told_by_the_last_two_changes() {
+        let of = |changes: &[f64]| changed(Variable::Disengagement, changes).still_to_come();
+        assert_eq!((of(&[]), of(&[0.4])), (f64::INFINITY, 0.4));
+        // A sixth of the change before is more than half of the last, or less.
+        assert_eq!((of(&[0.3, 0.05]), of(&[0.3, 0.2])), (0.3 / 3.0 / 2.0, 0.1));
+        // The same lines tried again, beside finer ones in the other variable, tell more than the
+        // coarse ones did.
+        assert_eq!(of(&[9.0, 0.6, 0.1]), 0.1);
+    }
+
+    #[test]
+    fn the_variable_with_the_most_to_come_is_next() {
+        let next = |disengagement: &[f64], habituation: &[f64]| {
+            let changes = [
+                changed(Variable::Disengagement, disengagement),
+                changed(Variable::Habituation, habituation),
+            ];
+            most_to_come(&changes, 0.1)
+        };
+        // Of equals habituation.
+        assert_eq!(next(&[], &[]), Some(1));
+        assert_eq!(next(&[], &[5.0]), Some(0));
+        assert_eq!((next(&[2.0], &[5.0]), next(&[5.0], &[2.0])), (Some(1), Some(0)));
+        // Little may be a coincidence, once.
+        assert_eq!(
+            (next(&[0.01], &[0.03, 0.02]), next(&[0.02, 0.01], &[0.02])),
+            (Some(0), Some(1))
+        );
+        assert_eq!(next(&[0.02, 0.01], &[0.03, 0.02]), None);
+    }
+
+    #[test]
+    fn a_finer_grid_s_policy_is_kept_unless_the_other_is_better_beyond_chance() {
+        let tried = |mean_return, standard_error| Tried {
+            resolution: Resolution {
+                habituation: 20,
+                disengagement: 75,
+                jumps: 50,
+                levels: 0,
+                region: Region::ALL,
+            },
+            stretches_after: 0,
+            nodes: 1,
+            steps: 1.0,
+            walked: Walked {
+                mean_return,
+                standard_error,
+                episodes: 100,
+                layers: 1,
+                stretches_after: 0,
+                region: Region::ALL,
+            },
+        };
+        let kept = |coarse, fine| better(coarse, fine).walked.mean_return;
+        assert_eq!(kept(tried(101.0, 0.2), tried(100.0, 0.2)), 101.0);
+        assert_eq!(kept(tried(101.0, 0.3), tried(100.0, 0.3)), 100.0);
+        assert_eq!(kept(tried(99.0, 0.1), tried(100.0, 0.1)), 100.0);
+        // Twice the error that is allowed takes four times the episodes; no more than the most.
+        assert_eq!(tried(1.0, 0.5).episodes_for(0.5), 400);
+        assert_eq!(tried(1.0, 0.5).episodes_for(1e-9), MOST_EPISODES);
+    }
 }

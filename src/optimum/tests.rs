@@ -11,7 +11,7 @@ use crate::env::{Signal, inference_error, respond};
 use crate::kernel::Isa;
 use crate::rng::{Purpose, Stream};
 
-const ONE: NonZeroUsize = NonZeroUsize::MIN;
+const ONE: Effort = Effort { threads: NonZeroUsize::MIN, times: NonZeroU32::MIN };
 
 /// Coarser than a search begins with.
 const COARSE: Resolution =
@@ -151,11 +151,31 @@ fn the_error_counts_habituation_where_its_increments_are_short() {
     let missed = finer.mean_return - ours.mean_return;
     assert!(missed.abs() < ours.error + 2.0 * finer.standard_error, "{ours:?} {finer:?}");
     // With time for the first grids alone.
-    let mut search = Search::new(&environment, belief, 1);
+    let mut search = Search::new(&environment, belief, ONE);
     search.most_computed = 1;
     let hasty = search.best_from(COARSE);
     let missed = (finer.mean_return - hasty.mean_return).abs();
     assert!(missed < hasty.error && hasty.error < 2.0, "{hasty:?} {finer:?}");
+}
+
+#[test]
+fn more_effort_makes_a_smaller_error() {
+    let environment = Environment { horizon: 400, delta_d: 0.03, ..Environment::paper(0.8) };
+    let belief = Belief::new(&environment, &"L-H-D".parse().unwrap());
+    let of_times = |times: u32| {
+        let mut search = Search::new(
+            &environment,
+            belief,
+            Effort { times: NonZeroU32::new(times).unwrap(), ..ONE },
+        );
+        assert_eq!(search.most_computed, times as usize * MOST_COMPUTED);
+        search.most_computed /= 2_000;
+        search.best_from(COARSE)
+    };
+    let [usual, longer] = [1, 100].map(of_times);
+    assert!(longer.error < usual.error / 2.0, "{usual:?} {longer:?}");
+    let apart = (longer.mean_return - usual.mean_return).abs();
+    assert!(0.0 < apart && apart < usual.error, "{usual:?} {longer:?}");
 }
 
 /// Mean return in so many plain episodes, and its standard error, of the policy that makes the best
@@ -390,7 +410,9 @@ fn threads_make_no_difference() {
     }
     let environment = Environment { epsilon_h: 0.03, ..Environment::paper(0.6) };
     let scenario = "L-H-D".parse().unwrap();
-    let by = |threads| optimum(&environment, &scenario, NonZeroUsize::new(threads).unwrap());
+    let by = |threads| {
+        optimum(&environment, &scenario, Effort::usual(NonZeroUsize::new(threads).unwrap()))
+    };
     assert_eq!(by(1), by(3));
 }
 
@@ -416,7 +438,7 @@ fn the_time_is_bounded_where_increments_are_tiny_and_nothing_settles() {
                 resolution = resolution.with_more_lines(*variable, &environment);
                 nodes += Grid::new(&environment, belief, resolution).nodes();
             }
-            let takes = Search::new(&environment, belief, 1).values(nodes, 2 * 10_000);
+            let takes = Search::new(&environment, belief, ONE).values(nodes, 2 * 10_000);
             // Of all beliefs the inferred one takes most.
             let takes = takes + takes / OF_NOISY_EPISODES;
             let sixteenths = if belief == inferred { 22 } else { 11 };

@@ -29,6 +29,13 @@ fn optima_are_told_for_scenarios_and_sigmas_with_their_error() {
 }
 
 #[test]
+fn more_effort_changes_nothing_where_the_usual_one_suffices() {
+    let folder = Folder::new();
+    let of_effort = |effort| rows(&folder, &["--scenario", "L-H-D", "--effort", effort]);
+    assert_eq!(of_effort("1"), of_effort("50"));
+}
+
+#[test]
 fn arguments_without_an_optimum_are_refused() {
     let folder = Folder::new();
     let refused = |arguments: &[&str]| {
@@ -37,6 +44,7 @@ fn arguments_without_an_optimum_are_refused() {
         refused
     };
     refused(&["--scenario", "P-H-D,P-T"]).says("no optimum is computed for P-T");
+    refused(&["--effort", "0"]).says("invalid value '0' for '--effort <TIMES>'");
     refused(&["--scenario", "X"]).says("`X` is not a feature");
     refused(&["--sigma=-1"]).says("expected a number from 0 to 1000000, found -1");
     refused(&["--sigma", "0.4,x"]).says("--sigma x: `sigma`: expected a number");
