@@ -17,16 +17,19 @@ run: ## build, run the quickstart into jitai.sqlite and report on it (minutes; `
 
 PAPER := $(addprefix experiments/paper/,context_error.toml learning_curves.toml disengagement.toml)
 
-paper: ## the three manifests of the paper, 330 jobs, minutes, into paper.sqlite and reports/paper/
+paper: ## the three manifests of the paper, 342 jobs, minutes, into paper.sqlite and reports/paper/
 	$(CARGO) build --release
 	$(JITAI) run $(PAPER) --store paper.sqlite
 	$(JITAI) report $(PAPER) --store paper.sqlite --out reports/paper
 
-readings: ## the readings that the paper's text allows, 690 jobs, ten minutes, into readings.sqlite and reports/readings/
+READINGS := $(addprefix experiments/,readings.toml heat_maps.toml)
+
+readings: ## the readings of the paper, 1074 jobs, half an hour, into readings.sqlite and reports/readings/
 	$(CARGO) build --release
-	$(JITAI) run experiments/readings.toml --store readings.sqlite
-	$(JITAI) report experiments/readings.toml --store readings.sqlite --out reports/readings
+	$(JITAI) run $(READINGS) --store readings.sqlite
+	$(JITAI) report $(READINGS) --store readings.sqlite --out reports/readings
 	$(JITAI) query - --store readings.sqlite < experiments/readings.sql
+	$(JITAI) query - --store readings.sqlite < experiments/heat_maps.sql
 
 bench: ## time kernels, simulation, store and whole jobs (minutes; BENCH=name for some)
 	$(CARGO) bench --quiet -- $(BENCH)

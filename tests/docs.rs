@@ -218,6 +218,52 @@ fn the_query_of_the_readings_has_the_published_means() {
 }
 
 #[test]
+fn the_query_of_the_heat_maps_has_the_published_cells_and_answers_as_worked_by_hand() {
+    let folder = tempfile::tempdir().unwrap();
+    let manifest = "format = 1
+name = \"heat-maps\"
+scenarios = [\"P-H-D\", \"L-H-D\"]
+seeds = 2
+[environment]
+sigma = 0.6
+delta_d = [0.1, 0.2, 0.3, 0.4]
+epsilon_d = [0.1, 0.2, 0.3, 0.4]
+time_one_hot = [false, true]
+[[agent]]
+name = \"reinforce\"
+algorithm = \"rule\"
+rule = \"never\"
+";
+    fs::write(folder.path().join("maps.toml"), manifest).unwrap();
+    run(folder.path(), &["run", "maps.toml"], 0);
+    let reader = Reader::open(&folder.path().join("jitai.sqlite")).unwrap();
+    let published: toml::Table = read("experiments/paper/published.toml").parse().unwrap();
+    let maps = published["heat_map"].as_array().unwrap();
+    let cells = |agent: &str| -> Vec<f64> {
+        let map = maps.iter().find(|map| map["agent"].as_str() == Some(agent)).unwrap();
+        let rows = map["effect"].as_array().unwrap().iter();
+        rows.flat_map(|row| row.as_array().unwrap()).map(|cell| cell.as_float().unwrap()).collect()
+    };
+    let sql = read("experiments/heat_maps.sql");
+    let (table, _) = sql.split_once("), run AS (").unwrap();
+    for agent in ["dqn", "reinforce"] {
+        let query = format!(
+            "{table}) SELECT effect FROM published WHERE agent = '{agent}' ORDER BY delta_d, epsilon_d"
+        );
+        let ours = ask(&reader, &query).unwrap();
+        let ours: Vec<f64> = ours.iter().map(|row| row[0].parse().unwrap()).collect();
+        assert_eq!(ours, cells(agent), "{agent}");
+    }
+    // Whoever sends nothing gains nothing, so that each cell is its published number too low.
+    let missed = cells("reinforce");
+    let mean = -(missed.iter().sum::<f64>() / 16.0).round();
+    let root = (missed.iter().map(|x| x * x).sum::<f64>() / 16.0).sqrt().round();
+    let (mean, root) = (mean.to_string(), root.to_string());
+    let expected = |one_hot| vec!["reinforce", one_hot, "16", "2", &mean, &root, "0"];
+    assert_eq!(ask(&reader, &sql).unwrap(), [expected("0"), expected("1")]);
+}
+
+#[test]
 fn every_whole_manifest_of_the_documents_is_in_order() {
     let mut parsed = 0;
     for block in blocks() {

@@ -85,6 +85,7 @@ fn what_is_no_file_of_text_is_refused_without_waiting() {
 fn shipped() -> Vec<(&'static str, u64)> {
     vec![
         ("experiments/quickstart.toml", 24),
+        ("experiments/heat_maps.toml", 384),
         ("experiments/readings.toml", 690),
         ("experiments/reference.toml", 324),
         ("experiments/paper/context_error.toml", 144),
