@@ -4,8 +4,8 @@ use super::data_table::shown;
 use super::figure::{Numbers, arm_label, settings_label};
 use super::words::unit_numbers;
 use crate::analyse::declared::{
-    ActionPanel, Chosen, Content, ContrastRow, CurveFigure, CurveLine, CurvePoint, ErrorFigure,
-    Finding, HeatFigure, LearningPanel, Reproduction, Scale, Subject,
+    ActionPanel, Chosen, Content, ContrastRow, CurveFigure, CurveLine, CurvePoint, Distance,
+    ErrorFigure, Finding, HeatFigure, LearningPanel, Reproduction, Scale, Subject,
 };
 use crate::analyse::{FEW_SEEDS, Moments, Undefined, welch_t_test};
 
@@ -348,11 +348,8 @@ pub fn reproduction(reproduction: &Reproduction) -> Vec<String> {
          the difference holds 0) for {}.",
         counts.join(", ")
     )];
-    for (agent, error, points) in reproduction.curve_errors() {
-        let error = shown(error, 0);
-        sentences.push(format!(
-            "{agent}: root mean square error of {error} steps over {points} curve points."
-        ));
+    for subject in [Subject::CurvePoint, Subject::HeatCell] {
+        sentences.extend(reproduction.distances(subject).iter().map(|by| distance(subject, by)));
     }
     let (same, all) = reproduction.signs();
     if all > 0 {
@@ -360,14 +357,52 @@ pub fn reproduction(reproduction: &Reproduction) -> Vec<String> {
             "Of the effects with a published p below 0.01, {same} of {all} have the published sign."
         ));
     }
+    sentences.extend(outside(reproduction));
     sentences
+}
+
+/// How far an agent's numbers are from the published ones, all together.
+fn distance(subject: Subject, by: &Distance) -> String {
+    let Distance { agent, mean, root_mean_square, numbers } = by;
+    let side = if *mean < 0.0 { "lower" } else { "higher" };
+    format!(
+        "{agent}: over {numbers} {}s, root mean square error of {} steps; ours are {} steps {side} in the \
+         mean.",
+        subject.name(),
+        shown(*root_mean_square, 0),
+        shown(mean.abs(), 0)
+    )
+}
+
+/// Most numbers that are listed one by one.
+const MOST_OUTSIDE: usize = 20;
+
+/// The numbers that differ by more than chance.
+fn outside(reproduction: &Reproduction) -> Option<String> {
+    let told = reproduction.outside().map(|(one, difference)| {
+        let settings = one.settings.iter().map(|(name, value)| format!("{name} = {value}"));
+        let words = [one.subject.name(), &one.agent, &one.scenario].map(str::to_owned);
+        let place: Vec<String> =
+            words.into_iter().filter(|word| !word.is_empty()).chain(settings).collect();
+        let digits = if one.subject == Subject::ErrorRate { 3 } else { 0 };
+        let side = if difference < 0.0 { "lower" } else { "higher" };
+        format!("{} (ours {} {side})", place.join(" "), shown(difference.abs(), digits))
+    });
+    let told: Vec<String> = told.collect();
+    match told.len() {
+        0 => None,
+        many if many > MOST_OUTSIDE => {
+            Some(format!("Outside are {many} numbers; the table below has them."))
+        }
+        _ => Some(format!("Outside: {}.", told.join("; "))),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analyse::Sample;
-    use crate::analyse::declared::Name;
+    use crate::analyse::declared::{Comparison, Name};
+    use crate::analyse::{Agreement, Interval, Sample, Verdict};
 
     /// A line of an arm called `dqn`, with three seeds at 1, 2 and so on: a mean, and how far the
     /// other two seeds are from it.
@@ -445,6 +480,48 @@ mod tests {
         assert!(clear.contains("They are furthest apart at 2, by 40."), "{clear}");
         let noise = told(&[(20.0, 1.0), (60.0, 90.0)]);
         assert!(!noise.contains("furthest"), "{noise}");
+    }
+
+    /// A cell of a heat map that is published as 100, and differs from it by so much.
+    fn cell(difference: f64, verdict: Verdict) -> Comparison {
+        let interval = Interval { low: difference - 30.0, high: difference + 30.0 };
+        Comparison {
+            subject: Subject::HeatCell,
+            agent: "reinforce".into(),
+            scenario: "P-H-D - L-H-D".into(),
+            settings: vec![("delta_d", 0.1), ("epsilon_d", 0.2)],
+            published: 100.0,
+            published_error: Ok(10.0),
+            published_p: None,
+            ours: Ok(100.0 + difference),
+            our_error: Ok(10.0),
+            seeds: 3,
+            agreement: Ok(Agreement { difference, interval, verdict }),
+        }
+    }
+
+    #[test]
+    fn numbers_that_agree_one_by_one_can_be_too_high_all_together() {
+        let comparisons = vec![
+            cell(20.0, Verdict::Inside),
+            cell(-4.0, Verdict::Inside),
+            cell(44.0, Verdict::Outside),
+        ];
+        let told = reproduction(&Reproduction { comparisons });
+        // (20 - 4 + 44) / 3; the root of (400 + 16 + 1936) / 3.
+        assert_eq!(
+            told[1..],
+            [
+                "reinforce: over 3 heat-map cells, root mean square error of 28 steps; ours are 20 \
+                 steps higher in the mean.",
+                "Outside: heat-map cell reinforce P-H-D - L-H-D delta_d = 0.1 epsilon_d = 0.2 (ours \
+                 44 higher).",
+            ]
+        );
+        let comparisons = vec![cell(-40.0, Verdict::Outside); MOST_OUTSIDE + 1];
+        let told = reproduction(&Reproduction { comparisons });
+        assert!(told[1].ends_with("ours are 40 steps lower in the mean."), "{told:?}");
+        assert_eq!(told[2], "Outside are 21 numbers; the table below has them.");
     }
 
     #[test]

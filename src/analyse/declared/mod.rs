@@ -25,7 +25,7 @@ pub use curves::{CurveFigure, CurveLine, CurvePoint};
 pub use inference::{ErrorFigure, ErrorPoint, inference_error};
 pub use learning::{LearningLine, LearningPanel};
 pub use maps::{HeatCell, HeatFigure, Scale};
-pub use reproduction::{Comparison, Reproduction, Subject, reproduce};
+pub use reproduction::{Comparison, Distance, Reproduction, Subject, reproduce};
 pub use selection::{Candidate, Chosen};
 
 use crate::manifest::{Analysis, AnalysisKind, Published};

@@ -82,6 +82,19 @@ pub struct Comparison {
     pub agreement: Result<Agreement, Undefined>,
 }
 
+/// How far an agent's numbers are from the published ones, as ours minus published.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Distance {
+    /// The agent.
+    pub agent: String,
+    /// Mean difference.
+    pub mean: f64,
+    /// Root of the mean squared difference.
+    pub root_mean_square: f64,
+    /// Over how many numbers.
+    pub numbers: usize,
+}
+
 impl Reproduction {
     /// Comparisons of a subject: inside the joint interval, outside, and without an answer.
     pub fn counts(&self, subject: Subject) -> (usize, usize, usize) {
@@ -96,20 +109,35 @@ impl Reproduction {
         counts
     }
 
-    /// Root mean square of ours minus published over an agent's curve points, with their number.
-    pub fn curve_errors(&self) -> Vec<(String, f64, usize)> {
+    /// How far ours are from the published numbers of a subject, by agent. Numbers that each are
+    /// within chance can still be too high all together.
+    pub fn distances(&self, subject: Subject) -> Vec<Distance> {
         let mut agents: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
-        for one in self.comparisons.iter().filter(|one| one.subject == Subject::CurvePoint) {
+        for one in self.comparisons.iter().filter(|one| one.subject == subject) {
             if let Ok(ours) = one.ours {
                 agents.entry(&one.agent).or_default().push(ours - one.published);
             }
         }
-        let rms = |errors: &[f64]| {
-            (errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64).sqrt()
+        let distance = |(agent, differences): (&str, Vec<f64>)| {
+            let mean = |of: fn(f64) -> f64| {
+                differences.iter().map(|x| of(*x)).sum::<f64>() / differences.len() as f64
+            };
+            Distance {
+                agent: agent.to_owned(),
+                mean: mean(|x| x),
+                root_mean_square: mean(|x| x * x).sqrt(),
+                numbers: differences.len(),
+            }
         };
-        let line =
-            |(agent, errors): (&str, Vec<f64>)| (agent.to_owned(), rms(&errors), errors.len());
-        agents.into_iter().map(line).collect()
+        agents.into_iter().map(distance).collect()
+    }
+
+    /// The comparisons whose joint interval does not hold 0, each with ours minus the published.
+    pub fn outside(&self) -> impl Iterator<Item = (&Comparison, f64)> {
+        self.comparisons.iter().filter_map(|one| match &one.agreement {
+            Ok(Agreement { verdict: Verdict::Outside, difference, .. }) => Some((one, *difference)),
+            _ => None,
+        })
     }
 
     /// Effects whose published p is below 0.01: how many have our sign, and how many there are.
