@@ -8,9 +8,11 @@ use crate::analyse::{Aggregate, Interval, Undefined, mean_interval};
 
 /// A row an arm: return in four ways, what the policies do, and how far they are from the optimum.
 pub fn arms(rows: &[ArmRow]) -> DataTable {
+    let has_lost = rows.iter().any(|row| row.returns.lost().ended() > 0);
     let columns = [
         ("arm", "Arm"),
         ("seeds", "n"),
+        (if has_lost { "lost" } else { ".lost" }, "Lost"),
         ("mean_return", "Mean return"),
         ("interval", "95 % interval"),
         (".low", ""),
@@ -42,6 +44,7 @@ fn arm(row: &ArmRow) -> Vec<Cell> {
     vec![
         Cell::text(arm_label(&row.name)),
         Cell::number(values.len() as f64, 0),
+        Cell::number(f64::from(row.returns.lost().ended()), 0),
         in_unit(mean(values), "mean_return"),
         between(interval, "mean_return"),
         low(interval),
