@@ -81,8 +81,101 @@ pub fn agreement(first: &Estimate, second: &Estimate) -> Result<Agreement, Undef
     let (part_1, part_2) = (first.standard_error.powi(2), second.standard_error.powi(2));
     let share = part_1 / (part_1 + part_2);
     let df = finite(1.0 / (share.powi(2) / first.df + (1.0 - share).powi(2) / second.df))?;
-    let difference = finite(first.value - second.value)?;
-    let interval = Interval::around(difference, finite((part_1 + part_2).sqrt())?, df);
+    judged(first.value - second.value, (part_1 + part_2).sqrt(), df)
+}
+
+/// A difference with its joint standard error.
+fn judged(difference: f64, standard_error: f64, df: f64) -> Result<Agreement, Undefined> {
+    let difference = finite(difference)?;
+    let interval = Interval::around(difference, finite(standard_error)?, df);
     let verdict = if interval.contains(0.0) { Verdict::Inside } else { Verdict::Outside };
     Ok(Agreement { difference, interval, verdict })
+}
+
+/// How uncertain a number is that is published without any uncertainty: its seeds are taken to vary
+/// as ours do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Likeness {
+    /// Standard error of the published number.
+    pub published_error: f64,
+    /// Standard error of ours minus the published.
+    pub joint_error: f64,
+    /// Degrees of freedom of the joint standard error.
+    pub df: f64,
+}
+
+impl Likeness {
+    /// That of a mean (of one arm) or of a difference of means (of two arms), given our values of
+    /// each arm. Behind every published mean are so many seeds, and the published number was read
+    /// with an error of this standard deviation.
+    ///
+    /// The variance of an arm's seeds is in both numbers but estimated once, from our n: the joint
+    /// variance is the sum over arms of sd² (1/n + 1/seeds), and has the n - 1 degrees of freedom of
+    /// sd² alone, over two arms Satterthwaite's. The reading error adds a known variance. It could
+    /// only raise the degrees of freedom, and is not let to: with few seeds, intervals that let it
+    /// are too narrow wherever both are of like size.
+    ///
+    /// **Errors**: fewer than two values in an arm, or values that differ in none.
+    pub fn new(arms: &[&[f64]], seeds: f64, reading_sd: f64) -> Result<Likeness, Undefined> {
+        let (mut joint, mut published, mut squares) = (0.0, 0.0, 0.0);
+        let mut size = 0.0_f64;
+        for values in arms {
+            let Moments { n, mean, sd } = Moments::of(values)?;
+            let (n, variance) = (n as f64, sd?.powi(2));
+            let part = variance * (1.0 / n + 1.0 / seeds);
+            (joint, published) = (joint + part, published + variance / seeds);
+            squares += part.powi(2) / (n - 1.0);
+            size = size.max(mean.abs());
+        }
+        vary(joint.sqrt(), size)?;
+        let with_reading = |variance: f64| finite((variance + reading_sd.powi(2)).sqrt());
+        Ok(Likeness {
+            published_error: with_reading(published)?,
+            joint_error: with_reading(joint)?,
+            df: finite(joint.powi(2) / squares)?,
+        })
+    }
+
+    /// Whether our number and the published one, which differ by so much, agree.
+    ///
+    /// **Errors**: numbers out of range.
+    pub fn agreement(&self, difference: f64) -> Result<Agreement, Undefined> {
+        judged(difference, self.joint_error, self.df)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_variance_that_is_estimated_once_counts_its_degrees_of_freedom_once() {
+        // The deviation is 4: 16 (1/3 + 1/3) = 32/3, of two degrees of freedom.
+        let of_one = Likeness::new(&[&[96.0, 100.0, 104.0]], 3.0, 0.0).unwrap();
+        assert!((of_one.published_error - (16f64 / 3.0).sqrt()).abs() < 1e-12);
+        assert!((of_one.joint_error - (32f64 / 3.0).sqrt()).abs() < 1e-12);
+        assert!((of_one.df - 2.0).abs() < 1e-12);
+        // A reading error of 2 adds 4 to both variances.
+        let read = Likeness::new(&[&[96.0, 100.0, 104.0]], 3.0, 2.0).unwrap();
+        assert!((read.published_error - (28f64 / 3.0).sqrt()).abs() < 1e-12);
+        assert!((read.joint_error - (44f64 / 3.0).sqrt()).abs() < 1e-12);
+        assert!((read.df - 2.0).abs() < 1e-12);
+        // Of equal variance the degrees of freedom of two arms add up.
+        let of_two = Likeness::new(&[&[96.0, 100.0, 104.0], &[1.0, 5.0, 9.0]], 3.0, 0.0).unwrap();
+        assert!((of_two.joint_error - (64f64 / 3.0).sqrt()).abs() < 1e-12);
+        assert!((of_two.df - 4.0).abs() < 1e-12);
+        // The 97.5 % quantile of t with 2 degrees of freedom is 4.302653.
+        let width = of_one.agreement(10.0).unwrap().interval.high - 10.0;
+        assert!((width - 4.302_652_729_7 * (32f64 / 3.0).sqrt()).abs() < 1e-8);
+    }
+
+    #[test]
+    fn what_does_not_vary_tells_nothing_of_a_published_number() {
+        let of = |arms: &[&[f64]]| Likeness::new(arms, 3.0, 8.0);
+        assert_eq!(of(&[&[5.0; 3]]), Err(Undefined::NoVariance));
+        assert_eq!(of(&[&[5.0]]), Err(Undefined::TooFewSeeds { have: 1, need: 2 }));
+        assert_eq!(of(&[&[5.0, 6.0], &[]]), Err(Undefined::NoSeeds));
+        // One arm that varies is enough, as of a t test.
+        assert!((of(&[&[5.0; 3], &[5.0, 6.0]]).unwrap().df - 1.0).abs() < 1e-12);
+    }
 }

@@ -29,6 +29,9 @@ pub struct Aggregate {
 ///
 /// Conditions count by their number of seeds.
 ///
+/// With few seeds a condition the interval is too narrow, over however many conditions: drawing
+/// anew from n values has (n - 1)/n of their variance. `docs/statistics.md` has its coverage.
+///
 /// **Errors**: no condition, or one without values. The interval: fewer than two seeds in a
 /// condition, or no variance.
 ///
@@ -86,4 +89,50 @@ pub(super) fn percentile_interval(
     let tail = (1.0 - LEVEL) / 2.0;
     let [low, high] = [tail, 1.0 - tail].map(|share| quantile_of_sorted(&seen, share));
     Ok(Interval { low, high })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// How often the interval holds the true value, 0, of conditions with one truth and so many
+    /// normal seeds each.
+    fn coverage(conditions: usize, seeds: usize, rounds: usize) -> f64 {
+        // A stream that no resample is drawn from.
+        let mut stream = Stream::new(STREAM + 1, Purpose::Bootstrap);
+        let mut normal = || {
+            let (radius, angle) = (1.0 - stream.unit(), stream.unit());
+            (-2.0 * radius.ln()).sqrt() * (std::f64::consts::TAU * angle).cos()
+        };
+        let holds = |_: &usize| {
+            let arms: Vec<Sample> = (0..conditions)
+                .map(|_| Sample::new((0..seeds as u64).map(|seed| (seed, normal())), 0, 0).unwrap())
+                .collect();
+            let mean = interquartile_mean(&arms.iter().collect::<Vec<_>>()).unwrap();
+            mean.interval.unwrap().contains(0.0)
+        };
+        (0..rounds).filter(holds).count() as f64 / rounds as f64
+    }
+
+    #[test]
+    fn of_three_seeds_the_interval_is_their_range_and_holds_the_truth_in_three_of_four() {
+        let arm = Sample::new([(1, 1.0), (2, 5.0), (3, 2.0)], 0, 0).unwrap();
+        let interval = interquartile_mean(&[&arm]).unwrap().interval.unwrap();
+        assert_eq!((interval.low, interval.high), (1.0, 5.0));
+        // All three are on one side of the middle with probability 2/8; chance moves this by 2 %.
+        let covered = coverage(1, 3, 500);
+        assert!((0.69..0.81).contains(&covered), "{covered}");
+    }
+
+    /// Prints the coverage that `docs/statistics.md` states; minutes.
+    #[test]
+    #[ignore = "prints a table, and asserts nothing that a shorter test does not"]
+    fn coverage_of_the_interval_of_the_interquartile_mean() {
+        for seeds in [3, 5, 10] {
+            for conditions in [1, 6, 20] {
+                let covered = coverage(conditions, seeds, 20_000 / conditions);
+                println!("{seeds} seeds, {conditions} conditions: {:.1} %", covered * 100.0);
+            }
+        }
+    }
 }

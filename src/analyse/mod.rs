@@ -30,7 +30,7 @@ mod invariance_tests;
 #[cfg(test)]
 mod reference_tests;
 
-pub use agreement::{Agreement, Estimate, Verdict, agreement};
+pub use agreement::{Agreement, Estimate, Likeness, Verdict, agreement};
 pub use bootstrap::{Aggregate, RESAMPLES, interquartile_mean};
 pub use contrast::{Contrast, Design, Tests};
 pub use effect_size::{HedgesG, hedges_g, paired_hedges_g};

@@ -22,8 +22,15 @@ pub struct Lost {
     pub failed: u32,
     /// Seeds that have not ended.
     pub open: u32,
-    /// Seeds whose value is infinite or not a number.
+    /// Seeds that completed, and whose value is infinite, not a number or not there.
     pub not_finite: u32,
+}
+
+impl Lost {
+    /// Seeds that ended without a value; those that have not ended may still get one.
+    pub fn ended(self) -> u32 {
+        self.failed + self.not_finite
+    }
 }
 
 /// Two values of one seed: what is put together is not one arm.
@@ -119,6 +126,7 @@ mod tests {
         let sample = Sample::new([(3, 1.0), (1, f64::NAN), (2, 5.0)], 2, 1).unwrap();
         assert_eq!((sample.seeds(), sample.values()), ([2, 3].as_slice(), [5.0, 1.0].as_slice()));
         assert_eq!(sample.lost(), Lost { failed: 2, open: 1, not_finite: 1 });
+        assert_eq!(sample.lost().ended(), 3);
     }
 
     #[test]

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use crate::analyse::declared::{carry_out, reproduce, setting, summarise_arms};
 use crate::cli::counting::Counting;
 use crate::cli::{Error, Exit, StoreArgument, check, folder, optima};
-use crate::manifest::{Analysis, AnalysisKind, Condition, Manifest, Published};
+use crate::manifest::{Analysis, AnalysisKind, Condition, Manifest, Published, Sides};
 use crate::plan::{self, JobKey, PlannedJob, Scalar};
 use crate::record::{Failure, JobRecord, Progress, Setting};
 use crate::report::{ReportFile, ReportedExperiment, report};
@@ -142,7 +142,34 @@ fn everything(manifest: &Manifest, jobs: &[JobRecord]) -> Provided {
 fn query(everything: &Provided, analysis: &Analysis) -> String {
     let mut provided = Provided { part: part(analysis), ..everything.clone() };
     analysis.conditions.iter().for_each(|condition| narrow(&mut provided, condition));
+    match &analysis.kind {
+        AnalysisKind::Contrast(contrast) => narrow_to_sides(&mut provided, &contrast.sides),
+        AnalysisKind::HeatMap { sides: Some(sides), .. } => narrow_to_sides(&mut provided, sides),
+        _ => {}
+    }
     provided.sql()
+}
+
+/// Of the rows that are left, leaves only those of two sides.
+fn narrow_to_sides(provided: &mut Provided, Sides { first, second }: &Sides) {
+    match (first, second) {
+        (Condition::Scenario(first), Condition::Scenario(second)) => {
+            let sides: Vec<String> = first.iter().chain(second).map(ToString::to_string).collect();
+            provided.scenarios.retain(|scenario| sides.contains(scenario));
+        }
+        (Condition::AgentName(first), Condition::AgentName(second)) => {
+            provided.agents.retain(|agent| first.contains(agent) || second.contains(agent));
+        }
+        (Condition::Key { parameter, values }, Condition::Key { values: others, .. }) => {
+            let (name, sides) = (parameter.to_string(), values.iter().chain(others).map(setting));
+            let sides: Vec<Setting> = sides.collect();
+            match provided.parameters.iter_mut().find(|(known, _)| *known == name) {
+                Some((_, values)) => values.retain(|value| sides.contains(value)),
+                None => provided.parameters.push((name, sides)),
+            }
+        }
+        _ => {}
+    }
 }
 
 /// What comes up, each thing once, in the order in which it first does.

@@ -4,13 +4,19 @@ use super::data_table::{Cell, DataTable, shown};
 use super::figure::arm_label;
 use super::tables::{between, high, in_unit, low, mean};
 use crate::analyse::declared::{AgentRow, ArmRow};
-use crate::analyse::{Aggregate, Interval, Undefined, mean_interval};
+use crate::analyse::{Aggregate, FEW_SEEDS, Interval, Undefined, mean_interval};
+
+/// What a caption adds where an arm has fewer than [`FEW_SEEDS`] seeds.
+const NARROW: &str = "; bootstrap intervals of fewer than ten seeds an arm are too narrow: with three, \
+                      they hold the true value in three quarters to nine tenths of cases";
 
 /// A row an arm: return in four ways, what the policies do, and how far they are from the optimum.
 pub fn arms(rows: &[ArmRow]) -> DataTable {
+    let has_lost = rows.iter().any(|row| row.returns.lost().ended() > 0);
     let columns = [
         ("arm", "Arm"),
         ("seeds", "n"),
+        (if has_lost { "lost" } else { ".lost" }, "Lost"),
         ("mean_return", "Mean return"),
         ("interval", "95 % interval"),
         (".low", ""),
@@ -29,7 +35,8 @@ pub fn arms(rows: &[ArmRow]) -> DataTable {
     ];
     let caption = "Arms: mean over seeds of the return, of its lower quartile over test episodes, of \
                    episodes ended by disengagement and of messages sent an episode";
-    let mut table = DataTable::new(caption, &columns);
+    let is_few = rows.iter().any(|row| (1..FEW_SEEDS).contains(&row.returns.n()));
+    let mut table = DataTable::new(warned(caption, is_few), &columns);
     table.rows = rows.iter().map(arm).collect();
     table
 }
@@ -42,6 +49,7 @@ fn arm(row: &ArmRow) -> Vec<Cell> {
     vec![
         Cell::text(arm_label(&row.name)),
         Cell::number(values.len() as f64, 0),
+        Cell::number(f64::from(row.returns.lost().ended()), 0),
         in_unit(mean(values), "mean_return"),
         between(interval, "mean_return"),
         low(interval),
@@ -58,6 +66,11 @@ fn arm(row: &ArmRow) -> Vec<Cell> {
         share(interval.map(|interval| interval.low)),
         share(interval.map(|interval| interval.high)),
     ]
+}
+
+/// A caption with a warning of bootstrap intervals of few seeds.
+fn warned(caption: &str, is_few: bool) -> String {
+    format!("{caption}{}", if is_few { NARROW } else { "" })
 }
 
 /// A row an agent and scenario: inter-quartile means over all of their arms.
@@ -78,7 +91,9 @@ pub fn agents(rows: &[AgentRow]) -> DataTable {
     ];
     let caption = "Agents: inter-quartile means (IQM) over arms and seeds; intervals draw seeds anew \
                    within arms";
-    let mut table = DataTable::new(caption, &columns);
+    // Fewer than ten on average are fewer than ten in one.
+    let is_few = rows.iter().any(|row| row.runs < row.arms * FEW_SEEDS);
+    let mut table = DataTable::new(warned(caption, is_few), &columns);
     for row in rows {
         let (returns, shares) = (interval_of(row.returns), interval_of(row.shares));
         table.rows.push(vec![
@@ -134,4 +149,59 @@ fn percent_between(interval: Result<Interval, Undefined>) -> Cell {
 
 fn interval_of(aggregate: Result<Aggregate, Undefined>) -> Result<Interval, Undefined> {
     aggregate.and_then(|aggregate| aggregate.interval)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::analyse::declared::Name;
+    use crate::analyse::{Sample, interquartile_mean};
+
+    fn row(values: &[f64], failed: u32) -> ArmRow {
+        let values = (1..).zip(values.iter().copied());
+        let returns = Sample::new(values, failed, 0).unwrap();
+        ArmRow {
+            name: Name { agent: "dqn".into(), scenario: "P-H-D".into(), settings: Vec::new() },
+            interquartile: interquartile_mean(&[&returns]),
+            lower_quartiles: returns.clone(),
+            disengagement: returns.clone(),
+            messages: returns.clone(),
+            returns,
+            optimum: None,
+        }
+    }
+
+    #[test]
+    fn lost_seeds_have_a_column_where_there_are_any() {
+        let has_column = |table: &DataTable| table.markdown().contains("| Lost |");
+        let whole = arms(&[row(&[1.0, 2.0], 0)]);
+        assert!(!has_column(&whole));
+        // One failed, and one is no number.
+        let lost = arms(&[row(&[1.0, 2.0], 0), row(&[1.0, f64::NAN], 1)]);
+        assert!(has_column(&lost));
+        assert_eq!([lost.rows[0][2].shown(), lost.rows[1][2].shown()], ["0", "2"]);
+        assert_eq!(lost.columns[2].name, "lost");
+    }
+
+    #[test]
+    fn bootstrap_intervals_of_few_seeds_come_with_a_warning() {
+        let of = |n: u32| {
+            let values: Vec<f64> = (0..n).map(f64::from).collect();
+            let agent = AgentRow {
+                agent: "dqn".into(),
+                scenario: "P-H-D".into(),
+                arms: 2,
+                runs: 2 * n as usize,
+                returns: Err(Undefined::NoSeeds),
+                shares: Err(Undefined::NoSeeds),
+            };
+            [arms(&[row(&values, 0)]), agents(&[agent])]
+        };
+        for (n, is_warned) in [(9, true), (10, false)] {
+            for table in of(n) {
+                assert_eq!(table.markdown().contains("too narrow"), is_warned, "{n} seeds");
+                assert_eq!(table.latex().contains("too narrow"), is_warned, "{n} seeds");
+            }
+        }
+    }
 }

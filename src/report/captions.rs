@@ -7,7 +7,7 @@ use crate::analyse::declared::{
     ActionPanel, Chosen, Content, ContrastRow, CurveFigure, CurveLine, CurvePoint, Distance,
     ErrorFigure, Finding, HeatFigure, LearningPanel, Reproduction, Scale, Subject,
 };
-use crate::analyse::{FEW_SEEDS, Moments, Undefined, welch_t_test};
+use crate::analyse::{FEW_SEEDS, Moments, Undefined, detectable, quantile, welch_t_test};
 
 /// Below this, a corrected p value counts as a finding.
 const ALPHA: f64 = 0.05;
@@ -59,11 +59,22 @@ fn contrast(rows: &[ContrastRow], metric: &str) -> Vec<String> {
     let clear = |row: &&&ContrastRow| row.corrected.is_ok_and(|corrected| corrected.holm < ALPHA);
     let (higher, certain) =
         (answered.iter().filter(above).count(), answered.iter().filter(clear).count());
+    let reasons = reasons(rows);
+    if answered.is_empty() {
+        return vec![format!(
+            "{first} and {second} could be compared in none of {} comparisons: {reasons}.",
+            rows.len()
+        )];
+    }
     let mut sentences = vec![format!(
         "{first} is above {second} in {higher} of {} comparisons; {certain} differ by more than \
          chance (Holm-corrected p < {ALPHA} over the family).",
         answered.len()
     )];
+    if answered.len() < rows.len() {
+        let open = rows.len() - answered.len();
+        sentences.push(format!("{open} more could not be made: {reasons}."));
+    }
     let largest = answered.iter().max_by(|one, other| {
         let size = |row: &ContrastRow| row.contrast.difference.map_or(0.0, f64::abs);
         size(one).total_cmp(&size(other))
@@ -74,16 +85,30 @@ fn contrast(rows: &[ContrastRow], metric: &str) -> Vec<String> {
     }
     let fewest = answered.iter().map(|row| row.contrast.seeds.0.min(row.contrast.seeds.1)).min();
     if let Some(fewest) = fewest.filter(|fewest| *fewest < FEW_SEEDS) {
-        let mut detectable: Vec<f64> =
+        let detectable: Vec<f64> =
             answered.iter().filter_map(|row| row.contrast.detectable.ok()).collect();
-        detectable.sort_by(f64::total_cmp);
-        let middle = detectable.get(detectable.len() / 2).map_or_else(String::new, |middle| {
-            let size = amount(*middle, metric);
-            format!("; the median difference that they detect with 80 % power is {size}")
-        });
+        let middle = quantile(&detectable, 0.5).map_or_else(
+            |_| String::new(),
+            |median| {
+                let size = amount(median, metric);
+                format!("; the median difference that they detect with 80 % power is {size}")
+            },
+        );
         sentences.push(format!("Few seeds: {fewest} a side{middle}."));
     }
     sentences
+}
+
+/// Why comparisons have no difference, each reason once.
+fn reasons(rows: &[ContrastRow]) -> String {
+    let mut reasons: Vec<String> = Vec::new();
+    for reason in rows.iter().filter_map(|row| row.contrast.difference.err()) {
+        let reason = reason.to_string();
+        if !reasons.contains(&reason) {
+            reasons.push(reason);
+        }
+    }
+    reasons.join("; ")
 }
 
 fn mean(values: &[f64]) -> Option<f64> {
@@ -200,9 +225,25 @@ fn curve(figure: &CurveFigure, metric: &str) -> Vec<String> {
     }
     let counts = lines.iter().flat_map(|line| &line.points).map(|point| point.sample.n());
     if let Some(fewest) = counts.filter(|n| *n > 0).min().filter(|n| *n < FEW_SEEDS) {
-        sentences.push(format!("Few seeds: {fewest} a point."));
+        let middle = detectable_between(lines, fewest).map_or_else(String::new, |median| {
+            let size = amount(median, metric);
+            format!("; the median difference that two such points detect with 80 % power is {size}")
+        });
+        sentences.push(format!("Few seeds: {fewest} a point{middle}."));
     }
     sentences
+}
+
+/// The median, over the points of so many seeds, of the difference that is detected between two
+/// points that vary as this one does; `None` where none varies.
+fn detectable_between(lines: &[CurveLine], seeds: usize) -> Option<f64> {
+    let deviations = detectable(seeds, seeds).ok()?;
+    let points = lines.iter().flat_map(|line| &line.points);
+    let sds = points.filter(|point| point.sample.n() == seeds).filter_map(|point| {
+        let sd = Moments::of(point.sample.values()).ok()?.sd.ok()?;
+        (sd > 0.0).then_some(sd * deviations)
+    });
+    quantile(&sds.collect::<Vec<f64>>(), 0.5).ok()
 }
 
 /// The shares of the optimum that a line reaches.
@@ -402,7 +443,7 @@ fn outside(reproduction: &Reproduction) -> Option<String> {
 mod tests {
     use super::*;
     use crate::analyse::declared::{Comparison, Name};
-    use crate::analyse::{Agreement, Interval, Sample, Verdict};
+    use crate::analyse::{Agreement, Contrast, Design, Interval, Sample, Verdict};
 
     /// A line of an arm called `dqn`, with three seeds at 1, 2 and so on: a mean, and how far the
     /// other two seeds are from it.
@@ -467,6 +508,58 @@ mod tests {
         let figure = CurveFigure { axis: "environment.sigma".into(), lines: vec![line] };
         let told = "dqn is at 20 at 1 and at 30 at 3, with too few seeds for a test.";
         assert_eq!(curve(&figure, "mean_return"), [told, "Few seeds: 1 a point."]);
+    }
+
+    #[test]
+    fn few_seeds_are_told_with_what_they_detect() {
+        // Three seeds detect 3.07 deviations; the median of 10, 20, 40 and 50 is 30.
+        let lines = vec![line(&[(90.0, 10.0), (90.0, 50.0), (90.0, 40.0), (90.0, 20.0)])];
+        let figure = CurveFigure { axis: "environment.sigma".into(), lines };
+        let told = curve(&figure, "mean_return");
+        let few = "Few seeds: 3 a point; the median difference that two such points detect with \
+                   80 % power is 92.";
+        assert_eq!(told.last().unwrap(), few);
+    }
+
+    /// A comparison of two sides of two seeds each; the second side is so far from the first.
+    fn comparison(spread: f64, difference: f64) -> ContrastRow {
+        let first = Sample::new([(1, 50.0 - spread), (2, 50.0 + spread)], 0, 0).unwrap();
+        let second = first.seeds().iter().zip(first.values());
+        let second = second.map(|(seed, value)| (*seed, value - difference));
+        row(first.clone(), Sample::new(second, 0, 0).unwrap())
+    }
+
+    fn row(first: Sample, second: Sample) -> ContrastRow {
+        ContrastRow {
+            sides: ("ok".into(), "boom".into()),
+            name: Name { agent: "dqn".into(), scenario: String::new(), settings: Vec::new() },
+            error: None,
+            contrast: Contrast::new(&first, &second, Design::Independent),
+            corrected: Err(Undefined::NoSeeds),
+            published: None,
+            first,
+            second,
+        }
+    }
+
+    #[test]
+    fn the_median_of_an_even_number_is_between_the_middle_two() {
+        let rows = [comparison(10.0, 1.0), comparison(30.0, 2.0)];
+        let detectable = rows.each_ref().map(|row| row.contrast.detectable.unwrap());
+        let median = shown((detectable[0] + detectable[1]) / 2.0, 0);
+        let told = contrast(&rows, "mean_return").join(" ");
+        assert!(told.ends_with(&format!("with 80 % power is {median}.")), "{told}");
+    }
+
+    #[test]
+    fn comparisons_that_could_not_be_made_are_told_with_the_reason() {
+        let failed = || row(Sample::new([(1, 5.0)], 0, 0).unwrap(), Sample::new([], 3, 0).unwrap());
+        let told = contrast(&[failed(), failed()], "mean_return");
+        let none = "ok and boom could be compared in none of 2 comparisons: no seed completed.";
+        assert_eq!(told, [none]);
+        let told = contrast(&[failed(), comparison(1.0, 5.0)], "mean_return").join(" ");
+        assert!(told.starts_with("ok is above boom in 1 of 1 comparisons;"), "{told}");
+        assert!(told.contains(" 1 more could not be made: no seed completed."), "{told}");
     }
 
     #[test]

@@ -8,7 +8,9 @@ use crate::analyse::declared::{
     ActionPanel, Chosen, Comparison, Content, ContrastRow, CurveFigure, ErrorFigure, Finding,
     HeatFigure, LearningPanel, Reproduction, varying,
 };
-use crate::analyse::{Interval, Moments, Tests, Undefined, Verdict, mean_interval};
+use crate::analyse::{
+    Design, FEW_SEEDS, Interval, Moments, Tests, Undefined, Verdict, mean_interval,
+};
 use crate::record::{JobRecord, Progress, Setting};
 
 /// The table of a finding.
@@ -66,10 +68,17 @@ fn contrast(title: &str, rows: &[ContrastRow], metric: &str) -> DataTable {
         .first()
         .map_or(("first", "second"), |row| (row.sides.0.as_str(), row.sides.1.as_str()));
     let is_paired = rows.iter().any(ContrastRow::is_paired);
+    // Readers see what some rows have; files have every column.
+    let column = |is_shown: bool, names: [&'static str; 2]| names[usize::from(is_shown)];
+    let is_unmatched = rows.iter().any(|row| unmatched(row) != (0, 0));
+    let has_lost = rows.iter().any(|row| lost(row) != (0, 0));
+    let is_few = rows.iter().any(|row| row.contrast.seeds.0.min(row.contrast.seeds.1) < FEW_SEEDS);
     let columns = [
         ("arm", "Arm"),
         ("error", "Error, %"),
         ("seeds", "n"),
+        (column(is_unmatched, [".unmatched", "unmatched"]), "Without partner"),
+        (column(has_lost, [".lost", "lost"]), "Lost"),
         ("first", first),
         ("second", second),
         ("difference", "Difference"),
@@ -85,7 +94,7 @@ fn contrast(title: &str, rows: &[ContrastRow], metric: &str) -> DataTable {
         (".hedges_g_low", ""),
         (".hedges_g_high", ""),
         ("improvement", "P(greater)"),
-        (".detectable", ""),
+        (column(is_few, [".detectable", "detectable"]), "Detectable (80 % power)"),
         ("published", "Published"),
         ("published_p", "Published p"),
     ];
@@ -98,6 +107,45 @@ fn contrast(title: &str, rows: &[ContrastRow], metric: &str) -> DataTable {
     table
 }
 
+/// Two numbers of seeds, of the first side and the second; one where none is meant at all.
+fn of_sides(numbers: (usize, usize)) -> Cell {
+    Cell::Text(match numbers {
+        (0, 0) => "0".to_owned(),
+        (first, second) => format!("{first}, {second}"),
+    })
+}
+
+/// Seeds of each side that have a value and, where seeds are matched, no partner.
+fn unmatched(row: &ContrastRow) -> (usize, usize) {
+    let (first, second) = row.contrast.seeds;
+    (row.first.n() - first, row.second.n() - second)
+}
+
+/// Seeds of each side that ended without a value.
+fn lost(row: &ContrastRow) -> (usize, usize) {
+    (row.first.lost().ended() as usize, row.second.lost().ended() as usize)
+}
+
+/// The means of the sides: of the seeds that are compared, so that they differ by the difference.
+fn side_means(row: &ContrastRow) -> (Result<f64, Undefined>, Result<f64, Undefined>) {
+    match row.contrast.design {
+        Design::Independent => (mean(row.first.values()), mean(row.second.values())),
+        Design::Matched => {
+            let means = row.contrast.means;
+            (means.map(|(first, _)| first), means.map(|(_, second)| second))
+        }
+    }
+}
+
+/// Why so many seeds have no interval of their mean.
+fn no_interval(seeds: usize) -> Undefined {
+    match seeds {
+        0 => Undefined::NoSeeds,
+        1 => Undefined::TooFewSeeds { have: 1, need: 2 },
+        _ => Undefined::NoVariance,
+    }
+}
+
 fn contrast_cells(row: &ContrastRow, metric: &str) -> Vec<Cell> {
     let contrast = &row.contrast;
     let interval = contrast.test().map(|test| test.interval);
@@ -108,6 +156,7 @@ fn contrast_cells(row: &ContrastRow, metric: &str) -> Vec<Cell> {
     let (n, m) = contrast.seeds;
     let seeds = if n == m { n.to_string() } else { format!("{n}, {m}") };
     let g = contrast.hedges_g;
+    let (first, second) = side_means(row);
     vec![
         Cell::text(arm_label(&row.name)),
         row.error.map_or_else(
@@ -115,8 +164,10 @@ fn contrast_cells(row: &ContrastRow, metric: &str) -> Vec<Cell> {
             |error| Cell::Number { value: error, shown: shown(error * 100.0, 1) },
         ),
         Cell::Text(seeds),
-        in_unit(mean(row.first.values()), metric),
-        in_unit(mean(row.second.values()), metric),
+        of_sides(unmatched(row)),
+        of_sides(lost(row)),
+        in_unit(first, metric),
+        in_unit(second, metric),
         in_unit(contrast.difference, metric),
         between(interval, metric),
         low(interval),
@@ -130,7 +181,7 @@ fn contrast_cells(row: &ContrastRow, metric: &str) -> Vec<Cell> {
         Cell::of(g.map(|g| g.interval.low), 2),
         Cell::of(g.map(|g| g.interval.high), 2),
         Cell::of(contrast.improvement.map(|improvement| improvement.probability), 2),
-        Cell::of(contrast.detectable, 1),
+        in_unit(contrast.detectable, metric),
         Cell::published(row.published.map(|(effect, _)| Cell::number(effect, 1))),
         Cell::published(row.published.map(|(_, p)| Cell::number(p, 5))),
     ]
@@ -196,7 +247,7 @@ fn learning(title: &str, panels: &[LearningPanel]) -> DataTable {
     let mut table = DataTable::new(title, &columns);
     for line in panels.iter().flat_map(|panel| &panel.lines) {
         for (episode, mean, interval) in &line.points {
-            let interval = interval.ok_or(Undefined::NoVariance);
+            let interval = interval.ok_or(no_interval(line.seeds.0));
             table.rows.push(vec![
                 Cell::text(arm_label(&line.name)),
                 Cell::number(line.seeds.0 as f64, 0),
@@ -268,7 +319,7 @@ fn actions(title: &str, panels: &[ActionPanel]) -> DataTable {
     for panel in panels {
         for bin in &panel.bins {
             for (action, (share, interval)) in bin.shares.iter().flatten().enumerate() {
-                let interval = interval.ok_or(Undefined::NoVariance);
+                let interval = interval.ok_or(no_interval(bin.seeds));
                 table.rows.push(vec![
                     Cell::text(arm_label(&panel.name)),
                     Cell::number(bin.low, 1),
@@ -278,7 +329,7 @@ fn actions(title: &str, panels: &[ActionPanel]) -> DataTable {
                     between(interval, "message_rate"),
                     low(interval),
                     high(interval),
-                    Cell::number(panel.seeds.0 as f64, 0),
+                    Cell::number(bin.seeds as f64, 0),
                     Cell::number(bin.steps as f64, 0),
                 ]);
             }
@@ -444,4 +495,112 @@ fn failed(experiment: &str, job: &JobRecord, told_by: &[String]) -> Option<Vec<C
         Cell::number(f64::from(failure.episode), 0),
         Cell::text(job.job_key.to_string()),
     ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::analyse::declared::{BinShares, LearningLine, Name};
+    use crate::analyse::{Contrast, Sample};
+
+    fn name() -> Name {
+        Name { agent: "dqn".into(), scenario: "P-H-D".into(), settings: Vec::new() }
+    }
+
+    fn row(first: Sample, second: Sample, design: Design) -> ContrastRow {
+        ContrastRow {
+            sides: ("a".into(), "b".into()),
+            name: name(),
+            error: None,
+            contrast: Contrast::new(&first, &second, design),
+            corrected: Err(Undefined::NoSeeds),
+            published: None,
+            first,
+            second,
+        }
+    }
+
+    fn sample(values: &[(u64, f64)], failed: u32) -> Sample {
+        Sample::new(values.iter().copied(), failed, 0).unwrap()
+    }
+
+    /// The cell of a column in the first row.
+    fn cell<'t>(table: &'t DataTable, name: &str) -> &'t Cell {
+        let place = table.columns.iter().position(|column| column.name == name);
+        &table.rows[0][place.unwrap()]
+    }
+
+    fn is_shown(table: &DataTable, name: &str) -> bool {
+        table.shown_columns().any(|place| table.columns[place].name == name)
+    }
+
+    fn number(table: &DataTable, name: &str) -> f64 {
+        match cell(table, name) {
+            Cell::Number { value, .. } => *value,
+            other => panic!("{name}: {other:?}"),
+        }
+    }
+
+    #[test]
+    fn means_of_matched_seeds_differ_by_the_difference() {
+        // Seeds 2 and 3 are pairs: 30 and 35 in the mean.
+        let first = sample(&[(1, 900.0), (2, 20.0), (3, 40.0)], 0);
+        let second = sample(&[(2, 25.0), (3, 45.0), (4, 1.0), (5, 2.0)], 0);
+        let table = contrast("", &[row(first, second, Design::Matched)], "mean_return");
+        assert_eq!([number(&table, "first"), number(&table, "second")], [30.0, 35.0]);
+        assert_eq!(number(&table, "difference"), -5.0);
+        assert_eq!(cell(&table, "seeds").shown(), "2");
+        assert_eq!(cell(&table, "unmatched").shown(), "1, 2");
+        assert!(is_shown(&table, "unmatched") && !is_shown(&table, "lost"));
+    }
+
+    #[test]
+    fn seeds_of_independent_sides_need_no_partner() {
+        let first = sample(&[(1, 10.0), (2, 20.0)], 1);
+        let second = sample(&[(3, 30.0)], 0);
+        let table = contrast("", &[row(first, second, Design::Independent)], "mean_return");
+        assert_eq!([number(&table, "first"), number(&table, "second")], [15.0, 30.0]);
+        assert!(!is_shown(&table, "unmatched") && is_shown(&table, "lost"));
+        assert_eq!(cell(&table, "lost").shown(), "1, 0");
+    }
+
+    #[test]
+    fn what_few_seeds_detect_stands_beside_what_they_found() {
+        let of = |n: u64| {
+            let values: Vec<(u64, f64)> = (1..=n).map(|seed| (seed, seed as f64 * 0.01)).collect();
+            let (first, second) = (sample(&values, 0), sample(&values, 0));
+            contrast("", &[row(first, second, Design::Independent)], "disengagement_rate")
+        };
+        assert!(is_shown(&of(9), "detectable") && !is_shown(&of(10), "detectable"));
+        // The deviation of 1, 2, 3 % is 1 %, and three seeds detect 3.1 deviations.
+        assert_eq!(cell(&of(3), "detectable").shown(), "3.1");
+        assert!(of(3).markdown().contains("Detectable (80 % power)"));
+    }
+
+    #[test]
+    fn one_seed_is_too_few_and_equal_seeds_have_no_variance() {
+        let learning_of = |n: usize| {
+            let line = LearningLine {
+                name: name(),
+                seeds: (n, 3),
+                optimum: None,
+                points: vec![(100, 5.0, None)],
+            };
+            learning("", &[LearningPanel { scenario: "P-H-D".into(), lines: vec![line] }])
+        };
+        let actions_of = |n: usize| {
+            let shares = Some([(0.25, None); 4]);
+            let bin = BinShares { low: 0.0, high: 0.1, seeds: n, steps: 9, shares };
+            let panel = ActionPanel { name: name(), seeds: (3, 3), bins: vec![bin] };
+            actions("", &[panel])
+        };
+        let few = Undefined::TooFewSeeds { have: 1, need: 2 };
+        for (n, reason) in [(1, few), (3, Undefined::NoVariance)] {
+            for table in [learning_of(n), actions_of(n)] {
+                assert_eq!(*cell(&table, "interval"), Cell::Missing(reason.to_string()));
+            }
+        }
+        // Of three seeds that completed, one has a step in the bin.
+        assert_eq!(number(&actions_of(1), "seeds"), 1.0);
+    }
 }

@@ -144,6 +144,65 @@ fn the_query_beside_a_figure_reads_its_rows() {
     }
 }
 
+/// Rules in three scenarios and at three sigmas, of which contrasts and maps compare two.
+const SIDES: &str = r#"
+format = 1
+name = "sides"
+scenarios = ["P-H-D", "L-H-D", "P-T"]
+seeds = 2
+environment.sigma = [0.4, 0.6, 0.8]
+environment.delta_d = [0.1, 0.2]
+environment.horizon = 10
+evaluation.test_episodes = 20
+[[agent]]
+name = "never"
+algorithm = "rule"
+rule = "never"
+[[agent]]
+name = "untailored"
+algorithm = "rule"
+rule = "untailored"
+[[agent]]
+name = "chance"
+algorithm = "rule"
+rule = "random"
+[[analysis]]
+name = "scenario"
+kind = "contrast"
+by = "scenario"
+between = ["P-H-D", "P-T"]
+where = { agent.name = "never" }
+[[analysis]]
+name = "agent"
+kind = "contrast"
+by = "agent.name"
+between = ["untailored", "never"]
+[[analysis]]
+name = "key"
+kind = "contrast"
+by = "environment.sigma"
+between = [0.8, 0.4]
+[[analysis]]
+name = "map"
+kind = "heat_map"
+x = "environment.sigma"
+y = "environment.delta_d"
+by = "scenario"
+between = ["P-H-D", "L-H-D"]
+"#;
+
+#[test]
+fn the_query_beside_a_difference_reads_its_sides_alone() {
+    let folder = Folder::completed(SIDES);
+    folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
+    // 3 scenarios, 3 agents, 3 sigmas, 2 values of delta_d, 2 seeds: 108 jobs.
+    for (name, rows) in [("scenario", 24), ("agent", 72), ("key", 72), ("map", 72)] {
+        let sql = folder.read(&format!("report/sql/sides-{name}.sql"));
+        let answer = folder.jitai(["query", &sql, "--format", "csv"]).succeeded();
+        assert_eq!(answer.stdout.lines().count() - 1, rows, "{name}: {sql}");
+    }
+}
+
 #[test]
 fn a_partial_store_gives_a_report_that_says_what_is_missing() {
     let folder = prepared();

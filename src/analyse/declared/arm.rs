@@ -38,10 +38,10 @@ impl Group<'_> {
             }
             seen.push(job.seed);
             match &job.progress {
-                Progress::Completed(_) => match value(job, metric) {
-                    Some(value) => values.push((job.seed, value)),
-                    None => open += 1,
-                },
+                // One that completed without this metric is lost as one that is not finite.
+                Progress::Completed(_) => {
+                    values.push((job.seed, value(job, metric).unwrap_or(f64::NAN)));
+                }
                 Progress::Failed(_) => failed += 1,
                 Progress::Pending | Progress::Interrupted | Progress::Running => open += 1,
             }

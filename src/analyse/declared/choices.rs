@@ -25,6 +25,8 @@ pub struct BinShares {
     pub low: f64,
     /// Upper end.
     pub high: f64,
+    /// Seeds that have a step in it.
+    pub seeds: usize,
     /// Test steps of all seeds.
     pub steps: u64,
     /// Mean over seeds of each action's share, with its interval where one is defined; `None`
@@ -68,6 +70,7 @@ fn shares(bin: u8, bins: u8, runs: &[&CompletedRun]) -> BinShares {
     BinShares {
         low: f64::from(bin) / f64::from(bins),
         high: f64::from(bin + 1) / f64::from(bins),
+        seeds: counts.len(),
         steps: counts.iter().flatten().sum(),
         shares: (!counts.is_empty()).then(|| std::array::from_fn(share)),
     }
