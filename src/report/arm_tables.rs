@@ -7,8 +7,8 @@ use crate::analyse::declared::{AgentRow, ArmRow};
 use crate::analyse::{Aggregate, FEW_SEEDS, Interval, Undefined, mean_interval};
 
 /// What a caption adds where an arm has fewer than [`FEW_SEEDS`] seeds.
-const NARROW: &str = "; bootstrap intervals of fewer than ten seeds an arm are too narrow: with three, \
-                      they hold the true value in three quarters to nine tenths of cases";
+const NARROW: &str = "; bootstrap intervals of fewer than ten seeds an arm are too narrow: with \
+                      three, they hold the true value in three quarters to nine tenths of cases";
 
 /// A row an arm: return in four ways, what the policies do, and how far they are from the optimum.
 pub fn arms(rows: &[ArmRow]) -> DataTable {
