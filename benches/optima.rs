@@ -84,10 +84,15 @@ fn main() {
         seconds.sort_by(f64::total_cmp);
         errors.sort_by(f64::total_cmp);
         let exact = errors.partition_point(|error| *error <= EXACT);
+        let others = match exact == count {
+            true => String::new(),
+            false => {
+                format!(" the others {apart:.2} at most from what {times} times as long finds;")
+            }
+        };
         println!(
-            "horizon {horizon}: {exact} of {count} within {EXACT}, the largest error {:.2}; the \
-             others {apart:.2} at most from what {times} times as long finds; median {:.1} s, longest \
-             {:.1} s",
+            "horizon {horizon}: {exact} of {count} within {EXACT}, the largest error {:.2};{others} \
+             median {:.1} s, longest {:.1} s",
             errors[count - 1],
             seconds[count / 2],
             seconds[count - 1]

@@ -23,8 +23,8 @@ const NEGLIGIBLE: f64 = 4.0;
 /// Values that are computed in the time of a step of an episode, where the context is not inferred.
 const VALUES_A_STEP: usize = 100;
 /// Most values that are computed for an optimum by the usual effort, in all, unless the first grids take
-/// more: a dozen seconds of a core or so.
-pub(super) const MOST_COMPUTED: usize = 5_500_000_000;
+/// more: a dozen seconds of a core or so, or twice that of a slow one.
+pub(super) const MOST_COMPUTED: usize = 5_200_000_000;
 /// Most values that a search keeps at a time, or so, by whatever effort: 1.3 GB.
 const MOST_KEPT: usize = 160_000_000;
 
