@@ -3,7 +3,8 @@
 CARGO ?= cargo
 JITAI := $(CARGO) run --release --quiet --
 
-.PHONY: help run paper readings bench bench-burn bench-readers bench-optima test test-slow test-features
+.PHONY: help run paper readings bench bench-burn bench-readers bench-optima bench-coverage test test-slow
+.PHONY: test-features
 .PHONY: test-kill test-damage test-bad-input fuzz deny miri test-browser browser test-analysis analysis doc clean
 
 help: ## these targets
@@ -41,6 +42,9 @@ bench-burn: ## time both engines with Burn compiled to be fast, on both of its C
 
 bench-optima: ## how exact optima of random environments are, and how long they take (minutes; ENVIRONMENTS=n, HORIZONS=n,n)
 	$(CARGO) bench --quiet --bench optima
+
+bench-coverage: ## how often bootstrap intervals hold the truth, by the number of seeds (minutes)
+	$(CARGO) bench --quiet --bench coverage
 
 bench-readers: ## what eight readers that ask every second cost a sweep (minutes; PAIRS=n, PAUSE=seconds)
 	$(CARGO) build --release

@@ -123,16 +123,4 @@ mod tests {
         let covered = coverage(1, 3, 500);
         assert!((0.69..0.81).contains(&covered), "{covered}");
     }
-
-    /// Prints the coverage that `docs/statistics.md` states; minutes.
-    #[test]
-    #[ignore = "prints a table, and asserts nothing that a shorter test does not"]
-    fn coverage_of_the_interval_of_the_interquartile_mean() {
-        for seeds in [3, 5, 10] {
-            for conditions in [1, 6, 20] {
-                let covered = coverage(conditions, seeds, 20_000 / conditions);
-                println!("{seeds} seeds, {conditions} conditions: {:.1} %", covered * 100.0);
-            }
-        }
-    }
 }

@@ -1,0 +1,40 @@
+//! How often the bootstrap interval of the inter-quartile mean holds the true value, of conditions with
+//! one truth and normal seeds: the table of `docs/statistics.md`.
+
+use std::f64::consts::TAU;
+
+use jitai::analyse::{Sample, interquartile_mean};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// Values that are drawn for each number of conditions and seeds, or so.
+const VALUES: usize = 20_000;
+
+fn normal(rng: &mut ChaCha8Rng) -> f64 {
+    let (radius, angle): (f64, f64) = (1.0 - rng.random::<f64>(), rng.random());
+    (-2.0 * radius.ln()).sqrt() * (TAU * angle).cos()
+}
+
+fn coverage(rng: &mut ChaCha8Rng, conditions: usize, seeds: u64, rounds: usize) -> f64 {
+    let holds = |_: &usize| {
+        let arm = |_| {
+            let values = (0..seeds).map(|seed| (seed, normal(rng)));
+            Sample::new(values, 0, 0).expect("no seed comes twice")
+        };
+        let arms: Vec<Sample> = (0..conditions).map(arm).collect();
+        let mean = interquartile_mean(&arms.iter().collect::<Vec<_>>()).expect("values");
+        mean.interval.expect("they vary").contains(0.0)
+    };
+    (0..rounds).filter(holds).count() as f64 / rounds as f64
+}
+
+fn main() {
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    println!("conditions  seeds  coverage");
+    for conditions in [1, 6, 20] {
+        for seeds in [3, 5, 10] {
+            let covered = coverage(&mut rng, conditions, seeds, VALUES / conditions);
+            println!("{conditions:10}  {seeds:5}  {:6.1} %", 100.0 * covered);
+        }
+    }
+}
