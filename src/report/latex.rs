@@ -9,9 +9,15 @@ const ROWS_OF_A_PAGE: usize = 40;
 /// Rows of a table that anybody prints; longer ones are data.
 const MOST_ROWS: usize = 300;
 
-/// Letters that fit a line of 16 cm in each size, and the size. As text, digits are half as wide as
-/// they are high.
-const SIZES: [(f64, &str); 3] = [(110.0, "footnotesize"), (125.0, "scriptsize"), (0.0, "tiny")];
+/// How a long table is set, the first that fits it: at most so many letters side by side, their
+/// size, and whether it lies across the page. An A4 page has 16 cm of text, or 24.7 cm across;
+/// a letter of Computer Modern is 3.9 pt wide in the larger size, and 3.6 pt in the smaller.
+const SETTINGS: [(f64, &str, bool); 4] = [
+    (105.0, "footnotesize", false),
+    (118.0, "scriptsize", false),
+    (170.0, "footnotesize", true),
+    (f64::INFINITY, "scriptsize", true),
+];
 
 /// Letters that the gap between two columns is as wide as.
 const GAP: f64 = 1.6;
@@ -43,20 +49,24 @@ fn on_a_page(table: &DataTable) -> String {
     )
 }
 
-/// A table that breaks between rows and repeats its headings; nothing can make it narrower but
-/// smaller letters.
+/// A table that breaks between rows and repeats its headings; where it is too wide for the
+/// text in small letters, it lies across the page.
 fn over_pages(table: &DataTable) -> String {
-    let size = size(table);
+    let (size, is_across) = setting(table);
+    let (package, begin, end) = match is_across {
+        true => (",pdflscape", "\\begin{landscape}\n", "\\end{landscape}\n"),
+        false => ("", "", ""),
+    };
     let columns = table.shown_columns().count();
     let notes = reasons(table)
         .map_or_else(String::new, |reasons| format!("\\par\\noindent --: {reasons}\n"));
     format!(
-        "% Needs \\usepackage{{booktabs,longtable}}.\n\\begingroup\n\\{size}\n\
+        "% Needs \\usepackage{{booktabs,longtable{package}}}.\n{begin}\\begingroup\n\\{size}\n\
          \\setlength{{\\tabcolsep}}{{2pt}}\n\\begin{{longtable}}{{{sides}}}\n  \
          \\caption{{{caption}}} \\\\\n  \\toprule\n  {headings} \\\\\n  \\midrule\n  \
          \\endfirsthead\n  \\toprule\n  {headings} \\\\\n  \\midrule\n  \\endhead\n  \\midrule\n  \
          \\multicolumn{{{columns}}}{{r}}{{continued}} \\\\\n  \\endfoot\n  \\bottomrule\n  \
-         \\endlastfoot\n{rows}\\end{{longtable}}\n{notes}\\endgroup\n",
+         \\endlastfoot\n{rows}\\end{{longtable}}\n{notes}\\endgroup\n{end}",
         sides = sides(table),
         caption = escape::latex(&table.caption),
         headings = headings(table),
@@ -64,8 +74,8 @@ fn over_pages(table: &DataTable) -> String {
     )
 }
 
-/// The largest size of letters in which a table is not wider than the text.
-fn size(table: &DataTable) -> &'static str {
+/// The size of the letters of a long table, and whether it lies across the page.
+fn setting(table: &DataTable) -> (&'static str, bool) {
     let letters: f64 = table
         .shown_columns()
         .map(|place| {
@@ -74,8 +84,9 @@ fn size(table: &DataTable) -> &'static str {
             cells.fold(heading, usize::max) as f64 + GAP
         })
         .sum();
-    let fitting = SIZES.into_iter().find(|(most, _)| letters <= *most);
-    fitting.unwrap_or(SIZES[SIZES.len() - 1]).1
+    let fitting = SETTINGS.into_iter().find(|(most, ..)| letters <= *most);
+    let (_, size, is_across) = fitting.unwrap_or(SETTINGS[SETTINGS.len() - 1]);
+    (size, is_across)
 }
 
 fn sides(table: &DataTable) -> String {
@@ -143,12 +154,17 @@ mod tests {
     }
 
     #[test]
-    fn a_wider_long_table_has_smaller_letters() {
+    fn a_wider_long_table_has_smaller_letters_or_lies_across_the_page() {
         let of = |letters: usize| {
             let mut table = table(41);
             table.rows[7][0] = Cell::text("m".repeat(letters));
-            size(&table)
+            setting(&table)
         };
-        assert_eq!([of(10), of(110), of(140)], ["footnotesize", "scriptsize", "tiny"]);
+        assert_eq!([of(10), of(105)], [("footnotesize", false), ("scriptsize", false)]);
+        assert_eq!([of(130), of(180)], [("footnotesize", true), ("scriptsize", true)]);
+        let mut wide = table(41);
+        wide.rows[7][0] = Cell::text("m".repeat(130));
+        assert!(latex(&wide).starts_with("% Needs \\usepackage{booktabs,longtable,pdflscape}.\n"));
+        assert!(latex(&wide).ends_with("\\endgroup\n\\end{landscape}\n"));
     }
 }
