@@ -40,8 +40,8 @@ fn on_a_page(table: &DataTable) -> String {
         "% Needs \\usepackage{{booktabs,graphicx}}.\n\\begin{{table}}\n  \\centering\n  \
          \\caption{{{caption}}}\n  \\footnotesize\n  \
          \\resizebox{{\\ifdim\\width>\\linewidth\\linewidth\\else\\width\\fi}}{{!}}{{%\n  \
-         \\begin{{tabular}}{{{sides}}}\n    \\toprule\n    {headings} \\\\\n    \\midrule\n{rows}    \
-         \\bottomrule\n  \\end{{tabular}}}}\n{notes}\\end{{table}}\n",
+         \\begin{{tabular}}{{{sides}}}\n    \\toprule\n    {headings} \\\\\n    \\midrule\n{rows}\
+         \x20   \\bottomrule\n  \\end{{tabular}}}}\n{notes}\\end{{table}}\n",
         caption = escape::latex(&table.caption),
         sides = sides(table),
         headings = headings(table),

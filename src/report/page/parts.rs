@@ -32,7 +32,8 @@ pub fn figure_card(shown: &Shown<'_>) -> String {
     // A comparison of which a side has no seed.
     let nothing = match (&shown.finding.content, shown.scenes.is_empty()) {
         (Content::Contrast(_), true) => {
-            "<p class=\"note\">No figure: there is no comparison with completed jobs on both sides.</p>"
+            "<p class=\"note\">No figure: there is no comparison with completed jobs on \
+             both sides.</p>"
         }
         _ => "",
     };
