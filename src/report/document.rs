@@ -8,9 +8,10 @@ use super::captions;
 use super::data_table::DataTable;
 use super::escape::file_stem;
 use super::figure::{
-    Looks, action_figure, curve_figure, error_figure, forest_figure, heat_figure, labels,
-    learning_figure,
+    Looks, action_figure, curve_figure, error_figure, forest_figure, heat_figure, heat_range,
+    labels, learning_figure,
 };
+use super::latex::{is_printed, latex};
 use super::page;
 use super::scene::{Scene, png, svg};
 use super::tables;
@@ -168,6 +169,10 @@ fn names(content: &Content) -> Vec<&Name> {
 fn shown<'e>(finding: &'e Finding, sql: &'e str, stem: String, looks: &Looks) -> Shown<'e> {
     let one = |scene: Scene| vec![(stem.clone(), scene)];
     let mut scenes = match &finding.content {
+        // Axes without a difference on them would say nothing.
+        Content::Contrast(rows) if rows.iter().all(|row| row.contrast.difference.is_err()) => {
+            Vec::new()
+        }
         Content::Contrast(rows) => one(forest_figure(rows, finding.metric)),
         Content::Curve(figure) => one(curve_figure(figure, finding.metric, looks)),
         Content::LearningCurve { window, panels } => panels
@@ -183,7 +188,8 @@ fn shown<'e>(finding: &'e Finding, sql: &'e str, stem: String, looks: &Looks) ->
             .iter()
             .map(|figure| {
                 let panel = file_stem(&format!("{} {}", figure.agent, figure.subject));
-                (format!("{stem}-{panel}"), heat_figure(figure, finding.metric))
+                let range = heat_range(figures);
+                (format!("{stem}-{panel}"), heat_figure(figure, finding.metric, range))
             })
             .collect(),
         Content::ActionChoice(panels) => panels
@@ -258,7 +264,9 @@ fn write_table(stem: &str, table: &DataTable, files: &mut Vec<ReportFile>) {
     };
     push("csv", table.csv());
     push("md", table.markdown());
-    push("tex", table.latex());
+    if is_printed(table) {
+        push("tex", latex(table));
+    }
 }
 
 /// The jobs of all experiments, each counted once.

@@ -6,6 +6,7 @@ pub mod data_table;
 mod document;
 pub mod escape;
 pub mod figure;
+mod latex;
 mod page;
 pub mod scene;
 mod table;

@@ -105,6 +105,26 @@ def check_pointing(page):
     assert not page.query_selector("#tip").is_visible()
 
 
+def check_tapping(browser, path):
+    """A finger has no pointer to rest on a value: a tap tells it, and a tap elsewhere hides it."""
+    context = browser.new_context(viewport={"width": 390, "height": 900}, has_touch=True)
+    page = context.new_page()
+    page.goto(path.as_uri())
+    mark = page.query_selector("figure svg [data-tip]")
+    mark.scroll_into_view_if_needed()
+    box = mark.bounding_box()
+    page.touchscreen.tap(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    tip = page.query_selector("#tip")
+    assert tip.is_visible(), "a tap tells nothing"
+    assert any(character.isdigit() for character in tip.inner_text()), tip.inner_text()
+    heading = page.query_selector("article h3")
+    heading.scroll_into_view_if_needed()
+    box = heading.bounding_box()
+    page.touchscreen.tap(box["x"] + 2, box["y"] + 2)
+    assert not tip.is_visible(), "a tap elsewhere hides nothing"
+    context.close()
+
+
 def check_hiding(page):
     box = page.query_selector("[data-toggle='0']")
     card = box.evaluate_handle("(b) => b.closest('article')").as_element()
@@ -199,6 +219,8 @@ def main():
             outside = [url for url in requests if url != path.as_uri() and not url.startswith("data:")]
             assert not outside, outside
             passed += 1
+        check_tapping(browser, path)
+        passed += 1
         browser.close()
     print(f"{passed} passed, 0 failed")
 

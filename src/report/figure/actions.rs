@@ -1,7 +1,7 @@
 //! Shares of actions by the probability of context 0: a stack a bin.
 
 use super::look::arm_label;
-use super::{FAINT, INK, NOTE, TEXT, WIDTH, seeds, text};
+use super::{FAINT, INK, NOTE, TEXT, WIDTH, fitting, seeds, text};
 use crate::analyse::declared::{ActionPanel, BinShares};
 use crate::report::data_table::shown;
 use crate::report::scene::{
@@ -35,24 +35,50 @@ pub fn action_figure(panels: &[ActionPanel]) -> Scene {
     let title = "inferred probability of context 0";
     marks.push(text(at, title, plain, INK, Anchor::Middle).into());
     let note = format!(
-        "Mean shares over {}; 95 % half-width: median {} points.",
+        "Mean shares over {}{}.",
         seeds(panels.iter().map(|panel| panel.seeds.0)),
-        shown(median_half_width(panels) * 100.0, 0)
+        half_width_words(panels)
     );
     let at = (WIDTH / 2.0, height - 5.0);
-    marks.push(text(at, note, (NOTE, Weight::Regular), FAINT, Anchor::Middle).into());
+    marks.push(fitting(at, note, (NOTE, WIDTH - 8.0), FAINT).into());
     let description = "shares of actions by the probability of context 0".to_owned();
     Scene { width: WIDTH, height, description, marks }
 }
 
-/// The median half of an interval of a share, over the shares that have one; 0 if none has.
-fn median_half_width(panels: &[ActionPanel]) -> f64 {
+/// The median and the largest half of an interval, over the labelled shares that have one. Shares
+/// near 0, whose intervals are short, would make all seem certain.
+fn half_width_words(panels: &[ActionPanel]) -> String {
     let shares = panels.iter().flat_map(|panel| &panel.bins).filter_map(|bin| bin.shares);
-    let intervals = shares.flatten().filter_map(|(_, interval)| interval);
+    let labelled = shares.flatten().filter(|(share, _)| is_labelled(*share));
+    let intervals = labelled.filter_map(|(_, interval)| interval);
     let mut halves: Vec<f64> =
         intervals.map(|interval| (interval.high - interval.low) / 2.0).collect();
     halves.sort_by(f64::total_cmp);
-    halves.get(halves.len() / 2).copied().unwrap_or(0.0)
+    let words = |half: f64| match half {
+        // Of a share between 0 and 100 % such an interval says nothing.
+        half if half >= 1.0 => "100 or more".to_owned(),
+        half => shown(half * 100.0, 0),
+    };
+    let middle = halves.len() / 2;
+    match halves.as_slice() {
+        [] => String::new(),
+        [.., most] => {
+            let median = match halves.len() % 2 {
+                0 => (halves[middle - 1] + halves[middle]) / 2.0,
+                _ => halves[middle],
+            };
+            format!(
+                "; 95 % half-width of labelled ones: median {}, largest {} points",
+                words(median),
+                words(*most)
+            )
+        }
+    }
+}
+
+/// Whether the segment of a share is high enough for its number.
+fn is_labelled(share: f64) -> bool {
+    share * STACK > NOTE + 3.0
 }
 
 fn legend() -> Vec<Mark> {
@@ -121,11 +147,45 @@ fn stack(bin: &BinShares, label: &str, (left, base, width): (f64, f64, f64)) -> 
             stroke: Some(Stroke::solid(Color::WHITE, 0.5)),
         };
         marks.push(Mark::from(area).saying(tip));
-        if height > NOTE + 3.0 {
+        if is_labelled(*share) {
             let at = (left + width / 2.0, top + height / 2.0 + 3.0);
             let words = shown(share * 100.0, 0);
             marks.push(text(at, words, (NOTE, Weight::Regular), INK, Anchor::Middle).into());
         }
     }
     marks
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::analyse::Interval;
+    use crate::analyse::declared::Name;
+
+    fn panel(shares: [(f64, Option<f64>); 4]) -> ActionPanel {
+        let interval = |(share, half): (f64, Option<f64>)| {
+            (share, half.map(|half| Interval { low: share - half, high: share + half }))
+        };
+        let shares = Some(shares.map(interval));
+        let name = Name { agent: "dqn".into(), scenario: "L-H-D".into(), settings: Vec::new() };
+        let bins = vec![BinShares { low: 0.0, high: 1.0, steps: 9, shares }];
+        ActionPanel { name, seeds: (3, 3), bins }
+    }
+
+    #[test]
+    fn the_note_tells_the_intervals_of_the_shares_that_are_labelled() {
+        // 0.05 is too low for a number: its certainty is none of the others'.
+        let shares = [(0.4, Some(0.3)), (0.35, Some(1.39)), (0.2, Some(0.12)), (0.05, Some(0.01))];
+        assert_eq!(
+            half_width_words(&[panel(shares)]),
+            "; 95 % half-width of labelled ones: median 30, largest 100 or more points"
+        );
+        let two = [(0.5, Some(0.1)), (0.5, Some(0.2)), (0.0, None), (0.0, None)];
+        assert_eq!(
+            half_width_words(&[panel(two)]),
+            "; 95 % half-width of labelled ones: median 15, largest 20 points"
+        );
+        let one_seed = [(0.5, None), (0.5, None), (0.0, None), (0.0, None)];
+        assert_eq!(half_width_words(&[panel(one_seed)]), "");
+    }
 }

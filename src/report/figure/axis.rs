@@ -138,7 +138,8 @@ impl Frame {
             let at = (self.left - 4.0, height + TEXT * 0.35);
             marks.push(text(at, y.written(*tick, step), plain, FAINT, Anchor::End).into());
         }
-        let ticks = x.ticks((self.width / 42.0) as usize);
+        let room = if x.scale == AxisScale::Log { 42.0 } else { 37.0 };
+        let ticks = x.ticks((self.width / room) as usize);
         let step = ticks.get(1).map_or(1.0, |second| second - ticks[0]);
         for tick in &ticks {
             let across = self.left + x.share(*tick) * self.width;

@@ -2,7 +2,7 @@
 
 use super::axis::{Axis, AxisScale, Frame, Numbers, round_range};
 use super::look::{Look, Looks, Marker, arm_label, labels};
-use super::{FAINT, INK, NOTE, TEXT, WIDTH, fitting, seeds, text};
+use super::{FAINT, INK, NOTE, PUBLISHED, TEXT, WIDTH, fitting, seeds, text};
 use crate::analyse::declared::{
     CurveFigure, CurveLine, CurvePoint, ErrorFigure, LearningLine, LearningPanel, Name,
     inference_error,
@@ -313,16 +313,10 @@ pub fn error_figure(figure: &ErrorFigure) -> Scene {
         reference: Vec::new(),
         spread,
     };
-    let blue = Color(0, 114, 178);
     let mut lines = vec![
-        line("Φ(−1/2σ)", look(blue, Marker::Disc), exact.collect(), Spread::Band),
+        line("Φ(−1/(2σ))", look(INK, Marker::Disc), exact.collect(), Spread::Band),
         line("seen in tests", look(INK, Marker::Disc), seen.collect(), Spread::Points),
-        line(
-            "published",
-            look(Color(213, 94, 0), Marker::Ring),
-            reported.collect(),
-            Spread::Points,
-        ),
+        line("published", look(PUBLISHED, Marker::Diamond), reported.collect(), Spread::Points),
     ];
     lines.retain(|line| !line.points.is_empty());
     let runs: usize = figure.points.iter().map(|point| point.runs).sum();
@@ -386,7 +380,18 @@ fn axes(
         scale: AxisScale::Linear,
         numbers: y_numbers,
     };
-    (Axis { title: x_title, range: (low_x, right), scale, numbers: x_numbers }, y)
+    let has_marks = lines.iter().any(|line| line.spread == Spread::Bars);
+    let range = if has_marks { padded((low_x, right), scale) } else { (low_x, right) };
+    (Axis { title: x_title, range, scale, numbers: x_numbers }, y)
+}
+
+/// Ends of an axis a little beyond the first and the last point, whose marks would lie on numbers.
+fn padded((low, high): (f64, f64), scale: AxisScale) -> (f64, f64) {
+    const PART: f64 = 0.03;
+    match scale {
+        AxisScale::Linear => (low - PART * (high - low), high + PART * (high - low)),
+        AxisScale::Log => (low / (high / low).powf(PART), high * (high / low).powf(PART)),
+    }
 }
 
 fn draw(chart: &Chart) -> Scene {
@@ -416,13 +421,18 @@ fn draw(chart: &Chart) -> Scene {
     // Points lie on the lines of all, hollow ones below filled ones, which are smaller: where one of
     // each meet, both are seen.
     let of_each = chart.lines.iter().enumerate();
+    let dodges = dodges(&chart.lines);
     marks.extend(of_each.clone().flat_map(|(series, line)| {
-        line_marks(line, (x, y), &frame).into_iter().map(move |mark| mark.of(series))
+        line_marks(line, (x, y), &frame, dodges[series])
+            .into_iter()
+            .map(move |mark| mark.of(series))
     }));
     for hollow in [true, false] {
         let of_kind = of_each.clone().filter(|(_, line)| line.look.marker.is_hollow() == hollow);
         marks.extend(of_kind.flat_map(|(series, line)| {
-            point_marks(line, (x, y), &frame).into_iter().map(move |mark| mark.of(series))
+            point_marks(line, (x, y), &frame, dodges[series])
+                .into_iter()
+                .map(move |mark| mark.of(series))
         }));
     }
     marks.extend(end_labels(chart, &frame));
@@ -432,7 +442,29 @@ fn draw(chart: &Chart) -> Scene {
     Scene { width, height, description: chart.description.clone(), marks }
 }
 
-fn line_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame) -> Vec<Mark> {
+/// How far each line is moved to the right, so that intervals of several arms at one place stand
+/// beside each other.
+fn dodges(lines: &[Line]) -> Vec<f64> {
+    /// From line to line, and from the first to the last of many.
+    const STEP: f64 = 2.4;
+    const WHOLE: f64 = 8.0;
+    let with_bars: Vec<usize> =
+        (0..lines.len()).filter(|at| lines[*at].spread == Spread::Bars).collect();
+    let mut places: Vec<f64> =
+        with_bars.iter().flat_map(|at| &lines[*at].points).map(|point| point.x).collect();
+    places.sort_by(f64::total_cmp);
+    let mut dodges = vec![0.0; lines.len()];
+    if places.windows(2).any(|pair| pair[0] == pair[1]) && with_bars.len() > 1 {
+        let last = (with_bars.len() - 1) as f64;
+        let step = STEP.min(WHOLE / last);
+        for (rank, at) in with_bars.iter().enumerate() {
+            dodges[*at] = (rank as f64 - last / 2.0) * step;
+        }
+    }
+    dodges
+}
+
+fn line_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, dodge: f64) -> Vec<Mark> {
     let mut marks = Vec::new();
     let color = line.look.color;
     let place = |x, y| frame.place(axes, (x, y));
@@ -452,7 +484,9 @@ fn line_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame) -> Vec<Mark> {
             marks.push(Shape::Area { points: upper, fill, stroke: None }.into());
         }
     }
-    let points: Vec<Point> = line.points.iter().map(|point| place(point.x, point.y)).collect();
+    let moved = |(x, y): Point| (x + dodge, y);
+    let points: Vec<Point> =
+        line.points.iter().map(|point| moved(place(point.x, point.y))).collect();
     if points.len() > 1 && line.spread != Spread::Points {
         let width = match line.spread {
             Spread::Bars => 1.6,
@@ -462,23 +496,22 @@ fn line_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame) -> Vec<Mark> {
         let stroke = Stroke { color, width, dash: line.look.dash, opacity: 1.0 };
         marks.push(Shape::Line { points, stroke }.into());
     }
-    let with_bars = line.points.iter().filter(|_| line.spread == Spread::Bars);
-    marks.extend(with_bars.filter_map(|point| {
-        let (low, high) = point.interval?;
-        let points = vec![place(point.x, low), place(point.x, high)];
-        Some(Shape::Line { points, stroke: Stroke::solid(color, 1.0) }.into())
-    }));
     marks
 }
 
-/// The points of a line: where they are marked, and where they say something.
-fn point_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame) -> Vec<Mark> {
+/// The points of a line: where they are marked, and where they say something. Intervals lie above
+/// what fills a hollow mark, which would hide short ones.
+fn point_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, dodge: f64) -> Vec<Mark> {
     let is_marked = matches!(line.spread, Spread::Bars | Spread::Points);
     let said = line.points.iter().filter(|point| is_marked || !point.tip.is_empty());
+    let place = |x, y| {
+        let (across, down) = frame.place(axes, (x, y));
+        (across + dodge, down)
+    };
     let mark = |point: &Place| {
-        let at = frame.place(axes, (point.x, point.y));
+        let at = place(point.x, point.y);
         let shape = if is_marked {
-            marker(at, &line.look, if line.look.marker.is_hollow() { 3.2 } else { 2.2 })
+            marker(at, &line.look, if line.look.marker.is_hollow() { 2.6 } else { 2.2 })
         } else {
             let fill = Fill { color: line.look.color, opacity: 0.0 };
             Shape::Circle { centre: at, radius: 3.0, fill, stroke: None }
@@ -486,7 +519,13 @@ fn point_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame) -> Vec<Mark> {
         let mark = Mark::from(shape);
         if point.tip.is_empty() { mark } else { mark.saying(&point.tip) }
     };
-    said.map(mark).collect()
+    let bar = |point: &Place| {
+        let (low, high) = point.interval.filter(|_| line.spread == Spread::Bars)?;
+        let points = vec![place(point.x, low), place(point.x, high)];
+        let stroke = Stroke::solid(line.look.color, 1.0);
+        Some(Mark::from(Shape::Line { points, stroke }))
+    };
+    said.flat_map(|point| std::iter::once(mark(point)).chain(bar(point))).collect()
 }
 
 /// The mark of a point.
@@ -632,6 +671,30 @@ mod tests {
         let alone = optimum_lines(optima.into_iter().take(2), &looks);
         assert_eq!(alone.len(), 1);
         assert_eq!(alone[0].label, "optimum");
+    }
+
+    #[test]
+    fn intervals_of_several_arms_at_one_place_stand_beside_each_other() {
+        let line = |xs: &[f64], spread| Line {
+            label: String::new(),
+            look: Look { color: INK, dash: None, marker: Marker::Ring },
+            points: xs
+                .iter()
+                .map(|x| Place { x: *x, y: 0.0, interval: None, tip: String::new() })
+                .collect(),
+            reference: Vec::new(),
+            spread,
+        };
+        let arm = |xs| line(xs, Spread::Bars);
+        let exact = || line(&[1.0], Spread::Exact);
+        assert_eq!(dodges(&[arm(&[1.0]), exact(), arm(&[1.0])]), [-1.2, 0.0, 1.2]);
+        assert_eq!(dodges(&[arm(&[1.0]), arm(&[2.0])]), [0.0, 0.0]);
+        assert_eq!(dodges(&[arm(&[1.0]), exact()]), [0.0, 0.0]);
+        let many: Vec<Line> = (0..9).map(|_| arm(&[1.0])).collect();
+        assert_eq!((dodges(&many)[0], dodges(&many)[8]), (-4.0, 4.0));
+        assert_eq!(padded((0.0, 1.0), AxisScale::Linear), (-0.03, 1.03));
+        let (low, high) = padded((1.0, 100.0), AxisScale::Log);
+        assert!(low < 1.0 && low > 0.8 && high > 100.0 && high < 120.0);
     }
 
     #[test]

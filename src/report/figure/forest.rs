@@ -3,10 +3,10 @@
 use super::axis::{Axis, AxisScale, round_range};
 use super::chart::marker;
 use super::look::{Look, Marker, arm_label};
-use super::{FAINT, GRID, INK, NOTE, TEXT, WIDTH, fitting, seeds, text};
+use super::{FAINT, GRID, INK, NOTE, PUBLISHED, TEXT, WIDTH, fitting, seeds, text};
 use crate::analyse::declared::ContrastRow;
 use crate::report::data_table::shown;
-use crate::report::scene::{Anchor, Color, Mark, Scene, Shape, Stroke, Weight, width};
+use crate::report::scene::{Anchor, Mark, Scene, Shape, Stroke, Weight, width};
 use crate::report::words::{metric_title, unit_numbers};
 
 const TOP: f64 = 24.0;
@@ -14,8 +14,6 @@ const ROW: f64 = 15.0;
 const BOTTOM: f64 = 50.0;
 /// Width of the axis, at least.
 const LEAST_PLOT: f64 = 150.0;
-const BLUE: Color = Color(0, 114, 178);
-const VERMILLION: Color = Color(213, 94, 0);
 
 /// The rows of a contrast.
 pub fn forest_figure(rows: &[ContrastRow], metric: &str) -> Scene {
@@ -104,12 +102,7 @@ fn row_marks(
     let interval = row.contrast.test().ok().map(|test| test.interval);
     if let Some(interval) = interval {
         let points = vec![(across(interval.low), middle), (across(interval.high), middle)];
-        marks.push(Shape::Line { points, stroke: Stroke::solid(BLUE, 1.5) }.into());
-    }
-    if let Some((effect, p)) = row.published {
-        let look = Look { color: VERMILLION, dash: None, marker: Marker::Diamond };
-        let tip = format!("{label}: published {} (p = {p})", shown(effect, 0));
-        marks.push(Mark::from(marker((across(effect), middle), &look, 3.6)).saying(tip));
+        marks.push(Shape::Line { points, stroke: Stroke::solid(INK, 1.5) }.into());
     }
     if let Ok(difference) = row.contrast.difference {
         // Rates are below 1, returns in the hundreds.
@@ -122,8 +115,14 @@ fn row_marks(
             )
         });
         let tip = format!("{label}: {}{spread}", shown(difference, decimals));
-        let look = Look { color: BLUE, dash: None, marker: Marker::Disc };
+        let look = Look { color: INK, dash: None, marker: Marker::Disc };
         marks.push(Mark::from(marker((across(difference), middle), &look, 3.0)).saying(tip));
+    }
+    // Above ours, whose rim shows around it where both are the same.
+    if let Some((effect, p)) = row.published {
+        let look = Look { color: PUBLISHED, dash: None, marker: Marker::Diamond };
+        let tip = format!("{label}: published {} (p = {p})", shown(effect, 0));
+        marks.push(Mark::from(marker((across(effect), middle), &look, 3.2)).saying(tip));
     }
     marks
 }

@@ -12,18 +12,24 @@ use crate::report::words::{metric_title, unit_numbers};
 const LEFT: f64 = 26.0;
 const TOP: f64 = 26.0;
 const RIGHT: f64 = 8.0;
-const BOTTOM: f64 = 48.0;
+/// Numbers, title, and two lines of notes.
+const BOTTOM: f64 = 60.0;
 const CELL_HEIGHT: f64 = 44.0;
 
-/// A map of one agent.
-pub fn heat_figure(figure: &HeatFigure, metric: &str) -> Scene {
+/// The ends of the colours that all maps of an analysis share: the least and the most of their
+/// values, so that a colour is one number in all of them.
+pub fn heat_range(figures: &[HeatFigure]) -> (f64, f64) {
+    let values = figures.iter().flat_map(|figure| &figure.cells);
+    let values = values.filter_map(|cell| cell.value.ok());
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), v| (l.min(v), m.max(v)))
+}
+
+/// A map of one agent, coloured between the ends of its analysis.
+pub fn heat_figure(figure: &HeatFigure, metric: &str, range: (f64, f64)) -> Scene {
     let (columns, rows) = (&figure.x.1, &figure.y.1);
     let first = left(figure);
     let height = TOP + BOTTOM + CELL_HEIGHT * rows.len() as f64;
     let cell_width = (WIDTH - first - RIGHT) / columns.len().max(1) as f64;
-    let values = figure.cells.iter().filter_map(|cell| cell.value.ok());
-    let (least, most) =
-        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), v| (l.min(v), m.max(v)));
     let mut marks: Vec<Mark> = Vec::new();
     for cell in &figure.cells {
         let place =
@@ -32,12 +38,12 @@ pub fn heat_figure(figure: &HeatFigure, metric: &str) -> Scene {
         // Small values stand below, as on an axis.
         let top = TOP + (rows.len() - 1 - place(rows, cell.y)) as f64 * CELL_HEIGHT;
         let color = match cell.value {
-            Ok(value) => color(value, (least, most), figure.scale),
+            Ok(value) => color(value, range, figure.scale),
             Err(_) => Color(240, 240, 240),
         };
         marks.extend(cell_marks(cell, (figure, metric), color, (left, top, cell_width)));
     }
-    marks.extend(frame((figure, metric), first, cell_width, height));
+    marks.extend(frame((figure, metric), range, (first, cell_width), height));
     let title = metric_title(metric);
     let description =
         format!("{title}: {} of {} over two parameters", figure.subject, figure.agent);
@@ -63,6 +69,32 @@ fn color(value: f64, (least, most): (f64, f64), scale: Scale) -> Color {
     }
 }
 
+/// A value in the unit in which a metric is read.
+fn in_unit(value: f64, metric: &str) -> String {
+    match unit_numbers(metric) {
+        (Numbers::Percent, decimals) => shown(value * 100.0, decimals),
+        (Numbers::Plain, decimals) => shown(value, decimals),
+    }
+}
+
+/// What the colours mean, in words; nothing where no cell has a value.
+fn scale_words(scale: Scale, (least, most): (f64, f64), metric: &str) -> String {
+    if least > most {
+        return String::new();
+    }
+    match scale {
+        Scale::Mean => format!(
+            "Colour, the same in all maps: pale {} to dark {}.",
+            in_unit(least, metric),
+            in_unit(most, metric)
+        ),
+        Scale::Difference => {
+            let far = in_unit(least.abs().max(most.abs()), metric);
+            format!("Colour, the same in all maps: white 0, dark blue {far}, dark orange −{far}.")
+        }
+    }
+}
+
 fn share(part: f64, whole: f64) -> f64 {
     if whole > 0.0 { part / whole } else { 0.0 }
 }
@@ -81,10 +113,7 @@ fn cell_marks(
     let fill = Fill { color, opacity: 1.0 };
     let rim = Some(Stroke::solid(Color::WHITE, 1.0));
     let area = Shape::Area { points: rectangle(left, top, width, CELL_HEIGHT), fill, stroke: rim };
-    let in_unit = |value: f64| match unit_numbers(metric) {
-        (Numbers::Percent, decimals) => shown(value * 100.0, decimals),
-        (Numbers::Plain, decimals) => shown(value, decimals),
-    };
+    let in_unit = |value: f64| in_unit(value, metric);
     let mut marks = Vec::new();
     let value = match cell.value {
         Ok(value) => in_unit(value),
@@ -123,8 +152,8 @@ fn cell_marks(
 /// Heading, the parameters' values and names, and the note.
 fn frame(
     (figure, metric): (&HeatFigure, &str),
-    left: f64,
-    cell_width: f64,
+    range: (f64, f64),
+    (left, cell_width): (f64, f64),
     height: f64,
 ) -> Vec<Mark> {
     let plain = (TEXT, Weight::Regular);
@@ -157,17 +186,41 @@ fn frame(
         metric_title(metric),
         seeds(figure.cells.iter().map(|cell| cell.seeds).filter(|n| *n > 0))
     );
-    let at = (WIDTH / 2.0, height - 5.0);
-    marks.push(fitting(at, note, (NOTE, WIDTH - 8.0), FAINT).into());
+    for (up, note) in [(16.0, note), (5.0, scale_words(figure.scale, range, metric))] {
+        let at = (WIDTH / 2.0, height - up);
+        marks.push(fitting(at, note, (NOTE, WIDTH - 8.0), FAINT).into());
+    }
     marks
 }
 
 /// A parameter as papers write it.
 fn symbol(dotted: &str) -> String {
     match dotted {
-        "environment.epsilon_d" => "ε_d, disengagement increment".to_owned(),
-        "environment.delta_d" => "δ_d, disengagement decay".to_owned(),
+        "environment.epsilon_d" => "disengagement increment (epsilon_d)".to_owned(),
+        "environment.delta_d" => "disengagement decay (delta_d)".to_owned(),
         "environment.sigma" => "feature noise σ".to_owned(),
         other => other.rsplit('.').next().unwrap_or(other).to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_colour_is_the_same_number_in_all_maps_and_the_note_tells_which() {
+        let range = (-19.0, 839.0);
+        let (half, whole) = (419.5, 839.0);
+        assert_eq!(color(whole, range, Scale::Difference), Color(0, 92, 160));
+        assert_ne!(color(half, range, Scale::Difference), color(whole, range, Scale::Difference));
+        assert_eq!(
+            scale_words(Scale::Difference, range, "mean_return"),
+            "Colour, the same in all maps: white 0, dark blue 839, dark orange −839."
+        );
+        assert_eq!(
+            scale_words(Scale::Mean, (100.0, 300.0), "mean_return"),
+            "Colour, the same in all maps: pale 100 to dark 300."
+        );
+        assert_eq!(scale_words(Scale::Mean, heat_range(&[]), "mean_return"), "");
     }
 }

@@ -15,7 +15,7 @@ pub use actions::action_figure;
 pub use axis::Numbers;
 pub use chart::{curve_figure, error_figure, learning_figure};
 pub use forest::forest_figure;
-pub use heat::heat_figure;
+pub use heat::{heat_figure, heat_range};
 pub use look::{Look, Looks, arm_label, labels, settings_label};
 
 use super::scene::{Anchor, Color, Direction, Point, Shape, Weight, width};
@@ -35,6 +35,9 @@ pub(super) const INK: Color = Color(34, 34, 34);
 
 /// Of notes and grids.
 pub(super) const FAINT: Color = Color(105, 105, 105);
+
+/// Of published numbers beside ours: no arm has it.
+pub(super) const PUBLISHED: Color = Color(150, 150, 150);
 
 /// Of grid lines.
 pub(super) const GRID: Color = Color(229, 229, 229);

@@ -125,7 +125,8 @@ fn reproduced(reproduction: &Reproduction) -> String {
     if sentences.is_empty() {
         return String::new();
     }
-    let table = html_table(&tables::reproduction(reproduction));
+    let numbers = tables::reproduction(reproduction);
+    let table = html_table(&numbers);
     format!(
         "<section id=\"reproduction\"><h2>Reproduction</h2><p class=\"lead\">{}</p>\
          <p>Uncertainty of the published numbers: of effects, what their printed p values imply for \
@@ -135,7 +136,7 @@ fn reproduced(reproduction: &Reproduction) -> String {
          <p class=\"links\">{}</p>\
          <details><summary>All {} numbers</summary>{table}</details></section>",
         markup(&sentences.join(" ")),
-        parts::table_links("reproduction"),
+        parts::table_links("reproduction", &numbers),
         reproduction.comparisons.len()
     )
 }

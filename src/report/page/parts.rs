@@ -6,6 +6,7 @@ use crate::analyse::declared::Content;
 use crate::report::data_table::{Cell, DataTable};
 use crate::report::document::{ArmTables, ReportedExperiment, Shown};
 use crate::report::escape::markup;
+use crate::report::latex::is_printed;
 use crate::report::scene::inline_svg;
 
 /// Rows of a table that a page holds; all of them are in the CSV file.
@@ -28,6 +29,14 @@ pub fn figure_card(shown: &Shown<'_>) -> String {
             )
         })
         .collect();
+    // A comparison of which a side has no seed.
+    let nothing = match (&shown.finding.content, shown.scenes.is_empty()) {
+        (Content::Contrast(_), true) => {
+            "<p class=\"note\">No figure: there is no comparison with completed jobs on \
+             both sides.</p>"
+        }
+        _ => "",
+    };
     let size = match (shown.scenes.len(), shown.table.rows.len()) {
         (1, _) if shown.table.shown_columns().count() <= 10 => "card",
         _ => "card wide",
@@ -38,7 +47,7 @@ pub fn figure_card(shown: &Shown<'_>) -> String {
     let rows = shown.table.rows.len();
     format!(
         "<article class=\"{size}\" id=\"{stem}\"><h3>{title}</h3>{switches}\
-         <div class=\"figures\">{figures}</div><p class=\"seen\">{caption}</p>\
+         <div class=\"figures\">{figures}{nothing}</div><p class=\"seen\">{caption}</p>\
          <p class=\"links\">{links} <a href=\"sql/{stem}.sql\">SQL</a></p>\
          <details{open}><summary>Numbers ({rows} rows)</summary>{table}</details>\
          <details><summary>SQL that reads this data</summary><pre>{sql}</pre></details></article>",
@@ -46,7 +55,7 @@ pub fn figure_card(shown: &Shown<'_>) -> String {
         title = markup(&shown.finding.title),
         switches = switches(&shown.series),
         caption = sentences(&shown.caption),
-        links = table_links(&format!("tables/{}", shown.stem)),
+        links = table_links(&format!("tables/{}", shown.stem), &shown.table),
         table = html_table(&shown.table),
         sql = markup(shown.sql)
     )
@@ -73,7 +82,7 @@ pub fn arm_tables(tables: &ArmTables) -> String {
             "<details{open}><summary>{caption} ({} rows)</summary>{}<p class=\"links\">{}</p></details>",
             table.rows.len(),
             html_table(table),
-            table_links(&format!("tables/{stem}"))
+            table_links(&format!("tables/{stem}"), table)
         )
     };
     let (agents, arms) = (block(&tables.agents, " open"), block(&tables.arms, ""));
@@ -100,9 +109,14 @@ fn switches(series: &[String]) -> String {
 }
 
 /// Links to a table's files.
-pub fn table_links(stem: &str) -> String {
-    let files = [("csv", "CSV"), ("md", "Markdown"), ("tex", "LaTeX")];
-    files.map(|(extension, name)| format!("<a href=\"{stem}.{extension}\">{name}</a>")).join(" ")
+pub fn table_links(stem: &str, table: &DataTable) -> String {
+    let mut files = vec![("csv", "CSV"), ("md", "Markdown")];
+    if is_printed(table) {
+        files.push(("tex", "LaTeX"));
+    }
+    let link =
+        |(extension, name): (&str, &str)| format!("<a href=\"{stem}.{extension}\">{name}</a>");
+    files.into_iter().map(link).collect::<Vec<_>>().join(" ")
 }
 
 /// A table that a reader can sort.

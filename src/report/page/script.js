@@ -61,8 +61,14 @@ for (const svg of document.querySelectorAll("figure svg")) {
   svg.querySelector("title")?.remove();
   svg.addEventListener("pointermove", (event) => point(svg, event));
   svg.addEventListener("pointerdown", (event) => point(svg, event));
-  svg.addEventListener("pointerleave", () => { tip.hidden = true; });
+  // A finger leaves as it is lifted; what it tapped stays told until it taps elsewhere.
+  svg.addEventListener("pointerleave", (event) => {
+    if (event.pointerType !== "touch") tip.hidden = true;
+  });
 }
+document.addEventListener("pointerdown", (event) => {
+  if (!event.target.closest("figure svg")) tip.hidden = true;
+});
 
 // Hiding: a box switches the lines of its number in all figures of its card.
 for (const box of document.querySelectorAll("[data-toggle]")) {

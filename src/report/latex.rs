@@ -1,0 +1,170 @@
+//! A table as LaTeX that fits the page of an article.
+
+use super::data_table::{Cell, DataTable};
+use super::escape;
+
+/// Rows of a table that stands on one page; longer ones go on over pages.
+const ROWS_OF_A_PAGE: usize = 40;
+
+/// Rows of a table that anybody prints; longer ones are data.
+const MOST_ROWS: usize = 300;
+
+/// How a long table is set, the first that fits it: at most so many letters side by side, their
+/// size, and whether it lies across the page. An A4 page has 16 cm of text, or 24.7 cm across;
+/// a letter of Computer Modern is 3.9 pt wide in the larger size, and 3.6 pt in the smaller.
+const SETTINGS: [(f64, &str, bool); 4] = [
+    (105.0, "footnotesize", false),
+    (118.0, "scriptsize", false),
+    (170.0, "footnotesize", true),
+    (f64::INFINITY, "scriptsize", true),
+];
+
+/// Letters that the gap between two columns is as wide as.
+const GAP: f64 = 1.6;
+
+/// Whether a table is printed; what is too long for it has its numbers in CSV.
+pub fn is_printed(table: &DataTable) -> bool {
+    table.rows.len() <= MOST_ROWS
+}
+
+/// The table as LaTeX.
+pub fn latex(table: &DataTable) -> String {
+    if table.rows.len() > ROWS_OF_A_PAGE { over_pages(table) } else { on_a_page(table) }
+}
+
+/// A float, made narrower where it is wider than the text.
+fn on_a_page(table: &DataTable) -> String {
+    let notes = reasons(table)
+        .map_or_else(String::new, |reasons| format!("  \\par\\footnotesize --: {reasons}\n"));
+    format!(
+        "% Needs \\usepackage{{booktabs,graphicx}}.\n\\begin{{table}}\n  \\centering\n  \
+         \\caption{{{caption}}}\n  \\footnotesize\n  \
+         \\resizebox{{\\ifdim\\width>\\linewidth\\linewidth\\else\\width\\fi}}{{!}}{{%\n  \
+         \\begin{{tabular}}{{{sides}}}\n    \\toprule\n    {headings} \\\\\n    \\midrule\n{rows}\
+         \x20   \\bottomrule\n  \\end{{tabular}}}}\n{notes}\\end{{table}}\n",
+        caption = escape::latex(&table.caption),
+        sides = sides(table),
+        headings = headings(table),
+        rows = rows(table),
+    )
+}
+
+/// A table that breaks between rows and repeats its headings; where it is too wide for the
+/// text in small letters, it lies across the page.
+fn over_pages(table: &DataTable) -> String {
+    let (size, is_across) = setting(table);
+    let (package, begin, end) = match is_across {
+        true => (",pdflscape", "\\begin{landscape}\n", "\\end{landscape}\n"),
+        false => ("", "", ""),
+    };
+    let columns = table.shown_columns().count();
+    let notes = reasons(table)
+        .map_or_else(String::new, |reasons| format!("\\par\\noindent --: {reasons}\n"));
+    format!(
+        "% Needs \\usepackage{{booktabs,longtable{package}}}.\n{begin}\\begingroup\n\\{size}\n\
+         \\setlength{{\\tabcolsep}}{{2pt}}\n\\begin{{longtable}}{{{sides}}}\n  \
+         \\caption{{{caption}}} \\\\\n  \\toprule\n  {headings} \\\\\n  \\midrule\n  \
+         \\endfirsthead\n  \\toprule\n  {headings} \\\\\n  \\midrule\n  \\endhead\n  \\midrule\n  \
+         \\multicolumn{{{columns}}}{{r}}{{continued}} \\\\\n  \\endfoot\n  \\bottomrule\n  \
+         \\endlastfoot\n{rows}\\end{{longtable}}\n{notes}\\endgroup\n{end}",
+        sides = sides(table),
+        caption = escape::latex(&table.caption),
+        headings = headings(table),
+        rows = rows(table),
+    )
+}
+
+/// The size of the letters of a long table, and whether it lies across the page.
+fn setting(table: &DataTable) -> (&'static str, bool) {
+    let letters: f64 = table
+        .shown_columns()
+        .map(|place| {
+            let cells = table.rows.iter().map(|row| row[place].shown().chars().count());
+            let heading = table.columns[place].heading.chars().count();
+            cells.fold(heading, usize::max) as f64 + GAP
+        })
+        .sum();
+    let fitting = SETTINGS.into_iter().find(|(most, ..)| letters <= *most);
+    let (_, size, is_across) = fitting.unwrap_or(SETTINGS[SETTINGS.len() - 1]);
+    (size, is_across)
+}
+
+fn sides(table: &DataTable) -> String {
+    table.shown_columns().map(|place| if table.is_numeric(place) { 'r' } else { 'l' }).collect()
+}
+
+fn headings(table: &DataTable) -> String {
+    let headings = table.shown_columns().map(|place| escape::latex(&table.columns[place].heading));
+    headings.collect::<Vec<_>>().join(" & ")
+}
+
+fn rows(table: &DataTable) -> String {
+    let places: Vec<usize> = table.shown_columns().collect();
+    let row = |row: &Vec<Cell>| {
+        let cells = places.iter().map(|place| escape::latex(row[*place].shown()));
+        format!("    {} \\\\\n", cells.collect::<Vec<_>>().join(" & "))
+    };
+    table.rows.iter().map(row).collect()
+}
+
+/// Why numbers are missing that readers would see, if any are.
+fn reasons(table: &DataTable) -> Option<String> {
+    let places: Vec<usize> = table.shown_columns().collect();
+    let cells = table.rows.iter().flat_map(|row| places.iter().map(|place| &row[*place]));
+    let mut reasons: Vec<&str> = Vec::new();
+    for cell in cells {
+        if let Cell::Missing(reason) = cell
+            && !reasons.contains(&reason.as_str())
+        {
+            reasons.push(reason);
+        }
+    }
+    (!reasons.is_empty()).then(|| escape::latex(&reasons.join("; ")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table(rows: usize) -> DataTable {
+        let mut table = DataTable::new("A & B", &[("arm", "Arm"), ("mean", "Mean")]);
+        table.rows = vec![vec![Cell::text("=x|y"), Cell::number(-1.25, 1)]; rows];
+        table
+    }
+
+    #[test]
+    fn a_short_table_is_a_float_no_wider_than_the_text() {
+        let mut table = table(39);
+        table.rows.push(vec![Cell::text("z"), Cell::Missing("no seed completed".to_owned())]);
+        let written = latex(&table);
+        assert!(written.starts_with("% Needs \\usepackage{booktabs,graphicx}.\n"));
+        assert!(written.contains("\\caption{A \\& B}"));
+        assert!(written.contains("=x|y & $-$1.2 \\\\\n"));
+        assert!(written.contains("\\ifdim\\width>\\linewidth"));
+        assert!(written.contains("\\footnotesize --: no seed completed\n\\end{table}"));
+    }
+
+    #[test]
+    fn a_long_table_goes_on_over_pages_and_data_are_not_printed() {
+        let written = latex(&table(41));
+        assert!(written.starts_with("% Needs \\usepackage{booktabs,longtable}.\n"));
+        assert!(written.contains("\\endhead") && !written.contains("\\begin{table}"));
+        assert_eq!(written.matches("=x|y").count(), 41);
+        assert!(is_printed(&table(300)) && !is_printed(&table(301)));
+    }
+
+    #[test]
+    fn a_wider_long_table_has_smaller_letters_or_lies_across_the_page() {
+        let of = |letters: usize| {
+            let mut table = table(41);
+            table.rows[7][0] = Cell::text("m".repeat(letters));
+            setting(&table)
+        };
+        assert_eq!([of(10), of(105)], [("footnotesize", false), ("scriptsize", false)]);
+        assert_eq!([of(130), of(180)], [("footnotesize", true), ("scriptsize", true)]);
+        let mut wide = table(41);
+        wide.rows[7][0] = Cell::text("m".repeat(130));
+        assert!(latex(&wide).starts_with("% Needs \\usepackage{booktabs,longtable,pdflscape}.\n"));
+        assert!(latex(&wide).ends_with("\\endgroup\n\\end{landscape}\n"));
+    }
+}
