@@ -153,6 +153,7 @@ fn interval_of(aggregate: Result<Aggregate, Undefined>) -> Result<Interval, Unde
 
 #[cfg(test)]
 mod tests {
+    use super::super::latex::latex;
     use super::*;
     use crate::analyse::declared::Name;
     use crate::analyse::{Sample, interquartile_mean};
@@ -200,7 +201,7 @@ mod tests {
         for (n, is_warned) in [(9, true), (10, false)] {
             for table in of(n) {
                 assert_eq!(table.markdown().contains("too narrow"), is_warned, "{n} seeds");
-                assert_eq!(table.latex().contains("too narrow"), is_warned, "{n} seeds");
+                assert_eq!(latex(&table).contains("too narrow"), is_warned, "{n} seeds");
             }
         }
     }

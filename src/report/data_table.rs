@@ -190,7 +190,7 @@ impl DataTable {
     }
 
     /// Why numbers are missing that readers would see, if any are.
-    fn reasons(&self) -> Option<String> {
+    pub fn reasons(&self) -> Option<String> {
         let places: Vec<usize> = self.shown_columns().collect();
         let cells = self.rows.iter().flat_map(|row| places.iter().map(|place| &row[*place]));
         let mut reasons: Vec<&str> = Vec::new();
@@ -203,33 +203,6 @@ impl DataTable {
         }
         (!reasons.is_empty()).then(|| reasons.join("; "))
     }
-
-    /// The table as LaTeX, for the package booktabs.
-    pub fn latex(&self) -> String {
-        let places: Vec<usize> = self.shown_columns().collect();
-        let sides: String =
-            places.iter().map(|place| if self.is_numeric(*place) { 'r' } else { 'l' }).collect();
-        let headings: Vec<String> =
-            places.iter().map(|place| escape::latex(&self.columns[*place].heading)).collect();
-        let mut out = format!(
-            "% Needs \\usepackage{{booktabs}}.\n\\begin{{table}}\n  \\centering\n  \
-             \\caption{{{}}}\n  \\begin{{tabular}}{{{sides}}}\n    \\toprule\n    {} \\\\\n    \
-             \\midrule\n",
-            escape::latex(&self.caption),
-            headings.join(" & ")
-        );
-        for row in &self.rows {
-            let cells: Vec<String> =
-                places.iter().map(|place| escape::latex(row[*place].shown())).collect();
-            out += &format!("    {} \\\\\n", cells.join(" & "));
-        }
-        out += "    \\bottomrule\n  \\end{tabular}\n";
-        if let Some(reasons) = self.reasons() {
-            out += &format!("  \\par\\footnotesize --: {}\n", escape::latex(&reasons));
-        }
-        out += "\\end{table}\n";
-        out
-    }
 }
 
 #[cfg(test)]
@@ -237,7 +210,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_table_in_three_formats() {
+    fn one_table_in_two_formats() {
         let mut table = DataTable::new("A & B", &[("arm", "Arm"), ("mean", "Mean"), (".n", "n")]);
         table.rows.push(vec![Cell::text("=x|y"), Cell::number(-1.25, 1), Cell::number(3.0, 0)]);
         let missing = Cell::Missing("no seed completed".to_owned());
@@ -248,9 +221,6 @@ mod tests {
             "A &amp; B\n\n| Arm | Mean |\n| --- | ---: |\n| =x\\|y | −1.2 |\n| z | – |\n\n–: no seed \
              completed\n"
         );
-        assert!(table.latex().contains("=x|y & $-$1.2 \\\\\n"));
-        assert!(table.latex().contains("\\caption{A \\& B}"));
-        assert!(table.latex().contains("\\footnotesize --: no seed completed\n\\end{table}"));
     }
 
     #[test]

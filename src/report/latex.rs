@@ -34,7 +34,9 @@ pub fn latex(table: &DataTable) -> String {
 
 /// A float, made narrower where it is wider than the text.
 fn on_a_page(table: &DataTable) -> String {
-    let notes = reasons(table)
+    let notes = table
+        .reasons()
+        .map(|reasons| escape::latex(&reasons))
         .map_or_else(String::new, |reasons| format!("  \\par\\footnotesize --: {reasons}\n"));
     format!(
         "% Needs \\usepackage{{booktabs,graphicx}}.\n\\begin{{table}}\n  \\centering\n  \
@@ -58,7 +60,9 @@ fn over_pages(table: &DataTable) -> String {
         false => ("", "", ""),
     };
     let columns = table.shown_columns().count();
-    let notes = reasons(table)
+    let notes = table
+        .reasons()
+        .map(|reasons| escape::latex(&reasons))
         .map_or_else(String::new, |reasons| format!("\\par\\noindent --: {reasons}\n"));
     format!(
         "% Needs \\usepackage{{booktabs,longtable{package}}}.\n{begin}\\begingroup\n\\{size}\n\
@@ -105,21 +109,6 @@ fn rows(table: &DataTable) -> String {
         format!("    {} \\\\\n", cells.collect::<Vec<_>>().join(" & "))
     };
     table.rows.iter().map(row).collect()
-}
-
-/// Why numbers are missing that readers would see, if any are.
-fn reasons(table: &DataTable) -> Option<String> {
-    let places: Vec<usize> = table.shown_columns().collect();
-    let cells = table.rows.iter().flat_map(|row| places.iter().map(|place| &row[*place]));
-    let mut reasons: Vec<&str> = Vec::new();
-    for cell in cells {
-        if let Cell::Missing(reason) = cell
-            && !reasons.contains(&reason.as_str())
-        {
-            reasons.push(reason);
-        }
-    }
-    (!reasons.is_empty()).then(|| escape::latex(&reasons.join("; ")))
 }
 
 #[cfg(test)]

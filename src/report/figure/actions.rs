@@ -168,7 +168,7 @@ mod tests {
         };
         let shares = Some(shares.map(interval));
         let name = Name { agent: "dqn".into(), scenario: "L-H-D".into(), settings: Vec::new() };
-        let bins = vec![BinShares { low: 0.0, high: 1.0, steps: 9, shares }];
+        let bins = vec![BinShares { low: 0.0, high: 1.0, steps: 9, seeds: 3, shares }];
         ActionPanel { name, seeds: (3, 3), bins }
     }
 
