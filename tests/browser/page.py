@@ -90,6 +90,31 @@ def check_sorting(page):
     assert table.query_selector_all("th")[place].get_attribute("aria-sort") == "descending"
 
 
+LOWER_ENDS = """() => {
+    for (const table of document.querySelectorAll("article table")) {
+        const lines = [...table.tBodies[0].rows];
+        for (let place = 0; place < lines[0].cells.length; place += 1) {
+            const ends = lines.map((line) => /^[−\\d.]+(?= to )/.exec(line.cells[place].textContent));
+            const lower = ends.filter((end) => end !== null).map((end) => Number(end[0].replace("−", "-")));
+            if (new Set(lower.filter((end) => end < 0)).size < 2) continue;
+            table.tHead.rows[0].cells[place].dataset.intervals = "";
+            return lower;
+        }
+    }
+    return null;
+}"""
+
+
+def check_sorting_of_intervals(page):
+    assert page.evaluate(LOWER_ENDS) is not None, "no table has intervals"
+    page.query_selector("th[data-intervals] button").click()
+    up = page.evaluate(LOWER_ENDS)
+    assert up == sorted(up), up
+    page.query_selector("th[data-intervals] button").click()
+    down = page.evaluate(LOWER_ENDS)
+    assert down == sorted(down, reverse=True) and down != up, down
+
+
 def check_pointing(page):
     for card in page.query_selector_all("article"):
         mark = card.query_selector("figure svg [data-tip]")
@@ -211,6 +236,7 @@ def main():
             page.wait_for_load_state("load")
             check_layout(page, width)
             check_sorting(page)
+            check_sorting_of_intervals(page)
             check_layout(page, width)
             check_pointing(page)
             check_hiding(page)

@@ -10,8 +10,11 @@ for (const button of document.querySelectorAll("th button")) {
     heading.setAttribute("aria-sort", down ? "descending" : "ascending");
     const body = row.parentElement.parentElement.tBodies[0];
     const key = (line) => {
-      const cell = line.cells[place];
-      return cell.dataset.value === undefined ? cell.textContent : Number(cell.dataset.value);
+      const { dataset, textContent } = line.cells[place];
+      if (dataset.value !== undefined) return Number(dataset.value);
+      // An interval, "low to high", is sorted by its lower end.
+      const ends = /^[−\d.]+(?= to )/.exec(textContent);
+      return ends === null ? textContent : Number(ends[0].replace("−", "-"));
     };
     const compare = (a, b) => {
       const [x, y] = [key(a), key(b)];
