@@ -172,7 +172,7 @@ pub fn html_table(table: &DataTable) -> String {
     )
 }
 
-/// What made the runs, and where they are.
+/// What made the page and the runs, and where they are.
 pub fn provenance(experiments: &[&ReportedExperiment], store: &str) -> String {
     let mut makers: BTreeMap<[&str; 5], (usize, &str, &str, f64)> = BTreeMap::new();
     let mut seen = std::collections::HashSet::new();
@@ -220,9 +220,12 @@ pub fn provenance(experiments: &[&ReportedExperiment], store: &str) -> String {
         ]);
     }
     format!(
-        "<section id=\"provenance\"><h2>Provenance</h2><p>Made from <code>{}</code>. A revision that \
-         ends in <code>-dirty</code> was built with changes that are not in it.</p>{}</section>",
+        "<section id=\"provenance\"><h2>Provenance</h2><p>Made from <code>{}</code> by jitai {} \
+         (<code>{}</code>), of runs that these versions made. A revision that ends in \
+         <code>-dirty</code> was built with changes that are not in it.</p>{}</section>",
         markup(store),
+        env!("CARGO_PKG_VERSION"),
+        env!("JITAI_GIT_REVISION"),
         html_table(&table)
     )
 }
