@@ -25,7 +25,7 @@ paper: ## the three manifests of the paper, 342 jobs, minutes, into paper.sqlite
 
 READINGS := $(addprefix experiments/,readings.toml heat_maps.toml)
 
-readings: ## the readings of the paper, 1074 jobs, half an hour, into readings.sqlite and reports/readings/
+readings: ## the readings of the paper, 1050 jobs, half an hour, into readings.sqlite and reports/readings/
 	$(CARGO) build --release
 	$(JITAI) run $(READINGS) --store readings.sqlite
 	$(JITAI) report $(READINGS) --store readings.sqlite --out reports/readings

@@ -1,5 +1,5 @@
-//! How often the bootstrap interval of the inter-quartile mean holds the true value, of conditions with
-//! one truth and normal seeds: the table of `docs/statistics.md`.
+//! How often the bootstrap interval of the inter-quartile mean holds the true value, of conditions
+//! with one truth and normal seeds: the table of `docs/statistics.md`.
 
 use std::f64::consts::TAU;
 
@@ -7,8 +7,8 @@ use jitai::analyse::{Sample, interquartile_mean};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Values that are drawn for each number of conditions and seeds, or so.
-const VALUES: usize = 20_000;
+/// Conditions that are drawn for each pair of numbers, or so.
+const DRAWN: usize = 20_000;
 
 fn normal(rng: &mut ChaCha8Rng) -> f64 {
     let (radius, angle): (f64, f64) = (1.0 - rng.random::<f64>(), rng.random());
@@ -33,7 +33,7 @@ fn main() {
     println!("conditions  seeds  coverage");
     for conditions in [1, 6, 20] {
         for seeds in [3, 5, 10] {
-            let covered = coverage(&mut rng, conditions, seeds, VALUES / conditions);
+            let covered = coverage(&mut rng, conditions, seeds, DRAWN / conditions);
             println!("{conditions:10}  {seeds:5}  {:6.1} %", 100.0 * covered);
         }
     }

@@ -1,9 +1,9 @@
-//! How exact the optima of environments drawn at random are, and how long they take. Those that may be
-//! farther off than half a step are listed, and compared with what a search of several times the usual
-//! length finds.
+//! How exact the optima of environments drawn at random are, and how long they take. Those that may
+//! be farther off than half a step are listed, and compared with what a search of several times the
+//! usual length finds.
 //!
-//! `ENVIRONMENTS` and `HORIZONS` (with commas between) say how many are drawn and what for, `SEED` says
-//! which, and `TIMES` says how many times the usual length is.
+//! `ENVIRONMENTS` and `HORIZONS` (with commas between) say how many are drawn and what for, `SEED`
+//! says which, and `TIMES` says how many times the usual length is.
 
 use std::env;
 use std::num::{NonZeroU32, NonZeroUsize};

@@ -232,7 +232,7 @@ time_one_hot = [false, true]
 [[agent]]
 name = \"reinforce\"
 algorithm = \"rule\"
-rule = \"never\"
+rule = \"tailored\"
 ";
     fs::write(folder.path().join("maps.toml"), manifest).unwrap();
     run(folder.path(), &["run", "maps.toml"], 0);
@@ -254,13 +254,35 @@ rule = \"never\"
         let ours: Vec<f64> = ours.iter().map(|row| row[0].parse().unwrap()).collect();
         assert_eq!(ours, cells(agent), "{agent}");
     }
-    // Whoever sends nothing gains nothing, so that each cell is its published number too low.
-    let missed = cells("reinforce");
-    let mean = -(missed.iter().sum::<f64>() / 16.0).round();
-    let root = (missed.iter().map(|x| x * x).sum::<f64>() / 16.0).sqrt().round();
-    let (mean, root) = (mean.to_string(), root.to_string());
-    let expected = |one_hot| vec!["reinforce", one_hot, "16", "2", &mean, &root, "0"];
-    assert_eq!(ask(&reader, &sql).unwrap(), [expected("0"), expected("1")]);
+    let runs = "SELECT d.value, e.value, o.value, s.scenario, s.mean_return
+        FROM run_summary AS s
+        JOIN parameter AS d ON d.job_key = s.job_key AND d.name = 'environment.delta_d'
+        JOIN parameter AS e ON e.job_key = s.job_key AND e.name = 'environment.epsilon_d'
+        JOIN parameter AS o ON o.job_key = s.job_key AND o.name = 'environment.time_one_hot'
+        ORDER BY o.value, d.value, e.value, s.scenario DESC, s.seed";
+    let returns = ask(&reader, runs).unwrap();
+    let returns: Vec<f64> = returns.iter().map(|row| row[4].parse().unwrap()).collect();
+    // Two seeds of a scenario, P-H-D before L-H-D, and 16 cells without and with the one-hot.
+    let by_hand = |returns: &[f64]| -> [String; 3] {
+        let (mut mean, mut square, mut noise) = (0.0, 0.0, 0.0);
+        for (cell, published) in returns.chunks(4).zip(cells("reinforce")) {
+            let [p, q, l, m] = cell[..] else { panic!("{cell:?}") };
+            let difference = (p + q) / 2.0 - (l + m) / 2.0 - published;
+            // The variance of two values is half the square of their distance.
+            let variances = ((p - q) * (p - q) + (l - m) * (l - m)) / 2.0;
+            mean += difference / 16.0;
+            square += difference * difference / 16.0;
+            noise += variances * (1.0 / 2.0 + 1.0 / 3.0) / 16.0;
+        }
+        [mean, square.sqrt(), noise.sqrt()].map(|number| number.round().to_string())
+    };
+    let [without, with] = [0, 1].map(|half| by_hand(&returns[64 * half..][..64]));
+    assert!(without[0] != "0" && without[2] != "0", "{without:?}");
+    let row = |one_hot: &str, numbers: [String; 3]| {
+        let words = ["reinforce", one_hot, "16", "2"].map(str::to_owned);
+        words.into_iter().chain(numbers).collect::<Vec<String>>()
+    };
+    assert_eq!(ask(&reader, &sql).unwrap(), [row("0", without), row("1", with)]);
 }
 
 #[test]

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 ///
 /// Symbols and values are those of Karine et al. (2023), section 3.1 and table 3. The keys below
 /// `horizon` are where the paper is silent or its published code differs from its text; their
-/// defaults are what the published figures were made with.
+/// defaults are what the published curves and tables were made with.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Environment {

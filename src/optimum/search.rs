@@ -261,7 +261,7 @@ mod tests {
         assert_eq!((of(&[0.3, 0.05]), of(&[0.3, 0.2])), (0.3 / 3.0 / 2.0, 0.1));
         // The same lines tried again, beside finer ones in the other variable, tell more than the
         // coarse ones did.
-        assert_eq!(of(&[9.0, 0.6, 0.1]), 0.1);
+        assert_eq!(of(&[9.0, 0.6, 0.1]), 0.6 / 3.0 / 2.0);
     }
 
     #[test]

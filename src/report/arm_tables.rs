@@ -91,8 +91,7 @@ pub fn agents(rows: &[AgentRow]) -> DataTable {
     ];
     let caption = "Agents: inter-quartile means (IQM) over arms and seeds; intervals draw seeds anew \
                    within arms";
-    // Fewer than ten on average are fewer than ten in one.
-    let is_few = rows.iter().any(|row| row.runs < row.arms * FEW_SEEDS);
+    let is_few = rows.iter().any(|row| (1..FEW_SEEDS).contains(&row.fewest));
     let mut table = DataTable::new(warned(caption, is_few), &columns);
     for row in rows {
         let (returns, shares) = (interval_of(row.returns), interval_of(row.shares));
@@ -191,8 +190,10 @@ mod tests {
             let agent = AgentRow {
                 agent: "dqn".into(),
                 scenario: "P-H-D".into(),
+                // The other arm has many.
                 arms: 2,
-                runs: 2 * n as usize,
+                runs: n as usize + 30,
+                fewest: n as usize,
                 returns: Err(Undefined::NoSeeds),
                 shares: Err(Undefined::NoSeeds),
             };

@@ -43,6 +43,8 @@ pub struct AgentRow {
     pub arms: usize,
     /// Its results: seeds of all arms.
     pub runs: usize,
+    /// Seeds with a result of the arm that has fewest; 0 without an arm.
+    pub fewest: usize,
     /// Inter-quartile mean of the mean returns; its interval draws seeds anew within arms.
     pub returns: Result<Aggregate, Undefined>,
     /// The same of their shares of the optimum, over the arms where it is known.
@@ -87,6 +89,7 @@ fn agents(arms: &[ArmRow]) -> Vec<AgentRow> {
             scenario: scenario.to_owned(),
             arms: ours.len(),
             runs: returns.iter().map(|sample| sample.n()).sum(),
+            fewest: returns.iter().map(|sample| sample.n()).min().unwrap_or(0),
             returns: interquartile_mean(&returns),
             shares: interquartile_mean(&shares.iter().collect::<Vec<_>>()),
         }
