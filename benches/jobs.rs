@@ -7,7 +7,9 @@ use std::io::Write;
 use std::time::Duration;
 
 use divan::Bencher;
-use jitai::manifest::{Agent, DuelingDqn, Engine, Environment, Evaluation, Reinforce};
+use jitai::agent::{Agent, DuelingDqn, Engine, Reinforce};
+use jitai::env::Environment;
+use jitai::manifest::Evaluation;
 use jitai::plan::Job;
 use jitai::record::Outcome;
 use jitai::train::{

@@ -2,9 +2,9 @@
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
+use jitai::env::Environment;
 use jitai::env::{Action, Episodes};
 use jitai::kernel::{Adam, Aligned, Isa, Product, Shallow, ShallowGradient, Start, dot};
-use jitai::manifest::Environment;
 use jitai::rng::{Purpose, Stream};
 
 fn main() {

@@ -10,7 +10,7 @@ use std::num::{NonZeroU32, NonZeroUsize};
 use std::thread;
 use std::time::Instant;
 
-use jitai::manifest::{Environment, Scenario};
+use jitai::env::{Environment, Scenario};
 use jitai::optimum::{Effort, optimum};
 use rand::seq::IndexedRandom;
 use rand::{RngExt, SeedableRng};

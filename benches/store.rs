@@ -5,7 +5,9 @@ use std::sync::atomic::AtomicBool;
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
-use jitai::manifest::{Agent, Environment, Evaluation, Reinforce};
+use jitai::agent::{Agent, Reinforce};
+use jitai::env::Environment;
+use jitai::manifest::Evaluation;
 use jitai::plan::Job;
 use jitai::record::{Outcome, Provenance};
 use jitai::store::{Claim, Claimed, Company, Experiment, RetryFailed, RunEnd, SessionId, Store};

@@ -4,13 +4,13 @@
 //! to results that can be trusted.
 //!
 //! ```text
-//! manifest ──► plan ──► schedule ──► train (env, agent) ──► store ──► analyse ──► report
-//!  what an     what     who runs     one job, from its      one       pure        tables
-//!  author      should   it and       declaration to its     SQLite    numbers     and
-//!  declares    run      when         outcome                file                  figures
-//!                         (kernel, rng,
-//!                          optimum)
-//!                              cli at the edge
+//! env, agent ──► manifest ──► plan ──► train ──► store ──► schedule ──► analyse ──► report
+//!  what can       what an     what     one job,  one        who runs     pure        tables
+//!  be simulated   author      should   from its  SQLite     it and       numbers     and
+//!  and learned    declares    run      content   file       when                     figures
+//! (kernel, rng,
+//!  optimum)
+//!                                   cli at the edge
 //! ```
 //!
 //! ## Words

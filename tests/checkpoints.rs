@@ -5,10 +5,9 @@ use std::cell::{Cell, RefCell};
 use std::io::{Cursor, Write};
 use std::time::Duration;
 
-use jitai::manifest::{
-    Activation, Agent, DuelingDqn, Engine, Environment, Evaluation, FirstContext, Reinforce,
-    TerminalTarget, TimeIndicator, Trunk,
-};
+use jitai::agent::{Activation, Agent, DuelingDqn, Engine, Reinforce, TerminalTarget, Trunk};
+use jitai::env::{Environment, FirstContext, TimeIndicator};
+use jitai::manifest::Evaluation;
 use jitai::plan::Job;
 use jitai::record::{Outcome, Results};
 use jitai::train::{

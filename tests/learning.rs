@@ -6,8 +6,10 @@
 use std::sync::Mutex;
 use std::thread;
 
+use jitai::agent::{Agent, DuelingDqn, Engine, Reinforce};
 use jitai::analyse;
-use jitai::manifest::{Agent, DuelingDqn, Engine, Environment, Evaluation, Reinforce, Scenario};
+use jitai::env::{Environment, Scenario};
+use jitai::manifest::Evaluation;
 use jitai::plan::Job;
 use jitai::record::Outcome;
 use jitai::train::{self, Unwatched};

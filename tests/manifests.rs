@@ -132,7 +132,7 @@ fn the_readings_differ_from_the_published_settings_in_one_thing_each() {
     let mut published = 0;
     for PlannedJob { agent, job, .. } in plan::jobs(&manifest) {
         let of_the_text = agent.ends_with("-text");
-        let from_the_text = job.environment.first_context == manifest::FirstContext::Sampled;
+        let from_the_text = job.environment.first_context == jitai::env::FirstContext::Sampled;
         let readings = [
             from_the_text && !of_the_text,
             job.environment.time_one_hot,

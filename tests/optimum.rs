@@ -3,8 +3,10 @@
 use std::num::NonZeroUsize;
 
 use jitai::agent::RulePolicy;
+use jitai::agent::{Agent, DecisionRule, Rule};
 use jitai::env::{Action, Episodes};
-use jitai::manifest::{Agent, DecisionRule, Environment, Evaluation, FirstContext, Rule, Scenario};
+use jitai::env::{Environment, FirstContext, Scenario};
+use jitai::manifest::Evaluation;
 use jitai::optimum::{Effort, optimum};
 use jitai::plan::Job;
 use jitai::record::{Outcome, Results};

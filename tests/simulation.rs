@@ -1,7 +1,7 @@
 //! The simulation against trajectories of the authors' own simulator.
 
+use jitai::env::Environment;
 use jitai::env::{Action, Ending, Episodes, Signal};
-use jitai::manifest::Environment;
 use jitai::rng::{Purpose, Stream};
 use serde_json::Value;
 

@@ -10,8 +10,9 @@ use crate::agent::{
     Actions, Diverged, Learner, LearnerError, OutOfMemory, Replay, Resumable, Span, StateError,
     StateReader, StateWriter, TrainedEpisode, Transition, Weights,
 };
+use crate::agent::{DuelingDqn, TerminalTarget};
 use crate::env::{Action, Ending, Episodes, Observations, Observer};
-use crate::manifest::{DuelingDqn, Environment, Scenario, TerminalTarget};
+use crate::env::{Environment, Scenario};
 use crate::rng::{Purpose, Stream};
 
 /// What an update learns from; row i of every array belongs to transition i.
@@ -273,7 +274,7 @@ impl<E: DuelingDqnEngine> Resumable for DuelingDqnLearner<E> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::manifest::{FirstContext, TimeIndicator};
+    use crate::env::{FirstContext, TimeIndicator};
 
     /// An engine whose values are a formula of the state and of how often the target was renewed,
     /// and which looks at what it is given to learn.

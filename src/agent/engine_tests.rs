@@ -4,13 +4,13 @@ use crate::agent::burn::device;
 use crate::agent::dueling_dqn::{Batch, DuelingDqnEngine};
 use crate::agent::reference_tests::{assert_weights_close, gradients, sampled_by};
 use crate::agent::reinforce::{ReinforceEngine, Trajectories};
+use crate::agent::{Activation, DuelingDqn, Reinforce, Trunk};
 use crate::agent::{
     BurnDuelingDqn, BurnReinforce, DuelingQNetwork, FusedDuelingDqn, FusedReinforce, PolicyNetwork,
     Weights, layers,
 };
 use crate::env::{Action, Observations};
 use crate::kernel::Isa;
-use crate::manifest::{Activation, DuelingDqn, Reinforce, Trunk};
 use crate::rng::{Purpose, Stream};
 
 /// A case of random numbers: sizes that fill registers and sizes that do not.

@@ -1,8 +1,8 @@
 //! Names, sizes and first weights of the networks' layers, whichever engine computes them.
 
 use crate::agent::weights::{Tensor, Weights};
+use crate::agent::{DuelingDqn, Reinforce, Trunk};
 use crate::env::Action;
-use crate::manifest::{DuelingDqn, Reinforce, Trunk};
 use crate::rng::Stream;
 
 /// Name and size of a linear layer.

@@ -16,6 +16,7 @@ mod engine_tests;
 mod fused;
 mod layers;
 mod memory;
+mod parameters;
 mod policy;
 #[cfg(test)]
 mod reference_tests;
@@ -26,8 +27,8 @@ mod state;
 mod weights;
 
 use crate::env::Observer;
+use crate::env::{Environment, Scenario};
 use crate::kernel::Isa;
-use crate::manifest::{Agent, DuelingDqn, Engine, Environment, Reinforce, Scenario, TestActions};
 use crate::rng::{Purpose, Stream};
 
 pub use burn::device::backend_name;
@@ -36,6 +37,10 @@ pub use burn::{BurnDuelingDqn, BurnReinforce, DuelingQNetwork, PolicyNetwork};
 pub use dueling_dqn::{Batch, DuelingDqnEngine, DuelingDqnLearner};
 pub use fused::{FusedDuelingDqn, FusedDuelingNetwork, FusedPolicyNetwork, FusedReinforce};
 pub use memory::{OutOfMemory, reserve, reserve_exact};
+pub use parameters::{
+    Activation, Agent, Algorithm, DecisionRule, DuelingDqn, Engine, Reinforce, Rule,
+    TerminalTarget, Trunk,
+};
 pub use policy::{ActionNetwork, EpsilonGreedy, Policy, SoftmaxPolicy};
 pub use reinforce::{ReinforceEngine, ReinforceLearner, Trajectories};
 pub use replay::{Replay, Transition};
@@ -117,15 +122,6 @@ pub enum Actions {
     AsTrained,
     /// The best action, always.
     Greedy,
-}
-
-impl From<TestActions> for Actions {
-    fn from(actions: TestActions) -> Self {
-        match actions {
-            TestActions::AsTrained => Actions::AsTrained,
-            TestActions::Greedy => Actions::Greedy,
-        }
-    }
 }
 
 /// An agent before its first episode.

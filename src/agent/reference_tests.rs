@@ -15,9 +15,9 @@ use crate::agent::weights::{Tensor as WeightTensor, Weights};
 use crate::agent::{
     BurnDuelingDqn, BurnReinforce, DuelingQNetwork, FusedDuelingDqn, FusedReinforce, PolicyNetwork,
 };
+use crate::agent::{DuelingDqn, Reinforce};
 use crate::env::{Action, Ending, Observations};
 use crate::kernel::Isa;
-use crate::manifest::{DuelingDqn, Reinforce};
 
 const WIDTH: usize = 3;
 

@@ -7,6 +7,7 @@
 use std::io;
 use std::ops::Range;
 
+use crate::agent::Reinforce;
 use crate::agent::policy::{ActionNetwork, Policy, SoftmaxPolicy, sample};
 use crate::agent::state::{restore_actions, save_actions};
 use crate::agent::{
@@ -14,8 +15,8 @@ use crate::agent::{
     StateReader, StateWriter, TrainedEpisode, Weights, reserve,
 };
 use crate::env::{Action, Ending, Episodes, Observations, Observer};
+use crate::env::{Environment, Scenario};
 use crate::kernel::Isa;
-use crate::manifest::{Environment, Reinforce, Scenario};
 use crate::rng::{Purpose, Stream};
 
 /// Steps of sampled trajectories; row i of every array belongs to step i.

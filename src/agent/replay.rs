@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 use std::io;
 
+use crate::agent::TerminalTarget;
 use crate::agent::dueling_dqn::Batch;
 use crate::agent::{OutOfMemory, Resumable, StateError, StateReader, StateWriter, reserve_exact};
 use crate::env::{Action, Ending, Observations};
-use crate::manifest::TerminalTarget;
 use crate::rng::Stream;
 
 /// One step that the agent has taken, observations aside.

@@ -1,7 +1,8 @@
 //! Decision rules that need no training: what researchers compare with.
 
+use crate::agent::{DecisionRule, Rule};
 use crate::env::{Action, Belief, Episodes};
-use crate::manifest::{DecisionRule, Environment, Rule, Scenario};
+use crate::env::{Environment, Scenario};
 use crate::optimum::{OptimalPolicy, StateHidden};
 use crate::rng::Stream;
 

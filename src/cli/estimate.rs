@@ -110,7 +110,9 @@ fn spoken(seconds: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::manifest::{Agent, Environment, Evaluation, Reinforce};
+    use crate::agent::{Agent, Reinforce};
+    use crate::env::Environment;
+    use crate::manifest::Evaluation;
 
     #[test]
     fn time_left_follows_the_measured_speed() {

@@ -315,7 +315,9 @@ fn nearest_value(wanted: &str, values: &[String]) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::manifest::{Agent, DuelingDqn, Environment, Evaluation, Reinforce};
+    use crate::agent::{Agent, DuelingDqn, Reinforce};
+    use crate::env::Environment;
+    use crate::manifest::Evaluation;
     use crate::plan::Job;
 
     fn jobs() -> Vec<PlannedJob> {

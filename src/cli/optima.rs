@@ -7,7 +7,7 @@ use std::sync::mpsc;
 use std::thread;
 
 use crate::cli::counting::Counting;
-use crate::manifest::{Environment, Scenario};
+use crate::env::{Environment, Scenario};
 use crate::optimum::{Effort, optimum, shows_state};
 use crate::plan::Job;
 

@@ -11,7 +11,8 @@ use crate::cli::output::{Cell, Format, Rows};
 use crate::cli::setting::{adjusted, sets, with_parameter};
 use crate::cli::{Error, Exit, check};
 use crate::env::inference_error;
-use crate::manifest::{Environment, Manifest, Scenario};
+use crate::env::{Environment, Scenario};
+use crate::manifest::Manifest;
 use crate::optimum::{self, Effort, StateHidden};
 use crate::plan;
 

@@ -11,8 +11,8 @@ use serde::Deserialize;
 use crate::cli::output::Format;
 use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit};
+use crate::env::Environment;
 use crate::env::{Action, Ending, Episodes, Signal};
-use crate::manifest::Environment;
 use crate::rng::{Purpose, Stream};
 
 /// Most bytes of a file of trajectories.

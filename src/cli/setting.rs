@@ -2,7 +2,8 @@
 
 use crate::cli::Error;
 use crate::cli::output::printable;
-use crate::manifest::{self, Environment};
+use crate::env::Environment;
+use crate::manifest::{self};
 use crate::plan;
 
 /// The environment with settings as a manifest would make them, and with a manifest's checks.

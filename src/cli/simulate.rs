@@ -4,13 +4,14 @@ use std::io;
 use std::path::PathBuf;
 use std::str::FromStr;
 
+use crate::agent::DecisionRule;
 use crate::agent::{self, Actions, DecisionRuleError, RulePolicy, Start, Weights};
 use crate::cli::output::{Cell, Format, Rows};
 use crate::cli::setting::adjusted;
 use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit, StoreArgument, replay};
 use crate::env::{Action, Ending, Episodes, Observer};
-use crate::manifest::{DecisionRule, Environment, Scenario};
+use crate::env::{Environment, Scenario};
 use crate::store::{Reader, StoreError};
 use crate::train::{self, Chooser, TestStreams, Watch};
 

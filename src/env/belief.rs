@@ -1,7 +1,7 @@
 //! What a scenario lets an agent know of the context.
 
+use crate::env::{Environment, Feature, Scenario};
 use crate::env::{Signal, inference_error};
-use crate::manifest::{Environment, Feature, Scenario};
 
 /// The most that the letters of a scenario tell of the context.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -6,8 +6,8 @@ use pulp::{Simd, WithSimd};
 
 use crate::env::Signal;
 use crate::env::context::{Draws, SignalsAhead};
+use crate::env::{Environment, FirstContext};
 use crate::kernel::{Isa, LINE};
-use crate::manifest::{Environment, FirstContext};
 use crate::rng::Stream;
 
 /// An intervention option (table 1 of the paper), 0 to 3.

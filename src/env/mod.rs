@@ -8,8 +8,12 @@ mod belief;
 mod context;
 mod episodes;
 mod observation;
+mod parameters;
+mod scenario;
 
 pub use belief::Belief;
 pub use context::{Signal, SignalsAhead, inference_error, probability_of_zero};
 pub use episodes::{Action, Effect, Ending, Episodes, Lane, respond};
 pub use observation::{Observations, Observer};
+pub use parameters::{Environment, FirstContext, TimeIndicator};
+pub use scenario::{Feature, Scenario, ScenarioError};

@@ -5,7 +5,7 @@ use std::iter;
 use std::ops::Range;
 
 use crate::env::Episodes;
-use crate::manifest::{Environment, Feature, Scenario, TimeIndicator};
+use crate::env::{Environment, Feature, Scenario, TimeIndicator};
 
 /// Observations of an agent, row by row.
 #[derive(Clone, Debug, PartialEq)]

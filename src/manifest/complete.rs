@@ -5,8 +5,8 @@ use super::draft::{Draft, Settings};
 use super::fault::{Fault, FaultList};
 use super::keys::{Kind, Section, Value};
 use super::parameter::Parameters;
-use super::scenario::{Feature, Scenario};
 use super::source::Span;
+use crate::env::{Feature, Scenario};
 
 /// The manifest that `draft` declares, noting what is missing.
 ///

@@ -1,10 +1,10 @@
 //! A manifest after validation: what its author declared, complete and consistent.
 
-use super::agent::Algorithm;
 use super::analysis::Analysis;
 use super::keys::Value;
 use super::parameter::{Parameter, Parameters};
-use super::scenario::Scenario;
+use crate::agent::Algorithm;
+use crate::env::Scenario;
 
 /// Most jobs that one manifest may declare, excluded cells among them.
 pub const MOST_JOBS: u64 = 10_000_000;

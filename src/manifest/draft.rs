@@ -5,13 +5,13 @@
 
 use std::collections::BTreeMap;
 
-use super::agent::Algorithm;
 use super::analyses::AnalysisDraft;
 use super::declared::Condition;
 use super::keys::{Section, Value};
 use super::parameter::Parameter;
-use super::scenario::Scenario;
 use super::source::{Located, Span};
+use crate::agent::Algorithm;
+use crate::env::Scenario;
 
 /// What a manifest or a preset says.
 #[derive(Clone, Debug)]

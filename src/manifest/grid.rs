@@ -7,12 +7,14 @@
 use std::collections::HashSet;
 use std::hash::Hash;
 
+use super::Evaluation;
 use super::declared::{Condition, DeclaredAgent, Exclusion, Manifest};
 use super::keys::{Section, Value};
 use super::parameter::{Parameter, Parameters};
 use super::rules::{Breach, Chosen, Rule};
-use super::scenario::Scenario;
-use super::{Agent, Algorithm, Environment, Evaluation};
+use crate::agent::{Agent, Algorithm};
+use crate::env::Environment;
+use crate::env::Scenario;
 
 /// The grid of one agent of a manifest.
 #[derive(Debug)]

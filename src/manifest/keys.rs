@@ -7,7 +7,9 @@ use std::hash::{Hash, Hasher};
 
 use serde::Serialize;
 
-use super::{Algorithm, DecisionRule, DuelingDqn, Environment, Evaluation, Reinforce, Rule};
+use super::Evaluation;
+use crate::agent::{Algorithm, DecisionRule, DuelingDqn, Reinforce, Rule};
+use crate::env::Environment;
 
 /// A single value of a key.
 #[derive(Clone, Debug, PartialEq, Serialize)]

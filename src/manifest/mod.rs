@@ -10,7 +10,6 @@
 //!
 //! It does not know what a job is, what has run, or how anything is simulated or trained.
 
-mod agent;
 mod analyses;
 mod analysis;
 mod cells;
@@ -18,7 +17,7 @@ mod check;
 mod complete;
 mod declared;
 mod draft;
-mod environment;
+mod evaluation;
 mod fault;
 mod grid;
 mod keys;
@@ -30,26 +29,20 @@ mod range;
 mod read;
 mod resolved;
 mod rules;
-mod scenario;
 mod schema;
 mod source;
 mod sweep;
 
-pub use agent::{
-    Activation, Agent, Algorithm, DecisionRule, DuelingDqn, Engine, Evaluation, Reinforce, Rule,
-    TerminalTarget, TestActions, Trunk,
-};
 pub use analysis::{
     ANALYSED_METRICS, Analysis, AnalysisKind, Contrast, CurveAxis, Pairing, SelectionRule, Sides,
 };
 pub use declared::{Condition, DeclaredAgent, Exclusion, MOST_JOBS, Manifest, Zip};
-pub use environment::{Environment, FirstContext, TimeIndicator};
+pub use evaluation::{Evaluation, TestActions};
 pub use fault::{Fault, Faults, nearest};
 pub use grid::{Axis, Cell, Grid};
 pub use keys::{Key, Kind, Section, Value};
 pub use load::{load, parse};
 pub use parameter::{Parameter, Parameters};
 pub use published::{Published, PublishedCurve, PublishedErrors, PublishedHeatMap, PublishedTest};
-pub use scenario::{Feature, Scenario, ScenarioError};
 pub use schema::schema;
 pub use source::{Position, hidden};

@@ -2,15 +2,15 @@
 
 use toml::de::{DeTable, DeValue};
 
-use super::agent::Algorithm;
 use super::declared::MOST_JOBS;
 use super::draft::{AgentDraft, Draft, Settings};
 use super::fault::{Fault, nearest};
 use super::keys::{Kind, Section, Value};
 use super::preset;
-use super::scenario::{Feature, Scenario};
 use super::source::{Located, Span, hidden};
 use super::sweep::{Node, Reader, whole};
+use crate::agent::Algorithm;
+use crate::env::{Feature, Scenario};
 
 /// The keys at the top of a manifest: first those above all tables, then the tables.
 pub(super) const TOP_KEYS: [&str; 15] = [

@@ -4,10 +4,10 @@
 //! In: the values that one cell gives some keys. Out: what is wrong with them, if anything. It knows
 //! neither grids nor places in a file.
 
-use super::agent::Algorithm;
 use super::keys::Value;
 use super::parameter::Parameter;
-use super::scenario::Feature;
+use crate::agent::Algorithm;
+use crate::env::Feature;
 
 /// Most parameters of a network. Training holds five numbers of four bytes for each: value,
 /// gradient, two moments, and the target network's.

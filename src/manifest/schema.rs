@@ -2,7 +2,6 @@
 
 use serde_json::{Map, Value as Json, json};
 
-use super::agent::Algorithm;
 use super::analysis::{ANALYSED_METRICS, BINS, ERROR_AXIS, KINDS, SHARED_KEYS, WINDOW, keys_of};
 use super::declared::MOST_JOBS;
 use super::keys::{Key, Kind, Section};
@@ -10,7 +9,8 @@ use super::parameter::Parameter;
 use super::preset;
 use super::range::MOST_VALUES;
 use super::read::{FORMAT, LONGEST_NAME, LONGEST_TIME_LIMIT, MOST_ENTRIES};
-use super::scenario::Feature;
+use crate::agent::Algorithm;
+use crate::env::Feature;
 
 /// The schema, in draft 2020-12. It knows the types, ranges and words of single keys; what keys ask
 /// of each other is for [`super::parse`].

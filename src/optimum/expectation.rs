@@ -197,8 +197,8 @@ fn normal(x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::env::Environment;
     use crate::env::Signal;
-    use crate::manifest::Environment;
 
     /// The mean over features on a fine grid, of the best of four values for each.
     fn by_quadrature(sigma: f64, prospects: &Prospects) -> f64 {

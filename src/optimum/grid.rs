@@ -20,8 +20,8 @@ use pulp::{Simd, WithSimd};
 use rayon::iter::{IndexedParallelIterator, IntoParallelIterator, ParallelIterator};
 
 use crate::env::{Action, Belief, Effect, respond};
+use crate::env::{Environment, FirstContext};
 use crate::kernel::Isa;
-use crate::manifest::{Environment, FirstContext};
 
 use super::Prospects;
 use super::axis::{Among, Axis, Place, Side};

@@ -22,7 +22,7 @@ use std::iter;
 use std::num::{NonZeroU32, NonZeroUsize};
 
 use crate::env::{Action, Belief};
-use crate::manifest::{Environment, Feature, FirstContext, Scenario};
+use crate::env::{Environment, Feature, FirstContext, Scenario};
 
 use grid::{COARSEST, Grid, Induced, Lanes, Moment, Region, Resolution, SETTLED, levels};
 use search::Search;

@@ -1,7 +1,7 @@
 //! Finer and finer grids, until their policies become no better, or until time is up.
 
 use crate::env::Belief;
-use crate::manifest::Environment;
+use crate::env::Environment;
 
 use super::grid::{Grid, Resolution, Variable};
 use super::walk::{self, Walked};

@@ -13,8 +13,8 @@
 
 use std::ops::Range;
 
+use crate::env::{Environment, FirstContext};
 use crate::env::{Signal, SignalsAhead, respond};
-use crate::manifest::{Environment, FirstContext};
 use crate::rng::{Purpose, Stream};
 
 use super::Prospects;

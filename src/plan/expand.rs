@@ -4,7 +4,9 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
-use crate::manifest::{Agent, Cell, Environment, Evaluation, Grid, Manifest, Section};
+use crate::agent::Agent;
+use crate::env::Environment;
+use crate::manifest::{Cell, Evaluation, Grid, Manifest, Section};
 
 use super::job::text;
 use super::{CanonicalForm, Job};
@@ -282,7 +284,7 @@ mod tests {
         let agent = serde_json::to_value(&jobs[0].job.agent).unwrap();
         assert_eq!((&agent["batch"], &agent["trunk"]), (&16.into(), &"separate".into()));
         assert_eq!(jobs[1].job.agent.episodes(), 750_000);
-        assert_eq!(jobs[2].job.agent, Agent::DuelingDqn(crate::manifest::DuelingDqn::default()));
+        assert_eq!(jobs[2].job.agent, Agent::DuelingDqn(crate::agent::DuelingDqn::default()));
         assert_eq!(jobs[0].job.seed, 9);
     }
 

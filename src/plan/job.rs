@@ -5,7 +5,9 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use crate::manifest::{Agent, DecisionRule, Environment, Evaluation, Rule, Scenario};
+use crate::agent::{Agent, DecisionRule, Rule};
+use crate::env::{Environment, Scenario};
+use crate::manifest::Evaluation;
 
 /// What should run: the whole content of a training with its test.
 ///
@@ -214,7 +216,7 @@ impl fmt::Debug for JobKey {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::manifest::{DuelingDqn, Reinforce};
+    use crate::agent::{DuelingDqn, Reinforce};
 
     #[test]
     fn the_canonical_form_is_the_whole_job_with_its_keys_in_order() {

@@ -5,7 +5,7 @@ use std::fs;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use jitai::manifest::{Agent, DuelingDqn};
+use jitai::agent::{Agent, DuelingDqn};
 use jitai::plan::{Job, Scalar, Versions};
 use jitai::record::Outcome;
 use jitai::store::{Counts, Experiment, JobState, Reader, Registered, Store, StoreError};

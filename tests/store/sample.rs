@@ -2,7 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use jitai::manifest::{Agent, DecisionRule, DuelingDqn, Environment, Evaluation, Reinforce, Rule};
+use jitai::agent::{Agent, DecisionRule, DuelingDqn, Reinforce, Rule};
+use jitai::env::Environment;
+use jitai::manifest::Evaluation;
 use jitai::plan::Job;
 use jitai::record::{
     ActionCount, CURVE_METRICS, CurvePoint, Failure, FailureKind, METRICS, Metric, Outcome,

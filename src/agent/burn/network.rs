@@ -6,7 +6,7 @@ use burn::tensor::{Device, Tensor, TensorData, activation};
 
 use crate::agent::layers::{self, Layer};
 use crate::agent::weights::{Tensor as WeightTensor, Weights, WeightsError};
-use crate::manifest::{Activation, DuelingDqn, Reinforce};
+use crate::agent::{Activation, DuelingDqn, Reinforce};
 
 fn linear(layer: &Layer, weights: &Weights, device: &Device) -> Result<Linear, WeightsError> {
     let weight = weights.tensor(&layer.weight(), &[layer.inputs, layer.outputs])?;
@@ -180,8 +180,8 @@ impl PolicyNetwork {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::agent::Trunk;
     use crate::agent::burn::device;
-    use crate::manifest::Trunk;
     use crate::rng::{Purpose, Stream};
 
     #[test]

@@ -6,6 +6,7 @@ use burn::module::Module;
 use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
 use burn::tensor::{Tensor, activation};
 
+use crate::agent::Reinforce;
 use crate::agent::burn::state::{restore_module, restore_optimizer, save_module, save_optimizer};
 use crate::agent::burn::{ADAM_EPSILON, PolicyNetwork, column, device, input, matrix};
 use crate::agent::policy::ActionNetwork;
@@ -13,7 +14,6 @@ use crate::agent::reinforce::{ReinforceEngine, Trajectories};
 use crate::agent::{Resumable, StateError, StateReader, StateWriter, Weights, WeightsError};
 use crate::env::Observations;
 use crate::kernel::Isa;
-use crate::manifest::Reinforce;
 
 /// A policy network with its optimiser.
 pub struct BurnReinforce {

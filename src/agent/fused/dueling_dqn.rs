@@ -3,6 +3,7 @@
 use std::io;
 use std::ops::Range;
 
+use crate::agent::DuelingDqn;
 use crate::agent::dueling_dqn::{Batch, DuelingDqnEngine};
 use crate::agent::fused::stack::{Room, Stack, blocks};
 use crate::agent::policy::ActionNetwork;
@@ -11,7 +12,6 @@ use crate::agent::{
 };
 use crate::env::{Action, Observations};
 use crate::kernel::{Adam, Aligned, Isa};
-use crate::manifest::DuelingDqn;
 
 /// A dueling network in flat arrays.
 #[derive(Clone, Debug)]

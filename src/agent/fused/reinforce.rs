@@ -4,6 +4,7 @@ use std::io;
 
 use pulp::{Simd, WithSimd};
 
+use crate::agent::Reinforce;
 use crate::agent::fused::stack::{BLOCK, Room, Stack, blocks};
 use crate::agent::policy::ActionNetwork;
 use crate::agent::reinforce::{ReinforceEngine, Trajectories};
@@ -12,7 +13,6 @@ use crate::agent::{
 };
 use crate::env::{Action, Observations};
 use crate::kernel::{Adam, Aligned, Isa, LANES, math};
-use crate::manifest::Reinforce;
 
 /// A policy network in flat arrays.
 #[derive(Clone, Debug)]

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use crate::agent;
 use crate::agent::layers::{self, Layer};
 use crate::agent::weights::{Tensor, Weights, WeightsError};
 use crate::env::{Action, Observations};
@@ -9,7 +10,6 @@ use crate::kernel::{
     Activation, Aligned, Isa, LANES, MOST_INPUTS, OUTPUTS, Product, Shallow, ShallowGradient,
     Start, dot, transpose,
 };
-use crate::manifest;
 
 /// Most rows computed at a time: what is between two layers of them stays in the nearest caches.
 pub(super) const BLOCK: usize = 64;
@@ -71,11 +71,7 @@ fn padded(len: usize) -> usize {
 
 impl Stack {
     /// A stack whose parameters start at `start`.
-    pub(super) fn new(
-        layers: layers::Stack,
-        activation: manifest::Activation,
-        start: usize,
-    ) -> Self {
+    pub(super) fn new(layers: layers::Stack, activation: agent::Activation, start: usize) -> Self {
         let mut end = start;
         let mut take = |len: usize| {
             let start = end;
@@ -95,8 +91,8 @@ impl Stack {
         let last = hidden.last().expect("a network has at least one hidden layer").stride;
         let (head_weight, head_bias) = (take(outputs * last), take(outputs));
         let activation = match activation {
-            manifest::Activation::Relu => Activation::Relu,
-            manifest::Activation::Tanh => Activation::Tanh,
+            agent::Activation::Relu => Activation::Relu,
+            agent::Activation::Tanh => Activation::Tanh,
         };
         let range = start..end;
         Stack { layers, activation, hidden, head_weight, head_bias, outputs, range }
@@ -470,7 +466,7 @@ fn sums_of_columns(isa: Isa, values: &[f32], count: usize, to: &mut [f32]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::manifest::Reinforce;
+    use crate::agent::Reinforce;
     use crate::rng::{Purpose, Stream};
 
     fn bits(values: &[f32]) -> Vec<u32> {
