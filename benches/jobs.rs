@@ -37,12 +37,12 @@ fn run(agent: Agent, time_one_hot: bool) {
 
 #[divan::bench(sample_count = 5, sample_size = 1, args = [false, true])]
 fn dueling_dqn(time_one_hot: bool) {
-    run(Agent::DuelingDqn(DuelingDqn::default()), time_one_hot);
+    run(Agent::of(&DuelingDqn::default()), time_one_hot);
 }
 
 #[divan::bench(sample_count = 5, sample_size = 1, args = [false, true])]
 fn reinforce(time_one_hot: bool) {
-    run(Agent::Reinforce(Reinforce::default()), time_one_hot);
+    run(Agent::of(&Reinforce::default()), time_one_hot);
 }
 
 /// 15,000 updates of 50 trajectories.
@@ -50,19 +50,19 @@ fn reinforce(time_one_hot: bool) {
 fn reinforce_of_50(time_one_hot: bool) {
     let reinforce =
         Reinforce { episodes: 750_000, trajectories_per_update: 50, ..Reinforce::default() };
-    run(Agent::Reinforce(reinforce), time_one_hot);
+    run(Agent::of(&reinforce), time_one_hot);
 }
 
 /// A tenth of the budget, by Burn and by the kernels, to compare.
 #[divan::bench(sample_count = 5, sample_size = 1, args = [Engine::Fused, Engine::Burn])]
 fn a_tenth_of_dueling_dqn(engine: Engine) {
-    run(Agent::DuelingDqn(DuelingDqn { episodes: 100, engine, ..DuelingDqn::default() }), false);
+    run(Agent::of(&DuelingDqn { episodes: 100, engine, ..DuelingDqn::default() }), false);
 }
 
 /// A tenth of the budget, by Burn and by the kernels, to compare.
 #[divan::bench(sample_count = 5, sample_size = 1, args = [Engine::Fused, Engine::Burn])]
 fn a_tenth_of_reinforce(engine: Engine) {
-    run(Agent::Reinforce(Reinforce { episodes: 1500, engine, ..Reinforce::default() }), false);
+    run(Agent::of(&Reinforce { episodes: 1500, engine, ..Reinforce::default() }), false);
 }
 
 /// Times the checkpoint that a training leaves after so many steps, when it is stopped.
@@ -116,6 +116,6 @@ fn checkpoint(bencher: Bencher<'_, '_>, transitions: u32) {
         steps_left: Cell::new(transitions),
         file: RefCell::new(tempfile::tempfile_in(".").unwrap()),
     };
-    let outcome = train::run(&job(Agent::DuelingDqn(dqn), false), &timer);
+    let outcome = train::run(&job(Agent::of(&dqn), false), &timer);
     assert_eq!(outcome, Outcome::Interrupted);
 }

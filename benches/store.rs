@@ -70,7 +70,7 @@ fn job(episodes: u32, evaluation: Evaluation) -> Job {
     Job {
         environment: Environment::paper(0.6),
         scenario: "P-H-D".parse().unwrap(),
-        agent: Agent::Reinforce(Reinforce { episodes, ..Reinforce::default() }),
+        agent: Agent::of(&Reinforce { episodes, ..Reinforce::default() }),
         evaluation,
         seed: 1,
     }

@@ -48,6 +48,7 @@ pub mod analyse;
 pub mod cli;
 pub mod env;
 pub mod kernel;
+pub mod key;
 pub mod kill_point;
 pub mod manifest;
 pub mod optimum;

@@ -146,15 +146,15 @@ fn reinforce(engine: Engine, trajectories_per_update: u32) -> Reinforce {
 fn small_jobs() -> Vec<(String, Job)> {
     let mut jobs = Vec::new();
     for engine in [Engine::Fused, Engine::Burn] {
-        let shared = Agent::DuelingDqn(dueling_dqn(engine));
-        let separate = Agent::DuelingDqn(DuelingDqn {
+        let shared = Agent::of(&dueling_dqn(engine));
+        let separate = Agent::of(&DuelingDqn {
             trunk: Trunk::Separate,
             activation: Activation::Tanh,
             terminal_target: TerminalTarget::Standard,
             ..dueling_dqn(engine)
         });
-        let one = Agent::Reinforce(reinforce(engine, 1));
-        let three = Agent::Reinforce(reinforce(engine, 3));
+        let one = Agent::of(&reinforce(engine, 1));
+        let three = Agent::of(&reinforce(engine, 3));
         for (name, agent) in
             [("shared", shared), ("separate", separate), ("one", one), ("three", three)]
         {
@@ -237,7 +237,7 @@ fn larger_jobs_go_on_from_checkpoints_anywhere_to_the_same_bits() {
     let mut chance = ChaCha8Rng::seed_from_u64(1);
     let dqn = DuelingDqn { episodes: 40, buffer: 700, ..DuelingDqn::default() };
     let policy = Reinforce { episodes: 600, trajectories_per_update: 20, ..Reinforce::default() };
-    for agent in [Agent::DuelingDqn(dqn), Agent::Reinforce(policy)] {
+    for agent in [Agent::of(&dqn), Agent::of(&policy)] {
         let mut job = job(agent, |environment| environment.horizon = 50);
         // More than one batch of lanes.
         job.evaluation.test_episodes = 1500;
@@ -257,7 +257,7 @@ fn larger_jobs_go_on_from_checkpoints_anywhere_to_the_same_bits() {
 /// A checkpoint of a small job in the middle of its training.
 fn a_checkpoint() -> (Job, Vec<u8>) {
     let agent = Reinforce { layers: vec![2], ..reinforce(Engine::Fused, 2) };
-    let job = job(Agent::Reinforce(agent), |_| {});
+    let job = job(Agent::of(&agent), |_| {});
     let (kept, _) = every_checkpoint(&job);
     let checkpoint = kept[7].clone();
     assert!(checkpoint.len() < 4000, "{} bytes", checkpoint.len());
@@ -360,7 +360,7 @@ fn states_that_make_no_sense_are_no_reason_to_panic() {
 
 #[test]
 fn a_checkpoint_says_how_far_it_is_and_what_it_took() {
-    let job = job(Agent::DuelingDqn(dueling_dqn(Engine::Fused)), |_| {});
+    let job = job(Agent::of(&dueling_dqn(Engine::Fused)), |_| {});
     let (kept, _) = every_checkpoint(&job);
     let resumed: Vec<Resumed> =
         kept.into_iter().map(|checkpoint| shown(&job, checkpoint).unwrap()).collect();

@@ -22,20 +22,21 @@ fn job(agent: Agent, seed: u64) -> Job {
 }
 
 fn dueling_dqn() -> Agent {
-    Agent::DuelingDqn(DuelingDqn { episodes: 15, ..DuelingDqn::default() })
+    Agent::of(&DuelingDqn { episodes: 15, ..DuelingDqn::default() })
 }
 
 fn reinforce() -> Agent {
-    Agent::Reinforce(Reinforce { episodes: 60, trajectories_per_update: 3, ..Reinforce::default() })
+    Agent::of(&Reinforce { episodes: 60, trajectories_per_update: 3, ..Reinforce::default() })
 }
 
 /// Agents that Burn trains.
 fn burn_agents() -> [Agent; 2] {
-    [dueling_dqn(), reinforce()].map(|agent| match agent {
-        Agent::DuelingDqn(dqn) => Agent::DuelingDqn(DuelingDqn { engine: Engine::Burn, ..dqn }),
-        Agent::Reinforce(other) => Agent::Reinforce(Reinforce { engine: Engine::Burn, ..other }),
-        Agent::Rule(_) => panic!("a rule runs on no engine"),
-    })
+    let dqn: DuelingDqn = dueling_dqn().parameters().unwrap();
+    let policy: Reinforce = reinforce().parameters().unwrap();
+    [
+        Agent::of(&DuelingDqn { engine: Engine::Burn, ..dqn }),
+        Agent::of(&Reinforce { engine: Engine::Burn, ..policy }),
+    ]
 }
 
 /// The device that they are on.
@@ -77,7 +78,7 @@ fn results_are_what_they_were_to_the_bit() {
         (total.to_bits(), u32::from_be_bytes(weights[..4].try_into().unwrap()))
     };
     let mut far = job(
-        Agent::DuelingDqn(DuelingDqn {
+        Agent::of(&DuelingDqn {
             episodes: 30,
             activation: Activation::Tanh,
             trunk: Trunk::Separate,
@@ -145,7 +146,7 @@ fn a_stop_request_ends_a_training_without_a_result() {
 
 #[test]
 fn the_tested_policy_is_the_one_whose_weights_are_kept() {
-    use jitai::agent::{self, Actions, Weights};
+    use jitai::agent::{Actions, Weights};
     use jitai::env::{Episodes, Observer};
     use jitai::train::{Chooser, TestStreams, Watch, roll};
 
@@ -160,14 +161,7 @@ fn the_tested_policy_is_the_one_whose_weights_are_kept() {
         let job = job(agent, 1);
         let results = results(&job);
         let weights = Weights::from_bytes(&results.weights.unwrap()).unwrap();
-        let policy = agent::trained_policy(
-            &job.agent,
-            &job.environment,
-            &job.scenario,
-            &weights,
-            Actions::AsTrained,
-        )
-        .unwrap();
+        let policy = job.agent.trained(&job.setting(), &weights, Actions::AsTrained).unwrap();
         let observer = Observer::new(&job.environment, &job.scenario);
         let mut streams = TestStreams::new(job.seed);
         let mut episodes = Episodes::start(&job.environment, 30, &mut streams.environment);

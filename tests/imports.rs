@@ -1,27 +1,31 @@
-//! The direction of the data flow, held: which module may import which.
+//! The direction of the data flow, held: which module may import which, and no circles between files.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
+
+use syn::visit::{self, Visit};
+use syn::{Attribute, Item, UseTree, Visibility};
 
 /// What each module may import; the order is that of the data flow.
 const TABLE: &[(&str, &[&str])] = &[
     ("rng", &[]),
     ("kernel", &[]),
     ("kill_point", &[]),
-    ("env", &["rng", "kernel"]),
+    ("key", &[]),
+    ("env", &["rng", "kernel", "key"]),
     // The optimal policy is tried with a stream of its own.
     ("optimum", &["rng", "kernel", "env"]),
-    ("agent", &["rng", "kernel", "env", "optimum"]),
+    ("agent", &["rng", "kernel", "key", "env", "optimum"]),
     // A manifest declares environments and agents; it neither simulates nor trains.
-    ("manifest", &["env", "agent"]),
-    ("plan", &["env", "agent", "manifest"]),
+    ("manifest", &["key", "env", "agent"]),
+    ("plan", &["key", "env", "agent", "manifest"]),
     ("record", &["plan"]),
     ("train", &["rng", "env", "agent", "plan", "record"]),
-    ("store", &["kill_point", "plan", "record"]),
+    ("store", &["kill_point", "key", "plan", "record"]),
     ("schedule", &["kill_point", "plan", "record", "train", "store"]),
     // The bootstrap draws from a stream of its own.
-    ("analyse", &["rng", "env", "manifest", "record"]),
+    ("analyse", &["rng", "key", "env", "manifest", "record"]),
     ("report", &["record", "analyse"]),
     (
         "cli",
@@ -29,6 +33,7 @@ const TABLE: &[(&str, &[&str])] = &[
             "rng",
             "kernel",
             "kill_point",
+            "key",
             "env",
             "optimum",
             "agent",
@@ -44,6 +49,237 @@ const TABLE: &[(&str, &[&str])] = &[
     ),
 ];
 
+/// A module by its path below the crate: `["manifest", "read"]`.
+type ModulePath = Vec<String>;
+
+/// A path as it is written: `["crate", "plan", "Job"]`.
+type Written = Vec<String>;
+
+/// What a file of the library says of modules.
+#[derive(Debug, Default)]
+struct File {
+    /// Paths that it names, in `use` and elsewhere, tests aside.
+    named: Vec<Written>,
+    /// What it passes on under a name: `pub use read::load` is `load` with its path.
+    passed_on: BTreeMap<String, Written>,
+    /// Names that it defines.
+    defined: BTreeSet<String>,
+}
+
+impl File {
+    fn read(text: &str) -> File {
+        let mut file = File::default();
+        file.visit_file(&syn::parse_file(text).expect("the library compiles"));
+        file
+    }
+
+    /// Takes the leaves of a `use`, groups in groups included.
+    fn leaves(&mut self, tree: &UseTree, before: &[String], passes_on: bool) {
+        let mut path = before.to_vec();
+        match tree {
+            UseTree::Path(part) => {
+                path.push(part.ident.to_string());
+                self.leaves(&part.tree, &path, passes_on);
+            }
+            UseTree::Group(group) => {
+                group.items.iter().for_each(|tree| self.leaves(tree, before, passes_on));
+            }
+            UseTree::Name(name) => self.leaf(path, name.ident.to_string(), None, passes_on),
+            UseTree::Rename(name) => {
+                let known_as = Some(name.rename.to_string());
+                self.leaf(path, name.ident.to_string(), known_as, passes_on);
+            }
+            UseTree::Glob(_) => self.named.push(path),
+        }
+    }
+
+    fn leaf(&mut self, mut path: Written, name: String, known_as: Option<String>, passes_on: bool) {
+        if name != "self" {
+            path.push(name.clone());
+        }
+        if passes_on {
+            self.passed_on.insert(known_as.unwrap_or(name), path);
+        } else {
+            self.named.push(path);
+        }
+    }
+}
+
+fn is_test(attributes: &[Attribute]) -> bool {
+    attributes.iter().any(|attribute| {
+        attribute.path().is_ident("cfg")
+            && attribute.parse_args::<syn::Path>().is_ok_and(|path| path.is_ident("test"))
+    })
+}
+
+impl<'a> Visit<'a> for File {
+    fn visit_item(&mut self, item: &'a Item) {
+        let (attributes, name) = match item {
+            Item::Const(item) => (&item.attrs, Some(&item.ident)),
+            Item::Enum(item) => (&item.attrs, Some(&item.ident)),
+            Item::Fn(item) => (&item.attrs, Some(&item.sig.ident)),
+            Item::Mod(item) => (&item.attrs, None),
+            Item::Static(item) => (&item.attrs, Some(&item.ident)),
+            Item::Struct(item) => (&item.attrs, Some(&item.ident)),
+            Item::Trait(item) => (&item.attrs, Some(&item.ident)),
+            Item::Type(item) => (&item.attrs, Some(&item.ident)),
+            Item::Use(item) => (&item.attrs, None),
+            _ => return visit::visit_item(self, item),
+        };
+        if is_test(attributes) {
+            return;
+        }
+        self.defined.extend(name.map(ToString::to_string));
+        visit::visit_item(self, item);
+    }
+
+    fn visit_item_use(&mut self, item: &'a syn::ItemUse) {
+        let passes_on = !matches!(item.vis, Visibility::Inherited);
+        self.leaves(&item.tree, &[], passes_on);
+    }
+
+    fn visit_path(&mut self, path: &'a syn::Path) {
+        let parts: Written = path.segments.iter().map(|part| part.ident.to_string()).collect();
+        if parts.len() > 1 {
+            self.named.push(parts);
+        }
+        visit::visit_path(self, path);
+    }
+
+    fn visit_macro(&mut self, called: &'a syn::Macro) {
+        // Paths in the arguments of macros that are lists of expressions, such as `format!`.
+        let list = syn::punctuated::Punctuated::<syn::Expr, syn::Token![,]>::parse_terminated;
+        if let Ok(arguments) = called.parse_body_with(list) {
+            arguments.iter().for_each(|argument| visit::visit_expr(self, argument));
+        }
+        visit::visit_macro(self, called);
+    }
+}
+
+/// The files of a library by their modules.
+#[derive(Debug)]
+struct Library(BTreeMap<ModulePath, File>);
+
+impl Library {
+    fn of(sources: impl IntoIterator<Item = (ModulePath, String)>) -> Library {
+        let read = |(module, text): (ModulePath, String)| (module, File::read(&text));
+        Library(sources.into_iter().map(read).collect())
+    }
+
+    /// The files under `src`, the unit tests among them and the program aside.
+    fn of_this_crate() -> Library {
+        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+        let mut files = Vec::new();
+        sources(&source, &mut files);
+        Library::of(files.iter().filter_map(|file| {
+            let relative = file.strip_prefix(&source).unwrap().with_extension("");
+            let mut module: ModulePath =
+                relative.iter().map(|part| part.to_str().unwrap().to_owned()).collect();
+            module.pop_if(|last| last == "mod" || last == "lib");
+            let is_test = module.last().is_some_and(|last| last.ends_with("tests"));
+            let text = fs::read_to_string(file).unwrap();
+            (module != ["main"] && !is_test).then_some((module, text))
+        }))
+    }
+
+    /// The file that a path named in a file leads to; `None` if it leads out of the library.
+    fn target(&self, from: &ModulePath, written: &[String]) -> Option<ModulePath> {
+        self.resolve(from, written, 0)
+    }
+
+    fn resolve(&self, from: &ModulePath, written: &[String], depth: usize) -> Option<ModulePath> {
+        assert!(depth < 20, "{written:?} in {from:?} leads to itself");
+        let mut rest = written;
+        let mut module = match rest.first()?.as_str() {
+            "crate" => Vec::new(),
+            "self" => from.clone(),
+            "super" => {
+                let mut module = from.clone();
+                while rest.first().is_some_and(|part| part == "super") {
+                    module.pop();
+                    rest = &rest[1..];
+                }
+                return self.descend(module, rest, depth);
+            }
+            child => {
+                let mut module = from.clone();
+                module.push(child.to_owned());
+                if !self.0.contains_key(&module) {
+                    return None;
+                }
+                module
+            }
+        };
+        rest = &rest[1..];
+        self.descend(std::mem::take(&mut module), rest, depth)
+    }
+
+    /// Follows a path from a module down to the file that defines what it names.
+    fn descend(
+        &self,
+        mut module: ModulePath,
+        mut rest: &[String],
+        depth: usize,
+    ) -> Option<ModulePath> {
+        while let Some(part) = rest.first() {
+            let mut child = module.clone();
+            child.push(part.clone());
+            let is_item = self.0.get(&module).is_some_and(|file| file.defined.contains(part));
+            if is_item || !self.0.contains_key(&child) {
+                break;
+            }
+            module = child;
+            rest = &rest[1..];
+        }
+        let file = self.0.get(&module)?;
+        match rest.first().and_then(|item| file.passed_on.get(item)) {
+            Some(written) => {
+                // What leads out of the library belongs to the file that passes it on.
+                self.resolve(&module, written, depth + 1).or(Some(module))
+            }
+            None => Some(module),
+        }
+    }
+
+    /// Which other files each file needs. A file that only passes a name on does not need it.
+    fn edges(&self) -> BTreeMap<ModulePath, BTreeSet<ModulePath>> {
+        let of = |(from, file): (&ModulePath, &File)| {
+            let targets = file.named.iter().filter_map(|written| self.target(from, written));
+            (from.clone(), targets.filter(|target| target != from).collect())
+        };
+        self.0.iter().map(of).collect()
+    }
+
+    /// Files that need themselves by way of others, with all the others of their circle.
+    fn circles(&self) -> Vec<String> {
+        let edges = self.edges();
+        let reach = |from: &ModulePath| {
+            let mut reached = BTreeSet::new();
+            let mut ahead: Vec<&ModulePath> = edges[from].iter().collect();
+            while let Some(next) = ahead.pop() {
+                if reached.insert(next.clone()) {
+                    ahead.extend(&edges[next]);
+                }
+            }
+            reached
+        };
+        let reached: BTreeMap<&ModulePath, _> =
+            edges.keys().map(|file| (file, reach(file))).collect();
+        let mut circles = BTreeSet::new();
+        for (file, ahead) in &reached {
+            if ahead.contains(*file) {
+                let together: Vec<String> = ahead
+                    .iter()
+                    .filter(|other| reached[*other].contains(*file))
+                    .map(|other| other.join("::"))
+                    .collect();
+                circles.insert(together.join(", "));
+            }
+        }
+        circles.into_iter().collect()
+    }
+}
+
 fn sources(folder: &Path, out: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
@@ -55,55 +291,35 @@ fn sources(folder: &Path, out: &mut Vec<PathBuf>) {
     }
 }
 
-/// The modules that a text names behind `crate::`, comments and string literals included.
-fn imports(text: &str) -> BTreeSet<String> {
-    let mut found = BTreeSet::new();
-    for (at, _) in text.match_indices("crate::") {
-        let rest = &text[at + "crate::".len()..];
-        if let Some(group) = rest.strip_prefix('{') {
-            let group = group.split('}').next().unwrap_or_default();
-            found.extend(group.split(',').map(|part| first_word(part.trim())));
-        } else {
-            found.insert(first_word(rest));
-        }
-    }
-    found.remove("");
-    found
-}
-
-fn first_word(text: &str) -> String {
-    text.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect()
-}
-
 #[test]
 fn no_module_imports_against_the_flow() {
-    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     let table: BTreeMap<&str, BTreeSet<&str>> =
         TABLE.iter().map(|(name, may)| (*name, may.iter().copied().collect())).collect();
-    let mut files = Vec::new();
-    sources(&source, &mut files);
     let mut seen = BTreeSet::new();
     let mut faults = Vec::new();
-    for file in files {
-        let relative = file.strip_prefix(&source).unwrap();
-        let module = relative.iter().next().unwrap().to_str().unwrap().trim_end_matches(".rs");
-        if module == "lib" || module == "main" {
-            continue;
-        }
-        seen.insert(module.to_owned());
-        let Some(may) = table.get(module) else {
-            faults.push(format!("{}: `{module}` is not in the table", relative.display()));
+    let library = Library::of_this_crate();
+    for (file, targets) in library.edges() {
+        let Some(module) = file.first() else { continue };
+        seen.insert(module.clone());
+        let Some(may) = table.get(module.as_str()) else {
+            faults.push(format!("{}: `{module}` is not in the table", file.join("::")));
             continue;
         };
-        for import in imports(&fs::read_to_string(&file).unwrap()) {
-            if import != module && !may.contains(import.as_str()) {
-                faults.push(format!("{}: imports `{import}`", relative.display()));
+        for target in targets.iter().filter_map(|target| target.first()) {
+            if target != module && !may.contains(target.as_str()) {
+                faults.push(format!("{}: imports `{target}`", file.join("::")));
             }
         }
     }
     assert!(faults.is_empty(), "against the flow:\n{}", faults.join("\n"));
     let declared: BTreeSet<String> = TABLE.iter().map(|(name, _)| (*name).to_owned()).collect();
-    assert_eq!(seen, declared, "the table lists the modules that there are");
+    assert_eq!(seen, declared, "the table lists every module");
+}
+
+#[test]
+fn no_file_needs_itself_by_way_of_others() {
+    let circles = Library::of_this_crate().circles();
+    assert!(circles.is_empty(), "circles between files:\n{}", circles.join("\n"));
 }
 
 #[test]
@@ -117,10 +333,60 @@ fn the_table_itself_has_no_cycle() {
     }
 }
 
+/// A library of files with these modules and texts.
+fn library(files: &[(&str, &str)]) -> Library {
+    Library::of(files.iter().map(|(module, text)| {
+        let module = module.split("::").filter(|part| !part.is_empty());
+        (module.map(str::to_owned).collect(), (*text).to_owned())
+    }))
+}
+
 #[test]
 fn imports_are_found_in_every_form() {
-    let text =
-        "use crate::plan::Job; fn f(x: crate::env::Action) {} use crate::{rng, store::Store};";
-    let expected = ["env", "plan", "rng", "store"].map(str::to_owned);
-    assert_eq!(imports(text), BTreeSet::from(expected));
+    let files = |text| {
+        library(&[
+            ("", "mod a; mod b; mod c;"),
+            ("a", "mod x; mod y; pub use x::Thing;"),
+            ("a::x", "pub struct Thing; pub fn make() {}"),
+            ("a::y", text),
+            ("b", "pub struct B;"),
+            ("c", "pub struct C; pub mod inner { pub struct D; }"),
+        ])
+    };
+    for (text, expected) in [
+        ("use crate::b::B;", "b"),
+        ("use crate::{c::{C as Other}, b};", "b, c"),
+        ("use super::super::b::B;", "b"),
+        ("use super::x::make;", "a::x"),
+        ("use super::Thing;", "a::x"),
+        ("use crate::a::{self, Thing};", "a, a::x"),
+        ("fn f(_: crate::b::B) { super::x::make() }", "a::x, b"),
+        ("fn f() { println!(\"{:?}\", crate::c::C); }", "c"),
+        ("use crate::c::inner::D; use std::fmt;", "c"),
+        ("#[cfg(test)] mod tests { use crate::b::B; }", ""),
+    ] {
+        let edges = files(text).edges();
+        let found = edges[&vec!["a".to_owned(), "y".to_owned()]].iter();
+        let found: Vec<String> = found.map(|module| module.join("::")).collect();
+        assert_eq!(found.join(", "), expected, "{text}");
+    }
+}
+
+#[test]
+fn circles_are_found_through_modules_that_pass_names_on() {
+    let circular = library(&[
+        ("", "mod a;"),
+        ("a", "mod x; mod y; mod z; pub use x::X; pub use y::Y;"),
+        ("a::x", "use super::Y; pub struct X;"),
+        ("a::y", "pub struct Y; fn f(_: super::z::Z) {}"),
+        ("a::z", "use crate::a::X; pub struct Z;"),
+    ]);
+    assert_eq!(circular.circles(), ["a::x, a::y, a::z"]);
+    let straight = library(&[
+        ("", "mod a;"),
+        ("a", "mod x; mod y; pub use x::X; pub use y::Y;"),
+        ("a::x", "use super::Y; pub struct X;"),
+        ("a::y", "pub struct Y; #[cfg(test)] mod tests { use super::super::X; }"),
+    ]);
+    assert!(straight.circles().is_empty());
 }

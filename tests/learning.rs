@@ -74,22 +74,22 @@ fn agrees(agent: &Agent, scenario: &str, port: (f64, f64), published: f64) {
 
 #[test]
 fn dueling_dqn_learns_p_h_d_as_the_port_does() {
-    agrees(&Agent::DuelingDqn(DuelingDqn::default()), "P-H-D", (2583.0, 96.0), 2630.0);
+    agrees(&Agent::of(&DuelingDqn::default()), "P-H-D", (2583.0, 96.0), 2630.0);
 }
 
 #[test]
 fn dueling_dqn_learns_l_h_d_as_the_port_does() {
-    agrees(&Agent::DuelingDqn(DuelingDqn::default()), "L-H-D", (1834.0, 143.0), 1871.0);
+    agrees(&Agent::of(&DuelingDqn::default()), "L-H-D", (1834.0, 143.0), 1871.0);
 }
 
 #[test]
 fn reinforce_learns_p_h_d_as_the_port_does() {
-    agrees(&Agent::Reinforce(Reinforce::default()), "P-H-D", (2382.0, 70.0), 2337.0);
+    agrees(&Agent::of(&Reinforce::default()), "P-H-D", (2382.0, 70.0), 2337.0);
 }
 
 #[test]
 fn reinforce_learns_l_h_d_as_the_port_does() {
-    agrees(&Agent::Reinforce(Reinforce::default()), "L-H-D", (1769.0, 77.0), 1827.0);
+    agrees(&Agent::of(&Reinforce::default()), "L-H-D", (1769.0, 77.0), 1827.0);
 }
 
 /// Two ways to train the same agent, in joint standard errors.
@@ -107,18 +107,18 @@ fn agree(fused: &Agent, burn: &Agent) {
 #[test]
 fn both_engines_teach_the_dueling_dqn_equally_well() {
     let burn = DuelingDqn { engine: Engine::Burn, ..DuelingDqn::default() };
-    agree(&Agent::DuelingDqn(DuelingDqn::default()), &Agent::DuelingDqn(burn));
+    agree(&Agent::of(&DuelingDqn::default()), &Agent::of(&burn));
 }
 
 #[test]
 fn both_engines_teach_reinforce_equally_well() {
     let burn = Reinforce { engine: Engine::Burn, ..Reinforce::default() };
-    agree(&Agent::Reinforce(Reinforce::default()), &Agent::Reinforce(burn));
+    agree(&Agent::of(&Reinforce::default()), &Agent::of(&burn));
 }
 
 #[test]
 fn dueling_dqn_settles_on_1533_in_l_t_without_noise() {
-    let returns = returns(&Agent::DuelingDqn(DuelingDqn::default()), "L-T", 0.0);
+    let returns = returns(&Agent::of(&DuelingDqn::default()), "L-T", 0.0);
     let near = returns.iter().filter(|mean| (*mean - 1533.0).abs() <= 10.0).count();
     println!("L-T: {near} of {} seeds within 10 of 1533; {returns:.0?}", returns.len());
     assert!(near * 2 > returns.len(), "{near} of {} seeds within 10 of 1533", returns.len());

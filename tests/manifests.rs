@@ -7,7 +7,8 @@ use std::sync::mpsc;
 use std::time::Duration;
 use std::{fs, panic, thread};
 
-use jitai::manifest::{self, Key, Manifest, Section, Value};
+use jitai::key::Value;
+use jitai::manifest::{self, Manifest, Section};
 use jitai::plan::{self, PlannedJob, Versions};
 
 /// Compares with the text of the file at `expected`, and tells how to accept `actual` instead.
@@ -179,9 +180,10 @@ fn the_schema_in_the_documentation_is_the_programs_own() {
 
 fn key_table(section: Section) -> String {
     let mut table = "| key | values | default | meaning |\n| --- | --- | --- | --- |\n".to_owned();
-    for (Key { name, kind, doc }, default) in section.keys().iter().zip(section.defaults()) {
-        let default = default.as_ref().map_or("required".to_owned(), |value| format!("`{value}`"));
-        writeln!(table, "| `{name}` | {} | {default} | {doc} |", kind.expectation()).unwrap();
+    for key in section.keys() {
+        let default = key.default().map_or("required".to_owned(), |value| format!("`{value}`"));
+        let (name, values, doc) = (key.name, key.kind.expectation(), key.doc());
+        writeln!(table, "| `{name}` | {values} | {default} | {doc} |").unwrap();
     }
     table
 }
@@ -190,14 +192,8 @@ fn key_table(section: Section) -> String {
 fn the_reference_lists_every_key_with_its_values_and_default() {
     let path = Path::new("docs/manifest.md");
     let mut actual = fs::read_to_string(path).unwrap();
-    let sections = [
-        ("environment", Section::Environment),
-        ("dueling_dqn", Section::DuelingDqn),
-        ("reinforce", Section::Reinforce),
-        ("rule", Section::Rule),
-        ("evaluation", Section::Evaluation),
-    ];
-    for (name, section) in sections {
+    for section in Section::all() {
+        let name = section.title();
         let (open, close) = (format!("<!-- keys of {name} -->\n"), "<!-- end of keys -->");
         let start = actual.find(&open).unwrap_or_else(|| panic!("no {open}")) + open.len();
         let end = start + actual[start..].find(close).unwrap();
@@ -343,7 +339,7 @@ fn small_manifests_that_ask_for_too_much_are_refused_before_it_is_done() {
         (0..1000).map(entry).collect::<String>()
     };
     let sigma_in = |values: &str| format!("environment.sigma = {values}");
-    let names: Vec<String> = Section::ALL[..2]
+    let names: Vec<String> = Section::all()[..2]
         .iter()
         .flat_map(|section| section.keys().iter().map(move |key| (section.name(), key.name)))
         .map(|(section, key)| format!("\"{section}.{key}\""))

@@ -90,7 +90,7 @@ fn tested(rule: Rule, scenario: &str) -> Results {
     let job = Job {
         environment: Environment::paper(0.6),
         scenario: scenario.parse().unwrap(),
-        agent: Agent::Rule(DecisionRule::new(rule)),
+        agent: Agent::of(&DecisionRule::new(rule)),
         evaluation: Evaluation::default(),
         seed: 1,
     };

@@ -5,15 +5,81 @@
 
 use std::{io, mem};
 
+use crate::agent::network::{Activation, Engine, LAYER_WIDTHS, LEARNING_RATE};
 use crate::agent::policy::{ActionNetwork, EpsilonGreedy, Policy, best, explore};
 use crate::agent::{
     Actions, Diverged, Learner, LearnerError, OutOfMemory, Replay, Resumable, Span, StateError,
     StateReader, StateWriter, TrainedEpisode, Transition, Weights,
 };
-use crate::agent::{DuelingDqn, TerminalTarget};
 use crate::env::{Action, Ending, Episodes, Observations, Observer};
 use crate::env::{Environment, Scenario};
+use crate::key::{Keyed, Kind};
 use crate::rng::{Purpose, Stream};
+use crate::{choices, keys};
+
+keys! {
+    /// Hyper-parameters of the dueling DQN; the defaults reproduce the published figures.
+    pub struct DuelingDqn {
+        /// episodes of training
+        episodes: u32 = 1000, in Kind::EPISODES;
+        /// widths of the hidden layers, input side first
+        layers: Vec<u32> = vec![128, 128], in LAYER_WIDTHS;
+        /// activation of the hidden layers
+        activation: Activation = Activation::Relu;
+        /// whether state value and advantages share their hidden layers
+        trunk: Trunk = Trunk::Shared;
+        /// Adam's step size
+        learning_rate: f64 = 5e-4, in LEARNING_RATE;
+        /// discount factor a step
+        gamma: f64 = 0.99, in Kind::PROBABILITY;
+        /// transitions in a batch; learning starts once as many are stored
+        batch: u32 = 64, in Kind::Integer { min: 1, max: 65_536 };
+        /// most transitions that the replay buffer keeps
+        buffer: u32 = 1_000_000, in Kind::Integer { min: 1, max: 100_000_000 };
+        /// exploration rate at the start
+        epsilon_start: f64 = 1.0, in Kind::PROBABILITY;
+        /// decrease of the exploration rate an update
+        epsilon_decrement: f64 = 1e-3, in Kind::PROBABILITY;
+        /// exploration rate at which the decrease stops
+        epsilon_floor: f64 = 0.01, in Kind::PROBABILITY;
+        /// updates between two copies into the target network
+        target_period: u32 = 1000, in Kind::Integer { min: 1, max: 1_000_000_000 };
+        /// target of a transition that ends its episode: 0 on any end (the authors' code), or the
+        /// reward, bootstrapped at the horizon
+        terminal_target: TerminalTarget = TerminalTarget::Zero;
+        /// which code performs the updates: "fused", kernels with the same results on every
+        /// processor, or "burn", Burn's own operations, many times as slow, with results that depend
+        /// on the processor
+        engine: Engine = Engine::Fused;
+    }
+}
+
+impl Default for DuelingDqn {
+    fn default() -> Self {
+        DuelingDqn::with_required(&[])
+    }
+}
+
+choices! {
+    /// Whether the two streams of the dueling network share their hidden layers.
+    pub enum Trunk {
+        /// One stack of hidden layers with two linear heads, as in the published code.
+        Shared = "shared",
+        /// A stack of hidden layers for each head, as the paper's words read.
+        Separate = "separate",
+    }
+}
+
+choices! {
+    /// The regression target of a transition that ends its episode.
+    pub enum TerminalTarget {
+        /// 0 on any end, time-outs included: the last reward is dropped, as in the published code.
+        Zero = "zero",
+        /// The reward when the episode terminated (disengagement); bootstrapped when it was
+        /// truncated (horizon reached).
+        Standard = "standard",
+    }
+}
 
 /// What an update learns from; row i of every array belongs to transition i.
 #[derive(Clone, Debug)]

@@ -1,9 +1,10 @@
 //! Names, sizes and first weights of the networks' layers, whichever engine computes them.
 
+use crate::agent::memory::{self, OutOfMemory};
 use crate::agent::weights::{Tensor, Weights};
 use crate::agent::{DuelingDqn, Reinforce, Trunk};
 use crate::env::Action;
-use crate::rng::Stream;
+use crate::rng::{Purpose, Stream};
 
 /// Name and size of a linear layer.
 #[derive(Clone, Debug)]
@@ -69,9 +70,20 @@ pub(super) fn policy(parameters: &Reinforce, inputs: usize) -> Stack {
 }
 
 /// Numbers that the layers of stacks have, weights and biases.
-pub(super) fn weights(stacks: &[Stack]) -> usize {
+fn weights(stacks: &[Stack]) -> usize {
     let layers = stacks.iter().flat_map(|stack| stack.hidden.iter().chain(&stack.heads));
     layers.map(|layer| (layer.inputs + 1) * layer.outputs).sum()
+}
+
+/// Why engines take the weights that [`initial`] gives.
+pub(super) const DRAWN: &str = "the weights were drawn for this network";
+
+/// The weights before training, drawn from the seed's own stream.
+///
+/// **Errors**: there is no memory for so many copies of the network's weights.
+pub(super) fn initial(stacks: &[Stack], copies: usize, seed: u64) -> Result<Weights, OutOfMemory> {
+    memory::require(copies * size_of::<f32>() * weights(stacks), "the network")?;
+    Ok(draw(stacks, &mut Stream::new(seed, Purpose::InitialWeights)))
 }
 
 /// Draws the weights of stacks as PyTorch's `Linear` does: weight and bias uniform in
@@ -97,7 +109,6 @@ pub(super) fn draw(stacks: &[Stack], stream: &mut Stream) -> Weights {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Purpose;
 
     #[test]
     fn initial_weights_are_uniform_as_in_pytorch() {

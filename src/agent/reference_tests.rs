@@ -12,10 +12,10 @@ use crate::agent::policy::{self, ActionNetwork};
 use crate::agent::reinforce::{ReinforceEngine, Trajectories, returns_to_go};
 use crate::agent::replay::Transition;
 use crate::agent::weights::{Tensor as WeightTensor, Weights};
+use crate::agent::{Activation, DuelingDqn, Reinforce, TerminalTarget, Trunk};
 use crate::agent::{
     BurnDuelingDqn, BurnReinforce, DuelingQNetwork, FusedDuelingDqn, FusedReinforce, PolicyNetwork,
 };
-use crate::agent::{DuelingDqn, Reinforce};
 use crate::env::{Action, Ending, Observations};
 use crate::kernel::Isa;
 
@@ -135,12 +135,12 @@ impl DqnCase {
     }
 
     fn new(case: Value) -> Self {
-        let word = |key: &str| serde_json::from_value(case[key].clone()).unwrap();
         let parameters = DuelingDqn {
             layers: serde_json::from_value(case["layers"].clone()).unwrap(),
-            activation: serde_json::from_value(case["activation"].clone()).unwrap(),
-            trunk: serde_json::from_value(case["trunk"].clone()).unwrap(),
-            terminal_target: serde_json::from_value(case["terminal_target"].clone()).unwrap(),
+            activation: Activation::named(case["activation"].as_str().unwrap()).unwrap(),
+            trunk: Trunk::named(case["trunk"].as_str().unwrap()).unwrap(),
+            terminal_target: TerminalTarget::named(case["terminal_target"].as_str().unwrap())
+                .unwrap(),
             gamma: case["gamma"].as_f64().unwrap(),
             learning_rate: case["learning_rate"].as_f64().unwrap(),
             ..DuelingDqn::default()
@@ -166,7 +166,8 @@ impl DqnCase {
             actions,
             targets: numbers(&case["targets"]),
         };
-        DqnCase { name: word("name"), case, parameters, transitions, batch }
+        let name = case["name"].as_str().unwrap().to_owned();
+        DqnCase { name, case, parameters, transitions, batch }
     }
 
     fn network(&self) -> DuelingQNetwork {
@@ -257,7 +258,7 @@ impl ReinforceCase {
     fn new(case: Value) -> Self {
         let parameters = Reinforce {
             layers: serde_json::from_value(case["layers"].clone()).unwrap(),
-            activation: serde_json::from_value(case["activation"].clone()).unwrap(),
+            activation: Activation::named(case["activation"].as_str().unwrap()).unwrap(),
             gamma: case["gamma"].as_f64().unwrap(),
             loss_divisor: case["loss_divisor"].as_f64().unwrap(),
             learning_rate: case["learning_rate"].as_f64().unwrap(),

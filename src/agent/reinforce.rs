@@ -7,7 +7,7 @@
 use std::io;
 use std::ops::Range;
 
-use crate::agent::Reinforce;
+use crate::agent::network::{Activation, Engine, LAYER_WIDTHS, LEARNING_RATE};
 use crate::agent::policy::{ActionNetwork, Policy, SoftmaxPolicy, sample};
 use crate::agent::state::{restore_actions, save_actions};
 use crate::agent::{
@@ -17,7 +17,39 @@ use crate::agent::{
 use crate::env::{Action, Ending, Episodes, Observations, Observer};
 use crate::env::{Environment, Scenario};
 use crate::kernel::Isa;
+use crate::key::{Keyed, Kind};
+use crate::keys;
 use crate::rng::{Purpose, Stream};
+
+keys! {
+    /// Hyper-parameters of REINFORCE; the defaults reproduce the published figures.
+    pub struct Reinforce {
+        /// episodes of training, a multiple of trajectories_per_update
+        episodes: u32 = 15_000, in Kind::EPISODES;
+        /// widths of the hidden layers, input side first
+        layers: Vec<u32> = vec![128], in LAYER_WIDTHS;
+        /// activation of the hidden layers
+        activation: Activation = Activation::Relu;
+        /// Adam's step size
+        learning_rate: f64 = 6e-4, in LEARNING_RATE;
+        /// discount factor a step
+        gamma: f64 = 0.99, in Kind::PROBABILITY;
+        /// episodes sampled for one update
+        trajectories_per_update: u32 = 1, in Kind::Integer { min: 1, max: 10_000 };
+        /// what the summed loss of an update is divided by
+        loss_divisor: f64 = 50.0, in Kind::POSITIVE;
+        /// which code performs the updates: "fused", kernels with the same results on every
+        /// processor, or "burn", Burn's own operations, many times as slow, with results that depend
+        /// on the processor
+        engine: Engine = Engine::Fused;
+    }
+}
+
+impl Default for Reinforce {
+    fn default() -> Self {
+        Reinforce::with_required(&[])
+    }
+}
 
 /// Steps of sampled trajectories; row i of every array belongs to step i.
 #[derive(Clone, Debug)]

@@ -1,10 +1,48 @@
 //! Decision rules that need no training: what researchers compare with.
 
-use crate::agent::{DecisionRule, Rule};
 use crate::env::{Action, Belief, Episodes};
 use crate::env::{Environment, Scenario};
+use crate::key::{KeyType, Keyed, Kind};
 use crate::optimum::{OptimalPolicy, StateHidden};
 use crate::rng::Stream;
+use crate::{choices, keys};
+
+keys! {
+    /// A decision rule that needs no training.
+    pub struct DecisionRule {
+        /// the rule: "never" sends nothing, "tailored" tailors to the likelier context, "threshold"
+        /// only where that is probable enough, "optimal" maximises the mean return
+        rule: Rule;
+        /// the least probability of the likelier context at which "threshold" sends a message
+        threshold: f64 = 0.8, in Kind::Real { min: 0.5, max: 1.0 };
+    }
+}
+
+impl DecisionRule {
+    /// A rule, with the default threshold.
+    pub fn new(rule: Rule) -> Self {
+        DecisionRule::with_required(&[rule.to_value()])
+    }
+}
+
+choices! {
+    /// The decision rules. What they know of the context is what the scenario shows of it.
+    pub enum Rule {
+        /// No message, ever.
+        Never = "never",
+        /// A message that is not tailored, always.
+        Untailored = "untailored",
+        /// A message tailored to the likelier context, always.
+        Tailored = "tailored",
+        /// As `Tailored` where the likelier context is probable enough, else nothing.
+        Threshold = "threshold",
+        /// Any action, each equally likely: a micro-randomised trial.
+        Random = "random",
+        /// What maximises the mean return; the scenario must show habituation and disengagement
+        /// risk.
+        Optimal = "optimal",
+    }
+}
 
 /// A decision rule at work. It knows of the context what a scenario shows of it; only the optimal
 /// rule also goes by habituation, disengagement risk and time.
@@ -147,7 +185,7 @@ mod tests {
     fn names_of_rules_are_those_of_the_manifest_and_faults_are_told() {
         for word in ["never", "untailored", "tailored", "random", "optimal"] {
             let rule = read_rule(word).unwrap().rule;
-            assert_eq!(serde_json::to_value(rule).unwrap(), word);
+            assert_eq!(rule.word(), word);
         }
         let read = read_rule("threshold:0.9").unwrap();
         assert_eq!((read.rule, read.threshold), (Rule::Threshold, 0.9));

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::ValueEnum;
 use serde_json::json;
 
-use crate::agent::{self, Actions, Weights};
+use crate::agent::{Actions, Weights};
 use crate::cli::output::{counted, printable, shell_word};
 use crate::cli::{Error, Exit, StoreArgument};
 use crate::plan::Job;
@@ -58,8 +58,8 @@ fn loads(job: &Job, safetensors: &[u8]) -> Result<(), String> {
     if !weights.are_finite() {
         return Err("a weight is infinite or not a number".to_owned());
     }
-    let Job { agent, environment, scenario, .. } = job;
-    agent::trained_policy(agent, environment, scenario, &weights, Actions::AsTrained)
+    job.agent
+        .trained(&job.setting(), &weights, Actions::AsTrained)
         .map(|_| ())
         .map_err(|error| error.to_string())
 }

@@ -119,7 +119,7 @@ mod tests {
         let job = Job {
             environment: Environment::paper(0.6),
             scenario: "P-H-D".parse().unwrap(),
-            agent: Agent::Reinforce(Reinforce::default()),
+            agent: Agent::of(&Reinforce::default()),
             evaluation: Evaluation::default(),
             seed: 1,
         };

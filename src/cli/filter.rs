@@ -4,11 +4,11 @@ use std::collections::HashSet;
 use std::fmt;
 use std::str::FromStr;
 
-use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::cli::output::printable;
-use crate::manifest::{Parameter, Section, nearest};
+use crate::key::Key;
+use crate::manifest::{Section, nearest, parameters};
 use crate::plan::{Job, PlannedJob};
 
 /// Values that a message lists before it breaks off.
@@ -218,7 +218,7 @@ impl fmt::Display for Condition {
 /// The names that conditions can have; the last part of a dotted one will do.
 fn names() -> Vec<String> {
     let mut names = vec!["agent".to_owned(), "agent.algorithm".to_owned()];
-    names.extend(Parameter::all().map(|parameter| parameter.to_string()));
+    names.extend(parameters().into_iter().map(|parameter| parameter.to_string()));
     names
 }
 
@@ -247,24 +247,22 @@ pub(super) fn value_of(agent: &str, job: &Job, name: &str) -> Option<Value> {
         Some((section, key)) => (Some(section), key),
         None => (None, name),
     };
-    let is_in = |known: Section| {
-        section.is_none_or(|section| section == known.name()) && known.find(key).is_some()
+    let is_in = |known: Section, key: &str| {
+        let (_, Key { name, .. }) = known.find(key)?;
+        section.is_none_or(|section| section == known.name()).then(|| known.parameter(name))
     };
     match (section, key) {
         (None, "agent") => Some(json!(agent)),
         (None, "scenario") => Some(json!(job.scenario.to_string())),
         (None, "seed") => Some(json!(job.seed)),
         (None | Some("agent"), "algorithm") => Some(json!(job.algorithm())),
-        _ if is_in(job.agent.algorithm().section()) => field(&job.agent, key),
-        _ if is_in(Section::Environment) => field(&job.environment, key),
-        _ if is_in(Section::Evaluation) => field(&job.evaluation, key),
-        _ => None,
+        _ => {
+            let agent = Section::Agent(job.agent.algorithm());
+            let sections = [agent, Section::Environment, Section::Evaluation];
+            let known = sections.into_iter().find_map(|section| is_in(section, key))?;
+            job.value(known).map(|value| json!(value))
+        }
     }
-}
-
-fn field(part: &impl Serialize, key: &str) -> Option<Value> {
-    let mut part = serde_json::to_value(part).expect("jobs hold finite numbers and string keys");
-    part.get_mut(key).map(Value::take)
 }
 
 /// Whether the value is the one that was written.
@@ -322,8 +320,8 @@ mod tests {
 
     fn jobs() -> Vec<PlannedJob> {
         let agents = [
-            ("dqn", Agent::DuelingDqn(DuelingDqn::default())),
-            ("reinforce", Agent::Reinforce(Reinforce::default())),
+            ("dqn", Agent::of(&DuelingDqn::default())),
+            ("reinforce", Agent::of(&Reinforce::default())),
         ];
         let mut jobs = Vec::new();
         for (name, agent) in agents {

@@ -22,7 +22,7 @@ pub(super) struct Cell(String, String);
 impl Cell {
     /// The cell of a job.
     pub(super) fn of(job: &Job) -> Cell {
-        Cell(serde_json::json!(job.environment).to_string(), job.scenario.to_string())
+        Cell(format!("{:?}", job.environment), job.scenario.to_string())
     }
 }
 

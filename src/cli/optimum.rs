@@ -12,6 +12,7 @@ use crate::cli::setting::{adjusted, sets, with_parameter};
 use crate::cli::{Error, Exit, check};
 use crate::env::inference_error;
 use crate::env::{Environment, Scenario};
+use crate::key::Keyed;
 use crate::manifest::Manifest;
 use crate::optimum::{self, Effort, StateHidden};
 use crate::plan;
@@ -113,7 +114,7 @@ fn of_manifests(manifests: &[Manifest], format: Format, optima: &mut Optima) -> 
                 }
                 [Cell::Empty, Cell::Empty]
             });
-            let of_key = |key: &&str| match &serde_json::json!(environment)[*key] {
+            let of_key = |key: &&str| match &environment.to_json()[*key] {
                 serde_json::Value::String(word) => Cell::text(word.clone()),
                 other => Cell::Nested(other.clone()),
             };
@@ -166,7 +167,7 @@ fn cells(manifest: &Manifest) -> Vec<(Environment, Scenario)> {
     let mut seen = HashSet::new();
     let distinct = plan::jobs(manifest).filter_map(|planned| {
         let (environment, scenario) = (planned.job.environment, planned.job.scenario);
-        let is_new = seen.insert((serde_json::json!(environment).to_string(), scenario.clone()));
+        let is_new = seen.insert((format!("{environment:?}"), scenario.clone()));
         is_new.then_some((environment, scenario))
     });
     distinct.collect()

@@ -13,6 +13,7 @@ use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit};
 use crate::env::Environment;
 use crate::env::{Action, Ending, Episodes, Signal};
+use crate::key::Keyed;
 use crate::rng::{Purpose, Stream};
 
 /// Most bytes of a file of trajectories.
@@ -115,12 +116,10 @@ impl Trajectories {
 }
 
 fn environment(case: &Case) -> Result<Environment, String> {
-    let mut all = serde_json::json!(Environment::paper(case.sigma));
-    all["horizon"] = case.horizon.into();
-    for (name, value) in &case.parameters {
-        all[name] = value.clone();
-    }
-    serde_json::from_value(all).map_err(|error| format!("parameters: {error}"))
+    let mut settings = case.parameters.clone();
+    settings.entry("horizon").or_insert_with(|| case.horizon.into());
+    let paper = Environment::paper(case.sigma);
+    paper.with_settings(&settings).map_err(|error| format!("parameters: {error}"))
 }
 
 /// The steps that follow from what is forced, and the episode after the last of them; or what

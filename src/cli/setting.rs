@@ -3,7 +3,8 @@
 use crate::cli::Error;
 use crate::cli::output::printable;
 use crate::env::Environment;
-use crate::manifest::{self};
+use crate::key::Keyed;
+use crate::manifest;
 use crate::plan;
 
 /// The environment with settings as a manifest would make them, and with a manifest's checks.
@@ -50,9 +51,13 @@ pub(super) fn with_parameter(
         return Err(refused("expected one value, not a sweep"));
     }
     let set = plan::jobs(&manifest).next().map(|planned| planned.job.environment);
-    let mut table = serde_json::json!(environment);
-    table[name] = serde_json::json!(set)[name].clone();
-    Ok(serde_json::from_value(table).expect("every value was checked as a manifest's"))
+    let mut values = environment.to_values();
+    for (place, key) in Environment::KEYS.iter().enumerate() {
+        if let Some(set) = set.as_ref().filter(|_| key.name == name) {
+            values[place] = set.to_values()[place].clone();
+        }
+    }
+    Ok(Environment::from_values(&values).expect("every value was checked as a manifest's"))
 }
 
 /// Whether a setting is one of this parameter.

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use crate::agent::DecisionRule;
-use crate::agent::{self, Actions, DecisionRuleError, RulePolicy, Start, Weights};
+use crate::agent::{self, Actions, DecisionRuleError, RulePolicy, Setting, Start, Weights};
 use crate::cli::output::{Cell, Format, Rows};
 use crate::cli::setting::adjusted;
 use crate::cli::steps::{Step, StepRows};
@@ -136,9 +136,10 @@ fn of_run(key: &str, arguments: &Arguments) -> Result<(Environment, Chooser), Er
         }
     }
     let environment = adjusted(job.environment, &arguments.settings)?;
+    let setting = Setting { environment: &environment, scenario: &job.scenario, seed: job.seed };
     let Some(safetensors) = stored.safetensors else {
         // A rule needs no training, and acts as it would in a job with this environment.
-        return match agent::start(&job.agent, &environment, &job.scenario, job.seed) {
+        return match job.agent.start(&setting) {
             Ok(Start::Rule(_)) if arguments.greedy => Err(Error::Usage(GREEDY_RULE.to_owned())),
             Ok(Start::Rule(rule)) => Ok((environment, Chooser::Rule(rule))),
             Ok(Start::Learner(_)) | Err(_) => {
@@ -151,8 +152,7 @@ fn of_run(key: &str, arguments: &Arguments) -> Result<(Environment, Chooser), Er
         Error::Usage(format!("the policy of job {key} cannot be used: {error}"))
     };
     let weights = Weights::from_bytes(&safetensors).map_err(unusable)?;
-    let policy = agent::trained_policy(&job.agent, &environment, &job.scenario, &weights, actions)
-        .map_err(unusable)?;
+    let policy = job.agent.trained(&setting, &weights, actions).map_err(unusable)?;
     let observer = Observer::new(&environment, &job.scenario);
     Ok((environment, Chooser::trained(policy, observer)))
 }

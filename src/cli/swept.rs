@@ -6,7 +6,8 @@ use serde_json::Value;
 
 use crate::cli::filter::{last_part, shown, value_of};
 use crate::cli::output::{Cell, Format, printable};
-use crate::manifest::{self, Manifest, Parameter, Parameters, Section};
+use crate::key::{self, Parameter};
+use crate::manifest::{Manifest, Parameters};
 use crate::plan::Job;
 use crate::store::FailedJob;
 
@@ -96,15 +97,11 @@ impl Swept {
 fn keys<'m>(
     manifest: &'m Manifest,
     agent: &'m Parameters,
-) -> impl Iterator<Item = (Parameter, &'m [manifest::Value])> {
+) -> impl Iterator<Item = (Parameter, &'m [key::Value])> {
     let sections = [&manifest.environment, agent, &manifest.evaluation].into_iter();
     let keys = sections.flat_map(|parameters| {
-        let named = match parameters.section() {
-            Section::Environment => Parameter::Environment,
-            Section::DuelingDqn | Section::Reinforce | Section::Rule => Parameter::Agent,
-            Section::Evaluation => Parameter::Evaluation,
-        };
-        parameters.iter().map(move |(key, values)| (named(key.name), values))
+        let section = parameters.section();
+        parameters.iter().map(move |(key, values)| (section.parameter(key.name), values))
     });
     keys.filter(|(parameter, _)| *parameter != Parameter::Environment("sigma"))
 }
@@ -112,6 +109,7 @@ fn keys<'m>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::manifest;
     use crate::plan;
 
     fn manifest(name: &str, delta_d: &str) -> Manifest {

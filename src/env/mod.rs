@@ -15,5 +15,5 @@ pub use belief::Belief;
 pub use context::{Signal, SignalsAhead, inference_error, probability_of_zero};
 pub use episodes::{Action, Effect, Ending, Episodes, Lane, respond};
 pub use observation::{Observations, Observer};
-pub use parameters::{Environment, FirstContext, TimeIndicator};
+pub use parameters::{Environment, FirstContext, TimeIndicator, VERSION};
 pub use scenario::{Feature, Scenario, ScenarioError};

@@ -12,11 +12,13 @@ use super::check::absent;
 use super::declared::{Condition, MOST_COMPARISONS, Manifest};
 use super::draft::Draft;
 use super::fault::{Fault, FaultList};
-use super::keys::{Kind, Section, Value};
-use super::parameter::Parameter;
+use super::parameter::{parameter, parameters};
 use super::read::shortened;
+use super::section::Section;
 use super::source::{Located, Span};
 use super::sweep::{Node, Reader};
+use crate::key::Parameter;
+use crate::key::{Kind, Value};
 
 /// An analysis as it is written.
 #[derive(Clone, Debug)]
@@ -190,7 +192,7 @@ impl Reader<'_> {
             };
             return Some(Condition::AgentName(vec![agent.to_owned()]));
         }
-        match Parameter::named(name) {
+        match parameter(name) {
             Some(Parameter::Scenario) => {
                 let scenarios = self.scenarios("between", node);
                 (!scenarios.is_empty()).then_some(Condition::Scenario(scenarios))
@@ -240,7 +242,7 @@ impl Reader<'_> {
             self.faults.add(fault.help("write the dotted name of a swept parameter"));
             return None;
         };
-        let named = node.get_ref().as_str().and_then(Parameter::named);
+        let named = node.get_ref().as_str().and_then(parameter);
         let numeric = named.filter(|parameter| {
             matches!(
                 kind_of(*parameter),
@@ -258,7 +260,8 @@ impl Reader<'_> {
         let found = self.found(node);
         let message = format!("`{key}`: expected the dotted name of a parameter, found {found}");
         let dotted = node.get_ref().as_str().unwrap_or_default();
-        let names: Vec<String> = Parameter::all().map(|parameter| parameter.to_string()).collect();
+        let names: Vec<String> =
+            parameters().into_iter().map(|parameter| parameter.to_string()).collect();
         let fault = Fault::at(node.span().into(), message);
         // A bare key is missing its section, which no edit distance would find.
         let known = names.iter().map(String::as_str).chain(others.iter().copied());
@@ -328,10 +331,10 @@ impl Reader<'_> {
 
 /// The type of a parameter's values; `None` for scenario and seed, which no table declares.
 fn kind_of(parameter: Parameter) -> Option<Kind> {
-    let sections = Section::ALL.into_iter();
+    let sections = Section::all().into_iter();
     let of = |section: Section| {
         let (_, key) = section.find(parameter.key())?;
-        (Parameter::of(section, key.name) == parameter).then_some(key.kind)
+        (section.parameter(key.name) == parameter).then_some(key.kind)
     };
     sections.filter_map(of).next()
 }

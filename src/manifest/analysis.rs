@@ -3,7 +3,7 @@
 //! Analyses are no part of any job: declaring, changing or dropping one runs nothing.
 
 use super::declared::Condition;
-use super::parameter::Parameter;
+use crate::key::Parameter;
 
 /// A figure or table that an author declares with `[[analysis]]`.
 #[derive(Clone, Debug, PartialEq)]

@@ -7,11 +7,13 @@ use toml::de::DeTable;
 use super::declared::Condition;
 use super::draft::Draft;
 use super::fault::{Fault, nearest};
-use super::keys::{Key, Section};
-use super::parameter::Parameter;
+use super::parameter::{parameter, parameters};
 use super::read::{MOST_ENTRIES, shortened};
+use super::section::Section;
 use super::source::{Located, Span};
 use super::sweep::{Node, Reader};
+use crate::key::Key;
+use crate::key::Parameter;
 
 /// What an exclusion's conditions can be on, beside the keys of the sections.
 const CONDITIONS: [&str; 5] = ["scenario", "seed", "agent", "environment", "evaluation"];
@@ -51,12 +53,12 @@ impl Reader<'_> {
 
     fn parameter(&mut self, node: &Node) -> Option<Parameter> {
         let dotted = node.get_ref().as_str().unwrap_or_default();
-        let parameter = Parameter::named(dotted);
+        let parameter = parameter(dotted);
         if parameter.is_none() {
             let found = self.found(node);
             let message =
                 format!("`zip`: expected the dotted name of a swept parameter, found {found}");
-            let names: Vec<String> = Parameter::all().map(|p| p.to_string()).collect();
+            let names: Vec<String> = parameters().into_iter().map(|p| p.to_string()).collect();
             let fault = Fault::at(node.span().into(), message);
             // A bare key is missing its section, which no edit distance would find.
             let bare = names.iter().find(|name| name.split('.').next_back() == Some(dotted));
@@ -97,7 +99,7 @@ impl Reader<'_> {
                 found => {
                     let message = format!("unknown key `{}` in {place}", shortened(found));
                     let fault = Fault::at(key.span().into(), message);
-                    let dotted = Parameter::all().map(|parameter| parameter.to_string());
+                    let dotted = parameters().into_iter().map(|parameter| parameter.to_string());
                     let mut dotted = dotted.chain(["agent.name".to_owned()]);
                     let ending = format!(".{found}");
                     let meant = dotted.find(|name| name == found || name.ends_with(&ending));
@@ -138,7 +140,7 @@ impl Reader<'_> {
             let Some((section, known)) = find(section, found) else {
                 let message = format!("unknown key `{section}.{}` in {place}", shortened(found));
                 let fault = Fault::at(key.span().into(), message);
-                let same = Section::ALL.into_iter().filter(|known| known.name() == section);
+                let same = Section::all().into_iter().filter(|known| known.name() == section);
                 let keys = same.flat_map(|section| section.keys().iter().map(|key| key.name));
                 let keys = keys.chain((section == "agent").then_some("name"));
                 self.faults.add(match nearest(found, keys) {
@@ -147,7 +149,7 @@ impl Reader<'_> {
                 });
                 continue;
             };
-            let parameter = Parameter::of(section, known.name);
+            let parameter = section.parameter(known.name);
             let values = self.sweep(&parameter.to_string(), known.kind, node);
             out.push(Located { value: Condition::Key { parameter, values }, span });
         }
@@ -167,7 +169,7 @@ impl Reader<'_> {
 
 /// The key called `name` of a section as dotted names call it.
 fn find(section: &str, name: &str) -> Option<(Section, &'static Key)> {
-    Section::ALL
+    Section::all()
         .into_iter()
         .filter(|known| known.name() == section)
         .find_map(|section| section.find(name).map(|(_, key)| (section, key)))

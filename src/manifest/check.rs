@@ -1,5 +1,5 @@
 //! The rules that no key can be held to alone: zips, exclusions, the size of the grid, and keys of
-//! an agent that depend on each other (see `rules.rs`).
+//! an agent that depend on each other (its algorithm's constraints).
 
 use std::collections::HashSet;
 
@@ -8,9 +8,9 @@ use super::declared::{Condition, Exclusion, MOST_COMPARISONS, MOST_JOBS, Manifes
 use super::draft::Draft;
 use super::fault::{Fault, FaultList};
 use super::grid::{Axis, Grid, axes, size, zipped};
-use super::parameter::Parameter;
-use super::rules::{Breach, RULES, Rule};
 use super::source::Span;
+use crate::agent::{Constraint, Violation};
+use crate::key::Parameter;
 
 /// Notes what is wrong between the keys of `manifest`, which was completed from `draft`.
 pub(super) fn check(draft: &Draft, mut manifest: Manifest, faults: &mut FaultList) -> Manifest {
@@ -25,12 +25,9 @@ pub(super) fn check(draft: &Draft, mut manifest: Manifest, faults: &mut FaultLis
         (0..manifest.agents.len()).map(|agent| Grid::of(&manifest, agent)).collect();
     let agents = manifest.agents.iter().zip(&grids).enumerate();
     for (place, (declared, grid)) in agents {
-        if !draft.lost_cells {
-            optimum(draft, place, grid, faults);
-        }
-        for rule in RULES.iter().filter(|rule| rule.algorithm == declared.algorithm) {
-            if is_certain(draft, place, grid, rule, &broken) {
-                hold(draft, place, grid, rule, faults);
+        for constraint in declared.algorithm.constraints() {
+            if is_certain(draft, place, grid, constraint, &broken) {
+                hold(draft, place, grid, constraint, faults);
             }
         }
     }
@@ -198,55 +195,39 @@ fn comparisons_fit(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -
     false
 }
 
-/// Whether the values of a rule's keys are known in every cell of an agent.
+/// Whether the values of a constraint's parameters are known in every cell of an agent.
 fn is_certain(
     draft: &Draft,
     agent: usize,
     grid: &Grid,
-    rule: &Rule,
+    constraint: &Constraint,
     broken: &HashSet<Parameter>,
 ) -> bool {
-    if rule.keys.iter().any(|key| draft.is_lost_for(agent, *key)) {
+    let parameters = constraint.parameters;
+    if parameters.iter().any(|name| draft.is_lost_for(agent, *name)) {
         return false;
     }
-    let swept = rule.keys.iter().any(|key| grid.is_swept(*key));
-    !swept || !(draft.lost_cells || rule.keys.iter().any(|key| broken.contains(key)))
+    let swept = parameters.iter().any(|name| grid.is_swept(*name));
+    !swept || !(draft.lost_cells || parameters.iter().any(|name| broken.contains(name)))
 }
 
-/// Notes a combination of an agent's keys that breaks a rule, unless it is excluded.
-fn hold(draft: &Draft, agent: usize, grid: &Grid, rule: &Rule, faults: &mut FaultList) {
-    let Some((chosen, breach)) = grid.breach(rule) else { return };
+/// Notes a combination of an agent's keys that violates a constraint, unless it is excluded.
+fn hold(draft: &Draft, agent: usize, grid: &Grid, constraint: &Constraint, faults: &mut FaultList) {
+    let Some((chosen, violation)) = grid.violation(constraint) else { return };
     // The last of them is the author's own where others are a preset's.
-    let span = rule.keys.iter().filter_map(|key| draft.span_of(agent, *key)).max();
+    let keys = chosen.keys.iter().map(|(key, _)| *key);
+    let span = keys.filter_map(|key| draft.span_of(agent, key)).max();
     let name = &draft.agents[agent].name;
     let fault = |message| Fault::at(span.unwrap_or(name.span), message);
     let name = &name.value;
-    faults.add(match breach {
-        Breach::Contradiction(says) => fault(format!("agent `{name}`: {says}")),
-        Breach::TooLarge { what, unit, size, most } => {
+    faults.add(match violation {
+        Violation::Contradiction(says) => fault(format!("agent `{name}`: {says}")),
+        Violation::Impossible { says, help } => fault(format!("agent `{name}`: {says}")).help(help),
+        Violation::TooLarge { what, unit, size, most } => {
             let says = format!("{what} {size} {unit}, at most {most} are possible");
             fault(format!("agent `{name}`: {says}")).help(format!("with {}", chosen.listed()))
         }
     });
-}
-
-/// Notes an optimal rule in a scenario that does not show what it goes by.
-fn optimum(draft: &Draft, agent: usize, grid: &Grid, faults: &mut FaultList) {
-    let rule = Parameter::Agent("rule");
-    if draft.is_lost_for(agent, rule) || draft.is_lost(Parameter::Scenario) {
-        return;
-    }
-    let Some(scenario) = grid.blind_optimum() else { return };
-    let name = &draft.agents[agent].name;
-    let span = draft.span_of(agent, rule).unwrap_or(name.span);
-    let message = format!(
-        "agent `{}`: rule = \"optimal\" needs scenarios with H and D, found {scenario}",
-        name.value
-    );
-    faults.add(Fault::at(span, message).help(format!(
-        "leave such cells out: [[exclude]] with agent.rule = \"optimal\" and scenario = \
-         \"{scenario}\""
-    )));
 }
 
 /// Notes exclusions that leave out nothing, or everything.

@@ -3,10 +3,11 @@
 use super::declared::{DeclaredAgent, Exclusion, Manifest, Zip};
 use super::draft::{Draft, Settings};
 use super::fault::{Fault, FaultList};
-use super::keys::{Kind, Section, Value};
 use super::parameter::Parameters;
+use super::section::Section;
 use super::source::Span;
 use crate::env::{Feature, Scenario};
+use crate::key::{Key, Kind, Value};
 
 /// The manifest that `draft` declares, noting what is missing.
 ///
@@ -66,22 +67,22 @@ fn given_or<T>(given: Option<Vec<T>>, harmless: impl Fn() -> T) -> Vec<T> {
 
 fn parameters(settings: &Settings, faults: &mut FaultList) -> Parameters {
     let section = settings.section;
-    let value = |(place, default): (usize, Option<Value>)| {
-        let key = &section.keys()[place];
+    let value = |(place, key): (usize, &Key)| {
+        let default = key.default();
         let given = settings.given.get(&place).map(|values| values.value.clone());
         if given.is_none() && default.is_none() {
             let span = settings.span.unwrap_or(Span { start: 0, end: 0 });
             let place = match section {
                 Section::Environment | Section::Evaluation => format!("[{}]", section.name()),
-                Section::DuelingDqn | Section::Reinforce | Section::Rule => "[[agent]]".to_owned(),
+                Section::Agent(_) => "[[agent]]".to_owned(),
             };
             let message = format!("missing key `{}` in {place}", key.name);
-            let help = format!("it is {}: {}", key.kind.expectation(), key.doc);
+            let help = format!("it is {}: {}", key.kind.expectation(), key.doc());
             faults.add(Fault::at(span, message).help(help));
         }
         given_or(given, || default.clone().unwrap_or_else(|| harmless(key.kind)))
     };
-    Parameters::new(section, section.defaults().into_iter().enumerate().map(value).collect())
+    Parameters::new(section, section.keys().iter().enumerate().map(value).collect())
 }
 
 /// Some value of `kind`.

@@ -1,10 +1,11 @@
 //! A manifest after validation: what its author declared, complete and consistent.
 
 use super::analysis::Analysis;
-use super::keys::Value;
-use super::parameter::{Parameter, Parameters};
+use super::parameter::Parameters;
 use crate::agent::Algorithm;
 use crate::env::Scenario;
+use crate::key::Parameter;
+use crate::key::Value;
 
 /// Most jobs that one manifest may declare, excluded cells among them.
 pub const MOST_JOBS: u64 = 10_000_000;
@@ -56,7 +57,7 @@ pub struct DeclaredAgent {
     /// The name that tables and figures show.
     pub name: String,
     /// The algorithm.
-    pub algorithm: Algorithm,
+    pub algorithm: &'static Algorithm,
     /// The algorithm's hyper-parameters.
     pub parameters: Parameters,
 }
@@ -139,7 +140,7 @@ impl Manifest {
         let sections = [&self.environment, &agent.parameters, &self.evaluation];
         let swept = |parameters: &Parameters| -> Vec<Parameter> {
             let keys = parameters.iter().filter(|(_, values)| values.len() > 1);
-            keys.map(|(key, _)| Parameter::of(parameters.section(), key.name)).collect()
+            keys.map(|(key, _)| parameters.section().parameter(key.name)).collect()
         };
         sections.into_iter().flat_map(swept).collect()
     }

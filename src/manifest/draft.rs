@@ -7,11 +7,12 @@ use std::collections::BTreeMap;
 
 use super::analyses::AnalysisDraft;
 use super::declared::Condition;
-use super::keys::{Section, Value};
-use super::parameter::Parameter;
+use super::section::Section;
 use super::source::{Located, Span};
 use crate::agent::Algorithm;
 use crate::env::Scenario;
+use crate::key::Parameter;
+use crate::key::Value;
 
 /// What a manifest or a preset says.
 #[derive(Clone, Debug)]
@@ -50,7 +51,7 @@ pub(super) struct Settings {
 #[derive(Clone, Debug)]
 pub(super) struct AgentDraft {
     pub name: Located<String>,
-    pub algorithm: Algorithm,
+    pub algorithm: &'static Algorithm,
     pub settings: Settings,
 }
 

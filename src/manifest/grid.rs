@@ -9,12 +9,13 @@ use std::hash::Hash;
 
 use super::Evaluation;
 use super::declared::{Condition, DeclaredAgent, Exclusion, Manifest};
-use super::keys::{Section, Value};
-use super::parameter::{Parameter, Parameters};
-use super::rules::{Breach, Chosen, Rule};
-use crate::agent::{Agent, Algorithm};
+use super::parameter::Parameters;
+use super::section::Section;
+use crate::agent::{Agent, Algorithm, Chosen, Constraint, Violation};
 use crate::env::Environment;
 use crate::env::Scenario;
+use crate::key::Keyed;
+use crate::key::Parameter;
 
 /// The grid of one agent of a manifest.
 #[derive(Debug)]
@@ -55,7 +56,7 @@ impl<'m> Grid<'m> {
         let axes = axes(manifest, agent);
         let places = |parameters: &Parameters| -> Vec<Option<usize>> {
             let section = parameters.section();
-            let place = |name| axis_of(&axes, Parameter::of(section, name));
+            let place = |name| axis_of(&axes, section.parameter(name));
             section.keys().iter().map(|key| place(key.name)).collect()
         };
         let masks = |exclusion| masks(manifest, agent, &axes, exclusion);
@@ -84,32 +85,20 @@ impl<'m> Grid<'m> {
         self.projected(&concerned).count() as u64 * each
     }
 
-    /// How a cell that is not excluded breaks a rule, with the values of the rule's keys in it.
-    pub(super) fn breach(&self, rule: &Rule) -> Option<(Chosen<'m>, Breach)> {
-        let (manifest, agent) = (self.manifest, self.agent);
-        let values = |key: &Parameter| manifest.values(agent, *key).filter(|list| !list.is_empty());
-        let values: Vec<&[Value]> = rule.keys.iter().map(values).collect::<Option<_>>()?;
-        let axes: Vec<_> = rule.keys.iter().map(|key| axis_of(&self.axes, *key)).collect();
+    /// How a cell that is not excluded violates a constraint, with the values that it gives the
+    /// constraint's parameters.
+    pub(super) fn violation(&self, constraint: &Constraint) -> Option<(Chosen<'m>, Violation)> {
+        let parameters = constraint.parameters;
+        let axes: Vec<_> = parameters.iter().map(|name| axis_of(&self.axes, *name)).collect();
         let concerned = self.concerned(&axes);
         self.projected(&concerned).find_map(|cell| {
-            let place = |axis: &Option<usize>| axis.map_or(0, |axis| cell.0[axis]);
-            let values = values.iter().zip(&axes).map(|(list, axis)| &list[place(axis)]).collect();
-            let chosen = Chosen { keys: rule.keys, values };
-            (rule.fault)(&chosen).map(|breach| (chosen, breach))
+            let values = parameters.iter().filter_map(|name| {
+                let values = self.manifest.values(self.agent, *name)?;
+                Some((*name, values.get(self.place(&cell, *name))?))
+            });
+            let chosen = Chosen { scenario: self.scenario(&cell), keys: values.collect() };
+            (constraint.violation)(&chosen).map(|violation| (chosen, violation))
         })
-    }
-
-    /// A scenario that hides the state from an optimal rule, in a cell that is not excluded.
-    pub(super) fn blind_optimum(&self) -> Option<&'m Scenario> {
-        let rules = self.manifest.values(self.agent, Parameter::Agent("rule"))?;
-        let axes = [Parameter::Scenario, Parameter::Agent("rule")];
-        let [scenarios, rule] = axes.map(|parameter| axis_of(&self.axes, parameter));
-        let is_optimal = |cell: &Cell| {
-            rules.get(rule.map_or(0, |axis| cell.0[axis])) == Some(&Value::Choice("optimal"))
-        };
-        let concerned = self.concerned(&[scenarios, rule]);
-        let mut cells = self.projected(&concerned).filter(is_optimal);
-        cells.find_map(|cell| Some(self.scenario(&cell)).filter(|scenario| !scenario.shows_state()))
     }
 
     /// Whether the parameter has several values.
@@ -166,14 +155,14 @@ impl<'m> Grid<'m> {
     pub fn agree(&self, section: Section, one: &Cell, other: &Cell) -> bool {
         let axes = match section {
             Section::Environment => &self.environment,
-            Section::DuelingDqn | Section::Reinforce | Section::Rule => &self.hyper_parameters,
+            Section::Agent(_) => &self.hyper_parameters,
             Section::Evaluation => &self.evaluation,
         };
         axes.iter().flatten().all(|axis| one.0[*axis] == other.0[*axis])
     }
 
     /// The agent's algorithm.
-    pub fn algorithm(&self) -> Algorithm {
+    pub fn algorithm(&self) -> &'static Algorithm {
         self.agent.algorithm
     }
 
@@ -193,24 +182,25 @@ impl<'m> Grid<'m> {
 
     /// The cell's environment.
     pub fn environment(&self, cell: &Cell) -> Environment {
-        self.manifest.environment.typed(|key| self.environment[key].map_or(0, |axis| cell.0[axis]))
+        let choose = |key: usize| self.environment[key].map_or(0, |axis| cell.0[axis]);
+        Environment::from_values(&self.manifest.environment.chosen(choose)).expect(TYPED)
     }
 
     /// The cell's agent.
     pub fn agent(&self, cell: &Cell) -> Agent {
         let choose = |key: usize| self.hyper_parameters[key].map_or(0, |axis| cell.0[axis]);
-        match self.agent.algorithm {
-            Algorithm::DuelingDqn => Agent::DuelingDqn(self.agent.parameters.typed(choose)),
-            Algorithm::Reinforce => Agent::Reinforce(self.agent.parameters.typed(choose)),
-            Algorithm::Rule => Agent::Rule(self.agent.parameters.typed(choose)),
-        }
+        Agent::with_values(self.agent.algorithm, self.agent.parameters.chosen(choose)).expect(TYPED)
     }
 
     /// The cell's evaluation.
     pub fn evaluation(&self, cell: &Cell) -> Evaluation {
-        self.manifest.evaluation.typed(|key| self.evaluation[key].map_or(0, |axis| cell.0[axis]))
+        let choose = |key: usize| self.evaluation[key].map_or(0, |axis| cell.0[axis]);
+        Evaluation::from_values(&self.manifest.evaluation.chosen(choose)).expect(TYPED)
     }
 }
+
+/// Why values of a manifest make the structs that its sections declare.
+const TYPED: &str = "a manifest's values are of the kinds of their keys";
 
 fn axis_of(axes: &[Axis], parameter: Parameter) -> Option<usize> {
     axes.iter().position(|axis| axis.parameters.contains(&parameter))

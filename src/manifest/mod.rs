@@ -5,8 +5,9 @@
 //! says), the draft is laid over the preset that it extends, gets the defaults, and is held against
 //! the rules that keys have between them.
 //!
-//! The table in `keys.rs` declares every key once; validation, schema, reference and the typed
-//! structs ([`Environment`], [`Agent`], [`Evaluation`]) are held to it by tests.
+//! Keys are declared where they are used ([`crate::key`]): the environment's, those of each
+//! algorithm, and here those of [`Evaluation`]. Reading, checking, schema and reference follow from
+//! the declarations.
 //!
 //! It does not know what a job is, what has run, or how anything is simulated or trained.
 
@@ -20,7 +21,6 @@ mod draft;
 mod evaluation;
 mod fault;
 mod grid;
-mod keys;
 mod load;
 mod parameter;
 mod preset;
@@ -28,8 +28,8 @@ mod published;
 mod range;
 mod read;
 mod resolved;
-mod rules;
 mod schema;
+mod section;
 mod source;
 mod sweep;
 
@@ -40,9 +40,9 @@ pub use declared::{Condition, DeclaredAgent, Exclusion, MOST_JOBS, Manifest, Zip
 pub use evaluation::{Evaluation, TestActions};
 pub use fault::{Fault, Faults, nearest};
 pub use grid::{Axis, Cell, Grid};
-pub use keys::{Key, Kind, Section, Value};
 pub use load::{load, parse};
-pub use parameter::{Parameter, Parameters};
+pub use parameter::{Parameters, parameter, parameters};
 pub use published::{Published, PublishedCurve, PublishedErrors, PublishedHeatMap, PublishedTest};
 pub use schema::schema;
+pub use section::Section;
 pub use source::{Position, hidden};

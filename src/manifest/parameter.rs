@@ -1,72 +1,27 @@
-//! The names of what a grid varies, and the values that a manifest declares for them.
+//! The parameters that a grid can vary, and the values that a manifest declares for them.
 
-use std::fmt;
+use super::section::Section;
+use crate::key::{Key, Parameter, Value};
 
-use serde::de::DeserializeOwned;
-
-use super::keys::{Key, Section, Value};
-
-/// Something that a grid can vary, as zips and exclusions name it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Parameter {
-    /// `scenario`.
-    Scenario,
-    /// `seed`.
-    Seed,
-    /// `environment.<key>`.
-    Environment(&'static str),
-    /// `agent.<key>`, of whichever agents have the key.
-    Agent(&'static str),
-    /// `evaluation.<key>`.
-    Evaluation(&'static str),
+/// Every parameter, in the order of the grid: scenario, keys by section, seed.
+pub fn parameters() -> Vec<Parameter> {
+    let mut all = vec![Parameter::Scenario];
+    for section in Section::all() {
+        for key in section.keys() {
+            let parameter = section.parameter(key.name);
+            // A key that several algorithms have is one parameter.
+            if !all.contains(&parameter) {
+                all.push(parameter);
+            }
+        }
+    }
+    all.push(Parameter::Seed);
+    all
 }
 
-impl Parameter {
-    /// The key called `name` of `section`, as a parameter.
-    pub(super) fn of(section: Section, name: &'static str) -> Parameter {
-        match section {
-            Section::Environment => Parameter::Environment(name),
-            Section::DuelingDqn | Section::Reinforce | Section::Rule => Parameter::Agent(name),
-            Section::Evaluation => Parameter::Evaluation(name),
-        }
-    }
-
-    /// Every parameter, in the order of the grid: scenario, keys by table, seed.
-    pub fn all() -> impl Iterator<Item = Parameter> {
-        let keys = Section::ALL.into_iter().flat_map(|section| {
-            let unseen = move |key: &&Key| {
-                section != Section::Reinforce || Section::DuelingDqn.find(key.name).is_none()
-            };
-            section.keys().iter().filter(unseen).map(move |key| Parameter::of(section, key.name))
-        });
-        std::iter::once(Parameter::Scenario).chain(keys).chain(std::iter::once(Parameter::Seed))
-    }
-
-    /// The last part of its dotted name, as its section writes it.
-    pub(super) fn key(self) -> &'static str {
-        match self {
-            Parameter::Scenario => "scenario",
-            Parameter::Seed => "seed",
-            Parameter::Environment(key) | Parameter::Agent(key) | Parameter::Evaluation(key) => key,
-        }
-    }
-
-    /// The parameter of this dotted name.
-    pub fn named(dotted: &str) -> Option<Parameter> {
-        Parameter::all().find(|parameter| parameter.to_string() == dotted)
-    }
-}
-
-impl fmt::Display for Parameter {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Parameter::Scenario => f.write_str("scenario"),
-            Parameter::Seed => f.write_str("seed"),
-            Parameter::Environment(key) => write!(f, "environment.{key}"),
-            Parameter::Agent(key) => write!(f, "agent.{key}"),
-            Parameter::Evaluation(key) => write!(f, "evaluation.{key}"),
-        }
-    }
+/// The parameter of this dotted name.
+pub fn parameter(dotted: &str) -> Option<Parameter> {
+    parameters().into_iter().find(|parameter| parameter.to_string() == dotted)
 }
 
 /// The values of every key of a section: one, or several that the grid sweeps.
@@ -97,15 +52,10 @@ impl Parameters {
         self.section.find(name).map(|(place, _)| self.values[place].as_slice())
     }
 
-    /// The section's typed struct, with the value that `choose` picks for each key by its place.
-    pub(super) fn typed<T: DeserializeOwned>(&self, choose: impl Fn(usize) -> usize) -> T {
-        let keys = self.section.keys().iter().enumerate();
-        let fields = keys.map(|(place, key)| {
-            let value = &self.values[place][choose(place)];
-            (key.name.to_owned(), serde_json::json!(value))
-        });
-        serde_json::from_value(serde_json::Value::Object(fields.collect()))
-            .expect("values of the table's kinds fill the struct: the tests of the table say so")
+    /// One value for each key: the one that `choose` picks for it by its place.
+    pub(super) fn chosen(&self, choose: impl Fn(usize) -> usize) -> Vec<Value> {
+        let values = self.values.iter().enumerate();
+        values.map(|(place, values)| values[choose(place)].clone()).collect()
     }
 }
 
@@ -115,12 +65,12 @@ mod tests {
 
     #[test]
     fn every_parameter_is_found_by_its_dotted_name_and_none_is_listed_twice() {
-        let all: Vec<Parameter> = Parameter::all().collect();
-        for parameter in &all {
-            assert_eq!(Parameter::named(&parameter.to_string()), Some(*parameter));
-            assert_eq!(all.iter().filter(|other| *other == parameter).count(), 1, "{parameter}");
+        let all = parameters();
+        for known in &all {
+            assert_eq!(parameter(&known.to_string()), Some(*known));
+            assert_eq!(all.iter().filter(|other| *other == known).count(), 1, "{known}");
         }
         assert!(all.contains(&Parameter::Agent("trajectories_per_update")));
-        assert_eq!(Parameter::named("sigma"), None);
+        assert_eq!(parameter("sigma"), None);
     }
 }

@@ -42,8 +42,8 @@ mod tests {
     fn the_paper_preset_spells_out_the_defaults() {
         for agent in draft("paper").agents {
             let section = agent.settings.section;
-            for (place, default) in section.defaults().into_iter().enumerate() {
-                let key = section.keys()[place].name;
+            for (place, key) in section.keys().iter().enumerate() {
+                let (key, default) = (key.name, key.default());
                 let given = agent.settings.given.get(&place).map(|values| values.value.clone());
                 match given {
                     Some(values) => assert_eq!(values, [default.unwrap()], "{key}"),

@@ -5,12 +5,13 @@ use toml::de::{DeTable, DeValue};
 use super::declared::MOST_JOBS;
 use super::draft::{AgentDraft, Draft, Settings};
 use super::fault::{Fault, nearest};
-use super::keys::{Kind, Section, Value};
 use super::preset;
+use super::section::Section;
 use super::source::{Located, Span, hidden};
 use super::sweep::{Node, Reader, whole};
 use crate::agent::Algorithm;
 use crate::env::{Feature, Scenario};
+use crate::key::{Kind, Value};
 
 /// The keys at the top of a manifest: first those above all tables, then the tables.
 pub(super) const TOP_KEYS: [&str; 15] = [
@@ -365,12 +366,12 @@ impl Reader<'_> {
         let called = name.as_ref().map(|name| name.value.as_str());
         let algorithm = self.algorithm(inherited, called, span, table);
         // Without an algorithm the keys are read as those of the one that knows most of them.
-        let known = |algorithm: &Algorithm| {
-            let section = algorithm.section();
+        let known = |algorithm: &&'static Algorithm| {
+            let section = Section::Agent(algorithm);
             table.keys().filter(|key| section.find(key.get_ref()).is_some()).count()
         };
-        let likely = algorithm.or(Algorithm::ALL.into_iter().max_by_key(known))?;
-        let mut settings = Settings::new(likely.section());
+        let likely = algorithm.or(Algorithm::all().into_iter().max_by_key(known))?;
+        let mut settings = Settings::new(Section::Agent(likely));
         settings.span = Some(span);
         self.settings(&mut settings, table, &["name", "algorithm"]);
         Some(AgentDraft { name: name?, algorithm: algorithm?, settings })
@@ -383,11 +384,12 @@ impl Reader<'_> {
         called: Option<&str>,
         at: Span,
         table: &DeTable,
-    ) -> Option<Algorithm> {
+    ) -> Option<&'static Algorithm> {
         let of_presets = |agent: &&AgentDraft| Some(agent.name.value.as_str()) == called;
         let preset = inherited.agents.iter().find(of_presets).map(|agent| agent.algorithm);
-        let names = Algorithm::ALL.map(Algorithm::name);
-        let expected = names.map(|name| format!("\"{name}\"")).join(" or ");
+        let names = Algorithm::all().into_iter().map(Algorithm::name);
+        let quoted = names.clone().map(|name| format!("\"{name}\""));
+        let expected = quoted.collect::<Vec<_>>().join(" or ");
         let Some(node) = table.get("algorithm") else {
             if preset.is_none() {
                 let of_presets = inherited.agents.iter().map(|agent| agent.name.value.as_str());
@@ -401,7 +403,7 @@ impl Reader<'_> {
             return preset;
         };
         let found = node.get_ref().as_str().unwrap_or_default();
-        let algorithm = Algorithm::ALL.into_iter().find(|algorithm| algorithm.name() == found);
+        let algorithm = Algorithm::named(found);
         match (algorithm, preset) {
             (None, _) => {
                 let found_text = self.found(node);
@@ -423,8 +425,11 @@ impl Reader<'_> {
 }
 
 /// The algorithm whose keys a section has.
-fn algorithm_of(section: Section) -> Option<Algorithm> {
-    Algorithm::ALL.into_iter().find(|algorithm| algorithm.section() == section)
+fn algorithm_of(section: Section) -> Option<&'static Algorithm> {
+    match section {
+        Section::Agent(algorithm) => Some(algorithm),
+        Section::Environment | Section::Evaluation => None,
+    }
 }
 
 /// Says where a key belongs, or which one was meant.
@@ -432,7 +437,7 @@ fn belonging(fault: Fault, here: Option<Section>, found: &str, names: &[&str]) -
     if here.is_some() && TOP_KEYS[..ABOVE_TABLES].contains(&found) {
         return fault.help(format!("`{found}` belongs above the first table"));
     }
-    let elsewhere = Section::ALL
+    let elsewhere = Section::all()
         .into_iter()
         .find(|section| Some(*section) != here && section.find(found).is_some());
     let agent_here = here.and_then(algorithm_of);

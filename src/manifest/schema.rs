@@ -4,18 +4,19 @@ use serde_json::{Map, Value as Json, json};
 
 use super::analysis::{ANALYSED_METRICS, BINS, ERROR_AXIS, KINDS, SHARED_KEYS, WINDOW, keys_of};
 use super::declared::MOST_JOBS;
-use super::keys::{Key, Kind, Section};
-use super::parameter::Parameter;
+use super::parameter::parameters;
 use super::preset;
 use super::range::MOST_VALUES;
 use super::read::{FORMAT, LONGEST_NAME, LONGEST_TIME_LIMIT, MOST_ENTRIES};
+use super::section::Section;
 use crate::agent::Algorithm;
 use crate::env::Feature;
+use crate::key::{Key, Kind};
 
 /// The schema, in draft 2020-12. It knows the types, ranges and words of single keys; what keys ask
 /// of each other is for [`super::parse`].
 pub fn schema() -> Json {
-    json!({
+    let mut schema = json!({
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "jitai manifest",
         "description": "An experiment: environment, scenarios, agents and seeds.",
@@ -32,7 +33,7 @@ pub fn schema() -> Json {
             },
             "scenario": scenario(),
             "seed": { "type": "integer", "minimum": 0, "maximum": i64::MAX },
-            "parameter": { "enum": Parameter::all().map(|p| p.to_string()).collect::<Vec<_>>() },
+            "parameter": { "enum": parameters().into_iter().map(|p| p.to_string()).collect::<Vec<_>>() },
             "zip": {
                 "type": "array",
                 "minItems": 2,
@@ -40,14 +41,15 @@ pub fn schema() -> Json {
                 "items": { "$ref": "#/$defs/parameter" },
             },
             "environment": section(Section::Environment, Map::new()),
-            "dueling_dqn": agent(Algorithm::DuelingDqn),
-            "reinforce": agent(Algorithm::Reinforce),
-            "rule": agent(Algorithm::Rule),
             "evaluation": section(Section::Evaluation, Map::new()),
             "exclude": exclude(),
             "analysis": analysis(),
         },
-    })
+    });
+    for algorithm in Algorithm::all() {
+        schema["$defs"][algorithm.name()] = agent(algorithm);
+    }
+    schema
 }
 
 fn top() -> Json {
@@ -90,11 +92,10 @@ fn top() -> Json {
             "type": "array",
             "maxItems": MOST_ENTRIES,
             "items": {
-                "anyOf": [
-                    { "$ref": "#/$defs/dueling_dqn" },
-                    { "$ref": "#/$defs/reinforce" },
-                    { "$ref": "#/$defs/rule" },
-                ],
+                "anyOf": Algorithm::all()
+                    .into_iter()
+                    .map(|algorithm| json!({ "$ref": format!("#/$defs/{}", algorithm.name()) }))
+                    .collect::<Vec<_>>(),
             },
         },
         "evaluation": { "$ref": "#/$defs/evaluation" },
@@ -122,21 +123,21 @@ fn scenario() -> Json {
     })
 }
 
-fn agent(algorithm: Algorithm) -> Json {
+fn agent(algorithm: &'static Algorithm) -> Json {
     let mut properties = Map::new();
     let name =
         described("the agent's name in tables and figures", json!({ "$ref": "#/$defs/name" }));
     properties.insert("name".to_owned(), name);
     properties.insert("algorithm".to_owned(), json!({ "const": algorithm.name() }));
-    let mut schema = section(algorithm.section(), properties);
+    let mut schema = section(Section::Agent(algorithm), properties);
     schema["required"] = json!(["name"]);
     schema
 }
 
 fn section(section: Section, mut properties: Map<String, Json>) -> Json {
-    for (key, default) in section.keys().iter().zip(section.defaults()) {
+    for key in section.keys() {
         let mut property = swept(key);
-        if let Some(default) = default {
+        if let Some(default) = key.default() {
             property["default"] = json!(default);
         }
         properties.insert(key.name.to_owned(), property);
@@ -156,7 +157,7 @@ fn swept(key: &Key) -> Json {
         }
         Kind::Flag | Kind::Choice(_) | Kind::RealPair { .. } | Kind::Widths { .. } => {}
     }
-    described(key.doc, json!({ "anyOf": forms }))
+    described(key.doc(), json!({ "anyOf": forms }))
 }
 
 fn value(kind: Kind) -> Json {
@@ -201,23 +202,24 @@ fn range(end: Json, step: Json) -> Json {
 }
 
 fn exclude() -> Json {
-    let keys = |definition: &str, section: Section| {
-        let path = format!("#/$defs/{definition}/properties");
+    let keys = |section: Section| {
+        let path = format!("#/$defs/{}/properties", section.title());
         let property =
             |key: &Key| (key.name.to_owned(), json!({ "$ref": format!("{path}/{}", key.name) }));
         section.keys().iter().map(property).collect::<Map<String, Json>>()
     };
-    let mut of_agents = keys("dueling_dqn", Section::DuelingDqn);
-    of_agents.extend(keys("reinforce", Section::Reinforce));
-    of_agents.extend(keys("rule", Section::Rule));
+    let mut of_agents = Map::new();
+    for algorithm in Algorithm::all() {
+        of_agents.extend(keys(Section::Agent(algorithm)));
+    }
     of_agents.insert("name".to_owned(), one_or_more("#/$defs/name"));
     let table = |properties| json!({ "type": "object", "additionalProperties": false, "properties": properties });
     let mut schema = table(Map::from_iter([
         ("scenario".to_owned(), one_or_more("#/$defs/scenario")),
         ("seed".to_owned(), one_or_more("#/$defs/seed")),
-        ("environment".to_owned(), table(keys("environment", Section::Environment))),
+        ("environment".to_owned(), table(keys(Section::Environment))),
         ("agent".to_owned(), table(of_agents)),
-        ("evaluation".to_owned(), table(keys("evaluation", Section::Evaluation))),
+        ("evaluation".to_owned(), table(keys(Section::Evaluation))),
     ]));
     schema["minProperties"] = json!(1);
     schema

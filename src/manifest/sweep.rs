@@ -6,8 +6,8 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::fault::{Fault, FaultList};
-use super::keys::{Kind, Value};
 use super::range::{self, MOST_VALUES, MOST_VALUES_IN_ALL, RangeError, Spacing};
+use crate::key::{Kind, Value};
 
 /// A value of the TOML tree with its place in the text.
 pub(super) type Node<'t> = Spanned<DeValue<'t>>;

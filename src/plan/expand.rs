@@ -2,13 +2,12 @@
 
 use std::sync::Arc;
 
-use serde::Serialize;
-
 use crate::agent::Agent;
 use crate::env::Environment;
+use crate::key::Keyed;
 use crate::manifest::{Cell, Evaluation, Grid, Manifest, Section};
 
-use super::job::text;
+use super::job::{agent_text, text};
 use super::{CanonicalForm, Job};
 
 /// A job with the name that its manifest gives the agent; the name is no part of the job.
@@ -68,9 +67,15 @@ struct Part<T> {
     text: String,
 }
 
-impl<T: Serialize> Part<T> {
+impl<T: Keyed> Part<T> {
     fn of(value: T) -> Part<T> {
         Part { text: text(&value), value }
+    }
+}
+
+impl Part<Agent> {
+    fn of_agent(agent: Agent) -> Part<Agent> {
+        Part { text: agent_text(&agent), value: agent }
     }
 }
 
@@ -78,7 +83,7 @@ impl Typed {
     fn of(grid: &Grid, cell: &Cell) -> Typed {
         Typed {
             environment: Part::of(grid.environment(cell)),
-            agent: Part::of(grid.agent(cell)),
+            agent: Part::of_agent(grid.agent(cell)),
             evaluation: Part::of(grid.evaluation(cell)),
             cell: cell.clone(),
         }
@@ -89,8 +94,8 @@ impl Typed {
         if !grid.agree(Section::Environment, &self.cell, cell) {
             self.environment = Part::of(grid.environment(cell));
         }
-        if !grid.agree(grid.algorithm().section(), &self.cell, cell) {
-            self.agent = Part::of(grid.agent(cell));
+        if !grid.agree(Section::Agent(grid.algorithm()), &self.cell, cell) {
+            self.agent = Part::of_agent(grid.agent(cell));
         }
         if !grid.agree(Section::Evaluation, &self.cell, cell) {
             self.evaluation = Part::of(grid.evaluation(cell));
@@ -123,6 +128,7 @@ impl Iterator for AgentJobs<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::agent::{DuelingDqn, Reinforce, Trunk};
     use crate::manifest::{Manifest, parse};
     use crate::plan::JobKey;
 
@@ -177,11 +183,7 @@ mod tests {
             "sigma = 0\ndelta_d = [0.1, 0.2, 0.3]",
             "gamma = [0.7, 0.8, 0.9]",
         );
-        let gamma = |job: &Job| match &job.agent {
-            Agent::Reinforce(agent) => agent.gamma,
-            Agent::DuelingDqn(agent) => agent.gamma,
-            Agent::Rule(_) => f64::NAN,
-        };
+        let gamma = |job: &Job| job.agent.parameters::<Reinforce>().unwrap().gamma;
         let pairs = column(&text, |job| (job.environment.delta_d, gamma(job), job.seed));
         let expected = [
             (0.1, 0.7, 1),
@@ -278,13 +280,13 @@ mod tests {
         let jobs = expand(&manifest(text));
         let names: Vec<&str> = jobs.iter().map(|planned| &*planned.agent).collect();
         assert_eq!(names, ["dqn", "reinforce", "own"]);
-        let environment = serde_json::to_value(&jobs[0].job.environment).unwrap();
+        let environment = jobs[0].job.environment.to_json();
         assert_eq!(environment["first_context"], "sampled");
         assert_eq!(environment["time_indicator"], "lagged");
-        let agent = serde_json::to_value(&jobs[0].job.agent).unwrap();
-        assert_eq!((&agent["batch"], &agent["trunk"]), (&16.into(), &"separate".into()));
+        let agent: DuelingDqn = jobs[0].job.agent.parameters().unwrap();
+        assert_eq!((agent.batch, agent.trunk), (16, Trunk::Separate));
         assert_eq!(jobs[1].job.agent.episodes(), 750_000);
-        assert_eq!(jobs[2].job.agent, Agent::DuelingDqn(crate::agent::DuelingDqn::default()));
+        assert_eq!(jobs[2].job.agent, Agent::of(&DuelingDqn::default()));
         assert_eq!(jobs[0].job.seed, 9);
     }
 

@@ -2,19 +2,19 @@
 
 use std::fmt;
 
-use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value as Json};
 use sha2::{Digest, Sha256};
 
-use crate::agent::{Agent, DecisionRule, Rule};
-use crate::env::{Environment, Scenario};
+use crate::agent::{Agent, Algorithm, Setting};
+use crate::env::{self, Environment, Scenario};
+use crate::key::{CanonicalError, Key, Keyed, Parameter, Value, canonical_object, read_object};
 use crate::manifest::Evaluation;
 
 /// What should run: the whole content of a training with its test.
 ///
 /// Two jobs are the same job when their canonical forms and versions are equal, whatever the
 /// manifest or agent name they came from.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Job {
     /// Parameters of the simulation.
     pub environment: Environment,
@@ -26,6 +26,29 @@ pub struct Job {
     pub evaluation: Evaluation,
     /// Seed of the job's random streams.
     pub seed: u64,
+}
+
+/// Why a text is not the canonical form of a job.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum JobError {
+    /// The text is not JSON.
+    #[error("it is not JSON: {0}")]
+    Syntax(#[from] serde_json::Error),
+    /// A part is missing, of another type, or not one of a job's.
+    #[error("`{0}` is missing, unknown or of another type")]
+    Part(String),
+    /// The algorithm is not registered.
+    #[error("there is no algorithm `{0}`")]
+    Algorithm(String),
+    /// The keys of a part are not those of its table.
+    #[error("in `{part}`: {error}")]
+    Keys {
+        /// The part.
+        part: &'static str,
+        /// What is wrong.
+        error: CanonicalError,
+    },
 }
 
 /// Versions of the code that a job's results depend on. One is raised whenever a change makes the
@@ -63,21 +86,18 @@ impl Job {
 
     /// The versions of the code that this job would run with.
     pub fn versions(&self) -> Versions {
-        Versions {
-            environment: 1,
-            algorithm: match &self.agent {
-                Agent::DuelingDqn(_) => 2,
-                Agent::Reinforce(_) => 2,
-                Agent::Rule(DecisionRule { rule: Rule::Optimal, .. }) => 3,
-                Agent::Rule(_) => 1,
-            },
-        }
+        Versions { environment: env::VERSION, algorithm: self.agent.version() }
     }
 
-    /// The canonical form, from which both keys follow.
+    /// Where the agent learns.
+    pub fn setting(&self) -> Setting<'_> {
+        Setting { environment: &self.environment, scenario: &self.scenario, seed: self.seed }
+    }
+
+    /// The canonical form, from which the key follows.
     pub fn form(&self) -> CanonicalForm {
         let (environment, evaluation) = (text(&self.environment), text(&self.evaluation));
-        CanonicalForm::of(self, &text(&self.agent), &environment, &evaluation)
+        CanonicalForm::of(self, &agent_text(&self.agent), &environment, &evaluation)
     }
 
     /// The job as one line of JSON; see [`CanonicalForm::text`].
@@ -90,13 +110,94 @@ impl Job {
         self.form().key()
     }
 
-    /// Every parameter as a dotted name and its value, as the view `parameter` shows them.
+    /// The job of a canonical form, which this or an earlier version of the program wrote.
+    ///
+    /// **Errors**: the text is no canonical form, or names an algorithm that is not registered.
+    pub fn from_canonical(text: &str) -> Result<Job, JobError> {
+        let mut parts: Map<String, Json> = serde_json::from_str(text)?;
+        let mut take = |part: &str| parts.remove(part);
+        let part = |name: &str| JobError::Part(name.to_owned());
+        let (Some(Json::Object(environment)), Some(Json::Object(evaluation))) =
+            (take("environment"), take("evaluation"))
+        else {
+            return Err(part("environment` or `evaluation"));
+        };
+        let Some(Json::Object(mut agent)) = take("agent") else { return Err(part("agent")) };
+        let scenario = take("scenario").and_then(|scenario| scenario.as_str()?.parse().ok());
+        let seed = take("seed").and_then(|seed| seed.as_u64());
+        if let Some(unknown) = parts.keys().next() {
+            return Err(part(unknown));
+        }
+        let Some(Json::String(algorithm)) = agent.remove("algorithm") else {
+            return Err(part("agent.algorithm"));
+        };
+        let Some(algorithm) = Algorithm::named(&algorithm) else {
+            return Err(JobError::Algorithm(algorithm));
+        };
+        Ok(Job {
+            environment: read("environment", &environment)?,
+            scenario: scenario.ok_or_else(|| part("scenario"))?,
+            agent: Agent::with_values(algorithm, values("agent", algorithm.keys(), &agent)?)
+                .ok_or_else(|| part("agent"))?,
+            evaluation: read("evaluation", &evaluation)?,
+            seed: seed.ok_or_else(|| part("seed"))?,
+        })
+    }
+
+    /// The sections of the job: name, keys and their values.
+    fn sections(&self) -> [(&'static str, &'static [Key], Vec<Value>); 3] {
+        [
+            ("agent", self.agent.algorithm().keys(), self.agent.values().to_vec()),
+            ("environment", Environment::KEYS, self.environment.to_values()),
+            ("evaluation", Evaluation::KEYS, self.evaluation.to_values()),
+        ]
+    }
+
+    /// The value of a key; `None` for one that the job's algorithm does not have, and for scenario
+    /// and seed, which are no keys.
+    pub fn value(&self, parameter: Parameter) -> Option<Value> {
+        let place = |keys: &[Key], name: &str| keys.iter().position(|key| key.name == name);
+        let (section, name) = match parameter {
+            Parameter::Agent(name) => (0, name),
+            Parameter::Environment(name) => (1, name),
+            Parameter::Evaluation(name) => (2, name),
+            Parameter::Scenario | Parameter::Seed => return None,
+        };
+        let (_, keys, values) = &self.sections()[section];
+        place(keys, name).map(|place| values[place].clone())
+    }
+
+    /// Every parameter as a dotted name and its value, as the view `parameter` shows them, in the
+    /// order of the names.
     pub fn parameters(&self) -> Vec<(String, Scalar)> {
-        let value = serde_json::to_value(self).expect("a job holds finite numbers and string keys");
-        let mut parameters = Vec::new();
-        flatten("", &value, &mut parameters);
+        let mut parameters = vec![
+            ("agent.algorithm".to_owned(), Scalar::Text(self.algorithm().to_owned())),
+            ("scenario".to_owned(), Scalar::Text(self.scenario.to_string())),
+            ("seed".to_owned(), Scalar::Integer(self.seed as i64)),
+        ];
+        for (section, keys, values) in self.sections() {
+            let named = keys.iter().zip(&values);
+            parameters.extend(
+                named.map(|(key, value)| (format!("{section}.{}", key.name), Scalar::of(value))),
+            );
+        }
+        parameters.sort_by(|(one, _), (other, _)| one.cmp(other));
         parameters
     }
+}
+
+/// The typed struct of a part that [`text`] wrote.
+fn read<T: Keyed>(part: &'static str, object: &Map<String, Json>) -> Result<T, JobError> {
+    let values = values(part, T::KEYS, object)?;
+    T::from_values(&values).ok_or_else(|| JobError::Part(part.to_owned()))
+}
+
+fn values(
+    part: &'static str,
+    keys: &[Key],
+    object: &Map<String, Json>,
+) -> Result<Vec<Value>, JobError> {
+    read_object(keys, object).map_err(|error| JobError::Keys { part, error })
 }
 
 /// A job written out in the one way that its identity is taken from.
@@ -143,10 +244,15 @@ impl CanonicalForm {
 }
 
 /// The canonical text of a part of a job.
-pub(super) fn text(part: &impl Serialize) -> String {
-    // serde_json's map is ordered by key, which is what makes the text canonical.
-    let value = serde_json::to_value(part).expect("jobs hold finite numbers and string keys");
-    value.to_string()
+pub(super) fn text<T: Keyed>(part: &T) -> String {
+    Json::Object(canonical_object(T::KEYS, &part.to_values())).to_string()
+}
+
+/// The canonical text of an agent.
+pub(super) fn agent_text(agent: &Agent) -> String {
+    let mut object = canonical_object(agent.algorithm().keys(), agent.values());
+    object.insert("algorithm".to_owned(), agent.algorithm().name().into());
+    Json::Object(object).to_string()
 }
 
 /// A parameter's value as SQL can hold it.
@@ -160,27 +266,21 @@ pub enum Scalar {
     Text(String),
 }
 
-fn flatten(prefix: &str, value: &serde_json::Value, out: &mut Vec<(String, Scalar)>) {
-    use serde_json::Value as Json;
-    let scalar = match value {
-        Json::Object(map) => {
-            for (name, inner) in map {
-                let dotted =
-                    if prefix.is_empty() { name.clone() } else { format!("{prefix}.{name}") };
-                flatten(&dotted, inner, out);
+impl Scalar {
+    /// The value of a key.
+    pub fn of(value: &Value) -> Scalar {
+        match value {
+            Value::Real(real) => Scalar::Real(*real),
+            Value::Integer(whole) => i64::try_from(*whole)
+                .map_or_else(|_| Scalar::Text(whole.to_string()), Scalar::Integer),
+            Value::Flag(flag) => Scalar::Integer(i64::from(*flag)),
+            Value::Choice(word) => Scalar::Text((*word).to_owned()),
+            Value::RealPair(_) | Value::Widths(_) => {
+                let json = serde_json::to_string(value).expect("values are finite");
+                Scalar::Text(json)
             }
-            return;
         }
-        Json::Number(n) => match (n.as_i64(), n.as_f64()) {
-            (Some(whole), _) => Scalar::Integer(whole),
-            (None, Some(real)) => Scalar::Real(real),
-            (None, None) => Scalar::Text(n.to_string()),
-        },
-        Json::Bool(flag) => Scalar::Integer(i64::from(*flag)),
-        Json::String(text) => Scalar::Text(text.clone()),
-        Json::Null | Json::Array(_) => Scalar::Text(value.to_string()),
-    };
-    out.push((prefix.to_owned(), scalar));
+    }
 }
 
 /// The first half of the hash of these texts, one after the other.
@@ -216,22 +316,75 @@ impl fmt::Debug for JobKey {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::{DuelingDqn, Reinforce};
+    use crate::agent::{DecisionRule, DuelingDqn, Reinforce, Rule};
+
+    fn jobs() -> Vec<Job> {
+        let agents = [
+            Agent::of(&DuelingDqn::default()),
+            Agent::of(&Reinforce::default()),
+            Agent::of(&DecisionRule::new(Rule::Random)),
+        ];
+        let job = |agent| Job {
+            environment: Environment::paper(0.6),
+            scenario: "P-H-D".parse().unwrap(),
+            agent,
+            evaluation: Evaluation::default(),
+            seed: i64::MAX as u64,
+        };
+        agents.map(job).into()
+    }
 
     #[test]
     fn the_canonical_form_is_the_whole_job_with_its_keys_in_order() {
-        for agent in
-            [Agent::DuelingDqn(DuelingDqn::default()), Agent::Reinforce(Reinforce::default())]
-        {
-            let job = Job {
-                environment: Environment::paper(0.6),
-                scenario: "P-H-D".parse().unwrap(),
-                agent,
-                evaluation: Evaluation::default(),
-                seed: i64::MAX as u64,
-            };
-            assert_eq!(job.canonical(), serde_json::to_value(&job).unwrap().to_string());
-            assert_eq!(serde_json::from_str::<Job>(&job.canonical()).unwrap(), job);
+        for job in jobs() {
+            let canonical = job.canonical();
+            let json: Json = serde_json::from_str(&canonical).unwrap();
+            assert_eq!(json.to_string(), canonical);
+            assert_eq!(Job::from_canonical(&canonical).unwrap(), job);
+            let members = |part: &str| json[part].as_object().unwrap().len();
+            assert_eq!(members("environment"), Environment::KEYS.len());
+            assert_eq!(members("agent"), job.agent.algorithm().keys().len() + 1);
+        }
+    }
+
+    #[test]
+    fn what_is_no_canonical_form_is_refused_with_its_reason() {
+        let canonical = jobs()[1].canonical();
+        let refused = |from: &str, to: &str| {
+            assert!(canonical.contains(from), "{from}");
+            Job::from_canonical(&canonical.replacen(from, to, 1)).unwrap_err().to_string()
+        };
+        assert_eq!(refused("reinforce", "sarsa"), "there is no algorithm `sarsa`");
+        assert_eq!(
+            refused("\"sigma\":0.6", "\"sigma\":[]"),
+            "in `environment`: key `sigma` has a value of another type"
+        );
+        assert_eq!(refused(",\"sigma\":0.6", ""), "in `environment`: key `sigma` is missing");
+        assert_eq!(refused("\"sigma\"", "\"stigma\""), "in `environment`: key `stigma` is unknown");
+        assert_eq!(refused("P-H-D", "P-P"), "`scenario` is missing, unknown or of another type");
+        assert_eq!(
+            refused("{\"agent\"", "{\"a\":1,\"agent\""),
+            "`a` is missing, unknown or of another type"
+        );
+        assert!(refused("}", "").starts_with("it is not JSON"));
+        // A layer that is wider than any number of the struct.
+        let wide = refused("[128]", "[4294967296]");
+        assert_eq!(wide, "in `agent`: key `layers` has a value of another type");
+    }
+
+    #[test]
+    fn parameters_are_listed_once_in_the_order_of_their_names() {
+        for job in jobs() {
+            let parameters = job.parameters();
+            assert!(parameters.is_sorted_by(|(one, _), (other, _)| one < other));
+            let value =
+                |name: &str| parameters.iter().find(|(known, _)| known == name).unwrap().1.clone();
+            assert_eq!(value("environment.mu"), Scalar::Text("[0.1,0.1]".to_owned()));
+            assert_eq!(value("environment.rho_1"), Scalar::Real(50.0));
+            assert_eq!(value("environment.time_one_hot"), Scalar::Integer(0));
+            assert_eq!(value("seed"), Scalar::Integer(i64::MAX));
+            assert_eq!(job.value(Parameter::Environment("rho_1")), Some(Value::Real(50.0)));
+            assert_eq!(job.value(Parameter::Agent("sigma")), None);
         }
     }
 }

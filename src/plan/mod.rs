@@ -7,4 +7,4 @@ mod expand;
 mod job;
 
 pub use expand::{PlannedJob, count, expand, jobs};
-pub use job::{CanonicalForm, Job, JobKey, Scalar, Versions};
+pub use job::{CanonicalForm, Job, JobError, JobKey, Scalar, Versions};

@@ -7,7 +7,8 @@ use std::path::Path;
 
 use rusqlite::{Connection, OptionalExtension};
 
-use crate::plan::{Job, JobKey, Versions};
+use crate::key::CanonicalError;
+use crate::plan::{Job, JobError, JobKey, Versions};
 
 use super::{StoreError, digest, file, schema};
 
@@ -296,7 +297,7 @@ fn fault_of(
     // A rule has none; those of another agent are in the digest.
     let Some((canonical, weights)) = trained else { return Ok(None) };
     // The jobs of another release may mean nothing to this one.
-    let Ok(job) = serde_json::from_str::<Job>(&canonical) else { return Ok(None) };
+    let Ok(job) = Job::from_canonical(&canonical) else { return Ok(None) };
     Ok(loads(&job, &weights).err().map(|reason| format!("its weights do not load: {reason}")))
 }
 
@@ -322,7 +323,13 @@ pub(super) fn job_fault(
         Ok(_) if JobKey(hash).to_string() != key => {
             Some("its key is not that of its parameters".to_owned())
         }
-        Ok(_) => None,
+        Ok(_) => match Job::from_canonical(&canonical) {
+            Err(JobError::Keys { error: error @ CanonicalError::Redundant(_), .. }) => {
+                Some(format!("its parameters have another spelling: {error}"))
+            }
+            // The jobs of another release may mean nothing to this one.
+            Ok(_) | Err(_) => None,
+        },
     };
     Ok((key, fault))
 }

@@ -220,7 +220,7 @@ fn failed_job(row: &rusqlite::Row<'_>) -> rusqlite::Result<FailedJob> {
     Ok(FailedJob {
         experiment: row.get(0)?,
         job_key: JobKey(row.get(1)?),
-        job: serde_json::from_str(row.get_ref(8)?.as_str()?).ok(),
+        job: Job::from_canonical(row.get_ref(8)?.as_str()?).ok(),
         agent: row.get(2)?,
         attempt: row.get(3)?,
         failure: Failure { kind, message: row.get(5)?, episode: row.get(6)? },

@@ -252,7 +252,7 @@ mod tests {
             "rho_2":200.0,"sigma":0.4,"time_indicator":"lagged","time_indicator_period":2,
             "time_one_hot":false},"evaluation":{"curve_stride":10,"test_actions":"as_trained",
             "test_episodes":1},"scenario":"P-H-D","seed":1}"#;
-        serde_json::from_str(canonical).unwrap()
+        Job::from_canonical(canonical).unwrap()
     }
 
     fn results() -> Results {

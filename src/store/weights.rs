@@ -77,7 +77,7 @@ fn load(connection: &Connection, job: i64, key: &str) -> Result<StoredWeights, F
              WHERE job.id = ?1",
         )?
         .query_row([job], |row| Ok((row.get(0)?, row.get::<_, String>(1)?, row.get(2)?)))?;
-    let job = serde_json::from_str(&canonical).map_err(|error| StoreError::UnreadableJob {
+    let job = Job::from_canonical(&canonical).map_err(|error| StoreError::UnreadableJob {
         key: key.to_owned(),
         reason: error.to_string(),
     })?;

@@ -4,8 +4,8 @@ use std::io;
 use std::time::Duration;
 
 use crate::agent::{
-    self, Learner, LearnerError, OutOfMemory, Resumable, Start, StateError, StateReader,
-    StateWriter, TrainedEpisode,
+    Learner, LearnerError, OutOfMemory, Resumable, Start, StateError, StateReader, StateWriter,
+    TrainedEpisode,
 };
 use crate::env::Observer;
 use crate::plan::Job;
@@ -48,7 +48,7 @@ impl<'j> Training<'j> {
     ///
     /// **Errors**: there is no memory for what learns.
     pub(super) fn new(job: &'j Job) -> Result<Self, OutOfMemory> {
-        let start = agent::start(&job.agent, &job.environment, &job.scenario, job.seed)?;
+        let start = job.agent.start(&job.setting())?;
         let (learner, chooser) = match start {
             Start::Learner(learner) => (Some(learner), None),
             Start::Rule(rule) => (None, Some(Chooser::Rule(rule))),

@@ -13,7 +13,7 @@ use std::sync::{Arc, Mutex, OnceLock};
 use std::time::{Duration, Instant, SystemTime};
 use std::{str, thread};
 
-use jitai::agent::{self, Actions, Weights};
+use jitai::agent::{Actions, Weights};
 use jitai::cli::input;
 use jitai::manifest::{self, Manifest};
 use jitai::plan::{self, Job};
@@ -348,8 +348,8 @@ fn changed(sound: &[u8], mut changes: &[u8]) -> Vec<u8> {
 
 fn loads(job: &Job, safetensors: &[u8]) -> Result<(), String> {
     let weights = Weights::from_bytes(safetensors).map_err(|error| error.to_string())?;
-    let Job { agent, environment, scenario, .. } = job;
-    agent::trained_policy(agent, environment, scenario, &weights, Actions::AsTrained)
+    job.agent
+        .trained(&job.setting(), &weights, Actions::AsTrained)
         .map(|_| ())
         .map_err(|error| error.to_string())
 }

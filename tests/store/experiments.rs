@@ -238,7 +238,7 @@ fn what_is_left_is_counted_in_training_episodes() {
 #[test]
 fn summaries_are_the_completed_runs_in_the_manifests_order() {
     let with_rate = |learning_rate, seed| Job {
-        agent: Agent::DuelingDqn(DuelingDqn { learning_rate, ..DuelingDqn::default() }),
+        agent: Agent::of(&DuelingDqn { learning_rate, ..DuelingDqn::default() }),
         ..dqn(0.6, seed)
     };
     let jobs = [with_rate(1e-3, 1), with_rate(5e-4, 2), with_rate(5e-4, 3)];

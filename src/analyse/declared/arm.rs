@@ -1,7 +1,8 @@
 //! Jobs that differ in their seed alone, and what tells them from others.
 
 use crate::analyse::{Sample, lower_quartile};
-use crate::manifest::{Condition, Value};
+use crate::key::Value;
+use crate::manifest::Condition;
 use crate::record::{JobRecord, Progress};
 
 use crate::record::Setting;

@@ -3,7 +3,8 @@
 use super::arm::{distinct, groups, is_at, meets, shared, wanted};
 use super::{Group, Name};
 use crate::analyse::{Contrast, Design, Interval, Moments, Sample, Undefined, mean_interval};
-use crate::manifest::{Parameter, Published, Sides};
+use crate::key::Parameter;
+use crate::manifest::{Published, Sides};
 use crate::record::JobRecord;
 
 /// A map of one arm.

@@ -1,0 +1,82 @@
+//! Agents in training.
+
+use crate::agent::memory::OutOfMemory;
+use crate::agent::policy::Policy;
+use crate::agent::state::Resumable;
+use crate::agent::weights::Weights;
+
+/// A training episode that has just ended.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct TrainedEpisode {
+    /// Undiscounted return, in steps walked.
+    pub total_reward: f64,
+    /// Steps of the simulation.
+    pub length: u32,
+    /// Whether it ended in disengagement.
+    pub disengaged: bool,
+    /// Sum of the losses of the updates since the episode before.
+    pub loss_sum: f64,
+    /// Number of those updates.
+    pub updates: u32,
+    /// Exploration rate at its end, where the algorithm has one.
+    pub epsilon: Option<f64>,
+}
+
+/// A loss that became infinite or not a number.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error("the loss of update {update} is {loss}")]
+pub struct Diverged {
+    /// Updates made, this one included.
+    pub update: u64,
+    /// The loss.
+    pub loss: f32,
+}
+
+/// Why a training cannot go on.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum LearnerError {
+    /// Its loss is of no use.
+    #[error(transparent)]
+    Diverged(#[from] Diverged),
+    /// There is no memory for what it has to remember.
+    #[error(transparent)]
+    OutOfMemory(#[from] OutOfMemory),
+}
+
+/// How a span of training ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Span {
+    /// At its end.
+    Whole,
+    /// Broken off, because a pause was asked for.
+    BrokenOff,
+}
+
+/// An agent in training. Its state can be written down whenever it is not at work.
+pub trait Learner: Resumable {
+    /// Trains for the shortest span the algorithm has (an episode, or the episodes of one update)
+    /// and appends the episodes that ended. `pause` is asked at every step; once it says yes the
+    /// span is broken off, and the next call goes on with it, to the same bits.
+    ///
+    /// **Errors**: the loss is not finite, or memory is short; the learner is then of no further use.
+    fn advance(
+        &mut self,
+        finished: &mut Vec<TrainedEpisode>,
+        pause: &dyn Fn() -> bool,
+    ) -> Result<Span, LearnerError>;
+
+    /// The policy as it would act now in training, or greedily.
+    fn policy(&self, actions: Actions) -> Box<dyn Policy>;
+
+    /// The weights as they are now.
+    fn weights(&self) -> Weights;
+}
+
+/// How a trained agent chooses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Actions {
+    /// As in training: with its exploration.
+    AsTrained,
+    /// The best action, always.
+    Greedy,
+}

@@ -1,0 +1,202 @@
+//! What an algorithm declares of itself, and the agent that a job holds.
+
+use std::fmt;
+
+use crate::agent::constraint::Constraint;
+use crate::agent::learner::{Actions, Learner};
+use crate::agent::memory::OutOfMemory;
+use crate::agent::policy::Policy;
+use crate::agent::rule::RulePolicy;
+use crate::agent::weights::{Weights, WeightsError};
+use crate::env::{Environment, Scenario};
+use crate::key::{Key, Keyed, Value};
+
+/// Where an agent is to learn or to act.
+#[derive(Clone, Copy, Debug)]
+pub struct Setting<'s> {
+    /// Parameters of the simulation.
+    pub environment: &'s Environment,
+    /// What the agent observes.
+    pub scenario: &'s Scenario,
+    /// Seed of the job's random streams.
+    pub seed: u64,
+}
+
+/// An agent before its first episode.
+pub enum Start {
+    /// One that has everything to learn.
+    Learner(Box<dyn Learner>),
+    /// One that has nothing to learn.
+    Rule(RulePolicy),
+}
+
+/// The hyper-parameters of an algorithm, and with them everything that the program has to know of
+/// it.
+pub trait AlgorithmParameters: Keyed + 'static {
+    /// The word that manifests, jobs and the store write.
+    const NAME: &'static str;
+    /// Whether it trains, so that its completed jobs have weights.
+    const LEARNS: bool;
+    /// What its jobs must satisfy beyond the ranges of single keys.
+    const CONSTRAINTS: &'static [Constraint];
+
+    /// The version of its code, from 1; it is raised whenever a change makes the same job end in
+    /// other bits.
+    fn version(&self) -> u32;
+
+    /// Episodes of training: the job's budget. 0 for an algorithm that does not train.
+    fn episodes(&self) -> u32;
+
+    /// An agent at the start of its job.
+    ///
+    /// **Errors**: there is no memory for what it needs.
+    fn start(&self, setting: &Setting) -> Result<Start, OutOfMemory>;
+
+    /// The policy of an agent that was trained before, on the engine that trained it.
+    ///
+    /// **Errors**: the weights do not fit the agent; an algorithm that does not train has none.
+    fn trained(
+        &self,
+        setting: &Setting,
+        weights: &Weights,
+        actions: Actions,
+    ) -> Result<Box<dyn Policy>, WeightsError>;
+}
+
+/// A registered algorithm: what [`AlgorithmParameters`] declare, for all types alike.
+pub struct Algorithm {
+    name: &'static str,
+    keys: &'static [Key],
+    learns: bool,
+    constraints: &'static [Constraint],
+    are_values: fn(&[Value]) -> bool,
+    version: fn(&[Value]) -> u32,
+    episodes: fn(&[Value]) -> u32,
+    start: fn(&[Value], &Setting) -> Result<Start, OutOfMemory>,
+    trained: Trained,
+}
+
+/// [`AlgorithmParameters::trained`] of the parameters with these values.
+type Trained = fn(&[Value], &Setting, &Weights, Actions) -> Result<Box<dyn Policy>, WeightsError>;
+
+impl Algorithm {
+    /// The algorithm of these hyper-parameters.
+    pub const fn of<P: AlgorithmParameters>() -> Algorithm {
+        Algorithm {
+            name: P::NAME,
+            keys: P::KEYS,
+            learns: P::LEARNS,
+            constraints: P::CONSTRAINTS,
+            are_values: |values| P::from_values(values).is_some(),
+            version: |values| typed::<P>(values).version(),
+            episodes: |values| typed::<P>(values).episodes(),
+            start: |values, setting| typed::<P>(values).start(setting),
+            trained: |values, setting, weights, actions| {
+                typed::<P>(values).trained(setting, weights, actions)
+            },
+        }
+    }
+
+    /// The word that manifests, jobs and the store write.
+    pub fn name(&self) -> &'static str {
+        self.name
+    }
+
+    /// Its keys, in the order the documentation lists them.
+    pub fn keys(&self) -> &'static [Key] {
+        self.keys
+    }
+
+    /// Whether it trains, so that its completed jobs have weights.
+    pub fn learns(&self) -> bool {
+        self.learns
+    }
+
+    /// What its jobs must satisfy beyond the ranges of single keys.
+    pub fn constraints(&self) -> &'static [Constraint] {
+        self.constraints
+    }
+}
+
+fn typed<P: Keyed>(values: &[Value]) -> P {
+    P::from_values(values).expect("an agent's values are of the types of its keys")
+}
+
+// A name is registered once, so it identifies the algorithm.
+impl PartialEq for Algorithm {
+    fn eq(&self, other: &Self) -> bool {
+        self.name == other.name
+    }
+}
+
+impl Eq for Algorithm {}
+
+impl fmt::Debug for Algorithm {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name)
+    }
+}
+
+/// An algorithm with its hyper-parameters, as a job holds it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Agent {
+    algorithm: &'static Algorithm,
+    values: Vec<Value>,
+}
+
+impl Agent {
+    /// The agent with these hyper-parameters.
+    pub fn of<P: AlgorithmParameters>(parameters: &P) -> Agent {
+        Agent { algorithm: const { &Algorithm::of::<P>() }, values: parameters.to_values() }
+    }
+
+    /// The agent with these values, one for each of the algorithm's keys in their order; `None` if
+    /// one is of another type, or if there are too many or too few.
+    pub fn with_values(algorithm: &'static Algorithm, values: Vec<Value>) -> Option<Agent> {
+        (algorithm.are_values)(&values).then_some(Agent { algorithm, values })
+    }
+
+    /// The algorithm.
+    pub fn algorithm(&self) -> &'static Algorithm {
+        self.algorithm
+    }
+
+    /// The value of each of the algorithm's keys, in their order.
+    pub fn values(&self) -> &[Value] {
+        &self.values
+    }
+
+    /// The hyper-parameters, if they are of this type.
+    pub fn parameters<P: AlgorithmParameters>(&self) -> Option<P> {
+        if self.algorithm.name == P::NAME { P::from_values(&self.values) } else { None }
+    }
+
+    /// The version of the algorithm's code; see [`AlgorithmParameters::version`].
+    pub fn version(&self) -> u32 {
+        (self.algorithm.version)(&self.values)
+    }
+
+    /// Episodes of training; see [`AlgorithmParameters::episodes`].
+    pub fn episodes(&self) -> u32 {
+        (self.algorithm.episodes)(&self.values)
+    }
+
+    /// The agent at the start of its job.
+    ///
+    /// **Errors**: there is no memory for what it needs.
+    pub fn start(&self, setting: &Setting) -> Result<Start, OutOfMemory> {
+        (self.algorithm.start)(&self.values, setting)
+    }
+
+    /// The policy of an agent that was trained before; see [`AlgorithmParameters::trained`].
+    ///
+    /// **Errors**: the weights do not fit the agent; an algorithm that does not train has none.
+    pub fn trained(
+        &self,
+        setting: &Setting,
+        weights: &Weights,
+        actions: Actions,
+    ) -> Result<Box<dyn Policy>, WeightsError> {
+        (self.algorithm.trained)(&self.values, setting, weights, actions)
+    }
+}

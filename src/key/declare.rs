@@ -1,0 +1,311 @@
+//! The declaration of keys: a struct and the table of its fields in one.
+
+use serde_json::{Map, Value as Json};
+
+use super::value::{Kind, Value};
+
+/// A key that takes a value or a sweep.
+#[derive(Debug)]
+pub struct Key {
+    /// Its name in the manifest, the store and the command line.
+    pub name: &'static str,
+    /// Type and range of its values.
+    pub kind: Kind,
+    /// One line for editors and the reference; see [`Key::doc`].
+    pub written_doc: &'static str,
+    /// The value when a manifest does not mention the key; `None` where a manifest must.
+    pub default: Option<fn() -> Value>,
+    /// The value that all jobs had before the key was added; `None` for a key that every job has
+    /// had. Canonical forms leave the key out at this value.
+    pub before: Option<fn() -> Value>,
+}
+
+impl Key {
+    /// What the key means, in one line.
+    pub fn doc(&self) -> &'static str {
+        self.written_doc.trim_start()
+    }
+
+    /// The value when a manifest does not mention the key; `None` where a manifest must.
+    pub fn default(&self) -> Option<Value> {
+        self.default.map(|value| value())
+    }
+
+    /// The value that all jobs had before the key was added, if it was added later.
+    pub fn before(&self) -> Option<Value> {
+        self.before.map(|value| value())
+    }
+}
+
+/// Why a setting of a key is refused.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SettingError {
+    /// There is no such key.
+    #[error("unknown key `{0}`")]
+    Unknown(String),
+    /// The value is of another type or outside the range.
+    #[error("`{name}`: expected {expected}, found {found}")]
+    Value {
+        /// The key.
+        name: String,
+        /// Its values in words.
+        expected: String,
+        /// The value that was given.
+        found: String,
+    },
+}
+
+/// A struct whose fields are keys; [`keys!`](crate::keys) implements it.
+pub trait Keyed: Sized {
+    /// The keys, in the order the documentation lists them.
+    const KEYS: &'static [Key];
+
+    /// The value of every field, in the order of [`Keyed::KEYS`].
+    fn to_values(&self) -> Vec<Value>;
+
+    /// The struct with these values, one for each key in their order; `None` if one has the wrong
+    /// type, or if there are too many or too few.
+    fn from_values(values: &[Value]) -> Option<Self>;
+
+    /// The fields as an object of JSON, every key spelled out.
+    fn to_json(&self) -> Map<String, Json> {
+        json_object(Self::KEYS, &self.to_values())
+    }
+
+    /// The same with other values for some keys, as JSON writes them.
+    ///
+    /// **Errors**: a key is unknown, or its value outside its range.
+    fn with_settings(&self, settings: &Map<String, Json>) -> Result<Self, SettingError> {
+        let mut values = self.to_values();
+        for (name, json) in settings {
+            let place = Self::KEYS.iter().position(|key| key.name == name);
+            let place = place.ok_or_else(|| SettingError::Unknown(name.clone()))?;
+            let kind = Self::KEYS[place].kind;
+            let value = kind.value(json).filter(|value| kind.admits(value));
+            values[place] = value.ok_or_else(|| SettingError::Value {
+                name: name.clone(),
+                expected: kind.expectation(),
+                found: json.to_string(),
+            })?;
+        }
+        Ok(Self::from_values(&values).expect("a value that a key admits fits its field"))
+    }
+
+    /// The defaults, with these values for the keys that have none, in the order of the keys.
+    ///
+    /// # Panics
+    /// If the values are not exactly those of the keys without default.
+    fn with_required(required: &[Value]) -> Self {
+        let mut required = required.iter().cloned();
+        let values: Option<Vec<Value>> =
+            Self::KEYS.iter().map(|key| key.default().or_else(|| required.next())).collect();
+        let keyed = values.and_then(|values| Self::from_values(&values));
+        assert!(required.next().is_none(), "no more values than keys without default");
+        keyed.expect("a value for every key without default")
+    }
+}
+
+/// The values as an object of JSON, every key spelled out.
+///
+/// **Shapes**: one value for each key, in their order.
+pub fn json_object(keys: &[Key], values: &[Value]) -> Map<String, Json> {
+    let json = |value: &Value| serde_json::to_value(value).expect("values are finite");
+    keys.iter().zip(values).map(|(key, value)| (key.name.to_owned(), json(value))).collect()
+}
+
+/// A Rust type that a key's values can have.
+pub trait KeyType: Sized {
+    /// The value as keys hold it.
+    fn to_value(&self) -> Value;
+
+    /// The reverse of [`KeyType::to_value`]; `None` for a value of another type or too large.
+    fn from_value(value: &Value) -> Option<Self>;
+}
+
+/// A type whose values have no further range.
+pub trait FixedKind: KeyType {
+    /// The kind of every key of this type.
+    const KIND: Kind;
+}
+
+impl KeyType for f64 {
+    fn to_value(&self) -> Value {
+        Value::Real(*self)
+    }
+
+    fn from_value(value: &Value) -> Option<Self> {
+        if let Value::Real(real) = value { Some(*real) } else { None }
+    }
+}
+
+impl KeyType for [f64; 2] {
+    fn to_value(&self) -> Value {
+        Value::RealPair(*self)
+    }
+
+    fn from_value(value: &Value) -> Option<Self> {
+        if let Value::RealPair(pair) = value { Some(*pair) } else { None }
+    }
+}
+
+impl KeyType for Vec<u32> {
+    fn to_value(&self) -> Value {
+        Value::Widths(self.clone())
+    }
+
+    fn from_value(value: &Value) -> Option<Self> {
+        if let Value::Widths(widths) = value { Some(widths.clone()) } else { None }
+    }
+}
+
+impl KeyType for bool {
+    fn to_value(&self) -> Value {
+        Value::Flag(*self)
+    }
+
+    fn from_value(value: &Value) -> Option<Self> {
+        if let Value::Flag(flag) = value { Some(*flag) } else { None }
+    }
+}
+
+impl FixedKind for bool {
+    const KIND: Kind = Kind::Flag;
+}
+
+macro_rules! whole_numbers {
+    ($($number:ty),*) => {$(
+        impl KeyType for $number {
+            fn to_value(&self) -> Value {
+                Value::Integer((*self).into())
+            }
+
+            fn from_value(value: &Value) -> Option<Self> {
+                if let Value::Integer(whole) = value { (*whole).try_into().ok() } else { None }
+            }
+        }
+    )*};
+}
+
+whole_numbers!(u8, u32);
+
+/// Declares a struct whose fields are keys of a manifest.
+///
+/// Each field is a key. Its documentation comment is the key's line in the reference; behind its
+/// type stand the default (none for a key that a manifest must set), the value that all jobs had
+/// before the key was added, and the range; `bool` and [`choices!`](crate::choices) need none.
+///
+/// A key that is added to a struct with stored jobs must have `before`: it keeps their identity.
+///
+/// ```
+/// use jitai::key::Kind;
+///
+/// jitai::keys! {
+///     /// Parameters of a bandit.
+///     pub struct Bandit {
+///         /// episodes of training
+///         episodes: u32 = 1000, in Kind::EPISODES;
+///         /// probability of a random action
+///         epsilon: f64 = 0.1, before 0.0, in Kind::PROBABILITY;
+///     }
+/// }
+/// ```
+#[macro_export]
+macro_rules! keys {
+    (
+        $(#[$attribute:meta])*
+        $visibility:vis struct $Name:ident {
+            $(
+                $(#[doc = $doc:literal])+
+                $field:ident: $Type:ty
+                    $(= $default:expr)? $(, before $before:expr)? $(, in $kind:expr)?;
+            )+
+        }
+    ) => {
+        $(#[$attribute])*
+        #[derive(Clone, Debug, PartialEq)]
+        $visibility struct $Name {
+            $($(#[doc = $doc])+ pub $field: $Type,)+
+        }
+
+        impl $crate::key::Keyed for $Name {
+            const KEYS: &'static [$crate::key::Key] = &[$(
+                $crate::key::Key {
+                    name: stringify!($field),
+                    kind: $crate::keys!(@kind $Type $(, $kind)?),
+                    written_doc: concat!($($doc),+),
+                    default: $crate::keys!(@value $Type $(, $default)?),
+                    before: $crate::keys!(@value $Type $(, $before)?),
+                },
+            )+];
+
+            fn to_values(&self) -> Vec<$crate::key::Value> {
+                vec![$($crate::key::KeyType::to_value(&self.$field)),+]
+            }
+
+            fn from_values(values: &[$crate::key::Value]) -> Option<Self> {
+                let [$($field),+] = values else { return None };
+                Some($Name { $($field: $crate::key::KeyType::from_value($field)?),+ })
+            }
+        }
+    };
+    (@kind $Type:ty) => { <$Type as $crate::key::FixedKind>::KIND };
+    (@kind $Type:ty, $kind:expr) => { $kind };
+    (@value $Type:ty) => { None };
+    (@value $Type:ty, $value:expr) => {
+        Some(|| {
+            let value: $Type = $value;
+            $crate::key::KeyType::to_value(&value)
+        })
+    };
+}
+
+/// Declares an enum whose variants are the words that a key can have.
+#[macro_export]
+macro_rules! choices {
+    (
+        $(#[$attribute:meta])*
+        $visibility:vis enum $Name:ident {
+            $($(#[doc = $doc:literal])+ $Variant:ident = $word:literal,)+
+        }
+    ) => {
+        $(#[$attribute])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        $visibility enum $Name {
+            $($(#[doc = $doc])+ $Variant,)+
+        }
+
+        impl $Name {
+            /// The word that manifests and the store write.
+            pub fn word(self) -> &'static str {
+                match self {
+                    $($Name::$Variant => $word,)+
+                }
+            }
+
+            /// The variant that a word stands for.
+            pub fn named(word: &str) -> Option<Self> {
+                match word {
+                    $($word => Some($Name::$Variant),)+
+                    _ => None,
+                }
+            }
+        }
+
+        impl $crate::key::KeyType for $Name {
+            fn to_value(&self) -> $crate::key::Value {
+                $crate::key::Value::Choice(self.word())
+            }
+
+            fn from_value(value: &$crate::key::Value) -> Option<Self> {
+                match value {
+                    $crate::key::Value::Choice(word) => $Name::named(word),
+                    _ => None,
+                }
+            }
+        }
+
+        impl $crate::key::FixedKind for $Name {
+            const KIND: $crate::key::Kind = $crate::key::Kind::Choice(&[$($word),+]);
+        }
+    };
+}
