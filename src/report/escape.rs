@@ -104,13 +104,6 @@ pub fn file_stem(name: &str) -> String {
     if stem.is_empty() { "unnamed".to_owned() } else { stem.to_owned() }
 }
 
-/// Text inside of a JavaScript or JSON string that stands in a page.
-pub fn script(text: &str) -> String {
-    let json = serde_json::Value::from(text).to_string();
-    // `</script>` and `<!--` would end or change the element around it.
-    json.replace('<', "\\u003c").replace('\u{2028}', "\\u2028").replace('\u{2029}', "\\u2029")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -127,6 +120,5 @@ mod tests {
         assert_eq!(file_stem("../../etc/passwd"), "etc-passwd");
         assert_eq!(file_stem("Figure 2 (a)"), "figure-2-a");
         assert_eq!(file_stem("…/.."), "unnamed");
-        assert!(!script("</script><!--").contains('<'));
     }
 }

@@ -16,7 +16,7 @@ pub use axis::Numbers;
 pub use chart::{curve_figure, error_figure, learning_figure};
 pub use forest::forest_figure;
 pub use heat::{heat_figure, heat_range};
-pub use look::{Look, Looks, arm_label, labels, settings_label};
+pub use look::{Looks, arm_label, labels, settings_label};
 
 use super::scene::{Anchor, Color, Direction, Point, Shape, Weight, width};
 

@@ -7,9 +7,9 @@ mod parts;
 use parts::{figure_card, html_table, provenance};
 
 use super::captions;
-use super::document::{ReportedExperiment, Section, all_jobs};
 use super::escape::{file_stem, markup};
 use super::scene::web_font;
+use super::section::{ReportedExperiment, Section, all_jobs};
 use super::tables;
 use crate::analyse::declared::{JobCounts, Reproduction, Subject};
 
@@ -17,7 +17,7 @@ const STYLE: &str = include_str!("style.css");
 const SCRIPT: &str = include_str!("script.js");
 
 /// The page of these experiments.
-pub(super) fn index(sections: &[Section<'_>], reproduction: &Reproduction, store: &str) -> String {
+pub fn index(sections: &[Section<'_>], reproduction: &Reproduction, store: &str) -> String {
     let experiments: Vec<&ReportedExperiment> =
         sections.iter().map(|section| section.experiment).collect();
     let names: Vec<String> = experiments.iter().map(|one| markup(&one.name)).collect();

@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 
 use crate::analyse::declared::Content;
 use crate::report::data_table::{Cell, DataTable};
-use crate::report::document::{ArmTables, ReportedExperiment, Shown};
 use crate::report::escape::markup;
 use crate::report::latex::is_printed;
 use crate::report::scene::inline_svg;
+use crate::report::section::{ArmTables, ReportedExperiment, Shown};
 
 /// Rows of a table that a page holds; all of them are in the CSV file.
 const MOST_ROWS: usize = 400;
