@@ -1,25 +1,7 @@
-//! Text as each format needs it: names come from manifests, and anybody can write one.
+//! Text as CSV, LaTeX, Markdown and file names need it: names come from manifests, and anybody can
+//! write one. HTML and SVG are escaped by the templates that make them.
 
 use std::borrow::Cow;
-
-/// Text for HTML and SVG, in elements and in quoted attributes.
-pub fn markup(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for character in text.chars() {
-        match character {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
-            '\'' => out.push_str("&#39;"),
-            '\t' | '\n' => out.push(character),
-            // XML has no way to write these.
-            other if other.is_control() => out.push('\u{fffd}'),
-            other => out.push(other),
-        }
-    }
-    out
-}
 
 /// A cell of CSV (RFC 4180), [`defused`].
 pub fn csv(text: &str) -> String {
@@ -109,9 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_hostile_name_is_harmless_in_every_format() {
-        let name = "<script>\"&'</script>\u{1}";
-        assert_eq!(markup(name), "&lt;script&gt;&quot;&amp;&#39;&lt;/script&gt;\u{fffd}");
+    fn a_hostile_name_is_harmless() {
         assert_eq!(csv("=HYPERLINK(\"x\"),1"), "\"'=HYPERLINK(\"\"x\"\"),1\"");
         assert_eq!(csv("@SUM(A1)"), "'@SUM(A1)");
         assert_eq!(csv("-12.5"), "-12.5");
