@@ -1,4 +1,4 @@
-//! What a report has of each experiment, before it is written as files and shown on the page.
+//! The contents of a report, per experiment, from which its files and its page are made.
 
 use super::data_table::DataTable;
 use super::scene::Scene;

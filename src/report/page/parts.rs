@@ -161,7 +161,8 @@ fn html_cell(cell: &Cell, class: Option<&str>) -> Markup {
     html! { td class=[class] data-value=[value] title=[reason] { (cell.shown()) } }
 }
 
-/// One row in so many, evenly within the rows that share their words, and the last of each.
+/// One row in `every`, spread evenly over each run of rows with the same words, and the last of
+/// each run.
 fn thinned(rows: &[Vec<Cell>], every: usize) -> impl Iterator<Item = &Vec<Cell>> {
     let same_words = |one: &Vec<Cell>, next: &Vec<Cell>| {
         one.iter().zip(next).all(|cells| match cells {

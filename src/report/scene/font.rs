@@ -19,7 +19,7 @@ pub(super) struct Face {
     characters: Charmap<'static>,
     metrics: GlyphMetrics<'static>,
     outlines: OutlineGlyphCollection<'static>,
-    /// Units of the height of a letter.
+    /// Font units per unit of letter size.
     pub(super) units_per_em: f64,
 }
 
@@ -35,7 +35,7 @@ impl Face {
         }
     }
 
-    /// The glyph of a character; that of a box where the font has none.
+    /// The glyph of a character, or the box that stands for missing glyphs.
     pub(super) fn glyph(&self, character: char) -> GlyphId {
         self.characters.map(character).unwrap_or(GlyphId::NOTDEF)
     }

@@ -98,7 +98,8 @@ pub(crate) fn number(value: f64) -> String {
     if text == "-0" { "0".to_owned() } else { text.to_owned() }
 }
 
-/// Text for an element or a quoted attribute. XML has no way to write the characters left out.
+/// Text for an element or a double-quoted attribute. XML cannot hold the characters that are
+/// replaced.
 fn escaped(text: &str) -> String {
     let is_foreign = |character: char| match character {
         '\t' | '\n' => false,
