@@ -8,7 +8,7 @@ use comfy_table::{CellAlignment, ColumnConstraint, Table, Width, presets};
 use serde_json::Value;
 
 use crate::manifest::hidden;
-use crate::report::escape::defused;
+use crate::report::defused;
 
 /// Spaces on either side of a table's columns.
 const PADDING: (u16, u16) = (0, 2);

@@ -2,7 +2,7 @@
 
 use super::data_table::{Cell, DataTable, shown};
 use super::figure::arm_label;
-use super::tables::{between, high, in_unit, low, mean};
+use super::tables::{between, high, in_unit, low, mean, optimum, percent, share};
 use crate::analyse::declared::{AgentRow, ArmRow};
 use crate::analyse::{Aggregate, FEW_SEEDS, Interval, Undefined, mean_interval};
 
@@ -111,30 +111,6 @@ pub fn agents(rows: &[AgentRow]) -> DataTable {
         ]);
     }
     table
-}
-
-/// The optimum, if it is known.
-pub fn optimum(optimum: Option<f64>) -> Cell {
-    optimum.map_or_else(unknown, |value| Cell::number(value, 1))
-}
-
-/// A return as a share of the optimum.
-pub fn share(value: Result<f64, Undefined>, optimum: Option<f64>) -> Cell {
-    match optimum.filter(|optimum| *optimum > 0.0) {
-        Some(optimum) => percent(value.map(|value| value / optimum)),
-        None => unknown(),
-    }
-}
-
-fn unknown() -> Cell {
-    Cell::Missing("no optimum is known for this scenario".to_owned())
-}
-
-fn percent(value: Result<f64, Undefined>) -> Cell {
-    match value {
-        Ok(value) => Cell::Number { value, shown: shown(value * 100.0, 1) },
-        Err(reason) => Cell::Missing(reason.to_string()),
-    }
 }
 
 fn percent_between(interval: Result<Interval, Undefined>) -> Cell {

@@ -14,33 +14,12 @@ use super::figure::{
 use super::latex::{is_printed, latex};
 use super::page;
 use super::scene::{Scene, png, svg};
+use super::section::{ArmTables, ReportedExperiment, Section, Shown};
 use super::tables;
-use crate::analyse::declared::{ArmResults, Content, Finding, JobCounts, Name, Reproduction};
-use crate::record::JobRecord;
+use crate::analyse::declared::{Content, Finding, Name, Reproduction};
 
 /// Panels of the choice of actions that a figure has at most, one below the other.
 const PANELS: usize = 12;
-
-/// An experiment with what was found.
-#[derive(Clone, Debug)]
-pub struct ReportedExperiment {
-    /// Its name.
-    pub name: String,
-    /// What its author wants to know.
-    pub question: Option<String>,
-    /// What its author expects.
-    pub hypothesis: Option<String>,
-    /// The manifest's text.
-    pub manifest: String,
-    /// Its jobs.
-    pub jobs: Vec<JobRecord>,
-    /// What its analyses found, with the query that reads their data.
-    pub findings: Vec<(Finding, String)>,
-    /// Published numbers beside ours, where the manifest names some.
-    pub reproduction: Option<Reproduction>,
-    /// What every arm came to, whatever is analysed.
-    pub arms: ArmResults,
-}
 
 /// A file of the report.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -49,31 +28,6 @@ pub struct ReportFile {
     pub name: String,
     /// What is in it.
     pub bytes: Vec<u8>,
-}
-
-/// A finding as the page shows it.
-pub(super) struct Shown<'e> {
-    pub finding: &'e Finding,
-    pub stem: String,
-    pub scenes: Vec<(String, Scene)>,
-    pub caption: String,
-    pub table: DataTable,
-    pub sql: &'e str,
-    /// Labels of the series that a reader can hide.
-    pub series: Vec<String>,
-}
-
-/// The tables of an experiment's arms, by file name.
-pub(super) struct ArmTables {
-    pub arms: (String, DataTable),
-    pub agents: (String, DataTable),
-}
-
-/// An experiment as the page shows it.
-pub(super) struct Section<'e> {
-    pub experiment: &'e ReportedExperiment,
-    pub shown: Vec<Shown<'e>>,
-    pub tables: ArmTables,
 }
 
 /// Every file of the report of these experiments. `store` is what readers call the store.
@@ -267,11 +221,4 @@ fn write_table(stem: &str, table: &DataTable, files: &mut Vec<ReportFile>) {
     if is_printed(table) {
         push("tex", latex(table));
     }
-}
-
-/// The jobs of all experiments, each counted once.
-pub(super) fn all_jobs(experiments: &[&ReportedExperiment]) -> JobCounts {
-    let mut seen = std::collections::HashSet::new();
-    let jobs = experiments.iter().flat_map(|experiment| &experiment.jobs);
-    JobCounts::of(jobs.filter(|job| seen.insert(job.job_key)))
 }

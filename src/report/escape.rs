@@ -1,25 +1,7 @@
-//! Text as each format needs it: names come from manifests, and anybody can write one.
+//! Text as CSV, LaTeX, Markdown and file names need it: names come from manifests, and anybody can
+//! write one. HTML and SVG are escaped by the templates that make them.
 
 use std::borrow::Cow;
-
-/// Text for HTML and SVG, in elements and in quoted attributes.
-pub fn markup(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for character in text.chars() {
-        match character {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
-            '\'' => out.push_str("&#39;"),
-            '\t' | '\n' => out.push(character),
-            // XML has no way to write these.
-            other if other.is_control() => out.push('\u{fffd}'),
-            other => out.push(other),
-        }
-    }
-    out
-}
 
 /// A cell of CSV (RFC 4180), [`defused`].
 pub fn csv(text: &str) -> String {
@@ -104,21 +86,12 @@ pub fn file_stem(name: &str) -> String {
     if stem.is_empty() { "unnamed".to_owned() } else { stem.to_owned() }
 }
 
-/// Text inside of a JavaScript or JSON string that stands in a page.
-pub fn script(text: &str) -> String {
-    let json = serde_json::Value::from(text).to_string();
-    // `</script>` and `<!--` would end or change the element around it.
-    json.replace('<', "\\u003c").replace('\u{2028}', "\\u2028").replace('\u{2029}', "\\u2029")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn a_hostile_name_is_harmless_in_every_format() {
-        let name = "<script>\"&'</script>\u{1}";
-        assert_eq!(markup(name), "&lt;script&gt;&quot;&amp;&#39;&lt;/script&gt;\u{fffd}");
+    fn a_hostile_name_is_harmless() {
         assert_eq!(csv("=HYPERLINK(\"x\"),1"), "\"'=HYPERLINK(\"\"x\"\"),1\"");
         assert_eq!(csv("@SUM(A1)"), "'@SUM(A1)");
         assert_eq!(csv("-12.5"), "-12.5");
@@ -127,6 +100,5 @@ mod tests {
         assert_eq!(file_stem("../../etc/passwd"), "etc-passwd");
         assert_eq!(file_stem("Figure 2 (a)"), "figure-2-a");
         assert_eq!(file_stem("…/.."), "unnamed");
-        assert!(!script("</script><!--").contains('<'));
     }
 }

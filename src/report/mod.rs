@@ -2,16 +2,19 @@
 
 mod arm_tables;
 mod captions;
-pub mod data_table;
+mod data_table;
 mod document;
-pub mod escape;
-pub mod figure;
+mod escape;
+mod figure;
 mod latex;
 mod page;
-pub mod scene;
+mod scene;
+mod section;
 mod table;
 mod tables;
 mod words;
 
-pub use document::{ReportFile, ReportedExperiment, report};
+pub use document::{ReportFile, report};
+pub use escape::defused;
+pub use section::ReportedExperiment;
 pub use table::{Line, summary_table};

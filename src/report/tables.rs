@@ -1,6 +1,5 @@
 //! Tables: from findings to rows.
 
-use super::arm_tables::{optimum, share};
 use super::data_table::{Cell, DataTable, shown};
 use super::figure::{Numbers, arm_label, settings_label};
 use super::words::{metric_title, unit_numbers};
@@ -61,6 +60,31 @@ pub(super) fn high(interval: Result<Interval, Undefined>) -> Cell {
 /// The mean of the seeds.
 pub(super) fn mean(values: &[f64]) -> Result<f64, Undefined> {
     Moments::of(values).map(|moments| moments.mean)
+}
+
+/// The optimum, if it is known.
+pub(super) fn optimum(optimum: Option<f64>) -> Cell {
+    optimum.map_or_else(unknown, |value| Cell::number(value, 1))
+}
+
+/// A return as a share of the optimum.
+pub(super) fn share(value: Result<f64, Undefined>, optimum: Option<f64>) -> Cell {
+    match optimum.filter(|optimum| *optimum > 0.0) {
+        Some(optimum) => percent(value.map(|value| value / optimum)),
+        None => unknown(),
+    }
+}
+
+fn unknown() -> Cell {
+    Cell::Missing("no optimum is known for this scenario".to_owned())
+}
+
+/// A share in per cent, as readers see it.
+pub(super) fn percent(value: Result<f64, Undefined>) -> Cell {
+    match value {
+        Ok(value) => Cell::Number { value, shown: shown(value * 100.0, 1) },
+        Err(reason) => Cell::Missing(reason.to_string()),
+    }
 }
 
 fn contrast(title: &str, rows: &[ContrastRow], metric: &str) -> DataTable {

@@ -1,6 +1,13 @@
-//! Metrics in words.
+//! Metrics in words, and how their numbers are written.
 
-use super::figure::Numbers;
+/// How numbers are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Numbers {
+    /// As they are.
+    Plain,
+    /// As per cent.
+    Percent,
+}
 
 /// A metric as axes and captions call it, with its unit.
 pub fn metric_title(metric: &str) -> String {

@@ -1,6 +1,6 @@
 //! Axes: from numbers to places, with round numbers to read them by.
 
-use super::{FAINT, GRID, INK, TEXT, fitting, rising_title, text};
+use super::{FAINT, GRID, INK, Numbers, TEXT, fitting, rising_title, text};
 use crate::report::data_table::shown;
 use crate::report::scene::{Anchor, Mark, Shape, Stroke, Weight};
 
@@ -24,15 +24,6 @@ pub enum AxisScale {
     Linear,
     /// Evenly by powers of ten.
     Log,
-}
-
-/// How numbers are written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Numbers {
-    /// As they are.
-    Plain,
-    /// As per cent.
-    Percent,
 }
 
 /// The rectangle between the axes.

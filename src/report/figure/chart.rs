@@ -1,8 +1,8 @@
 //! Lines along an axis, with intervals, labelled where they end.
 
-use super::axis::{Axis, AxisScale, Frame, Numbers, round_range};
+use super::axis::{Axis, AxisScale, Frame, round_range};
 use super::look::{Look, Looks, Marker, arm_label, labels};
-use super::{FAINT, INK, NOTE, PUBLISHED, TEXT, WIDTH, fitting, seeds, text};
+use super::{FAINT, INK, NOTE, Numbers, PUBLISHED, TEXT, WIDTH, fitting, seeds, text};
 use crate::analyse::declared::{
     CurveFigure, CurveLine, CurvePoint, ErrorFigure, LearningLine, LearningPanel, Name,
     inference_error,

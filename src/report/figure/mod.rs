@@ -12,13 +12,13 @@ mod heat;
 mod look;
 
 pub use actions::action_figure;
-pub use axis::Numbers;
 pub use chart::{curve_figure, error_figure, learning_figure};
 pub use forest::forest_figure;
 pub use heat::{heat_figure, heat_range};
-pub use look::{Look, Looks, arm_label, labels, settings_label};
+pub use look::{Looks, arm_label, labels, settings_label};
 
 use super::scene::{Anchor, Color, Direction, Point, Shape, Weight, width};
+pub use super::words::Numbers;
 
 /// Width of a figure: 85 mm, the column of a journal, at 96 units an inch. What needs more room for
 /// its words is wider, not smaller.

@@ -2,148 +2,168 @@
 
 use std::collections::BTreeMap;
 
+use maud::{Markup, PreEscaped, html};
+
 use crate::analyse::declared::Content;
 use crate::report::data_table::{Cell, DataTable};
-use crate::report::document::{ArmTables, ReportedExperiment, Shown};
-use crate::report::escape::markup;
 use crate::report::latex::is_printed;
 use crate::report::scene::inline_svg;
+use crate::report::section::{ArmTables, ReportedExperiment, Shown};
 
 /// Rows of a table that a page holds; all of them are in the CSV file.
 const MOST_ROWS: usize = 400;
 
 /// A finding: title, figures, what is seen, data.
-pub fn figure_card(shown: &Shown<'_>) -> String {
-    let figures: String = shown
-        .scenes
-        .iter()
-        .map(|(stem, scene)| {
-            let drawing = inline_svg(scene);
-            let files = ["svg", "png"].map(|extension| {
-                let name = extension.to_uppercase();
-                format!("<a href=\"figures/{stem}.{extension}\">{name}</a>")
-            });
-            format!(
-                "<figure>{drawing}<figcaption class=\"links\">{}</figcaption></figure>",
-                files.join(" ")
-            )
-        })
-        .collect();
-    // A comparison of which a side has no seed.
-    let nothing = match (&shown.finding.content, shown.scenes.is_empty()) {
-        (Content::Contrast(_), true) => {
-            "<p class=\"note\">No figure: there is no comparison with completed jobs on \
-             both sides.</p>"
-        }
-        _ => "",
-    };
-    let size = match (shown.scenes.len(), shown.table.rows.len()) {
-        (1, _) if shown.table.shown_columns().count() <= 10 => "card",
+pub fn figure_card(shown: &Shown<'_>) -> Markup {
+    let size = match shown.scenes.len() {
+        1 if shown.table.shown_columns().count() <= 10 => "card",
         _ => "card wide",
     };
+    // A comparison of which a side has no seed.
+    let is_without_seeds =
+        matches!(shown.finding.content, Content::Contrast(_)) && shown.scenes.is_empty();
     // Tables that are tables in papers are seen at once.
     let is_table = matches!(shown.finding.content, Content::Contrast(_) | Content::Selection(_));
-    let open = if is_table { " open" } else { "" };
-    let rows = shown.table.rows.len();
-    format!(
-        "<article class=\"{size}\" id=\"{stem}\"><h3>{title}</h3>{switches}\
-         <div class=\"figures\">{figures}{nothing}</div><p class=\"seen\">{caption}</p>\
-         <p class=\"links\">{links} <a href=\"sql/{stem}.sql\">SQL</a></p>\
-         <details{open}><summary>Numbers ({rows} rows)</summary>{table}</details>\
-         <details><summary>SQL that reads this data</summary><pre>{sql}</pre></details></article>",
-        stem = shown.stem,
-        title = markup(&shown.finding.title),
-        switches = switches(&shown.series),
-        caption = sentences(&shown.caption),
-        links = table_links(&format!("tables/{}", shown.stem), &shown.table),
-        table = html_table(&shown.table),
-        sql = markup(shown.sql)
-    )
+    html! {
+        article class=(size) id=(shown.stem) {
+            h3 { (shown.finding.title) }
+            (switches(&shown.series))
+            div.figures {
+                @for (stem, scene) in &shown.scenes {
+                    figure {
+                        (PreEscaped(inline_svg(scene)))
+                        figcaption.links {
+                            (links(&format!("figures/{stem}"), &[("svg", "SVG"), ("png", "PNG")]))
+                        }
+                    }
+                }
+                @if is_without_seeds {
+                    p.note {
+                        "No figure: there is no comparison with completed jobs on both sides."
+                    }
+                }
+            }
+            p.seen { (sentences(&shown.caption)) }
+            p.links {
+                (table_links(&format!("tables/{}", shown.stem), &shown.table)) " "
+                (links(&format!("sql/{}", shown.stem), &[("sql", "SQL")]))
+            }
+            details open[is_table] {
+                summary { "Numbers (" (shown.table.rows.len()) " rows)" }
+                (html_table(&shown.table))
+            }
+            details { summary { "SQL that reads this data" } pre { (shown.sql) } }
+        }
+    }
 }
 
 /// Letters of the longest word with a hyphen that is kept on one line; scenarios have seven.
 const KEPT_WHOLE: usize = 9;
 
 /// Sentences whose lines break neither within a scenario, such as `P-H-D`, nor before a `%`.
-fn sentences(text: &str) -> String {
-    let word = |word: &str| match word.contains('-') && word.chars().count() <= KEPT_WHOLE {
-        true => format!("<span class=\"whole\">{}</span>", markup(word)),
-        false => markup(word),
-    };
-    let words: Vec<String> = text.split(' ').map(word).collect();
-    words.join(" ").replace(" %", "&nbsp;%")
+fn sentences(text: &str) -> Markup {
+    let is_whole = |word: &str| word.contains('-') && word.chars().count() <= KEPT_WHOLE;
+    html! {
+        @for (place, word) in text.replace(" %", "\u{a0}%").split(' ').enumerate() {
+            @if place > 0 { " " }
+            @if is_whole(word) { span.whole { (word) } } @else { (word) }
+        }
+    }
 }
 
 /// What every agent and every arm of an experiment came to.
-pub fn arm_tables(tables: &ArmTables) -> String {
-    let block = |(stem, table): &(String, DataTable), open: &str| {
-        let caption = markup(&table.caption);
-        format!(
-            "<details{open}><summary>{caption} ({} rows)</summary>{}<p class=\"links\">{}</p></details>",
-            table.rows.len(),
-            html_table(table),
-            table_links(&format!("tables/{stem}"), table)
-        )
-    };
-    let (agents, arms) = (block(&tables.agents, " open"), block(&tables.arms, ""));
-    format!(
-        "<article class=\"card arms\" id=\"{}\"><h3>All arms</h3>{agents}{arms}</article>",
-        tables.arms.0
-    )
+pub fn arm_tables(tables: &ArmTables) -> Markup {
+    html! {
+        article.card.arms id=(tables.arms.0) {
+            h3 { "All arms" }
+            @for ((stem, table), is_open) in [(&tables.agents, true), (&tables.arms, false)] {
+                details open[is_open] {
+                    summary { (table.caption) " (" (table.rows.len()) " rows)" }
+                    (html_table(table))
+                    p.links { (table_links(&format!("tables/{stem}"), table)) }
+                }
+            }
+        }
+    }
 }
 
 /// Boxes that show and hide series; there is nothing to choose of one.
-fn switches(series: &[String]) -> String {
-    if series.len() < 2 {
-        return String::new();
+fn switches(series: &[String]) -> Markup {
+    html! {
+        @if series.len() > 1 {
+            div.switches {
+                @for (place, label) in series.iter().enumerate() {
+                    label { input type="checkbox" checked data-toggle=(place); (label) }
+                }
+            }
+        }
     }
-    let boxes: String = series
-        .iter()
-        .enumerate()
-        .map(|(at, label)| {
-            let label = markup(label);
-            format!("<label><input type=\"checkbox\" checked data-toggle=\"{at}\">{label}</label>")
-        })
-        .collect();
-    format!("<div class=\"switches\">{boxes}</div>")
 }
 
 /// Links to a table's files.
-pub fn table_links(stem: &str, table: &DataTable) -> String {
-    let mut files = vec![("csv", "CSV"), ("md", "Markdown")];
-    if is_printed(table) {
-        files.push(("tex", "LaTeX"));
+pub fn table_links(stem: &str, table: &DataTable) -> Markup {
+    match is_printed(table) {
+        true => links(stem, &[("csv", "CSV"), ("md", "Markdown"), ("tex", "LaTeX")]),
+        false => links(stem, &[("csv", "CSV"), ("md", "Markdown")]),
     }
-    let link =
-        |(extension, name): (&str, &str)| format!("<a href=\"{stem}.{extension}\">{name}</a>");
-    files.into_iter().map(link).collect::<Vec<_>>().join(" ")
+}
+
+/// Links to files of one stem, by extension.
+fn links(stem: &str, files: &[(&str, &str)]) -> Markup {
+    html! {
+        @for (place, (extension, name)) in files.iter().enumerate() {
+            @if place > 0 { " " }
+            a href={ (stem) "." (extension) } { (name) }
+        }
+    }
 }
 
 /// A table that a reader can sort.
-pub fn html_table(table: &DataTable) -> String {
-    let places: Vec<usize> = table.shown_columns().collect();
-    let numeric: Vec<&str> = places
-        .iter()
-        .map(|place| if table.is_numeric(*place) { " class=\"number\"" } else { "" })
+pub fn html_table(table: &DataTable) -> Markup {
+    let columns: Vec<(usize, Option<&str>)> = table
+        .shown_columns()
+        .map(|place| (place, table.is_numeric(place).then_some("number")))
         .collect();
-    let headings = places.iter().zip(&numeric).map(|(place, class)| {
-        let heading = markup(&table.columns[*place].heading);
-        format!("<th scope=\"col\"{class} aria-sort=\"none\"><button type=\"button\">{heading}</button></th>")
-    });
-    let headings: String = headings.collect();
-    let row = |row: &Vec<Cell>| {
-        let cells = places.iter().zip(&numeric).map(|(place, class)| {
-            let cell = &row[*place];
-            let more = match cell {
-                Cell::Number { value, .. } => format!(" data-value=\"{value}\""),
-                Cell::Missing(reason) => format!(" title=\"{}\"", markup(reason)),
-                Cell::Text(_) => String::new(),
-            };
-            format!("<td{class}{more}>{}</td>", markup(cell.shown()))
-        });
-        format!("<tr>{}</tr>", cells.collect::<String>())
+    let every = table.rows.len().div_ceil(MOST_ROWS).max(1);
+    html! {
+        div.scroll {
+            table {
+                thead {
+                    tr {
+                        @for (place, class) in &columns {
+                            th scope="col" class=[class] aria-sort="none" {
+                                button type="button" { (table.columns[*place].heading) }
+                            }
+                        }
+                    }
+                }
+                tbody {
+                    @for row in thinned(&table.rows, every) {
+                        tr { @for (place, class) in &columns { (html_cell(&row[*place], *class)) } }
+                    }
+                }
+            }
+        }
+        @if every > 1 {
+            p.note {
+                "One row in " (every) ", and the last of each arm; all of them are in the CSV file."
+            }
+        }
+    }
+}
+
+fn html_cell(cell: &Cell, class: Option<&str>) -> Markup {
+    let (value, reason) = match cell {
+        Cell::Number { value, .. } => (Some(*value), None),
+        Cell::Missing(reason) => (None, Some(reason)),
+        Cell::Text(_) => (None, None),
     };
-    // A long table is thinned evenly within what its words name; the ends of each are seen.
+    html! { td class=[class] data-value=[value] title=[reason] { (cell.shown()) } }
+}
+
+/// One row in `every`, spread evenly over each run of rows with the same words, and the last of
+/// each run.
+fn thinned(rows: &[Vec<Cell>], every: usize) -> impl Iterator<Item = &Vec<Cell>> {
     let same_words = |one: &Vec<Cell>, next: &Vec<Cell>| {
         one.iter().zip(next).all(|cells| match cells {
             (Cell::Text(one), Cell::Text(next)) => one == next,
@@ -151,29 +171,15 @@ pub fn html_table(table: &DataTable) -> String {
             _ => true,
         })
     };
-    let every = table.rows.len().div_ceil(MOST_ROWS).max(1);
-    let named = table.rows.chunk_by(same_words);
-    let thinned = named.flat_map(|rows| {
+    rows.chunk_by(same_words).flat_map(move |rows| {
         let last = rows.len() - 1;
         let kept = move |(place, _): &(usize, _)| place % every == 0 || *place == last;
         rows.iter().enumerate().filter(kept).map(|(_, row)| row)
-    });
-    let rows: String = thinned.map(row).collect();
-    let thinned = match every {
-        1 => String::new(),
-        every => format!(
-            "<p class=\"note\">One row in {every}, and the last of each arm; all of them are in the \
-             CSV file.</p>"
-        ),
-    };
-    format!(
-        "<div class=\"scroll\"><table><thead><tr>{headings}</tr></thead><tbody>{rows}</tbody></table>\
-         </div>{thinned}"
-    )
+    })
 }
 
 /// What made the page and the runs, and where they are.
-pub fn provenance(experiments: &[&ReportedExperiment], store: &str) -> String {
+pub fn provenance(experiments: &[&ReportedExperiment], store: &str) -> Markup {
     let mut makers: BTreeMap<[&str; 5], (usize, &str, &str, f64)> = BTreeMap::new();
     let mut seen = std::collections::HashSet::new();
     let jobs = experiments.iter().flat_map(|experiment| &experiment.jobs);
@@ -219,15 +225,18 @@ pub fn provenance(experiments: &[&ReportedExperiment], store: &str) -> String {
             Cell::number(seconds, 0),
         ]);
     }
-    format!(
-        "<section id=\"provenance\"><h2>Provenance</h2><p>Made from <code>{}</code> by jitai {} \
-         (<code>{}</code>), of runs that these versions made. A revision that ends in \
-         <code>-dirty</code> was built with changes that are not in it.</p>{}</section>",
-        markup(store),
-        env!("CARGO_PKG_VERSION"),
-        env!("JITAI_GIT_REVISION"),
-        html_table(&table)
-    )
+    html! {
+        section #provenance {
+            h2 { "Provenance" }
+            p {
+                "Made from " code { (store) } " by jitai " (env!("CARGO_PKG_VERSION")) " ("
+                code { (env!("JITAI_GIT_REVISION")) } "), of runs that these versions made. \
+                 A revision that ends in " code { "-dirty" }
+                " was built with changes that are not in it."
+            }
+            (html_table(&table))
+        }
+    }
 }
 
 #[cfg(test)]
@@ -237,9 +246,9 @@ mod tests {
     #[test]
     fn lines_break_neither_in_a_scenario_nor_before_a_percent_sign() {
         assert_eq!(
-            sentences("dqn P-H-D, at 40 % error, <a>"),
-            "dqn <span class=\"whole\">P-H-D,</span> at 40&nbsp;% error, &lt;a&gt;"
+            sentences("dqn P-H-D, at 40 % error, <a>").into_string(),
+            "dqn <span class=\"whole\">P-H-D,</span> at 40\u{a0}% error, &lt;a&gt;"
         );
-        assert_eq!(sentences("a-name-that-is-long"), "a-name-that-is-long");
+        assert_eq!(sentences("a-name-that-is-long").into_string(), "a-name-that-is-long");
     }
 }

@@ -2,14 +2,56 @@
 
 use std::sync::LazyLock;
 
-use ttf_parser::{Face, GlyphId};
+use data_encoding::BASE64;
+use skrifa::charmap::Charmap;
+use skrifa::instance::{LocationRef, Size};
+use skrifa::metrics::GlyphMetrics;
+use skrifa::outline::{DrawSettings, OutlineGlyphCollection, OutlinePen};
+use skrifa::{FontRef, GlyphId, MetadataProvider};
 
 static REGULAR: &[u8] = include_bytes!("../fonts/Inter-Regular.otf");
 static SEMIBOLD: &[u8] = include_bytes!("../fonts/Inter-SemiBold.otf");
 
-static FACES: LazyLock<[Face<'static>; 2]> = LazyLock::new(|| {
-    [REGULAR, SEMIBOLD].map(|bytes| Face::parse(bytes, 0).expect("the font is compiled in"))
-});
+static FACES: LazyLock<[Face; 2]> = LazyLock::new(|| [REGULAR, SEMIBOLD].map(Face::new));
+
+/// One weight of the font, measured in its own units.
+pub(super) struct Face {
+    characters: Charmap<'static>,
+    metrics: GlyphMetrics<'static>,
+    outlines: OutlineGlyphCollection<'static>,
+    /// Font units per unit of letter size.
+    pub(super) units_per_em: f64,
+}
+
+impl Face {
+    fn new(bytes: &'static [u8]) -> Face {
+        let font = FontRef::new(bytes).expect("the font is compiled in");
+        let units = font.metrics(Size::unscaled(), LocationRef::default()).units_per_em;
+        Face {
+            characters: font.charmap(),
+            metrics: font.glyph_metrics(Size::unscaled(), LocationRef::default()),
+            outlines: font.outline_glyphs(),
+            units_per_em: f64::from(units),
+        }
+    }
+
+    /// The glyph of a character, or the box that stands for missing glyphs.
+    pub(super) fn glyph(&self, character: char) -> GlyphId {
+        self.characters.map(character).unwrap_or(GlyphId::NOTDEF)
+    }
+
+    /// How far a glyph moves the pen, for letters of height 1.
+    pub(super) fn advance(&self, glyph: GlyphId) -> f64 {
+        f64::from(self.metrics.advance_width(glyph).unwrap_or(0.0)) / self.units_per_em
+    }
+
+    /// Draws the outline of a glyph, whose y grows upwards.
+    pub(super) fn draw(&self, glyph: GlyphId, pen: &mut impl OutlinePen) {
+        let outline = self.outlines.get(glyph).expect("the font has an outline for each glyph");
+        let settings = DrawSettings::unhinted(Size::unscaled(), LocationRef::default());
+        outline.draw(settings, pen).expect("the font is compiled in");
+    }
+}
 
 /// How bold a text is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,7 +63,7 @@ pub enum Weight {
 }
 
 impl Weight {
-    pub(super) fn face(self) -> &'static Face<'static> {
+    pub(super) fn face(self) -> &'static Face {
         match self {
             Weight::Regular => &FACES[0],
             Weight::SemiBold => &FACES[1],
@@ -37,20 +79,10 @@ impl Weight {
     }
 }
 
-/// The glyph of a character; that of a box where the font has none.
-pub(super) fn glyph(face: &Face<'_>, character: char) -> GlyphId {
-    face.glyph_index(character).unwrap_or(GlyphId(0))
-}
-
-/// How far a character moves the pen, for letters of height 1.
-pub(super) fn advance(face: &Face<'_>, glyph: GlyphId) -> f64 {
-    f64::from(face.glyph_hor_advance(glyph).unwrap_or(0)) / f64::from(face.units_per_em())
-}
-
 /// Width of a text.
 pub fn width(text: &str, size: f64, weight: Weight) -> f64 {
     let face = weight.face();
-    text.chars().map(|character| advance(face, glyph(face, character)) * size).sum()
+    text.chars().map(|character| face.advance(face.glyph(character)) * size).sum()
 }
 
 /// CSS that brings the font along, for files that are looked at where it is not installed.
@@ -60,26 +92,10 @@ pub fn web_font() -> String {
             "@font-face{{font-family:\"Jitai Figures\";font-weight:{};\
              src:url(data:font/otf;base64,{})}}",
             weight.number(),
-            base64(bytes)
+            BASE64.encode(bytes)
         )
     };
     face(Weight::Regular, REGULAR) + &face(Weight::SemiBold, SEMIBOLD)
-}
-
-/// Bytes in the alphabet of RFC 4648.
-fn base64(bytes: &[u8]) -> String {
-    const ALPHABET: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut out = String::with_capacity(bytes.len().div_ceil(3) * 4);
-    for group in bytes.chunks(3) {
-        let all = group.iter().enumerate().map(|(at, byte)| u32::from(*byte) << (16 - 8 * at));
-        let all: u32 = all.sum();
-        for place in 0..4 {
-            let sextet = (all >> (18 - 6 * place)) & 63;
-            let is_filled = place <= group.len();
-            out.push(if is_filled { char::from(ALPHABET[sextet as usize]) } else { '=' });
-        }
-    }
-    out
 }
 
 #[cfg(test)]
@@ -87,20 +103,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn base64_as_in_rfc_4648() {
-        let pairs =
-            [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foobar", "Zm9vYmFy")];
-        for (text, expected) in pairs {
-            assert_eq!(base64(text.as_bytes()), expected);
-        }
-    }
-
-    #[test]
     fn the_font_has_what_figures_write() {
         let face = Weight::Regular.face();
         let needed = "P-H-D reinforce σεδρμ ± − × % ≥ ≤ … – 0123456789 (95 %), Φ";
         for character in needed.chars() {
-            assert_ne!(glyph(face, character), GlyphId(0), "{character}");
+            assert_ne!(face.glyph(character), GlyphId::NOTDEF, "{character}");
         }
         assert!(width("mm", 10.0, Weight::Regular) > width("ii", 10.0, Weight::Regular));
     }

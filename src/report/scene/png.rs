@@ -1,12 +1,11 @@
 //! A scene as PNG.
 
+use skrifa::outline::OutlinePen;
 use tiny_skia::{
     FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, Stroke as Pen, StrokeDash,
     Transform,
 };
-use ttf_parser::OutlineBuilder;
 
-use super::font::{advance, glyph};
 use super::{Anchor, Color, Direction, Fill, Point, Scene, Shape, Stroke, Weight, width};
 
 /// Dots a unit: about 380 dots an inch at the width of a column.
@@ -107,13 +106,13 @@ fn letters(text: &str, size: f64, weight: Weight, anchor: Anchor) -> Option<Path
         Anchor::Middle => -width(text, size, weight) / 2.0,
         Anchor::End => -width(text, size, weight),
     };
-    let scale = size / f64::from(face.units_per_em());
+    let scale = size / face.units_per_em;
     let mut builder = PathBuilder::new();
     for character in text.chars() {
-        let glyph = glyph(face, character);
+        let glyph = face.glyph(character);
         let mut outline = Outline { builder: &mut builder, left: pen as f32, scale: scale as f32 };
-        face.outline_glyph(glyph, &mut outline);
-        pen += advance(face, glyph) * size;
+        face.draw(glyph, &mut outline);
+        pen += face.advance(glyph) * size;
     }
     builder.finish()
 }
@@ -131,7 +130,7 @@ impl Outline<'_> {
     }
 }
 
-impl OutlineBuilder for Outline<'_> {
+impl OutlinePen for Outline<'_> {
     fn move_to(&mut self, x: f32, y: f32) {
         let (x, y) = self.at(x, y);
         self.builder.move_to(x, y);

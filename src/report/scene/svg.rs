@@ -2,8 +2,9 @@
 
 use std::fmt::Write as _;
 
+use maud::html;
+
 use super::{Anchor, Color, Direction, Fill, Mark, Point, Scene, Shape, Stroke, web_font};
-use crate::report::escape::markup;
 
 /// Millimetres of a unit, which is a CSS pixel.
 const MILLIMETRES: f64 = 25.4 / 96.0;
@@ -27,7 +28,7 @@ fn element(scene: &Scene, size: &str, head: &str) -> String {
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\"{size} \
          role=\"img\" font-family=\"'Jitai Figures', Inter, Helvetica, Arial, sans-serif\">\
          <title>{}</title>{head}<rect width=\"{width}\" height=\"{height}\" fill=\"#fff\"/>",
-        markup(&scene.description)
+        escaped(&scene.description)
     );
     for mark in &scene.marks {
         write_mark(&mut out, mark);
@@ -42,7 +43,7 @@ fn write_mark(out: &mut String, mark: &Mark) {
         let _ = write!(more, " data-series=\"{series}\"");
     }
     if let Some(tip) = &mark.tip {
-        let _ = write!(more, " data-tip=\"{}\"", markup(tip));
+        let _ = write!(more, " data-tip=\"{}\"", escaped(tip));
     }
     let written = match &mark.shape {
         Shape::Line { points, stroke } => {
@@ -83,7 +84,7 @@ fn write_mark(out: &mut String, mark: &Mark) {
                 number(*size),
                 weight.number(),
                 hex(*color),
-                markup(text)
+                escaped(text)
             )
         }
     };
@@ -95,6 +96,17 @@ pub(crate) fn number(value: f64) -> String {
     let text = format!("{value:.2}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
     if text == "-0" { "0".to_owned() } else { text.to_owned() }
+}
+
+/// Text for an element or a double-quoted attribute. XML cannot hold the characters that are
+/// replaced.
+fn escaped(text: &str) -> String {
+    let is_foreign = |character: char| match character {
+        '\t' | '\n' => false,
+        '\u{fffe}' | '\u{ffff}' => true,
+        other => other.is_control(),
+    };
+    html! { (text.replace(is_foreign, "\u{fffd}")) }.into_string()
 }
 
 fn list(points: &[Point]) -> String {
@@ -127,4 +139,17 @@ fn line(stroke: &Stroke) -> String {
         let _ = write!(text, " stroke-opacity=\"{}\"", number(stroke.opacity));
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_hostile_text_is_text() {
+        assert_eq!(
+            escaped("<script>\"&'</script>\u{1}"),
+            "&lt;script&gt;&quot;&amp;'&lt;/script&gt;\u{fffd}"
+        );
+    }
 }
