@@ -9,6 +9,7 @@ use serde_json::json;
 use crate::agent::{self, Actions, Weights};
 use crate::cli::output::{counted, printable, shell_word};
 use crate::cli::{Error, Exit, StoreArgument};
+use crate::manifest::Agent;
 use crate::plan::Job;
 use crate::store::{self, Diagnosis, Finding, Salvaged};
 
@@ -40,25 +41,30 @@ enum Format {
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     match &arguments.salvage {
         Some(new) => {
-            let salvaged = store::salvage(&arguments.store.store, new, &loads)?;
+            let salvaged = store::salvage(&arguments.store.store, new, &check_weights)?;
             show_salvaged(arguments, &new.display().to_string(), salvaged)?;
             Ok(Exit::Done)
         }
         None => {
-            let diagnosis = store::examine(&arguments.store.store, &loads)?;
+            let diagnosis = store::examine(&arguments.store.store, &check_weights)?;
             show_diagnosis(arguments, &diagnosis)?;
             Ok(if diagnosis.findings.is_empty() { Exit::Done } else { Exit::System })
         }
     }
 }
 
-/// Why the weights make no policy for the job, if they do not.
-fn loads(job: &Job, safetensors: &[u8]) -> Result<(), String> {
+/// Says what is wrong with the weights of a completed run, if anything is.
+fn check_weights(job: &Job, safetensors: Option<&[u8]>) -> Result<(), String> {
+    let Job { agent, environment, scenario, .. } = job;
+    let safetensors = match (agent, safetensors) {
+        (Agent::Rule(_), None) => return Ok(()),
+        (_, None) => return Err("its algorithm has weights, and none are stored".to_owned()),
+        (_, Some(safetensors)) => safetensors,
+    };
     let weights = Weights::from_bytes(safetensors).map_err(|error| error.to_string())?;
     if !weights.are_finite() {
         return Err("a weight is infinite or not a number".to_owned());
     }
-    let Job { agent, environment, scenario, .. } = job;
     agent::trained_policy(agent, environment, scenario, &weights, Actions::AsTrained)
         .map(|_| ())
         .map_err(|error| error.to_string())
