@@ -10,7 +10,7 @@ use jitai::env::Environment;
 use jitai::manifest::Evaluation;
 use jitai::plan::Job;
 use jitai::record::{Outcome, Provenance};
-use jitai::store::{Claim, Claimed, Company, Experiment, RetryFailed, RunEnd, SessionId, Store};
+use jitai::store::{Claim, Claimed, Experiment, Isolation, RetryFailed, RunEnd, SessionId, Store};
 use jitai::train::{self, Unwatched};
 use tempfile::TempDir;
 
@@ -58,7 +58,7 @@ impl Fresh {
 
     fn claim(&mut self, session: SessionId, job: &Job) -> Claim {
         let claimed =
-            self.store.claim(session, &job.key(), RetryFailed::No, Company::Others).unwrap();
+            self.store.claim(session, &job.key(), RetryFailed::No, Isolation::Shared).unwrap();
         match claimed {
             Claimed::Claimed(claim) => claim,
             other => panic!("the job is not free: {other:?}"),

@@ -40,20 +40,25 @@ enum Format {
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     match &arguments.salvage {
         Some(new) => {
-            let salvaged = store::salvage(&arguments.store.store, new, &loads)?;
+            let salvaged = store::salvage(&arguments.store.store, new, &check_weights)?;
             show_salvaged(arguments, &new.display().to_string(), salvaged)?;
             Ok(Exit::Done)
         }
         None => {
-            let diagnosis = store::examine(&arguments.store.store, &loads)?;
+            let diagnosis = store::examine(&arguments.store.store, &check_weights)?;
             show_diagnosis(arguments, &diagnosis)?;
             Ok(if diagnosis.findings.is_empty() { Exit::Done } else { Exit::System })
         }
     }
 }
 
-/// Why the weights make no policy for the job, if they do not.
-fn loads(job: &Job, safetensors: &[u8]) -> Result<(), String> {
+/// Says what is wrong with the weights of a completed run, if anything is.
+fn check_weights(job: &Job, safetensors: Option<&[u8]>) -> Result<(), String> {
+    let Some(safetensors) = safetensors else {
+        let learns = job.agent.algorithm().learns();
+        let missing = "its algorithm has weights, and none are stored";
+        return if learns { Err(missing.to_owned()) } else { Ok(()) };
+    };
     let weights = Weights::from_bytes(safetensors).map_err(|error| error.to_string())?;
     if !weights.are_finite() {
         return Err("a weight is infinite or not a number".to_owned());

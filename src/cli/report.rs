@@ -10,9 +10,9 @@ use crate::cli::counting::Counting;
 use crate::cli::{Error, Exit, StoreArgument, check, folder, optima};
 use crate::manifest::{Analysis, AnalysisKind, Condition, Manifest, Published, Sides};
 use crate::plan::{self, JobKey, PlannedJob, Scalar};
-use crate::record::{Failure, JobRecord, Progress, Setting};
+use crate::record::{Failure, JobRecord, JobStatus, Setting};
 use crate::report::{ReportFile, ReportedExperiment, report};
-use crate::store::{JobState, Parts, Provided, ProvidedPart, Reader};
+use crate::store::{DataPart, DataQuery, JobState, Parts, Reader};
 
 /// Write tables, figures and a page about the results that there are
 #[derive(clap::Args)]
@@ -79,17 +79,17 @@ fn records(reader: &Reader, manifest: &Manifest) -> Result<Vec<JobRecord>, Error
     let mut shown = Counting::new(planned.len(), "jobs read");
     let jobs = planned.iter().zip(keys).zip(states).map(|((planned, key), state)| {
         shown.one_more();
-        let progress = match state {
-            JobState::Pending => Progress::Pending,
-            JobState::Interrupted => Progress::Interrupted,
-            JobState::Running => Progress::Running,
+        let status = match state {
+            JobState::Pending => JobStatus::Pending,
+            JobState::Interrupted => JobStatus::Interrupted,
+            JobState::Running => JobStatus::Running,
             JobState::Failed => match failures.get(&key) {
-                Some(failure) => Progress::Failed(failure.clone()),
-                None => Progress::Interrupted,
+                Some(failure) => JobStatus::Failed(failure.clone()),
+                None => JobStatus::Interrupted,
             },
             JobState::Completed => match reader.completed_run(key, parts)? {
-                Some(run) => Progress::Completed(Box::new(run)),
-                None => Progress::Pending,
+                Some(run) => JobStatus::Completed(Box::new(run)),
+                None => JobStatus::Pending,
             },
         };
         Ok(JobRecord {
@@ -99,7 +99,7 @@ fn records(reader: &Reader, manifest: &Manifest) -> Result<Vec<JobRecord>, Error
             seed: planned.job.seed,
             settings: settings(planned),
             optimum: optima.get(&optima::Cell::of(&planned.job)).copied(),
-            progress,
+            status,
         })
     });
     jobs.collect()
@@ -121,7 +121,7 @@ fn settings(planned: &PlannedJob) -> Vec<(String, Setting)> {
 }
 
 /// The rows of every job of a manifest.
-fn everything(manifest: &Manifest, jobs: &[JobRecord]) -> Provided {
+fn everything(manifest: &Manifest, jobs: &[JobRecord]) -> DataQuery {
     let names: BTreeSet<&String> =
         jobs.iter().flat_map(|job| job.settings.iter().map(|(name, _)| name)).collect();
     // Parameters that differ among jobs, with their values.
@@ -129,43 +129,43 @@ fn everything(manifest: &Manifest, jobs: &[JobRecord]) -> Provided {
         let values = distinct(jobs.iter().filter_map(|job| job.setting(name).cloned()));
         (name.clone(), values)
     });
-    Provided {
+    DataQuery {
         experiment: manifest.name.clone(),
         agents: distinct(jobs.iter().map(|job| job.agent.clone())),
         scenarios: distinct(jobs.iter().map(|job| job.scenario.clone())),
         parameters: valued.filter(|(_, values)| values.len() > 1).collect(),
-        part: ProvidedPart::Returns,
+        part: DataPart::Returns,
     }
 }
 
 /// The query that reads the data of an analysis of everything.
-fn query(everything: &Provided, analysis: &Analysis) -> String {
-    let mut provided = Provided { part: part(analysis), ..everything.clone() };
-    analysis.conditions.iter().for_each(|condition| narrow(&mut provided, condition));
+fn query(everything: &DataQuery, analysis: &Analysis) -> String {
+    let mut data_query = DataQuery { part: part(analysis), ..everything.clone() };
+    analysis.conditions.iter().for_each(|condition| narrow(&mut data_query, condition));
     match &analysis.kind {
-        AnalysisKind::Contrast(contrast) => narrow_to_sides(&mut provided, &contrast.sides),
-        AnalysisKind::HeatMap { sides: Some(sides), .. } => narrow_to_sides(&mut provided, sides),
+        AnalysisKind::Contrast(contrast) => narrow_to_sides(&mut data_query, &contrast.sides),
+        AnalysisKind::HeatMap { sides: Some(sides), .. } => narrow_to_sides(&mut data_query, sides),
         _ => {}
     }
-    provided.sql()
+    data_query.sql()
 }
 
 /// Of the rows that are left, leaves only those of two sides.
-fn narrow_to_sides(provided: &mut Provided, Sides { first, second }: &Sides) {
+fn narrow_to_sides(data_query: &mut DataQuery, Sides { first, second }: &Sides) {
     match (first, second) {
         (Condition::Scenario(first), Condition::Scenario(second)) => {
             let sides: Vec<String> = first.iter().chain(second).map(ToString::to_string).collect();
-            provided.scenarios.retain(|scenario| sides.contains(scenario));
+            data_query.scenarios.retain(|scenario| sides.contains(scenario));
         }
         (Condition::AgentName(first), Condition::AgentName(second)) => {
-            provided.agents.retain(|agent| first.contains(agent) || second.contains(agent));
+            data_query.agents.retain(|agent| first.contains(agent) || second.contains(agent));
         }
         (Condition::Key { parameter, values }, Condition::Key { values: others, .. }) => {
             let (name, sides) = (parameter.to_string(), values.iter().chain(others).map(setting));
             let sides: Vec<Setting> = sides.collect();
-            match provided.parameters.iter_mut().find(|(known, _)| *known == name) {
+            match data_query.parameters.iter_mut().find(|(known, _)| *known == name) {
                 Some((_, values)) => values.retain(|value| sides.contains(value)),
-                None => provided.parameters.push((name, sides)),
+                None => data_query.parameters.push((name, sides)),
             }
         }
         _ => {}
@@ -179,37 +179,35 @@ fn distinct<T: ToString>(found: impl Iterator<Item = T>) -> Vec<T> {
 }
 
 /// Leaves only the rows that a condition is for. All seeds of an analysis are read.
-fn narrow(provided: &mut Provided, condition: &Condition) {
+fn narrow(data_query: &mut DataQuery, condition: &Condition) {
     match condition {
         Condition::Scenario(list) => {
-            provided.scenarios = list.iter().map(ToString::to_string).collect();
+            data_query.scenarios = list.iter().map(ToString::to_string).collect();
         }
-        Condition::AgentName(list) => provided.agents.clone_from(list),
+        Condition::AgentName(list) => data_query.agents.clone_from(list),
         Condition::Seed(_) => {}
         Condition::Key { parameter, values } => {
             let name = parameter.to_string();
             let wanted = values.iter().map(setting).collect();
-            match provided.parameters.iter_mut().find(|(known, _)| *known == name) {
+            match data_query.parameters.iter_mut().find(|(known, _)| *known == name) {
                 Some((_, values)) => *values = wanted,
-                None => provided.parameters.push((name, wanted)),
+                None => data_query.parameters.push((name, wanted)),
             }
         }
     }
 }
 
 /// The part of the results that an analysis is about.
-fn part(analysis: &Analysis) -> ProvidedPart {
+fn part(analysis: &Analysis) -> DataPart {
     match &analysis.kind {
-        AnalysisKind::LearningCurve { .. } => ProvidedPart::LearningCurve,
-        AnalysisKind::ActionChoice { .. } | AnalysisKind::InferenceError => {
-            ProvidedPart::ActionChoice
-        }
+        AnalysisKind::LearningCurve { .. } => DataPart::LearningCurve,
+        AnalysisKind::ActionChoice { .. } | AnalysisKind::InferenceError => DataPart::ActionChoice,
         AnalysisKind::Contrast(_)
         | AnalysisKind::Curve { .. }
         | AnalysisKind::HeatMap { .. }
         | AnalysisKind::Selection { .. } => match analysis.metric {
-            "lower_quartile_return" => ProvidedPart::Returns,
-            metric => ProvidedPart::Metric(metric.to_owned()),
+            "lower_quartile_return" => DataPart::Returns,
+            metric => DataPart::Metric(metric.to_owned()),
         },
     }
 }

@@ -1,10 +1,10 @@
-//! What is known of a job: what it was set to, and how far it came.
+//! A job with its parameters, status and results.
 
 use std::fmt;
 
 use super::{ActionCount, Failure, JobKey, Provenance};
 
-/// A job of an experiment with what has become of it.
+/// A job of an experiment with its status.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JobRecord {
     /// Identity of the job.
@@ -20,8 +20,8 @@ pub struct JobRecord {
     /// The best mean return that any policy can reach in its environment and scenario, in steps
     /// walked, where that is known.
     pub optimum: Option<f64>,
-    /// How far it came.
-    pub progress: Progress,
+    /// Its status.
+    pub status: JobStatus,
 }
 
 impl JobRecord {
@@ -41,11 +41,12 @@ impl JobRecord {
 
     /// Its completed run, if it has one.
     pub fn completed(&self) -> Option<&CompletedRun> {
-        match &self.progress {
-            Progress::Completed(run) => Some(run),
-            Progress::Pending | Progress::Interrupted | Progress::Running | Progress::Failed(_) => {
-                None
-            }
+        match &self.status {
+            JobStatus::Completed(run) => Some(run),
+            JobStatus::Pending
+            | JobStatus::Interrupted
+            | JobStatus::Running
+            | JobStatus::Failed(_) => None,
         }
     }
 }
@@ -72,10 +73,10 @@ impl fmt::Display for Setting {
     }
 }
 
-/// How far a job came.
+/// The status of a job, with what it left behind.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Progress {
-    /// It was never tried.
+pub enum JobStatus {
+    /// It has no run.
     Pending,
     /// Its runs were interrupted.
     Interrupted,
@@ -87,7 +88,7 @@ pub enum Progress {
     Completed(Box<CompletedRun>),
 }
 
-/// What a completed run left behind, as far as a report asked for it.
+/// The results of a completed run, as far as the reader asked for them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CompletedRun {
     /// Names and values of its metrics, by name.

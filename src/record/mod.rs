@@ -1,13 +1,13 @@
-//! What did happen: the outcome of a run as plain data.
+//! What happened: the outcomes of runs as plain data.
 //!
-//! Training makes these, the store keeps them, analysis reads them. Nothing here computes.
+//! Training makes them, the store keeps them, analysis reads them. Nothing here computes.
 
 mod job;
 
 use std::fmt;
 
 pub use crate::plan::JobKey;
-pub use job::{CompletedRun, JobRecord, Progress, Setting};
+pub use job::{CompletedRun, JobRecord, JobStatus, Setting};
 
 /// A named number about a completed run.
 #[derive(Clone, Debug, PartialEq)]
@@ -81,13 +81,13 @@ pub struct ActionCount {
 pub struct Results {
     /// Summary numbers, each of [`METRICS`] once.
     pub metrics: Vec<Metric>,
-    /// Learning curve, by episode; empty for a rule.
+    /// Learning curve, by episode; empty for an algorithm that does not train.
     pub curve: Vec<CurvePoint>,
     /// Test episodes, by position.
     pub episodes: Vec<TestEpisode>,
     /// Choices of action in the test, counts above 0 only.
     pub actions: Vec<ActionCount>,
-    /// Trained weights, in the safetensors format; none for a rule, which learns nothing.
+    /// Trained weights, in the safetensors format; `None` for an algorithm that has none.
     pub weights: Option<Vec<u8>>,
 }
 

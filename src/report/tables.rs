@@ -10,7 +10,7 @@ use crate::analyse::declared::{
 use crate::analyse::{
     Design, FEW_SEEDS, Interval, Moments, Tests, Undefined, Verdict, mean_interval,
 };
-use crate::record::{JobRecord, Progress, Setting};
+use crate::record::{JobRecord, JobStatus, Setting};
 
 /// The table of a finding.
 pub fn table(finding: &Finding) -> DataTable {
@@ -503,7 +503,7 @@ pub fn failures<'j>(experiments: impl Iterator<Item = (&'j str, &'j [JobRecord])
 }
 
 fn failed(experiment: &str, job: &JobRecord, told_by: &[String]) -> Option<Vec<Cell>> {
-    let Progress::Failed(failure) = &job.progress else { return None };
+    let JobStatus::Failed(failure) = &job.status else { return None };
     let setting = |name: &String| Some((name.clone(), job.setting(name)?.clone()));
     let settings: Vec<(String, Setting)> = told_by.iter().filter_map(setting).collect();
     let sigma = job.number("environment.sigma").map_or_else(String::new, |s| s.to_string());

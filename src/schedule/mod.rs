@@ -34,7 +34,7 @@ use crate::kill_point::{self, KillPoint};
 use crate::plan::{Job, JobKey};
 use crate::record::Outcome;
 use crate::store::{
-    Claim, Claimed, Company, Finished, RetryFailed, RunEnd, SessionId, Store, StoreError,
+    Claim, Claimed, Finished, Isolation, RetryFailed, RunEnd, SessionId, Store, StoreError,
 };
 use crate::train::{Monitor, Progress};
 
@@ -237,7 +237,7 @@ pub fn run(
             waiting: queue.into(),
             held_elsewhere: VecDeque::new(),
             suspects: VecDeque::new(),
-            company: Company::Others,
+            isolation: Isolation::Shared,
             gathered: Vec::new(),
             rechecked_at: Instant::now(),
             heartbeat_at: Instant::now(),
@@ -342,7 +342,7 @@ struct Sweep<'scope, 'a> {
     held_elsewhere: VecDeque<Queued>,
     suspects: VecDeque<Queued>,
     /// Of the jobs under way.
-    company: Company,
+    isolation: Isolation,
     gathered: Vec<Gathered>,
     rechecked_at: Instant,
     heartbeat_at: Instant,
@@ -406,10 +406,10 @@ impl Sweep<'_, '_> {
             self.waiting.append(&mut self.held_elsewhere);
         }
         let busy = self.workers.iter().any(|worker| !worker.is_idle());
-        if busy && self.company == Company::Nothing {
+        if busy && self.isolation == Isolation::Alone {
             return Ok(Assigned::AllThatCan);
         }
-        self.choose_company(busy);
+        self.choose_isolation(busy);
         let mut skips = 0;
         for index in 0..self.workers.len() {
             if !self.workers[index].is_idle() {
@@ -423,13 +423,13 @@ impl Sweep<'_, '_> {
     }
 
     /// Lets a suspect be the next job if there is nothing else to run, and nothing runs.
-    fn choose_company(&mut self, busy: bool) {
-        self.company = Company::Others;
+    fn choose_isolation(&mut self, busy: bool) {
+        self.isolation = Isolation::Shared;
         if !busy
             && self.waiting.is_empty()
             && let Some(suspect) = self.suspects.pop_front()
         {
-            self.company = Company::Nothing;
+            self.isolation = Isolation::Alone;
             self.waiting.push_back(suspect);
         }
     }
@@ -440,7 +440,7 @@ impl Sweep<'_, '_> {
         while *skips < SKIPS_AT_ONCE {
             let Some(queued) = self.waiting.pop_front() else { break };
             let retry = self.context.options.retry_failed;
-            match self.store.claim(self.session, &queued.key, retry, self.company)? {
+            match self.store.claim(self.session, &queued.key, retry, self.isolation)? {
                 Claimed::Claimed(claim) => return Ok(Some((queued, claim))),
                 Claimed::Suspect => self.suspects.push_back(queued),
                 Claimed::HeldElsewhere => self.held_elsewhere.push_back(queued),

@@ -5,11 +5,12 @@ use rusqlite::{Connection, OptionalExtension};
 use crate::plan::JobKey;
 
 use super::crash::{self, Record};
-use super::error::Fault;
-use super::results;
+use super::ending;
+use super::error::{Fault, StoreError};
 use super::session::{self, SessionId};
 use super::state::{JobState, state_sql};
-use super::{NOW, Store, StoreError};
+use super::transaction::NOW;
+use super::writer::Store;
 
 /// The right to run a job: the run that was begun for it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -37,13 +38,13 @@ pub enum Claimed {
     Suspect,
 }
 
-/// What else the claiming process will run at the same time as the job.
+/// Whether the claiming process runs other jobs beside this one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Company {
-    /// Other jobs, now or later.
-    Others,
-    /// Nothing.
-    Nothing,
+pub enum Isolation {
+    /// It runs other jobs at the same time, now or later.
+    Shared,
+    /// It runs no other job until this one has ended.
+    Alone,
 }
 
 /// Whether jobs that failed may be claimed.
@@ -58,8 +59,8 @@ pub enum RetryFailed {
 impl Store {
     /// Claims a job for a session, unless it is completed, running in a living session, or failed.
     ///
-    /// A job that a dead session was running is taken over. One whose processes crashed may be run
-    /// without company only, and is recorded as failed when they did so too often.
+    /// A job that a dead session was running is taken over. One whose processes crashed is run only
+    /// in isolation, and is recorded as failed when they crashed too often.
     ///
     /// **Errors**: the job is not registered.
     pub fn claim(
@@ -67,7 +68,7 @@ impl Store {
         session: SessionId,
         key: &JobKey,
         retry: RetryFailed,
-        company: Company,
+        isolation: Isolation,
     ) -> Result<Claimed, StoreError> {
         self.write("claim a job", |transaction| {
             let job = transaction
@@ -82,20 +83,14 @@ impl Store {
                     Ok(Claimed::Failed)
                 }
                 JobState::Failed | JobState::Interrupted | JobState::Pending => {
-                    match (crash::record(transaction, job)?, company) {
-                        (Record::Clean, _) | (Record::Suspect, Company::Nothing) => {
+                    match (crash::record(transaction, job)?, isolation) {
+                        (Record::Clean, _) | (Record::Suspect, Isolation::Alone) => {
                             begin_run(transaction, session, job, key).map(Claimed::Claimed)
                         }
-                        (Record::Suspect, Company::Others) => Ok(Claimed::Suspect),
+                        (Record::Suspect, Isolation::Shared) => Ok(Claimed::Suspect),
                         (Record::Guilty(failure), _) => {
                             let claim = begin_run(transaction, session, job, key)?;
-                            results::end_run(
-                                transaction,
-                                claim.run,
-                                "failed",
-                                Some(&failure),
-                                0.0,
-                            )?;
+                            ending::end_run(transaction, claim.run, "failed", Some(&failure), 0.0)?;
                             Ok(Claimed::Failed)
                         }
                     }

@@ -5,7 +5,8 @@ use rusqlite::{Connection, OptionalExtension};
 use crate::plan::JobKey;
 use crate::record::{ActionCount, CompletedRun, Provenance};
 
-use super::{Reader, StoreError};
+use super::error::StoreError;
+use super::read::Reader;
 
 /// What is read of a run beside its metrics.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -4,9 +4,9 @@ use std::collections::{BTreeMap, HashMap};
 
 use rusqlite::{CachedStatement, Connection};
 
-use super::read::holders;
+use super::error::StoreError;
+use super::read::{Reader, holders};
 use super::state::{Counts, JobState, States};
-use super::{Reader, StoreError};
 
 /// How many jobs of an experiment are in each state, and how much training is still to do.
 #[derive(Clone, Debug, PartialEq, Eq)]

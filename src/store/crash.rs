@@ -14,7 +14,7 @@ use rusqlite::Connection;
 
 use crate::record::{Failure, FailureKind};
 
-use super::file::beside;
+use super::beside::beside;
 
 /// Crashes of its process after which a job has failed, if it was alone at the last.
 const MOST_CRASHES: u32 = 3;

@@ -1,19 +1,15 @@
 //! Whether a store is as it was written: the file, its references, and what the design says of it.
 //!
-//! In: a path, and a way to see whether weights load. Out: a [`Diagnosis`]. Nothing is written. It
-//! does not know what weights are, and repairs nothing; see [`super::salvage`].
+//! In: a path, and a check of weights. Out: a [`Diagnosis`]. Nothing is written, and nothing is
+//! repaired; see [`super::salvage`]. What weights are is known to the caller alone.
 
 use std::path::Path;
 
-use rusqlite::{Connection, OptionalExtension};
+use rusqlite::Connection;
 
-use crate::key::CanonicalError;
-use crate::plan::{Job, JobError, JobKey, Versions};
-
-use super::{StoreError, digest, file, schema};
-
-/// Says why weights cannot be loaded for a job, if they cannot.
-pub type Loads<'a> = &'a dyn Fn(&Job, &[u8]) -> Result<(), String>;
+use super::error::StoreError;
+use super::verify::{CheckWeights, failure_fault, job_fault, row_ids, run_fault};
+use super::{file, schema};
 
 /// What was found out about a store.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -40,20 +36,20 @@ pub struct Finding {
 /// Findings of SQLite that are listed at most; a torn page has hundreds.
 const MOST_OF_FILE: u32 = 20;
 
-/// A rule that no single row can break: SQL for the jobs that break it.
-struct Rule {
-    broken: &'static str,
+/// An invariant over several rows, and the SQL for the keys of the jobs that violate it.
+struct Invariant {
+    violation: &'static str,
     sql: &'static str,
 }
 
-const RULES: [Rule; 7] = [
-    Rule {
-        broken: "it has several running or completed runs",
+const INVARIANTS: [Invariant; 7] = [
+    Invariant {
+        violation: "it has several running or completed runs",
         sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
               WHERE status IN ('running', 'completed') GROUP BY run.job HAVING count(*) > 1",
     },
-    Rule {
-        broken: "a run that is not completed has results",
+    Invariant {
+        violation: "a run that is not completed has results",
         sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
               WHERE status <> 'completed' AND (
                 EXISTS (SELECT 1 FROM run_metric WHERE run = run.id)
@@ -62,23 +58,23 @@ const RULES: [Rule; 7] = [
                 OR EXISTS (SELECT 1 FROM action_count WHERE run = run.id)
                 OR EXISTS (SELECT 1 FROM trained_weights WHERE run = run.id))",
     },
-    Rule {
-        broken: "its learning curve goes on after its last training episode",
+    Invariant {
+        violation: "its learning curve goes on after its last training episode",
         sql: "SELECT job.key FROM job
               JOIN (SELECT run.job AS job, max(episode) AS last FROM curve_point
                 JOIN run ON run.id = curve_point.run GROUP BY run.job) AS curve
                 ON curve.job = job.id
               WHERE last > json_extract(canonical, '$.agent.episodes')",
     },
-    Rule {
-        broken: "its test episodes are not as many as it declares, numbered from 1",
+    Invariant {
+        violation: "its test episodes are not as many as it declares, numbered from 1",
         sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
               WHERE status = 'completed' AND json_extract(canonical, '$.evaluation.test_episodes')
                 IS NOT (SELECT iif(count(*) = max(episode), count(*), -1) FROM test_episode
                     WHERE run = run.id)",
     },
-    Rule {
-        broken: "its mean return, mean length or disengagement rate is not that of its test episodes",
+    Invariant {
+        violation: "its mean return, mean length or disengagement rate is not that of its test episodes",
         sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
               JOIN run_metric ON run_metric.run = run.id
               JOIN metric_name ON metric_name.id = run_metric.metric
@@ -92,16 +88,16 @@ const RULES: [Rule; 7] = [
                     > 1e-9 * max(1, abs(value))
               GROUP BY job.key",
     },
-    Rule {
-        broken: "a run of it began or ended at no point in time",
+    Invariant {
+        violation: "invalid `started_at` or `ended_at` of a run",
         sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
               WHERE status <> 'completed'
                 AND (strftime('%Y-%m-%dT%H:%M:%fZ', started_at) IS NOT started_at
                   OR strftime('%Y-%m-%dT%H:%M:%fZ', ended_at) IS NOT ended_at)
               GROUP BY job.key",
     },
-    Rule {
-        broken: "its actions are not as many as the steps of its test episodes",
+    Invariant {
+        violation: "its actions are not as many as the steps of its test episodes",
         sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
               WHERE status = 'completed'
                 AND (SELECT sum(count) FROM action_count WHERE run = run.id)
@@ -109,11 +105,10 @@ const RULES: [Rule; 7] = [
     },
 ];
 
-/// Looks through the whole store at `path`.
+/// Examines the whole store at `path`.
 ///
-/// **Errors**: there is no store that could be looked at: nothing is there, or it is something
-/// else, or of another release.
-pub fn examine(path: &Path, loads: Loads<'_>) -> Result<Diagnosis, StoreError> {
+/// **Errors**: nothing is at `path`, or no store, or a store of a newer release.
+pub fn examine(path: &Path, check_weights: CheckWeights<'_>) -> Result<Diagnosis, StoreError> {
     let connection = match file::open_reader(path) {
         Ok((connection, _)) => connection,
         Err(StoreError::Damaged { reason, .. }) => {
@@ -125,9 +120,9 @@ pub fn examine(path: &Path, loads: Loads<'_>) -> Result<Diagnosis, StoreError> {
     let mut examination = Examination { connection: &connection, found: Diagnosis::default() };
     examination.file();
     examination.references();
-    examination.rules();
+    examination.invariants();
     examination.jobs();
-    examination.runs(loads);
+    examination.runs(check_weights);
     Ok(examination.found)
 }
 
@@ -188,10 +183,10 @@ impl Examination<'_> {
         }
     }
 
-    fn rules(&mut self) {
-        for Rule { broken, sql } in &RULES {
+    fn invariants(&mut self) {
+        for Invariant { violation, sql } in &INVARIANTS {
             for key in self.texts("job", sql) {
-                self.find("job", Some(key), *broken);
+                self.find("job", Some(key), *violation);
             }
         }
     }
@@ -210,7 +205,7 @@ impl Examination<'_> {
         }
     }
 
-    fn runs(&mut self, loads: Loads<'_>) {
+    fn runs(&mut self, check_weights: CheckWeights<'_>) {
         let (runs, whole) = row_ids(self.connection, "run");
         if !whole {
             self.find("run", None, "some runs cannot be read");
@@ -233,153 +228,10 @@ impl Examination<'_> {
                 Err(_) => None,
             };
             self.found.completed += 1;
-            match run_fault(self.connection, run, loads) {
+            match run_fault(self.connection, run, check_weights) {
                 None => self.found.intact += 1,
                 Some(fault) => self.find("run", key, fault),
             }
         }
     }
-}
-
-/// What is wrong with the results of a completed run, if anything is.
-pub(super) fn run_fault(connection: &Connection, run: i64, loads: Loads<'_>) -> Option<String> {
-    fault_of(connection, run, loads).unwrap_or_else(|error| Some(format!("its results: {error}")))
-}
-
-/// What is wrong with what a failed run tells of its failure, if anything is.
-pub(super) fn failure_fault(connection: &Connection, run: i64) -> Option<String> {
-    let is_as_stored = || -> rusqlite::Result<bool> {
-        let (kind, message, episode, stored): (String, String, i64, Option<[u8; 32]>) = connection
-            .prepare_cached(
-                "SELECT failure_kind, failure_message, failure_episode, results_sha256
-                 FROM run WHERE id = ?1",
-            )?
-            .query_row([run], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?)))?;
-        Ok(stored == Some(digest::of_failure(connection, run, (&kind, &message, episode))?))
-    };
-    match is_as_stored() {
-        Ok(true) => None,
-        Ok(false) => Some("its failure is not the one that was stored".to_owned()),
-        Err(error) => Some(format!("its failure: {error}")),
-    }
-}
-
-fn fault_of(
-    connection: &Connection,
-    run: i64,
-    loads: Loads<'_>,
-) -> rusqlite::Result<Option<String>> {
-    let (job, stored, has_instants): (i64, Option<[u8; 32]>, bool) = connection
-        .prepare_cached(
-            "SELECT job, results_sha256,
-                strftime('%Y-%m-%dT%H:%M:%fZ', started_at) IS started_at
-                AND strftime('%Y-%m-%dT%H:%M:%fZ', ended_at) IS ended_at
-             FROM run WHERE id = ?1",
-        )?
-        .query_row([run], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)))?;
-    if !has_instants {
-        return Ok(Some("it began or ended at no point in time".to_owned()));
-    }
-    if stored != Some(digest::of_run(connection, run)?) {
-        return Ok(Some("its results are not those that were stored".to_owned()));
-    }
-    if let (_, Some(fault)) = job_fault(connection, job)? {
-        return Ok(Some(fault));
-    }
-    let trained: Option<(String, Vec<u8>)> = connection
-        .prepare_cached(
-            "SELECT canonical, safetensors FROM trained_weights
-             JOIN run ON run.id = trained_weights.run JOIN job ON job.id = run.job
-             WHERE run.id = ?1",
-        )?
-        .query_row([run], |row| Ok((row.get(0)?, row.get(1)?)))
-        .optional()?;
-    // A rule has none; those of another agent are in the digest.
-    let Some((canonical, weights)) = trained else { return Ok(None) };
-    // The jobs of another release may mean nothing to this one.
-    let Ok(job) = Job::from_canonical(&canonical) else { return Ok(None) };
-    Ok(loads(&job, &weights).err().map(|reason| format!("its weights do not load: {reason}")))
-}
-
-/// The key of a job, and what is wrong with its row, if anything is.
-pub(super) fn job_fault(
-    connection: &Connection,
-    job: i64,
-) -> rusqlite::Result<(String, Option<String>)> {
-    let (key, environment, algorithm, canonical): (String, u32, u32, String) = connection
-        .prepare_cached(
-            "SELECT key, environment_version, algorithm_version, canonical FROM job NOT INDEXED
-             WHERE id = ?1",
-        )?
-        .query_row([job], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?)))?;
-    let JobKey(hash) = Versions { environment, algorithm }.key_of(&canonical);
-    let rewritten =
-        serde_json::from_str::<serde_json::Value>(&canonical).map(|value| value.to_string());
-    let fault = match rewritten {
-        Err(error) => Some(format!("its parameters are not JSON: {error}")),
-        Ok(rewritten) if rewritten != canonical => {
-            Some("its parameters are not written in the one way that a key is taken from".into())
-        }
-        Ok(_) if JobKey(hash).to_string() != key => {
-            Some("its key is not that of its parameters".to_owned())
-        }
-        Ok(_) => match Job::from_canonical(&canonical) {
-            Err(JobError::Keys { error: error @ CanonicalError::Redundant(_), .. }) => {
-                Some(format!("its parameters have another spelling: {error}"))
-            }
-            // The jobs of another release may mean nothing to this one.
-            Ok(_) | Err(_) => None,
-        },
-    };
-    Ok((key, fault))
-}
-
-/// The ids of the rows of a table that can be read, in their order, and whether these are all.
-///
-/// A page that cannot be read ends a scan; what lies behind it is found from the other end, and
-/// what lies between two such pages one by one.
-pub(super) fn row_ids(connection: &Connection, table: &str) -> (Vec<i64>, bool) {
-    let (mut ids, end) = scan(connection, table, "ASC");
-    if end.is_ok() {
-        return (ids, true);
-    }
-    let (mut behind, _) = scan(connection, table, "DESC");
-    behind.reverse();
-    let (first, last) = (ids.last().map_or(1, |id| id + 1), behind.first().copied());
-    let one = format!("SELECT id FROM {table} NOT INDEXED WHERE id = ?1");
-    if let (Some(last), Ok(mut one)) = (last, connection.prepare(&one)) {
-        let mut missed = 0;
-        for id in first..last {
-            match one.query_row([id], |row| row.get(0)).optional() {
-                Ok(Some(id)) => {
-                    ids.push(id);
-                    missed = 0;
-                }
-                _ => missed += 1,
-            }
-            if missed > MOST_MISSED {
-                break;
-            }
-        }
-    }
-    ids.extend(behind.into_iter().filter(|id| *id >= first));
-    (ids, false)
-}
-
-/// So many ids one after the other without a row, and what lies behind them is given up: more than a
-/// branch of a table's tree holds, and a tenth of a second. A damaged id can be any number.
-const MOST_MISSED: usize = 100_000;
-
-/// The ids of a table's rows, up to the first that cannot be read, if there is one.
-fn scan(connection: &Connection, table: &str, order: &str) -> (Vec<i64>, rusqlite::Result<()>) {
-    let mut ids = Vec::new();
-    let sql = format!("SELECT id FROM {table} NOT INDEXED ORDER BY id {order}");
-    let end = connection.prepare(&sql).and_then(|mut statement| {
-        let mut rows = statement.query([])?;
-        while let Some(row) = rows.next()? {
-            ids.push(row.get(0)?);
-        }
-        Ok(())
-    });
-    (ids, end)
 }

@@ -6,8 +6,6 @@ use rusqlite::ErrorCode;
 
 use crate::plan::JobKey;
 
-use super::VIEWS;
-
 const NO_SQLITE_FILE: &str = "no SQLite file, so it cannot be a store, or no longer (`jitai doctor \
      --salvage NEW` writes what is left of one to a new store)";
 
@@ -355,56 +353,4 @@ impl From<StoreError> for Fault {
     fn from(error: StoreError) -> Self {
         Fault::Refused(error)
     }
-}
-
-/// Why a query of the user was not answered.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum QueryError {
-    /// There is no statement in the text.
-    #[error("the query is empty; try `SELECT * FROM run_summary`")]
-    Empty,
-    /// There is more than one statement in the text.
-    #[error("a query is one statement; ask one after the other")]
-    Several,
-    /// The statement would do something else than read the store.
-    #[error(
-        "a query can only read this store: SELECT, WITH, VALUES, EXPLAIN and PRAGMA table_info"
-    )]
-    NotAllowed,
-    /// There is no table or view of that name.
-    #[error("no such table: {name}; the views are {}", VIEWS.join(", "))]
-    NoSuchTable {
-        /// The name.
-        name: String,
-    },
-    /// The SQL is faulty at a known place.
-    #[error("{message} at line {line}, column {column}\n  {text}\n  {:>column$}{help}", "^")]
-    Sql {
-        /// What SQLite said.
-        message: String,
-        /// Line of the fault, from 1.
-        line: usize,
-        /// Column of the fault, in characters from 1.
-        column: usize,
-        /// The line.
-        text: String,
-        /// What there is instead, if that is known: lines, each after a line break.
-        help: String,
-    },
-    /// [`Interrupter::interrupt`](super::Interrupter::interrupt) was called.
-    #[error("the query was interrupted")]
-    Interrupted,
-    /// A value of the answer, or what it takes to find it, is too large.
-    #[error("the query needs more memory than a query may have; ask for less at a time")]
-    TooLarge,
-    /// The file is not as it was written.
-    #[error("the store is damaged: {reason}; `jitai doctor` says what can be saved")]
-    Damaged {
-        /// What was seen.
-        reason: String,
-    },
-    /// SQLite failed in another way.
-    #[error("the query failed: {0}")]
-    Sqlite(#[source] rusqlite::Error),
 }

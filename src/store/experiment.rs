@@ -8,8 +8,9 @@ use rusqlite::{CachedStatement, Connection, OptionalExtension, params};
 
 use crate::plan::{CanonicalForm, Job, Versions};
 
-use super::error::Fault;
-use super::{NOW, Store, StoreError};
+use super::error::{Fault, StoreError};
+use super::transaction::NOW;
+use super::writer::Store;
 
 /// A manifest as the store keeps it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

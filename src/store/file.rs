@@ -11,8 +11,10 @@ use std::time::{Duration, Instant};
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, ErrorCode, OpenFlags};
 
-use super::migrate::{self, APPLICATION_ID};
-use super::{SCHEMA_VERSION, StoreError, mount, query, schema};
+use super::beside::beside;
+use super::error::StoreError;
+use super::migrate::{self, APPLICATION_ID, OLDEST_READABLE, SCHEMA_VERSION};
+use super::{mount, sandbox, schema};
 
 /// Statements that a connection keeps prepared; every run takes some thirty.
 const STATEMENTS_KEPT: usize = 64;
@@ -95,7 +97,7 @@ pub(super) fn open_reader(path: &Path) -> Result<(Connection, PathBuf), StoreErr
     }
     match found {
         0 => Err(StoreError::Missing { path }),
-        found if found < SCHEMA_VERSION => {
+        found if found < OLDEST_READABLE => {
             Err(StoreError::Older { path, found, known: SCHEMA_VERSION })
         }
         _ => Ok((connection, path)),
@@ -140,13 +142,6 @@ pub(super) fn open_damaged(path: &Path) -> Result<Connection, StoreError> {
         None => Ok(connection),
         Some(reason) => Err(StoreError::Damaged { path, reason }),
     }
-}
-
-/// `path` with an ending behind it, as SQLite names the files beside its own.
-pub(super) fn beside(path: &Path, ending: &str) -> PathBuf {
-    let mut name = path.as_os_str().to_owned();
-    name.push(ending);
-    PathBuf::from(name)
 }
 
 /// Fails unless the file still has the schema of this program.
@@ -337,7 +332,7 @@ fn open_immutable(path: &Path) -> rusqlite::Result<Connection> {
 fn configure_reader(connection: &Connection) -> rusqlite::Result<()> {
     set_up(connection, DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE)?;
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false)?;
-    query::add_functions(connection)?;
+    sandbox::add_functions(connection)?;
     connection.execute_batch("PRAGMA query_only = ON")?;
     // The first read is what finds out whether the log beside the file can be used.
     connection.query_row("SELECT count(*) FROM sqlite_schema", [], |_| Ok(()))

@@ -6,8 +6,9 @@ use std::process;
 
 use rusqlite::{Connection, OpenFlags, Transaction, TransactionBehavior};
 
-use super::file::beside;
-use super::{StoreError, commit};
+use super::beside::beside;
+use super::error::StoreError;
+use super::transaction::commit;
 
 /// Marks a SQLite file as a store: the letters `JITA`.
 pub(super) const APPLICATION_ID: u32 = 0x4A49_5441;
@@ -22,10 +23,23 @@ pub(super) struct Migration {
 }
 
 /// Every migration; the first makes version 1.
-pub(super) const MIGRATIONS: &[Migration] = &[Migration {
-    name: "0001_create_store",
-    sql: include_str!("../../migrations/0001_create_store.sql"),
-}];
+pub(super) const MIGRATIONS: &[Migration] = &[
+    Migration {
+        name: "0001_create_store",
+        sql: include_str!("../../migrations/0001_create_store.sql"),
+    },
+    Migration {
+        name: "0002_weights_by_algorithm",
+        sql: include_str!("../../migrations/0002_weights_by_algorithm.sql"),
+    },
+];
+
+/// The version of the schema that this program writes.
+pub const SCHEMA_VERSION: u32 = MIGRATIONS.len() as u32;
+
+/// The oldest version that this program reads without migrating it: the later migrations change no
+/// table and no view.
+pub(super) const OLDEST_READABLE: u32 = 1;
 
 /// Applies the migrations that the file lacks, all or none of them.
 ///
@@ -78,13 +92,6 @@ fn migrate_locked(
         ))
         .and_then(|()| commit(transaction))
         .map_err(failed)
-}
-
-/// The schema of this release in a database of its own, in memory.
-pub(super) fn newest() -> rusqlite::Result<Connection> {
-    let connection = Connection::open_in_memory()?;
-    MIGRATIONS.iter().try_for_each(|migration| connection.execute_batch(migration.sql))?;
-    Ok(connection)
 }
 
 fn version(connection: &Connection) -> rusqlite::Result<usize> {

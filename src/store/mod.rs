@@ -2,141 +2,74 @@
 //! that knows SQL.
 //!
 //! In: jobs ([`crate::plan`]) and how their runs ended ([`crate::record`]). Out: states, summaries,
-//! weights and answers to queries. A [`Store`] writes, a [`Reader`] reads; the tables are made by
-//! `migrations/*.sql`, and `docs/store.md` describes the views that others may rely on.
+//! weights and answers to queries. A [`Store`] writes, a [`Reader`] reads. `migrations/*.sql` makes
+//! the tables, and `docs/store.md` describes the views that others may rely on.
 //!
-//! - Every write is one immediate transaction: writers wait for each other, readers for nobody.
-//! - The end of a run is on the disk when [`Store::finish_all`] returns. Whatever else is written, the
-//!   next run would write again, so it waits for no disk.
+//! - Every write is an immediate transaction. Writers wait for each other; readers never wait.
+//! - The end of a run is on the disk when [`Store::finish_all`] returns. Other writes do not wait for
+//!   the disk, because the next run repeats those that a power cut undoes.
 //! - A job has at most one run that is running or completed, whatever processes share the file. The
 //!   file itself refuses a second one.
 //! - A completed run has all its results and never changes; every other run has none.
-//! - A run ends only by the session that claimed it, or when that session is known to be dead
-//!   (`liveness.rs`). Whoever lost a claim cannot write ([`StoreError::ClaimLost`]).
-//! - A completed run keeps a digest of its results (`digest.rs`), by which [`examine`] and [`salvage`]
-//!   know whether they are still those that were stored.
-//! - Nothing is ever deleted but an experiment's hold on a job that its manifest dropped.
+//! - A run is ended by the session that claimed it, or by another one when that session is known to
+//!   be dead (`liveness.rs`). A session that lost its claim cannot write ([`Finished::ClaimLost`]).
+//! - A completed run keeps a digest of its results (`digest.rs`). [`examine`] and [`salvage`] compare
+//!   it with the results as they are now (`verify.rs`).
+//! - Rows are never deleted, except that an experiment lets go of jobs that its manifest dropped.
 //!
-//! It does not know how jobs are trained, in what order they are claimed, or what is printed. It
-//! changes no setting outside its own connections.
+//! The store does not know how jobs are trained, which algorithms have weights, in what order jobs
+//! are claimed, or what is printed. It changes no setting outside its own connections.
+//! No file of this module imports, directly or through others, a file that imports it.
 
+mod beside;
 mod claim;
 mod completed;
+mod copy;
+#[cfg(test)]
+mod copy_tests;
 mod counts;
 mod crash;
+mod data_query;
 mod digest;
 mod doctor;
+mod ending;
 mod error;
 mod experiment;
 mod file;
 mod liveness;
 mod migrate;
 mod mount;
-mod provided;
 mod query;
 mod read;
 mod results;
 mod salvage;
+#[cfg(test)]
+mod sample;
+mod sandbox;
 mod schema;
 mod session;
 mod state;
 mod summary;
+mod transaction;
+mod verify;
 mod weights;
+mod writer;
 
-use std::path::{Path, PathBuf};
-
-use rusqlite::{Connection, Transaction, TransactionBehavior};
-
-pub use claim::{Claim, Claimed, Company, RetryFailed};
+pub use claim::{Claim, Claimed, Isolation, RetryFailed};
 pub use completed::Parts;
 pub use counts::ExperimentCounts;
-pub use doctor::{Diagnosis, Finding, Loads, examine};
-pub use error::{QueryError, StoreError};
+pub use data_query::{DataPart, DataQuery};
+pub use doctor::{Diagnosis, Finding, examine};
+pub use error::StoreError;
 pub use experiment::{Experiment, Registered};
 pub use liveness::host_name;
-pub use provided::{Provided, ProvidedPart};
-pub use query::{Answer, Interrupter, VIEWS, Value};
+pub use migrate::SCHEMA_VERSION;
+pub use query::{Answer, Interrupter, QueryError, VIEWS, Value};
 pub use read::{FailedJob, Pace, Reader};
 pub use results::{Finished, RunEnd};
 pub use salvage::{Salvaged, salvage};
 pub use session::SessionId;
 pub use state::{Counts, JobState};
+pub use verify::CheckWeights;
 pub use weights::StoredWeights;
-
-use crate::kill_point::{self, KillPoint};
-
-use error::Fault;
-
-/// The version of the schema that this program reads and writes.
-pub const SCHEMA_VERSION: u32 = migrate::MIGRATIONS.len() as u32;
-
-/// The store, open for writing. A process has one, owned by one thread.
-#[derive(Debug)]
-pub struct Store {
-    connection: Connection,
-    path: PathBuf,
-}
-
-impl Store {
-    /// The store at `path`, made if there is none, migrated (after a backup copy beside it) if it
-    /// is of an earlier release.
-    ///
-    /// **Errors**: the path cannot hold a store, or holds something else or a store of a newer
-    /// release; those files are left untouched.
-    pub fn open(path: &Path) -> Result<Store, StoreError> {
-        let (connection, path) = file::open_writer(path)?;
-        Ok(Store { connection, path })
-    }
-
-    /// Where its file is, from the root.
-    pub fn path(&self) -> &Path {
-        &self.path
-    }
-
-    /// As [`Store::write`]; when it returns, not even a power cut undoes what was written.
-    fn write_durably<T>(
-        &mut self,
-        action: &'static str,
-        body: impl FnOnce(&Transaction<'_>) -> Result<T, Fault>,
-    ) -> Result<T, StoreError> {
-        let synchronous =
-            |connection: &Connection, level| connection.pragma_update(None, "synchronous", level);
-        synchronous(&self.connection, "FULL")
-            .map_err(|source| StoreError::sqlite(&self.path, action, source))?;
-        let done = self.write(action, body);
-        synchronous(&self.connection, "NORMAL")
-            .map_err(|source| StoreError::sqlite(&self.path, action, source))?;
-        done
-    }
-
-    /// Does `body` in one transaction that holds the store's write lock from its start.
-    ///
-    /// `action` completes "failed to …" in errors.
-    fn write<T>(
-        &mut self,
-        action: &'static str,
-        body: impl FnOnce(&Transaction<'_>) -> Result<T, Fault>,
-    ) -> Result<T, StoreError> {
-        let path = &self.path;
-        let transaction = self
-            .connection
-            .transaction_with_behavior(TransactionBehavior::Immediate)
-            .map_err(|source| StoreError::sqlite(path, action, source))?;
-        // A newer program may have migrated the file since it was opened.
-        file::require_current(&transaction, path)?;
-        let done = body(&transaction).map_err(|fault| fault.at(path, action))?;
-        commit(transaction).map_err(|source| StoreError::sqlite(path, action, source))?;
-        Ok(done)
-    }
-}
-
-/// Commits; every transaction that writes to a store ends here.
-fn commit(transaction: Transaction<'_>) -> rusqlite::Result<()> {
-    kill_point::pass(KillPoint::BeforeCommit);
-    transaction.commit()?;
-    kill_point::pass(KillPoint::AfterCommit);
-    Ok(())
-}
-
-/// SQL for the present instant, as the tables keep it.
-const NOW: &str = "strftime('%Y-%m-%dT%H:%M:%fZ', 'now')";
+pub use writer::Store;

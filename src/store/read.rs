@@ -7,11 +7,11 @@ use rusqlite::{Connection, OptionalExtension};
 use crate::plan::{CanonicalForm, Job, JobKey, Versions};
 use crate::record::{Failure, FailureKind};
 
-use super::error::Fault;
+use super::error::{Fault, StoreError};
 use super::liveness::ProcessTable;
 use super::session::{self, Holders};
 use super::state::{JobState, state_sql};
-use super::{StoreError, file, query, schema};
+use super::{file, sandbox, schema};
 
 /// The store, open for reading. It never writes and never waits for a writer; every call sees the
 /// store as it was last committed.
@@ -60,7 +60,7 @@ impl Reader {
     pub fn open(path: &Path) -> Result<Reader, StoreError> {
         let (mut connection, path) = file::open_reader(path)?;
         schema::require(&connection, &path)?;
-        query::allow_reading_only(&mut connection)
+        sandbox::allow_reading_only(&mut connection)
             .map_err(|source| StoreError::sqlite(&path, "open the store", source))?;
         Ok(Reader { connection, path })
     }

@@ -5,9 +5,12 @@ use std::collections::HashMap;
 use rusqlite::types::Value;
 use rusqlite::{Connection, OptionalExtension, params, params_from_iter};
 
-use crate::record::{ActionCount, Failure, Outcome, Results, TestEpisode};
+use crate::record::{ActionCount, Outcome, Results, TestEpisode};
 
-use super::{Claim, NOW, Store, StoreError, digest};
+use super::claim::Claim;
+use super::ending::{complete_run, end_run};
+use super::error::StoreError;
+use super::writer::Store;
 
 /// Rows that one statement inserts: to start and end it takes as long as to insert three.
 const ROWS: usize = 32;
@@ -88,51 +91,6 @@ fn finish_one(connection: &Connection, end: &RunEnd<'_>) -> rusqlite::Result<Fin
     Ok(Finished::Stored)
 }
 
-/// Completes a run whose results are in the file, with their digest.
-fn complete_run(connection: &Connection, run: i64, wall_seconds: f64) -> rusqlite::Result<()> {
-    let results = digest::of_run(connection, run)?;
-    connection
-        .prepare_cached(&format!(
-            "UPDATE run SET status = 'completed', ended_at = {NOW}, wall_seconds = ?2,
-                results_sha256 = ?3
-             WHERE id = ?1"
-        ))?
-        .execute(params![run, wall_seconds, results])?;
-    Ok(())
-}
-
-/// Ends a run that leaves no results.
-pub(super) fn end_run(
-    connection: &Connection,
-    run: i64,
-    status: &str,
-    failure: Option<&Failure>,
-    wall_seconds: f64,
-) -> rusqlite::Result<()> {
-    let of_failure = |failure: &Failure| {
-        let Failure { kind, message, episode } = failure;
-        digest::of_failure(connection, run, (kind.name(), message, i64::from(*episode)))
-    };
-    let digest = failure.map(of_failure).transpose()?;
-    connection
-        .prepare_cached(&format!(
-            "UPDATE run SET status = ?2, ended_at = {NOW}, wall_seconds = ?3,
-                failure_kind = ?4, failure_message = ?5, failure_episode = ?6,
-                results_sha256 = ?7
-             WHERE id = ?1"
-        ))?
-        .execute(params![
-            run,
-            status,
-            wall_seconds,
-            failure.map(|failure| failure.kind.name()),
-            failure.map(|failure| &failure.message),
-            failure.map(|failure| failure.episode),
-            digest,
-        ])?;
-    Ok(())
-}
-
 fn insert_results(connection: &Connection, run: i64, results: &Results) -> rusqlite::Result<()> {
     let mut names = MetricNames { connection, ids: HashMap::new() };
     let metrics = results.metrics.iter();
@@ -168,7 +126,7 @@ fn insert_results(connection: &Connection, run: i64, results: &Results) -> rusql
 }
 
 /// Adds rows to a table, [`ROWS`] by a statement as long as there are so many, then one by one.
-fn insert_rows<const COLUMNS: usize>(
+pub(super) fn insert_rows<const COLUMNS: usize>(
     connection: &Connection,
     table: &str,
     rows: impl Iterator<Item = [Value; COLUMNS]>,
@@ -206,20 +164,23 @@ impl MetricNames<'_> {
         if let Some(&id) = self.ids.get(name) {
             return Ok(id);
         }
-        let found = self
-            .connection
-            .prepare_cached("SELECT id FROM metric_name WHERE name = ?1")?
-            .query_row([name], |row| row.get(0))
-            .optional()?;
-        let id = match found {
-            Some(id) => id,
-            None => self
-                .connection
-                .prepare_cached("INSERT INTO metric_name (name) VALUES (?1)")?
-                .insert([name])?,
-        };
+        let id = metric_id(self.connection, name)?;
         self.ids.insert(name, id);
         Ok(id)
+    }
+}
+
+/// The row id of a metric's name, which is added if it is new.
+pub(super) fn metric_id(connection: &Connection, name: &str) -> rusqlite::Result<i64> {
+    let found = connection
+        .prepare_cached("SELECT id FROM metric_name WHERE name = ?1")?
+        .query_row([name], |row| row.get(0))
+        .optional()?;
+    match found {
+        Some(id) => Ok(id),
+        None => {
+            connection.prepare_cached("INSERT INTO metric_name (name) VALUES (?1)")?.insert([name])
+        }
     }
 }
 
@@ -227,8 +188,8 @@ impl MetricNames<'_> {
 mod tests {
     use super::*;
     use crate::plan::Job;
-    use crate::record::{CURVE_METRICS, CurvePoint, FailureKind, METRICS, Metric, Provenance};
-    use crate::store::{Claimed, Company, Experiment, RetryFailed, SessionId};
+    use crate::record::{CURVE_METRICS, CurvePoint, Failure, FailureKind};
+    use crate::store::sample::{begin_session, claim, job, results};
 
     /// Writes down how commits are synchronised whenever a run begins or ends.
     const WATCH: &str = "CREATE TEMP TABLE watched (status TEXT, synchronous INTEGER);
@@ -239,48 +200,6 @@ mod tests {
     /// What SQLite calls the two ways; the second waits for the disk.
     const NORMAL: i64 = 1;
     const FULL: i64 = 2;
-
-    fn job() -> Job {
-        let canonical = r#"{"agent":{"activation":"relu","algorithm":"dueling_dqn","batch":64,
-            "buffer":1000,"engine":"fused","episodes":10,"epsilon_decrement":0.001,
-            "epsilon_floor":0.01,"epsilon_start":1.0,"gamma":0.99,"layers":[8],
-            "learning_rate":0.0005,"target_period":1000,"terminal_target":"zero",
-            "trunk":"shared"},"environment":{"delta_d":0.1,"delta_h":0.1,
-            "disengagement_threshold":1.0,"epsilon_d":0.4,"epsilon_h":0.05,
-            "first_context":"fixed","horizon":50,"initial_disengagement":0.1,
-            "initial_habituation":0.1,"mu":[0.1,0.1],"observed_probability":0,"rho_1":50.0,
-            "rho_2":200.0,"sigma":0.4,"time_indicator":"lagged","time_indicator_period":2,
-            "time_one_hot":false},"evaluation":{"curve_stride":10,"test_actions":"as_trained",
-            "test_episodes":1},"scenario":"P-H-D","seed":1}"#;
-        Job::from_canonical(canonical).unwrap()
-    }
-
-    fn results() -> Results {
-        Results {
-            metrics: METRICS.iter().map(|(name, _)| Metric { name, value: 1.0 }).collect(),
-            curve: Vec::new(),
-            episodes: vec![TestEpisode { total_reward: 50.0, length: 2, disengaged: true }],
-            actions: Vec::new(),
-            weights: Some(vec![8]),
-        }
-    }
-
-    fn begin_session(store: &mut Store) -> SessionId {
-        let [code_version, git_revision, backend, host, processor] =
-            ["1", "2", "3", "4", "5"].map(str::to_owned);
-        let provenance = Provenance { code_version, git_revision, backend, host, processor };
-        store.begin_session(&provenance).unwrap()
-    }
-
-    /// Claims a job of an experiment of its own.
-    fn claim(store: &mut Store, session: SessionId, job: &Job) -> Claim {
-        let name = format!("sweep {}", job.seed);
-        let experiment = Experiment { name: &name, question: None, hypothesis: None, manifest: "" };
-        store.register(&experiment, [("dqn", job)]).unwrap();
-        let claimed = store.claim(session, &job.key(), RetryFailed::No, Company::Others);
-        let Ok(Claimed::Claimed(claim)) = claimed else { panic!("{claimed:?}") };
-        claim
-    }
 
     #[test]
     fn the_digest_of_results_stays_what_it_is() {

@@ -1,7 +1,7 @@
-//! Whether the tables, views, indexes and rules of a file are those that the migrations make.
+//! Whether the tables, views, indexes and triggers of a file are those that the migrations make.
 //!
-//! A changed letter in a view would answer wrongly, and one in a rule would let through what it is
-//! there to refuse; so the file is compared with what it should be whenever it is opened.
+//! A view with a changed letter would answer wrongly, and a changed trigger would let through what it
+//! exists to refuse. So the schema of a file is compared with the expected one when it is opened.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -9,13 +9,12 @@ use std::sync::LazyLock;
 
 use rusqlite::Connection;
 
-use super::{StoreError, migrate};
+use super::error::StoreError;
+use super::migrate::MIGRATIONS;
 
-/// What the schema of this release consists of: of each part its kind, its name and its SQL.
-static EXPECTED: LazyLock<Vec<Part>> = LazyLock::new(|| {
-    migrate::newest()
-        .and_then(|connection| parts(&connection))
-        .expect("the migrations make a schema, as every test of the store shows")
+/// The parts of the schema of every version, from 1.
+static VERSIONS: LazyLock<Vec<Vec<Part>>> = LazyLock::new(|| {
+    versions().expect("the migrations make a schema, as every test of the store shows")
 });
 
 /// A table, view, index or trigger.
@@ -26,8 +25,7 @@ struct Part {
     sql: String,
 }
 
-/// Fails if a part of the schema is missing or not as it was made; what others have added is no
-/// fault.
+/// Fails if a part of the schema is missing or changed. Parts that others have added are allowed.
 pub(super) fn require(connection: &Connection, path: &Path) -> Result<(), StoreError> {
     match faults(connection) {
         Ok(faults) => match faults.into_iter().next() {
@@ -38,8 +36,13 @@ pub(super) fn require(connection: &Connection, path: &Path) -> Result<(), StoreE
     }
 }
 
-/// What is wrong with the schema of the file, a line a part.
+/// What is wrong with the schema of the file, given the version that the file says it has: a line
+/// for each part.
 pub(super) fn faults(connection: &Connection) -> rusqlite::Result<Vec<String>> {
+    let version: usize =
+        connection.query_row("PRAGMA user_version", [], |row| row.get::<_, u32>(0))? as usize;
+    // A damaged version is one that does not exist, or leads to faults.
+    let expected = VERSIONS.get(version.wrapping_sub(1)).or(VERSIONS.last());
     let found = parts(connection)?;
     let found: HashMap<&str, &Part> = found.iter().map(|part| (part.name.as_str(), part)).collect();
     let fault = |expected: &Part| {
@@ -52,7 +55,13 @@ pub(super) fn faults(connection: &Connection) -> rusqlite::Result<Vec<String>> {
             Some(_) => None,
         }
     };
-    Ok(EXPECTED.iter().filter_map(fault).collect())
+    Ok(expected.into_iter().flatten().filter_map(fault).collect())
+}
+
+fn versions() -> rusqlite::Result<Vec<Vec<Part>>> {
+    let connection = Connection::open_in_memory()?;
+    let migrate = |sql| connection.execute_batch(sql).and_then(|()| parts(&connection));
+    MIGRATIONS.iter().map(|migration| migrate(migration.sql)).collect()
 }
 
 fn parts(connection: &Connection) -> rusqlite::Result<Vec<Part>> {

@@ -9,8 +9,10 @@ use rusqlite::{Connection, OptionalExtension, Row, named_params};
 use crate::record::Provenance;
 
 use super::crash::{self, Crashed};
+use super::error::StoreError;
 use super::liveness::{Liveness, Process, ProcessTable};
-use super::{NOW, Store, StoreError};
+use super::transaction::NOW;
+use super::writer::Store;
 
 /// A session of the store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

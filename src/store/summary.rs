@@ -3,7 +3,8 @@
 use crate::plan::JobKey;
 use crate::record::RunSummary;
 
-use super::{Reader, StoreError};
+use super::error::StoreError;
+use super::read::Reader;
 
 impl Reader {
     /// The completed runs of an experiment's jobs, in the manifest's order; empty for an unknown

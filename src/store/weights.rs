@@ -4,8 +4,8 @@ use rusqlite::Connection;
 
 use crate::plan::{Job, JobKey};
 
-use super::error::Fault;
-use super::{Reader, StoreError};
+use super::error::{Fault, StoreError};
+use super::read::Reader;
 
 /// The weights of a completed run, with the job that they were trained for.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,7 +14,7 @@ pub struct StoredWeights {
     pub job_key: JobKey,
     /// The job.
     pub job: Job,
-    /// The weights, in the safetensors format; none for a rule.
+    /// The weights, in the safetensors format; `None` if the run has none.
     pub safetensors: Option<Vec<u8>>,
 }
 

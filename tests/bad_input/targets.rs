@@ -19,7 +19,8 @@ use jitai::manifest::{self, Manifest};
 use jitai::plan::{self, Job};
 use jitai::record::{Outcome, Provenance};
 use jitai::store::{
-    self, Answer, Claimed, Company, Experiment, Interrupter, QueryError, Reader, RetryFailed, Store,
+    self, Answer, Claimed, Experiment, Interrupter, Isolation, QueryError, Reader, RetryFailed,
+    Store,
 };
 use jitai::train::{
     self, CheckpointError, Checkpoints, Monitor, Progress, ReadCheckpoint, Unwatched,
@@ -199,15 +200,15 @@ pub fn store(bytes: &[u8]) {
         let _ = reader.manifest("fuzzed");
         let _ = reader.run_summaries("fuzzed");
     }
-    match store::examine(&path, &loads) {
+    match store::examine(&path, &check_weights) {
         Ok(diagnosis) => assert!(diagnosis.intact <= diagnosis.completed),
         Err(error) => assert!(!error.to_string().is_empty()),
     }
     // No reader writes.
     assert!(fs::read(&path).unwrap() == file);
     let new = place.path().join("new.sqlite");
-    if store::salvage(&path, &new, &loads).is_ok() {
-        let diagnosis = store::examine(&new, &loads).unwrap();
+    if store::salvage(&path, &new, &check_weights).is_ok() {
+        let diagnosis = store::examine(&new, &check_weights).unwrap();
         assert_eq!(diagnosis.findings, [], "salvage keeps what is intact alone");
     }
 }
@@ -276,7 +277,7 @@ fn fill(path: &Path) {
     store.register(&experiment, jobs.iter().map(|planned| (&planned.agent, &planned.job))).unwrap();
     for planned in &jobs {
         let key = planned.job.key();
-        let claim = match store.claim(session, &key, RetryFailed::No, Company::Others).unwrap() {
+        let claim = match store.claim(session, &key, RetryFailed::No, Isolation::Shared).unwrap() {
             Claimed::Claimed(claim) => claim,
             other => panic!("the job is not free: {other:?}"),
         };
@@ -346,7 +347,8 @@ fn changed(sound: &[u8], mut changes: &[u8]) -> Vec<u8> {
     bytes
 }
 
-fn loads(job: &Job, safetensors: &[u8]) -> Result<(), String> {
+fn check_weights(job: &Job, safetensors: Option<&[u8]>) -> Result<(), String> {
+    let safetensors = safetensors.ok_or("no weights are stored")?;
     let weights = Weights::from_bytes(safetensors).map_err(|error| error.to_string())?;
     job.agent
         .trained(&job.setting(), &weights, Actions::AsTrained)

@@ -169,7 +169,7 @@ fn run_again(damaged: &Folder, rows: &[String], place: &str) -> Rerun {
 }
 
 #[test]
-fn a_run_that_ended_at_no_point_in_time_is_told() {
+fn an_invalid_end_of_a_run_is_reported() {
     let folder = healthy();
     let of_completed = "SELECT ended_at FROM run WHERE status = 'completed'";
     let ended: String = folder.store().query_row(of_completed, [], |row| row.get(0)).unwrap();
@@ -179,7 +179,7 @@ fn a_run_that_ended_at_no_point_in_time_is_told() {
     bytes[at + 4] = b'"';
     let damaged = with_store(&folder, &bytes);
     let told = damaged.jitai(["doctor"]).ended(3);
-    told.prints("began or ended at no point in time").prints("13 of 14 completed runs");
+    told.prints("invalid `started_at` or `ended_at`").prints("13 of 14 completed runs");
     damaged.jitai(["doctor", "--salvage", "new.sqlite"]).succeeded().prints("13 completed runs");
 }
 

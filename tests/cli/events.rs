@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use jitai::plan::Job;
 use jitai::schedule::{self, Context, Event, Found, Options, Tally, Watcher};
-use jitai::store::{Claimed, Company, RetryFailed, Store};
+use jitai::store::{Claimed, Isolation, RetryFailed, Store};
 use jitai::train::{self, Monitor, Unwatched};
 use rusqlite::Connection;
 
@@ -81,7 +81,7 @@ fn a_job_that_ended_elsewhere_is_told_with_how_it_ended() {
         let theirs = other.begin_session(&provenance()).unwrap();
         for queued in &others {
             let claimed =
-                other.claim(theirs, &queued.key, RetryFailed::No, Company::Others).unwrap();
+                other.claim(theirs, &queued.key, RetryFailed::No, Isolation::Shared).unwrap();
             let Claimed::Claimed(claim) = claimed else { panic!("{claimed:?}") };
             let outcome = match queued.job.seed {
                 2 => train::run(&queued.job, &Unwatched),

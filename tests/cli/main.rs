@@ -9,6 +9,7 @@ mod exits;
 mod failures;
 mod memory;
 mod names;
+mod old_stores;
 mod optimum;
 mod pipes;
 mod planning;

@@ -3,10 +3,11 @@
 use std::collections::HashSet;
 use std::thread;
 
+use jitai::manifest::Agent;
 use jitai::plan::{Job, JobKey};
 use jitai::record::{Outcome, Results};
 use jitai::store::{
-    Claimed, Company, Finished, JobState, Reader, RetryFailed, RunEnd, Store, StoreError,
+    self, Claimed, Finished, Isolation, JobState, Reader, RetryFailed, RunEnd, Store, StoreError,
 };
 
 use crate::sample::{Sample, completed, dqn, failed, number, provenance, results, rule};
@@ -26,12 +27,12 @@ fn a_job_is_claimed_by_one_and_then_completed() {
     assert_eq!(state(&sample, &job), JobState::Running);
     let mut other = Store::open(&sample.path).unwrap();
     let session = other.begin_session(&provenance()).unwrap();
-    let again = other.claim(session, &job.key(), RetryFailed::Yes, Company::Others).unwrap();
+    let again = other.claim(session, &job.key(), RetryFailed::Yes, Isolation::Shared).unwrap();
     assert_eq!(again, Claimed::HeldElsewhere);
 
     sample.store.finish(&claim, &completed(), 1.5).unwrap();
     assert_eq!(state(&sample, &job), JobState::Completed);
-    let again = other.claim(session, &job.key(), RetryFailed::Yes, Company::Others).unwrap();
+    let again = other.claim(session, &job.key(), RetryFailed::Yes, Isolation::Shared).unwrap();
     assert_eq!(again, Claimed::Completed);
 }
 
@@ -51,7 +52,7 @@ fn a_failed_job_is_claimed_again_when_asked_and_once_a_session() {
     sample.run(&job, &failed());
     let session = sample.session;
     let mut claim =
-        |session, retry| sample.store.claim(session, &job.key(), retry, Company::Others).unwrap();
+        |session, retry| sample.store.claim(session, &job.key(), retry, Isolation::Shared).unwrap();
     assert_eq!(claim(session, RetryFailed::No), Claimed::Failed);
     assert_eq!(claim(session, RetryFailed::Yes), Claimed::Failed);
 
@@ -59,8 +60,10 @@ fn a_failed_job_is_claimed_again_when_asked_and_once_a_session() {
     let claim = sample.claim(&job);
     assert_eq!(claim.attempt, 2);
     sample.store.finish(&claim, &failed(), 1.5).unwrap();
-    let again =
-        sample.store.claim(sample.session, &job.key(), RetryFailed::Yes, Company::Others).unwrap();
+    let again = sample
+        .store
+        .claim(sample.session, &job.key(), RetryFailed::Yes, Isolation::Shared)
+        .unwrap();
     assert_eq!(again, Claimed::Failed);
 }
 
@@ -73,7 +76,7 @@ fn a_failure_outlasts_an_interrupted_retry() {
     sample.run(&job, &Outcome::Interrupted);
     assert_eq!(state(&sample, &job), JobState::Failed);
     let again =
-        sample.store.claim(sample.session, &job.key(), RetryFailed::No, Company::Others).unwrap();
+        sample.store.claim(sample.session, &job.key(), RetryFailed::No, Isolation::Shared).unwrap();
     assert_eq!(again, Claimed::Failed);
 }
 
@@ -81,7 +84,7 @@ fn a_failure_outlasts_an_interrupted_retry() {
 fn a_job_of_no_experiment_cannot_be_claimed() {
     let mut sample = Sample::new();
     let error =
-        sample.store.claim(sample.session, &dqn(0.4, 1).key(), RetryFailed::No, Company::Others);
+        sample.store.claim(sample.session, &dqn(0.4, 1).key(), RetryFailed::No, Isolation::Shared);
     assert!(matches!(error, Err(StoreError::UnknownJob { .. })), "{error:?}");
 }
 
@@ -94,7 +97,7 @@ fn two_processes_with_one_list_never_share_a_job() {
         let session = store.begin_session(&provenance()).unwrap();
         let mut done = Vec::new();
         for job in &jobs {
-            match store.claim(session, &job.key(), RetryFailed::No, Company::Others).unwrap() {
+            match store.claim(session, &job.key(), RetryFailed::No, Isolation::Shared).unwrap() {
                 Claimed::Claimed(claim) => {
                     store.finish(&claim, &completed(), 0.1).unwrap();
                     done.push(job.key());
@@ -127,7 +130,7 @@ fn the_run_of_a_killed_process_is_taken_over_and_it_cannot_write_any_more() {
     let mut other = Store::open(&sample.path).unwrap();
     let session = other.begin_session(&provenance()).unwrap();
     let Claimed::Claimed(claim) =
-        other.claim(session, &job.key(), RetryFailed::No, Company::Others).unwrap()
+        other.claim(session, &job.key(), RetryFailed::No, Isolation::Shared).unwrap()
     else {
         panic!("the job of a dead process is free");
     };
@@ -202,17 +205,23 @@ fn ending_a_session_interrupts_what_it_holds() {
 }
 
 #[test]
-fn a_rule_is_completed_without_weights_and_never_with_them() {
-    let job = rule(0.4, 1);
-    let mut sample = Sample::with(std::slice::from_ref(&job));
-    let claim = sample.claim(&job);
-    let error = sample.store.finish(&claim, &completed(), 1.0).unwrap_err().to_string();
-    assert!(error.contains("failed to store the end of a run"), "{error}");
-    let learnt_nothing = Results { weights: None, curve: Vec::new(), ..results() };
-    sample.store.finish(&claim, &Outcome::Completed(learnt_nothing), 1.0).unwrap();
-    assert_eq!(state(&sample, &job), JobState::Completed);
-    let found = Reader::open(&sample.path).unwrap().weights(&job.key().to_string()).unwrap();
-    assert_eq!((found.job, found.safetensors), (job, None));
+fn a_run_without_weights_is_stored_and_the_caller_judges_it() {
+    let jobs = [rule(0.4, 1), dqn(0.4, 1)];
+    let mut sample = Sample::with(&jobs);
+    let without = Outcome::Completed(Results { weights: None, curve: Vec::new(), ..results() });
+    jobs.iter().for_each(|job| sample.run(job, &without));
+    let found = Reader::open(&sample.path).unwrap().weights(&jobs[0].key().to_string()).unwrap();
+    assert_eq!((&found.job, found.safetensors), (&jobs[0], None));
+    let check_weights = |job: &Job, weights: Option<&[u8]>| match (&job.agent, weights) {
+        (Agent::Rule(_), None) => Ok(()),
+        (_, weights) => Err(format!("{weights:?} of a trained agent")),
+    };
+    let findings = store::examine(&sample.path, &check_weights).unwrap().findings;
+    let about_weights: Vec<_> =
+        findings.iter().filter(|finding| finding.what.contains("weights")).collect();
+    let [finding] = about_weights.as_slice() else { panic!("{findings:?}") };
+    assert_eq!(finding.job_key, Some(jobs[1].key().to_string()));
+    assert_eq!(finding.what, "its weights do not load: None of a trained agent");
 }
 
 #[test]
@@ -222,8 +231,8 @@ fn results_are_stored_whole_or_not_at_all() {
     let claim = sample.claim(&job);
     let mut faulty = results();
     faulty.episodes[1].total_reward = f64::INFINITY;
-    let without_weights = Results { weights: None, ..results() };
-    for results in [faulty, without_weights] {
+    let without_episodes = Results { episodes: Vec::new(), ..results() };
+    for results in [faulty, without_episodes] {
         let outcome = Outcome::Completed(results);
         let error = sample.store.finish(&claim, &outcome, 1.0).unwrap_err().to_string();
         assert!(error.contains("failed to store the end of a run"), "{error}");

@@ -68,15 +68,15 @@ fn a_completed_run_has_an_end_a_wall_time_and_a_digest() {
 }
 
 #[test]
-fn a_completed_run_has_metrics_episodes_and_weights() {
+fn a_completed_run_has_metrics_and_episodes() {
     let complete =
         format!("UPDATE run SET status = 'completed', {END}, wall_seconds = 1, {DIGEST}");
-    for missing in ["run_metric", "test_episode", "trained_weights"] {
+    for missing in ["run_metric", "test_episode"] {
         let (_sample, raw) = running();
         for insert in RESULTS.split_inclusive(';').filter(|insert| !insert.contains(missing)) {
             raw.execute_batch(insert).unwrap();
         }
-        refused(&raw, &complete, "a completed run has its metrics, test episodes and weights");
+        refused(&raw, &complete, "a completed run has its metrics and test episodes");
     }
 }
 
@@ -89,7 +89,7 @@ fn a_completed_run_has_every_metric_of_the_summary() {
         // As many metrics, but one of them is not in the summary.
         let other = RESULTS.replace(&format!("(1, {missing}, "), "(1, 5, ");
         raw.execute_batch(&other).unwrap();
-        refused(&raw, &complete, "a completed run has its metrics, test episodes and weights");
+        refused(&raw, &complete, "a completed run has its metrics and test episodes");
     }
 }
 

@@ -10,7 +10,7 @@ use jitai::record::{
     ActionCount, CURVE_METRICS, CurvePoint, Failure, FailureKind, METRICS, Metric, Outcome,
     Provenance, Results, TestEpisode,
 };
-use jitai::store::{Claim, Claimed, Company, Experiment, RetryFailed, SessionId, Store};
+use jitai::store::{Claim, Claimed, Experiment, Isolation, RetryFailed, SessionId, Store};
 use rusqlite::Connection;
 
 /// A store in a folder of its own, with a session of this process.
@@ -39,7 +39,10 @@ impl Sample {
 
     /// Claims a job that must be free.
     pub fn claim(&mut self, job: &Job) -> Claim {
-        match self.store.claim(self.session, &job.key(), RetryFailed::Yes, Company::Others).unwrap()
+        match self
+            .store
+            .claim(self.session, &job.key(), RetryFailed::Yes, Isolation::Shared)
+            .unwrap()
         {
             Claimed::Claimed(claim) => claim,
             other => panic!("the job is not free: {other:?}"),

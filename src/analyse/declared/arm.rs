@@ -3,7 +3,7 @@
 use crate::analyse::{Sample, lower_quartile};
 use crate::key::Value;
 use crate::manifest::Condition;
-use crate::record::{JobRecord, Progress};
+use crate::record::{JobRecord, JobStatus};
 
 use crate::record::Setting;
 
@@ -38,13 +38,13 @@ impl Group<'_> {
                 continue;
             }
             seen.push(job.seed);
-            match &job.progress {
+            match &job.status {
                 // One that completed without this metric is lost as one that is not finite.
-                Progress::Completed(_) => {
+                JobStatus::Completed(_) => {
                     values.push((job.seed, value(job, metric).unwrap_or(f64::NAN)));
                 }
-                Progress::Failed(_) => failed += 1,
-                Progress::Pending | Progress::Interrupted | Progress::Running => open += 1,
+                JobStatus::Failed(_) => failed += 1,
+                JobStatus::Pending | JobStatus::Interrupted | JobStatus::Running => open += 1,
             }
         }
         Sample::new(values, failed, open).expect("every seed is taken once")

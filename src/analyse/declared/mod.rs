@@ -29,7 +29,7 @@ pub use reproduction::{Comparison, Distance, Reproduction, Subject, reproduce};
 pub use selection::{Candidate, Chosen};
 
 use crate::manifest::{Analysis, AnalysisKind, Published};
-use crate::record::{JobRecord, Progress};
+use crate::record::{JobRecord, JobStatus};
 
 /// What an analysis came to.
 #[derive(Clone, Debug, PartialEq)]
@@ -86,10 +86,12 @@ impl JobCounts {
     pub fn of<'j>(jobs: impl IntoIterator<Item = &'j JobRecord>) -> JobCounts {
         let mut counts = JobCounts::default();
         for job in jobs {
-            *match job.progress {
-                Progress::Completed(_) => &mut counts.completed,
-                Progress::Failed(_) => &mut counts.failed,
-                Progress::Pending | Progress::Interrupted | Progress::Running => &mut counts.open,
+            *match job.status {
+                JobStatus::Completed(_) => &mut counts.completed,
+                JobStatus::Failed(_) => &mut counts.failed,
+                JobStatus::Pending | JobStatus::Interrupted | JobStatus::Running => {
+                    &mut counts.open
+                }
             } += 1;
         }
         counts

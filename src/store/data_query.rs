@@ -1,27 +1,27 @@
-//! Queries of the public views that a reader is given beside what was made of their answers.
+//! The queries that a report prints beside its figures, so that readers can fetch the same rows.
 
 use std::fmt::Write as _;
 
 use crate::record::Setting;
 
-/// What a reader wants the rows of: jobs of one experiment, and a part of their results.
+/// A query of the public views: which jobs of one experiment, and which part of their results.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Provided {
+pub struct DataQuery {
     /// The experiment's name.
     pub experiment: String,
     /// Names of agents.
     pub agents: Vec<String>,
     /// Scenarios.
     pub scenarios: Vec<String>,
-    /// Parameters that tell the jobs apart: dotted names, and the values wanted.
+    /// Parameters in which the jobs differ: dotted names, and the values to select.
     pub parameters: Vec<(String, Vec<Setting>)>,
     /// The part of the results.
-    pub part: ProvidedPart,
+    pub part: DataPart,
 }
 
-/// A part of the results.
+/// A part of the results of a job.
 #[derive(Clone, Debug, PartialEq)]
-pub enum ProvidedPart {
+pub enum DataPart {
     /// A metric.
     Metric(String),
     /// The learning curve of the mean return.
@@ -32,7 +32,7 @@ pub enum ProvidedPart {
     Returns,
 }
 
-impl Provided {
+impl DataQuery {
     /// One SELECT statement on the public views.
     pub fn sql(&self) -> String {
         let mut columns = String::from("SELECT run.agent, run.scenario, run.seed");
@@ -54,25 +54,25 @@ impl Provided {
             let _ = write!(conditions, "\n  AND {value} IN ({})", values.join(", "));
         }
         let (part, join) = match &self.part {
-            ProvidedPart::Metric(name) => (
+            DataPart::Metric(name) => (
                 format!("metric.value AS \"{}\"", name.replace('"', "\"\"")),
                 format!(
                     "JOIN metric ON metric.job_key = run.job_key AND metric.name = {}",
                     text(name)
                 ),
             ),
-            ProvidedPart::LearningCurve => (
+            DataPart::LearningCurve => (
                 "curve.episode, curve.value AS mean_return".to_owned(),
                 "JOIN learning_curve AS curve ON curve.job_key = run.job_key\n  AND curve.metric = \
                  'mean_return'"
                     .to_owned(),
             ),
-            ProvidedPart::ActionChoice => (
+            DataPart::ActionChoice => (
                 "choice.p_low, choice.p_high, choice.context, choice.action, choice.count"
                     .to_owned(),
                 "JOIN action_choice AS choice ON choice.job_key = run.job_key".to_owned(),
             ),
-            ProvidedPart::Returns => (
+            DataPart::Returns => (
                 "test.episode, test.total_reward".to_owned(),
                 "JOIN evaluation_episode AS test ON test.job_key = run.job_key".to_owned(),
             ),
@@ -109,7 +109,7 @@ mod tests {
 
     #[test]
     fn names_cannot_leave_their_quotes() {
-        let provided = Provided {
+        let query = DataQuery {
             experiment: "x' OR 1=1 --".to_owned(),
             agents: vec!["dqn".to_owned()],
             scenarios: vec!["P-H-D".to_owned()],
@@ -117,9 +117,9 @@ mod tests {
                 ("environment.sigma".to_owned(), vec![Setting::Number(0.6)]),
                 ("agent.algorithm".to_owned(), vec![Setting::Text("it's".to_owned())]),
             ],
-            part: ProvidedPart::Metric("mean_return".to_owned()),
+            part: DataPart::Metric("mean_return".to_owned()),
         };
-        let sql = provided.sql();
+        let sql = query.sql();
         assert!(sql.contains("run.experiment = 'x'' OR 1=1 --' AND"), "{sql}");
         assert!(sql.contains("'environment.sigma') IN (0.6)"), "{sql}");
         assert!(sql.contains("'agent.algorithm') IN ('it''s')"), "{sql}");

@@ -1,0 +1,263 @@
+//! Copying between stores that the store itself has written.
+
+use std::path::{Path, PathBuf};
+
+use rusqlite::Connection;
+
+use crate::plan::Job;
+use crate::record::{
+    CURVE_METRICS, CurvePoint, Failure, FailureKind, Outcome, Results, TestEpisode,
+};
+
+use super::copy::{Copied, Ended, RunCopy, copy};
+use super::sample::{begin_session, claim, job, results};
+use super::{Experiment, SessionId, Store};
+
+/// A store with a session of its own, in a folder that lives as long.
+struct Sample {
+    _folder: tempfile::TempDir,
+    path: PathBuf,
+    store: Store,
+    session: SessionId,
+}
+
+impl Sample {
+    fn new() -> Sample {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("jitai.sqlite");
+        let mut store = Store::open(&path).unwrap();
+        let session = begin_session(&mut store);
+        Sample { _folder: folder, path, store, session }
+    }
+
+    fn run(&mut self, job: &Job, outcome: &Outcome) {
+        let claim = claim(&mut self.store, self.session, job);
+        self.store.finish(&claim, outcome, 1.5).unwrap();
+    }
+
+    fn number(&self, sql: &str) -> i64 {
+        self.store.connection.query_row(sql, [], |row| row.get(0)).unwrap()
+    }
+
+    fn text(&self, sql: &str) -> String {
+        self.store.connection.query_row(sql, [], |row| row.get(0)).unwrap()
+    }
+
+    /// Copies the runs of another store; what was copied, and what became of each run.
+    fn copy(&mut self, from: &Path) -> (Copied, Vec<(i64, Ended, RunCopy)>) {
+        let from = Connection::open(from).unwrap();
+        let mut heard = Vec::new();
+        let copied = copy(&from, &mut self.store, &|_, _| Ok(()), |run, ended, became| {
+            heard.push((run, ended, became));
+        });
+        (copied.unwrap(), heard)
+    }
+
+    /// As [`Sample::copy`], what became of each run alone.
+    fn became(&mut self, from: &Path) -> Vec<RunCopy> {
+        self.copy(from).1.into_iter().map(|(_, _, became)| became).collect()
+    }
+
+    /// Every row that does not depend on the ids and times of one store.
+    fn rows(&self) -> Vec<String> {
+        let sql = "SELECT concat_ws('|', experiment, job_key, agent, status, attempt, mean_return,
+                wall_seconds, started_at, ended_at, code_version, failure_kind, failure_message)
+                FROM run_summary
+            UNION ALL SELECT concat_ws('|', job_key, name, value) FROM metric
+            UNION ALL SELECT concat_ws('|', job_key, episode, metric, value) FROM learning_curve
+            UNION ALL SELECT concat_ws('|', job_key, episode, total_reward, length, disengaged)
+                FROM evaluation_episode
+            UNION ALL SELECT concat_ws('|', job_key, p_low, context, action, count)
+                FROM action_choice
+            UNION ALL SELECT concat_ws('|', hex(safetensors), hex(results_sha256))
+                FROM run LEFT JOIN trained_weights ON run.id = run
+            ORDER BY 1";
+        let mut statement = self.store.connection.prepare(sql).unwrap();
+        let rows = statement.query_map([], |row| row.get(0)).unwrap();
+        rows.collect::<rusqlite::Result<_>>().unwrap()
+    }
+}
+
+fn seed(seed: u64) -> Job {
+    Job { seed, ..job() }
+}
+
+fn completed() -> Outcome {
+    let point = |episode, metric| CurvePoint { episode, metric, value: 0.5 };
+    let curve = CURVE_METRICS.iter().map(|(name, _)| point(10, *name)).collect();
+    Outcome::Completed(Results { curve, ..results() })
+}
+
+/// Results of the same job that differ in one reward.
+fn otherwise_completed() -> Outcome {
+    let episodes = vec![TestEpisode { total_reward: 51.0, length: 2, disengaged: true }];
+    Outcome::Completed(Results { episodes, ..results() })
+}
+
+fn failed() -> Outcome {
+    let message = "the loss is not a number".to_owned();
+    Outcome::Failed(Failure { kind: FailureKind::Diverged, message, episode: 3 })
+}
+
+/// A store with two completed jobs, one of them after an interruption, and a failed one.
+fn source() -> Sample {
+    let mut source = Sample::new();
+    source.run(&seed(1), &completed());
+    source.run(&seed(2), &Outcome::Interrupted);
+    source.run(&seed(2), &completed());
+    source.run(&seed(3), &failed());
+    source.store.end_session(source.session).unwrap();
+    source
+}
+
+#[test]
+fn a_copy_has_every_row_and_a_second_one_inserts_nothing() {
+    let source = source();
+    let mut target = Sample::new();
+    let (copied, runs) = target.copy(&source.path);
+    assert_eq!(copied, Copied { experiments: 3, jobs: 3, runs_unreadable: false });
+    let ended = [Ended::Completed, Ended::Interrupted, Ended::Completed, Ended::Failed];
+    let expected: Vec<_> = (1..).zip(ended).map(|(id, e)| (id, e, RunCopy::Copied)).collect();
+    assert_eq!(runs, expected);
+    assert_eq!(target.rows(), source.rows());
+
+    let changes = target.store.connection.total_changes();
+    let (copied, runs) = target.copy(&source.path);
+    assert_eq!(copied, Copied::default());
+    assert!(runs.iter().all(|(_, _, became)| *became == RunCopy::AlreadyThere), "{runs:?}");
+    assert_eq!(target.store.connection.total_changes(), changes);
+}
+
+#[test]
+fn a_conflict_is_reported_and_the_run_of_the_target_is_kept() {
+    let source = source();
+    let mut target = Sample::new();
+    target.run(&seed(1), &otherwise_completed());
+    let before = target.text("SELECT hex(results_sha256) FROM run");
+    let became = target.became(&source.path);
+    assert_eq!(became, [RunCopy::Conflict, RunCopy::Copied, RunCopy::Copied, RunCopy::Copied]);
+    assert_eq!(target.text("SELECT hex(results_sha256) FROM run WHERE id = 1"), before);
+    assert_eq!(target.number("SELECT total_reward = 51 FROM test_episode WHERE run = 1"), 1);
+}
+
+#[test]
+fn a_damaged_run_is_left_out_and_is_no_conflict() {
+    let source = source();
+    let raw = Connection::open(&source.path).unwrap();
+    raw.execute_batch(
+        "DROP TRIGGER run_metric_is_fixed;
+         UPDATE run_metric SET value = 2.0 WHERE run = 1 AND metric = 1",
+    )
+    .unwrap();
+    let expected = [RunCopy::Damaged, RunCopy::Copied, RunCopy::Copied, RunCopy::Copied];
+    let mut target = Sample::new();
+    assert_eq!(target.became(&source.path), expected);
+    for table in ["run_metric", "curve_point", "test_episode", "trained_weights"] {
+        assert_eq!(target.number(&format!("SELECT count(DISTINCT run) FROM {table}")), 1);
+    }
+    let mut with_other_results = Sample::new();
+    with_other_results.run(&seed(1), &otherwise_completed());
+    assert_eq!(with_other_results.became(&source.path), expected);
+}
+
+#[test]
+fn a_run_whose_weights_are_found_wrong_is_left_out() {
+    let source = source();
+    let from = Connection::open(&source.path).unwrap();
+    let mut target = Sample::new();
+    let check = |job: &Job, weights: Option<&[u8]>| match (job.seed, weights) {
+        (1, Some(_)) => Err("too few".to_owned()),
+        (_, Some(_)) => Ok(()),
+        (_, None) => Err("none".to_owned()),
+    };
+    let mut copied = Vec::new();
+    copy(&from, &mut target.store, &check, |run, _, became| {
+        if became == RunCopy::Copied {
+            copied.push(run);
+        }
+    })
+    .unwrap();
+    assert_eq!(copied, [2, 3, 4]);
+}
+
+#[test]
+fn attempts_of_two_stores_are_numbered_on() {
+    let mut source = Sample::new();
+    source.run(&seed(1), &Outcome::Interrupted);
+    source.run(&seed(1), &completed());
+    let mut target = Sample::new();
+    // Metrics that the source meets in another order.
+    let first = CurvePoint { episode: 10, metric: "epsilon", value: 0.5 };
+    target.run(&seed(7), &Outcome::Completed(Results { curve: vec![first], ..results() }));
+    target.run(&seed(1), &Outcome::Interrupted);
+    assert_eq!(target.became(&source.path), [RunCopy::Copied; 2]);
+    let attempts = "SELECT group_concat(attempt || ' ' || status, ', ' ORDER BY attempt) FROM run
+        WHERE job = (SELECT job FROM run WHERE attempt = 3)";
+    assert_eq!(target.text(attempts), "1 interrupted, 2 interrupted, 3 completed");
+    assert_eq!(target.became(&source.path), [RunCopy::AlreadyThere; 2]);
+}
+
+#[test]
+fn a_job_that_runs_in_the_target_is_left_to_it() {
+    let source = source();
+    let mut target = Sample::new();
+    let claim = claim(&mut target.store, target.session, &seed(1));
+    assert_eq!(target.became(&source.path)[0], RunCopy::InProgress);
+    target.store.finish(&claim, &Outcome::Interrupted, 1.0).unwrap();
+    assert_eq!(target.became(&source.path)[0], RunCopy::Copied);
+}
+
+#[test]
+fn a_run_in_progress_is_not_copied() {
+    let mut source = source();
+    let session = begin_session(&mut source.store);
+    claim(&mut source.store, session, &seed(4));
+    let mut target = Sample::new();
+    let (copied, runs) = target.copy(&source.path);
+    assert_eq!((copied.jobs, runs.len()), (4, 4));
+}
+
+#[test]
+fn an_experiment_keeps_its_manifest_and_gains_jobs() {
+    let experiment =
+        |manifest| Experiment { name: "sweep", question: None, hypothesis: None, manifest };
+    let mut source = Sample::new();
+    source.store.register(&experiment("theirs"), [("dqn", seed(1)), ("dqn", seed(2))]).unwrap();
+    let mut target = Sample::new();
+    target.store.register(&experiment("ours"), [("dqn", seed(1))]).unwrap();
+    let (copied, _) = target.copy(&source.path);
+    assert_eq!((copied.experiments, copied.jobs), (0, 1));
+    assert_eq!(target.text("SELECT manifest FROM experiment"), "ours");
+    assert_eq!(target.number("SELECT count(*) FROM experiment_job"), 2);
+}
+
+#[test]
+fn a_session_comes_with_its_runs_and_has_ended_as_in_the_source() {
+    let source = source();
+    let mut target = Sample::new();
+    target.copy(&source.path);
+    let session = "SELECT concat_ws('|', host, process_id, code_version, git_revision, backend,
+        processor, started_at, heartbeat_at, ended_at) FROM session
+        WHERE id = (SELECT max(session) FROM run)";
+    assert_eq!(target.text(session), source.text(session));
+    assert_eq!(target.number("SELECT count(*) FROM session WHERE ended_at IS NOT NULL"), 1);
+}
+
+#[test]
+fn many_results_are_copied_in_several_transactions() {
+    let mut source = Sample::new();
+    for number in 1..=5 {
+        let weights = Some(vec![number as u8; 3 << 20]);
+        source.run(&seed(number), &Outcome::Completed(Results { weights, ..results() }));
+    }
+    let mut target = Sample::new();
+    let raw = Connection::open(&target.path).unwrap();
+    let from = Connection::open(&source.path).unwrap();
+    let mut seen: Vec<i64> = Vec::new();
+    copy(&from, &mut target.store, &|_, _| Ok(()), |_, _, _| {
+        seen.push(raw.query_row("SELECT count(*) FROM run", [], |row| row.get(0)).unwrap());
+    })
+    .unwrap();
+    // Three runs of 3 MiB fill a batch.
+    assert_eq!(seen, [3, 3, 3, 5, 5]);
+}

@@ -1,0 +1,51 @@
+//! Jobs and results for the tests of this module.
+
+use crate::plan::Job;
+use crate::record::{METRICS, Metric, Provenance, Results, TestEpisode};
+
+use super::{Claim, Claimed, Experiment, Isolation, RetryFailed, SessionId, Store};
+
+/// A job as small as it can be.
+pub(super) fn job() -> Job {
+    let canonical = r#"{"agent":{"activation":"relu","algorithm":"dueling_dqn","batch":64,
+        "buffer":1000,"engine":"fused","episodes":10,"epsilon_decrement":0.001,
+        "epsilon_floor":0.01,"epsilon_start":1.0,"gamma":0.99,"layers":[8],
+        "learning_rate":0.0005,"target_period":1000,"terminal_target":"zero",
+        "trunk":"shared"},"environment":{"delta_d":0.1,"delta_h":0.1,
+        "disengagement_threshold":1.0,"epsilon_d":0.4,"epsilon_h":0.05,
+        "first_context":"fixed","horizon":50,"initial_disengagement":0.1,
+        "initial_habituation":0.1,"mu":[0.1,0.1],"observed_probability":0,"rho_1":50.0,
+        "rho_2":200.0,"sigma":0.4,"time_indicator":"lagged","time_indicator_period":2,
+        "time_one_hot":false},"evaluation":{"curve_stride":10,"test_actions":"as_trained",
+        "test_episodes":1},"scenario":"P-H-D","seed":1}"#;
+    Job::from_canonical(canonical).unwrap()
+}
+
+/// Results of it, as small as they can be.
+pub(super) fn results() -> Results {
+    Results {
+        metrics: METRICS.iter().map(|(name, _)| Metric { name, value: 1.0 }).collect(),
+        curve: Vec::new(),
+        episodes: vec![TestEpisode { total_reward: 50.0, length: 2, disengaged: true }],
+        actions: Vec::new(),
+        weights: Some(vec![8]),
+    }
+}
+
+/// Begins a session of this process, whose provenance is made up.
+pub(super) fn begin_session(store: &mut Store) -> SessionId {
+    let [code_version, git_revision, backend, host, processor] =
+        ["1", "2", "3", "4", "5"].map(str::to_owned);
+    let provenance = Provenance { code_version, git_revision, backend, host, processor };
+    store.begin_session(&provenance).unwrap()
+}
+
+/// Claims a job of an experiment of its own.
+pub(super) fn claim(store: &mut Store, session: SessionId, job: &Job) -> Claim {
+    let name = format!("sweep {}", job.seed);
+    let experiment = Experiment { name: &name, question: None, hypothesis: None, manifest: "" };
+    store.register(&experiment, [("dqn", job)]).unwrap();
+    let claimed = store.claim(session, &job.key(), RetryFailed::No, Isolation::Shared);
+    let Ok(Claimed::Claimed(claim)) = claimed else { panic!("{claimed:?}") };
+    claim
+}

@@ -1,0 +1,101 @@
+//! What a reading connection may do: functions it has beyond SQLite's, statements it refuses, and
+//! the memory it may use.
+
+use rusqlite::Connection;
+use rusqlite::functions::{Aggregate, Context, FunctionFlags};
+use rusqlite::hooks::{AuthAction, AuthContext, Authorization};
+use rusqlite::limits::Limit;
+use rusqlite::types::ValueRef;
+
+/// Adds what SQL lacks for means and deviations.
+pub(super) fn add_functions(connection: &Connection) -> rusqlite::Result<()> {
+    let flags = FunctionFlags::SQLITE_UTF8
+        | FunctionFlags::SQLITE_DETERMINISTIC
+        | FunctionFlags::SQLITE_INNOCUOUS;
+    // Like that of the sqlite3 shell: NULL for what has no root.
+    connection.create_scalar_function("sqrt", 1, flags, |context| {
+        Ok(number(context).map(f64::sqrt).filter(|root| !root.is_nan()))
+    })?;
+    connection.create_aggregate_function("stddev", 1, flags, StandardDeviation)
+}
+
+/// The only argument of a function, if it is a number.
+fn number(context: &Context<'_>) -> Option<f64> {
+    match context.get_raw(0) {
+        ValueRef::Integer(whole) => Some(whole as f64),
+        ValueRef::Real(real) => Some(real),
+        ValueRef::Null | ValueRef::Text(_) | ValueRef::Blob(_) => None,
+    }
+}
+
+/// The standard deviation (n - 1) of the numbers met; NULL of fewer than two, as in PostgreSQL.
+///
+/// **Source**: Welford, "Note on a method for calculating corrected sums of squares and products",
+/// 1962.
+struct StandardDeviation;
+
+/// How many numbers were met, their mean, and the sum of squares about it.
+#[derive(Default)]
+struct Squares {
+    n: f64,
+    mean: f64,
+    sum: f64,
+}
+
+impl Aggregate<Squares, Option<f64>> for StandardDeviation {
+    fn init(&self, _: &mut Context<'_>) -> rusqlite::Result<Squares> {
+        Ok(Squares::default())
+    }
+
+    fn step(&self, context: &mut Context<'_>, squares: &mut Squares) -> rusqlite::Result<()> {
+        if let Some(number) = number(context) {
+            squares.n += 1.0;
+            let apart = number - squares.mean;
+            squares.mean += apart / squares.n;
+            squares.sum += apart * (number - squares.mean);
+        }
+        Ok(())
+    }
+
+    fn finalize(
+        &self,
+        _: &mut Context<'_>,
+        squares: Option<Squares>,
+    ) -> rusqlite::Result<Option<f64>> {
+        let squares = squares.filter(|squares| squares.n > 1.0);
+        Ok(squares.map(|squares| (squares.sum / (squares.n - 1.0)).sqrt()))
+    }
+}
+
+/// Makes the connection refuse every statement that does not merely read the store, and those that
+/// would fill the memory with one value or many.
+pub(super) fn allow_reading_only(connection: &mut Connection) -> rusqlite::Result<()> {
+    connection.set_limit(Limit::SQLITE_LIMIT_LENGTH, LONGEST_VALUE)?;
+    connection.set_limit(Limit::SQLITE_LIMIT_ATTACHED, 0)?;
+    // Of all connections of the process together; what is sorted goes to a file long before.
+    connection.pragma_update(None, "hard_heap_limit", MOST_MEMORY)?;
+    connection.authorizer(Some(authorize))
+}
+
+/// Bytes of a value, a row or the SQL itself, at most; the weights of the largest network are 80 MB.
+const LONGEST_VALUE: i32 = 128 << 20;
+/// Bytes that SQLite may hold, at most.
+const MOST_MEMORY: i64 = 768 << 20;
+
+fn authorize(context: AuthContext<'_>) -> Authorization {
+    let allowed = match context.action {
+        AuthAction::Select | AuthAction::Read { .. } | AuthAction::Recursive => true,
+        AuthAction::Function { function_name } => !ACTING_FUNCTIONS.contains(&function_name),
+        AuthAction::Pragma { pragma_name, .. } => DESCRIBING_PRAGMAS.contains(&pragma_name),
+        _ => false,
+    };
+    if allowed { Authorization::Allow } else { Authorization::Deny }
+}
+
+/// Functions, of SQLite itself or of its usual extensions, that reach outside the store.
+const ACTING_FUNCTIONS: &[&str] =
+    &["load_extension", "readfile", "writefile", "edit", "fts3_tokenizer"];
+
+/// Pragmas that describe tables and change nothing, whatever their argument.
+const DESCRIBING_PRAGMAS: &[&str] =
+    &["table_info", "table_xinfo", "table_list", "index_list", "index_info", "foreign_key_list"];
