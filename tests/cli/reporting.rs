@@ -242,11 +242,11 @@ fn a_caption_tells_of_no_trend_where_there_is_none() {
     };
     folder.jitai(["run", "sweep.toml", "--filter", "environment.sigma=0.8"]).succeeded();
     let page = report();
-    assert!(page.contains("</span> is at 5 at 27&nbsp;% error."), "{page}");
+    assert!(page.contains("</span> is at 5 at 27\u{a0}% error."), "{page}");
     folder.jitai(["run", "sweep.toml"]).succeeded();
     let page = report();
     assert!(
-        page.contains("</span> is at 5 both at 11&nbsp;% error and at 27&nbsp;% error."),
+        page.contains("</span> is at 5 both at 11\u{a0}% error and at 27\u{a0}% error."),
         "{page}"
     );
     for trend in ["rises", "falls", "apart"] {

@@ -100,6 +100,8 @@ pub fn web_font() -> String {
 
 #[cfg(test)]
 mod tests {
+    use skrifa::outline::pen::NullPen;
+
     use super::*;
 
     #[test]
@@ -110,5 +112,14 @@ mod tests {
             assert_ne!(face.glyph(character), GlyphId::NOTDEF, "{character}");
         }
         assert!(width("mm", 10.0, Weight::Regular) > width("ii", 10.0, Weight::Regular));
+    }
+
+    #[test]
+    fn every_glyph_has_an_outline() {
+        for face in [Weight::Regular, Weight::SemiBold].map(Weight::face) {
+            let glyphs = face.metrics.glyph_count();
+            assert!(glyphs > 100);
+            (0..glyphs).for_each(|glyph| face.draw(glyph.into(), &mut NullPen));
+        }
     }
 }
