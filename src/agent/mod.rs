@@ -154,7 +154,9 @@ pub fn start(
         }
         Agent::Rule(rule) => {
             let policy = RulePolicy::new(rule, environment, scenario);
-            Start::Rule(policy.expect("a manifest has the optimal rule where H and D are shown"))
+            Start::Rule(
+                policy.expect("a manifest has the optimal rule only where it can be computed"),
+            )
         }
     })
 }

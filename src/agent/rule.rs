@@ -2,7 +2,7 @@
 
 use crate::env::{Action, Belief, Episodes};
 use crate::manifest::{DecisionRule, Environment, Rule, Scenario};
-use crate::optimum::{OptimalPolicy, StateHidden};
+use crate::optimum::{NoOptimum, OptimalPolicy};
 use crate::rng::Stream;
 
 /// A decision rule at work. It knows of the context what a scenario shows of it; only the optimal
@@ -25,12 +25,12 @@ enum Choice {
 impl RulePolicy {
     /// The rule in an environment, for a scenario. The optimal one takes a moment to be computed.
     ///
-    /// **Errors**: the optimal rule, and the scenario does not show what it goes by.
+    /// **Errors**: the optimal rule, and the optimum is not computed.
     pub fn new(
         rule: &DecisionRule,
         environment: &Environment,
         scenario: &Scenario,
-    ) -> Result<Self, StateHidden> {
+    ) -> Result<Self, NoOptimum> {
         let choice = match rule.rule {
             Rule::Never => Choice::Always(Action::NONE),
             Rule::Untailored => Choice::Always(Action::UNTAILORED),

@@ -4,13 +4,13 @@ use std::io;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use crate::agent::{self, Actions, DecisionRuleError, RulePolicy, Start, Weights};
+use crate::agent::{self, Actions, DecisionRuleError, RulePolicy, Weights};
 use crate::cli::output::{Cell, Format, Rows};
 use crate::cli::setting::adjusted;
 use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit, StoreArgument, replay};
 use crate::env::{Action, Ending, Episodes, Observer};
-use crate::manifest::{DecisionRule, Environment, Scenario};
+use crate::manifest::{Agent, DecisionRule, Environment, Scenario};
 use crate::store::{Reader, StoreError};
 use crate::train::{self, Chooser, TestStreams, Watch};
 
@@ -137,10 +137,14 @@ fn of_run(key: &str, arguments: &Arguments) -> Result<(Environment, Chooser), Er
     let environment = adjusted(job.environment, &arguments.settings)?;
     let Some(safetensors) = stored.safetensors else {
         // A rule needs no training, and acts as it would in a job with this environment.
-        return match agent::start(&job.agent, &environment, &job.scenario, job.seed) {
-            Ok(Start::Rule(_)) if arguments.greedy => Err(Error::Usage(GREEDY_RULE.to_owned())),
-            Ok(Start::Rule(rule)) => Ok((environment, Chooser::Rule(rule))),
-            Ok(Start::Learner(_)) | Err(_) => {
+        return match &job.agent {
+            Agent::Rule(_) if arguments.greedy => Err(Error::Usage(GREEDY_RULE.to_owned())),
+            Agent::Rule(rule) => {
+                let policy = RulePolicy::new(rule, &environment, &job.scenario);
+                let policy = policy.map_err(|error| Error::Usage(error.to_string()))?;
+                Ok((environment, Chooser::Rule(policy)))
+            }
+            Agent::DuelingDqn(_) | Agent::Reinforce(_) => {
                 Err(Error::Usage(format!("job {key} has left no weights; its store is damaged")))
             }
         };

@@ -2,6 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+/// Longest horizon, in steps, for which an optimum is computed.
+pub const LONGEST_OPTIMUM: u32 = 200;
+
 /// Parameters of the physical-activity simulation.
 ///
 /// Symbols and values are those of Karine et al. (2023), section 3.1 and table 3. The keys below

@@ -43,7 +43,7 @@ pub use analysis::{
     ANALYSED_METRICS, Analysis, AnalysisKind, Contrast, CurveAxis, Pairing, SelectionRule, Sides,
 };
 pub use declared::{Condition, DeclaredAgent, Exclusion, MOST_JOBS, Manifest, Zip};
-pub use environment::{Environment, FirstContext, TimeIndicator};
+pub use environment::{Environment, FirstContext, LONGEST_OPTIMUM, TimeIndicator};
 pub use fault::{Fault, Faults, nearest};
 pub use grid::{Axis, Cell, Grid};
 pub use keys::{Key, Kind, Section, Value};

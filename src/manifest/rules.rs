@@ -5,6 +5,7 @@
 //! neither grids nor places in a file.
 
 use super::agent::Algorithm;
+use super::environment::LONGEST_OPTIMUM;
 use super::keys::Value;
 use super::parameter::Parameter;
 use super::scenario::Feature;
@@ -134,6 +135,16 @@ pub(super) const RULES: &[Rule] = &[
         keys: &[EPISODES, CURVE_STRIDE],
         fault: |chosen| chosen.long_curve(),
     },
+    Rule {
+        algorithm: Algorithm::Rule,
+        keys: &[RULE, HORIZON],
+        fault: |chosen| {
+            let (size, most) = (chosen.whole(HORIZON), u64::from(LONGEST_OPTIMUM));
+            let (what, unit) = ("rule = \"optimal\" plans for a horizon of", "steps");
+            let broken = chosen.is_word(RULE, "optimal") && size > most;
+            broken.then_some(Breach::TooLarge { what, unit, size, most })
+        },
+    },
 ];
 
 const HORIZON: Parameter = Parameter::Environment("horizon");
@@ -146,6 +157,7 @@ const BUFFER: Parameter = Parameter::Agent("buffer");
 const EPSILON_START: Parameter = Parameter::Agent("epsilon_start");
 const EPSILON_FLOOR: Parameter = Parameter::Agent("epsilon_floor");
 const TRAJECTORIES: Parameter = Parameter::Agent("trajectories_per_update");
+const RULE: Parameter = Parameter::Agent("rule");
 const CURVE_STRIDE: Parameter = Parameter::Evaluation("curve_stride");
 
 fn network_fits(size: u64) -> Option<Breach> {

@@ -66,7 +66,7 @@ impl Job {
             algorithm: match &self.agent {
                 Agent::DuelingDqn(_) => 2,
                 Agent::Reinforce(_) => 2,
-                Agent::Rule(DecisionRule { rule: Rule::Optimal, .. }) => 3,
+                Agent::Rule(DecisionRule { rule: Rule::Optimal, .. }) => 4,
                 Agent::Rule(_) => 1,
             },
         }
