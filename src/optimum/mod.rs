@@ -7,11 +7,11 @@
 //!
 //! # State and recursion
 //!
-//! An episode's state is the number of steps left n, habituation h and disengagement risk d. The context
-//! is drawn anew in every step, so what the policy knows of it, the probability p of context 0, is no
-//! state but noise within a step: it is exact for `C`, a function of the context feature for `P`, the
-//! accuracy of the inference or its complement for `L`, and 1/2 for scenarios without any of them. With
-//! h' = min(h + epsilon_h, 1), and V = 0 where n = 0 or d is at least the threshold, the action values are
+//! The state of an episode is the number of steps left n, habituation h and disengagement risk d. The
+//! context is drawn anew in every step, so the policy's probability p of context 0 is not part of the
+//! state. With `C`, p is 0 or 1; with `P`, it follows from the context feature; with `L`, it is the
+//! accuracy of the inference or its complement; with none of them, it is 1/2. A message leads to
+//! h' = min(h + epsilon_h, 1). V is 0 where n = 0 or d is at least the threshold. Otherwise
 //!
 //! ```text
 //! nothing      N = V(n-1, (1 - delta_h) h, d)
@@ -21,41 +21,42 @@
 //! V(n, h, d) = (mu_0 + mu_1) / 2 + E_p max(N, U, p S + (1 - p) F, (1 - p) S + p F)
 //! ```
 //!
-//! The mean over p has a closed form ([`expectation`]). The policy takes the action that attains the
+//! The mean over p has a closed form (`expectation.rs`). The policy takes the action that attains the
 //! maximum. It knows the first context where `first_context` is fixed.
 //!
 //! # Grid
 //!
-//! V is computed for n = 1, 2, … at the nodes of a grid of h and d ([`solution`]). In h the value is
+//! V is computed for n = 1, 2, … at the nodes of a grid of h and d (`solution.rs`). In h the value is
 //! continuous: a message leads from node to node, and a cubic interpolates where a step without one
 //! leads. In d the value jumps, because a wrong message ends the episode from threshold - epsilon_d on,
 //! and each jump reappears at the risks that lead to it. The largest jumps have two nodes, one on either
-//! side, and interpolation is linear between neighbouring nodes ([`axis`]).
+//! side, and interpolation is linear between neighbouring nodes (`axis.rs`).
 //!
 //! # The number and its error
 //!
-//! The policy looks one step ahead: it uses the values V~ that the recursion yields from the interpolated
-//! V of the next step, and thus loses little by interpolation. Its mean return follows from simulated
-//! episodes ([`simulation`]) of states s_t, with the right-hand side T V~ of the recursion:
+//! The policy looks one step further than the grid: it maximises action values by V~, where V~ is not
+//! interpolated but computed by the recursion from the interpolated V of the step after. Its mean return
+//! follows from simulated episodes (`simulation.rs`) with states s_t, where T V~ is the right-hand side of
+//! the recursion with V~ for V:
 //!
 //! ```text
 //! mean return = V~(s_0) + E sum over t > 0 of [T V~(s_t) - V~(s_t)]
 //! ```
 //!
-//! All other terms of the sum cancel. The brackets are errors of interpolation, so a few hundred episodes
-//! give the mean return to a few hundredths of a step. It is the return of an actual policy and hence, but
-//! for that noise, a lower bound of the optimum.
+//! All other terms cancel, because T V~ is the mean of reward and V~ of the next state under this policy.
+//! The brackets are small errors of interpolation, so a few hundred episodes give the mean return to a few
+//! hundredths of a step. Up to this noise, it is a lower bound of the optimum.
 //!
-//! This is done on two grids, one with half the spacing of the other. The optimum is the larger mean
-//! return. Its error is the difference of the two, for a finer grid gains less than the last
-//! refinement did, plus two standard errors. It is an estimate, not a bound.
+//! This is done on two grids, one with half the spacing of the other, and the larger mean return counts. Its
+//! error is the difference of the two plus two standard errors: a still finer grid usually gains less than
+//! the last refinement did. The error is an estimate, not a bound.
 //!
 //! # Limits and cost
 //!
 //! Horizons are at most [`LONGEST_OPTIMUM`](crate::manifest::LONGEST_OPTIMUM) steps, for all layers of
-//! values are kept. With the paper's parameters an optimum takes about half a second of one core and 60 MB,
-//! at the longest horizon a few seconds and up to 400 MB. There is one thread and no fused operation, so every
-//! machine computes the same bits.
+//! values are kept. An optimum takes a third of a second of one core and 45 MB at the paper's horizon, and
+//! two seconds and up to 250 MB at 200 steps. There is one thread and no fused operation, so every machine
+//! computes the same bits.
 
 mod axis;
 mod expectation;
@@ -175,7 +176,7 @@ impl ActionValues {
 pub struct OptimalPolicy(Solution);
 
 impl OptimalPolicy {
-    /// The optimal policy of a scenario in an environment. It takes a fifth of a second and 50 MB at the
+    /// The optimal policy of a scenario in an environment. It takes a fifth of a second and 45 MB at the
     /// paper's horizon.
     ///
     /// **Errors**: see [`check`].
