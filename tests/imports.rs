@@ -14,7 +14,7 @@ const TABLE: &[(&str, &[&str])] = &[
     ("record", &["plan"]),
     ("env", &["rng", "kernel", "manifest"]),
     // The optimal policy is tried with a stream of its own.
-    ("optimum", &["rng", "kernel", "manifest", "env"]),
+    ("optimum", &["rng", "manifest", "env"]),
     ("agent", &["rng", "kernel", "manifest", "env", "optimum"]),
     ("train", &["rng", "plan", "record", "env", "agent"]),
     ("store", &["kill_point", "plan", "record"]),
