@@ -40,7 +40,7 @@ bench-burn: ## time both engines with Burn compiled to be fast, on both of its C
 		$(CARGO) bench --quiet --config benches/burn-for-speed.toml --features "$$features" --bench jobs -- a_tenth || exit; \
 	done
 
-bench-optima: ## how exact optima of random environments are, and how long they take (minutes; ENVIRONMENTS=n, HORIZONS=n,n)
+bench-optima: ## errors and times of the optima of random environments (minutes; ENVIRONMENTS=n, HORIZONS=n,n, SEED=n)
 	$(CARGO) bench --quiet --bench optima
 
 bench-coverage: ## how often bootstrap intervals hold the truth, by the number of seeds (minutes)

@@ -1,13 +1,11 @@
 //! The optimum and the reference rules against simulated episodes.
 
-use std::num::NonZeroUsize;
-
 use jitai::agent::RulePolicy;
 use jitai::agent::{Agent, DecisionRule, Rule};
 use jitai::env::{Action, Episodes};
 use jitai::env::{Environment, FirstContext, Scenario};
 use jitai::manifest::Evaluation;
-use jitai::optimum::{Effort, optimum};
+use jitai::optimum::optimum;
 use jitai::plan::Job;
 use jitai::record::{Outcome, Results};
 use jitai::train::{self, Chooser, TestStreams, Unwatched, Watch};
@@ -41,13 +39,13 @@ fn the_optimal_policy_reaches_the_optimum_in_a_hundred_thousand_episodes() {
     for (sigma, first_context) in [(0.6, FirstContext::Fixed), (1.0, FirstContext::Sampled)] {
         let environment = Environment { first_context, ..Environment::paper(sigma) };
         for scenario in ["C-H-D", "P-H-D", "L-H-D"] {
+            let is_certain = scenario.starts_with('C');
             let scenario: Scenario = scenario.parse().unwrap();
-            let best = optimum(&environment, &scenario, Effort::usual(NonZeroUsize::MIN))
-                .unwrap()
-                .mean_return;
-            let [mean, error] = simulated(Rule::Optimal, &environment, &scenario, 100_000);
-            // C-H-D leaves nothing to chance, and its policy comes from a coarser grid.
-            assert!((mean - best).abs() < 4.0 * error + 0.5, "{scenario} {sigma}: {mean} {best}");
+            let best = optimum(&environment, &scenario).unwrap().mean_return;
+            // C-H-D leaves nothing to chance.
+            let lanes = if is_certain { 10 } else { 100_000 };
+            let [mean, error] = simulated(Rule::Optimal, &environment, &scenario, lanes);
+            assert!((mean - best).abs() < 4.0 * error + 0.1, "{scenario} {sigma}: {mean} {best}");
         }
     }
 }
@@ -64,18 +62,16 @@ fn the_optimal_policy_reaches_the_optimum_of_another_environment() {
         ..Environment::paper(0.8)
     };
     let scenario: Scenario = "P-H-D".parse().unwrap();
-    let best =
-        optimum(&environment, &scenario, Effort::usual(NonZeroUsize::MIN)).unwrap().mean_return;
+    let best = optimum(&environment, &scenario).unwrap().mean_return;
     let [mean, error] = simulated(Rule::Optimal, &environment, &scenario, 30_000);
-    assert!((mean - best).abs() < 4.0 * error + 0.5, "{mean} ± {error}, {best}");
+    assert!((mean - best).abs() < 4.0 * error + 0.1, "{mean} ± {error}, {best}");
 }
 
 #[test]
 fn no_rule_is_better_than_the_optimal_one() {
     let environment = Environment::paper(0.8);
     let scenario: Scenario = "P-H-D".parse().unwrap();
-    let best =
-        optimum(&environment, &scenario, Effort::usual(NonZeroUsize::MIN)).unwrap().mean_return;
+    let best = optimum(&environment, &scenario).unwrap().mean_return;
     let rules = [Rule::Never, Rule::Untailored, Rule::Tailored, Rule::Threshold, Rule::Random];
     for rule in rules {
         let [mean, error] = simulated(rule, &environment, &scenario, 2000);

@@ -41,7 +41,9 @@ pub use learner::{Actions, Diverged, Learner, LearnerError, Span, TrainedEpisode
 pub use memory::{OutOfMemory, reserve, reserve_exact};
 pub use network::{Activation, Engine};
 pub use policy::{ActionNetwork, EpsilonGreedy, Policy, SoftmaxPolicy};
-pub use registry::{Agent, Algorithm, AlgorithmParameters, NameTaken, Setting, Start, register};
+pub use registry::{
+    Agent, Algorithm, AlgorithmParameters, NameTaken, Setting, Start, StartError, register,
+};
 pub use reinforce::{Reinforce, ReinforceEngine, ReinforceLearner, Trajectories};
 pub use replay::{Replay, Transition};
 pub use rule::{DecisionRule, DecisionRuleError, Rule, RulePolicy, read_rule};

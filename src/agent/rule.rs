@@ -3,7 +3,7 @@
 use crate::env::{Action, Belief, Episodes};
 use crate::env::{Environment, Scenario};
 use crate::key::{KeyType, Keyed, Kind};
-use crate::optimum::{OptimalPolicy, StateHidden};
+use crate::optimum::{NoOptimum, OptimalPolicy};
 use crate::rng::Stream;
 use crate::{choices, keys};
 
@@ -64,12 +64,12 @@ enum Choice {
 impl RulePolicy {
     /// The rule in an environment, for a scenario. The optimal one takes a moment to be computed.
     ///
-    /// **Errors**: the optimal rule, and the scenario does not show what it goes by.
+    /// **Errors**: the optimal rule, and the optimum is not computed.
     pub fn new(
         rule: &DecisionRule,
         environment: &Environment,
         scenario: &Scenario,
-    ) -> Result<Self, StateHidden> {
+    ) -> Result<Self, NoOptimum> {
         let choice = match rule.rule {
             Rule::Never => Choice::Always(Action::NONE),
             Rule::Untailored => Choice::Always(Action::UNTAILORED),

@@ -3,10 +3,9 @@
 
 use std::collections::HashSet;
 use std::io::{self, Write};
-use std::num::{NonZeroU32, NonZeroUsize};
 use std::path::PathBuf;
-use std::thread;
 
+use crate::cli::optima::{self, compute};
 use crate::cli::output::{Cell, Format, Rows};
 use crate::cli::setting::{adjusted, sets, with_parameter};
 use crate::cli::{Error, Exit, check};
@@ -14,7 +13,7 @@ use crate::env::inference_error;
 use crate::env::{Environment, Scenario};
 use crate::key::Keyed;
 use crate::manifest::Manifest;
-use crate::optimum::{self, Effort, StateHidden};
+use crate::optimum::{self, NoOptimum, Optimum};
 use crate::plan;
 
 /// Compute the best mean return that any policy can reach, in scenarios that show H and D
@@ -38,79 +37,35 @@ pub(super) struct Arguments {
     /// repeated
     #[arg(long = "set", value_name = "NAME=VALUE")]
     settings: Vec<String>,
-    /// How many times as long an optimum may take as it usually does at most (ten seconds or so), for a
-    /// smaller error
-    #[arg(long, value_name = "TIMES", default_value = "1")]
-    effort: NonZeroU32,
     /// How rows are written
     #[arg(long, value_enum, default_value = "table")]
     format: Format,
 }
 
-/// An error that nobody needs to be told of, in steps walked.
-const SMALL_ERROR: f64 = 0.5;
-/// How many times as long is proposed where errors are larger.
-const LONGER: NonZeroU32 = NonZeroU32::new(10).expect("above 0");
-
 const COLUMNS: [&str; 5] = ["scenario", "sigma", "context_error", "optimum", "optimum_error"];
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
-    let threads = thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
-    let mut optima = Optima { effort: Effort { threads, times: arguments.effort }, inexact: 0 };
     if arguments.manifests.is_empty() {
-        of_arguments(arguments, &mut optima)?;
+        of_arguments(arguments)?;
     } else {
-        of_manifests(&check::load_all(&arguments.manifests)?, arguments.format, &mut optima)?;
-    }
-    if let Some(told) = inexact(optima.inexact, optima.effort.times) {
-        writeln!(io::stderr(), "{told}")?;
+        of_manifests(&check::load_all(&arguments.manifests)?, arguments.format)?;
     }
     Ok(Exit::Done)
 }
 
-/// Optima under way.
-struct Optima {
-    effort: Effort,
-    /// How many were found with an error that is not small.
-    inexact: usize,
-}
-
-impl Optima {
-    /// The last of [`COLUMNS`].
-    fn find(
-        &mut self,
-        environment: &Environment,
-        scenario: &Scenario,
-    ) -> Result<[Cell<'static>; 2], StateHidden> {
-        let found = optimum::optimum(environment, scenario, self.effort)?;
-        self.inexact += usize::from(found.error > SMALL_ERROR);
-        Ok([Cell::Rounded(found.mean_return, 1), Cell::Rounded(found.error, 2)])
-    }
-}
-
-/// What is told of optima with errors that are not small, if there are any: what makes them smaller.
-fn inexact(count: usize, times: NonZeroU32) -> Option<String> {
-    let longer = times.saturating_mul(LONGER);
-    let them = match count {
-        0 => return None,
-        1 => "one optimum".to_owned(),
-        many => format!("{many} optima"),
-    };
-    let remedy = format!("--effort {longer} takes up to {LONGER} times as long for smaller errors");
-    Some(format!("{them} may be more than {SMALL_ERROR} off; {remedy}"))
-}
-
-fn of_manifests(manifests: &[Manifest], format: Format, optima: &mut Optima) -> Result<(), Error> {
+fn of_manifests(manifests: &[Manifest], format: Format) -> Result<(), Error> {
     let swept = swept(manifests);
     let columns = ["experiment"].iter().chain(&COLUMNS).chain(&swept);
     let columns: Vec<String> = columns.map(ToString::to_string).collect();
     let mut rows = Rows::new(format, &columns, io::stdout().lock())?;
-    let mut hidden: Vec<StateHidden> = Vec::new();
+    let mut missing: Vec<NoOptimum> = Vec::new();
     for manifest in manifests {
-        for (environment, scenario) in cells(manifest) {
-            let found = optima.find(&environment, &scenario).unwrap_or_else(|error| {
-                if !hidden.contains(&error) {
-                    hidden.push(error);
+        let cells = cells(manifest);
+        let pairs: Vec<_> = cells.iter().map(|(one, other)| (one, other)).collect();
+        for ((environment, scenario), found) in cells.iter().zip(compute(&pairs)) {
+            let found = found.map(optimum_and_error).unwrap_or_else(|error| {
+                if !missing.contains(&error) {
+                    missing.push(error);
                 }
                 [Cell::Empty, Cell::Empty]
             });
@@ -119,20 +74,16 @@ fn of_manifests(manifests: &[Manifest], format: Format, optima: &mut Optima) -> 
                 other => Cell::Nested(other.clone()),
             };
             let mut row = vec![Cell::text(&manifest.name)];
-            row.extend(known(&environment, &scenario).into_iter().chain(found));
+            row.extend(known(environment, scenario).into_iter().chain(found));
             row.extend(swept.iter().map(of_key));
             rows.row(&row)?;
         }
     }
     rows.finish()?;
-    Ok(hidden.iter().try_for_each(|error| writeln!(io::stderr(), "{error}"))?)
+    Ok(missing.iter().try_for_each(|error| writeln!(io::stderr(), "{error}"))?)
 }
 
-fn of_arguments(arguments: &Arguments, optima: &mut Optima) -> Result<(), Error> {
-    let refused = |error: StateHidden| Error::Usage(error.to_string());
-    for scenario in &arguments.scenarios {
-        optimum::shows_state(scenario).map_err(refused)?;
-    }
+fn of_arguments(arguments: &Arguments) -> Result<(), Error> {
     let environment = |sigma: &String| {
         let option = format!("--sigma {sigma}");
         let noisy = with_parameter(Environment::paper(0.0), "sigma", sigma.trim(), &option)?;
@@ -143,16 +94,24 @@ fn of_arguments(arguments: &Arguments, optima: &mut Optima) -> Result<(), Error>
         return Err(Error::Usage(format!("--set {setting}: standard deviations, {help}")));
     }
     let environments = arguments.sigmas.iter().map(environment).collect::<Result<Vec<_>, _>>()?;
+    let of_scenario = |scenario| environments.iter().map(move |e| (e, scenario));
+    let pairs: Vec<_> = arguments.scenarios.iter().flat_map(of_scenario).collect();
+    let refused = |error: NoOptimum| Error::Usage(error.to_string());
+    for (environment, scenario) in &pairs {
+        optimum::check(environment, scenario).map_err(refused)?;
+    }
     let mut rows = Rows::new(arguments.format, &COLUMNS.map(str::to_owned), io::stdout().lock())?;
-    for scenario in &arguments.scenarios {
-        for environment in &environments {
-            let found = optima.find(environment, scenario).map_err(refused)?;
-            let row: Vec<Cell<'_>> =
-                known(environment, scenario).into_iter().chain(found).collect();
-            rows.row(&row)?;
-        }
+    for ((environment, scenario), found) in pairs.iter().zip(compute(&pairs)) {
+        let found = optimum_and_error(found.map_err(refused)?);
+        let row: Vec<Cell<'_>> = known(environment, scenario).into_iter().chain(found).collect();
+        rows.row(&row)?;
     }
     Ok(rows.finish()?)
+}
+
+/// The last of [`COLUMNS`].
+fn optimum_and_error(found: Optimum) -> [Cell<'static>; 2] {
+    [Cell::Rounded(found.mean_return, 1), Cell::Rounded(found.error, 2)]
 }
 
 /// The first of [`COLUMNS`], which need no computation.
@@ -167,7 +126,7 @@ fn cells(manifest: &Manifest) -> Vec<(Environment, Scenario)> {
     let mut seen = HashSet::new();
     let distinct = plan::jobs(manifest).filter_map(|planned| {
         let (environment, scenario) = (planned.job.environment, planned.job.scenario);
-        let is_new = seen.insert((format!("{environment:?}"), scenario.clone()));
+        let is_new = seen.insert(optima::Cell::new(&environment, &scenario));
         is_new.then_some((environment, scenario))
     });
     distinct.collect()
@@ -185,22 +144,4 @@ fn swept(manifests: &[Manifest]) -> Vec<&'static str> {
     };
     let keys = first.environment.iter().map(|(key, _)| key.name);
     keys.filter(|key| *key != "sigma" && differs(key)).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn errors_that_are_not_small_are_told_with_what_makes_them_smaller() {
-        let times = |times| NonZeroU32::new(times).unwrap();
-        assert_eq!(inexact(0, times(1)), None);
-        assert_eq!(
-            inexact(1, times(1)).unwrap(),
-            "one optimum may be more than 0.5 off; --effort 10 takes up to 10 times as long for \
-             smaller errors"
-        );
-        assert!(inexact(3, times(20)).unwrap().starts_with("3 optima may be more than 0.5 off"));
-        assert!(inexact(3, times(20)).unwrap().contains("--effort 200 takes"));
-    }
 }

@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use crate::agent::DecisionRule;
-use crate::agent::{self, Actions, DecisionRuleError, RulePolicy, Setting, Start, Weights};
+use crate::agent::{
+    self, Actions, DecisionRuleError, RulePolicy, Setting, Start, StartError, Weights,
+};
 use crate::cli::output::{Cell, Format, Rows};
 use crate::cli::setting::adjusted;
 use crate::cli::steps::{Step, StepRows};
@@ -142,7 +144,8 @@ fn of_run(key: &str, arguments: &Arguments) -> Result<(Environment, Chooser), Er
         return match job.agent.start(&setting) {
             Ok(Start::Rule(_)) if arguments.greedy => Err(Error::Usage(GREEDY_RULE.to_owned())),
             Ok(Start::Rule(rule)) => Ok((environment, Chooser::Rule(rule))),
-            Ok(Start::Learner(_)) | Err(_) => {
+            Err(StartError::NoOptimum(error)) => Err(Error::Usage(error.to_string())),
+            Ok(Start::Learner(_)) | Err(StartError::OutOfMemory(_)) => {
                 Err(Error::Usage(format!("job {key} has left no weights; its store is damaged")))
             }
         };

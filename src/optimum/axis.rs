@@ -1,338 +1,249 @@
-//! Nodes along one variable of the state, and interpolation between them: linear, and cubic where the
-//! values do not jump.
+//! Grid nodes along habituation and along disengagement risk, and interpolation between them.
 
 use std::array;
+use std::collections::BTreeSet;
 
-/// Numbers closer than this are one number that was computed in two ways.
-const ROUNDING: f64 = 1e-10;
+use crate::env::Environment;
+use crate::env::{Action, respond};
 
-/// Most strides from 0 to 1 for which there are nodes where the steps asked for are longer.
-const MOST_STRIDES: usize = 100;
+/// Jumps of the value that are closer than this share their nodes.
+const APART: f64 = 1e-9;
+/// Most increments from 0 to 1 for which the nodes of habituation are aligned with increments.
+const MOST_ALIGNED: f64 = 100.0;
+/// How much smaller a wrong message makes a jump, counted in suitable messages. It orders the jumps.
+const COST_OF_A_MISTAKE: u32 = 7;
 
-/// Equal parts that an axis is cut into, for each of its nodes: they tell where to look for a number.
-const PARTS_A_NODE: usize = 2;
-
-/// Increasing nodes, none below 0, at least two, four for cubics. Where the values jump there are two
-/// nodes of one position: the first holds the limit from below, the second the value itself.
+/// Increasing positions of nodes, the first at 0.
 #[derive(Clone, Debug)]
-pub(super) struct Axis {
-    nodes: Vec<f64>,
-    /// Parts in a unit of length.
-    parts: f64,
-    /// For each part, the first node that a number in it can be next to.
-    first_nodes: Vec<usize>,
-    /// For the cubic from each node on, what Lagrange's products of its four are divided by: as factors.
-    /// Of an axis without jumps.
-    factors: Vec<[f64; 4]>,
+pub(super) struct Axis(Vec<f64>);
+
+/// A position between two neighbouring nodes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Linear {
+    /// The lower node.
+    node: usize,
+    /// The weight of the upper node, in [0, 1].
+    weight: f64,
 }
 
-/// A place between two neighbouring nodes.
+/// A position among four neighbouring nodes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Place {
-    /// The lower of the nodes.
-    pub node: usize,
-    /// The upper one's share, in [0, 1].
-    pub weight: f64,
-}
-
-/// A place among neighbouring nodes, by a cubic through their values.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Among {
+pub(super) struct Cubic {
     /// The lowest of the nodes.
     pub node: usize,
-    /// The share of each; they add up to 1, and may be below 0.
+    /// The weight of each node; they sum to 1, and some may be negative.
     pub weights: [f64; 4],
 }
 
-/// Which of the two values at a jump is meant.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Side {
-    /// The limit from below.
-    Below,
-    /// The value itself.
-    At,
-}
-
 impl Axis {
-    fn new(nodes: Vec<f64>) -> Axis {
-        let count = PARTS_A_NODE * nodes.len();
-        let parts = count as f64 / nodes[nodes.len() - 1];
-        // Nodes a rounding below a number are looked for, and one at the end of a part may be counted to
-        // the next.
-        let begins = |part: usize| part as f64 / parts - 2.0 * ROUNDING;
-        let first_nodes =
-            (0..count).map(|part| nodes.partition_point(|node| *node < begins(part))).collect();
-        Axis { nodes, parts, first_nodes, factors: vec![] }
-    }
-
-    /// Nodes from 0 to 1 in steps of at most 1 / `steps`, and in so many `times` longer ones elsewhere
-    /// than from one number to another. A `stride` is a multiple of the steps, so that adding it leads
-    /// from node to node, unless that took more than [`MOST_STRIDES`]; and of the longer ones, unless it
-    /// is shorter. There are at least 3 of the longer ones.
-    pub fn with_stride(stride: f64, steps: usize, [from, to]: [f64; 2], times: usize) -> Axis {
-        debug_assert!(steps / times >= 3, "a cubic goes through four nodes");
+    /// Nodes of habituation from 0 to 1, at most 1 / `steps` apart; `steps` is at least 3.
+    ///
+    /// An increment by a message leads from node to node, unless increments are tiny.
+    pub fn habituation(e: &Environment, steps: usize) -> Axis {
         let most = 1.0 / steps as f64;
-        let is_short = stride < most && stride * (MOST_STRIDES as f64) < 1.0;
-        let step = if is_short {
-            most
-        } else {
-            let in_a_stride = (stride / most).ceil();
-            let longer = (in_a_stride / times as f64).ceil() * times as f64;
-            stride / if in_a_stride < times as f64 { in_a_stride } else { longer }
-        };
-        let is_node = |i: usize, x: f64| (from..=to).contains(&x) || i.is_multiple_of(times);
-        let before_one = (0..)
-            .map(|i| (i, i as f64 * step))
-            .take_while(|(_, x)| *x < 1.0 - ROUNDING)
-            .filter_map(|(i, x)| is_node(i, x).then_some(x));
-        let axis = Axis::new(before_one.chain([1.0]).collect());
-        let factor = |near: &[f64], i: usize| 1.0 / from_others(near, i, near[i]);
-        let cubics = axis.nodes.windows(4);
-        let factors = cubics.map(|near| array::from_fn(|i| factor(near, i))).collect();
-        Axis { factors, ..axis }
+        let is_tiny = e.epsilon_h * MOST_ALIGNED < 1.0;
+        let spacing = if is_tiny { most } else { e.epsilon_h / (e.epsilon_h / most).ceil() };
+        let positions = (0..).map(|i| f64::from(i) * spacing);
+        Axis(positions.take_while(|x| *x < 1.0 - APART).chain([1.0]).collect())
     }
 
-    /// Nodes at 0, at the `lines` between it and `end`, two at each of the `jumps` there, and at `end`,
-    /// where the node stands for the limit. Lines within `apart` of a jump are that jump.
-    pub fn with_jumps(end: f64, lines: &[f64], jumps: &[f64], apart: f64) -> Axis {
-        let is_inside = |x: &f64| apart < *x && *x < end - apart;
-        let is_apart = |x: &f64| jumps.iter().all(|jump| (x - jump).abs() >= apart);
-        let mut inner: Vec<f64> = lines.iter().copied().filter(is_apart).collect();
-        inner.sort_by(f64::total_cmp);
-        inner.dedup_by(|x, below| *x - *below < apart);
-        inner.extend(jumps.iter().flat_map(|jump| [*jump, *jump]));
-        inner.retain(is_inside);
-        inner.sort_by(f64::total_cmp);
-        let mut nodes = vec![0.0];
-        nodes.extend(inner);
-        nodes.push(end);
-        Axis::new(nodes)
+    /// Nodes of disengagement risk from 0 to the threshold, at most the threshold / `steps` apart, and two
+    /// nodes for each of the largest jumps of the value, at most `jumps` of them: one at the jump and one
+    /// at the largest number below it. The threshold is such a jump; its upper node only closes the axis.
+    pub fn disengagement(e: &Environment, steps: usize, jumps: usize) -> Axis {
+        let threshold = e.disengagement_threshold;
+        let even = (0..steps).map(|i| threshold * i as f64 / steps as f64);
+        let jumps = jumps_of_the_value(e, jumps).into_iter().chain([threshold]);
+        let pairs = jumps.flat_map(|jump| [jump.next_down(), jump]);
+        let mut nodes: Vec<f64> = even.chain(pairs).filter(|d| *d <= threshold).collect();
+        nodes.sort_by(f64::total_cmp);
+        nodes.dedup();
+        Axis(nodes)
     }
 
-    /// These nodes, at least one and all below `end`, which is another.
-    pub fn through(mut nodes: Vec<f64>, end: f64) -> Axis {
-        debug_assert!(!nodes.is_empty() && nodes.iter().all(|node| *node < end));
-        nodes.push(end);
-        Axis::new(nodes)
-    }
-
+    /// The positions of the nodes.
     pub fn nodes(&self) -> &[f64] {
-        &self.nodes
+        &self.0
     }
 
-    /// Which side of a jump a node is on.
-    pub fn side(&self, node: usize) -> Side {
-        let ends_a_piece = self.nodes.get(node + 1).is_none_or(|next| *next == self.nodes[node]);
-        if ends_a_piece { Side::Below } else { Side::At }
+    /// The lower node of the interval that contains `x` or is next to it.
+    fn interval(&self, x: f64) -> usize {
+        let above = self.0.partition_point(|node| *node <= x);
+        above.clamp(1, self.0.len() - 1) - 1
     }
 
-    /// The place of a number; the ends of the axis stand for what lies beyond them.
-    pub fn place(&self, x: f64, side: Side) -> Place {
-        let last = self.nodes.len() - 1;
-        let part = ((x * self.parts) as usize).min(self.first_nodes.len() - 1);
-        let first = self.first_nodes[part];
-        let below = self.nodes[first..].iter().take_while(|node| **node < x - ROUNDING);
-        let near = first + below.count();
-        if near > last {
-            return Place { node: last - 1, weight: 1.0 };
-        }
-        if self.nodes[near] <= x + ROUNDING {
-            let twin = self.nodes.get(near + 1).is_some_and(|next| *next == self.nodes[near]);
-            let node = if twin && side == Side::At { near + 1 } else { near };
-            let lower = node.min(last - 1);
-            return Place { node: lower, weight: (node - lower) as f64 };
-        }
-        debug_assert!(near > 0, "nothing below the first node is asked for");
-        let (lower, upper) = (self.nodes[near - 1], self.nodes[near]);
-        Place { node: near - 1, weight: (x - lower) / (upper - lower) }
+    /// The position of `x` for linear interpolation.
+    pub fn linear(&self, x: f64) -> Linear {
+        let node = self.interval(x);
+        let (lower, upper) = (self.0[node], self.0[node + 1]);
+        Linear { node, weight: (x - lower) / (upper - lower) }
     }
 
-    /// The place of a number from 0 to 1 on an axis without jumps: Lagrange's cubic through the two
-    /// nodes on either side, or through the four at an end.
-    pub fn among(&self, x: f64) -> Among {
-        let Place { node: between, weight } = self.place(x, Side::At);
-        let node = between.saturating_sub(1).min(self.nodes.len() - 4);
-        let weights = if weight == 0.0 || weight == 1.0 {
-            // Exactly one of them.
-            let at = between - node + weight as usize;
-            array::from_fn(|i| if i == at { 1.0 } else { 0.0 })
-        } else {
-            let (near, factors) = (&self.nodes[node..][..4], self.factors[node]);
-            array::from_fn(|i| from_others(near, i, x) * factors[i])
+    /// The position of `x` for Lagrange's cubic through the two nodes on either side of it, or through
+    /// the four nodes at an end. There are at least four nodes.
+    pub fn cubic(&self, x: f64) -> Cubic {
+        let node = self.interval(x).saturating_sub(1).min(self.0.len() - 4);
+        let near = &self.0[node..][..4];
+        let weight = |i: usize| {
+            let others = (0..4).filter(|j| *j != i).map(|j| near[j]);
+            let (above, below) =
+                others.fold((1.0, 1.0), |(a, b), other| (a * (x - other), b * (near[i] - other)));
+            above / below
         };
-        Among { node, weights }
+        Cubic { node, weights: array::from_fn(weight) }
     }
 }
 
-/// The product of how far a number is from each of some but one.
-fn from_others(near: &[f64], but: usize, x: f64) -> f64 {
-    let others = near.iter().enumerate().filter(|(i, _)| *i != but);
-    others.map(|(_, other)| x - other).product()
-}
-
-impl Place {
-    /// The value there, of the values of the two nodes.
+impl Linear {
+    /// The interpolated value, given the value of every node.
     #[inline(always)]
-    pub fn between(self, lower: f64, upper: f64) -> f64 {
-        (1.0 - self.weight) * lower + self.weight * upper
-    }
-
-    /// The values there of several functions, of each node's values.
-    #[inline(always)]
-    pub fn of_each<const N: usize>(self, values: &[[f64; N]]) -> [f64; N] {
-        let (lower, upper) = (values[self.node], values[self.node + 1]);
-        array::from_fn(|i| self.between(lower[i], upper[i]))
+    pub fn of(self, values: &[f64]) -> f64 {
+        (1.0 - self.weight) * values[self.node] + self.weight * values[self.node + 1]
     }
 }
 
-impl Among {
-    /// The value there, of the four nodes' values.
-    #[inline(always)]
-    pub fn of(self, values: [f64; 4]) -> f64 {
-        let ([a, b, c, d], [of_a, of_b, of_c, of_d]) = (self.weights, values);
-        a * of_a + b * of_b + c * of_c + d * of_d
+/// The disengagement risks below the threshold at which the value jumps: the largest jumps, at most
+/// `most` of them, in no particular order.
+///
+/// From the risk `danger` on, a wrong message ends the episode, so the value jumps there. It also jumps
+/// at each risk from which a suitable or a wrong message leads to a jump, by as much or less.
+fn jumps_of_the_value(e: &Environment, most: usize) -> Vec<f64> {
+    let threshold = e.disengagement_threshold;
+    let [suitable, wrong] = [Action::tailored_to(0), Action::tailored_to(1)];
+    let leads_to = |action, target: f64| {
+        first_from_zero(threshold, |d| respond(e, 0, action, 0.0, d).disengagement >= target)
+    };
+    let danger = leads_to(wrong, threshold);
+    // By increasing cost, which stands for decreasing size. Bits are in the order of the numbers.
+    let mut waiting = BTreeSet::from([(0, danger.to_bits())]);
+    let mut found: Vec<f64> = Vec::new();
+    while found.len() < most
+        && let Some((cost, bits)) = waiting.pop_first()
+    {
+        let jump = f64::from_bits(bits);
+        let is_inside = 0.0 < jump && jump < threshold;
+        if !is_inside || found.iter().any(|other| (other - jump).abs() < APART) {
+            continue;
+        }
+        found.push(jump);
+        // Above `danger` hardly any tailored message is sent, so that a jump is carried on as it is.
+        let smaller = u32::from(jump < danger);
+        waiting.insert((cost + smaller, leads_to(suitable, jump).to_bits()));
+        waiting.insert((cost + COST_OF_A_MISTAKE, leads_to(wrong, jump).to_bits()));
     }
+    found
+}
+
+/// The smallest number in [0, `end`) with a property that all larger numbers share, or `end`.
+fn first_from_zero(end: f64, has: impl Fn(f64) -> bool) -> f64 {
+    let (mut from, mut to) = (0, end.to_bits());
+    while from < to {
+        let middle = from + (to - from) / 2;
+        if has(f64::from_bits(middle)) { to = middle } else { from = middle + 1 }
+    }
+    f64::from_bits(to)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    #[test]
-    fn places_are_between_neighbours_and_jumps_have_two_sides() {
-        // A line that is a rounding away from the jump is the jump.
-        let axis = Axis::with_jumps(1.0, &[0.4, 0.6 - 1e-12, 0.8, 0.2, 1.0], &[0.6, 1.2], 1e-9);
-        let expected = [0.0, 0.2, 0.4, 0.6, 0.6, 0.8, 1.0];
-        assert!(axis.nodes().iter().zip(expected).all(|(ours, x)| (ours - x).abs() < 1e-15));
-        let values = [0.0, 2.0, 4.0, 6.0, 16.0, 18.0, 20.0];
-        let at = |x, side| axis.place(x, side).of_each::<1>(values.as_chunks().0)[0];
-        assert!((at(0.3, Side::At) - 3.0).abs() < 1e-12);
-        assert_eq!((at(0.6, Side::Below), at(0.6, Side::At)), (6.0, 16.0));
-        // One rounding away from the jump is at the jump.
-        assert_eq!(at(0.6 - 1e-16, Side::At), 16.0);
-        assert_eq!((at(1.0, Side::At), at(7.0, Side::At)), (20.0, 20.0));
-        let sides: Vec<Side> = (0..7).map(|node| axis.side(node)).collect();
-        assert_eq!(sides.iter().filter(|side| **side == Side::Below).count(), 2);
-        assert_eq!((sides[3], sides[6]), (Side::Below, Side::Below));
-    }
-
-    /// By halving, without parts.
-    fn near(axis: &Axis, x: f64) -> usize {
-        axis.nodes().partition_point(|node| *node < x - ROUNDING)
+    fn with(delta_d: f64, epsilon_d: f64, disengagement_threshold: f64) -> Environment {
+        let paper = Environment::paper(0.8);
+        Environment { delta_d, epsilon_d, disengagement_threshold, ..paper }
     }
 
     #[test]
-    fn parts_lead_to_the_node_that_halving_finds() {
-        // At the end of a part there are twins; others are crowded in one.
-        let jumps = [1e-3, 1.1e-3, 0.3, 0.300_1, 0.699_999];
-        let ninths: [f64; 8] = array::from_fn(|i| (i + 1) as f64 / 9.0);
-        let axes = [
-            Axis::with_jumps(0.7, &ninths.map(|ninth| 0.7 * ninth), &jumps, 1e-9),
-            Axis::with_jumps(1.0, &[0.125, 0.25, 0.375, 0.5, 0.625, 0.875], &[0.25, 0.5], 1e-9),
-            Axis::with_stride(0.013, 20, [0.0, 1.0], 1),
-            Axis::with_stride(0.013, 40, [0.2, 0.6], 4),
-            Axis::through(vec![0.1, 0.2, 0.7], 0.700_000_1),
-        ];
-        for axis in axes {
-            let ends = (0..axis.first_nodes.len()).map(|part| part as f64 / axis.parts);
-            let at: Vec<f64> = ends.chain(axis.nodes().iter().copied()).collect();
-            let about = |x: f64| {
-                let by = [0.0, 0.9 * ROUNDING, ROUNDING, 1.1 * ROUNDING, 2.0 * ROUNDING, 1e-5];
-                [x.next_up(), x.next_down()]
-                    .into_iter()
-                    .chain(by.map(|by| x + by))
-                    .chain(by.map(|by| x - by))
-            };
-            for x in at.into_iter().flat_map(about).chain([1.0, 7.0]) {
-                if x < axis.nodes()[0] {
-                    continue;
-                }
-                let near = near(&axis, x);
-                for (side, twin) in [(Side::Below, 0), (Side::At, 1)] {
-                    let place = axis.place(x, side);
-                    let Some(node) = axis.nodes().get(near) else {
-                        assert_eq!((place.node, place.weight), (near - 2, 1.0), "{x}");
-                        continue;
-                    };
-                    let is_at = *node <= x + ROUNDING;
-                    let has_twin = axis.nodes().get(near + 1) == Some(node);
-                    let on = near + if has_twin { twin } else { 0 };
-                    match is_at {
-                        true => assert_eq!(place.node as f64 + place.weight, on as f64, "{x}"),
-                        false => assert_eq!(place.node, near - 1, "{x}"),
-                    }
-                }
+    fn an_increment_leads_from_node_to_node() {
+        for (epsilon_h, steps) in [(0.05, 30), (0.3, 7), (0.01, 10), (0.013, 3), (1.0, 3)] {
+            let axis = Axis::habituation(&Environment { epsilon_h, ..with(0.1, 0.4, 1.0) }, steps);
+            let nodes = axis.nodes();
+            assert!(nodes.windows(2).all(|pair| pair[0] < pair[1]));
+            assert!(nodes.windows(2).all(|pair| pair[1] - pair[0] < 1.0 / steps as f64 + 1e-12));
+            for x in nodes.iter().map(|x| x + epsilon_h).filter(|x| *x <= 1.0) {
+                assert!(nodes.iter().any(|node| (node - x).abs() < 1e-12), "{epsilon_h} {x}");
+            }
+        }
+        // Tiny increments would need too many nodes.
+        for epsilon_h in [0.0, 1e-9, 0.009] {
+            let axis = Axis::habituation(&Environment { epsilon_h, ..with(0.1, 0.4, 1.0) }, 10);
+            assert_eq!(axis.nodes().len(), 11);
+        }
+    }
+
+    /// So that two grids tell of the error of habituation.
+    #[test]
+    fn twice_as_many_steps_are_always_more_nodes() {
+        for thousandths in 0..=1000 {
+            let epsilon_h = f64::from(thousandths) / 1000.0;
+            let environment = Environment { epsilon_h, ..with(0.1, 0.4, 1.0) };
+            let nodes = |steps| Axis::habituation(&environment, steps).nodes().len();
+            let (coarse, fine) = (nodes(80), nodes(160));
+            assert!(5 * fine > 6 * coarse && fine < 250, "{epsilon_h}: {coarse} {fine}");
+        }
+    }
+
+    #[test]
+    fn a_jump_is_kept_between_its_two_nodes() {
+        let e = with(0.1, 0.4, 1.0);
+        let axis = Axis::disengagement(&e, 10, 1);
+        let ends = |d: f64| d + 0.4 >= 1.0;
+        let values: Vec<f64> = axis.nodes().iter().map(|d| f64::from(u8::from(ends(*d)))).collect();
+        for i in 0..1000 {
+            let d = f64::from(i) / 1000.0;
+            let [below, at] = [0.6_f64.next_down(), 0.6];
+            for d in [d, below, at] {
+                let exact = f64::from(u8::from(ends(d)));
+                assert_eq!(axis.linear(d).of(&values), exact, "{d}");
             }
         }
     }
 
     #[test]
-    fn a_stride_leads_from_node_to_node() {
-        // The last stride is too short to lead to another node.
-        for (stride, steps) in
-            [(0.05, 30), (0.3, 7), (0.01, 10), (0.013, 3), (0.0, 10), (1.0, 3), (1e-3, 4)]
-        {
-            let axis = Axis::with_stride(stride, steps, [0.0, 1.0], 1);
-            assert!(
-                axis.nodes().windows(2).all(|pair| pair[1] - pair[0] <= 1.0 / steps as f64 + 1e-12)
-            );
-            let most = (2 * steps).max(MOST_STRIDES) + 1;
-            assert!(axis.nodes().len() <= most, "{stride} {steps}");
-            if stride < 1.0 / MOST_STRIDES as f64 {
-                assert_eq!(axis.nodes().len(), steps + 1, "{stride} {steps}");
-                continue;
-            }
-            for x in axis.nodes().iter().filter(|x| **x + stride <= 1.0) {
-                let place = axis.place(x + stride, Side::At);
-                assert!(place.weight == 0.0 || place.weight == 1.0, "{stride} {x}");
-                let [led_to] = place.of_each(axis.nodes().as_chunks().0);
-                assert!((led_to - x - stride).abs() < 1e-12);
-            }
-        }
-    }
-
-    #[test]
-    fn elsewhere_a_stride_leads_from_node_to_node_as_well() {
-        for (stride, steps, times) in [(0.05, 78, 4), (0.3, 20, 4), (0.011, 400, 2)] {
-            let (from, to) = (0.3, 0.55);
-            let axis = Axis::with_stride(stride, steps, [from, to], times);
-            let (mut longest, mut led) = ([0.0; 2], 0);
-            for pair in axis.nodes().windows(2) {
-                let is_elsewhere = pair[1] < from || to < pair[0];
-                let longest = &mut longest[usize::from(is_elsewhere)];
-                *longest = f64::max(*longest, pair[1] - pair[0]);
-                if is_elsewhere && pair[0] + stride <= 1.0 {
-                    let place = axis.place(pair[0] + stride, Side::At);
-                    assert!(place.weight == 0.0 || place.weight == 1.0, "{stride} {pair:?}");
-                    led += 1;
-                }
-            }
-            // Where the two kinds meet, a step is of the longer ones.
-            let step = 1.0 / steps as f64;
-            assert!(longest[1] < step * times as f64 + 1e-12, "{longest:?}");
-            assert!(longest[1] > 0.7 * step * times as f64 && longest[0] <= longest[1]);
-            let inside = axis.nodes().iter().filter(|x| (from..=to).contains(*x)).count();
-            assert!(inside as f64 >= (to - from) / step - 1.0 && led > 1, "{inside} {led}");
-        }
-    }
-
-    #[test]
-    fn cubics_are_kept_between_the_nodes_and_at_the_ends() {
-        let interpolated = |axis: &Axis, x: f64, value: fn(f64) -> f64| {
-            let among = axis.among(x);
-            among.of(array::from_fn(|i| value(axis.nodes()[among.node + i])))
+    fn jumps_are_followed_upwards_first_where_no_mistake_is_made() {
+        let sorted = |most| {
+            let mut jumps = jumps_of_the_value(&with(0.1, 0.4, 1.0), most);
+            jumps.sort_by(f64::total_cmp);
+            jumps
         };
-        let cubic = |x: f64| 2.0 - 3.0 * x + 5.0 * x * x - 7.0 * x * x * x;
-        // The last step is shorter than the others where the stride is no part of 1.
-        for (stride, steps, times) in [(0.3, 3, 1), (0.05, 40, 1), (0.0, 3, 1), (0.07, 40, 4)] {
-            let axis = Axis::with_stride(stride, steps, [0.3, 0.5], times);
-            for i in 0..=100 {
-                let x = f64::from(i) / 100.0;
-                let ours = interpolated(&axis, x, cubic);
-                assert!((ours - cubic(x)).abs() < 1e-13, "{stride} {x}: {ours}");
+        let upwards: Vec<f64> = (0..5).map(|i| 0.6 / 0.9_f64.powi(i)).collect();
+        let are_near = |ours: &[f64], others: &[f64]| {
+            ours.len() == others.len()
+                && ours.iter().zip(others).all(|(one, other)| (one - other).abs() < 1e-12)
+        };
+        assert!(are_near(&sorted(3), &upwards[..3]) && are_near(&sorted(5), &upwards));
+        // Then what leads there by one mistake.
+        let mistaken: Vec<f64> = upwards.iter().map(|jump| jump - 0.4).collect();
+        assert!(are_near(&sorted(10), &[mistaken, upwards].concat()), "{:?}", sorted(10));
+        assert!(jumps_of_the_value(&with(0.1, 0.0, 1.0), 10).is_empty());
+    }
+
+    /// Ten tenths add up to less than 1, so that eleven mistakes end an episode, not ten.
+    #[test]
+    fn jumps_are_where_rounded_sums_reach_the_threshold() {
+        let mut jumps = jumps_of_the_value(&with(0.0, 0.1, 1.0), 100);
+        jumps.sort_by(f64::total_cmp);
+        assert_eq!(jumps.len(), 10);
+        let sums = std::iter::successors(Some(0.0), |sum| Some(sum + 0.1));
+        let sums: Vec<f64> = sums.take_while(|sum| *sum < 1.0).collect();
+        assert_eq!(sums.len(), 11);
+        let reached = |sum: &f64| jumps.iter().filter(|jump| *jump <= sum).count();
+        let reached: Vec<usize> = sums.iter().map(reached).collect();
+        assert_eq!(reached, [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10]);
+    }
+
+    #[test]
+    fn cubics_are_exact_for_cubics_everywhere() {
+        let value = |x: f64| 2.0 - 3.0 * x + 5.0 * x * x - 7.0 * x * x * x;
+        for (epsilon_h, steps) in [(0.3, 3), (0.05, 40), (0.0, 3)] {
+            let axis = Axis::habituation(&Environment { epsilon_h, ..with(0.1, 0.4, 1.0) }, steps);
+            for x in (0..=100).map(|i| f64::from(i) / 100.0) {
+                let Cubic { node, weights } = axis.cubic(x);
+                let near = axis.nodes()[node..].iter().map(|x| value(*x));
+                let ours: f64 =
+                    weights.iter().zip(near).map(|(weight, value)| weight * value).sum();
+                assert!((ours - value(x)).abs() < 1e-12, "{epsilon_h} {x}: {ours}");
             }
-            let node = axis.nodes()[axis.nodes().len() - 2];
-            assert!((interpolated(&axis, node, |x| x.powi(9)) - node.powi(9)).abs() < 1e-13);
         }
     }
 }

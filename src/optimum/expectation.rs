@@ -1,36 +1,43 @@
-//! The mean over the context signal of the best that can be chosen on seeing it, in closed form.
+//! The mean of the best action value over the context signal, in closed form.
 
-use std::array;
 use std::f64::consts::FRAC_1_SQRT_2;
 
 use crate::env::Belief;
 
-use super::Prospects;
+use super::ActionValues;
 
-/// Pieces of the tabulated function between a number and its half: 2 to this power.
+/// Pieces of the table per halving of its argument, as a power of 2.
 const PIECES_LOG2: u32 = 8;
-/// How often 1/2 is halved before the table ends.
+/// Halvings of 1/2 that the table covers.
 const HALVINGS: u32 = 20;
 /// Pieces of the table.
 const PIECES: usize = (HALVINGS as usize) << PIECES_LOG2;
-/// How far a piece may be from the closed form, as a share of what is at stake.
+/// Largest difference between a piece of the table and the closed form.
 const PRECISION: f64 = 1e-11;
 
-/// The mean value of choosing the best action on what a belief will be.
+/// The mean value of the action that is best for what the agent then believes of the context.
 ///
-/// Tailoring to the likelier context, whose probability is p, brings p S + (1 - p) F: S if it suits,
-/// F if not. That grows with p where S > F, so the best choice changes once, at the p that makes it
-/// worth as much as the best choice that is not tailored; where S < F it is best to tailor to the
-/// other context, which exchanges S and F.
+/// Tailoring to the likelier context, which has probability p, is worth p S + (1 - p) F, where S is the
+/// value of a suitable message and F of an unsuitable one. Where S > F, that grows with p, so the best
+/// action changes once, at the p at which tailoring is worth as much as the better of the other two
+/// actions. Where S < F, it is best to tailor to the less likely context, which swaps S and F.
 #[derive(Clone, Debug)]
 pub(super) enum Expectation {
+    /// The context is known.
     Certain,
+    /// Its probability is known, see [`BetterOf`].
     Inferred(BetterOf),
-    Likely { error: f64 },
+    /// The likelier context is known.
+    Likely {
+        /// Probability that it is not the true one.
+        error: f64,
+    },
+    /// Both contexts are equally likely.
     Ignorant,
 }
 
 impl Expectation {
+    /// The expectation for an agent with this belief.
     pub fn new(belief: Belief) -> Expectation {
         match belief {
             Belief::Certain => Expectation::Certain,
@@ -40,67 +47,46 @@ impl Expectation {
         }
     }
 
-    /// The mean value of the best choice; the baseline reward aside.
-    pub fn of_best(&self, prospects: &Prospects) -> f64 {
-        let Prospects { nothing, untailored, suitable, unsuitable } = *prospects;
-        let [mean] = self.of_best_each([nothing], [untailored], [suitable], [unsuitable]);
-        mean
-    }
-
-    /// [`Expectation::of_best`] in several states, given what each choice brings in each.
+    /// The mean of the best action value over the signals of one step.
     #[inline(always)]
-    pub fn of_best_each<const N: usize>(
-        &self,
-        nothing: [f64; N],
-        untailored: [f64; N],
-        suitable: [f64; N],
-        unsuitable: [f64; N],
-    ) -> [f64; N] {
-        let plain: [f64; N] = array::from_fn(|i| larger(nothing[i], untailored[i]));
-        let better: [f64; N] = array::from_fn(|i| larger(suitable[i], unsuitable[i]));
-        let worse: [f64; N] = array::from_fn(|i| smaller(suitable[i], unsuitable[i]));
-        match self {
-            Expectation::Certain => array::from_fn(|i| larger(plain[i], better[i])),
-            Expectation::Likely { error } => {
-                array::from_fn(|i| larger(plain[i], (1.0 - error) * better[i] + error * worse[i]))
-            }
-            Expectation::Ignorant => {
-                array::from_fn(|i| larger(plain[i], (better[i] + worse[i]) / 2.0))
-            }
+    pub fn of_best(&self, values: &ActionValues) -> f64 {
+        let ActionValues { nothing, untailored, suitable, unsuitable } = *values;
+        let plain = larger(nothing, untailored);
+        let (better, worse) =
+            if suitable > unsuitable { (suitable, unsuitable) } else { (unsuitable, suitable) };
+        let tailored = match self {
+            Expectation::Certain => better,
+            Expectation::Likely { error } => (1.0 - error) * better + error * worse,
+            Expectation::Ignorant => (better + worse) / 2.0,
+            Expectation::Inferred(_) if plain >= better => plain,
             Expectation::Inferred(mean) => {
-                let rest: [f64; N] =
-                    array::from_fn(|i| (better[i] - plain[i]) / (better[i] - worse[i]));
-                let mean = mean.at_each(rest);
-                // Where the plain choice is best, the other mean has no meaning but is below the better.
-                array::from_fn(|i| larger(worse[i] + (better[i] - worse[i]) * mean[i], plain[i]))
+                let stake = better - worse;
+                worse + stake * mean.at((better - plain) / stake)
             }
-        }
+        };
+        larger(plain, tailored)
     }
 }
 
-/// The larger of two numbers, or the second if one is NaN: one instruction, unlike [`f64::max`].
+/// The larger of two numbers: one instruction, unlike [`f64::max`].
 #[inline(always)]
 fn larger(x: f64, y: f64) -> f64 {
     if x > y { x } else { y }
 }
 
-/// The smaller of two numbers, or the second if one is NaN.
-#[inline(always)]
-fn smaller(x: f64, y: f64) -> f64 {
-    if x < y { x } else { y }
-}
-
-/// The mean of the larger of 1 - x and the probability of the likelier context, as a function of x.
+/// The mean of the larger of 1 - x and the probability of the likelier context, as a function of x > 0.
 ///
-/// Cubic pieces that agree with the closed form in values and slopes, because the closed form would
-/// take most of the time of an induction. They are shorter towards 0, as doubles are: x matters there
-/// by its logarithm. A piece that is not within [`PRECISION`] of the closed form is not used.
+/// A table of cubics that agree with the closed form in values and slopes, because the closed form would
+/// take most of the time of the induction. Like doubles, the pieces are shorter towards 0, where the
+/// function depends on the logarithm of x.
 #[derive(Clone, Debug)]
 pub(super) struct BetterOf {
     sigma: f64,
-    /// By the leading bits of x: coefficients, the constant first; NaN where a piece is not precise.
-    /// The last is for x from 1/2 on.
-    pieces: Box<[[f64; 4]; PIECES + 1]>,
+    /// By the leading bits of x below 1/2: coefficients, the constant first; NaN where a piece would
+    /// differ from the closed form by more than [`PRECISION`].
+    pieces: Box<[[f64; 4]; PIECES]>,
+    /// The function from x = 1/2 on: the probability that the likelier context is the true one.
+    right: f64,
 }
 
 impl BetterOf {
@@ -108,20 +94,18 @@ impl BetterOf {
     const WITHIN: u32 = f64::MANTISSA_DIGITS - 1 - PIECES_LOG2;
     /// Where the table begins.
     const LEAST: f64 = 0.5 / (1_u32 << HALVINGS) as f64;
-    /// Its leading bits.
+    /// The leading bits of that.
     const FIRST: usize = (Self::LEAST.to_bits() >> Self::WITHIN) as usize;
-    /// Bits of a mantissa.
+    /// The bits of a mantissa.
     const MANTISSA: u64 = (1 << (f64::MANTISSA_DIGITS - 1)) - 1;
 
     fn new(sigma: f64) -> Self {
-        let mut pieces = Box::new([[f64::NAN; 4]; PIECES + 1]);
-        for (i, piece) in pieces[..PIECES].iter_mut().enumerate() {
+        let mut pieces = Box::new([[f64::NAN; 4]; PIECES]);
+        for (i, piece) in pieces.iter_mut().enumerate() {
             *piece = cubic(sigma, i).unwrap_or(*piece);
         }
-        // The probability that the likelier context is the true one.
         let [right, _] = closed_form(sigma, 0.5);
-        pieces[PIECES] = [right, 0.0, 0.0, 0.0];
-        BetterOf { sigma, pieces }
+        BetterOf { sigma, pieces, right }
     }
 
     /// Where a piece begins.
@@ -129,29 +113,26 @@ impl BetterOf {
         f64::from_bits(((Self::FIRST + piece) as u64) << Self::WITHIN)
     }
 
-    /// The mean for each x; of no meaning for those that are not above 0.
     #[inline(always)]
-    fn at_each<const N: usize>(&self, x: [f64; N]) -> [f64; N] {
-        let inside = x.map(|x| if x > Self::LEAST { x } else { Self::LEAST });
-        let inside = inside.map(|x| if x < 0.5 { x } else { 0.5 });
-        let piece = inside.map(|x| (x.to_bits() >> Self::WITHIN) as usize - Self::FIRST);
-        let cubics = piece.map(|piece| self.pieces[piece.min(PIECES)]);
-        // The bits within a piece behind the 1 of a number from 1 to 2.
-        let within = inside.map(|x| (x.to_bits() << PIECES_LOG2) & Self::MANTISSA);
-        let part = within.map(|bits| f64::from_bits(1.0_f64.to_bits() | bits) - 1.0);
-        let [a, b, c, d]: [[f64; N]; 4] = array::from_fn(|k| cubics.map(|cubic| cubic[k]));
-        let tabulated: [f64; N] = array::from_fn(|i| value(&[a[i], b[i], c[i], d[i]], part[i]));
-        // Without a branch for each.
-        let is_left_out = |i: usize| tabulated[i].is_nan() | ((x[i] > 0.0) & (x[i] < Self::LEAST));
-        if (0..N).fold(false, |any, i| any | is_left_out(i)) {
-            let exact = |i: usize| closed_form(self.sigma, x[i])[0];
-            return array::from_fn(|i| if is_left_out(i) { exact(i) } else { tabulated[i] });
+    fn at(&self, x: f64) -> f64 {
+        if x >= 0.5 {
+            return self.right;
         }
-        tabulated
+        if x >= Self::LEAST {
+            let piece = (x.to_bits() >> Self::WITHIN) as usize - Self::FIRST;
+            // The bits within a piece, behind the 1 of a number from 1 to 2.
+            let within = (x.to_bits() << PIECES_LOG2) & Self::MANTISSA;
+            let part = f64::from_bits(1.0_f64.to_bits() | within) - 1.0;
+            let tabulated = value(&self.pieces[piece], part);
+            if !tabulated.is_nan() {
+                return tabulated;
+            }
+        }
+        closed_form(self.sigma, x)[0]
     }
 }
 
-/// The cubic of a piece (Hermite's), from its constant on; `None` if it is not precise.
+/// Hermite's cubic of a piece, the constant first; `None` if it is not precise enough.
 fn cubic(sigma: f64, piece: usize) -> Option<[f64; 4]> {
     let (from, to) = (BetterOf::beginning(piece), BetterOf::beginning(piece + 1));
     let width = to - from;
@@ -167,22 +148,20 @@ fn cubic(sigma: f64, piece: usize) -> Option<[f64; 4]> {
     [0.3, 0.5, 0.7].into_iter().all(is_precise).then_some(cubic)
 }
 
-/// The value of a cubic, `part` of the way from the beginning of its piece.
+/// The value of a cubic at a `part` of its piece, in [0, 1).
 #[inline(always)]
 fn value(cubic: &[f64; 4], part: f64) -> f64 {
     let [a, b, c, d] = cubic;
     a + part * (b + part * (c + part * d))
 }
 
-/// The mean of the larger of 1 - x and p, and its slope: less the probability that p is the smaller.
+/// The mean of the larger of 1 - x and the probability p of the likelier context, for x > 0, and its
+/// slope, which is minus the probability that p < 1 - x.
 ///
-/// **Source**: with |z - 1/2| = y of the feature z the likelier context has the log-odds y / sigma^2,
-/// and it is the true one with probability Phi((1/2 - t) / sigma) and y > t, the wrong one with
-/// probability Phi((-1/2 - t) / sigma) and y > t.
+/// **Source**: where the feature is y away from 1/2, the likelier context has the log-odds y / sigma^2.
+/// That y > t and the likelier context is the true one has the probability Phi((1/2 - t) / sigma), that
+/// y > t and it is the wrong one Phi((-1/2 - t) / sigma).
 fn closed_form(sigma: f64, x: f64) -> [f64; 2] {
-    if x <= 0.0 {
-        return [1.0, -1.0];
-    }
     let least = if x < 0.5 { sigma * sigma * libm::log((1.0 - x) / x) } else { 0.0 };
     let (right, wrong) = (normal((0.5 - least) / sigma), normal((-0.5 - least) / sigma));
     let below = 1.0 - right - wrong;
@@ -201,7 +180,7 @@ mod tests {
     use crate::env::Signal;
 
     /// The mean over features on a fine grid, of the best of four values for each.
-    fn by_quadrature(sigma: f64, prospects: &Prospects) -> f64 {
+    fn by_quadrature(sigma: f64, values: &ActionValues) -> f64 {
         let (from, to, steps) = (-0.5 - 9.0 * sigma, 1.5 + 9.0 * sigma, 200_000);
         let width = (to - from) / f64::from(steps);
         let density = |x: f64, mean: f64| {
@@ -212,8 +191,8 @@ mod tests {
             let x = from + (f64::from(i) + 0.5) * width;
             let (zero, one) = (density(x, 0.0), density(x, 1.0));
             let p = zero / (zero + one);
-            let tailored = |p: f64| p * prospects.suitable + (1.0 - p) * prospects.unsuitable;
-            let best = prospects.nothing.max(prospects.untailored);
+            let tailored = |p: f64| p * values.suitable + (1.0 - p) * values.unsuitable;
+            let best = values.nothing.max(values.untailored);
             best.max(tailored(p)).max(tailored(1.0 - p)) * (zero + one) / 2.0 * width
         };
         (0..steps).map(mean).sum()
@@ -229,11 +208,11 @@ mod tests {
             (0.0, 0.0, 5.0, 5.0),
             (0.0, 0.0, 5.0, -5.0),
         ] {
-            let prospects = Prospects { nothing, untailored, suitable, unsuitable };
+            let values = ActionValues { nothing, untailored, suitable, unsuitable };
             for sigma in [0.2, 0.6, 1.0, 3.0] {
-                let ours = Expectation::new(Belief::Inferred { sigma }).of_best(&prospects);
-                let integral = by_quadrature(sigma, &prospects);
-                assert!((ours - integral).abs() < 1e-7, "{sigma} {prospects:?}: {ours} {integral}");
+                let ours = Expectation::new(Belief::Inferred { sigma }).of_best(&values);
+                let integral = by_quadrature(sigma, &values);
+                assert!((ours - integral).abs() < 1e-7, "{sigma} {values:?}: {ours} {integral}");
             }
         }
     }
@@ -244,53 +223,50 @@ mod tests {
             let mean = BetterOf::new(sigma);
             for i in 0..20_000 {
                 let x = 0.55 * libm::exp(-f64::from(i) * 1e-3);
-                let difference = (mean.at_each([x])[0] - closed_form(sigma, x)[0]).abs();
+                let difference = (mean.at(x) - closed_form(sigma, x)[0]).abs();
                 assert!(difference < 2.0 * PRECISION, "{sigma} {x}: {difference}");
             }
         }
     }
 
     #[test]
-    fn several_states_have_what_each_has_alone() {
-        // Among them all equal, and tailoring that is as good either way, or hardly better than none.
-        let nothing = [0.0, 7.0, 0.0, 2.0, 3.0, 1.0, 0.0];
-        let untailored = [4.0, -3.0, 9.999_999_9, 2.0, 3.0, 0.0, -1.0];
-        let suitable = [10.0, 6.0, 10.0, -20.0, 3.0, 5.0, 5e-324];
-        let unsuitable = [-20.0, 6.0, -20.0, 12.0, 3.0, 5.0, -20.0];
+    fn the_mean_is_between_the_best_that_is_not_tailored_and_the_best_of_all() {
         let beliefs = [
             Belief::Certain,
             Belief::Inferred { sigma: 0.8 },
             Belief::Inferred { sigma: 1e-3 },
+            Belief::Inferred { sigma: 1e6 },
             Belief::Likely { error: 0.2 },
             Belief::Ignorant,
         ];
-        for belief in beliefs {
-            let expectation = Expectation::new(belief);
-            let each = expectation.of_best_each(nothing, untailored, suitable, unsuitable);
-            for (i, ours) in each.into_iter().enumerate() {
-                let alone = Prospects {
-                    nothing: nothing[i],
-                    untailored: untailored[i],
-                    suitable: suitable[i],
-                    unsuitable: unsuitable[i],
-                };
-                assert_eq!(ours.to_bits(), expectation.of_best(&alone).to_bits(), "{belief:?} {i}");
-                let plain = f64::max(nothing[i], untailored[i]);
-                let better = f64::max(suitable[i], unsuitable[i]);
-                let most = plain.max(better) + 1e-12;
-                assert!((plain..=most).contains(&ours), "{belief:?} {i}: {ours}");
+        // Among them all equal, and tailoring that is as good either way, or hardly better than none.
+        for (nothing, untailored, suitable, unsuitable) in [
+            (0.0, 4.0, 10.0, -20.0),
+            (7.0, -3.0, 6.0, 6.0),
+            (0.0, 9.999_999_9, 10.0, -20.0),
+            (2.0, 2.0, -20.0, 12.0),
+            (3.0, 3.0, 3.0, 3.0),
+            (1.0, 0.0, 5.0, 5.0),
+            (0.0, -1.0, 5e-324, -20.0),
+        ] {
+            let values = ActionValues { nothing, untailored, suitable, unsuitable };
+            let plain = f64::max(nothing, untailored);
+            let most = plain.max(suitable).max(unsuitable) + 1e-12;
+            for belief in beliefs {
+                let ours = Expectation::new(belief).of_best(&values);
+                assert!((plain..=most).contains(&ours), "{belief:?} {values:?}: {ours}");
             }
         }
     }
 
     #[test]
     fn knowing_more_is_never_worse() {
-        let prospects =
-            Prospects { nothing: 1.0, untailored: 4.0, suitable: 10.0, unsuitable: -20.0 };
+        let action_values =
+            ActionValues { nothing: 1.0, untailored: 4.0, suitable: 10.0, unsuitable: -20.0 };
         let environment = Environment::paper(0.8);
         let of = |scenario: &str| {
             let belief = Belief::new(&environment, &scenario.parse().unwrap());
-            Expectation::new(belief).of_best(&prospects)
+            Expectation::new(belief).of_best(&action_values)
         };
         let values = ["C", "P", "L", "T"].map(of);
         assert!(values.windows(2).all(|pair| pair[0] >= pair[1]), "{values:?}");

@@ -4,8 +4,8 @@ use std::io;
 use std::time::Duration;
 
 use crate::agent::{
-    Learner, LearnerError, OutOfMemory, Resumable, Start, StateError, StateReader, StateWriter,
-    TrainedEpisode,
+    Learner, LearnerError, OutOfMemory, Resumable, Start, StartError, StateError, StateReader,
+    StateWriter, TrainedEpisode,
 };
 use crate::env::Observer;
 use crate::plan::Job;
@@ -48,7 +48,10 @@ impl<'j> Training<'j> {
     ///
     /// **Errors**: there is no memory for what learns.
     pub(super) fn new(job: &'j Job) -> Result<Self, OutOfMemory> {
-        let start = job.agent.start(&job.setting())?;
+        let start = match job.agent.start(&job.setting()) {
+            Err(StartError::OutOfMemory(error)) => return Err(error),
+            start => start.expect("a manifest has the optimal rule only where it is computed"),
+        };
         let (learner, chooser) = match start {
             Start::Learner(learner) => (Some(learner), None),
             Start::Rule(rule) => (None, Some(Chooser::Rule(rule))),

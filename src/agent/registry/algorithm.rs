@@ -10,6 +10,7 @@ use crate::agent::rule::RulePolicy;
 use crate::agent::weights::{Weights, WeightsError};
 use crate::env::{Environment, Scenario};
 use crate::key::{Key, Keyed, Value};
+use crate::optimum::NoOptimum;
 
 /// Where an agent is to learn or to act.
 #[derive(Clone, Copy, Debug)]
@@ -20,6 +21,17 @@ pub struct Setting<'s> {
     pub scenario: &'s Scenario,
     /// Seed of the job's random streams.
     pub seed: u64,
+}
+
+/// Why an agent cannot begin.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum StartError {
+    /// There is no memory for what it needs.
+    #[error(transparent)]
+    OutOfMemory(#[from] OutOfMemory),
+    /// It acts optimally, and the optimum is not computed.
+    #[error(transparent)]
+    NoOptimum(#[from] NoOptimum),
 }
 
 /// An agent before its first episode.
@@ -49,8 +61,8 @@ pub trait AlgorithmParameters: Keyed + 'static {
 
     /// An agent at the start of its job.
     ///
-    /// **Errors**: there is no memory for what it needs.
-    fn start(&self, setting: &Setting) -> Result<Start, OutOfMemory>;
+    /// **Errors**: there is no memory for what it needs, or it is a rule that cannot be computed.
+    fn start(&self, setting: &Setting) -> Result<Start, StartError>;
 
     /// The policy of an agent that was trained before, on the engine that trained it.
     ///
@@ -72,7 +84,7 @@ pub struct Algorithm {
     are_values: fn(&[Value]) -> bool,
     version: fn(&[Value]) -> u32,
     episodes: fn(&[Value]) -> u32,
-    start: fn(&[Value], &Setting) -> Result<Start, OutOfMemory>,
+    start: fn(&[Value], &Setting) -> Result<Start, StartError>,
     trained: Trained,
 }
 
@@ -183,8 +195,8 @@ impl Agent {
 
     /// The agent at the start of its job.
     ///
-    /// **Errors**: there is no memory for what it needs.
-    pub fn start(&self, setting: &Setting) -> Result<Start, OutOfMemory> {
+    /// **Errors**: there is no memory for what it needs, or it is a rule that cannot be computed.
+    pub fn start(&self, setting: &Setting) -> Result<Start, StartError> {
         (self.algorithm.start)(&self.values, setting)
     }
 

@@ -10,12 +10,12 @@ use crate::agent::dueling_dqn::{DuelingDqn, DuelingDqnLearner};
 use crate::agent::fused::{FusedDuelingDqn, FusedDuelingNetwork};
 use crate::agent::network::Engine;
 use crate::agent::policy::{EpsilonGreedy, Policy};
-use crate::agent::{Actions, OutOfMemory, Weights, WeightsError, layers};
+use crate::agent::{Actions, Weights, WeightsError, layers};
 use crate::env::Observer;
 use crate::kernel::Isa;
 use crate::key::Parameter;
 
-use super::algorithm::{AlgorithmParameters, Setting, Start};
+use super::algorithm::{AlgorithmParameters, Setting, Start, StartError};
 
 const TRUNK: Parameter = Parameter::Agent("trunk");
 const BATCH: Parameter = Parameter::Agent("batch");
@@ -76,7 +76,7 @@ impl AlgorithmParameters for DuelingDqn {
         self.episodes
     }
 
-    fn start(&self, setting: &Setting) -> Result<Start, OutOfMemory> {
+    fn start(&self, setting: &Setting) -> Result<Start, StartError> {
         let Setting { environment, scenario, seed } = *setting;
         let inputs = Observer::new(environment, scenario).inputs();
         let stacks = layers::dueling(self, inputs);

@@ -14,7 +14,7 @@ use crate::agent::dueling_dqn::DuelingDqn;
 use crate::agent::reinforce::Reinforce;
 use crate::agent::rule::DecisionRule;
 
-pub use algorithm::{Agent, Algorithm, AlgorithmParameters, Setting, Start};
+pub use algorithm::{Agent, Algorithm, AlgorithmParameters, Setting, Start, StartError};
 
 /// The algorithms that come with the library, in the order the documentation lists them.
 static BUILT_IN: [Algorithm; 3] =

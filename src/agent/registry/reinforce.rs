@@ -9,12 +9,12 @@ use crate::agent::fused::{FusedPolicyNetwork, FusedReinforce};
 use crate::agent::network::Engine;
 use crate::agent::policy::{Policy, SoftmaxPolicy};
 use crate::agent::reinforce::{Reinforce, ReinforceLearner};
-use crate::agent::{Actions, OutOfMemory, Weights, WeightsError, layers};
+use crate::agent::{Actions, Weights, WeightsError, layers};
 use crate::env::Observer;
 use crate::kernel::Isa;
 use crate::key::Parameter;
 
-use super::algorithm::{AlgorithmParameters, Setting, Start};
+use super::algorithm::{AlgorithmParameters, Setting, Start, StartError};
 
 const TRAJECTORIES_PER_UPDATE: Parameter = Parameter::Agent("trajectories_per_update");
 
@@ -55,7 +55,7 @@ impl AlgorithmParameters for Reinforce {
         self.episodes
     }
 
-    fn start(&self, setting: &Setting) -> Result<Start, OutOfMemory> {
+    fn start(&self, setting: &Setting) -> Result<Start, StartError> {
         let Setting { environment, scenario, seed } = *setting;
         let inputs = Observer::new(environment, scenario).inputs();
         let stacks = [layers::policy(self, inputs)];

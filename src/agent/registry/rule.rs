@@ -1,37 +1,54 @@
 //! The registration of decision rules.
 
-use crate::agent::constraint::{Constraint, Violation};
+use crate::agent::constraint::{Chosen, Constraint, HORIZON, Violation};
 use crate::agent::policy::Policy;
 use crate::agent::rule::{DecisionRule, Rule, RulePolicy};
-use crate::agent::{Actions, OutOfMemory, Weights, WeightsError};
+use crate::agent::{Actions, Weights, WeightsError};
 use crate::key::Parameter;
+use crate::optimum::LONGEST_OPTIMUM;
 
-use super::algorithm::{AlgorithmParameters, Setting, Start};
+use super::algorithm::{AlgorithmParameters, Setting, Start, StartError};
+
+const RULE: Parameter = Parameter::Agent("rule");
+
+fn is_optimal(chosen: &Chosen) -> bool {
+    chosen.is_word(RULE, Rule::Optimal.word())
+}
 
 impl AlgorithmParameters for DecisionRule {
     const NAME: &'static str = "rule";
     const LEARNS: bool = false;
-    const CONSTRAINTS: &'static [Constraint] = &[Constraint {
-        parameters: &[Parameter::Scenario, Parameter::Agent("rule")],
-        violation: |chosen| {
-            let optimal = Rule::Optimal.word();
-            let is_optimal = chosen.is_word(Parameter::Agent("rule"), optimal);
-            let scenario = chosen.scenario;
-            (is_optimal && !scenario.shows_state()).then(|| Violation::Impossible {
-                says: format!(
-                    "rule = \"{optimal}\" needs scenarios with H and D, found {scenario}"
-                ),
-                help: format!(
-                    "leave such cells out: [[exclude]] with agent.rule = \"{optimal}\" and \
-                     scenario = \"{scenario}\""
-                ),
-            })
+    const CONSTRAINTS: &'static [Constraint] = &[
+        Constraint {
+            parameters: &[Parameter::Scenario, RULE],
+            violation: |chosen| {
+                let scenario = chosen.scenario;
+                let hidden = is_optimal(chosen) && !scenario.shows_state();
+                hidden.then(|| Violation::Impossible {
+                    says: format!(
+                        "rule = \"optimal\" needs scenarios with H and D, found {scenario}"
+                    ),
+                    help: format!(
+                        "leave such cells out: [[exclude]] with agent.rule = \"optimal\" and \
+                         scenario = \"{scenario}\""
+                    ),
+                })
+            },
         },
-    }];
+        Constraint {
+            parameters: &[RULE, HORIZON],
+            violation: |chosen| {
+                let (size, most) = (chosen.whole(HORIZON), u64::from(LONGEST_OPTIMUM));
+                let (what, unit) = ("rule = \"optimal\" plans for a horizon of", "steps");
+                let violated = is_optimal(chosen) && size > most;
+                violated.then_some(Violation::TooLarge { what, unit, size, most })
+            },
+        },
+    ];
 
     fn version(&self) -> u32 {
         match self.rule {
-            Rule::Optimal => 3,
+            Rule::Optimal => 4,
             Rule::Never | Rule::Untailored | Rule::Tailored | Rule::Threshold | Rule::Random => 1,
         }
     }
@@ -41,9 +58,8 @@ impl AlgorithmParameters for DecisionRule {
         0
     }
 
-    fn start(&self, setting: &Setting) -> Result<Start, OutOfMemory> {
-        let policy = RulePolicy::new(self, setting.environment, setting.scenario);
-        Ok(Start::Rule(policy.expect("a manifest has the optimal rule where H and D are shown")))
+    fn start(&self, setting: &Setting) -> Result<Start, StartError> {
+        Ok(Start::Rule(RulePolicy::new(self, setting.environment, setting.scenario)?))
     }
 
     fn trained(
