@@ -1,7 +1,7 @@
 //! Whether a store is as it was written: the file, its references, and what the design says of it.
 //!
 //! In: a path, and a check of weights. Out: a [`Diagnosis`]. Nothing is written, and nothing is
-//! repaired; see [`super::salvage`]. What weights are is known to the caller alone.
+//! repaired; see [`super::salvage()`]. What weights are is known to the caller alone.
 
 use std::path::Path;
 
