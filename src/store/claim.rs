@@ -32,9 +32,9 @@ pub enum Claimed {
     Completed,
     /// A living session runs it.
     HeldElsewhere,
-    /// It failed, and is not to be retried.
+    /// It failed, and was not to be retried.
     Failed,
-    /// A process crashed while it ran: it is to be claimed again when it would run alone.
+    /// A process crashed while it ran the job, which can only be claimed in isolation.
     Suspect,
 }
 
@@ -50,9 +50,9 @@ pub enum Isolation {
 /// Whether jobs that failed may be claimed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RetryFailed {
-    /// They stay as they are.
+    /// They are not claimed.
     No,
-    /// Each may be claimed until it has failed in the claiming session, too.
+    /// Each may be claimed until it fails in the claiming session.
     Yes,
 }
 

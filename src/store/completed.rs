@@ -8,7 +8,7 @@ use crate::record::{ActionCount, CompletedRun, Provenance};
 use super::error::StoreError;
 use super::read::Reader;
 
-/// What is read of a run beside its metrics.
+/// Which results of a run are read beside its metrics.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Parts {
     /// Points of the learning curve of the mean return.
@@ -54,7 +54,7 @@ impl Reader {
     }
 }
 
-/// The run without what it left behind.
+/// The run without its results.
 fn head(row: &rusqlite::Row<'_>) -> rusqlite::Result<CompletedRun> {
     Ok(CompletedRun {
         metrics: Vec::new(),

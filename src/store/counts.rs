@@ -1,4 +1,4 @@
-//! How far experiments have come.
+//! The jobs of experiments, counted by state.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -48,7 +48,7 @@ fn count(connection: &Connection) -> rusqlite::Result<HashMap<i64, Counted>> {
     let states = States::read(connection, &holders(connection)?.alive)?;
     let mut budget = connection.prepare_cached(
         "SELECT json_extract(canonical, '$.agent.algorithm'),
-            -- A rule has none: it is not trained.
+            -- NULL for an algorithm that does not train.
             ifnull(json_extract(canonical, '$.agent.episodes'), 0)
          FROM job WHERE id = ?1",
     )?;
@@ -86,8 +86,8 @@ fn add_budget(
     Ok(())
 }
 
-/// Calls `hear` with every experiment's row id and every job's that it holds, each pair once,
-/// experiment by experiment.
+/// Calls `hear` with the row ids of every experiment and job that it holds, once for each pair,
+/// ordered by experiment.
 fn for_each_held(
     connection: &Connection,
     mut hear: impl FnMut(i64, i64) -> rusqlite::Result<()>,

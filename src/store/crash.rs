@@ -1,11 +1,11 @@
 //! Crashes: processes that ended by a fault of their own, and the jobs they were running.
 //!
-//! A process that is killed (by a person, a batch system, the kernel when memory is short) says
-//! nothing about its jobs: they run again, however often. One that aborts (a failed allocation, an
+//! The jobs of a process that was killed (by a person, a batch system, the kernel when memory is
+//! short) run again, however often that happens. A process that aborts (a failed allocation, an
 //! overflowing stack, a panic within a panic) may have been brought down by one of its jobs, which
-//! would bring down every later process, too. It leaves a mark, and all its jobs are suspects. A
-//! suspect runs alone from then on, so that the next crash has one suspect only; after three crashes,
-//! the last of them alone, the job has failed.
+//! would bring down every later process, too. Such a process leaves a mark, and all its jobs are
+//! suspects. A suspect runs in isolation from then on, so that the next crash has only one suspect.
+//! After three crashes, the last of them in isolation, the job has failed.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ use crate::record::{Failure, FailureKind};
 
 use super::beside::beside;
 
-/// Crashes of its process after which a job has failed, if it was alone at the last.
+/// Crashes after which a job has failed, if it ran in isolation at the last.
 const MOST_CRASHES: u32 = 3;
 
 /// Between the store's name and the session's number in the name of a mark.
@@ -27,7 +27,7 @@ const MARK: &str = "-session-";
 pub(super) enum Crashed {
     /// It ended by a fault of its own.
     Yes,
-    /// It was killed, or nothing is known of its end.
+    /// It was killed, or its end is unknown.
     No,
 }
 
@@ -57,8 +57,8 @@ pub(super) fn unmark(store: &Path, session: i64) {
     let _ = fs::remove_file(mark(store, session));
 }
 
-/// Whether a dead session left a mark, which is taken away. Should the transaction that this is
-/// part of not be committed, one crash is not counted.
+/// Whether a dead session left a mark; removes the mark. If the caller's transaction is not
+/// committed, this crash is not counted.
 pub(super) fn take(connection: &Connection, session: i64) -> Crashed {
     let Some(store) = connection.path() else { return Crashed::No };
     let store = Path::new(store);
@@ -70,18 +70,18 @@ pub(super) fn take(connection: &Connection, session: i64) -> Crashed {
     crashed
 }
 
-/// What the crashes so far say of a job.
+/// What the crashes so far say about a job.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Record {
     /// No process crashed while it ran.
     Clean,
-    /// One did, and it may have been this job.
+    /// A process crashed, and this job may have been the reason.
     Suspect,
-    /// Enough did, the last one with no other job beside it.
+    /// Processes crashed too often, the last one while it ran this job in isolation.
     Guilty(Failure),
 }
 
-/// What the crashes since a job's last failure say of it.
+/// What the crashes since a job's last failure say about it.
 pub(super) fn record(connection: &Connection, job: i64) -> rusqlite::Result<Record> {
     let (crashes, last): (u32, Option<u32>) = connection
         .prepare_cached(

@@ -1,4 +1,4 @@
-//! The digest of a run's results, or of its failure: what they were when they were stored.
+//! The digest of a run's results, or of its failure, as they were stored.
 //!
 //! SQLite checks that a file is well formed, not that a number in it is the one that was written.
 //! The transaction that completes a run keeps a SHA-256 of its results beside it, taken from the

@@ -1,7 +1,7 @@
 //! Whether a store is as it was written: the file, its references, and what the design says of it.
 //!
 //! In: a path, and a check of weights. Out: a [`Diagnosis`]. Nothing is written, and nothing is
-//! repaired; see [`super::salvage`]. What weights are is known to the caller alone.
+//! repaired; see [`super::salvage()`]. What weights are is known to the caller alone.
 
 use std::path::Path;
 
@@ -11,23 +11,23 @@ use super::error::StoreError;
 use super::verify::{CheckWeights, failure_fault, job_fault, row_ids, run_fault};
 use super::{file, schema};
 
-/// What was found out about a store.
+/// The result of an examination.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Diagnosis {
-    /// What is wrong; nothing for a healthy store.
+    /// What is wrong; empty for a healthy store.
     pub findings: Vec<Finding>,
-    /// Completed runs that were found.
+    /// Number of completed runs.
     pub completed: u64,
-    /// Of these, those whose results are the ones that were stored.
+    /// Number of completed runs that verify.
     pub intact: u64,
 }
 
-/// One thing that is wrong.
+/// A fault of the store.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
-    /// What it is about: `file`, `schema`, `reference`, `job` or `run`.
+    /// The part at fault: `file`, `schema`, `reference`, `job` or `run`.
     pub part: &'static str,
-    /// The job concerned, if it is about one.
+    /// The job concerned, if there is one.
     pub job_key: Option<String>,
     /// What is wrong, as a fragment.
     pub what: String,
@@ -139,7 +139,7 @@ struct Examination<'a> {
 impl Examination<'_> {
     fn find(&mut self, part: &'static str, job_key: Option<String>, what: impl Into<String>) {
         let finding = Finding { part, job_key, what: in_a_line(&what.into()) };
-        // Several questions can meet the same damage; where that is not of a job, it is one finding.
+        // Several checks can find the same damage. Damage that concerns no job is reported once.
         if finding.job_key.is_some() || !self.found.findings.contains(&finding) {
             self.found.findings.push(finding);
         }

@@ -28,16 +28,16 @@ pub struct Experiment<'a> {
 /// What registering an experiment changed, in jobs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Registered {
-    /// Held by the experiment now.
+    /// Jobs that the experiment holds now.
     pub jobs: usize,
-    /// Of these, new to the experiment.
+    /// Jobs among them that it did not hold before.
     pub added: usize,
-    /// Jobs that were held before, and now are under no agent: the manifest does not have them any
-    /// more, or what makes their keys has changed. Their runs stay in the store.
+    /// Jobs that it no longer holds under any agent, because the manifest dropped them or their keys
+    /// changed. Their runs stay in the store.
     pub dropped: usize,
 }
 
-/// Jobs that one transaction registers. Between two of them other writers get their turn.
+/// Jobs that one transaction registers. Other writers get their turn between two transactions.
 const BATCH: usize = 10_000;
 
 impl Store {
@@ -58,8 +58,8 @@ impl Store {
 
     /// As [`Store::register`], until it is done or `stop` is set; `None` if it was stopped.
     ///
-    /// Ten thousand jobs are registered at a time. What was registered before a stop stays, jobs
-    /// that the manifest has dropped among it; registering again goes on from there.
+    /// Each transaction registers ten thousand jobs. Jobs registered before a stop stay, and so do
+    /// jobs that the manifest dropped; registering again completes the rest.
     pub fn register_until<A: AsRef<str>, J: Borrow<Job>>(
         &mut self,
         stop: &AtomicBool,
@@ -133,7 +133,7 @@ fn upsert_experiment(
         .query_row("SELECT id FROM experiment WHERE name = ?1", [experiment.name], |row| row.get(0))
 }
 
-/// What an experiment holds, as far as its registration has come.
+/// The jobs of an experiment that were registered so far.
 #[derive(Default)]
 struct Held {
     /// Names of agents, by the number that `jobs` knows them by.
@@ -152,7 +152,8 @@ impl Held {
         })
     }
 
-    /// Lets go of the jobs that were not met; returns how many were met under no other agent.
+    /// Removes the jobs that the manifest no longer has; returns how many it has under no other
+    /// agent either.
     fn drop_others(&self, connection: &Connection, experiment: i64) -> rusqlite::Result<usize> {
         let stored: usize = connection.query_row(
             "SELECT count(*) FROM experiment_job WHERE experiment = ?1",

@@ -1,6 +1,6 @@
 //! Opening the file: what may be opened, and how a connection is set up.
 //!
-//! A file that is not ours, or is from the future, is recognised before anything is written to it.
+//! A file of another program or of a newer release is recognised before anything is written to it.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -16,14 +16,14 @@ use super::error::StoreError;
 use super::migrate::{self, APPLICATION_ID, OLDEST_READABLE, SCHEMA_VERSION};
 use super::{mount, sandbox, schema};
 
-/// Statements that a connection keeps prepared; every run takes some thirty.
+/// Prepared statements that a connection caches; storing a run uses about thirty.
 const STATEMENTS_KEPT: usize = 64;
 
 /// How long a connection waits for a lock. This program holds it for less than a second at a time;
-/// another that writes to the store may hold it for longer.
+/// other programs may hold it longer.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// How long a reader waits for a file without anything in it to become a store.
+/// How long a reader waits for an empty file to become a store.
 const BEING_MADE: Duration = Duration::from_millis(500);
 
 /// What is at a path.
@@ -66,8 +66,8 @@ pub(super) fn open_writer(path: &Path) -> Result<(Connection, PathBuf), StoreErr
     Ok((connection, path))
 }
 
-/// A reading connection to the store at `path`, and the absolute path. Whether its tables are as
-/// they were made is not looked at.
+/// A reading connection to the store at `path`, and the absolute path. The caller checks the
+/// schema.
 pub(super) fn open_reader(path: &Path) -> Result<(Connection, PathBuf), StoreError> {
     let path = absolute(path)?;
     let asked = Instant::now();

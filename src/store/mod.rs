@@ -13,7 +13,7 @@
 //! - A completed run has all its results and never changes; every other run has none.
 //! - A run is ended by the session that claimed it, or by another one when that session is known to
 //!   be dead (`liveness.rs`). A session that lost its claim cannot write ([`Finished::ClaimLost`]).
-//! - A completed run keeps a digest of its results (`digest.rs`). [`examine`] and [`salvage`] compare
+//! - A completed run keeps a digest of its results (`digest.rs`). [`examine`] and [`salvage()`] compare
 //!   it with the results as they are now (`verify.rs`).
 //! - Rows are never deleted, except that an experiment lets go of jobs that its manifest dropped.
 //!

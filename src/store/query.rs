@@ -99,10 +99,10 @@ impl Interrupter {
 }
 
 impl Reader {
-    /// Answers a query, part by part, until its end or until `hear` breaks off.
+    /// Calls `hear` with the answer to a query, part by part, until it ends or `hear` breaks off.
     ///
-    /// **Errors**: the SQL is faulty, is not exactly one statement, would do something else than
-    /// read this store, or was interrupted. `hear` may have heard parts of the answer by then.
+    /// **Errors**: the SQL is faulty, is not exactly one statement, would do anything but read this
+    /// store, or was interrupted. `hear` may have been called with parts of the answer before.
     pub fn query(
         &self,
         sql: &str,
@@ -140,7 +140,7 @@ impl Reader {
         Interrupter(self.connection.get_interrupt_handle())
     }
 
-    /// The error in words for whoever wrote `sql`.
+    /// The error in the words of the person who wrote `sql`.
     fn explain(&self, error: Error, sql: &str) -> QueryError {
         match error {
             Error::MultipleStatement => QueryError::Several,

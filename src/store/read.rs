@@ -1,4 +1,4 @@
-//! Reading: what has become of jobs and experiments.
+//! The reading connection: states, failures and times of jobs and experiments.
 
 use std::path::{Path, PathBuf};
 
@@ -28,7 +28,7 @@ pub struct FailedJob {
     pub experiment: String,
     /// The job.
     pub job_key: JobKey,
-    /// Its content; `None` if another release wrote it in a way that this one cannot read.
+    /// Its content; `None` if this release cannot read what another one wrote.
     pub job: Option<Job>,
     /// Its agent's name in the experiment.
     pub agent: String,
@@ -40,12 +40,12 @@ pub struct FailedJob {
     pub ended_at: String,
 }
 
-/// How long the jobs of an algorithm took, over its latest completed runs.
+/// How long jobs of an algorithm take, measured on its latest completed runs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pace {
     /// The algorithm, as the manifest writes it.
     pub algorithm: String,
-    /// Runs that this was measured on; at least 1.
+    /// Number of runs that were measured; at least 1.
     pub runs: u64,
     /// Mean time of a job, in seconds.
     pub seconds_per_job: f64,
@@ -56,7 +56,7 @@ pub struct Pace {
 impl Reader {
     /// The store at `path`, for reading.
     ///
-    /// **Errors**: there is none, or the file is something else, of an older or of a newer release.
+    /// **Errors**: nothing is at `path`, or no store, or a store of a newer release.
     pub fn open(path: &Path) -> Result<Reader, StoreError> {
         let (mut connection, path) = file::open_reader(path)?;
         schema::require(&connection, &path)?;
@@ -65,7 +65,7 @@ impl Reader {
         Ok(Reader { connection, path })
     }
 
-    /// The state of each job, in the order of `keys`; those unknown to the store are pending.
+    /// The state of each job, in the order of `keys`; jobs unknown to the store are pending.
     pub fn job_states<'k>(
         &self,
         keys: impl IntoIterator<Item = &'k JobKey>,
@@ -86,7 +86,7 @@ impl Reader {
         })
     }
 
-    /// Shows `see` every job that was ever tried, with its state; the others are pending.
+    /// Calls `see` with every job that has a run, and its state. All other jobs are pending.
     pub fn tried(&self, mut see: impl FnMut(JobKey, JobState)) -> Result<(), StoreError> {
         self.read("read the states of jobs", |connection| {
             let state = state_sql("job.id", "?1");
@@ -102,7 +102,7 @@ impl Reader {
         })
     }
 
-    /// Shows `see` every job of an experiment once; none if there is no experiment of this name.
+    /// Calls `see` with every job of an experiment, once each. An unknown experiment has no jobs.
     pub fn jobs_of(&self, experiment: &str, mut see: impl FnMut(JobKey)) -> Result<(), StoreError> {
         self.read("read the jobs of an experiment", |connection| {
             let mut statement = connection.prepare_cached(
@@ -149,8 +149,7 @@ impl Reader {
         })
     }
 
-    /// The versions of the code, up to `current` and other than it, under which the job's content
-    /// was completed.
+    /// The versions of the code before `current` under which the job's content was completed.
     pub fn superseded(
         &self,
         form: &CanonicalForm,
@@ -171,8 +170,8 @@ impl Reader {
         })
     }
 
-    /// How long training took, by algorithm, over the latest ten thousand completed runs; rules,
-    /// which are not trained, left out.
+    /// How long training took, by algorithm, over the latest ten thousand completed runs. Algorithms
+    /// that do not train are left out.
     pub fn paces(&self) -> Result<Vec<Pace>, StoreError> {
         self.read("read the times of runs", |connection| {
             let mut statement = connection.prepare_cached(

@@ -12,7 +12,7 @@ use super::ending::{complete_run, end_run};
 use super::error::StoreError;
 use super::writer::Store;
 
-/// Rows that one statement inserts: to start and end it takes as long as to insert three.
+/// Rows that one statement inserts. Starting and ending a statement costs as much as three rows.
 const ROWS: usize = 32;
 
 /// The end of a claimed run.
@@ -20,7 +20,7 @@ const ROWS: usize = 32;
 pub struct RunEnd<'a> {
     /// The run.
     pub claim: &'a Claim,
-    /// What it leaves behind.
+    /// How it ended, with its results or its failure.
     pub outcome: &'a Outcome,
     /// How long it took, in seconds of real time.
     pub wall_seconds: f64,
@@ -31,17 +31,17 @@ pub struct RunEnd<'a> {
 pub enum Finished {
     /// It is stored.
     Stored,
-    /// The run is no longer the claimer's; nothing of it is stored.
+    /// Another session has taken the run over; nothing is stored.
     ClaimLost,
 }
 
 impl Store {
-    /// Ends a claimed run, with everything that it leaves behind, or not at all.
+    /// Ends a claimed run and stores all its results, or fails and stores nothing.
     ///
     /// `wall_seconds` is how long it took, in seconds of real time.
     ///
-    /// **Errors**: [`StoreError::ClaimLost`] if the run is no longer the claimer's; the results
-    /// break a rule of the schema (a number that is not finite, none at all).
+    /// **Errors**: [`StoreError::ClaimLost`] if another session has taken the run over; the results
+    /// violate the schema (a number is not finite, or there are no results).
     pub fn finish(
         &mut self,
         claim: &Claim,
@@ -54,8 +54,8 @@ impl Store {
         }
     }
 
-    /// Ends claimed runs together, which waits for the disk once; says of each what became of it.
-    /// What was stored survives a power cut.
+    /// Ends claimed runs in one transaction, which waits for the disk once; returns for each whether
+    /// it was stored. Stored runs survive a power cut.
     ///
     /// **Errors**: as [`Store::finish`], but for lost claims; none of the ends is stored then.
     pub fn finish_all(&mut self, ends: &[RunEnd<'_>]) -> Result<Vec<Finished>, StoreError> {
@@ -98,7 +98,7 @@ fn insert_results(connection: &Connection, run: i64, results: &Results) -> rusql
     let metrics = metrics.collect::<rusqlite::Result<Vec<_>>>()?.into_iter();
     let metrics = metrics.map(|(metric, value)| [run.into(), metric.into(), value.into()]);
     insert_rows(connection, "run_metric", metrics)?;
-    // In the order of the table's key: every row goes to its end.
+    // In the order of the table's key, so that every row is appended.
     let points = results.curve.iter().map(|point| Ok((names.id(point.metric)?, point)));
     let mut points: Vec<_> = points.collect::<rusqlite::Result<_>>()?;
     points.sort_unstable_by_key(|(metric, point)| (*metric, point.episode));
@@ -125,7 +125,7 @@ fn insert_results(connection: &Connection, run: i64, results: &Results) -> rusql
     Ok(())
 }
 
-/// Adds rows to a table, [`ROWS`] by a statement as long as there are so many, then one by one.
+/// Inserts rows into a table: [`ROWS`] per statement, and the remaining ones singly.
 pub(super) fn insert_rows<const COLUMNS: usize>(
     connection: &Connection,
     table: &str,
@@ -153,7 +153,7 @@ pub(super) fn insert_rows<const COLUMNS: usize>(
     Ok(())
 }
 
-/// Row ids of metric names; a name is added when first met.
+/// Row ids of metric names, which are added as needed.
 struct MetricNames<'a> {
     connection: &'a Connection,
     ids: HashMap<&'static str, i64>,

@@ -45,9 +45,18 @@ pub fn salvage(
     if new.symlink_metadata().is_ok() {
         return Err(StoreError::InTheWay { path: new.to_owned() });
     }
-    let salvaged = write_new(damaged, new, check_weights);
+    // The new store has its name only when it is whole. A salvage that was killed left its own.
+    let partial = beside(new, ".partial");
+    remove(&partial);
+    let salvaged = write_new(damaged, &partial, check_weights).and_then(|salvaged| {
+        let renamed = fs::rename(&partial, new).map_err(|error| StoreError::CannotOpen {
+            path: new.to_owned(),
+            reason: error.to_string(),
+        });
+        renamed.map(|()| salvaged)
+    });
     if salvaged.is_err() {
-        remove(new);
+        remove(&partial);
     }
     salvaged
 }

@@ -1,5 +1,5 @@
-//! Sessions: one a process that runs jobs, with a heartbeat; and what becomes of the runs of a
-//! session that died.
+//! Sessions: one for each process that runs jobs, with a heartbeat. The runs of a dead session are
+//! interrupted.
 
 use std::fs::File;
 use std::time::Duration;
@@ -21,8 +21,9 @@ pub struct SessionId(pub(super) i64);
 impl Store {
     /// Begins a session of this process.
     ///
-    /// It lives until [`Store::end_session`] or the end of the process; [`Store::heartbeat`] is due
-    /// every few seconds, and after 30 s without one readers take it for dead.
+    /// The session lives until [`Store::end_session`] or the end of the process. The caller calls
+    /// [`Store::heartbeat`] every few seconds; after 30 s without it, readers take the session for
+    /// dead.
     pub fn begin_session(&mut self, provenance: &Provenance) -> Result<SessionId, StoreError> {
         let process = ProcessTable::of_this_system().this_process();
         self.write("begin a session", |transaction| {
@@ -49,7 +50,7 @@ impl Store {
         })
     }
 
-    /// Says that the session is alive.
+    /// Records that the session is alive.
     pub fn heartbeat(&mut self, session: SessionId) -> Result<(), StoreError> {
         self.write("record a heartbeat", |transaction| {
             transaction
@@ -67,25 +68,25 @@ impl Store {
                 &format!("UPDATE session SET heartbeat_at = {NOW}, ended_at = {NOW} WHERE id = ?1"),
                 [session.0],
             )?;
-            // It was needed in case the session would not come this far.
+            // The mark was for a session that crashes before it ends.
             crash::take(transaction, session.0);
             Ok(())
         })
     }
 
-    /// A file for one byte, written by whoever notices that the process crashes: a signal handler
-    /// can do no more. What is in it when the session is found dead tells a crash from a kill.
+    /// An empty file, into which a signal handler writes one byte when the process crashes. A session
+    /// that is found dead has crashed if its file has a byte, and was killed otherwise.
     ///
-    /// **Errors**: it cannot be made.
+    /// **Errors**: the file cannot be created.
     pub fn crash_mark(&self, session: SessionId) -> Result<File, StoreError> {
         let path = crash::mark(&self.path, session.0);
         File::create(&path)
             .map_err(|error| StoreError::CannotOpen { path, reason: error.to_string() })
     }
 
-    /// Removes the crash marks of dead sessions that hold no run: of processes that were killed
-    /// when they had nothing to do, and of another store that was at this path. The marks of others
-    /// are needed by whoever takes over their runs.
+    /// Removes the crash marks of dead sessions that hold no run: processes that were killed while
+    /// idle, or that used another store at this path. Other marks are needed when the runs of their
+    /// sessions are taken over.
     pub fn clear_crash_marks(&self) -> Result<(), StoreError> {
         for session in crash::marked(&self.path) {
             let needed = is_mark_needed(&self.connection, session)
@@ -99,8 +100,8 @@ impl Store {
 
     /// Interrupts the runs of dead sessions, so that their jobs can be claimed; returns how many.
     ///
-    /// `session` is the caller's, and the place from which the others are judged. Writes nothing if
-    /// nobody died.
+    /// `session` is the caller's, from whose process the others are judged. Writes nothing if no
+    /// session died.
     pub fn release_dead_sessions(&mut self, session: SessionId) -> Result<usize, StoreError> {
         let action = "release the runs of dead sessions";
         let dead = process_of(&self.connection, session)
@@ -111,14 +112,14 @@ impl Store {
             return Ok(0);
         }
         self.write(action, |transaction| {
-            // A dead process stays dead, and a run that it no longer holds is not touched.
+            // A dead process stays dead, and runs that it no longer holds are left alone.
             dead.iter().try_fold(0, |runs, &id| Ok(runs + release_dead(transaction, id)?))
         })
     }
 }
 
-/// Interrupts the running runs of a session whose process is dead; returns how many. If it crashed,
-/// they say so.
+/// Interrupts the running runs of a session whose process is dead; returns how many. If the process
+/// crashed, each run records how many suspects there are.
 pub(super) fn release_dead(connection: &Connection, session: i64) -> rusqlite::Result<usize> {
     if let Crashed::Yes = crash::take(connection, session) {
         connection

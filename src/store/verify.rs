@@ -138,8 +138,8 @@ pub(super) fn row_ids(connection: &Connection, table: &str) -> (Vec<i64>, bool) 
     (ids, false)
 }
 
-/// So many ids one after the other without a row, and what lies behind them is given up: more than a
-/// branch of a table's tree holds, and a tenth of a second. A damaged id can be any number.
+/// Missing ids in a row after which the search ends. It is more than a branch of a table's tree holds,
+/// and takes a tenth of a second; a damaged id can be any number.
 const MOST_MISSED: usize = 100_000;
 
 /// The ids of a table's rows, up to the first that cannot be read, if there is one.

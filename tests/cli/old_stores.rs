@@ -87,6 +87,14 @@ fn every_reading_command_works_on_an_old_store_and_leaves_it_as_it_is() {
 }
 
 #[test]
+fn the_jobs_of_an_old_store_still_have_the_same_results() {
+    let (old, fresh) = (old_store(), old_store());
+    fs::remove_file(fresh.path("jitai.sqlite")).unwrap();
+    fresh.jitai(["run", METHODS, DIVERGING, "--quiet"]).ended(1);
+    assert_same_rows(&fresh.dump(), &old.dump());
+}
+
+#[test]
 fn an_old_store_is_salvaged_whole() {
     let folder = old_store();
     let saved = folder.jitai(["doctor", "--salvage", "new.sqlite"]).succeeded();
