@@ -53,9 +53,9 @@
 //!
 //! # Limits and cost
 //!
-//! Horizons are at most [`LONGEST_OPTIMUM`] steps, for all layers of
-//! values are kept. An optimum takes 0.1 s of one core and 45 MB at the paper's horizon, and 0.6 s and up to
-//! 250 MB at 200 steps. There is one thread and no fused operation, so every machine computes the same bits.
+//! Horizons are at most [`LONGEST_OPTIMUM`] steps, because the values of all steps are kept. An optimum
+//! takes 0.1 s of one core and 45 MB at the paper's horizon, and 0.6 s and up to 250 MB at 200 steps.
+//! There is one thread and no fused operation, so every machine computes the same bits.
 
 mod axis;
 mod expectation;
