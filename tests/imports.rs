@@ -9,15 +9,16 @@ const TABLE: &[(&str, &[&str])] = &[
     ("rng", &[]),
     ("kernel", &[]),
     ("kill_point", &[]),
-    ("env", &["rng", "kernel"]),
+    ("state", &["rng", "kernel"]),
+    ("env", &["rng", "kernel", "state"]),
     // The optimal policy is tried with a stream of its own.
     ("optimum", &["rng", "kernel", "env"]),
-    ("agent", &["rng", "kernel", "env", "optimum"]),
+    ("agent", &["rng", "kernel", "state", "env", "optimum"]),
     // A manifest declares environments and agents; it neither simulates nor trains.
     ("manifest", &["env", "agent"]),
     ("plan", &["env", "agent", "manifest"]),
     ("record", &["plan"]),
-    ("train", &["rng", "env", "agent", "plan", "record"]),
+    ("train", &["rng", "state", "env", "agent", "plan", "record"]),
     ("store", &["kill_point", "plan", "record"]),
     ("schedule", &["kill_point", "plan", "record", "train", "store"]),
     // The bootstrap draws from a stream of its own.

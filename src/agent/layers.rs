@@ -1,5 +1,6 @@
 //! Names, sizes and first weights of the networks' layers, whichever engine computes them.
 
+use crate::agent::memory::{self, OutOfMemory};
 use crate::agent::weights::{Tensor, Weights};
 use crate::agent::{DuelingDqn, Reinforce, Trunk};
 use crate::env::Action;
@@ -73,6 +74,14 @@ pub(super) fn weights(stacks: &[Stack]) -> usize {
     let layers = stacks.iter().flat_map(|stack| stack.hidden.iter().chain(&stack.heads));
     layers.map(|layer| (layer.inputs + 1) * layer.outputs).sum()
 }
+
+/// Fails unless there is memory for so many copies of the weights of stacks.
+pub(super) fn require_memory(stacks: &[Stack], copies: usize) -> Result<(), OutOfMemory> {
+    memory::require(copies * size_of::<f32>() * weights(stacks), "the network")
+}
+
+/// Why drawn weights fit a network.
+pub(super) const DRAWN: &str = "the weights were drawn for this network";
 
 /// Draws the weights of stacks as PyTorch's `Linear` does: weight and bias uniform in
 /// ±1/sqrt(inputs), layer by layer, the hidden layers of every stack before the heads, the weight

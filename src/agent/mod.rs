@@ -1,14 +1,16 @@
 //! The algorithms: how agents learn and how they act.
 //!
-//! In: hyper-parameters, an environment with its scenario, named random streams. Out: trained
-//! episodes, policies and weights. One file an algorithm, written against a trait for the engine
-//! that computes its network: `fused` by kernels, `burn` by Burn modules and automatic
-//! differentiation. A [`Learner`] is an algorithm on an engine; [`start`] makes the one that a
-//! job declares. It knows no job key, no store and no file.
+//! In: hyper-parameters, a [`VectorEnvironment`], named random streams. Out: trained episodes, actors
+//! and weights. There is one file per algorithm, written against a trait for the engine that computes
+//! its network: `fused` with kernels, `burn` with Burn modules and automatic differentiation. A
+//! [`Learner`] is an algorithm on an engine in training; [`start`] makes the one that a job declares. An
+//! [`Actor`] chooses the actions of episodes: trained networks and decision rules are actors, and
+//! rollouts know nothing else. The module knows no job key, no store and no file.
 //!
 //! Burn's own random generator is global to the process, so nothing here may draw from it: weights
 //! are drawn from the job's stream and set.
 
+mod actor;
 mod burn;
 mod dueling_dqn;
 #[cfg(test)]
@@ -23,29 +25,33 @@ mod reference_tests;
 mod reinforce;
 mod replay;
 mod rule;
-mod state;
 mod weights;
 
-use crate::env::Observer;
-use crate::env::{Environment, Scenario};
-use crate::kernel::Isa;
-use crate::rng::{Purpose, Stream};
+use std::io;
 
+use crate::env::{Action, Environment, Observer, PhysicalActivity, Scenario, VectorEnvironment};
+
+pub use crate::state::{Resumable, StateError, StateReader, StateWriter};
+pub use actor::Actor;
 pub use burn::device::backend_name;
-use burn::device::inference;
 pub use burn::{BurnDuelingDqn, BurnReinforce, DuelingQNetwork, PolicyNetwork};
-pub use dueling_dqn::{Batch, DuelingDqnEngine, DuelingDqnLearner};
+pub use dueling_dqn::{
+    Batch, DuelingDqnEngine, DuelingDqnLearner, learner_in as dueling_dqn_learner,
+    trained as trained_dueling_dqn,
+};
 pub use fused::{FusedDuelingDqn, FusedDuelingNetwork, FusedPolicyNetwork, FusedReinforce};
 pub use memory::{OutOfMemory, reserve, reserve_exact};
 pub use parameters::{
     Activation, Agent, Algorithm, DecisionRule, DuelingDqn, Engine, Reinforce, Rule,
     TerminalTarget, Trunk,
 };
-pub use policy::{ActionNetwork, EpsilonGreedy, Policy, SoftmaxPolicy};
-pub use reinforce::{ReinforceEngine, ReinforceLearner, Trajectories};
+pub use policy::{ActionNetwork, EpsilonGreedy, SoftmaxPolicy};
+pub use reinforce::{
+    ReinforceEngine, ReinforceLearner, Trajectories, learner_in as reinforce_learner,
+    trained as trained_reinforce,
+};
 pub use replay::{Replay, Transition};
 pub use rule::{DecisionRuleError, RulePolicy, read_rule};
-pub use state::{Number, Resumable, StateError, StateReader, StateWriter};
 pub use weights::{Tensor as WeightTensor, Weights, WeightsError};
 
 /// A training episode that has just ended.
@@ -63,6 +69,29 @@ pub struct TrainedEpisode {
     pub updates: u32,
     /// Exploration rate at its end, where the algorithm has one.
     pub epsilon: Option<f64>,
+}
+
+impl Resumable for TrainedEpisode {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        out.one(self.total_reward)?;
+        out.one(self.length)?;
+        out.one(u8::from(self.disengaged))?;
+        out.one(self.loss_sum)?;
+        out.one(self.updates)?;
+        out.many(self.epsilon.as_slice())
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        *self = TrainedEpisode {
+            total_reward: from.one()?,
+            length: from.one()?,
+            disengaged: from.one::<u8>()? != 0,
+            loss_sum: from.one()?,
+            updates: from.one()?,
+            epsilon: from.many(1, "exploration rates")?.first().copied(),
+        };
+        Ok(())
+    }
 }
 
 /// A loss that became infinite or not a number.
@@ -96,7 +125,7 @@ pub enum Span {
 }
 
 /// An agent in training. Its state can be written down whenever it is not at work.
-pub trait Learner: Resumable {
+pub trait Learner<Env: VectorEnvironment = PhysicalActivity>: Resumable {
     /// Trains for the shortest span the algorithm has (an episode, or the episodes of one update)
     /// and appends the episodes that ended. `pause` is asked at every step; once it says yes the
     /// span is broken off, and the next call goes on with it, to the same bits.
@@ -109,7 +138,7 @@ pub trait Learner: Resumable {
     ) -> Result<Span, LearnerError>;
 
     /// The policy as it would act now in training, or greedily.
-    fn policy(&self, actions: Actions) -> Box<dyn Policy>;
+    fn policy(&self, actions: Actions) -> Box<dyn Actor<Env>>;
 
     /// The weights as they are now.
     fn weights(&self) -> Weights;
@@ -126,15 +155,15 @@ pub enum Actions {
 
 /// An agent before its first episode.
 pub enum Start {
-    /// One that has everything to learn.
+    /// An agent that has to be trained.
     Learner(Box<dyn Learner>),
-    /// One that has nothing to learn.
-    Rule(RulePolicy),
+    /// An agent that acts without training, such as a decision rule.
+    Actor(Box<dyn Actor>),
 }
 
-/// An agent at the start of its job.
+/// The agent of a job before its first episode.
 ///
-/// **Errors**: there is no memory for its network, or for the trajectories of an update.
+/// **Errors**: there is no memory for its network.
 pub fn start(
     agent: &Agent,
     environment: &Environment,
@@ -143,77 +172,60 @@ pub fn start(
 ) -> Result<Start, OutOfMemory> {
     Ok(match agent {
         Agent::DuelingDqn(parameters) => {
-            Start::Learner(dueling_dqn_learner(parameters, environment, scenario, seed)?)
+            Start::Learner(dueling_dqn::learner(parameters, environment, scenario, seed)?)
         }
         Agent::Reinforce(parameters) => {
-            Start::Learner(reinforce_learner(parameters, environment, scenario, seed)?)
+            Start::Learner(reinforce::learner(parameters, environment, scenario, seed)?)
         }
-        Agent::Rule(rule) => {
-            let policy = RulePolicy::new(rule, environment, scenario);
-            Start::Rule(policy.expect("a manifest has the optimal rule where H and D are shown"))
-        }
+        Agent::Rule(parameters) => Start::Actor(rule::actor(parameters, environment, scenario)),
     })
 }
 
-const DRAWN: &str = "the weights were drawn for this network";
-
-fn dueling_dqn_learner(
-    parameters: &DuelingDqn,
-    environment: &Environment,
-    scenario: &Scenario,
-    seed: u64,
-) -> Result<Box<dyn Learner>, OutOfMemory> {
-    let inputs = Observer::new(environment, scenario).inputs();
-    let mut stream = Stream::new(seed, Purpose::InitialWeights);
-    let stacks = layers::dueling(parameters, inputs);
-    require_network(&stacks, COPIES_WITH_TARGET)?;
-    let weights = layers::draw(&stacks, &mut stream);
-    Ok(match parameters.engine {
-        Engine::Fused => {
-            let engine = FusedDuelingDqn::new(parameters, inputs, &weights, Isa::chosen());
-            let engine = engine.expect(DRAWN);
-            Box::new(DuelingDqnLearner::new(engine, parameters, environment, scenario, seed))
-        }
-        Engine::Burn => {
-            let engine = BurnDuelingDqn::new(parameters, inputs, &weights).expect(DRAWN);
-            Box::new(DuelingDqnLearner::new(engine, parameters, environment, scenario, seed))
-        }
-    })
+/// Why a training cannot start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum StartError {
+    /// There is no memory for what it needs.
+    #[error(transparent)]
+    OutOfMemory(#[from] OutOfMemory),
+    /// The environment has another number of actions.
+    #[error(
+        "the environment has {actions} actions; the agents choose among exactly {}",
+        Action::COUNT
+    )]
+    Actions {
+        /// Its actions.
+        actions: usize,
+    },
+    /// The environment has another number of lanes.
+    #[error("the environment has {lanes} lanes; this agent trains on {expected}")]
+    Lanes {
+        /// Its lanes.
+        lanes: usize,
+        /// The lanes that the agent trains on.
+        expected: usize,
+    },
 }
 
-fn reinforce_learner(
-    parameters: &Reinforce,
-    environment: &Environment,
-    scenario: &Scenario,
-    seed: u64,
-) -> Result<Box<dyn Learner>, OutOfMemory> {
-    let inputs = Observer::new(environment, scenario).inputs();
-    let mut stream = Stream::new(seed, Purpose::InitialWeights);
-    let stacks = [layers::policy(parameters, inputs)];
-    require_network(&stacks, COPIES)?;
-    let weights = layers::draw(&stacks, &mut stream);
-    Ok(match parameters.engine {
-        Engine::Fused => {
-            let engine = FusedReinforce::new(parameters, inputs, &weights, Isa::chosen());
-            let engine = engine.expect(DRAWN);
-            Box::new(ReinforceLearner::new(engine, parameters, environment, scenario, seed))
+impl StartError {
+    /// Fails unless an environment has so many lanes, and as many actions as agents have.
+    fn unless_fit(environment: &impl VectorEnvironment, expected: usize) -> Result<(), StartError> {
+        let (actions, lanes) = (environment.action_spec().count, environment.lanes());
+        if actions != Action::COUNT {
+            return Err(StartError::Actions { actions });
         }
-        Engine::Burn => {
-            let engine = BurnReinforce::new(parameters, inputs, &weights).expect(DRAWN);
-            Box::new(ReinforceLearner::new(engine, parameters, environment, scenario, seed))
+        if lanes == expected { Ok(()) } else { Err(StartError::Lanes { lanes, expected }) }
+    }
+
+    /// The one error there can be where the simulation was made for the agent.
+    fn of_simulation(self) -> OutOfMemory {
+        match self {
+            StartError::OutOfMemory(error) => error,
+            StartError::Actions { .. } | StartError::Lanes { .. } => {
+                unreachable!("the simulation has four actions and the lanes that were asked for")
+            }
         }
-    })
+    }
 }
-
-/// Fails unless there is memory for so many copies of the network's weights.
-fn require_network(stacks: &[layers::Stack], copies: usize) -> Result<(), OutOfMemory> {
-    memory::require(copies * size_of::<f32>() * layers::weights(stacks), "the network")
-}
-
-/// The weights as drawn and as trained, their gradient, and Adam's two moments of them.
-const COPIES: usize = 5;
-/// These, and the target network.
-const COPIES_WITH_TARGET: usize = COPIES + 1;
 
 /// The policy of an agent that was trained before, on the engine that trained it. A dueling DQN
 /// explores at the rate that is kept with its weights.
@@ -225,35 +237,15 @@ pub fn trained_policy(
     scenario: &Scenario,
     weights: &Weights,
     actions: Actions,
-) -> Result<Box<dyn Policy>, WeightsError> {
-    let inputs = Observer::new(environment, scenario).inputs();
-    Ok(match agent {
+) -> Result<Box<dyn Actor>, WeightsError> {
+    let observations = Observer::new(environment, scenario).spec();
+    match agent {
         Agent::DuelingDqn(parameters) => {
-            let epsilon = match actions {
-                Actions::AsTrained => weights.number("epsilon")?,
-                Actions::Greedy => 0.0,
-            };
-            match parameters.engine {
-                Engine::Fused => Box::new(EpsilonGreedy::new(
-                    FusedDuelingNetwork::new(parameters, inputs, weights, Isa::chosen())?,
-                    epsilon,
-                )),
-                Engine::Burn => Box::new(EpsilonGreedy::new(
-                    DuelingQNetwork::from_weights(parameters, inputs, weights, &inference())?,
-                    epsilon,
-                )),
-            }
+            dueling_dqn::trained(parameters, &observations, weights, actions)
         }
-        Agent::Reinforce(parameters) => match parameters.engine {
-            Engine::Fused => Box::new(SoftmaxPolicy::new(
-                FusedPolicyNetwork::new(parameters, inputs, weights, Isa::chosen())?,
-                actions,
-            )),
-            Engine::Burn => Box::new(SoftmaxPolicy::new(
-                PolicyNetwork::from_weights(parameters, inputs, weights, &inference())?,
-                actions,
-            )),
-        },
-        Agent::Rule(_) => return Err(WeightsError::NoNetwork),
-    })
+        Agent::Reinforce(parameters) => {
+            reinforce::trained(parameters, &observations, weights, actions)
+        }
+        Agent::Rule(_) => Err(WeightsError::NoNetwork),
+    }
 }

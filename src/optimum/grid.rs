@@ -19,7 +19,7 @@ use std::ops::Range;
 use pulp::{Simd, WithSimd};
 use rayon::iter::{IndexedParallelIterator, IntoParallelIterator, ParallelIterator};
 
-use crate::env::{Action, Belief, Effect, respond};
+use crate::env::{Action, Belief, Effect, apply_action};
 use crate::env::{Environment, FirstContext};
 use crate::kernel::Isa;
 
@@ -468,7 +468,7 @@ impl Grid {
         let group = |nodes: &[f64]| {
             // The last stands for those that are not there.
             let nodes: Lanes = array::from_fn(|r| nodes[r.min(nodes.len() - 1)]);
-            let of = |action| nodes.map(|h| respond(e, 0, action, h, 0.0));
+            let of = |action| nodes.map(|h| apply_action(e, 0, action, h, 0.0));
             let [nothing, untailored, suitable] =
                 [Action::NONE, Action::UNTAILORED, Action::tailored_to(0)].map(of);
             let blend = |to: [Effect; AT_ONCE]| {
@@ -484,7 +484,7 @@ impl Grid {
         let groups = groups.map(group).collect();
         let column = |(node, d): (usize, &f64)| {
             let side = disengagement.side(node);
-            let calm = respond(e, 0, Action::tailored_to(0), 0.0, *d).disengagement;
+            let calm = apply_action(e, 0, Action::tailored_to(0), 0.0, *d).disengagement;
             // Without the cap at 1, at which a limit from below could not be told.
             let annoyed = d + e.epsilon_d;
             let ends = match side {
@@ -702,7 +702,7 @@ impl Grid {
     /// message that suits or is not tailored, and after one that does not suit.
     pub fn states_after(&self, habituation: f64, disengagement: f64) -> [[f64; 2]; 3] {
         [Action::NONE, Action::tailored_to(0), Action::tailored_to(1)].map(|action| {
-            let effect = respond(&self.environment, 0, action, habituation, disengagement);
+            let effect = apply_action(&self.environment, 0, action, habituation, disengagement);
             [effect.habituation, effect.disengagement]
         })
     }
@@ -726,7 +726,7 @@ impl Grid {
         disengagement: f64,
     ) -> Prospects {
         let reward =
-            |action| respond(&self.environment, 0, action, habituation, disengagement).reward;
+            |action| apply_action(&self.environment, 0, action, habituation, disengagement).reward;
         Prospects {
             nothing: reward(Action::NONE) + rested,
             untailored: reward(Action::UNTAILORED) + calmed,
@@ -826,7 +826,7 @@ pub(super) fn levels(e: &Environment, most: usize) -> Option<Vec<f64>> {
     if e.delta_d != 0.0 {
         return None;
     }
-    let annoyed = |d: &f64| Some(respond(e, 0, Action::tailored_to(1), 0.0, *d).disengagement);
+    let annoyed = |d: &f64| Some(apply_action(e, 0, Action::tailored_to(1), 0.0, *d).disengagement);
     let met = iter::successors(Some(e.initial_disengagement), annoyed);
     let is_below = |d: &f64| *d < e.disengagement_threshold;
     let mut levels: Vec<f64> = met.take_while(is_below).take(most + 1).collect();

@@ -7,7 +7,7 @@ use super::expectation::Expectation;
 use super::search::{MOST_COMPUTED, OF_NOISY_EPISODES, Search};
 use super::walk::Walked;
 use super::*;
-use crate::env::{Signal, inference_error, respond};
+use crate::env::{ContextDraw, apply_action, inference_error};
 use crate::kernel::Isa;
 use crate::rng::{Purpose, Stream};
 
@@ -52,7 +52,7 @@ fn by_every_course(e: &Environment, belief: &Expectation, time: u32, state: [f64
     let is_known = time == 0 && e.first_context == FirstContext::Fixed;
     let unbiased = Environment { mu: [0.0; 2], ..e.clone() };
     let after = |action| {
-        let effect = respond(&unbiased, 0, action, state[0], state[1]);
+        let effect = apply_action(&unbiased, 0, action, state[0], state[1]);
         let ends = effect.disengagement >= e.disengagement_threshold;
         let state = [effect.habituation, effect.disengagement];
         effect.reward + if ends { 0.0 } else { by_every_course(e, belief, time + 1, state) }
@@ -192,13 +192,13 @@ fn simulated(
         let mut total = 0.0;
         for time in 0..e.horizon {
             let signal = match (time, e.first_context) {
-                (0, FirstContext::Fixed) => Signal::FIXED_FIRST,
-                _ => Signal::draw(e.sigma, &mut stream),
+                (0, FirstContext::Fixed) => ContextDraw::FIXED_FIRST,
+                _ => ContextDraw::draw(e.sigma, &mut stream),
             };
             let is_known = time == 0 && e.first_context == FirstContext::Fixed;
             let believed = if is_known { 1.0 } else { belief.probability_of_zero(&signal) };
             let action = prospects(e.horizon - 1 - time, state).best(believed);
-            let effect = respond(e, signal.context, action, state[0], state[1]);
+            let effect = apply_action(e, signal.context, action, state[0], state[1]);
             total += effect.reward;
             state = [effect.habituation, effect.disengagement];
             if effect.disengagement >= e.disengagement_threshold {
@@ -540,5 +540,5 @@ fn what_a_scenario_shows_besides_makes_no_difference() {
     let exact = Environment { sigma: 0.0, ..environment };
     assert_eq!(inference_error(0.0), 0.0);
     assert_eq!(value(&exact, "L-H-D"), value(&exact, "C-H-D"));
-    assert_eq!(Belief::Certain.probability_of_zero(&Signal::new(1, 0.0)), 0.0);
+    assert_eq!(Belief::Certain.probability_of_zero(&ContextDraw::new(1, 0.0)), 0.0);
 }

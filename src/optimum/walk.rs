@@ -13,8 +13,8 @@
 
 use std::ops::Range;
 
+use crate::env::{ContextDraw, ContextDrawsAhead, apply_action};
 use crate::env::{Environment, FirstContext};
-use crate::env::{Signal, SignalsAhead, respond};
 use crate::rng::{Purpose, Stream};
 
 use super::Prospects;
@@ -211,7 +211,7 @@ impl<'a, F: Fn(u32) -> Moment<'a>> Ahead<'_, F> {
 /// An episode under way.
 struct Episode {
     stream: Stream,
-    ahead: SignalsAhead,
+    ahead: ContextDrawsAhead,
     habituation: f64,
     disengagement: f64,
     /// The value of this state, but at the start.
@@ -225,7 +225,7 @@ impl Episode {
     fn start(e: &Environment, seed: u64) -> Episode {
         Episode {
             stream: Stream::new(seed, Purpose::Optimum),
-            ahead: SignalsAhead::new(e.sigma),
+            ahead: ContextDrawsAhead::new(e.sigma),
             habituation: e.initial_habituation,
             disengagement: e.initial_disengagement,
             value: 0.0,
@@ -247,13 +247,13 @@ impl Episode {
             self.left_out += grid.mean_of_best(&prospects) - self.value;
         }
         let (signal, believed) = if is_first && e.first_context == FirstContext::Fixed {
-            (Signal::FIXED_FIRST, 1.0)
+            (ContextDraw::FIXED_FIRST, 1.0)
         } else {
             let signal = self.ahead.take(grid.isa, &mut self.stream);
             (signal, grid.belief.probability_of_zero(&signal))
         };
         let action = prospects.best(believed);
-        let effect = respond(e, signal.context, action, habituation, disengagement);
+        let effect = apply_action(e, signal.context, action, habituation, disengagement);
         (self.habituation, self.disengagement) = (effect.habituation, effect.disengagement);
         let led_to = Grid::led_to(signal.context, action);
         debug_assert_eq!(states[led_to], [self.habituation, self.disengagement]);

@@ -3,16 +3,13 @@
 use std::io;
 use std::time::Duration;
 
-use crate::agent::{
-    self, Learner, LearnerError, OutOfMemory, Resumable, Start, StateError, StateReader,
-    StateWriter, TrainedEpisode,
-};
-use crate::env::Observer;
+use crate::agent::{self, Actor, Learner, LearnerError, OutOfMemory, Start, TrainedEpisode};
 use crate::plan::Job;
 use crate::record::{Failure, FailureKind, Results};
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::train::TrainingProgress;
 use crate::train::curve::CurveRecorder;
 use crate::train::test::Test;
-use crate::train::{Chooser, Progress};
 
 /// Why there is a learner where training episodes are played or a policy was trained.
 const LEARNS: &str = "an agent with training episodes learns";
@@ -20,12 +17,12 @@ const LEARNS: &str = "an agent with training episodes learns";
 /// A job under way.
 pub(super) struct Training<'j> {
     job: &'j Job,
-    /// `None` for a rule, which learns nothing.
+    /// `None` for an agent that acts without training.
     learner: Option<Box<dyn Learner>>,
     curve: CurveRecorder,
     test: Test,
-    /// Who is tested: the trained policy, once the test has begun, or the rule.
-    chooser: Option<Chooser>,
+    /// What is tested: the trained policy, once training is over, or the agent that needs none.
+    actor: Option<Box<dyn Actor>>,
     /// Room for the episodes of a span.
     finished: Vec<TrainedEpisode>,
     /// Time at work on it before this process began.
@@ -49,16 +46,16 @@ impl<'j> Training<'j> {
     /// **Errors**: there is no memory for what learns.
     pub(super) fn new(job: &'j Job) -> Result<Self, OutOfMemory> {
         let start = agent::start(&job.agent, &job.environment, &job.scenario, job.seed)?;
-        let (learner, chooser) = match start {
+        let (learner, actor) = match start {
             Start::Learner(learner) => (Some(learner), None),
-            Start::Rule(rule) => (None, Some(Chooser::Rule(rule))),
+            Start::Actor(actor) => (None, Some(actor)),
         };
         Ok(Training {
             job,
             learner,
             curve: CurveRecorder::new(job.evaluation.curve_stride),
             test: Test::new(job),
-            chooser,
+            actor,
             finished: Vec::new(),
             before: Duration::ZERO,
         })
@@ -93,8 +90,8 @@ impl<'j> Training<'j> {
         }
     }
 
-    pub(super) fn progress(&self) -> Progress {
-        Progress {
+    pub(super) fn progress(&self) -> TrainingProgress {
+        TrainingProgress {
             episode: self.episodes(),
             episodes: self.job.agent.episodes(),
             recent_return: self.curve.recent_return(),
@@ -115,13 +112,13 @@ impl<'j> Training<'j> {
                 added.map_err(|error| out_of_memory(&error, curve.episodes()))?;
             }
             Stage::Testing => {
-                let mut chooser = match self.chooser.take() {
-                    Some(chooser) => chooser,
+                let mut actor = match self.actor.take() {
+                    Some(actor) => actor,
                     None => self.trained()?,
                 };
-                let played = self.test.advance(&mut chooser, pause);
+                let played = self.test.advance(&mut *actor, pause);
                 played.map_err(|error| out_of_memory(&error, self.episodes()))?;
-                self.chooser = Some(chooser);
+                self.actor = Some(actor);
             }
             Stage::Over => {}
         }
@@ -131,7 +128,7 @@ impl<'j> Training<'j> {
     /// The policy to be tested.
     ///
     /// **Errors**: a weight is not finite.
-    fn trained(&self) -> Result<Chooser, Failure> {
+    fn trained(&self) -> Result<Box<dyn Actor>, Failure> {
         let learner = self.learner.as_ref().expect(LEARNS);
         if !learner.weights().are_finite() {
             return Err(Failure {
@@ -140,9 +137,7 @@ impl<'j> Training<'j> {
                 episode: self.episodes(),
             });
         }
-        let policy = learner.policy(self.job.evaluation.test_actions.into());
-        let observer = Observer::new(&self.job.environment, &self.job.scenario);
-        Ok(Chooser::trained(policy, observer))
+        Ok(learner.policy(self.job.evaluation.test_actions.into()))
     }
 
     /// What it leaves behind once it is over.
@@ -180,12 +175,26 @@ impl Resumable for Training<'_> {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
         self.learner.iter().try_for_each(|learner| learner.save(out))?;
         self.curve.save(out)?;
-        self.test.save(out)
+        self.test.save(out)?;
+        match &self.actor {
+            Some(actor) if self.test.has_begun() => actor.save(out),
+            Some(_) | None => Ok(()),
+        }
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.learner.iter_mut().try_for_each(|learner| learner.restore(from))?;
         self.curve.restore(from)?;
-        self.test.restore(from)
+        self.test.restore(from)?;
+        if !self.test.has_begun() {
+            return Ok(());
+        }
+        let mut actor = match self.actor.take() {
+            Some(actor) => actor,
+            None => self.trained().map_err(|_| StateError::Misfit("weights"))?,
+        };
+        actor.restore(from)?;
+        self.actor = Some(actor);
+        Ok(())
     }
 }
