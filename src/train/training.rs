@@ -198,3 +198,121 @@ impl Resumable for Training<'_> {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use super::*;
+    use crate::agent::{Agent, DecisionRule, Rule};
+    use crate::env::{Action, Environment, LaneSet, PhysicalActivity, VectorEnvironment};
+    use crate::rng::Stream;
+
+    /// An actor whose choices depend on everything that an actor can remember.
+    #[derive(Default)]
+    struct Remembering {
+        /// Steps of the episode, by lane: forgotten at its end.
+        steps: Vec<u32>,
+        /// Sum of the last rewards, by lane: forgotten at its end.
+        recent: Vec<f64>,
+        /// Good steps in all episodes: learned for good.
+        good: u32,
+    }
+
+    impl Actor for Remembering {
+        fn reset(&mut self, lanes: LaneSet<'_>) {
+            assert_eq!(lanes, LaneSet::All);
+            self.steps.clear();
+            self.recent.clear();
+        }
+
+        fn act(
+            &mut self,
+            environment: &PhysicalActivity,
+            stream: &mut Stream,
+            actions: &mut [Action],
+            probabilities: Option<&mut [f64]>,
+        ) {
+            self.steps.resize(environment.lanes(), 0);
+            self.recent.resize(environment.lanes(), 0.0);
+            let memory = self.steps.iter_mut().zip(&self.recent);
+            for (action, (steps, recent)) in actions.iter_mut().zip(memory) {
+                let number = u64::from(*steps) + *recent as u64 + u64::from(self.good / 7);
+                *action = Action::from_low_bits(number + stream.bits() % 3);
+                *steps += 1;
+            }
+            probabilities.expect("a roll asks for them").fill(1.0 / 3.0);
+        }
+
+        fn observe(&mut self, _: &PhysicalActivity, rewards: &[f64]) {
+            for (recent, reward) in self.recent.iter_mut().zip(rewards) {
+                *recent = 0.5 * *recent + reward;
+                self.good += u32::from(*reward > 100.0);
+            }
+        }
+    }
+
+    impl Resumable for Remembering {
+        fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+            out.many(&self.steps)?;
+            out.many(&self.recent)?;
+            out.one(self.good)
+        }
+
+        fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+            self.steps = from.many(usize::MAX, "steps")?;
+            self.recent = from.many(usize::MAX, "rewards")?;
+            self.good = from.one()?;
+            Ok(())
+        }
+    }
+
+    fn started(job: &Job) -> Training<'_> {
+        let mut training = Training::new(job).unwrap();
+        training.actor = Some(Box::new(Remembering::default()));
+        training
+    }
+
+    /// The results of the test, saved and restored after every `span` steps; and how often it was.
+    fn tested(job: &Job, span: Option<u32>) -> (Results, u32) {
+        let mut training = started(job);
+        let mut interruptions = 0;
+        while training.stage() != Stage::Over {
+            let left = Cell::new(span);
+            let pause = || left.replace(left.get().map(|left| left.saturating_sub(1))) == Some(0);
+            training.advance(&pause).unwrap();
+            if span.is_none() {
+                continue;
+            }
+            let mut bytes = Vec::new();
+            training.save(&mut StateWriter::new(&mut bytes)).unwrap();
+            training = started(job);
+            let mut from = &bytes[..];
+            training.restore(&mut StateReader::new(&mut from)).unwrap();
+            assert!(from.is_empty());
+            interruptions += 1;
+        }
+        (training.results(), interruptions)
+    }
+
+    #[test]
+    fn an_actor_keeps_its_memory_when_a_test_is_interrupted() {
+        let job = Job {
+            environment: Environment { horizon: 20, ..Environment::paper(0.6) },
+            scenario: "P-H-D".parse().unwrap(),
+            agent: Agent::Rule(DecisionRule::new(Rule::Random)),
+            // Two batches, so that what is learned in the first matters in the second.
+            evaluation: serde_json::from_value(serde_json::json!({
+                "test_episodes": 1100, "test_actions": "as_trained", "curve_stride": 10
+            }))
+            .unwrap(),
+            seed: 4,
+        };
+        let (undisturbed, _) = tested(&job, None);
+        for span in [1, 3, 19] {
+            let (results, interruptions) = tested(&job, Some(span));
+            assert!(interruptions > 2);
+            assert!(results == undisturbed, "interrupted every {span} steps");
+        }
+    }
+}
