@@ -166,11 +166,11 @@ pub struct DuelingDqnLearner<E, Env = PhysicalActivity> {
     /// The present observation, and a buffer for the next one.
     observation: Observations,
     next_observation: Observations,
-    room: Room,
+    workspace: Workspace,
 }
 
-/// Room to work in, so that an update allocates nothing.
-struct Room {
+/// Buffers that are reused, so that an update allocates nothing.
+struct Workspace {
     positions: Vec<usize>,
     batch: Batch,
     /// Positions whose target is not known.
@@ -193,7 +193,7 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> DuelingDqnLearner<E, Env> {
             environment_streams: LaneStreams::Shared(Stream::new(seed, Purpose::Environment)),
             exploration_stream: Stream::new(seed, Purpose::Exploration),
             replay_stream: Stream::new(seed, Purpose::Replay),
-            room: Room {
+            workspace: Workspace {
                 positions: vec![0; parameters.batch as usize],
                 batch: Batch {
                     observations: none.clone(),
@@ -216,9 +216,9 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> DuelingDqnLearner<E, Env> {
             self.engine.renew_target();
             self.replay.forget_targets();
         }
-        self.replay.draw(&mut self.replay_stream, &mut self.room.positions);
+        self.replay.draw(&mut self.replay_stream, &mut self.workspace.positions);
         self.learn_targets();
-        let Room { positions, batch, .. } = &mut self.room;
+        let Workspace { positions, batch, .. } = &mut self.workspace;
         self.replay.gather(positions, batch);
         let loss = self.engine.update(batch);
         self.updates += 1;
@@ -233,7 +233,7 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> DuelingDqnLearner<E, Env> {
     /// Computes the targets of the drawn transitions that are not known: the target network stands
     /// still, so that those of its period remain.
     fn learn_targets(&mut self) {
-        let Room { positions, unknown, next, values, .. } = &mut self.room;
+        let Workspace { positions, unknown, next, values, .. } = &mut self.workspace;
         unknown.clear();
         next.clear();
         for &position in positions.iter() {
@@ -258,8 +258,8 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> DuelingDqnLearner<E, Env> {
     /// Takes one step in the running episode and remembers it; returns the reward.
     fn act(&mut self) -> Result<f64, OutOfMemory> {
         let action = explore(self.epsilon, &mut self.exploration_stream).unwrap_or_else(|| {
-            self.engine.values(&self.observation, &mut self.room.values);
-            best(&self.room.values)
+            self.engine.values(&self.observation, &mut self.workspace.values);
+            best(&self.workspace.values)
         });
         let mut reward = [0.0];
         self.environment.step(&[action], &mut reward, &mut self.environment_streams);

@@ -253,7 +253,59 @@ fn pick(weights: &[f32; Action::COUNT], unit: f64) -> Action {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::env::{Environment, LaneSet, LaneStreams, PhysicalActivity};
     use crate::rng::Purpose;
+
+    /// A network of the same outputs for every observation.
+    struct Same([f32; Action::COUNT]);
+
+    impl ActionNetwork for Same {
+        fn evaluate(&mut self, observations: &Observations, out: &mut Vec<f32>) {
+            *out = self.0.repeat(observations.rows());
+        }
+    }
+
+    /// Actions in 4000 lanes with their probabilities; the same actions are chosen when nobody asks for
+    /// these.
+    fn acted(actor: &mut dyn Actor) -> Vec<(usize, f64)> {
+        let mut lanes =
+            PhysicalActivity::new(&Environment::paper(0.6), &"P".parse().unwrap(), 4000);
+        let stream = |purpose| Stream::new(6, purpose);
+        lanes.reset(LaneSet::All, &mut LaneStreams::Shared(stream(Purpose::Environment)));
+        let (mut actions, mut again) = ([Action::NONE; 4000], [Action::UNTAILORED; 4000]);
+        let mut probabilities = [f64::NAN; 4000];
+        let mut choices = stream(Purpose::Exploration);
+        actor.act(&lanes, &mut choices.clone(), &mut again, None);
+        actor.act(&lanes, &mut choices, &mut actions, Some(&mut probabilities));
+        assert_eq!(actions, again);
+        actions.iter().map(|action| action.index()).zip(probabilities).collect()
+    }
+
+    fn assert_probabilities(actor: &mut dyn Actor, expected: [f64; Action::COUNT]) {
+        let acted = acted(actor);
+        for (index, expected) in expected.into_iter().enumerate() {
+            let of = acted.iter().filter(|(action, _)| *action == index);
+            assert!(of.clone().all(|(_, p)| (p - expected).abs() < 1e-6), "{index}");
+            // Four standard deviations of a count of 4000.
+            let deviation = (4000.0 * expected * (1.0 - expected)).sqrt();
+            let off = (of.count() as f64 - 4000.0 * expected).abs();
+            assert!(off <= 4.0 * deviation, "{index}: off by {off}");
+        }
+    }
+
+    #[test]
+    fn actors_give_the_probabilities_with_which_they_choose() {
+        let observations = || Observations::new(1, 0);
+        let logits = || Same([1.0f32, 2.0, 3.0, 4.0].map(f32::ln));
+        let mut softmax = SoftmaxPolicy::new(logits(), Actions::AsTrained, observations());
+        assert_probabilities(&mut softmax, [0.1, 0.2, 0.3, 0.4]);
+        let mut greedy = SoftmaxPolicy::new(logits(), Actions::Greedy, observations());
+        assert_probabilities(&mut greedy, [0.0, 0.0, 0.0, 1.0]);
+        let mut exploring = EpsilonGreedy::new(Same([0.0, 5.0, 1.0, 2.0]), 0.2, observations());
+        assert_probabilities(&mut exploring, [0.05, 0.85, 0.05, 0.05]);
+        let mut greedy = EpsilonGreedy::new(Same([0.0, 5.0, 1.0, 2.0]), 0.0, observations());
+        assert_probabilities(&mut greedy, [0.0, 1.0, 0.0, 0.0]);
+    }
 
     #[test]
     fn softmax_samples_have_the_probabilities_by_hand() {

@@ -164,11 +164,11 @@ pub struct ReinforceLearner<E, Env = PhysicalActivity> {
     environment: Env,
     environment_streams: LaneStreams,
     exploration_stream: Stream,
-    room: Room,
+    workspace: Workspace,
 }
 
-/// Room to work in, so that an update allocates nothing.
-struct Room {
+/// Buffers that are reused, so that an update allocates nothing.
+struct Workspace {
     trajectories: Trajectories,
     /// Positions \[time, lane\] of the rows: a lane that has ended has none.
     positions: Vec<Range<usize>>,
@@ -193,7 +193,7 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
         ReinforceLearner {
             engine,
             updates: 0,
-            room: Room {
+            workspace: Workspace {
                 trajectories: Trajectories {
                     observations: none.clone(),
                     actions: Vec::new(),
@@ -218,7 +218,7 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
 
     /// Samples the trajectories of one update, all in lockstep, or the rest of them.
     fn sample(&mut self, pause: &dyn Fn() -> bool) -> Result<Span, OutOfMemory> {
-        let Room {
+        let Workspace {
             trajectories,
             positions,
             rewards,
@@ -228,7 +228,7 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
             observations,
             logits,
             halves,
-        } = &mut self.room;
+        } = &mut self.workspace;
         let lanes = self.environment.lanes();
         if !self.environment.any_running() {
             self.environment.reset(LaneSet::All, &mut self.environment_streams);
@@ -276,7 +276,7 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
 
     /// The episodes just sampled.
     fn finished(&self) -> impl Iterator<Item = TrainedEpisode> {
-        let Room { totals, lengths, .. } = &self.room;
+        let Workspace { totals, lengths, .. } = &self.workspace;
         totals.iter().zip(lengths).zip(self.environment.statuses()).map(
             |((total_reward, length), status)| TrainedEpisode {
                 total_reward: *total_reward,
@@ -298,7 +298,7 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> Learner<Env> for ReinforceLearn
             return Ok(Span::BrokenOff);
         }
         finished.extend(self.finished());
-        let Room { trajectories, positions, rewards, .. } = &mut self.room;
+        let Workspace { trajectories, positions, rewards, .. } = &mut self.workspace;
         returns_to_go(rewards, self.environment.lanes(), self.parameters.gamma);
         trajectories.returns_to_go.clear();
         reserve(&mut trajectories.returns_to_go, trajectories.actions.len(), TRAJECTORIES)?;
@@ -336,7 +336,7 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> Resumable for ReinforceLearner<
         self.exploration_stream.save(out)?;
         self.environment.save(out)?;
         // Between two updates nothing of the trajectories is needed any more.
-        if self.environment.any_running() { self.room.save(out) } else { Ok(()) }
+        if self.environment.any_running() { self.workspace.save(out) } else { Ok(()) }
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
@@ -345,12 +345,12 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> Resumable for ReinforceLearner<
         self.environment_streams.restore(from)?;
         self.exploration_stream.restore(from)?;
         self.environment.restore(from)?;
-        if self.environment.any_running() { self.room.restore(from) } else { Ok(()) }
+        if self.environment.any_running() { self.workspace.restore(from) } else { Ok(()) }
     }
 }
 
 /// The trajectories sampled so far.
-impl Resumable for Room {
+impl Resumable for Workspace {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
         self.trajectories.observations.save(out)?;
         save_actions(&self.trajectories.actions, out)?;

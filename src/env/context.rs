@@ -92,34 +92,36 @@ impl WithSimd for Draws<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        // Three short loops: a long chain of operations leaves no room to begin the next one.
-        let mut room = [0.0; BLOCK];
+        // Short loops: a long chain of operations does not pipeline, and a loop over many arrays is not
+        // vectorised.
+        let mut numbers = [0.0; BLOCK];
         let shown = self.contexts.chunks_mut(BLOCK).zip(self.likely.chunks_mut(BLOCK));
         let masked = self.words.chunks(BLOCK).zip(self.drawn.chunks(BLOCK));
         let draws = masked.zip(self.probabilities.chunks_mut(BLOCK));
         for (((words, drawn), probabilities), (contexts, likely)) in draws.zip(shown) {
-            for (number, word) in room.iter_mut().zip(words) {
+            for (number, word) in numbers.iter_mut().zip(words) {
                 *number = squared_radius(*word);
             }
-            for (number, word) in room.iter_mut().zip(words) {
+            for (number, word) in numbers.iter_mut().zip(words) {
                 *number = deviate(*number, *word);
             }
-            let shown = contexts.iter_mut().zip(likely);
-            let given = words.iter().zip(&room).zip(drawn);
-            for ((((word, deviate), drawn), probability), (shown, likely)) in
-                given.zip(probabilities).zip(shown)
-            {
-                let context = context(*word);
-                let inferred = probability_of_zero(context, *deviate, self.sigma);
-                *shown = select_unpredictable(*drawn, context, *shown);
-                *likely = select_unpredictable(*drawn, u8::from(inferred < 0.5), *likely);
-                *probability = select_unpredictable(*drawn, inferred, *probability);
+            for (number, word) in numbers.iter_mut().zip(words) {
+                *number = probability_of_zero(context(*word), *number, self.sigma);
+            }
+            for ((shown, word), drawn) in contexts.iter_mut().zip(words).zip(drawn) {
+                *shown = select_unpredictable(*drawn, context(*word), *shown);
+            }
+            for ((shown, number), drawn) in likely.iter_mut().zip(&numbers).zip(drawn) {
+                *shown = select_unpredictable(*drawn, u8::from(*number < 0.5), *shown);
+            }
+            for ((shown, number), drawn) in probabilities.iter_mut().zip(&numbers).zip(drawn) {
+                *shown = select_unpredictable(*drawn, *number, *shown);
             }
         }
     }
 }
 
-/// Draws per round of the three loops of [`Draws`].
+/// Draws per round of the loops of [`Draws`].
 const BLOCK: usize = 64;
 
 /// Context draws of the words that come next in a stream, for callers that take one at a time:

@@ -104,9 +104,11 @@ impl LaneSet<'_> {
 ///
 /// With one stream per lane, a lane depends on its own stream and actions alone, whatever happens in
 /// its neighbours. With a shared stream, lanes take their words in lane order, so that an early draw
-/// in one lane moves the draws of the lanes behind it. One lane with a shared stream draws the same
-/// words as one lane with a stream of its own.
+/// in one lane moves the draws of the lanes behind it; an environment may also draw for lanes that have
+/// ended. While it runs, a single lane draws the same words from a shared stream as from its own.
 #[derive(Clone, Debug)]
+// There are few of them, and the shared stream is drawn from in every step: no box around it.
+#[allow(clippy::large_enum_variant)]
 pub enum LaneStreams {
     /// One stream for all lanes.
     Shared(Stream),
