@@ -155,6 +155,7 @@ impl ContextDrawsAhead {
 
     /// The next draw of the stream, as [`ContextDraw::draw`] makes it. Draws computed ahead are
     /// recognised by their words, so that every call may pass another stream.
+    #[inline]
     pub fn take(&mut self, isa: Isa, stream: &mut Stream) -> ContextDraw {
         let word = stream.bits();
         if self.words.get(self.taken) != Some(&word) {

@@ -113,6 +113,7 @@ impl Observations {
     }
 
     /// Adds a range of the rows of others as wide as these.
+    #[inline]
     pub fn extend(&mut self, others: &Observations, rows: Range<usize>) {
         assert_eq!((self.width, self.one_hot), (others.width, others.one_hot), "rows as wide");
         let features = rows.start * self.width..rows.end * self.width;

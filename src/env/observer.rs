@@ -76,18 +76,42 @@ impl Observer {
             && (self.time_indicator == other.time_indicator || !has_clock)
     }
 
+    /// The time that an observation shows at a time.
+    #[inline]
+    fn shown(&self, time: u32) -> u32 {
+        match self.time_indicator {
+            TimeIndicator::Lagged => time.saturating_sub(1),
+            TimeIndicator::Exact => time,
+        }
+    }
+
     /// Replaces the rows of `out` by the observation of every lane.
     ///
     /// The last entry of the one-hot of time also stands for the horizon itself.
+    #[inline]
     pub fn observe(&self, lanes: LaneStates<'_>, out: &mut Observations) {
         let LaneStates { times, contexts, probabilities, likely, habituation, disengagement } =
             lanes;
         let width = self.features.len();
-        let lag = match self.time_indicator {
-            TimeIndicator::Lagged => 1,
-            TimeIndicator::Exact => 0,
-        };
-        let shown = times.iter().map(|time| time.saturating_sub(lag));
+        if let [time] = times {
+            // Columns of one entry are not worth the strides.
+            out.features.clear();
+            out.features.extend(self.features.iter().map(|feature| match feature {
+                Feature::Context => f32::from(contexts[0]),
+                Feature::Probability if self.observed_probability == 0 => probabilities[0] as f32,
+                Feature::Probability => (1.0 - probabilities[0]) as f32,
+                Feature::Likely => f32::from(likely[0]),
+                Feature::Habituation => habituation[0] as f32,
+                Feature::Disengagement => disengagement[0] as f32,
+                Feature::Time => (self.shown(*time) % self.period) as f32,
+            }));
+            out.moments.clear();
+            if let Some(last) = self.one_hot.checked_sub(1) {
+                out.moments.push(self.shown(*time).min(last as u32));
+            }
+            return;
+        }
+        let shown = times.iter().map(|time| self.shown(*time));
         out.features.resize(times.len() * width, 0.0);
         for (column, feature) in self.features.iter().enumerate() {
             let entries = out.features.chunks_exact_mut(width).map(|row| &mut row[column]);

@@ -90,7 +90,6 @@ impl PhysicalActivity {
             habituation: &mut self.habituation,
             disengagement: &mut self.disengagement,
             statuses: &mut self.statuses,
-            ran: &mut self.drawn,
             rewards,
         });
     }
@@ -210,6 +209,9 @@ impl VectorEnvironment for PhysicalActivity {
     }
 
     fn step(&mut self, actions: &[Action], rewards: &mut [f64], streams: &mut LaneStreams) {
+        for (drawn, status) in self.drawn.iter_mut().zip(&self.statuses) {
+            *drawn = *status == EpisodeStatus::Running;
+        }
         self.apply_actions(actions, rewards);
         self.sample_contexts(LaneSet::All, streams);
     }
@@ -273,8 +275,6 @@ struct Transitions<'a> {
     habituation: &'a mut [f64],
     disengagement: &'a mut [f64],
     statuses: &'a mut [EpisodeStatus],
-    /// Whether the lane was running before the step.
-    ran: &'a mut [bool],
     rewards: &'a mut [f64],
 }
 
@@ -285,17 +285,17 @@ impl WithSimd for Transitions<'_> {
     fn with_simd<S: Simd>(self, _: S) {
         // A copy, so that the compiler knows that the writes below do not change it.
         let parameters = self.parameters.clone();
+        for (time, status) in self.times.iter_mut().zip(&*self.statuses) {
+            *time += u32::from(*status == EpisodeStatus::Running);
+        }
         let (habituation, disengagement) = (self.habituation.iter_mut(), self.disengagement);
-        let clocks = self.times.iter_mut().zip(self.ran);
-        let states = habituation.zip(disengagement).zip(self.statuses).zip(clocks);
+        let states = habituation.zip(disengagement).zip(self.statuses).zip(&*self.times);
         let given = self.contexts.iter().zip(self.actions);
-        for ((((habituation, disengagement), status), (time, ran)), ((context, action), reward)) in
+        for ((((habituation, disengagement), status), time), ((context, action), reward)) in
             states.zip(given.zip(self.rewards))
         {
             let effect = apply_action(&parameters, *context, *action, *habituation, *disengagement);
             let running = *status == EpisodeStatus::Running;
-            *ran = running;
-            *time += u32::from(running);
             let last = *time >= parameters.horizon;
             let next = select_unpredictable(last, EpisodeStatus::Truncated, EpisodeStatus::Running);
             let disengaged = effect.disengagement >= parameters.disengagement_threshold;

@@ -92,6 +92,7 @@ pub enum LaneSet<'a> {
 
 impl LaneSet<'_> {
     /// Whether a lane is one of them.
+    #[inline]
     pub fn contains(self, lane: usize) -> bool {
         match self {
             LaneSet::All => true,
@@ -118,6 +119,7 @@ pub enum LaneStreams {
 
 impl LaneStreams {
     /// The stream that a lane draws from.
+    #[inline]
     pub fn of(&mut self, lane: usize) -> &mut Stream {
         match self {
             LaneStreams::Shared(stream) => stream,
