@@ -13,7 +13,8 @@ use jitai::manifest::Evaluation;
 use jitai::plan::Job;
 use jitai::record::Outcome;
 use jitai::train::{
-    self, Checkpoints, Monitor, Progress, ReadCheckpoint, Unwatched, WriteCheckpoint,
+    self, Checkpoints, ReadCheckpoint, TrainingControl, TrainingProgress, Unwatched,
+    WriteCheckpoint,
 };
 
 fn main() {
@@ -89,8 +90,8 @@ impl Checkpoints for Timer<'_, '_> {
     }
 }
 
-impl Monitor for Timer<'_, '_> {
-    fn report(&self, _: Progress) {}
+impl TrainingControl for Timer<'_, '_> {
+    fn report(&self, _: TrainingProgress) {}
 
     fn stop_requested(&self) -> bool {
         self.steps_left.set(self.steps_left.get().saturating_sub(1));

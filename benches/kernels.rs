@@ -2,8 +2,7 @@
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
-use jitai::env::Environment;
-use jitai::env::{Action, Episodes};
+use jitai::env::{Action, Environment, LaneSet, LaneStreams, PhysicalActivity, VectorEnvironment};
 use jitai::kernel::{Adam, Aligned, Isa, Product, Shallow, ShallowGradient, Start, dot};
 use jitai::rng::{Purpose, Stream};
 
@@ -99,11 +98,12 @@ fn adam(bencher: Bencher<'_, '_>, parameters: usize) {
 /// A step of the simulation; counted in lanes.
 #[divan::bench(args = [1, 50, 1000])]
 fn simulation_step(bencher: Bencher<'_, '_>, lanes: usize) {
-    let mut stream = Stream::new(1, Purpose::Environment);
+    let mut streams = LaneStreams::Shared(Stream::new(1, Purpose::Environment));
     let environment = Environment { horizon: u32::MAX, ..Environment::paper(0.6) };
-    let mut episodes = Episodes::start(&environment, lanes, &mut stream);
+    let mut simulation = PhysicalActivity::new(&environment, &"P-H-D".parse().unwrap(), lanes);
+    simulation.reset(LaneSet::All, &mut streams);
     let (actions, mut rewards) = (vec![Action::UNTAILORED; lanes], vec![0.0; lanes]);
     bencher.counter(ItemsCount::new(lanes)).bench_local(|| {
-        episodes.step(&actions, &mut rewards, &mut stream);
+        simulation.step(&actions, &mut rewards, &mut streams);
     });
 }

@@ -9,7 +9,7 @@
 //!  be simulated   author      should   from its  SQLite     it and       numbers     and
 //!  and learned    declares    run      content   file       when                     figures
 //! (kernel, rng,
-//!  optimum)
+//!  state, optimum)
 //!                                   cli at the edge
 //! ```
 //!
@@ -57,5 +57,6 @@ pub mod record;
 pub mod report;
 pub mod rng;
 pub mod schedule;
+pub mod state;
 pub mod store;
 pub mod train;

@@ -11,8 +11,8 @@ use jitai::manifest::Evaluation;
 use jitai::plan::Job;
 use jitai::record::{Outcome, Results};
 use jitai::train::{
-    self, CheckpointError, Checkpoints, Monitor, Progress, ReadCheckpoint, Resumed, Unwatched,
-    WriteCheckpoint,
+    self, CheckpointError, Checkpoints, ReadCheckpoint, Resumed, TrainingControl, TrainingProgress,
+    Unwatched, WriteCheckpoint,
 };
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -88,8 +88,8 @@ impl Checkpoints for Shelf {
 /// Time at work on a job whenever a checkpoint of it is made.
 const WORKED: Duration = Duration::from_secs(5);
 
-impl Monitor for Shelf {
-    fn report(&self, _: Progress) {}
+impl TrainingControl for Shelf {
+    fn report(&self, _: TrainingProgress) {}
 
     fn stop_requested(&self) -> bool {
         self.stops && self.is_time()
@@ -321,7 +321,7 @@ fn a_checkpoint_of_other_code_or_another_job_is_refused_and_says_so() {
     let says = |from: &str, to: &str| {
         shown(&job, rewritten(&checkpoint, from, to)).unwrap_err().to_string()
     };
-    assert_eq!(says("checkpoint 1", "checkpoint 2"), "another release of jitai made it");
+    assert_eq!(says("checkpoint 2", "checkpoint 1"), "another release of jitai made it");
     let release = format!("\"release\":\"{}\"", env!("CARGO_PKG_VERSION"));
     let other = says(&release, "\"release\":\"9.8.7\"");
     assert!(other.starts_with("other code made it: jitai 9.8.7, simulation 1"), "{other}");
@@ -394,8 +394,8 @@ fn a_training_whose_checkpoints_cannot_be_kept_goes_on() {
             write(&mut Full).unwrap_err();
         }
     }
-    impl Monitor for FullDisk {
-        fn report(&self, _: Progress) {}
+    impl TrainingControl for FullDisk {
+        fn report(&self, _: TrainingProgress) {}
 
         fn stop_requested(&self) -> bool {
             false

@@ -126,8 +126,8 @@ fn seeds_and_parameters_change_the_results() {
 #[test]
 fn a_stop_request_ends_a_training_without_a_result() {
     struct StopAfter(std::cell::Cell<u32>);
-    impl train::Monitor for StopAfter {
-        fn report(&self, progress: train::Progress) {
+    impl train::TrainingControl for StopAfter {
+        fn report(&self, progress: train::TrainingProgress) {
             assert!(progress.episode <= 1, "it went on to episode {}", progress.episode);
         }
         fn worked(&self) -> std::time::Duration {
@@ -147,13 +147,13 @@ fn a_stop_request_ends_a_training_without_a_result() {
 #[test]
 fn the_tested_policy_is_the_one_whose_weights_are_kept() {
     use jitai::agent::{Actions, Weights};
-    use jitai::env::{Episodes, Observer};
-    use jitai::train::{Chooser, TestStreams, Watch, roll};
+    use jitai::env::{Action, PhysicalActivity};
+    use jitai::train::{StepObserver, TestStreams, begin, roll};
 
     struct Total(f64);
-    impl Watch for Total {
-        fn chosen(&mut self, _: &Episodes, _: &[jitai::env::Action], _: &mut Chooser) {}
-        fn paid(&mut self, _: &Episodes, rewards: &[f64]) {
+    impl StepObserver<PhysicalActivity> for Total {
+        fn chosen(&mut self, _: &PhysicalActivity, _: &[Action], _: &[f64]) {}
+        fn paid(&mut self, _: &PhysicalActivity, rewards: &[f64]) {
             self.0 += rewards.iter().sum::<f64>();
         }
     }
@@ -161,12 +161,12 @@ fn the_tested_policy_is_the_one_whose_weights_are_kept() {
         let job = job(agent, 1);
         let results = results(&job);
         let weights = Weights::from_bytes(&results.weights.unwrap()).unwrap();
-        let policy = job.agent.trained(&job.setting(), &weights, Actions::AsTrained).unwrap();
-        let observer = Observer::new(&job.environment, &job.scenario);
+        let mut policy = job.agent.trained(&job.setting(), &weights, Actions::AsTrained).unwrap();
         let mut streams = TestStreams::new(job.seed);
-        let mut episodes = Episodes::start(&job.environment, 30, &mut streams.environment);
+        let mut lanes = PhysicalActivity::new(&job.environment, &job.scenario, 30);
         let mut total = Total(0.0);
-        roll(&mut episodes, &mut Chooser::trained(policy, observer), &mut streams, &mut total);
+        begin(&mut lanes, &mut *policy, &mut streams);
+        roll(&mut lanes, &mut *policy, &mut streams, &mut total);
         let tested: f64 = results.episodes.iter().map(|episode| episode.total_reward).sum();
         assert!((total.0 - tested).abs() < 1e-9 * tested, "{} {tested}", total.0);
     }

@@ -13,15 +13,16 @@ const TABLE: &[(&str, &[&str])] = &[
     ("kernel", &[]),
     ("kill_point", &[]),
     ("key", &[]),
-    ("env", &["rng", "kernel", "key"]),
+    ("state", &["rng", "kernel"]),
+    ("env", &["rng", "kernel", "key", "state"]),
     // The optimal policy is tried with a stream of its own.
-    ("optimum", &["rng", "kernel", "env"]),
-    ("agent", &["rng", "kernel", "key", "env", "optimum"]),
+    ("optimum", &["rng", "env"]),
+    ("agent", &["rng", "kernel", "key", "state", "env", "optimum"]),
     // A manifest declares environments and agents; it neither simulates nor trains.
     ("manifest", &["key", "env", "agent"]),
     ("plan", &["key", "env", "agent", "manifest"]),
     ("record", &["plan"]),
-    ("train", &["rng", "env", "agent", "plan", "record"]),
+    ("train", &["rng", "state", "env", "agent", "plan", "record"]),
     ("store", &["kill_point", "key", "plan", "record"]),
     ("schedule", &["kill_point", "plan", "record", "train", "store"]),
     // The bootstrap draws from a stream of its own.

@@ -2,32 +2,33 @@
 
 use jitai::agent::RulePolicy;
 use jitai::agent::{Agent, DecisionRule, Rule};
-use jitai::env::{Action, Episodes};
+use jitai::env::{Action, PhysicalActivity};
 use jitai::env::{Environment, FirstContext, Scenario};
 use jitai::manifest::Evaluation;
 use jitai::optimum::optimum;
 use jitai::plan::Job;
 use jitai::record::{Outcome, Results};
-use jitai::train::{self, Chooser, TestStreams, Unwatched, Watch};
+use jitai::train::{self, StepObserver, TestStreams, Unwatched};
 
 /// Returns of episodes while they are rolled.
 struct Returns(Vec<f64>);
 
-impl Watch for Returns {
-    fn chosen(&mut self, _: &Episodes, _: &[Action], _: &mut Chooser) {}
+impl StepObserver<PhysicalActivity> for Returns {
+    fn chosen(&mut self, _: &PhysicalActivity, _: &[Action], _: &[f64]) {}
 
-    fn paid(&mut self, _: &Episodes, rewards: &[f64]) {
+    fn paid(&mut self, _: &PhysicalActivity, rewards: &[f64]) {
         self.0.iter_mut().zip(rewards).for_each(|(total, reward)| *total += reward);
     }
 }
 
 /// Mean return of a rule in so many episodes, and its standard error.
 fn simulated(rule: Rule, environment: &Environment, scenario: &Scenario, lanes: usize) -> [f64; 2] {
-    let policy = RulePolicy::new(&DecisionRule::new(rule), environment, scenario).unwrap();
+    let mut policy = RulePolicy::new(&DecisionRule::new(rule), environment, scenario).unwrap();
     let mut streams = TestStreams::new(7);
-    let mut episodes = Episodes::start(environment, lanes, &mut streams.environment);
+    let mut simulation = PhysicalActivity::new(environment, scenario, lanes);
     let mut returns = Returns(vec![0.0; lanes]);
-    train::roll(&mut episodes, &mut Chooser::Rule(policy), &mut streams, &mut returns);
+    train::begin(&mut simulation, &mut policy, &mut streams);
+    train::roll(&mut simulation, &mut policy, &mut streams, &mut returns);
     let n = lanes as f64;
     let mean = returns.0.iter().sum::<f64>() / n;
     let variance = returns.0.iter().map(|x| (x - mean) * (x - mean)).sum::<f64>() / (n - 1.0);

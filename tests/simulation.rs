@@ -1,7 +1,9 @@
 //! The simulation against trajectories of the authors' own simulator.
 
-use jitai::env::Environment;
-use jitai::env::{Action, Ending, Episodes, Signal};
+use jitai::env::{
+    Action, ContextDraw, Environment, EpisodeStatus, LaneSet, LaneStreams, PhysicalActivity,
+    VectorEnvironment,
+};
 use jitai::rng::{Purpose, Stream};
 use serde_json::Value;
 
@@ -41,28 +43,30 @@ fn every_step_of_the_authors_trajectories_is_repeated() {
     for (number_of_case, case) in cases.iter().enumerate() {
         let steps = case["steps"].as_array().unwrap();
         let environment = environment(case);
-        let mut stream = Stream::new(1, Purpose::Environment);
-        let mut episodes = Episodes::start(&environment, 1, &mut stream);
+        let mut stream = LaneStreams::Shared(Stream::new(1, Purpose::Environment));
+        let mut lane = PhysicalActivity::new(&environment, &"P-H-D".parse().unwrap(), 1);
+        lane.reset(LaneSet::All, &mut stream);
         for (t, step) in steps.iter().enumerate() {
             let what = |name| format!("case {number_of_case}, step {t}, {name}");
-            assert_eq!(episodes.endings()[0], Ending::Running, "{}", what("ending"));
-            let signal = Signal::new(step["context"].as_u64().unwrap() as u8, number(step, "p0"));
-            assert_eq!(u64::from(signal.likely), step["inferred"].as_u64().unwrap());
-            assert_close(episodes.habituation()[0], number(step, "habituation"), &what("h"));
-            assert_close(episodes.disengagement()[0], number(step, "disengagement"), &what("d"));
-            episodes.show(0, signal);
+            assert_eq!(lane.statuses()[0], EpisodeStatus::Running, "{}", what("status"));
+            let draw =
+                ContextDraw::new(step["context"].as_u64().unwrap() as u8, number(step, "p0"));
+            assert_eq!(u64::from(draw.likely), step["inferred"].as_u64().unwrap());
+            assert_close(lane.habituation()[0], number(step, "habituation"), &what("h"));
+            assert_close(lane.disengagement()[0], number(step, "disengagement"), &what("d"));
+            lane.set_context(0, draw);
             let action = Action::from_index(step["action"].as_u64().unwrap() as usize).unwrap();
             let mut reward = [f64::NAN];
-            episodes.respond(&[action], &mut reward);
+            lane.apply_actions(&[action], &mut reward);
             assert_close(reward[0], number(step, "reward"), &what("reward"));
         }
         let end = &case["final"];
-        assert_close(episodes.habituation()[0], number(end, "habituation"), "final h");
-        assert_close(episodes.disengagement()[0], number(end, "disengagement"), "final d");
+        assert_close(lane.habituation()[0], number(end, "habituation"), "final h");
+        assert_close(lane.disengagement()[0], number(end, "disengagement"), "final d");
         let expected = match case["disengaged"].as_bool().unwrap() {
-            true => Ending::Terminated,
-            false => Ending::Truncated,
+            true => EpisodeStatus::Terminated,
+            false => EpisodeStatus::Truncated,
         };
-        assert_eq!(episodes.endings()[0], expected, "case {number_of_case}");
+        assert_eq!(lane.statuses()[0], expected, "case {number_of_case}");
     }
 }

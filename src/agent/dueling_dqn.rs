@@ -5,16 +5,19 @@
 
 use std::{io, mem};
 
+use crate::agent::actor::Actor;
+use crate::agent::learner::{Actions, Diverged, Learner, LearnerError, Span, TrainedEpisode};
+use crate::agent::memory::OutOfMemory;
 use crate::agent::network::{Activation, Engine, LAYER_WIDTHS, LEARNING_RATE};
-use crate::agent::policy::{ActionNetwork, EpsilonGreedy, Policy, best, explore};
-use crate::agent::{
-    Actions, Diverged, Learner, LearnerError, OutOfMemory, Replay, Resumable, Span, StateError,
-    StateReader, StateWriter, TrainedEpisode, Transition, Weights,
+use crate::agent::policy::{ActionNetwork, EpsilonGreedy, best, explore};
+use crate::agent::replay::{Replay, Transition};
+use crate::agent::weights::Weights;
+use crate::env::{
+    Action, EpisodeStatus, LaneSet, LaneStreams, Observations, PhysicalActivity, VectorEnvironment,
 };
-use crate::env::{Action, Ending, Episodes, Observations, Observer};
-use crate::env::{Environment, Scenario};
 use crate::key::{Keyed, Kind};
 use crate::rng::{Purpose, Stream};
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
 use crate::{choices, keys};
 
 keys! {
@@ -95,7 +98,7 @@ pub struct Batch {
 /// What trains a dueling network: the engine under the algorithm.
 pub trait DuelingDqnEngine: Resumable {
     /// The network at one moment, to choose actions with.
-    type Network: ActionNetwork + 'static;
+    type Network: ActionNetwork + Send + 'static;
 
     /// Replaces `out` by the values of the actions in every observation, \[rows, actions\].
     fn values(&mut self, observations: &Observations, out: &mut Vec<f32>);
@@ -125,37 +128,36 @@ pub fn target(
     gamma: f64,
     terminal_target: TerminalTarget,
 ) -> f32 {
-    match (transition.ending, terminal_target) {
-        (Ending::Running, _) | (Ending::Truncated, TerminalTarget::Standard) => {
+    match (transition.status, terminal_target) {
+        (EpisodeStatus::Running, _) | (EpisodeStatus::Truncated, TerminalTarget::Standard) => {
             transition.reward + gamma as f32 * best_next
         }
-        (Ending::Terminated, TerminalTarget::Standard) => transition.reward,
-        (Ending::Terminated | Ending::Truncated, TerminalTarget::Zero) => 0.0,
+        (EpisodeStatus::Terminated, TerminalTarget::Standard) => transition.reward,
+        (EpisodeStatus::Terminated | EpisodeStatus::Truncated, TerminalTarget::Zero) => 0.0,
     }
 }
 
 /// A dueling DQN in training, one episode at a time.
-pub struct DuelingDqnLearner<E> {
+pub struct DuelingDqnLearner<E, Env = PhysicalActivity> {
     engine: E,
     parameters: DuelingDqn,
     replay: Replay,
     epsilon: f64,
     updates: u64,
-    observer: Observer,
-    /// The running episode, if there is one, and what is known of it.
-    episodes: Episodes,
+    /// The running episode, if there is one, and its figures so far.
+    environment: Env,
     episode: TrainedEpisode,
-    environment_stream: Stream,
+    environment_streams: LaneStreams,
     exploration_stream: Stream,
     replay_stream: Stream,
-    /// What the agent sees, and room for what it sees next.
+    /// The present observation, and a buffer for the next one.
     observation: Observations,
     next_observation: Observations,
-    room: Room,
+    workspace: Workspace,
 }
 
-/// Room to work in, so that an update allocates nothing.
-struct Room {
+/// Buffers that are reused, so that an update allocates nothing.
+struct Workspace {
     positions: Vec<usize>,
     batch: Batch,
     /// Positions whose target is not known.
@@ -164,29 +166,21 @@ struct Room {
     values: Vec<f32>,
 }
 
-impl<E: DuelingDqnEngine> DuelingDqnLearner<E> {
-    /// A learner before its first episode.
-    pub fn new(
-        engine: E,
-        parameters: &DuelingDqn,
-        environment: &Environment,
-        scenario: &Scenario,
-        seed: u64,
-    ) -> Self {
-        let observer = Observer::new(environment, scenario);
-        let none = observer.observations();
+impl<E: DuelingDqnEngine, Env: VectorEnvironment> DuelingDqnLearner<E, Env> {
+    /// A learner before its first episode, in an environment of one lane.
+    pub fn new(engine: E, parameters: &DuelingDqn, environment: Env, seed: u64) -> Self {
+        let none = environment.observation_spec().observations();
         DuelingDqnLearner {
             engine,
             replay: Replay::new(parameters.buffer as usize, &none, parameters.terminal_target),
             epsilon: parameters.epsilon_start,
             updates: 0,
-            episodes: Episodes::ended(environment, 1),
+            environment,
             episode: TrainedEpisode::default(),
-            observer,
-            environment_stream: Stream::new(seed, Purpose::Environment),
+            environment_streams: LaneStreams::Shared(Stream::new(seed, Purpose::Environment)),
             exploration_stream: Stream::new(seed, Purpose::Exploration),
             replay_stream: Stream::new(seed, Purpose::Replay),
-            room: Room {
+            workspace: Workspace {
                 positions: vec![0; parameters.batch as usize],
                 batch: Batch {
                     observations: none.clone(),
@@ -209,9 +203,9 @@ impl<E: DuelingDqnEngine> DuelingDqnLearner<E> {
             self.engine.renew_target();
             self.replay.forget_targets();
         }
-        self.replay.draw(&mut self.replay_stream, &mut self.room.positions);
+        self.replay.draw(&mut self.replay_stream, &mut self.workspace.positions);
         self.learn_targets();
-        let Room { positions, batch, .. } = &mut self.room;
+        let Workspace { positions, batch, .. } = &mut self.workspace;
         self.replay.gather(positions, batch);
         let loss = self.engine.update(batch);
         self.updates += 1;
@@ -226,7 +220,7 @@ impl<E: DuelingDqnEngine> DuelingDqnLearner<E> {
     /// Computes the targets of the drawn transitions that are not known: the target network stands
     /// still, so that those of its period remain.
     fn learn_targets(&mut self) {
-        let Room { positions, unknown, next, values, .. } = &mut self.room;
+        let Workspace { positions, unknown, next, values, .. } = &mut self.workspace;
         unknown.clear();
         next.clear();
         for &position in positions.iter() {
@@ -251,32 +245,37 @@ impl<E: DuelingDqnEngine> DuelingDqnLearner<E> {
     /// Takes one step in the running episode and remembers it; returns the reward.
     fn act(&mut self) -> Result<f64, OutOfMemory> {
         let action = explore(self.epsilon, &mut self.exploration_stream).unwrap_or_else(|| {
-            self.engine.values(&self.observation, &mut self.room.values);
-            best(&self.room.values)
+            self.engine.values(&self.observation, &mut self.workspace.values);
+            best(&self.workspace.values)
         });
         let mut reward = [0.0];
-        self.episodes.step(&[action], &mut reward, &mut self.environment_stream);
-        let ending = self.episodes.endings()[0];
-        let transition = Transition { action, reward: reward[0] as f32, ending };
-        self.observer.observe(&self.episodes, &mut self.next_observation);
+        self.environment.step(&[action], &mut reward, &mut self.environment_streams);
+        let status = self.environment.statuses()[0];
+        let transition = Transition { action, reward: reward[0] as f32, status };
+        self.environment.observe(&mut self.next_observation);
         self.replay.push(&self.observation, transition, &self.next_observation)?;
         mem::swap(&mut self.observation, &mut self.next_observation);
         Ok(reward[0])
     }
+
+    /// Begins an episode.
+    fn begin(&mut self) {
+        self.environment.reset(LaneSet::All, &mut self.environment_streams);
+        self.environment.observe(&mut self.observation);
+    }
 }
 
-impl<E: DuelingDqnEngine> Learner for DuelingDqnLearner<E> {
+impl<E: DuelingDqnEngine, Env: VectorEnvironment> Learner<Env> for DuelingDqnLearner<E, Env> {
     fn advance(
         &mut self,
         finished: &mut Vec<TrainedEpisode>,
         pause: &dyn Fn() -> bool,
     ) -> Result<Span, LearnerError> {
-        if !self.episodes.any_running() {
-            self.episodes.restart(&mut self.environment_stream);
-            self.observer.observe(&self.episodes, &mut self.observation);
+        if !self.environment.any_running() {
+            self.begin();
             self.episode = TrainedEpisode::default();
         }
-        while self.episodes.any_running() {
+        while self.environment.any_running() {
             if pause() {
                 return Ok(Span::BrokenOff);
             }
@@ -287,18 +286,19 @@ impl<E: DuelingDqnEngine> Learner for DuelingDqnLearner<E> {
                 self.episode.updates += 1;
             }
         }
-        self.episode.disengaged = self.episodes.endings()[0] == Ending::Terminated;
+        self.episode.disengaged = self.environment.statuses()[0] == EpisodeStatus::Terminated;
         self.episode.epsilon = Some(self.epsilon);
         finished.push(self.episode);
         Ok(Span::Whole)
     }
 
-    fn policy(&self, actions: Actions) -> Box<dyn Policy> {
+    fn policy(&self, actions: Actions) -> Box<dyn Actor<Env>> {
         let epsilon = match actions {
             Actions::AsTrained => self.epsilon,
             Actions::Greedy => 0.0,
         };
-        Box::new(EpsilonGreedy::new(self.engine.network(), epsilon))
+        let observations = self.environment.observation_spec().observations();
+        Box::new(EpsilonGreedy::new(self.engine.network(), epsilon, observations))
     }
 
     fn weights(&self) -> Weights {
@@ -308,15 +308,15 @@ impl<E: DuelingDqnEngine> Learner for DuelingDqnLearner<E> {
     }
 }
 
-impl<E: DuelingDqnEngine> Resumable for DuelingDqnLearner<E> {
+impl<E: DuelingDqnEngine, Env: VectorEnvironment> Resumable for DuelingDqnLearner<E, Env> {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
         self.engine.save(out)?;
         self.replay.save(out)?;
         out.one(self.epsilon)?;
         out.one(self.updates)?;
-        self.episodes.save(out)?;
+        self.environment.save(out)?;
         self.episode.save(out)?;
-        self.environment_stream.save(out)?;
+        self.environment_streams.save(out)?;
         self.exploration_stream.save(out)?;
         self.replay_stream.save(out)
     }
@@ -326,13 +326,13 @@ impl<E: DuelingDqnEngine> Resumable for DuelingDqnLearner<E> {
         self.replay.restore(from)?;
         self.epsilon = from.one()?;
         self.updates = from.one()?;
-        self.episodes.restore(from)?;
+        self.environment.restore(from)?;
         self.episode.restore(from)?;
-        self.environment_stream.restore(from)?;
+        self.environment_streams.restore(from)?;
         self.exploration_stream.restore(from)?;
         self.replay_stream.restore(from)?;
-        // Between two steps the agent sees what there is to see.
-        self.observer.observe(&self.episodes, &mut self.observation);
+        // Between two steps, this is the observation of the environment as it is.
+        self.environment.observe(&mut self.observation);
         Ok(())
     }
 }
@@ -340,6 +340,7 @@ impl<E: DuelingDqnEngine> Resumable for DuelingDqnLearner<E> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::env::Environment;
     use crate::env::{FirstContext, TimeIndicator};
 
     /// An engine whose values are a formula of the state and of how often the target was renewed,
@@ -351,8 +352,8 @@ mod tests {
         steps: Vec<Step>,
     }
 
-    /// State, action, reward, ending and next state.
-    type Step = (Vec<f32>, Action, f32, Ending, Vec<f32>);
+    /// State, action, reward, status after it and next state.
+    type Step = (Vec<f32>, Action, f32, EpisodeStatus, Vec<f32>);
 
     struct Nothing;
 
@@ -397,11 +398,11 @@ mod tests {
             for row in 0..batch.actions.len() {
                 let before = state(&batch.observations, row);
                 let matching =
-                    self.steps[stored..].iter().filter(|(s, action, reward, ending, next)| {
+                    self.steps[stored..].iter().filter(|(s, action, reward, status, next)| {
                         let DuelingDqn { gamma, terminal_target, .. } = self.parameters;
                         let best = values(next, self.renewals).into_iter().fold(f32::MIN, f32::max);
-                        let (action, ending) = (*action, *ending);
-                        let transition = Transition { action, reward: *reward, ending };
+                        let (action, status) = (*action, *status);
+                        let transition = Transition { action, reward: *reward, status };
                         let target = target(&transition, best, gamma, terminal_target);
                         (s, action, target.to_bits())
                             == (&before, batch.actions[row], batch.targets[row].to_bits())
@@ -461,13 +462,12 @@ mod tests {
     fn trains_on_what_it_did(parameters: DuelingDqn, environment: &Environment) {
         let engine =
             Formula { parameters: parameters.clone(), renewals: 0, updates: 0, steps: Vec::new() };
-        let scenario = "P-H-D".parse().unwrap();
-        let mut learner = DuelingDqnLearner::new(engine, &parameters, environment, &scenario, 1);
+        let environment = PhysicalActivity::new(environment, &"P-H-D".parse().unwrap(), 1);
+        let mut learner = DuelingDqnLearner::new(engine, &parameters, environment, 1);
         let mut steps = 0;
         while steps < 300 {
-            learner.episodes.restart(&mut learner.environment_stream);
-            learner.observer.observe(&learner.episodes, &mut learner.observation);
-            while learner.episodes.any_running() {
+            learner.begin();
+            while learner.environment.any_running() {
                 let before = state(&learner.observation, 0);
                 let reward = learner.act();
                 let position = (steps % parameters.buffer) as usize;
@@ -477,7 +477,7 @@ mod tests {
                     before,
                     transition.action,
                     transition.reward,
-                    transition.ending,
+                    transition.status,
                     state(&learner.observation, 0),
                 ));
                 steps += 1;

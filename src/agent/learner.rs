@@ -1,9 +1,12 @@
 //! Agents in training.
 
+use std::io;
+
+use crate::agent::actor::Actor;
 use crate::agent::memory::OutOfMemory;
-use crate::agent::policy::Policy;
-use crate::agent::state::Resumable;
 use crate::agent::weights::Weights;
+use crate::env::{PhysicalActivity, VectorEnvironment};
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// A training episode that has just ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -20,6 +23,29 @@ pub struct TrainedEpisode {
     pub updates: u32,
     /// Exploration rate at its end, where the algorithm has one.
     pub epsilon: Option<f64>,
+}
+
+impl Resumable for TrainedEpisode {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        out.one(self.total_reward)?;
+        out.one(self.length)?;
+        out.one(u8::from(self.disengaged))?;
+        out.one(self.loss_sum)?;
+        out.one(self.updates)?;
+        out.many(self.epsilon.as_slice())
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        *self = TrainedEpisode {
+            total_reward: from.one()?,
+            length: from.one()?,
+            disengaged: from.one::<u8>()? != 0,
+            loss_sum: from.one()?,
+            updates: from.one()?,
+            epsilon: from.many(1, "exploration rates")?.first().copied(),
+        };
+        Ok(())
+    }
 }
 
 /// A loss that became infinite or not a number.
@@ -53,7 +79,7 @@ pub enum Span {
 }
 
 /// An agent in training. Its state can be written down whenever it is not at work.
-pub trait Learner: Resumable {
+pub trait Learner<Env: VectorEnvironment = PhysicalActivity>: Resumable {
     /// Trains for the shortest span the algorithm has (an episode, or the episodes of one update)
     /// and appends the episodes that ended. `pause` is asked at every step; once it says yes the
     /// span is broken off, and the next call goes on with it, to the same bits.
@@ -66,7 +92,7 @@ pub trait Learner: Resumable {
     ) -> Result<Span, LearnerError>;
 
     /// The policy as it would act now in training, or greedily.
-    fn policy(&self, actions: Actions) -> Box<dyn Policy>;
+    fn policy(&self, actions: Actions) -> Box<dyn Actor<Env>>;
 
     /// The weights as they are now.
     fn weights(&self) -> Weights;

@@ -1,15 +1,16 @@
 //! The algorithms: how agents learn and how they act.
 //!
-//! In: hyper-parameters, an environment with its scenario, named random streams. Out: trained
-//! episodes, policies and weights. One file an algorithm, written against a trait for the engine
-//! that computes its network: `fused` by kernels, `burn` by Burn modules and automatic
-//! differentiation. A [`Learner`] is an algorithm on an engine. The registry holds every
-//! [`Algorithm`]: its name, version, keys, constraints and constructor; an [`Agent`] is one of them with
-//! values of its keys. This module knows no job key, no store and no file.
+//! In: hyper-parameters, a [`VectorEnvironment`], named random streams. Out: trained episodes, actors
+//! and weights. There is one file per algorithm, written against a trait for the engine that computes
+//! its network: `fused` with kernels, `burn` with Burn modules and automatic differentiation. A
+//! [`Learner`] is an algorithm on an engine in training. An [`Actor`] chooses the actions of episodes: trained networks and decision rules are actors, and
+//! rollouts know nothing else. The registry holds every [`Algorithm`]: name, version, keys,
+//! constraints and constructor; an [`Agent`] is one of them with values of its keys. The module knows no job key, no store and no file.
 //!
 //! Burn's own random generator is global to the process, so nothing here may draw from it: weights
 //! are drawn from the job's stream and set.
 
+mod actor;
 mod burn;
 mod constraint;
 mod dueling_dqn;
@@ -27,9 +28,10 @@ mod registry;
 mod reinforce;
 mod replay;
 mod rule;
-mod state;
 mod weights;
 
+pub use crate::state::{Resumable, StateError, StateReader, StateWriter};
+pub use actor::Actor;
 pub use burn::device::backend_name;
 pub use burn::{BurnDuelingDqn, BurnReinforce, DuelingQNetwork, PolicyNetwork};
 pub use constraint::{Chosen, Constraint, Violation};
@@ -40,12 +42,12 @@ pub use fused::{FusedDuelingDqn, FusedDuelingNetwork, FusedPolicyNetwork, FusedR
 pub use learner::{Actions, Diverged, Learner, LearnerError, Span, TrainedEpisode};
 pub use memory::{OutOfMemory, reserve, reserve_exact};
 pub use network::{Activation, Engine};
-pub use policy::{ActionNetwork, EpsilonGreedy, Policy, SoftmaxPolicy};
+pub use policy::{ActionNetwork, EpsilonGreedy, SoftmaxPolicy};
 pub use registry::{
-    Agent, Algorithm, AlgorithmParameters, NameTaken, Setting, Start, StartError, register,
+    Agent, Algorithm, AlgorithmParameters, NameTaken, Setting, Start, StartError,
+    dueling_dqn_learner, register, reinforce_learner, trained_dueling_dqn, trained_reinforce,
 };
 pub use reinforce::{Reinforce, ReinforceEngine, ReinforceLearner, Trajectories};
 pub use replay::{Replay, Transition};
 pub use rule::{DecisionRule, DecisionRuleError, Rule, RulePolicy, read_rule};
-pub use state::{Number, Resumable, StateError, StateReader, StateWriter};
 pub use weights::{Tensor as WeightTensor, Weights, WeightsError};

@@ -1,25 +1,15 @@
 //! Policies made of networks: how observations become actions.
 
+use std::io;
+
 use pulp::{Simd, WithSimd};
 
 use crate::agent::Actions;
-use crate::env::{Action, Observations};
+use crate::agent::actor::Actor;
+use crate::env::{Action, Observations, VectorEnvironment};
 use crate::kernel::{Isa, LINE, math};
 use crate::rng::{Stream, unit_from_bits};
-
-/// A way to choose actions.
-pub trait Policy {
-    /// Chooses an action for every observation.
-    ///
-    /// **Shapes**: `actions` is \[rows\]. The stream is drawn from at most once a row, and not at all
-    /// where chance plays no part.
-    fn act(&mut self, observations: &Observations, actions: &mut [Action], stream: &mut Stream);
-
-    /// The probability with which each observation leads to each of these actions.
-    ///
-    /// **Shapes**: `actions` and what is returned are \[rows\].
-    fn probabilities(&mut self, observations: &Observations, actions: &[Action]) -> Vec<f64>;
-}
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// A network that gives a number for every action: its value, or its logit.
 pub trait ActionNetwork {
@@ -27,39 +17,59 @@ pub trait ActionNetwork {
     fn evaluate(&mut self, observations: &Observations, out: &mut Vec<f32>);
 }
 
-/// The best action by its value, and now and then any action.
+/// Takes the action of the highest value, and explores at a fixed rate.
 pub struct EpsilonGreedy<N> {
     network: N,
     epsilon: f64,
+    observations: Observations,
     values: Vec<f32>,
     explored: Vec<Option<Action>>,
 }
 
 impl<N: ActionNetwork> EpsilonGreedy<N> {
-    /// A policy that explores at the rate `epsilon`, in [0, 1].
-    pub fn new(network: N, epsilon: f64) -> Self {
-        EpsilonGreedy { network, epsilon, values: Vec::new(), explored: Vec::new() }
+    /// A policy that explores at the rate `epsilon`, in [0, 1]. `observations` have the shape that the
+    /// network was made for.
+    pub fn new(network: N, epsilon: f64, observations: Observations) -> Self {
+        EpsilonGreedy { network, epsilon, observations, values: Vec::new(), explored: Vec::new() }
     }
 }
 
-impl<N: ActionNetwork> Policy for EpsilonGreedy<N> {
-    fn act(&mut self, observations: &Observations, actions: &mut [Action], stream: &mut Stream) {
+impl<N: ActionNetwork + Send, Env: VectorEnvironment> Actor<Env> for EpsilonGreedy<N> {
+    fn act(
+        &mut self,
+        environment: &Env,
+        stream: &mut Stream,
+        actions: &mut [Action],
+        probabilities: Option<&mut [f64]>,
+    ) {
+        environment.observe(&mut self.observations);
         self.explored.clear();
         self.explored.extend(actions.iter().map(|_| explore(self.epsilon, stream)));
-        self.network.evaluate(observations, &mut self.values);
-        let values = self.values.chunks_exact(Action::COUNT);
-        for ((action, explored), values) in actions.iter_mut().zip(&self.explored).zip(values) {
+        self.network.evaluate(&self.observations, &mut self.values);
+        let rows = || self.values.chunks_exact(Action::COUNT);
+        for ((action, explored), values) in actions.iter_mut().zip(&self.explored).zip(rows()) {
             *action = explored.unwrap_or_else(|| best(values));
         }
+        if let Some(probabilities) = probabilities {
+            let any = self.epsilon / Action::COUNT as f64;
+            for ((probability, action), values) in
+                probabilities.iter_mut().zip(&*actions).zip(rows())
+            {
+                let is_best = *action == best(values);
+                *probability = if is_best { 1.0 - self.epsilon + any } else { any };
+            }
+        }
+    }
+}
+
+/// A network's policy has no memory: its weights are saved by whoever trained it.
+impl<N> Resumable for EpsilonGreedy<N> {
+    fn save(&self, _: &mut StateWriter<'_>) -> io::Result<()> {
+        Ok(())
     }
 
-    fn probabilities(&mut self, observations: &Observations, actions: &[Action]) -> Vec<f64> {
-        self.network.evaluate(observations, &mut self.values);
-        let any = self.epsilon / Action::COUNT as f64;
-        let of = |(action, values): (&Action, &[f32])| {
-            if *action == best(values) { 1.0 - self.epsilon + any } else { any }
-        };
-        actions.iter().zip(self.values.chunks_exact(Action::COUNT)).map(of).collect()
+    fn restore(&mut self, _: &mut StateReader<'_>) -> Result<(), StateError> {
+        Ok(())
     }
 }
 
@@ -72,49 +82,67 @@ pub(super) fn explore(epsilon: f64, stream: &mut Stream) -> Option<Action> {
     (unit_from_bits(bits) < epsilon).then(|| Action::from_low_bits(bits))
 }
 
-/// Actions with the softmax probabilities of a policy network's logits.
+/// Draws actions with the softmax probabilities of a policy network's logits.
 pub struct SoftmaxPolicy<N> {
     network: N,
-    actions: Actions,
+    choice: Actions,
+    observations: Observations,
     logits: Vec<f32>,
     halves: Vec<u32>,
 }
 
 impl<N: ActionNetwork> SoftmaxPolicy<N> {
-    /// A policy that samples ([`Actions::AsTrained`]) or takes the most likely action.
-    pub fn new(network: N, actions: Actions) -> Self {
-        SoftmaxPolicy { network, actions, logits: Vec::new(), halves: Vec::new() }
+    /// A policy that samples ([`Actions::AsTrained`]) or takes the most likely action. `observations`
+    /// have the shape that the network was made for.
+    pub fn new(network: N, choice: Actions, observations: Observations) -> Self {
+        SoftmaxPolicy { network, choice, observations, logits: Vec::new(), halves: Vec::new() }
     }
 }
 
-impl<N: ActionNetwork> Policy for SoftmaxPolicy<N> {
-    fn act(&mut self, observations: &Observations, actions: &mut [Action], stream: &mut Stream) {
-        self.network.evaluate(observations, &mut self.logits);
-        match self.actions {
+impl<N: ActionNetwork + Send, Env: VectorEnvironment> Actor<Env> for SoftmaxPolicy<N> {
+    fn act(
+        &mut self,
+        environment: &Env,
+        stream: &mut Stream,
+        actions: &mut [Action],
+        probabilities: Option<&mut [f64]>,
+    ) {
+        environment.observe(&mut self.observations);
+        self.network.evaluate(&self.observations, &mut self.logits);
+        match self.choice {
             Actions::AsTrained => {
                 sample(Isa::chosen(), &mut self.logits, actions, &mut self.halves, stream);
+                if let Some(probabilities) = probabilities {
+                    // The logits have become the preferences that were sampled by.
+                    let rows = self.logits.chunks_exact(Action::COUNT);
+                    for ((probability, action), row) in
+                        probabilities.iter_mut().zip(actions).zip(rows)
+                    {
+                        let total: f64 = row.iter().copied().map(f64::from).sum();
+                        *probability = f64::from(row[action.index()]) / total;
+                    }
+                }
             }
             Actions::Greedy => {
                 for (action, logits) in actions.iter_mut().zip(self.logits.chunks(Action::COUNT)) {
                     *action = best(logits);
                 }
+                if let Some(probabilities) = probabilities {
+                    probabilities.fill(1.0);
+                }
             }
         }
     }
+}
 
-    fn probabilities(&mut self, observations: &Observations, actions: &[Action]) -> Vec<f64> {
-        self.network.evaluate(observations, &mut self.logits);
-        if let Actions::AsTrained = self.actions {
-            exponentials(Isa::chosen(), &mut self.logits);
-        }
-        let of = |(action, row): (&Action, &[f32])| match self.actions {
-            Actions::Greedy => f64::from(u8::from(*action == best(row))),
-            Actions::AsTrained => {
-                let total: f64 = row.iter().copied().map(f64::from).sum();
-                f64::from(row[action.index()]) / total
-            }
-        };
-        actions.iter().zip(self.logits.chunks_exact(Action::COUNT)).map(of).collect()
+/// A network's policy has no memory: its weights are saved by whoever trained it.
+impl<N> Resumable for SoftmaxPolicy<N> {
+    fn save(&self, _: &mut StateWriter<'_>) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn restore(&mut self, _: &mut StateReader<'_>) -> Result<(), StateError> {
+        Ok(())
     }
 }
 
@@ -225,7 +253,59 @@ fn pick(weights: &[f32; Action::COUNT], unit: f64) -> Action {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::env::{Environment, LaneSet, LaneStreams, PhysicalActivity};
     use crate::rng::Purpose;
+
+    /// A network of the same outputs for every observation.
+    struct Same([f32; Action::COUNT]);
+
+    impl ActionNetwork for Same {
+        fn evaluate(&mut self, observations: &Observations, out: &mut Vec<f32>) {
+            *out = self.0.repeat(observations.rows());
+        }
+    }
+
+    /// Actions in 4000 lanes with their probabilities; the same actions are chosen when nobody asks for
+    /// these.
+    fn acted(actor: &mut dyn Actor) -> Vec<(usize, f64)> {
+        let mut lanes =
+            PhysicalActivity::new(&Environment::paper(0.6), &"P".parse().unwrap(), 4000);
+        let stream = |purpose| Stream::new(6, purpose);
+        lanes.reset(LaneSet::All, &mut LaneStreams::Shared(stream(Purpose::Environment)));
+        let (mut actions, mut again) = ([Action::NONE; 4000], [Action::UNTAILORED; 4000]);
+        let mut probabilities = [f64::NAN; 4000];
+        let mut choices = stream(Purpose::Exploration);
+        actor.act(&lanes, &mut choices.clone(), &mut again, None);
+        actor.act(&lanes, &mut choices, &mut actions, Some(&mut probabilities));
+        assert_eq!(actions, again);
+        actions.iter().map(|action| action.index()).zip(probabilities).collect()
+    }
+
+    fn assert_probabilities(actor: &mut dyn Actor, expected: [f64; Action::COUNT]) {
+        let acted = acted(actor);
+        for (index, expected) in expected.into_iter().enumerate() {
+            let of = acted.iter().filter(|(action, _)| *action == index);
+            assert!(of.clone().all(|(_, p)| (p - expected).abs() < 1e-6), "{index}");
+            // Four standard deviations of a count of 4000.
+            let deviation = (4000.0 * expected * (1.0 - expected)).sqrt();
+            let off = (of.count() as f64 - 4000.0 * expected).abs();
+            assert!(off <= 4.0 * deviation, "{index}: off by {off}");
+        }
+    }
+
+    #[test]
+    fn actors_give_the_probabilities_with_which_they_choose() {
+        let observations = || Observations::new(1, 0);
+        let logits = || Same([1.0f32, 2.0, 3.0, 4.0].map(f32::ln));
+        let mut softmax = SoftmaxPolicy::new(logits(), Actions::AsTrained, observations());
+        assert_probabilities(&mut softmax, [0.1, 0.2, 0.3, 0.4]);
+        let mut greedy = SoftmaxPolicy::new(logits(), Actions::Greedy, observations());
+        assert_probabilities(&mut greedy, [0.0, 0.0, 0.0, 1.0]);
+        let mut exploring = EpsilonGreedy::new(Same([0.0, 5.0, 1.0, 2.0]), 0.2, observations());
+        assert_probabilities(&mut exploring, [0.05, 0.85, 0.05, 0.05]);
+        let mut greedy = EpsilonGreedy::new(Same([0.0, 5.0, 1.0, 2.0]), 0.0, observations());
+        assert_probabilities(&mut greedy, [0.0, 1.0, 0.0, 0.0]);
+    }
 
     #[test]
     fn softmax_samples_have_the_probabilities_by_hand() {

@@ -16,7 +16,7 @@ use crate::agent::{Activation, DuelingDqn, Reinforce, TerminalTarget, Trunk};
 use crate::agent::{
     BurnDuelingDqn, BurnReinforce, DuelingQNetwork, FusedDuelingDqn, FusedReinforce, PolicyNetwork,
 };
-use crate::env::{Action, Ending, Observations};
+use crate::env::{Action, EpisodeStatus, Observations};
 use crate::kernel::Isa;
 
 const WIDTH: usize = 3;
@@ -146,10 +146,10 @@ impl DqnCase {
             ..DuelingDqn::default()
         };
         let batch = &case["batch"];
-        let endings = batch["endings"].as_array().unwrap().iter().map(|e| match e.as_str() {
-            Some("running") => Ending::Running,
-            Some("terminated") => Ending::Terminated,
-            Some("truncated") => Ending::Truncated,
+        let statuses = batch["endings"].as_array().unwrap().iter().map(|e| match e.as_str() {
+            Some("running") => EpisodeStatus::Running,
+            Some("terminated") => EpisodeStatus::Terminated,
+            Some("truncated") => EpisodeStatus::Truncated,
             other => panic!("ending {other:?}"),
         });
         let actions = numbers(&batch["actions"]).into_iter();
@@ -158,8 +158,8 @@ impl DqnCase {
         let transitions: Vec<Transition> = actions
             .iter()
             .zip(numbers(&batch["rewards"]))
-            .zip(endings)
-            .map(|((&action, reward), ending)| Transition { action, reward, ending })
+            .zip(statuses)
+            .map(|((&action, reward), status)| Transition { action, reward, status })
             .collect();
         let batch = Batch {
             observations: observations(&batch["observations"]),

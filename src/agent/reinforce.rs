@@ -7,19 +7,20 @@
 use std::io;
 use std::ops::Range;
 
+use crate::agent::actor::Actor;
+use crate::agent::learner::{Actions, Diverged, Learner, LearnerError, Span, TrainedEpisode};
+use crate::agent::memory::{OutOfMemory, reserve};
 use crate::agent::network::{Activation, Engine, LAYER_WIDTHS, LEARNING_RATE};
-use crate::agent::policy::{ActionNetwork, Policy, SoftmaxPolicy, sample};
-use crate::agent::state::{restore_actions, save_actions};
-use crate::agent::{
-    Actions, Diverged, Learner, LearnerError, OutOfMemory, Resumable, Span, StateError,
-    StateReader, StateWriter, TrainedEpisode, Weights, reserve,
+use crate::agent::policy::{ActionNetwork, SoftmaxPolicy, sample};
+use crate::agent::weights::Weights;
+use crate::env::{
+    Action, EpisodeStatus, LaneSet, LaneStreams, Observations, PhysicalActivity, VectorEnvironment,
 };
-use crate::env::{Action, Ending, Episodes, Observations, Observer};
-use crate::env::{Environment, Scenario};
 use crate::kernel::Isa;
 use crate::key::{Keyed, Kind};
 use crate::keys;
 use crate::rng::{Purpose, Stream};
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 keys! {
     /// Hyper-parameters of REINFORCE; the defaults reproduce the published figures.
@@ -83,7 +84,7 @@ impl Trajectories {
 /// What trains a policy network: the engine under the algorithm.
 pub trait ReinforceEngine: Resumable {
     /// The network at one moment, to choose actions with.
-    type Network: ActionNetwork + 'static;
+    type Network: ActionNetwork + Send + 'static;
 
     /// The instruction set for what the algorithm computes around the engine.
     fn isa(&self) -> Isa;
@@ -115,19 +116,18 @@ pub fn returns_to_go(rewards: &mut [f64], lanes: usize, gamma: f64) {
 }
 
 /// REINFORCE in training, one update at a time.
-pub struct ReinforceLearner<E> {
+pub struct ReinforceLearner<E, Env = PhysicalActivity> {
     engine: E,
     parameters: Reinforce,
     updates: u64,
-    observer: Observer,
-    episodes: Episodes,
-    environment_stream: Stream,
+    environment: Env,
+    environment_streams: LaneStreams,
     exploration_stream: Stream,
-    room: Room,
+    workspace: Workspace,
 }
 
-/// Room to work in, so that an update allocates nothing.
-struct Room {
+/// Buffers that are reused, so that an update allocates nothing.
+struct Workspace {
     trajectories: Trajectories,
     /// Positions \[time, lane\] of the rows: a lane that has ended has none.
     positions: Vec<Range<usize>>,
@@ -144,24 +144,17 @@ struct Room {
     halves: Vec<u32>,
 }
 
-impl<E: ReinforceEngine> ReinforceLearner<E> {
-    /// A learner before its first update.
-    pub fn new(
-        engine: E,
-        parameters: &Reinforce,
-        environment: &Environment,
-        scenario: &Scenario,
-        seed: u64,
-    ) -> Self {
-        let observer = Observer::new(environment, scenario);
-        let lanes = parameters.trajectories_per_update as usize;
+impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
+    /// A learner before its first update, in an environment with a lane per trajectory of an update.
+    pub fn new(engine: E, parameters: &Reinforce, environment: Env, seed: u64) -> Self {
+        let none = environment.observation_spec().observations();
+        let lanes = environment.lanes();
         ReinforceLearner {
             engine,
             updates: 0,
-            episodes: Episodes::ended(environment, lanes),
-            room: Room {
+            workspace: Workspace {
                 trajectories: Trajectories {
-                    observations: observer.observations(),
+                    observations: none.clone(),
                     actions: Vec::new(),
                     preferences: Vec::new(),
                     returns_to_go: Vec::new(),
@@ -171,12 +164,12 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
                 totals: vec![0.0; lanes],
                 lengths: vec![0; lanes],
                 actions: vec![Action::NONE; lanes],
-                observations: observer.observations(),
+                observations: none,
                 logits: Vec::new(),
                 halves: Vec::new(),
             },
-            observer,
-            environment_stream: Stream::new(seed, Purpose::Environment),
+            environment,
+            environment_streams: LaneStreams::Shared(Stream::new(seed, Purpose::Environment)),
             exploration_stream: Stream::new(seed, Purpose::Exploration),
             parameters: parameters.clone(),
         }
@@ -184,7 +177,7 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
 
     /// Samples the trajectories of one update, all in lockstep, or the rest of them.
     fn sample(&mut self, pause: &dyn Fn() -> bool) -> Result<Span, OutOfMemory> {
-        let Room {
+        let Workspace {
             trajectories,
             positions,
             rewards,
@@ -194,10 +187,10 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
             observations,
             logits,
             halves,
-        } = &mut self.room;
-        let lanes = self.episodes.lanes();
-        if !self.episodes.any_running() {
-            self.episodes.restart(&mut self.environment_stream);
+        } = &mut self.workspace;
+        let lanes = self.environment.lanes();
+        if !self.environment.any_running() {
+            self.environment.reset(LaneSet::All, &mut self.environment_streams);
             trajectories.observations.clear();
             trajectories.actions.clear();
             trajectories.preferences.clear();
@@ -206,11 +199,11 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
             totals.fill(0.0);
             lengths.fill(0);
         }
-        while self.episodes.any_running() {
+        while self.environment.any_running() {
             if pause() {
                 return Ok(Span::BrokenOff);
             }
-            self.observer.observe(&self.episodes, observations);
+            self.environment.observe(observations);
             self.engine.logits(observations, logits);
             sample(self.engine.isa(), logits, actions, halves, &mut self.exploration_stream);
             trajectories.reserve(lanes)?;
@@ -220,10 +213,10 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
             rewards.resize(start + lanes, 0.0);
             // Neighbours that still run are taken together.
             let mut lane = 0;
-            for running in self.episodes.endings().chunk_by(|a, b| a == b) {
+            for running in self.environment.statuses().chunk_by(|a, b| a == b) {
                 let lanes = lane..lane + running.len();
                 lane = lanes.end;
-                if running[0] == Ending::Running {
+                if running[0] == EpisodeStatus::Running {
                     trajectories.observations.extend(observations, lanes.clone());
                     trajectories.actions.extend_from_slice(&actions[lanes.clone()]);
                     let preferences =
@@ -234,7 +227,7 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
                 }
             }
             let paid = &mut rewards[start..];
-            self.episodes.step(actions, paid, &mut self.environment_stream);
+            self.environment.step(actions, paid, &mut self.environment_streams);
             totals.iter_mut().zip(paid).for_each(|(total, reward)| *total += *reward);
         }
         Ok(Span::Whole)
@@ -242,19 +235,19 @@ impl<E: ReinforceEngine> ReinforceLearner<E> {
 
     /// The episodes just sampled.
     fn finished(&self) -> impl Iterator<Item = TrainedEpisode> {
-        let Room { totals, lengths, .. } = &self.room;
-        totals.iter().zip(lengths).zip(self.episodes.endings()).map(
-            |((total_reward, length), ending)| TrainedEpisode {
+        let Workspace { totals, lengths, .. } = &self.workspace;
+        totals.iter().zip(lengths).zip(self.environment.statuses()).map(
+            |((total_reward, length), status)| TrainedEpisode {
                 total_reward: *total_reward,
                 length: *length,
-                disengaged: *ending == Ending::Terminated,
+                disengaged: *status == EpisodeStatus::Terminated,
                 ..TrainedEpisode::default()
             },
         )
     }
 }
 
-impl<E: ReinforceEngine> Learner for ReinforceLearner<E> {
+impl<E: ReinforceEngine, Env: VectorEnvironment> Learner<Env> for ReinforceLearner<E, Env> {
     fn advance(
         &mut self,
         finished: &mut Vec<TrainedEpisode>,
@@ -264,8 +257,8 @@ impl<E: ReinforceEngine> Learner for ReinforceLearner<E> {
             return Ok(Span::BrokenOff);
         }
         finished.extend(self.finished());
-        let Room { trajectories, positions, rewards, .. } = &mut self.room;
-        returns_to_go(rewards, self.episodes.lanes(), self.parameters.gamma);
+        let Workspace { trajectories, positions, rewards, .. } = &mut self.workspace;
+        returns_to_go(rewards, self.environment.lanes(), self.parameters.gamma);
         trajectories.returns_to_go.clear();
         reserve(&mut trajectories.returns_to_go, trajectories.actions.len(), TRAJECTORIES)?;
         for rows in positions {
@@ -284,8 +277,9 @@ impl<E: ReinforceEngine> Learner for ReinforceLearner<E> {
         Ok(Span::Whole)
     }
 
-    fn policy(&self, actions: Actions) -> Box<dyn Policy> {
-        Box::new(SoftmaxPolicy::new(self.engine.network(), actions))
+    fn policy(&self, actions: Actions) -> Box<dyn Actor<Env>> {
+        let observations = self.environment.observation_spec().observations();
+        Box::new(SoftmaxPolicy::new(self.engine.network(), actions, observations))
     }
 
     fn weights(&self) -> Weights {
@@ -293,29 +287,29 @@ impl<E: ReinforceEngine> Learner for ReinforceLearner<E> {
     }
 }
 
-impl<E: ReinforceEngine> Resumable for ReinforceLearner<E> {
+impl<E: ReinforceEngine, Env: VectorEnvironment> Resumable for ReinforceLearner<E, Env> {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
         self.engine.save(out)?;
         out.one(self.updates)?;
-        self.environment_stream.save(out)?;
+        self.environment_streams.save(out)?;
         self.exploration_stream.save(out)?;
-        self.episodes.save(out)?;
+        self.environment.save(out)?;
         // Between two updates nothing of the trajectories is needed any more.
-        if self.episodes.any_running() { self.room.save(out) } else { Ok(()) }
+        if self.environment.any_running() { self.workspace.save(out) } else { Ok(()) }
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.engine.restore(from)?;
         self.updates = from.one()?;
-        self.environment_stream.restore(from)?;
+        self.environment_streams.restore(from)?;
         self.exploration_stream.restore(from)?;
-        self.episodes.restore(from)?;
-        if self.episodes.any_running() { self.room.restore(from) } else { Ok(()) }
+        self.environment.restore(from)?;
+        if self.environment.any_running() { self.workspace.restore(from) } else { Ok(()) }
     }
 }
 
 /// The trajectories sampled so far.
-impl Resumable for Room {
+impl Resumable for Workspace {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
         self.trajectories.observations.save(out)?;
         save_actions(&self.trajectories.actions, out)?;
@@ -350,6 +344,18 @@ impl Resumable for Room {
             && self.positions.iter().map(Range::len).sum::<usize>() == rows;
         if fits { Ok(()) } else { Err(StateError::Misfit(WHAT)) }
     }
+}
+
+/// Writes actions, their count first.
+fn save_actions(actions: &[Action], out: &mut StateWriter<'_>) -> io::Result<()> {
+    out.each(actions.iter(), |out, action| out.one(action.index() as u8))
+}
+
+/// Reads as many actions as [`save_actions`] wrote.
+fn restore_actions(from: &mut StateReader<'_>) -> Result<Vec<Action>, StateError> {
+    from.each(usize::MAX, "actions", |from| {
+        Action::from_index(from.one::<u8>()?.into()).ok_or(StateError::Misfit("actions"))
+    })
 }
 
 #[cfg(test)]

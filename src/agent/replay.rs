@@ -6,7 +6,7 @@ use std::io;
 use crate::agent::TerminalTarget;
 use crate::agent::dueling_dqn::Batch;
 use crate::agent::{OutOfMemory, Resumable, StateError, StateReader, StateWriter, reserve_exact};
-use crate::env::{Action, Ending, Observations};
+use crate::env::{Action, EpisodeStatus, Observations};
 use crate::rng::Stream;
 
 /// One step that the agent has taken, observations aside.
@@ -16,8 +16,8 @@ pub struct Transition {
     pub action: Action,
     /// Reward received, in steps walked.
     pub reward: f32,
-    /// Whether and how the episode ended with it.
-    pub ending: Ending,
+    /// Status of the episode after it.
+    pub status: EpisodeStatus,
 }
 
 /// The latest transitions, the oldest overwritten once `capacity` is reached.
@@ -36,7 +36,7 @@ pub struct Replay {
     features: Vec<f32>,
     moments: Vec<u16>,
     rewards: Vec<f32>,
-    /// Action and ending, two bits each.
+    /// Action and status, two bits each.
     steps: Vec<u8>,
     /// Regression targets; not a number where they are not known.
     targets: Vec<f32>,
@@ -93,13 +93,13 @@ impl Replay {
             put(&mut self.moments, position, &[moment])?;
         }
         put(&mut self.rewards, position, &[transition.reward])?;
-        put(&mut self.steps, position, &[pack(transition.action, transition.ending)])?;
+        put(&mut self.steps, position, &[pack(transition.action, transition.status)])?;
         put(&mut self.targets, position, &[f32::NAN])?;
         self.latest.clear();
         self.latest.push(after.row(0), after.moment(0));
         self.closings.remove(&position);
-        if (transition.ending, self.terminal_target)
-            == (Ending::Truncated, TerminalTarget::Standard)
+        if (transition.status, self.terminal_target)
+            == (EpisodeStatus::Truncated, TerminalTarget::Standard)
         {
             self.closings.insert(position, after.clone());
         }
@@ -118,8 +118,8 @@ impl Replay {
 
     /// The transition at a position.
     pub fn transition(&self, position: usize) -> Transition {
-        let (action, ending) = unpack(self.steps[position]);
-        Transition { action, reward: self.rewards[position], ending }
+        let (action, status) = unpack(self.steps[position]);
+        Transition { action, reward: self.rewards[position], status }
     }
 
     /// Adds the state before the transition at a position to `out`.
@@ -259,22 +259,14 @@ fn put<T: Copy>(values: &mut Vec<T>, at: usize, new: &[T]) -> Result<(), OutOfMe
     Ok(())
 }
 
-fn pack(action: Action, ending: Ending) -> u8 {
-    let ending = match ending {
-        Ending::Running => 0,
-        Ending::Terminated => 1,
-        Ending::Truncated => 2,
-    };
-    action.index() as u8 | ending << 2
+fn pack(action: Action, status: EpisodeStatus) -> u8 {
+    action.index() as u8 | status.number() << 2
 }
 
-fn unpack(step: u8) -> (Action, Ending) {
-    let ending = match step >> 2 {
-        0 => Ending::Running,
-        1 => Ending::Terminated,
-        _ => Ending::Truncated,
-    };
-    (Action::from_low_bits(step.into()), ending)
+fn unpack(step: u8) -> (Action, EpisodeStatus) {
+    // A number above 2 can only come from a damaged state.
+    let status = EpisodeStatus::from_number(step >> 2).unwrap_or(EpisodeStatus::Truncated);
+    (Action::from_low_bits(step.into()), status)
 }
 
 /// The positions chosen in a draw: a table of a few slots for each, searched from a slot that the
@@ -329,13 +321,13 @@ mod tests {
     fn filled(capacity: usize, pushes: usize, terminal_target: TerminalTarget) -> Replay {
         let mut replay = Replay::new(capacity, &Observations::new(2, 3), terminal_target);
         for i in 0..pushes {
-            let (ending, after) = if i % 3 == 2 {
-                (Ending::Truncated, i as f32 + 100.0)
+            let (status, after) = if i % 3 == 2 {
+                (EpisodeStatus::Truncated, i as f32 + 100.0)
             } else {
-                (Ending::Running, i as f32 + 1.0)
+                (EpisodeStatus::Running, i as f32 + 1.0)
             };
             let action = Action::from_index(i % 4).unwrap();
-            let transition = Transition { action, reward: i as f32, ending };
+            let transition = Transition { action, reward: i as f32, status };
             replay.push(&one(i as f32), transition, &one(after)).unwrap();
         }
         replay
@@ -346,7 +338,7 @@ mod tests {
         let replay = filled(3, 5, TerminalTarget::Zero);
         let rewards: Vec<f32> = (0..3).map(|i| replay.transition(i).reward).collect();
         assert_eq!(rewards, [3.0, 4.0, 2.0]);
-        assert_eq!(replay.transition(2).ending, Ending::Truncated);
+        assert_eq!(replay.transition(2).status, EpisodeStatus::Truncated);
         assert_eq!(replay.transition(0).action.index(), 3);
     }
 
@@ -359,8 +351,8 @@ mod tests {
                 replay.push_before(position, &mut states);
                 replay.push_after(position, &mut states);
                 let before = replay.transition(position).reward;
-                let after = match replay.transition(position).ending {
-                    Ending::Truncated => before + 100.0,
+                let after = match replay.transition(position).status {
+                    EpisodeStatus::Truncated => before + 100.0,
                     _ => before + 1.0,
                 };
                 assert_eq!(states.row(0), [before, before + 0.5]);
@@ -387,7 +379,8 @@ mod tests {
         let mut replay = Replay::new(100_000, &Observations::new(3, 50), TerminalTarget::Zero);
         let mut state = Observations::new(3, 50);
         state.push(&[0.0; 3], Some(1));
-        let transition = Transition { action: Action::NONE, reward: 0.0, ending: Ending::Running };
+        let transition =
+            Transition { action: Action::NONE, reward: 0.0, status: EpisodeStatus::Running };
         (0..100_000).for_each(|_| replay.push(&state, transition, &state).unwrap());
         let Replay { features, moments, rewards, steps, targets, .. } = &replay;
         let stored = 4 * features.len() + 2 * moments.len() + 4 * rewards.len() + steps.len();

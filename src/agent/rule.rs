@@ -1,10 +1,13 @@
 //! Decision rules that need no training: what researchers compare with.
 
-use crate::env::{Action, Belief, Episodes};
-use crate::env::{Environment, Scenario};
+use std::io;
+
+use crate::agent::actor::Actor;
+use crate::env::{Action, Belief, Environment, PhysicalActivity, Scenario};
 use crate::key::{KeyType, Keyed, Kind};
 use crate::optimum::{NoOptimum, OptimalPolicy};
 use crate::rng::Stream;
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
 use crate::{choices, keys};
 
 keys! {
@@ -44,8 +47,8 @@ choices! {
     }
 }
 
-/// A decision rule at work. It knows of the context what a scenario shows of it; only the optimal
-/// rule also goes by habituation, disengagement risk and time.
+/// The actor of a decision rule. It knows of the context what a scenario shows; only the optimal rule
+/// also uses habituation, disengagement risk and time.
 #[derive(Clone, Debug)]
 pub struct RulePolicy {
     choice: Choice,
@@ -87,8 +90,8 @@ impl RulePolicy {
     }
 
     /// The action in a lane; draws from the stream once if the rule is random.
-    pub fn choose(&self, episodes: &Episodes, lane: usize, stream: &mut Stream) -> Action {
-        let zero = self.belief.probability_of_zero(&episodes.signal(lane));
+    fn choose(&self, lanes: &PhysicalActivity, lane: usize, stream: &mut Stream) -> Action {
+        let zero = self.belief.probability_of_zero(&lanes.context(lane));
         let tailored = Action::tailored_to(u8::from(zero < 0.5));
         match &self.choice {
             Choice::Always(action) => *action,
@@ -98,18 +101,47 @@ impl RulePolicy {
             Choice::Random => Action::from_low_bits(stream.bits()),
             Choice::Optimal(policy) => {
                 let (habituation, disengagement) =
-                    (episodes.habituation()[lane], episodes.disengagement()[lane]);
-                policy.choose(episodes.time(), zero, habituation, disengagement)
+                    (lanes.habituation()[lane], lanes.disengagement()[lane]);
+                policy.choose(lanes.times()[lane], zero, habituation, disengagement)
             }
         }
     }
 
     /// The probability with which it takes the actions that it takes.
-    pub fn probability(&self) -> f64 {
+    fn probability(&self) -> f64 {
         match self.choice {
             Choice::Random => 1.0 / Action::COUNT as f64,
             Choice::Always(_) | Choice::Tailored | Choice::Threshold(_) | Choice::Optimal(_) => 1.0,
         }
+    }
+}
+
+/// A rule reads the state of the simulation in f64. It sees of the context what its scenario shows.
+impl Actor for RulePolicy {
+    fn act(
+        &mut self,
+        environment: &PhysicalActivity,
+        stream: &mut Stream,
+        actions: &mut [Action],
+        probabilities: Option<&mut [f64]>,
+    ) {
+        for (lane, action) in actions.iter_mut().enumerate() {
+            *action = self.choose(environment, lane, stream);
+        }
+        if let Some(probabilities) = probabilities {
+            probabilities.fill(self.probability());
+        }
+    }
+}
+
+/// A rule has no memory.
+impl Resumable for RulePolicy {
+    fn save(&self, _: &mut StateWriter<'_>) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn restore(&mut self, _: &mut StateReader<'_>) -> Result<(), StateError> {
+        Ok(())
     }
 }
 
@@ -152,7 +184,7 @@ pub fn read_rule(text: &str) -> Result<DecisionRule, DecisionRuleError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::env::Signal;
+    use crate::env::{ContextDraw, LaneSet, LaneStreams, VectorEnvironment};
     use crate::rng::Purpose;
 
     #[test]
@@ -160,11 +192,12 @@ mod tests {
         let environment = Environment::paper(1.0);
         let mut stream = Stream::new(1, Purpose::TestActions);
         let mut choose = |rule: &str, scenario: &str, p: f64| {
-            let mut episodes = Episodes::start(&environment, 1, &mut stream);
-            episodes.show(0, Signal::new(0, p));
             let (rule, scenario) = (read_rule(rule).unwrap(), scenario.parse().unwrap());
+            let mut lanes = PhysicalActivity::new(&environment, &scenario, 1);
+            lanes.reset(LaneSet::All, &mut LaneStreams::Shared(stream.clone()));
+            lanes.set_context(0, ContextDraw::new(0, p));
             let policy = RulePolicy::new(&rule, &environment, &scenario).unwrap();
-            policy.choose(&episodes, 0, &mut stream).index()
+            policy.choose(&lanes, 0, &mut stream).index()
         };
         assert_eq!([choose("never", "P", 0.2), choose("untailored", "P", 0.2)], [0, 1]);
         assert_eq!([choose("tailored", "P", 0.2), choose("tailored", "L-T", 0.8)], [3, 2]);

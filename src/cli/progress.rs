@@ -11,8 +11,8 @@ use crate::cli::estimate::{Episodes, Estimate, Speeds};
 use crate::cli::output::{counted, printable};
 use crate::cli::swept::Swept;
 use crate::record::{Outcome, Results};
-use crate::schedule::{CheckpointNote, Event, Found, Queued, Watcher};
-use crate::train::Progress;
+use crate::schedule::{CheckpointNote, Event, EventSink, Found, Queued};
+use crate::train::TrainingProgress;
 
 /// Columns that the line of a worker takes at most, behind an indent of two, on a terminal of 80.
 const WORKER_WIDTH: usize = 77;
@@ -45,7 +45,7 @@ pub(super) struct Shown {
     failed: usize,
     speeds: Speeds,
     unbegun: Episodes,
-    running: Vec<Option<(Queued, Instant, Option<Progress>)>>,
+    running: Vec<Option<(Queued, Instant, Option<TrainingProgress>)>>,
     bars: Option<Bars>,
     told_waiting: bool,
     swept: Swept,
@@ -316,7 +316,7 @@ impl Shown {
         }
     }
 
-    fn tick(&mut self, progress: &[Option<Progress>], waiting_for: usize) {
+    fn tick(&mut self, progress: &[Option<TrainingProgress>], waiting_for: usize) {
         for (running, progress) in self.running.iter_mut().zip(progress) {
             if let Some((_, _, latest)) = running {
                 *latest = *progress;
@@ -365,9 +365,9 @@ impl Shown {
 
 /// What a worker is at: how far it has come, then the job as far as there is room. Whole words are
 /// left out at the end, because a number without its last digits is another number.
-fn worker_line(progress: Option<Progress>, name: &str) -> String {
+fn worker_line(progress: Option<TrainingProgress>, name: &str) -> String {
     let mut line = match progress {
-        Some(Progress { episode, episodes, recent_return, .. }) => {
+        Some(TrainingProgress { episode, episodes, recent_return, .. }) => {
             format!("{episode}/{episodes}, return {recent_return:.0}:")
         }
         None => "begins:".to_owned(),
@@ -383,7 +383,7 @@ fn worker_line(progress: Option<Progress>, name: &str) -> String {
     line
 }
 
-impl Watcher for Shown {
+impl EventSink for Shown {
     fn hear(&mut self, event: Event<'_>) {
         match event {
             Event::Started { worker, queued } => self.begin(worker, queued),
@@ -439,7 +439,8 @@ mod tests {
 
     #[test]
     fn the_line_of_a_worker_leaves_out_whole_words() {
-        let progress = Progress { episode: 123_456, episodes: 750_000, recent_return: -1234.4 };
+        let progress =
+            TrainingProgress { episode: 123_456, episodes: 750_000, recent_return: -1234.4 };
         let begin = "123456/750000, return -1234: reinforce P-H-D sigma=0.6";
         let line = |name: &str| worker_line(Some(progress), name);
         let short = "reinforce P-H-D sigma=0.6 seed=12";

@@ -11,8 +11,10 @@ use serde::Deserialize;
 use crate::cli::output::Format;
 use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit};
-use crate::env::Environment;
-use crate::env::{Action, Ending, Episodes, Signal};
+use crate::env::{
+    Action, ContextDraw, Environment, EpisodeStatus, Feature, LaneSet, LaneStreams,
+    PhysicalActivity, Scenario, VectorEnvironment,
+};
 use crate::key::Keyed;
 use crate::rng::{Purpose, Stream};
 
@@ -104,12 +106,12 @@ impl Trajectories {
     ) -> io::Result<Result<Differences, String>> {
         let mut differences = Differences::default();
         for (number, case) in (1..).zip(&self.cases) {
-            let (steps, episodes) = match replay(case) {
+            let (steps, lane) = match replay(case) {
                 Ok(replayed) => replayed,
                 Err(what) => return Ok(Err(format!("episode {number}, {what}"))),
             };
             rows.episode(number, &steps)?;
-            differences.look(number, case, &steps, &episodes);
+            differences.look(number, case, &steps, &lane);
         }
         Ok(Ok(differences))
     }
@@ -122,16 +124,17 @@ fn environment(case: &Case) -> Result<Environment, String> {
     paper.with_settings(&settings).map_err(|error| format!("parameters: {error}"))
 }
 
-/// The steps that follow from what is forced, and the episode after the last of them; or what
-/// cannot be forced.
-fn replay(case: &Case) -> Result<(Vec<Step>, Episodes), String> {
+/// The steps that follow from the recorded contexts and actions, and the lane after the last of them;
+/// or why these cannot be replayed.
+fn replay(case: &Case) -> Result<(Vec<Step>, PhysicalActivity), String> {
     let environment = environment(case)?;
-    // Every context is forced, so nothing of this stream is seen.
-    let mut episodes =
-        Episodes::start(&environment, 1, &mut Stream::new(0, Purpose::TestEnvironment));
+    // Nobody observes the lane, and every context is set, so the stream has no effect.
+    let mut lane = PhysicalActivity::new(&environment, &Scenario::of(Feature::Context), 1);
+    let stream = Stream::new(0, Purpose::TestEnvironment);
+    lane.reset(LaneSet::All, &mut LaneStreams::Shared(stream));
     let mut steps = Vec::with_capacity(case.steps.len());
     for (t, recorded) in case.steps.iter().enumerate() {
-        if !episodes.any_running() {
+        if !lane.any_running() {
             return Err(format!("step {t} comes after the end of the episode"));
         }
         let action = Action::from_index(recorded.action)
@@ -139,14 +142,14 @@ fn replay(case: &Case) -> Result<(Vec<Step>, Episodes), String> {
         if recorded.context > 1 || !(0.0..=1.0).contains(&recorded.p0) {
             return Err(format!("step {t}: the context is 0 or 1, and p0 from 0 to 1"));
         }
-        episodes.show(0, Signal::new(recorded.context, recorded.p0));
-        let mut step = Step::chosen(&episodes, action);
+        lane.set_context(0, ContextDraw::new(recorded.context, recorded.p0));
+        let mut step = Step::chosen(&lane, action);
         let mut reward = [0.0];
-        episodes.respond(&[action], &mut reward);
-        step.pay(&episodes, reward[0]);
+        lane.apply_actions(&[action], &mut reward);
+        step.pay(&lane, reward[0]);
         steps.push(step);
     }
-    Ok((steps, episodes))
+    Ok((steps, lane))
 }
 
 /// Where the simulation differs from the recording.
@@ -163,22 +166,22 @@ pub(super) struct Differences {
 
 impl Differences {
     /// Compares an episode with its recording, as far as that says something.
-    fn look(&mut self, number: usize, case: &Case, steps: &[Step], episodes: &Episodes) {
+    fn look(&mut self, number: usize, case: &Case, steps: &[Step], lane: &PhysicalActivity) {
         self.steps += steps.len();
         for (step, recorded) in steps.iter().zip(&case.steps) {
             let place = format!("episode {number}, step {}", step.time);
-            self.word(&place, "likely", step.signal.likely, recorded.likely);
+            self.word(&place, "likely", step.draw.likely, recorded.likely);
             self.number(&place, "habituation", step.habituation, recorded.habituation);
             self.number(&place, "disengagement", step.disengagement, recorded.disengagement);
             self.number(&place, "reward", step.reward, recorded.reward);
         }
         let place = format!("episode {number}, after its last step");
         if let Some(last) = &case.last {
-            self.number(&place, "habituation", episodes.habituation()[0], last.habituation);
-            let disengagement = episodes.disengagement()[0];
+            self.number(&place, "habituation", lane.habituation()[0], last.habituation);
+            let disengagement = lane.disengagement()[0];
             self.number(&place, "disengagement", disengagement, last.disengagement);
         }
-        let disengaged = episodes.endings()[0] == Ending::Terminated;
+        let disengaged = lane.statuses()[0] == EpisodeStatus::Terminated;
         self.word(&place, "disengaged", disengaged, case.disengaged);
     }
 

@@ -4,18 +4,17 @@ use std::io;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use crate::agent::DecisionRule;
 use crate::agent::{
-    self, Actions, DecisionRuleError, RulePolicy, Setting, Start, StartError, Weights,
+    self, Actions, Actor, DecisionRule, DecisionRuleError, RulePolicy, Setting, Start, StartError,
+    Weights,
 };
 use crate::cli::output::{Cell, Format, Rows};
 use crate::cli::setting::adjusted;
 use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit, StoreArgument, replay};
-use crate::env::{Action, Ending, Episodes, Observer};
-use crate::env::{Environment, Scenario};
+use crate::env::{Action, Environment, EpisodeStatus, Observer, PhysicalActivity, Scenario};
 use crate::store::{Reader, StoreError};
-use crate::train::{self, Chooser, TestStreams, Watch};
+use crate::train::{self, StepObserver, TestStreams};
 
 /// Roll a rule or a trained policy through the simulation and print every step
 #[derive(clap::Args)]
@@ -90,21 +89,21 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     if let Some(path) = &arguments.replay {
         return replay::run(path, arguments.format);
     }
-    let (environment, chooser) = match &arguments.policy {
+    let mut rolled = match &arguments.policy {
         PolicyArgument::Rule(_) | PolicyArgument::Fixed(_) if arguments.greedy => {
             return Err(Error::Usage(GREEDY_RULE.to_owned()));
         }
         PolicyArgument::Rule(rule) => {
             let environment = adjusted(Environment::paper(0.6), &arguments.settings)?;
-            let usual = || "P-H-D".parse().expect("its letters are features");
-            let scenario = arguments.scenario.clone().unwrap_or_else(usual);
+            let scenario = scenario(arguments);
             let policy = RulePolicy::new(rule, &environment, &scenario);
             let policy = policy.map_err(|error| Error::Usage(error.to_string()))?;
-            (environment, Chooser::Rule(policy))
+            Rolled::new(&environment, &scenario, Box::new(policy), arguments)
         }
         PolicyArgument::Fixed(action) => {
             let environment = adjusted(Environment::paper(0.6), &arguments.settings)?;
-            (environment, Chooser::Rule(RulePolicy::fixed(*action)))
+            let policy = Box::new(RulePolicy::fixed(*action));
+            Rolled::new(&environment, &scenario(arguments), policy, arguments)
         }
         PolicyArgument::Run(_) if arguments.scenario.is_some() => {
             return Err(Error::Usage(
@@ -113,8 +112,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         }
         PolicyArgument::Run(key) => of_run(key, arguments)?,
     };
-    let streams = TestStreams::new(arguments.seed);
-    let mut rolled = Rolled { environment, chooser, streams };
     if arguments.summary {
         summarise(&mut rolled, arguments)?;
     } else {
@@ -123,8 +120,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     Ok(Exit::Done)
 }
 
+/// What a rule observes.
+fn scenario(arguments: &Arguments) -> Scenario {
+    let usual = || "P-H-D".parse().expect("its letters are features");
+    arguments.scenario.clone().unwrap_or_else(usual)
+}
+
 /// The agent of a completed run, with the environment of its job as far as it is not set anew.
-fn of_run(key: &str, arguments: &Arguments) -> Result<(Environment, Chooser), Error> {
+fn of_run(key: &str, arguments: &Arguments) -> Result<Rolled, Error> {
     let stored = Reader::open(&arguments.store.store)?.weights(key).map_err(refused_key)?;
     let job = stored.job;
     for setting in &arguments.settings {
@@ -142,10 +145,10 @@ fn of_run(key: &str, arguments: &Arguments) -> Result<(Environment, Chooser), Er
     let Some(safetensors) = stored.safetensors else {
         // A rule needs no training, and acts as it would in a job with this environment.
         return match job.agent.start(&setting) {
-            Ok(Start::Rule(_)) if arguments.greedy => Err(Error::Usage(GREEDY_RULE.to_owned())),
-            Ok(Start::Rule(rule)) => Ok((environment, Chooser::Rule(rule))),
-            Err(StartError::NoOptimum(error)) => Err(Error::Usage(error.to_string())),
-            Ok(Start::Learner(_)) | Err(StartError::OutOfMemory(_)) => {
+            Ok(Start::Actor(_)) if arguments.greedy => Err(Error::Usage(GREEDY_RULE.to_owned())),
+            Ok(Start::Actor(rule)) => Ok(Rolled::new(&environment, &job.scenario, rule, arguments)),
+            Err(error @ StartError::NoOptimum(_)) => Err(Error::Usage(error.to_string())),
+            Ok(Start::Learner(_)) | Err(_) => {
                 Err(Error::Usage(format!("job {key} has left no weights; its store is damaged")))
             }
         };
@@ -156,8 +159,7 @@ fn of_run(key: &str, arguments: &Arguments) -> Result<(Environment, Chooser), Er
     };
     let weights = Weights::from_bytes(&safetensors).map_err(unusable)?;
     let policy = job.agent.trained(&setting, &weights, actions).map_err(unusable)?;
-    let observer = Observer::new(&environment, &job.scenario);
-    Ok((environment, Chooser::trained(policy, observer)))
+    Ok(Rolled::new(&environment, &job.scenario, policy, arguments))
 }
 
 /// A key that leads to no policy is a wrong argument, not a fault of the store.
@@ -173,17 +175,28 @@ fn refused_key(error: StoreError) -> Error {
 
 /// Episodes one after the other, from named streams.
 struct Rolled {
-    environment: Environment,
-    chooser: Chooser,
+    lane: PhysicalActivity,
+    actor: Box<dyn Actor>,
     streams: TestStreams,
 }
 
 impl Rolled {
+    fn new(
+        environment: &Environment,
+        scenario: &Scenario,
+        actor: Box<dyn Actor>,
+        arguments: &Arguments,
+    ) -> Self {
+        let lane = PhysicalActivity::new(environment, scenario, 1);
+        Rolled { lane, actor, streams: TestStreams::new(arguments.seed) }
+    }
+
     /// The steps of the next episode.
     fn episode(&mut self) -> Vec<Step> {
-        let mut episodes = Episodes::start(&self.environment, 1, &mut self.streams.environment);
+        let Rolled { lane, actor, streams } = self;
         let mut steps = Steps(Vec::new());
-        train::roll(&mut episodes, &mut self.chooser, &mut self.streams, &mut steps);
+        train::begin(lane, &mut **actor, streams);
+        train::roll(lane, &mut **actor, streams, &mut steps);
         steps.0
     }
 }
@@ -191,15 +204,15 @@ impl Rolled {
 /// The steps of an episode while it is rolled.
 struct Steps(Vec<Step>);
 
-impl Watch for Steps {
-    fn chosen(&mut self, episodes: &Episodes, actions: &[Action], chooser: &mut Chooser) {
-        let probability = chooser.probabilities(episodes, actions).first().copied();
-        self.0.push(Step { probability, ..Step::chosen(episodes, actions[0]) });
+impl StepObserver<PhysicalActivity> for Steps {
+    fn chosen(&mut self, lanes: &PhysicalActivity, actions: &[Action], probabilities: &[f64]) {
+        let probability = probabilities.first().copied();
+        self.0.push(Step { probability, ..Step::chosen(lanes, actions[0]) });
     }
 
-    fn paid(&mut self, episodes: &Episodes, rewards: &[f64]) {
+    fn paid(&mut self, lanes: &PhysicalActivity, rewards: &[f64]) {
         if let Some(step) = self.0.last_mut() {
-            step.pay(episodes, rewards[0]);
+            step.pay(lanes, rewards[0]);
         }
     }
 }
@@ -220,7 +233,8 @@ fn summarise(rolled: &mut Rolled, arguments: &Arguments) -> Result<(), Error> {
         returns.push(episode.iter().map(|step| step.reward).sum::<f64>());
         steps += episode.len();
         messages += episode.iter().filter(|step| step.action != Action::NONE).count();
-        disengaged += usize::from(episode.last().is_some_and(|s| s.ending == Ending::Terminated));
+        disengaged +=
+            usize::from(episode.last().is_some_and(|s| s.status == EpisodeStatus::Terminated));
     }
     let n = returns.len() as f64;
     let (mean, sd) = crate::analyse::mean_and_sd(&returns);

@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 
 use crate::cli::output::{Cell, Format, Rows};
-use crate::env::{Action, Ending, Episodes, Signal};
+use crate::env::{Action, ContextDraw, EpisodeStatus, PhysicalActivity, VectorEnvironment};
 
 const COLUMNS: [&str; 12] = [
     "episode",
@@ -25,7 +25,7 @@ pub(super) struct Step {
     /// Its time, from 0.
     pub(super) time: u32,
     /// The context with its inference.
-    pub(super) signal: Signal,
+    pub(super) draw: ContextDraw,
     /// Habituation before the step.
     pub(super) habituation: f64,
     /// Disengagement risk before the step.
@@ -36,29 +36,29 @@ pub(super) struct Step {
     pub(super) probability: Option<f64>,
     /// What was paid for it, in steps walked.
     pub(super) reward: f64,
-    /// Whether and how the episode ended with it.
-    pub(super) ending: Ending,
+    /// Status of the episode after it.
+    pub(super) status: EpisodeStatus,
 }
 
 impl Step {
-    /// The step that the first lane is at, with the action chosen in it; nothing is paid yet.
-    pub(super) fn chosen(episodes: &Episodes, action: Action) -> Self {
+    /// The step that the first lane is at, with the action chosen in it; its reward is not known yet.
+    pub(super) fn chosen(lanes: &PhysicalActivity, action: Action) -> Self {
         Step {
-            time: episodes.time(),
-            signal: episodes.signal(0),
-            habituation: episodes.habituation()[0],
-            disengagement: episodes.disengagement()[0],
+            time: lanes.times()[0],
+            draw: lanes.context(0),
+            habituation: lanes.habituation()[0],
+            disengagement: lanes.disengagement()[0],
             action,
             probability: None,
             reward: 0.0,
-            ending: Ending::Running,
+            status: EpisodeStatus::Running,
         }
     }
 
-    /// Adds what the first lane was paid, and how it stands after the step.
-    pub(super) fn pay(&mut self, episodes: &Episodes, reward: f64) {
+    /// Adds the reward of the first lane and its status after the step.
+    pub(super) fn pay(&mut self, lanes: &PhysicalActivity, reward: f64) {
         self.reward = reward;
-        self.ending = episodes.endings()[0];
+        self.status = lanes.statuses()[0];
     }
 }
 
@@ -78,15 +78,15 @@ impl<W: Write> StepRows<W> {
             self.0.row(&[
                 Cell::Integer(number as i64),
                 Cell::Integer(i64::from(step.time)),
-                Cell::Integer(i64::from(step.signal.context)),
-                Cell::Rounded(step.signal.probability_of_zero, 4),
-                Cell::Integer(i64::from(step.signal.likely)),
+                Cell::Integer(i64::from(step.draw.context)),
+                Cell::Rounded(step.draw.probability_of_zero, 4),
+                Cell::Integer(i64::from(step.draw.likely)),
                 Cell::Rounded(step.habituation, 4),
                 Cell::Rounded(step.disengagement, 4),
                 Cell::Integer(step.action.index() as i64),
                 step.probability.map_or(Cell::Empty, |p| Cell::Rounded(p, 4)),
                 Cell::Rounded(step.reward, 2),
-                Cell::text(step.ending.name()),
+                Cell::text(step.status.name()),
                 Cell::Rounded(total, 2),
             ])?;
         }

@@ -1,7 +1,7 @@
 //! What a scenario lets an agent know of the context.
 
+use crate::env::{ContextDraw, inference_error};
 use crate::env::{Environment, Feature, Scenario};
-use crate::env::{Signal, inference_error};
 
 /// The most that the letters of a scenario tell of the context.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,12 +39,12 @@ impl Belief {
         }
     }
 
-    /// The probability of context 0 to whoever sees of the signal what the scenario shows.
-    pub fn probability_of_zero(self, signal: &Signal) -> f64 {
+    /// The probability of context 0 given what the scenario shows of the draw.
+    pub fn probability_of_zero(self, draw: &ContextDraw) -> f64 {
         match self {
-            Belief::Certain => f64::from(1 - signal.context),
-            Belief::Inferred { .. } => signal.probability_of_zero,
-            Belief::Likely { error } if signal.likely == 0 => 1.0 - error,
+            Belief::Certain => f64::from(1 - draw.context),
+            Belief::Inferred { .. } => draw.probability_of_zero,
+            Belief::Likely { error } if draw.likely == 0 => 1.0 - error,
             Belief::Likely { error } => error,
             Belief::Ignorant => 0.5,
         }
@@ -59,7 +59,7 @@ mod tests {
     fn the_most_telling_letter_counts() {
         let belief = |sigma: f64, scenario: &str| {
             let belief = Belief::new(&Environment::paper(sigma), &scenario.parse().unwrap());
-            belief.probability_of_zero(&Signal::new(1, 0.7))
+            belief.probability_of_zero(&ContextDraw::new(1, 0.7))
         };
         assert_eq!(belief(1.0, "L-P-C"), 0.0);
         assert_eq!(belief(1.0, "L-P-T"), 0.7);

@@ -1,4 +1,6 @@
-//! The context process and what an inference of it shows.
+//! The context process and its inference.
+
+use std::hint::select_unpredictable;
 
 use pulp::{Simd, WithSimd};
 
@@ -7,7 +9,7 @@ use crate::rng::Stream;
 
 /// The context of a step with its inference.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Signal {
+pub struct ContextDraw {
     /// True context c, 0 or 1.
     pub context: u8,
     /// Inferred probability of context 0, in [0, 1].
@@ -16,13 +18,14 @@ pub struct Signal {
     pub likely: u8,
 }
 
-impl Signal {
+impl ContextDraw {
     /// The first step of the authors' simulator: context 0, both contexts equally likely.
-    pub const FIXED_FIRST: Signal = Signal { context: 0, probability_of_zero: 0.5, likely: 0 };
+    pub const FIXED_FIRST: ContextDraw =
+        ContextDraw { context: 0, probability_of_zero: 0.5, likely: 0 };
 
     /// A context with the inference that a probability of context 0 makes.
     pub fn new(context: u8, probability_of_zero: f64) -> Self {
-        Signal { context, probability_of_zero, likely: u8::from(probability_of_zero < 0.5) }
+        ContextDraw { context, probability_of_zero, likely: u8::from(probability_of_zero < 0.5) }
     }
 
     /// Draws c ~ Bernoulli(0.5) and x ~ N(c, sigma^2); infers P(C = 0 | x). Takes one word of the
@@ -30,7 +33,7 @@ impl Signal {
     pub fn draw(sigma: f64, stream: &mut Stream) -> Self {
         let bits = stream.bits();
         let deviate = deviate(squared_radius(bits), bits);
-        Signal::new(context(bits), probability_of_zero(context(bits), deviate, sigma))
+        ContextDraw::new(context(bits), probability_of_zero(context(bits), deviate, sigma))
     }
 }
 
@@ -71,10 +74,12 @@ pub fn probability_of_zero(context: u8, deviate: f64, sigma: f64) -> f64 {
     1.0 / (1.0 + math::exp((2.0 * feature - 1.0) * steepness))
 }
 
-/// Draws of many signals at once, each as [`Signal::draw`] makes it.
+/// Draws of many contexts at once, each as [`ContextDraw::draw`] makes it.
 ///
 /// **Shapes**: every array is as long as `words`, the words of the stream.
 pub(super) struct Draws<'a> {
+    /// Where draws are written; other entries stay as they are.
+    pub(super) drawn: &'a [bool],
     pub(super) sigma: f64,
     pub(super) words: &'a [u64],
     pub(super) contexts: &'a mut [u8],
@@ -87,52 +92,58 @@ impl WithSimd for Draws<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        // Three short loops: a long chain of operations leaves no room to begin the next one.
-        let mut room = [0.0; BLOCK];
+        // Short loops: a long chain of operations does not pipeline, and a loop over many arrays is not
+        // vectorised.
+        let mut numbers = [0.0; BLOCK];
         let shown = self.contexts.chunks_mut(BLOCK).zip(self.likely.chunks_mut(BLOCK));
-        let drawn = self.words.chunks(BLOCK).zip(self.probabilities.chunks_mut(BLOCK));
-        for ((words, probabilities), (contexts, likely)) in drawn.zip(shown) {
-            for (number, word) in room.iter_mut().zip(words) {
+        let masked = self.words.chunks(BLOCK).zip(self.drawn.chunks(BLOCK));
+        let draws = masked.zip(self.probabilities.chunks_mut(BLOCK));
+        for (((words, drawn), probabilities), (contexts, likely)) in draws.zip(shown) {
+            for (number, word) in numbers.iter_mut().zip(words) {
                 *number = squared_radius(*word);
             }
-            for (number, word) in room.iter_mut().zip(words) {
+            for (number, word) in numbers.iter_mut().zip(words) {
                 *number = deviate(*number, *word);
             }
-            let shown = contexts.iter_mut().zip(likely);
-            for (((word, deviate), probability), (shown, likely)) in
-                words.iter().zip(&room).zip(probabilities).zip(shown)
-            {
-                *shown = context(*word);
-                *probability = probability_of_zero(*shown, *deviate, self.sigma);
-                *likely = u8::from(*probability < 0.5);
+            for (number, word) in numbers.iter_mut().zip(words) {
+                *number = probability_of_zero(context(*word), *number, self.sigma);
+            }
+            for ((shown, word), drawn) in contexts.iter_mut().zip(words).zip(drawn) {
+                *shown = select_unpredictable(*drawn, context(*word), *shown);
+            }
+            for ((shown, number), drawn) in likely.iter_mut().zip(&numbers).zip(drawn) {
+                *shown = select_unpredictable(*drawn, u8::from(*number < 0.5), *shown);
+            }
+            for ((shown, number), drawn) in probabilities.iter_mut().zip(&numbers).zip(drawn) {
+                *shown = select_unpredictable(*drawn, *number, *shown);
             }
         }
     }
 }
 
-/// Signals between two of the loops of [`Draws`].
+/// Draws per round of the loops of [`Draws`].
 const BLOCK: usize = 64;
 
-/// Signals of the words that come next in a stream, for those who take one at a time: two registers
-/// of them are made in hardly more time than one signal.
+/// Context draws of the words that come next in a stream, for callers that take one at a time:
+/// computing two registers of draws takes hardly longer than computing one draw.
 #[derive(Clone, Debug)]
-pub struct SignalsAhead {
+pub struct ContextDrawsAhead {
     sigma: f64,
     words: [u64; AHEAD],
     contexts: [u8; AHEAD],
     probabilities: [f64; AHEAD],
     likely: [u8; AHEAD],
-    /// Signals of these that have been taken.
+    /// Draws of these that have been taken.
     taken: usize,
 }
 
-/// Signals made at a time.
+/// Draws computed at a time.
 const AHEAD: usize = 16;
 
-impl SignalsAhead {
-    /// Nothing made ahead yet.
+impl ContextDrawsAhead {
+    /// Nothing computed ahead yet.
     pub fn new(sigma: f64) -> Self {
-        SignalsAhead {
+        ContextDrawsAhead {
             sigma,
             words: [0; AHEAD],
             contexts: [0; AHEAD],
@@ -142,14 +153,16 @@ impl SignalsAhead {
         }
     }
 
-    /// The next signal of the stream, as [`Signal::draw`] makes it. What was made ahead is known by
-    /// its word, so that any stream may come, from anywhere.
-    pub fn take(&mut self, isa: Isa, stream: &mut Stream) -> Signal {
+    /// The next draw of the stream, as [`ContextDraw::draw`] makes it. Draws computed ahead are
+    /// recognised by their words, so that every call may pass another stream.
+    #[inline]
+    pub fn take(&mut self, isa: Isa, stream: &mut Stream) -> ContextDraw {
         let word = stream.bits();
         if self.words.get(self.taken) != Some(&word) {
             self.words[0] = word;
             stream.peek(&mut self.words[1..]);
             isa.run(Draws {
+                drawn: &[true; AHEAD],
                 sigma: self.sigma,
                 words: &self.words,
                 contexts: &mut self.contexts,
@@ -160,7 +173,7 @@ impl SignalsAhead {
         }
         let at = self.taken;
         self.taken += 1;
-        Signal {
+        ContextDraw {
             context: self.contexts[at],
             probability_of_zero: self.probabilities[at],
             likely: self.likely[at],
@@ -203,22 +216,22 @@ mod tests {
     fn without_noise_the_probability_is_exact() {
         let mut stream = Stream::new(3, Purpose::Environment);
         for _ in 0..1000 {
-            let signal = Signal::draw(0.0, &mut stream);
-            assert_eq!(signal.probability_of_zero, 1.0 - f64::from(signal.context));
-            assert_eq!(signal.likely, signal.context);
+            let draw = ContextDraw::draw(0.0, &mut stream);
+            assert_eq!(draw.probability_of_zero, 1.0 - f64::from(draw.context));
+            assert_eq!(draw.likely, draw.context);
         }
         assert_eq!(inference_error(0.0), 0.0);
     }
 
     #[test]
-    fn signals_made_ahead_are_those_of_the_stream_that_comes() {
-        let mut ahead = SignalsAhead::new(0.7);
+    fn draws_computed_ahead_are_those_of_the_stream_that_comes() {
+        let mut ahead = ContextDrawsAhead::new(0.7);
         let mut streams = [1, 2].map(|seed| Stream::new(seed, Purpose::Environment));
         for turn in 0..200 {
             // Long and short turns, some words of the stream taken by others.
             let stream = &mut streams[turn % 2];
             for taken in 0..(turn * 7) % 40 {
-                let expected = Signal::draw(0.7, &mut stream.clone());
+                let expected = ContextDraw::draw(0.7, &mut stream.clone());
                 let first = ahead.taken == AHEAD;
                 assert_eq!(ahead.take(Isa::chosen(), stream), expected);
                 // What was made ahead is used, but for the first of a turn.
@@ -234,8 +247,8 @@ mod tests {
         for sigma in [0.4, 0.6, 0.8, 1.0, 2.0] {
             let mut stream = Stream::new(11, Purpose::Environment);
             let wrong = (0..DRAWS)
-                .map(|_| Signal::draw(sigma, &mut stream))
-                .filter(|signal| signal.likely != signal.context)
+                .map(|_| ContextDraw::draw(sigma, &mut stream))
+                .filter(|draw| draw.likely != draw.context)
                 .count();
             let exact = inference_error(sigma);
             let rate = wrong as f64 / f64::from(DRAWS);
@@ -251,12 +264,12 @@ mod tests {
         let n = 200_000;
         let (mut ones, mut sum, mut squares) = (0, 0.0, 0.0);
         for _ in 0..n {
-            let signal = Signal::draw(sigma, &mut stream);
-            let p = signal.probability_of_zero;
+            let draw = ContextDraw::draw(sigma, &mut stream);
+            let p = draw.probability_of_zero;
             // The feature, got back from the probability.
             let x = sigma * sigma * ((1.0 - p) / p).ln() + 0.5;
-            let noise = (x - f64::from(signal.context)) / sigma;
-            ones += u32::from(signal.context);
+            let noise = (x - f64::from(draw.context)) / sigma;
+            ones += u32::from(draw.context);
             sum += noise;
             squares += noise * noise;
         }

@@ -1,19 +1,27 @@
-//! The physical-activity simulation of Karine et al. (2023), section 3.1.
+//! Environments: the contract that learners and actors know, and the simulation of the paper.
 //!
-//! In: parameters, actions and a random stream. Out: rewards, endings and observations. Episodes
-//! advance in lockstep, as structure of arrays: one call steps every lane. Numbers are f64, as in
-//! the authors' simulator, whose trajectories this one repeats. It knows no agent and no budget.
+//! In: parameters, actions and random streams. Out: rewards, episode statuses and observations.
+//! [`VectorEnvironment`] is the contract: many episodes, one per lane, stepped together as structures
+//! of arrays; any lane can be reset while others go on, and the whole state can be saved. The module
+//! [`contract`] tests any implementation. [`PhysicalActivity`] implements the contract: the simulation
+//! of Karine et al. (2023), section 3.1, in f64 as in the authors' simulator. The module knows no
+//! agent and no budget.
 
 mod belief;
 mod context;
-mod episodes;
+pub mod contract;
 mod observation;
+mod observer;
 mod parameters;
+mod physical_activity;
 mod scenario;
+mod vector;
 
 pub use belief::Belief;
-pub use context::{Signal, SignalsAhead, inference_error, probability_of_zero};
-pub use episodes::{Action, Effect, Ending, Episodes, Lane, respond};
-pub use observation::{Observations, Observer};
+pub use context::{ContextDraw, ContextDrawsAhead, inference_error, probability_of_zero};
+pub use observation::{FeatureSpec, ObservationSpec, Observations};
+pub use observer::{LaneStates, Observer};
 pub use parameters::{Environment, FirstContext, TimeIndicator, VERSION};
+pub use physical_activity::{Effect, PhysicalActivity, apply_action};
 pub use scenario::{Feature, Scenario, ScenarioError};
+pub use vector::{Action, ActionSpec, EpisodeStatus, LaneSet, LaneStreams, VectorEnvironment};

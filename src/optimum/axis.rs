@@ -4,7 +4,7 @@ use std::array;
 use std::collections::BTreeSet;
 
 use crate::env::Environment;
-use crate::env::{Action, respond};
+use crate::env::{Action, apply_action};
 
 /// Jumps of the value that are closer than this share their nodes.
 const APART: f64 = 1e-9;
@@ -111,7 +111,7 @@ fn jumps_of_the_value(e: &Environment, most: usize) -> Vec<f64> {
     let threshold = e.disengagement_threshold;
     let [suitable, wrong] = [Action::tailored_to(0), Action::tailored_to(1)];
     let leads_to = |action, target: f64| {
-        first_from_zero(threshold, |d| respond(e, 0, action, 0.0, d).disengagement >= target)
+        first_from_zero(threshold, |d| apply_action(e, 0, action, 0.0, d).disengagement >= target)
     };
     let danger = leads_to(wrong, threshold);
     // By increasing cost, which stands for decreasing size. Bits are in the order of the numbers.

@@ -176,8 +176,8 @@ fn normal(x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::env::ContextDraw;
     use crate::env::Environment;
-    use crate::env::Signal;
 
     /// The mean over features on a fine grid, of the best of four values for each.
     fn by_quadrature(sigma: f64, values: &ActionValues) -> f64 {
@@ -272,7 +272,7 @@ mod tests {
         assert!(values.windows(2).all(|pair| pair[0] >= pair[1]), "{values:?}");
         assert_eq!((values[0], values[3]), (10.0, 4.0));
         let likely = Belief::new(&environment, &"L".parse().unwrap());
-        let right = likely.probability_of_zero(&Signal::new(0, 0.9));
+        let right = likely.probability_of_zero(&ContextDraw::new(0, 0.9));
         assert_eq!(values[2], f64::max(4.0, right * 10.0 - (1.0 - right) * 20.0));
     }
 }

@@ -1,7 +1,7 @@
 //! Simulated episodes that correct the value of the start for the error of the grid.
 
 use crate::env::FirstContext;
-use crate::env::{Signal, respond};
+use crate::env::{ContextDraw, apply_action};
 use crate::rng::{Purpose, Stream};
 
 use super::solution::Solution;
@@ -40,12 +40,12 @@ fn sum_of_errors(solution: &Solution, seed: u64) -> f64 {
             sum += solution.mean_of_best(&values) - solution.value(left + 1, h, d);
         }
         let (signal, believed) = if time == 0 && e.first_context == FirstContext::Fixed {
-            (Signal::FIXED_FIRST, 1.0)
+            (ContextDraw::FIXED_FIRST, 1.0)
         } else {
-            let signal = Signal::draw(e.sigma, &mut stream);
+            let signal = ContextDraw::draw(e.sigma, &mut stream);
             (signal, solution.belief().probability_of_zero(&signal))
         };
-        let effect = respond(e, signal.context, values.best(believed), h, d);
+        let effect = apply_action(e, signal.context, values.best(believed), h, d);
         (h, d) = (effect.habituation, effect.disengagement);
         if d >= e.disengagement_threshold {
             break;

@@ -1,6 +1,6 @@
 //! Values of all states on a grid, by backward induction, and the policy that follows from them.
 
-use crate::env::{Action, Belief, respond};
+use crate::env::{Action, Belief, apply_action};
 use crate::env::{Environment, FirstContext};
 
 use super::ActionValues;
@@ -124,7 +124,7 @@ impl Solution {
 
     fn rows(&self) -> Vec<Row> {
         let row = |h: &f64| {
-            let after = |action| respond(&self.environment, 0, action, *h, 0.0);
+            let after = |action| apply_action(&self.environment, 0, action, *h, 0.0);
             let suitable = after(Action::tailored_to(0));
             Row {
                 rested: self.habituation.cubic(after(Action::NONE).habituation),
@@ -139,7 +139,7 @@ impl Solution {
     fn columns(&self) -> Vec<Column> {
         let threshold = self.environment.disengagement_threshold;
         let column = |d: &f64| {
-            let after = |action| respond(&self.environment, 0, action, 0.0, *d).disengagement;
+            let after = |action| apply_action(&self.environment, 0, action, 0.0, *d).disengagement;
             let [calm, annoyed] = [0, 1].map(|context| after(Action::tailored_to(context)));
             let at_annoyed = || self.disengagement.linear(annoyed);
             Column {
@@ -189,7 +189,7 @@ impl Solution {
 
     /// The action values of a state, given the value of the states after it.
     fn values_before(&self, h: f64, d: f64, later: impl Fn(f64, f64) -> f64) -> ActionValues {
-        let effect = |action| respond(&self.environment, 0, action, h, d);
+        let effect = |action| apply_action(&self.environment, 0, action, h, d);
         let [nothing, untailored, suitable, unsuitable] =
             [Action::NONE, Action::UNTAILORED, Action::tailored_to(0), Action::tailored_to(1)]
                 .map(effect);

@@ -4,7 +4,7 @@
 use super::expectation::Expectation;
 use super::*;
 use crate::env::FirstContext;
-use crate::env::{Signal, inference_error, respond};
+use crate::env::{ContextDraw, apply_action, inference_error};
 use crate::rng::{Purpose, Stream};
 
 fn value(environment: &Environment, scenario: &str) -> Optimum {
@@ -64,7 +64,7 @@ fn by_every_course(e: &Environment, belief: &Expectation, time: u32, state: [f64
     let is_known = time == 0 && e.first_context == FirstContext::Fixed;
     let unbiased = Environment { mu: [0.0; 2], ..e.clone() };
     let after = |action| {
-        let effect = respond(&unbiased, 0, action, state[0], state[1]);
+        let effect = apply_action(&unbiased, 0, action, state[0], state[1]);
         let ends = effect.disengagement >= e.disengagement_threshold;
         let state = [effect.habituation, effect.disengagement];
         effect.reward + if ends { 0.0 } else { by_every_course(e, belief, time + 1, state) }
@@ -147,12 +147,12 @@ fn simulated(solution: &Solution, e: &Environment, count: u32) -> [f64; 2] {
         let mut total = 0.0;
         for time in 0..e.horizon {
             let signal = match (time, e.first_context) {
-                (0, FirstContext::Fixed) => Signal::FIXED_FIRST,
-                _ => Signal::draw(e.sigma, &mut stream),
+                (0, FirstContext::Fixed) => ContextDraw::FIXED_FIRST,
+                _ => ContextDraw::draw(e.sigma, &mut stream),
             };
             let believed = solution.belief().probability_of_zero(&signal);
             let action = solution.choose(time, believed, state[0], state[1]);
-            let effect = respond(e, signal.context, action, state[0], state[1]);
+            let effect = apply_action(e, signal.context, action, state[0], state[1]);
             total += effect.reward;
             state = [effect.habituation, effect.disengagement];
             if effect.disengagement >= e.disengagement_threshold {
@@ -252,5 +252,5 @@ fn what_a_scenario_shows_besides_makes_no_difference() {
     let exact = Environment { sigma: 0.0, ..environment };
     assert_eq!(inference_error(0.0), 0.0);
     assert_eq!(value(&exact, "L-H-D"), value(&exact, "C-H-D"));
-    assert_eq!(Belief::Certain.probability_of_zero(&Signal::new(1, 0.0)), 0.0);
+    assert_eq!(Belief::Certain.probability_of_zero(&ContextDraw::new(1, 0.0)), 0.0);
 }

@@ -4,7 +4,7 @@
 //! missing one, and a [`Tally`].
 //!
 //! - One thread, the caller's, owns the store; workers never see it. It claims jobs, hands them
-//!   out, writes outcomes and tells the [`Watcher`] what happened, so that all events have one order.
+//!   out, writes outcomes and tells the [`EventSink`] what happened, so that all events have one order.
 //! - A worker holds one job at a time; nothing of it survives but its outcome and its checkpoint.
 //! - Outcomes that come within a twentieth of a second are stored together, while the workers are at
 //!   their next jobs: however slow the disk is, short jobs do not wait for it one by one. Nothing
@@ -36,7 +36,7 @@ use crate::record::Outcome;
 use crate::store::{
     Claim, Claimed, Finished, Isolation, RetryFailed, RunEnd, SessionId, Store, StoreError,
 };
-use crate::train::{Monitor, Progress};
+use crate::train::{TrainingControl, TrainingProgress};
 
 use worker::{Message, Report, Shared, Slot, Worker};
 
@@ -59,7 +59,7 @@ const RECHECK: Duration = Duration::from_secs(1);
 const SKIPS_AT_ONCE: usize = 1000;
 
 /// A way to train a job; the program's is [`crate::train::run`].
-pub type Train<'a> = &'a (dyn Fn(&Job, &dyn Monitor) -> Outcome + Sync);
+pub type Train<'a> = &'a (dyn Fn(&Job, &dyn TrainingControl) -> Outcome + Sync);
 
 /// How a sweep is run.
 #[derive(Clone, Copy, Debug)]
@@ -187,14 +187,14 @@ pub enum Event<'a> {
     /// Whenever no job has ended for a tenth of a second: how far each worker has come with its job.
     Tick {
         /// By worker; `None` while idle or before the first report.
-        progress: &'a [Option<Progress>],
+        progress: &'a [Option<TrainingProgress>],
         /// Jobs that another process holds and that nothing else is left to do but wait for.
         waiting_for: usize,
     },
 }
 
 /// Whoever shows the sweep to a person or a program.
-pub trait Watcher {
+pub trait EventSink {
     /// Hears of an event, on the thread that owns the store.
     fn hear(&mut self, event: Event<'_>);
 }
@@ -208,7 +208,7 @@ pub fn run(
     session: SessionId,
     queue: Vec<Queued>,
     context: Context<'_>,
-    watcher: &mut dyn Watcher,
+    sink: &mut dyn EventSink,
 ) -> Result<Tally, SweepError> {
     panic::capture();
     let wanted = context.options.workers.get().min(queue.len().max(1));
@@ -226,13 +226,13 @@ pub fn run(
             checkpoint_every: context.options.checkpoint_every,
             messages,
         };
-        let workers = start_workers(scope, &slots, &shared, watcher)?;
+        let workers = start_workers(scope, &slots, &shared, sink)?;
         drop(shared);
         let sweep = Sweep {
             store,
             session,
             context,
-            watcher,
+            sink,
             workers,
             waiting: queue.into(),
             held_elsewhere: VecDeque::new(),
@@ -257,7 +257,7 @@ fn start_workers<'scope>(
     scope: &'scope Scope<'scope, '_>,
     slots: &'scope [Slot],
     shared: &Shared<'scope>,
-    watcher: &mut dyn Watcher,
+    sink: &mut dyn EventSink,
 ) -> Result<Vec<Worker<'scope>>, SweepError> {
     let mut workers = Vec::with_capacity(slots.len());
     for (index, slot) in slots.iter().enumerate() {
@@ -265,7 +265,7 @@ fn start_workers<'scope>(
             Ok(worker) => workers.push(worker),
             Err(reason) if index == 0 => return Err(SweepError::NoWorker(reason)),
             Err(reason) => {
-                watcher.hear(Event::FewerWorkers { started: index, reason: &reason });
+                sink.hear(Event::FewerWorkers { started: index, reason: &reason });
                 break;
             }
         }
@@ -336,7 +336,7 @@ struct Sweep<'scope, 'a> {
     store: &'a mut Store,
     session: SessionId,
     context: Context<'a>,
-    watcher: &'a mut dyn Watcher,
+    sink: &'a mut dyn EventSink,
     workers: Vec<Worker<'scope>>,
     waiting: VecDeque<Queued>,
     held_elsewhere: VecDeque<Queued>,
@@ -379,7 +379,7 @@ impl Sweep<'_, '_> {
                 Ok(Message::Ended(report)) => self.gather(report),
                 Ok(Message::Noted { worker, note }) => {
                     let queued = self.workers[worker].job();
-                    self.watcher.hear(Event::Checkpoint { worker, queued, note: &note });
+                    self.sink.hear(Event::Checkpoint { worker, queued, note: &note });
                 }
                 Err(_) if self.gathered.is_empty() => self.tick(busy)?,
                 Err(_) => {}
@@ -416,7 +416,7 @@ impl Sweep<'_, '_> {
                 continue;
             }
             let Some((queued, claim)) = self.claim_next(&mut skips)? else { break };
-            self.watcher.hear(Event::Started { worker: index, queued: &queued });
+            self.sink.hear(Event::Started { worker: index, queued: &queued });
             self.workers[index].start(queued, claim);
         }
         Ok(if skips < SKIPS_AT_ONCE { Assigned::AllThatCan } else { Assigned::SomeForNow })
@@ -446,11 +446,11 @@ impl Sweep<'_, '_> {
                 Claimed::HeldElsewhere => self.held_elsewhere.push_back(queued),
                 Claimed::Completed => {
                     self.tally.already_completed += 1;
-                    self.watcher.hear(Event::Skipped { queued: &queued, found: Found::Completed });
+                    self.sink.hear(Event::Skipped { queued: &queued, found: Found::Completed });
                 }
                 Claimed::Failed => {
                     self.tally.already_failed += 1;
-                    self.watcher.hear(Event::Skipped { queued: &queued, found: Found::Failed });
+                    self.sink.hear(Event::Skipped { queued: &queued, found: Found::Failed });
                 }
             }
             *skips += 1;
@@ -487,7 +487,7 @@ impl Sweep<'_, '_> {
             match (finished, &outcome) {
                 // Another process will complete it: this outcome is not needed.
                 (Finished::ClaimLost, _) => {
-                    self.watcher.hear(Event::Lost { worker, queued: &queued });
+                    self.sink.hear(Event::Lost { worker, queued: &queued });
                     self.held_elsewhere.push_back(queued);
                     continue;
                 }
@@ -495,16 +495,16 @@ impl Sweep<'_, '_> {
                 (Finished::Stored, Outcome::Failed(_)) => self.tally.failed += 1,
                 (Finished::Stored, Outcome::Interrupted) => self.tally.interrupted += 1,
             }
-            self.watcher.hear(Event::Ended { worker, queued: &queued, outcome: &outcome, wall });
+            self.sink.hear(Event::Ended { worker, queued: &queued, outcome: &outcome, wall });
         }
         self.beat()
     }
 
     fn tick(&mut self, busy: bool) -> Result<(), StoreError> {
-        let progress: Vec<Option<Progress>> =
+        let progress: Vec<Option<TrainingProgress>> =
             self.workers.iter().map(|worker| worker.progress()).collect();
         let waiting_for = if busy { 0 } else { self.held_elsewhere.len() };
-        self.watcher.hear(Event::Tick { progress: &progress, waiting_for });
+        self.sink.hear(Event::Tick { progress: &progress, waiting_for });
         self.beat()
     }
 

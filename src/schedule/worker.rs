@@ -11,13 +11,13 @@ use crate::record::{Failure, FailureKind, Outcome};
 use crate::schedule::checkpoint::{Alarm, CheckpointFolder, CheckpointNote, Keeper, Stopwatch};
 use crate::schedule::{Queued, Train, panic};
 use crate::store::Claim;
-use crate::train::{Checkpoints, Monitor, Progress};
+use crate::train::{Checkpoints, TrainingControl, TrainingProgress};
 
 /// Where a worker leaves its latest progress for the coordinating thread, and hears that a
 /// checkpoint is due or its job over its time.
 #[derive(Default)]
 pub(super) struct Slot {
-    progress: Mutex<Option<Progress>>,
+    progress: Mutex<Option<TrainingProgress>>,
     checkpoint: Alarm,
     deadline: Alarm,
     worked: Stopwatch,
@@ -31,7 +31,7 @@ impl Slot {
         self.deadline.look();
     }
 
-    fn get(&self) -> Option<Progress> {
+    fn get(&self) -> Option<TrainingProgress> {
         *self.progress.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -40,7 +40,7 @@ impl Slot {
         self.get().map_or(0, |progress| progress.episode)
     }
 
-    fn set(&self, progress: Option<Progress>) {
+    fn set(&self, progress: Option<TrainingProgress>) {
         *self.progress.lock().unwrap_or_else(PoisonError::into_inner) = progress;
     }
 }
@@ -135,7 +135,7 @@ impl<'scope> Worker<'scope> {
         self.holds.take().expect("a report comes from a worker that holds a job")
     }
 
-    pub(super) fn progress(&self) -> Option<Progress> {
+    pub(super) fn progress(&self) -> Option<TrainingProgress> {
         self.slot.get()
     }
 }
@@ -155,22 +155,22 @@ fn work(worker: usize, task: &Task, slot: &Slot, shared: &Shared<'_>) -> Report 
     };
     let clock = (&slot.checkpoint, shared.checkpoint_every);
     let keeper = Keeper::new(shared.folder, (*key, *attempt), clock, &tell);
-    let monitor = SlotMonitor { slot, halt: shared.halt, keeper };
-    let outcome = match train_caught(shared.train, job, &monitor) {
+    let control = SlotControl { slot, halt: shared.halt, keeper };
+    let outcome = match train_caught(shared.train, job, &control) {
         Outcome::Interrupted if slot.deadline.rings() => Outcome::Failed(over_time(slot, limit)),
         outcome => outcome,
     };
-    Report { worker, outcome, wall: monitor.keeper.before() + slot.worked.look() }
+    Report { worker, outcome, wall: control.keeper.before() + slot.worked.look() }
 }
 
-struct SlotMonitor<'a> {
+struct SlotControl<'a> {
     slot: &'a Slot,
     halt: &'a AtomicBool,
     keeper: Keeper<'a>,
 }
 
-impl Monitor for SlotMonitor<'_> {
-    fn report(&self, progress: Progress) {
+impl TrainingControl for SlotControl<'_> {
+    fn report(&self, progress: TrainingProgress) {
         self.slot.set(Some(progress));
     }
 
@@ -188,13 +188,13 @@ impl Monitor for SlotMonitor<'_> {
 }
 
 /// Trains a job; a panic becomes a failure.
-fn train_caught(train: Train<'_>, job: &Job, monitor: &SlotMonitor<'_>) -> Outcome {
-    match panic::catch(|| train(job, monitor)) {
+fn train_caught(train: Train<'_>, job: &Job, control: &SlotControl<'_>) -> Outcome {
+    match panic::catch(|| train(job, control)) {
         Ok(outcome) => outcome,
         Err(message) => Outcome::Failed(Failure {
             kind: FailureKind::Panicked,
             message,
-            episode: monitor.slot.episode(),
+            episode: control.slot.episode(),
         }),
     }
 }

@@ -12,12 +12,13 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use crate::agent::{self, OutOfMemory, Resumable, StateError, StateReader, StateWriter};
+use crate::agent::{self, OutOfMemory};
 use crate::plan::{Job, Versions};
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
 use crate::train::training::Training;
 
 /// The first line. The number is raised whenever the bytes of a state change their meaning.
-const FORMAT: &str = "jitai checkpoint 1\n";
+const FORMAT: &str = "jitai checkpoint 2\n";
 /// Bytes of the SHA-256 at the end.
 const SEAL: usize = 32;
 

@@ -3,10 +3,9 @@
 use std::collections::VecDeque;
 use std::io;
 
-use crate::agent::{
-    OutOfMemory, Resumable, StateError, StateReader, StateWriter, TrainedEpisode, reserve,
-};
+use crate::agent::{OutOfMemory, TrainedEpisode, reserve};
 use crate::record::{CURVE_METRICS, CurvePoint};
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// Episodes that the reported recent return averages over.
 const RECENT: usize = 100;

@@ -1,8 +1,8 @@
 //! One job, from its declaration to its outcome.
 //!
-//! In: a [`Job`] and a [`Monitor`] to report to. Out: an [`Outcome`] that depends on the job and
-//! the code alone, however often the training was stopped and gone on with. It knows no database,
-//! no worker and no other job, and of [`Checkpoints`] neither where they lie nor when they are due.
+//! In: a [`Job`] and a [`TrainingControl`]. Out: an [`Outcome`] that depends on the job and the code
+//! alone, however often the training was stopped and resumed. It knows no database, no worker and no
+//! other job, and of [`Checkpoints`] neither where they are kept nor when they are due.
 
 mod checkpoint;
 mod curve;
@@ -22,11 +22,11 @@ pub use checkpoint::{
     CheckpointError, CheckpointFile, Checkpoints, KeptNowhere, ReadCheckpoint, Resumed,
     WriteCheckpoint,
 };
-pub use roll::{Chooser, TestStreams, Watch, roll};
+pub use roll::{StepObserver, TestStreams, begin, roll};
 
 /// How far a training has come.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Progress {
+pub struct TrainingProgress {
     /// Training episodes finished.
     pub episode: u32,
     /// Training episodes in all.
@@ -35,10 +35,10 @@ pub struct Progress {
     pub recent_return: f64,
 }
 
-/// Whom a training reports to, who may stop it, and who keeps its checkpoints.
-pub trait Monitor {
-    /// Hears how far it has come, after every span of the learner: an episode, or an update.
-    fn report(&self, progress: Progress);
+/// The outside of a training: takes its reports, may stop it, and keeps its checkpoints.
+pub trait TrainingControl {
+    /// Takes the progress, after every span of the learner: an episode, or an update.
+    fn report(&self, progress: TrainingProgress);
 
     /// Whether the training should end at the next occasion, without a result.
     fn stop_requested(&self) -> bool;
@@ -52,12 +52,12 @@ pub trait Monitor {
     }
 }
 
-/// A monitor that nobody watches.
+/// A control that reports to nobody and never stops a training.
 #[derive(Clone, Copy, Debug)]
 pub struct Unwatched;
 
-impl Monitor for Unwatched {
-    fn report(&self, _: Progress) {}
+impl TrainingControl for Unwatched {
+    fn report(&self, _: TrainingProgress) {}
 
     fn stop_requested(&self) -> bool {
         false
@@ -70,24 +70,24 @@ impl Monitor for Unwatched {
 
 /// Trains the job's agent, tests it, and returns what came out. Goes on from a checkpoint if there
 /// is one, and leaves one if it is stopped.
-pub fn run(job: &Job, monitor: &dyn Monitor) -> Outcome {
-    let checkpoints = monitor.checkpoints();
-    let mut training = match begin(job, checkpoints) {
+pub fn run(job: &Job, control: &dyn TrainingControl) -> Outcome {
+    let checkpoints = control.checkpoints();
+    let mut training = match start_or_resume(job, checkpoints) {
         Ok(training) => training,
         Err(error) => return Outcome::Failed(out_of_memory(&error, 0)),
     };
-    let pause = || monitor.stop_requested() || checkpoints.are_due();
+    let pause = || control.stop_requested() || checkpoints.are_due();
     loop {
         if let Err(failure) = training.advance(&pause) {
             return Outcome::Failed(failure);
         }
-        monitor.report(training.progress());
+        control.report(training.progress());
         if training.stage() == Stage::Over {
             break;
         }
-        let stopped = monitor.stop_requested();
+        let stopped = control.stop_requested();
         if stopped || checkpoints.are_due() {
-            checkpoints.keep(&mut |out| checkpoint::write(&training, monitor.worked(), out));
+            checkpoints.keep(&mut |out| checkpoint::write(&training, control.worked(), out));
         }
         if stopped {
             return Outcome::Interrupted;
@@ -99,7 +99,10 @@ pub fn run(job: &Job, monitor: &dyn Monitor) -> Outcome {
 /// A job at its beginning, or where a checkpoint was made.
 ///
 /// **Errors**: there is no memory for what learns.
-fn begin<'j>(job: &'j Job, checkpoints: &dyn Checkpoints) -> Result<Training<'j>, OutOfMemory> {
+fn start_or_resume<'j>(
+    job: &'j Job,
+    checkpoints: &dyn Checkpoints,
+) -> Result<Training<'j>, OutOfMemory> {
     let mut found = None;
     checkpoints.resume(&mut |file| {
         let training = checkpoint::read(job, file)?;

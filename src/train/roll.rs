@@ -1,105 +1,87 @@
-//! Rolling a policy through episodes, for tests and for `simulate`.
+//! Rolling an actor through episodes, for tests and for `simulate`.
 
-use crate::agent::{Policy, RulePolicy};
-use crate::env::{Action, Episodes, Observations, Observer};
+use std::io;
+
+use crate::agent::Actor;
+use crate::env::{Action, LaneSet, LaneStreams, VectorEnvironment};
 use crate::rng::{Purpose, Stream};
-
-/// What chooses the actions.
-pub enum Chooser {
-    /// A decision rule.
-    Rule(RulePolicy),
-    /// A trained policy with the observations it was trained on.
-    Trained {
-        /// The policy.
-        policy: Box<dyn Policy>,
-        /// What it sees.
-        observer: Observer,
-        /// Room for what it sees.
-        observations: Observations,
-    },
-}
-
-impl Chooser {
-    /// A trained policy with the observations it was trained on.
-    pub fn trained(policy: Box<dyn Policy>, observer: Observer) -> Self {
-        let observations = observer.observations();
-        Chooser::Trained { policy, observer, observations }
-    }
-
-    /// An action for every lane.
-    fn choose(&mut self, episodes: &Episodes, actions: &mut [Action], stream: &mut Stream) {
-        match self {
-            Chooser::Rule(rule) => {
-                for (lane, action) in actions.iter_mut().enumerate() {
-                    *action = rule.choose(episodes, lane, stream);
-                }
-            }
-            Chooser::Trained { policy, observer, observations } => {
-                observer.observe(episodes, observations);
-                policy.act(observations, actions, stream);
-            }
-        }
-    }
-
-    /// The probability with which it chooses these actions, \[lanes\], in the present step.
-    pub fn probabilities(&mut self, episodes: &Episodes, actions: &[Action]) -> Vec<f64> {
-        match self {
-            Chooser::Rule(rule) => vec![rule.probability(); actions.len()],
-            Chooser::Trained { policy, observer, observations } => {
-                observer.observe(episodes, observations);
-                policy.probabilities(observations, actions)
-            }
-        }
-    }
-}
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// The random streams of a test.
 #[derive(Clone, Debug)]
 pub struct TestStreams {
-    /// Contexts and their features.
-    pub environment: Stream,
+    /// The environment's chance: contexts and their features.
+    pub environment: LaneStreams,
     /// The choice among actions.
     pub actions: Stream,
 }
 
 impl TestStreams {
-    /// The streams of a seed, at their start.
+    /// The streams of a seed at their start, one of them shared by all lanes of the environment.
     pub fn new(seed: u64) -> Self {
         TestStreams {
-            environment: Stream::new(seed, Purpose::TestEnvironment),
+            environment: LaneStreams::Shared(Stream::new(seed, Purpose::TestEnvironment)),
             actions: Stream::new(seed, Purpose::TestActions),
         }
     }
 }
 
-/// Whoever looks at every step of a roll. Lanes that have ended are still shown; their endings
-/// tell them.
-pub trait Watch {
-    /// Sees the state of a step with the actions chosen in it, and who chose them.
-    fn chosen(&mut self, episodes: &Episodes, actions: &[Action], chooser: &mut Chooser);
+impl Resumable for TestStreams {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        self.environment.save(out)?;
+        self.actions.save(out)
+    }
 
-    /// Sees the rewards paid, 0 in lanes that had ended, and the state after the step.
-    fn paid(&mut self, episodes: &Episodes, rewards: &[f64]);
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.environment.restore(from)?;
+        self.actions.restore(from)
+    }
+}
 
-    /// Whether the roll should be broken off before the next step.
+/// Sees every step of a roll. Lanes that have ended are still shown; their statuses say so.
+pub trait StepObserver<Env: ?Sized> {
+    /// Sees the state before a step, and the actions with the probabilities with which they were
+    /// chosen.
+    ///
+    /// **Shapes**: `actions` and `probabilities` are \[lanes\].
+    fn chosen(&mut self, environment: &Env, actions: &[Action], probabilities: &[f64]);
+
+    /// Sees the state after the step, and the rewards, \[lanes\]: 0 in lanes that had ended.
+    fn paid(&mut self, environment: &Env, rewards: &[f64]);
+
+    /// Whether the roll should stop before the next step.
     fn stop_requested(&self) -> bool {
         false
     }
 }
 
-/// Rolls episodes from their first step to the end of the last, unless the watcher stops it.
-pub fn roll(
-    episodes: &mut Episodes,
-    chooser: &mut Chooser,
+/// Begins an episode in every lane.
+pub fn begin<Env: VectorEnvironment + ?Sized>(
+    environment: &mut Env,
+    actor: &mut (impl Actor<Env> + ?Sized),
     streams: &mut TestStreams,
-    watch: &mut impl Watch,
 ) {
-    let mut actions = vec![Action::NONE; episodes.lanes()];
-    let mut rewards = vec![0.0; episodes.lanes()];
-    while episodes.any_running() && !watch.stop_requested() {
-        chooser.choose(episodes, &mut actions, &mut streams.actions);
-        watch.chosen(episodes, &actions, chooser);
-        episodes.step(&actions, &mut rewards, &mut streams.environment);
-        watch.paid(episodes, &rewards);
+    environment.reset(LaneSet::All, &mut streams.environment);
+    actor.reset(LaneSet::All);
+}
+
+/// Rolls the running episodes to their ends, unless the observer requests a stop. The next call
+/// continues a roll that was stopped.
+pub fn roll<Env: VectorEnvironment + ?Sized>(
+    environment: &mut Env,
+    actor: &mut (impl Actor<Env> + ?Sized),
+    streams: &mut TestStreams,
+    observer: &mut impl StepObserver<Env>,
+) {
+    let mut actions = vec![Action::NONE; environment.lanes()];
+    let mut probabilities = vec![0.0; environment.lanes()];
+    let mut rewards = vec![0.0; environment.lanes()];
+    while environment.any_running() && !observer.stop_requested() {
+        let chosen_with = Some(&mut probabilities[..]);
+        actor.act(environment, &mut streams.actions, &mut actions, chosen_with);
+        observer.chosen(environment, &actions, &probabilities);
+        environment.step(&actions, &mut rewards, &mut streams.environment);
+        actor.observe(environment, &rewards);
+        observer.paid(environment, &rewards);
     }
 }

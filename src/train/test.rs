@@ -2,11 +2,12 @@
 
 use std::io;
 
-use crate::agent::{OutOfMemory, Resumable, StateError, StateReader, StateWriter, reserve_exact};
-use crate::env::{Action, Ending, Episodes, Signal};
+use crate::agent::{Actor, OutOfMemory, reserve_exact};
+use crate::env::{Action, ContextDraw, EpisodeStatus, PhysicalActivity, VectorEnvironment};
 use crate::plan::Job;
 use crate::record::{ActionCount, Metric, PROBABILITY_BINS, TestEpisode};
-use crate::train::{Chooser, TestStreams, Watch, roll};
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::train::roll::{StepObserver, TestStreams, begin, roll};
 
 /// Episodes that advance in lockstep; part of what fixes the results, because lanes share streams.
 const LANES: usize = 1000;
@@ -38,7 +39,10 @@ impl Test {
             streams: TestStreams::new(job.seed),
             counts: ActionCounts::default(),
             played: Vec::new(),
-            batch: Batch { episodes: Episodes::ended(&job.environment, 0), played: Vec::new() },
+            batch: Batch {
+                environment: PhysicalActivity::new(&job.environment, &job.scenario, 0),
+                played: Vec::new(),
+            },
         }
     }
 
@@ -46,12 +50,17 @@ impl Test {
         self.played.len() == self.episodes
     }
 
-    /// Plays a batch of episodes to its end, or until `pause` says yes; the next call goes on.
+    /// Whether an episode has begun: the actor may remember something from then on.
+    pub(super) fn has_begun(&self) -> bool {
+        !(self.played.is_empty() && self.batch.played.is_empty())
+    }
+
+    /// Plays a batch of episodes to its end, or until `pause` says yes; the next call continues.
     ///
     /// **Errors**: there is no memory for its episodes.
     pub(super) fn advance(
         &mut self,
-        chooser: &mut Chooser,
+        actor: &mut dyn Actor,
         pause: &dyn Fn() -> bool,
     ) -> Result<(), OutOfMemory> {
         let left = self.episodes - self.played.len();
@@ -59,17 +68,17 @@ impl Test {
         let Test { streams, counts, batch, .. } = self;
         if batch.played.is_empty() {
             let lanes = LANES.min(self.episodes - self.played.len());
-            let environment = batch.episodes.environment();
-            batch.episodes = Episodes::start(environment, lanes, &mut streams.environment);
+            batch.environment = batch.environment.with_lanes(lanes);
             batch.played = vec![UNPLAYED; lanes];
+            begin(&mut batch.environment, actor, streams);
         }
         let mut player = Player { counts, played: &mut batch.played, pause };
-        roll(&mut batch.episodes, chooser, streams, &mut player);
-        if batch.episodes.any_running() {
+        roll(&mut batch.environment, actor, streams, &mut player);
+        if batch.environment.any_running() {
             return Ok(());
         }
-        for (episode, ending) in batch.played.iter_mut().zip(batch.episodes.endings()) {
-            episode.disengaged = *ending == Ending::Terminated;
+        for (episode, status) in batch.played.iter_mut().zip(batch.environment.statuses()) {
+            episode.disengaged = *status == EpisodeStatus::Terminated;
         }
         self.played.append(&mut batch.played);
         Ok(())
@@ -84,7 +93,7 @@ impl Test {
 
 /// Test episodes that are being played; none between two batches.
 struct Batch {
-    episodes: Episodes,
+    environment: PhysicalActivity,
     played: Vec<TestEpisode>,
 }
 
@@ -95,17 +104,17 @@ struct Player<'a> {
     pause: &'a dyn Fn() -> bool,
 }
 
-impl Watch for Player<'_> {
-    fn chosen(&mut self, episodes: &Episodes, actions: &[Action], _: &mut Chooser) {
+impl StepObserver<PhysicalActivity> for Player<'_> {
+    fn chosen(&mut self, lanes: &PhysicalActivity, actions: &[Action], _: &[f64]) {
         for (lane, episode) in self.played.iter_mut().enumerate() {
-            if episodes.endings()[lane] == Ending::Running {
+            if lanes.statuses()[lane] == EpisodeStatus::Running {
                 episode.length += 1;
-                self.counts.add(&episodes.signal(lane), actions[lane]);
+                self.counts.add(&lanes.context(lane), actions[lane]);
             }
         }
     }
 
-    fn paid(&mut self, _: &Episodes, rewards: &[f64]) {
+    fn paid(&mut self, _: &PhysicalActivity, rewards: &[f64]) {
         for (episode, reward) in self.played.iter_mut().zip(rewards) {
             episode.total_reward += reward;
         }
@@ -118,18 +127,16 @@ impl Watch for Player<'_> {
 
 impl Resumable for Test {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        self.streams.environment.save(out)?;
-        self.streams.actions.save(out)?;
+        self.streams.save(out)?;
         out.many(self.counts.0.as_flattened().as_flattened())?;
         out.each(self.played.iter(), save_episode)?;
         out.each(self.batch.played.iter(), save_episode)?;
-        if self.batch.played.is_empty() { Ok(()) } else { self.batch.episodes.save(out) }
+        if self.batch.played.is_empty() { Ok(()) } else { self.batch.environment.save(out) }
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         const WHAT: &str = "test episodes";
-        self.streams.environment.restore(from)?;
-        self.streams.actions.restore(from)?;
+        self.streams.restore(from)?;
         from.fill(self.counts.0.as_flattened_mut().as_flattened_mut(), "counts of actions")?;
         self.played = from.each(self.episodes, WHAT, restore_episode)?;
         let most = LANES.min(self.episodes - self.played.len());
@@ -137,8 +144,8 @@ impl Resumable for Test {
         match self.batch.played.len() {
             0 => Ok(()),
             lanes if lanes == most => {
-                self.batch.episodes = Episodes::ended(self.batch.episodes.environment(), lanes);
-                self.batch.episodes.restore(from)
+                self.batch.environment = self.batch.environment.with_lanes(lanes);
+                self.batch.environment.restore(from)
             }
             _ => Err(StateError::Misfit(WHAT)),
         }
@@ -180,10 +187,10 @@ impl Tested {
 struct ActionCounts([[[u64; Action::COUNT]; 2]; PROBABILITY_BINS]);
 
 impl ActionCounts {
-    fn add(&mut self, signal: &Signal, action: Action) {
-        let bin = (signal.probability_of_zero * PROBABILITY_BINS as f64) as usize;
+    fn add(&mut self, draw: &ContextDraw, action: Action) {
+        let bin = (draw.probability_of_zero * PROBABILITY_BINS as f64) as usize;
         let bin = bin.min(PROBABILITY_BINS - 1);
-        self.0[bin][usize::from(signal.context)][action.index()] += 1;
+        self.0[bin][usize::from(draw.context)][action.index()] += 1;
     }
 
     fn messages(&self) -> u64 {

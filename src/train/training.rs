@@ -3,16 +3,13 @@
 use std::io;
 use std::time::Duration;
 
-use crate::agent::{
-    Learner, LearnerError, OutOfMemory, Resumable, Start, StartError, StateError, StateReader,
-    StateWriter, TrainedEpisode,
-};
-use crate::env::Observer;
+use crate::agent::{Actor, Learner, LearnerError, OutOfMemory, Start, StartError, TrainedEpisode};
 use crate::plan::Job;
 use crate::record::{Failure, FailureKind, Results};
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::train::TrainingProgress;
 use crate::train::curve::CurveRecorder;
 use crate::train::test::Test;
-use crate::train::{Chooser, Progress};
 
 /// Why there is a learner where training episodes are played or a policy was trained.
 const LEARNS: &str = "an agent with training episodes learns";
@@ -20,12 +17,12 @@ const LEARNS: &str = "an agent with training episodes learns";
 /// A job under way.
 pub(super) struct Training<'j> {
     job: &'j Job,
-    /// `None` for a rule, which learns nothing.
+    /// `None` for an agent that acts without training.
     learner: Option<Box<dyn Learner>>,
     curve: CurveRecorder,
     test: Test,
-    /// Who is tested: the trained policy, once the test has begun, or the rule.
-    chooser: Option<Chooser>,
+    /// What is tested: the trained policy, once training is over, or the agent that needs none.
+    actor: Option<Box<dyn Actor>>,
     /// Room for the episodes of a span.
     finished: Vec<TrainedEpisode>,
     /// Time at work on it before this process began.
@@ -52,16 +49,16 @@ impl<'j> Training<'j> {
             Err(StartError::OutOfMemory(error)) => return Err(error),
             start => start.expect("a manifest has the optimal rule only where it is computed"),
         };
-        let (learner, chooser) = match start {
+        let (learner, actor) = match start {
             Start::Learner(learner) => (Some(learner), None),
-            Start::Rule(rule) => (None, Some(Chooser::Rule(rule))),
+            Start::Actor(actor) => (None, Some(actor)),
         };
         Ok(Training {
             job,
             learner,
             curve: CurveRecorder::new(job.evaluation.curve_stride),
             test: Test::new(job),
-            chooser,
+            actor,
             finished: Vec::new(),
             before: Duration::ZERO,
         })
@@ -96,8 +93,8 @@ impl<'j> Training<'j> {
         }
     }
 
-    pub(super) fn progress(&self) -> Progress {
-        Progress {
+    pub(super) fn progress(&self) -> TrainingProgress {
+        TrainingProgress {
             episode: self.episodes(),
             episodes: self.job.agent.episodes(),
             recent_return: self.curve.recent_return(),
@@ -118,13 +115,13 @@ impl<'j> Training<'j> {
                 added.map_err(|error| out_of_memory(&error, curve.episodes()))?;
             }
             Stage::Testing => {
-                let mut chooser = match self.chooser.take() {
-                    Some(chooser) => chooser,
+                let mut actor = match self.actor.take() {
+                    Some(actor) => actor,
                     None => self.trained()?,
                 };
-                let played = self.test.advance(&mut chooser, pause);
+                let played = self.test.advance(&mut *actor, pause);
                 played.map_err(|error| out_of_memory(&error, self.episodes()))?;
-                self.chooser = Some(chooser);
+                self.actor = Some(actor);
             }
             Stage::Over => {}
         }
@@ -134,7 +131,7 @@ impl<'j> Training<'j> {
     /// The policy to be tested.
     ///
     /// **Errors**: a weight is not finite.
-    fn trained(&self) -> Result<Chooser, Failure> {
+    fn trained(&self) -> Result<Box<dyn Actor>, Failure> {
         let learner = self.learner.as_ref().expect(LEARNS);
         if !learner.weights().are_finite() {
             return Err(Failure {
@@ -143,9 +140,7 @@ impl<'j> Training<'j> {
                 episode: self.episodes(),
             });
         }
-        let policy = learner.policy(self.job.evaluation.test_actions.into());
-        let observer = Observer::new(&self.job.environment, &self.job.scenario);
-        Ok(Chooser::trained(policy, observer))
+        Ok(learner.policy(self.job.evaluation.test_actions.into()))
     }
 
     /// What it leaves behind once it is over.
@@ -183,12 +178,142 @@ impl Resumable for Training<'_> {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
         self.learner.iter().try_for_each(|learner| learner.save(out))?;
         self.curve.save(out)?;
-        self.test.save(out)
+        self.test.save(out)?;
+        match &self.actor {
+            Some(actor) if self.test.has_begun() => actor.save(out),
+            Some(_) | None => Ok(()),
+        }
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.learner.iter_mut().try_for_each(|learner| learner.restore(from))?;
         self.curve.restore(from)?;
-        self.test.restore(from)
+        self.test.restore(from)?;
+        if !self.test.has_begun() {
+            return Ok(());
+        }
+        let mut actor = match self.actor.take() {
+            Some(actor) => actor,
+            None => self.trained().map_err(|_| StateError::Misfit("weights"))?,
+        };
+        actor.restore(from)?;
+        self.actor = Some(actor);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use super::*;
+    use crate::agent::{Agent, DecisionRule, Rule};
+    use crate::env::{Action, Environment, LaneSet, PhysicalActivity, VectorEnvironment};
+    use crate::manifest::Evaluation;
+    use crate::rng::Stream;
+
+    /// An actor whose choices depend on everything that an actor can remember.
+    #[derive(Default)]
+    struct Remembering {
+        /// Steps of the episode, by lane: forgotten at its end.
+        steps: Vec<u32>,
+        /// Sum of the last rewards, by lane: forgotten at its end.
+        recent: Vec<f64>,
+        /// Good steps in all episodes: learned for good.
+        good: u32,
+    }
+
+    impl Actor for Remembering {
+        fn reset(&mut self, lanes: LaneSet<'_>) {
+            assert_eq!(lanes, LaneSet::All);
+            self.steps.clear();
+            self.recent.clear();
+        }
+
+        fn act(
+            &mut self,
+            environment: &PhysicalActivity,
+            stream: &mut Stream,
+            actions: &mut [Action],
+            probabilities: Option<&mut [f64]>,
+        ) {
+            self.steps.resize(environment.lanes(), 0);
+            self.recent.resize(environment.lanes(), 0.0);
+            let memory = self.steps.iter_mut().zip(&self.recent);
+            for (action, (steps, recent)) in actions.iter_mut().zip(memory) {
+                let number = u64::from(*steps) + *recent as u64 + u64::from(self.good / 7);
+                *action = Action::from_low_bits(number + stream.bits() % 3);
+                *steps += 1;
+            }
+            probabilities.expect("a roll asks for them").fill(1.0 / 3.0);
+        }
+
+        fn observe(&mut self, _: &PhysicalActivity, rewards: &[f64]) {
+            for (recent, reward) in self.recent.iter_mut().zip(rewards) {
+                *recent = 0.5 * *recent + reward;
+                self.good += u32::from(*reward > 100.0);
+            }
+        }
+    }
+
+    impl Resumable for Remembering {
+        fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+            out.many(&self.steps)?;
+            out.many(&self.recent)?;
+            out.one(self.good)
+        }
+
+        fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+            self.steps = from.many(usize::MAX, "steps")?;
+            self.recent = from.many(usize::MAX, "rewards")?;
+            self.good = from.one()?;
+            Ok(())
+        }
+    }
+
+    fn started(job: &Job) -> Training<'_> {
+        let mut training = Training::new(job).unwrap();
+        training.actor = Some(Box::new(Remembering::default()));
+        training
+    }
+
+    /// The results of the test, saved and restored after every `span` steps; and how often it was.
+    fn tested(job: &Job, span: Option<u32>) -> (Results, u32) {
+        let mut training = started(job);
+        let mut interruptions = 0;
+        while training.stage() != Stage::Over {
+            let left = Cell::new(span);
+            let pause = || left.replace(left.get().map(|left| left.saturating_sub(1))) == Some(0);
+            training.advance(&pause).unwrap();
+            if span.is_none() {
+                continue;
+            }
+            let mut bytes = Vec::new();
+            training.save(&mut StateWriter::new(&mut bytes)).unwrap();
+            training = started(job);
+            let mut from = &bytes[..];
+            training.restore(&mut StateReader::new(&mut from)).unwrap();
+            assert!(from.is_empty());
+            interruptions += 1;
+        }
+        (training.results(), interruptions)
+    }
+
+    #[test]
+    fn an_actor_keeps_its_memory_when_a_test_is_interrupted() {
+        let job = Job {
+            environment: Environment { horizon: 20, ..Environment::paper(0.6) },
+            scenario: "P-H-D".parse().unwrap(),
+            agent: Agent::of(&DecisionRule::new(Rule::Random)),
+            // Two batches, so that what is learned in the first matters in the second.
+            evaluation: Evaluation { test_episodes: 1100, ..Evaluation::default() },
+            seed: 4,
+        };
+        let (undisturbed, _) = tested(&job, None);
+        for span in [1, 3, 19] {
+            let (results, interruptions) = tested(&job, Some(span));
+            assert!(interruptions > 2);
+            assert!(results == undisturbed, "interrupted every {span} steps");
+        }
     }
 }

@@ -23,8 +23,8 @@ use jitai::store::{
     Store,
 };
 use jitai::train::{
-    self, CheckpointError, Checkpoints, Monitor, Progress, ReadCheckpoint, Unwatched,
-    WriteCheckpoint,
+    self, CheckpointError, Checkpoints, ReadCheckpoint, TrainingControl, TrainingProgress,
+    Unwatched, WriteCheckpoint,
 };
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
@@ -403,8 +403,8 @@ impl Checkpoints for Shelf {
     }
 }
 
-impl Monitor for Shelf {
-    fn report(&self, _: Progress) {}
+impl TrainingControl for Shelf {
+    fn report(&self, _: TrainingProgress) {}
 
     fn stop_requested(&self) -> bool {
         true

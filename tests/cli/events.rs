@@ -1,11 +1,11 @@
-//! What a sweep tells its watcher when other processes work on the same jobs.
+//! What a sweep tells its sink when other processes work on the same jobs.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use jitai::plan::Job;
-use jitai::schedule::{self, Context, Event, Found, Options, Tally, Watcher};
+use jitai::schedule::{self, Context, Event, EventSink, Found, Options, Tally};
 use jitai::store::{Claimed, Isolation, RetryFailed, Store};
-use jitai::train::{self, Monitor, Unwatched};
+use jitai::train::{self, TrainingControl, Unwatched};
 use rusqlite::Connection;
 
 use crate::failures::{OPTIONS, provenance, queued};
@@ -17,7 +17,7 @@ struct Listener<'a> {
     stop_at_skip: &'a AtomicBool,
 }
 
-impl Watcher for Listener<'_> {
+impl EventSink for Listener<'_> {
     fn hear(&mut self, event: Event<'_>) {
         let (name, queued) = match event {
             Event::Started { queued, .. } => ("started", queued),
@@ -52,14 +52,14 @@ fn a_run_that_was_taken_over_is_told_and_its_job_runs_again() {
     let folder = Folder::new();
     let (mut store, session, queue) = queued(&folder, &text("1"));
     let taken = AtomicBool::new(false);
-    let train = |job: &Job, monitor: &dyn Monitor| {
+    let train = |job: &Job, control: &dyn TrainingControl| {
         if !taken.swap(true, Ordering::Relaxed) {
             let other = Connection::open(folder.path("jitai.sqlite")).unwrap();
             let interrupt = "UPDATE run SET status = 'interrupted',
                 ended_at = '2026-01-31T12:00:00.000Z' WHERE status = 'running'";
             assert_eq!(other.execute(interrupt, []).unwrap(), 1);
         }
-        train::run(job, monitor)
+        train::run(job, control)
     };
     let stop = AtomicBool::new(false);
     let context = Context { options: one_worker(), train: &train, stop: &stop };
@@ -75,7 +75,7 @@ fn a_job_that_ended_elsewhere_is_told_with_how_it_ended() {
     let folder = Folder::new();
     let (mut store, session, queue) = queued(&folder, &text("3"));
     let others = queue[1..].to_vec();
-    let train = |job: &Job, monitor: &dyn Monitor| {
+    let train = |job: &Job, control: &dyn TrainingControl| {
         // While seed 1 is trained here, another process does the others.
         let mut other = Store::open(&folder.path("jitai.sqlite")).unwrap();
         let theirs = other.begin_session(&provenance()).unwrap();
@@ -93,7 +93,7 @@ fn a_job_that_ended_elsewhere_is_told_with_how_it_ended() {
             };
             other.finish(&claim, &outcome, 1.0).unwrap();
         }
-        train::run(job, monitor)
+        train::run(job, control)
     };
     let stop = AtomicBool::new(false);
     let context = Context { options: one_worker(), train: &train, stop: &stop };

@@ -7,9 +7,9 @@ use std::time::Duration;
 use jitai::manifest;
 use jitai::plan::{self, Job};
 use jitai::record::{Outcome, Provenance};
-use jitai::schedule::{self, Context, Event, OnFailure, Options, Queued, Tally, Watcher};
+use jitai::schedule::{self, Context, Event, EventSink, OnFailure, Options, Queued, Tally};
 use jitai::store::{Experiment, RetryFailed, SessionId, Store};
-use jitai::train::{self, Monitor};
+use jitai::train::{self, TrainingControl};
 
 use crate::support::{self, Effort, Folder};
 
@@ -223,7 +223,7 @@ fn time_in_which_the_process_is_stopped_is_no_time_at_work() {
 #[derive(Default)]
 struct Listener(Vec<(u64, Outcome)>);
 
-impl Watcher for Listener {
+impl EventSink for Listener {
     fn hear(&mut self, event: Event<'_>) {
         match event {
             Event::Ended { queued, outcome, .. } => {
@@ -289,9 +289,9 @@ fn sweep(folder: &Folder, train: schedule::Train<'_>) -> (Tally, Listener) {
 #[test]
 fn a_panic_in_a_job_is_a_failed_row_with_its_text_and_place() {
     let folder = Folder::new();
-    let train = |job: &Job, monitor: &dyn Monitor| {
+    let train = |job: &Job, control: &dyn TrainingControl| {
         assert!(job.algorithm() != "reinforce" || job.seed != 2, "no luck with seed {}", job.seed);
-        train::run(job, monitor)
+        train::run(job, control)
     };
     let (tally, listener) = sweep(&folder, &train);
     assert_eq!(tally, Tally { completed: 3, failed: 1, ..Tally::default() });
@@ -317,7 +317,7 @@ fn a_panic_in_a_job_is_a_failed_row_with_its_text_and_place() {
 #[test]
 fn a_panic_without_a_text_and_one_after_another_are_rows_too() {
     let folder = Folder::new();
-    let (tally, _) = sweep(&folder, &|_: &Job, _: &dyn Monitor| std::panic::panic_any(17));
+    let (tally, _) = sweep(&folder, &|_: &Job, _: &dyn TrainingControl| std::panic::panic_any(17));
     assert_eq!(tally, Tally { failed: 4, ..Tally::default() });
     let rows = "SELECT count(*) FROM run WHERE failure_kind = 'panicked' \
                 AND failure_message LIKE 'a panic without a message (%'";

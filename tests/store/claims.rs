@@ -211,10 +211,11 @@ fn a_run_without_weights_is_stored_and_the_caller_judges_it() {
     jobs.iter().for_each(|job| sample.run(job, &without));
     let found = Reader::open(&sample.path).unwrap().weights(&jobs[0].key().to_string()).unwrap();
     assert_eq!((&found.job, found.safetensors), (&jobs[0], None));
-    let check_weights = |job: &Job, weights: Option<&[u8]>| match (job.agent.algorithm().learns(), weights) {
-        (false, None) => Ok(()),
-        (_, weights) => Err(format!("{weights:?} of a trained agent")),
-    };
+    let check_weights =
+        |job: &Job, weights: Option<&[u8]>| match (job.agent.algorithm().learns(), weights) {
+            (false, None) => Ok(()),
+            (_, weights) => Err(format!("{weights:?} of a trained agent")),
+        };
     let findings = store::examine(&sample.path, &check_weights).unwrap().findings;
     let about_weights: Vec<_> =
         findings.iter().filter(|finding| finding.what.contains("weights")).collect();

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use crate::agent::DuelingDqn;
 use crate::agent::dueling_dqn::{Batch, DuelingDqnEngine};
-use crate::agent::fused::stack::{Room, Stack, blocks};
+use crate::agent::fused::stack::{Stack, Workspace, blocks};
 use crate::agent::policy::ActionNetwork;
 use crate::agent::{
     Resumable, StateError, StateReader, StateWriter, Weights, WeightsError, layers,
@@ -20,7 +20,7 @@ pub struct FusedDuelingNetwork {
     /// One stack with the outputs V, A_0 … A_3, or one for V and one for the advantages.
     stacks: Vec<Stack>,
     parameters: Aligned,
-    rooms: Vec<Room>,
+    workspaces: Vec<Workspace>,
 }
 
 impl FusedDuelingNetwork {
@@ -42,8 +42,8 @@ impl FusedDuelingNetwork {
         for stack in &stacks {
             stack.load(weights, &mut flat)?;
         }
-        let rooms = stacks.iter().map(Stack::room).collect();
-        Ok(FusedDuelingNetwork { isa, stacks, parameters: flat, rooms })
+        let workspaces = stacks.iter().map(Stack::workspace).collect();
+        Ok(FusedDuelingNetwork { isa, stacks, parameters: flat, workspaces })
     }
 
     /// The weights, by name.
@@ -59,8 +59,8 @@ impl FusedDuelingNetwork {
     }
 
     fn forward(&mut self, observations: &Observations, rows: Range<usize>) {
-        for (stack, room) in self.stacks.iter().zip(&mut self.rooms) {
-            stack.forward(self.isa, &self.parameters, (observations, rows.clone()), room);
+        for (stack, workspace) in self.stacks.iter().zip(&mut self.workspaces) {
+            stack.forward(self.isa, &self.parameters, (observations, rows.clone()), workspace);
         }
     }
 
@@ -69,7 +69,8 @@ impl FusedDuelingNetwork {
         let last = self.stacks.len() - 1;
         let mut set = |stack: usize, from: usize, derivatives: &[f32]| {
             let at = row * self.stacks[stack].outputs() + from;
-            self.rooms[stack].by_outputs[at..at + derivatives.len()].copy_from_slice(derivatives);
+            self.workspaces[stack].by_outputs[at..at + derivatives.len()]
+                .copy_from_slice(derivatives);
         };
         set(0, 0, &[by_value]);
         let by_advantages: [f32; Action::COUNT] = std::array::from_fn(|other| {
@@ -82,7 +83,7 @@ impl FusedDuelingNetwork {
     fn streams(&self, row: usize) -> (f32, &[f32]) {
         let outputs = |stack: usize| {
             let width = self.stacks[stack].outputs();
-            &self.rooms[stack].outputs[row * width..(row + 1) * width]
+            &self.workspaces[stack].outputs[row * width..(row + 1) * width]
         };
         let last = outputs(self.stacks.len() - 1);
         (outputs(0)[0], &last[last.len() - Action::COUNT..])
@@ -146,8 +147,8 @@ impl FusedDuelingDqn {
     fn differentiate(&mut self, batch: &Batch) -> f32 {
         let FusedDuelingDqn { network, gradient, .. } = self;
         let rows = batch.actions.len();
-        for (stack, room) in network.stacks.iter().zip(&mut network.rooms) {
-            stack.prepare(&network.parameters, room);
+        for (stack, workspace) in network.stacks.iter().zip(&mut network.workspaces) {
+            stack.prepare(&network.parameters, workspace);
         }
         let mut squares = 0.0;
         for block in blocks(rows) {
@@ -158,9 +159,9 @@ impl FusedDuelingDqn {
                 squares += f64::from(error) * f64::from(error);
                 network.derive_outputs(row, action, 2.0 * error / rows as f32);
             }
-            for (stack, room) in network.stacks.iter().zip(&mut network.rooms) {
+            for (stack, workspace) in network.stacks.iter().zip(&mut network.workspaces) {
                 let observations = (&batch.observations, block.clone());
-                stack.backward(network.isa, &network.parameters, observations, room, gradient);
+                stack.backward(network.isa, &network.parameters, observations, workspace, gradient);
             }
         }
         (squares / rows as f64) as f32

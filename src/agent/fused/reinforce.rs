@@ -5,7 +5,7 @@ use std::io;
 use pulp::{Simd, WithSimd};
 
 use crate::agent::Reinforce;
-use crate::agent::fused::stack::{BLOCK, Room, Stack, blocks};
+use crate::agent::fused::stack::{BLOCK, Stack, Workspace, blocks};
 use crate::agent::policy::ActionNetwork;
 use crate::agent::reinforce::{ReinforceEngine, Trajectories};
 use crate::agent::{
@@ -20,7 +20,7 @@ pub struct FusedPolicyNetwork {
     isa: Isa,
     stack: Stack,
     parameters: Aligned,
-    room: Room,
+    workspace: Workspace,
 }
 
 impl FusedPolicyNetwork {
@@ -36,7 +36,7 @@ impl FusedPolicyNetwork {
         let stack = Stack::new(layers::policy(parameters, inputs), parameters.activation, 0);
         let mut flat = Aligned::zeros(stack.end());
         stack.load(weights, &mut flat)?;
-        Ok(FusedPolicyNetwork { isa, room: stack.room(), stack, parameters: flat })
+        Ok(FusedPolicyNetwork { isa, workspace: stack.workspace(), stack, parameters: flat })
     }
 
     /// The weights, by name.
@@ -58,8 +58,8 @@ impl ActionNetwork for FusedPolicyNetwork {
         for rows in blocks(observations.rows()) {
             let count = rows.len() * Action::COUNT;
             let observations = (observations, rows);
-            self.stack.forward(self.isa, &self.parameters, observations, &mut self.room);
-            out.extend_from_slice(&self.room.outputs[..count]);
+            self.stack.forward(self.isa, &self.parameters, observations, &mut self.workspace);
+            out.extend_from_slice(&self.workspace.outputs[..count]);
         }
     }
 }
@@ -107,24 +107,24 @@ impl FusedReinforce {
     /// The loss of trajectories; adds its gradient to the one in memory.
     fn differentiate(&mut self, trajectories: &Trajectories) -> f32 {
         let FusedReinforce { network, gradient, likelihoods, .. } = self;
-        let FusedPolicyNetwork { isa, stack, parameters, room } = network;
+        let FusedPolicyNetwork { isa, stack, parameters, workspace } = network;
         let scale = (1.0 / self.loss_divisor) as f32;
         let preferences = trajectories.preferences.as_chunks::<{ Action::COUNT }>().0;
         assert_eq!(preferences.len(), trajectories.actions.len(), "preferences for every action");
-        stack.prepare(parameters, room);
+        stack.prepare(parameters, workspace);
         let mut loss = 0.0;
         for block in blocks(trajectories.actions.len()) {
             let observations = (&trajectories.observations, block.clone());
-            stack.remember(*isa, parameters, observations.clone(), room);
+            stack.remember(*isa, parameters, observations.clone(), workspace);
             loss += isa.run(Likelihoods {
                 preferences: &preferences[block.clone()],
                 actions: &trajectories.actions[block.clone()],
                 returns: &trajectories.returns_to_go[block],
                 scale,
-                derivatives: room.by_outputs.as_chunks_mut().0,
+                derivatives: workspace.by_outputs.as_chunks_mut().0,
                 likelihoods,
             });
-            stack.backward(*isa, parameters, observations, room, gradient);
+            stack.backward(*isa, parameters, observations, workspace, gradient);
         }
         (loss / self.loss_divisor) as f32
     }

@@ -40,9 +40,9 @@ pub(super) struct Stack {
     range: Range<usize>,
 }
 
-/// Room for the numbers between the layers, for [`BLOCK`] rows.
+/// Buffers for the numbers between the layers, for [`BLOCK`] rows.
 #[derive(Clone, Debug)]
-pub(super) struct Room {
+pub(super) struct Workspace {
     /// Values of each hidden layer's units, \[rows, stride\].
     hidden: Vec<Aligned>,
     /// \[rows, outputs\].
@@ -108,10 +108,10 @@ impl Stack {
         self.outputs
     }
 
-    pub(super) fn room(&self) -> Room {
+    pub(super) fn workspace(&self) -> Workspace {
         let widest = self.hidden.iter().map(|hidden| hidden.stride).max().unwrap_or(0);
         let pairs = self.hidden.windows(2);
-        Room {
+        Workspace {
             hidden: self.hidden.iter().map(|h| Aligned::zeros(BLOCK * h.stride)).collect(),
             outputs: vec![0.0; BLOCK * self.outputs],
             by_outputs: vec![0.0; BLOCK * self.outputs],
@@ -185,14 +185,14 @@ impl Stack {
         isa: Isa,
         flat: &[f32],
         (observations, rows): (&Observations, Range<usize>),
-        room: &mut Room,
+        workspace: &mut Workspace,
     ) {
         match self.shallow(flat, (observations, rows.clone())) {
             Some(network) => {
                 let start = &flat[self.head_bias..self.head_bias + self.outputs];
-                network.forward(isa, start, &mut room.outputs[..rows.len() * self.outputs]);
+                network.forward(isa, start, &mut workspace.outputs[..rows.len() * self.outputs]);
             }
-            None => self.forward_layers(isa, flat, (observations, rows), room),
+            None => self.forward_layers(isa, flat, (observations, rows), workspace),
         }
     }
 
@@ -203,10 +203,10 @@ impl Stack {
         isa: Isa,
         flat: &[f32],
         (observations, rows): (&Observations, Range<usize>),
-        room: &mut Room,
+        workspace: &mut Workspace,
     ) {
         if self.shallow(flat, (observations, rows.clone())).is_none() {
-            self.forward_layers(isa, flat, (observations, rows), room);
+            self.forward_layers(isa, flat, (observations, rows), workspace);
         }
     }
 
@@ -239,11 +239,11 @@ impl Stack {
         isa: Isa,
         flat: &[f32],
         (observations, rows): (&Observations, Range<usize>),
-        room: &mut Room,
+        workspace: &mut Workspace,
     ) {
         let count = rows.len();
         for (i, layer) in self.hidden.iter().enumerate() {
-            let (before, from) = room.hidden.split_at_mut(i);
+            let (before, from) = workspace.hidden.split_at_mut(i);
             let units = &mut from[0][..count * layer.stride];
             let bias = &flat[layer.bias..layer.bias + layer.stride];
             let mut start = Start::Row(bias);
@@ -272,10 +272,10 @@ impl Stack {
             self.activation.apply(isa, units);
         }
         let stride = self.head_stride();
-        let last = &room.hidden[self.hidden.len() - 1][..count * stride];
+        let last = &workspace.hidden[self.hidden.len() - 1][..count * stride];
         let weight = &flat[self.head_weight..self.head_weight + self.outputs * stride];
         let bias = &flat[self.head_bias..self.head_bias + self.outputs];
-        dot(isa, last, weight, stride, bias, &mut room.outputs[..count * self.outputs]);
+        dot(isa, last, weight, stride, bias, &mut workspace.outputs[..count * self.outputs]);
     }
 
     /// Makes the first layer's units the bias and the weights of the one-hots' entries that are 1.
@@ -296,9 +296,9 @@ impl Stack {
         }
     }
 
-    /// Prepares the room for [`Stack::backward`] with these parameters.
-    pub(super) fn prepare(&self, flat: &[f32], room: &mut Room) {
-        for (pair, transposed) in self.hidden.windows(2).zip(&mut room.transposed) {
+    /// Prepares the workspace for [`Stack::backward`] with these parameters.
+    pub(super) fn prepare(&self, flat: &[f32], workspace: &mut Workspace) {
+        for (pair, transposed) in self.hidden.windows(2).zip(&mut workspace.transposed) {
             let (previous, layer) = (&pair[0], &pair[1]);
             let from = &flat[layer.weight..];
             let size = (previous.units, layer.units);
@@ -313,13 +313,13 @@ impl Stack {
         isa: Isa,
         flat: &[f32],
         (observations, rows): (&Observations, Range<usize>),
-        room: &mut Room,
+        workspace: &mut Workspace,
         gradient: &mut [f32],
     ) {
         let Some(network) = self.shallow(flat, (observations, rows.clone())) else {
-            return self.backward_layers(isa, flat, (observations, rows), room, gradient);
+            return self.backward_layers(isa, flat, (observations, rows), workspace, gradient);
         };
-        let by_outputs = &room.by_outputs[..rows.len() * self.outputs];
+        let by_outputs = &workspace.by_outputs[..rows.len() * self.outputs];
         self.add_head_biases(by_outputs, gradient);
         let layer = &self.hidden[0];
         let (below, head) = gradient.split_at_mut(self.head_weight);
@@ -350,12 +350,12 @@ impl Stack {
         isa: Isa,
         flat: &[f32],
         (observations, rows): (&Observations, Range<usize>),
-        room: &mut Room,
+        workspace: &mut Workspace,
         gradient: &mut [f32],
     ) {
         let count = rows.len();
-        self.backward_heads(isa, flat, count, room, gradient);
-        let Room { by_units, by_active, .. } = room;
+        self.backward_heads(isa, flat, count, workspace, gradient);
+        let Workspace { by_units, by_active, .. } = workspace;
         for (i, layer) in self.hidden.iter().enumerate().rev() {
             let derivatives = &by_units[..count * layer.stride];
             let bias = &mut gradient[layer.bias..layer.bias + layer.stride];
@@ -374,7 +374,7 @@ impl Stack {
                 continue;
             };
             let previous = &self.hidden[before];
-            let units = &room.hidden[before];
+            let units = &workspace.hidden[before];
             let to = &mut gradient[layer.weight..];
             outer(isa, (units, previous.stride, previous.units), derivatives, count, to);
             let into = &mut by_active[..count * previous.stride];
@@ -383,7 +383,7 @@ impl Stack {
                 left: derivatives,
                 left_stride: layer.stride,
                 left_transposed: false,
-                right: &room.transposed[before],
+                right: &workspace.transposed[before],
                 terms: layer.units,
                 rows: count,
                 width: previous.stride,
@@ -400,16 +400,16 @@ impl Stack {
         isa: Isa,
         flat: &[f32],
         count: usize,
-        room: &mut Room,
+        workspace: &mut Workspace,
         gradient: &mut [f32],
     ) {
         let stride = self.head_stride();
-        let last = &room.hidden[self.hidden.len() - 1][..count * stride];
-        let by_outputs = &room.by_outputs[..count * self.outputs];
+        let last = &workspace.hidden[self.hidden.len() - 1][..count * stride];
+        let by_outputs = &workspace.by_outputs[..count * self.outputs];
         let to = &mut gradient[self.head_weight..self.head_weight + self.outputs * stride];
         outer(isa, (by_outputs, self.outputs, self.outputs), last, count, to);
         self.add_head_biases(by_outputs, gradient);
-        let Room { by_units, by_active, .. } = room;
+        let Workspace { by_units, by_active, .. } = workspace;
         let into = &mut by_active[..count * stride];
         Product {
             start: Start::Zero,
@@ -505,7 +505,7 @@ mod tests {
             for isa in Isa::available() {
                 let given = (&observations, 0..rows);
                 assert!(stack.shallow(&flat, given.clone()).is_some());
-                let (mut at_once, mut by_layers) = (stack.room(), stack.room());
+                let (mut at_once, mut by_layers) = (stack.workspace(), stack.workspace());
                 stack.forward(isa, &flat, given.clone(), &mut at_once);
                 stack.forward_layers(isa, &flat, given.clone(), &mut by_layers);
                 assert_eq!(bits(&at_once.outputs), bits(&by_layers.outputs));

@@ -2,13 +2,12 @@
 
 use std::fmt;
 
+use crate::agent::actor::Actor;
 use crate::agent::constraint::Constraint;
 use crate::agent::learner::{Actions, Learner};
 use crate::agent::memory::OutOfMemory;
-use crate::agent::policy::Policy;
-use crate::agent::rule::RulePolicy;
 use crate::agent::weights::{Weights, WeightsError};
-use crate::env::{Environment, Scenario};
+use crate::env::{Action, Environment, ObservationSpec, Observer, Scenario, VectorEnvironment};
 use crate::key::{Key, Keyed, Value};
 use crate::optimum::NoOptimum;
 
@@ -23,6 +22,13 @@ pub struct Setting<'s> {
     pub seed: u64,
 }
 
+impl Setting<'_> {
+    /// What an agent observes.
+    pub fn observations(&self) -> ObservationSpec {
+        Observer::new(self.environment, self.scenario).spec()
+    }
+}
+
 /// Why an agent cannot begin.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum StartError {
@@ -32,14 +38,43 @@ pub enum StartError {
     /// It acts optimally, and the optimum is not computed.
     #[error(transparent)]
     NoOptimum(#[from] NoOptimum),
+    /// The environment has another number of actions.
+    #[error(
+        "the environment has {actions} actions; the agents choose among exactly {}",
+        Action::COUNT
+    )]
+    Actions {
+        /// Its actions.
+        actions: usize,
+    },
+    /// The environment has another number of lanes.
+    #[error("the environment has {lanes} lanes; this agent trains on {expected}")]
+    Lanes {
+        /// Its lanes.
+        lanes: usize,
+        /// The lanes that the agent trains on.
+        expected: usize,
+    },
+}
+
+/// Fails unless an environment has so many lanes, and as many actions as agents have.
+pub(super) fn unless_fit(
+    environment: &impl VectorEnvironment,
+    expected: usize,
+) -> Result<(), StartError> {
+    let (actions, lanes) = (environment.action_spec().count, environment.lanes());
+    if actions != Action::COUNT {
+        return Err(StartError::Actions { actions });
+    }
+    if lanes == expected { Ok(()) } else { Err(StartError::Lanes { lanes, expected }) }
 }
 
 /// An agent before its first episode.
 pub enum Start {
-    /// One that has everything to learn.
+    /// An agent that has to be trained.
     Learner(Box<dyn Learner>),
-    /// One that has nothing to learn.
-    Rule(RulePolicy),
+    /// An agent that acts without training, such as a decision rule.
+    Actor(Box<dyn Actor>),
 }
 
 /// The hyper-parameters of an algorithm, and with them everything that the program has to know of
@@ -64,7 +99,7 @@ pub trait AlgorithmParameters: Keyed + 'static {
     /// **Errors**: there is no memory for what it needs, or it is a rule that cannot be computed.
     fn start(&self, setting: &Setting) -> Result<Start, StartError>;
 
-    /// The policy of an agent that was trained before, on the engine that trained it.
+    /// The actor of an agent that was trained before, on the engine that trained it.
     ///
     /// **Errors**: the weights do not fit the agent; an algorithm that does not train has none.
     fn trained(
@@ -72,7 +107,7 @@ pub trait AlgorithmParameters: Keyed + 'static {
         setting: &Setting,
         weights: &Weights,
         actions: Actions,
-    ) -> Result<Box<dyn Policy>, WeightsError>;
+    ) -> Result<Box<dyn Actor>, WeightsError>;
 }
 
 /// A registered algorithm: what [`AlgorithmParameters`] declare, for all types alike.
@@ -89,7 +124,7 @@ pub struct Algorithm {
 }
 
 /// [`AlgorithmParameters::trained`] of the parameters with these values.
-type Trained = fn(&[Value], &Setting, &Weights, Actions) -> Result<Box<dyn Policy>, WeightsError>;
+type Trained = fn(&[Value], &Setting, &Weights, Actions) -> Result<Box<dyn Actor>, WeightsError>;
 
 impl Algorithm {
     /// The algorithm of these hyper-parameters.
@@ -200,7 +235,7 @@ impl Agent {
         (self.algorithm.start)(&self.values, setting)
     }
 
-    /// The policy of an agent that was trained before; see [`AlgorithmParameters::trained`].
+    /// The actor of an agent that was trained before; see [`AlgorithmParameters::trained`].
     ///
     /// **Errors**: the weights do not fit the agent; an algorithm that does not train has none.
     pub fn trained(
@@ -208,7 +243,7 @@ impl Agent {
         setting: &Setting,
         weights: &Weights,
         actions: Actions,
-    ) -> Result<Box<dyn Policy>, WeightsError> {
+    ) -> Result<Box<dyn Actor>, WeightsError> {
         (self.algorithm.trained)(&self.values, setting, weights, actions)
     }
 }

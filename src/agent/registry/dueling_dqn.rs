@@ -1,5 +1,6 @@
 //! The registration of the dueling DQN.
 
+use crate::agent::actor::Actor;
 use crate::agent::burn::device::inference;
 use crate::agent::burn::{BurnDuelingDqn, DuelingQNetwork};
 use crate::agent::constraint::{
@@ -8,14 +9,16 @@ use crate::agent::constraint::{
 };
 use crate::agent::dueling_dqn::{DuelingDqn, DuelingDqnLearner};
 use crate::agent::fused::{FusedDuelingDqn, FusedDuelingNetwork};
+use crate::agent::layers;
+use crate::agent::learner::{Actions, Learner};
 use crate::agent::network::Engine;
-use crate::agent::policy::{EpsilonGreedy, Policy};
-use crate::agent::{Actions, Weights, WeightsError, layers};
-use crate::env::Observer;
+use crate::agent::policy::EpsilonGreedy;
+use crate::agent::weights::{Weights, WeightsError};
+use crate::env::{ObservationSpec, PhysicalActivity, VectorEnvironment};
 use crate::kernel::Isa;
 use crate::key::Parameter;
 
-use super::algorithm::{AlgorithmParameters, Setting, Start, StartError};
+use super::algorithm::{AlgorithmParameters, Setting, Start, StartError, unless_fit};
 
 const TRUNK: Parameter = Parameter::Agent("trunk");
 const BATCH: Parameter = Parameter::Agent("batch");
@@ -78,45 +81,78 @@ impl AlgorithmParameters for DuelingDqn {
 
     fn start(&self, setting: &Setting) -> Result<Start, StartError> {
         let Setting { environment, scenario, seed } = *setting;
-        let inputs = Observer::new(environment, scenario).inputs();
-        let stacks = layers::dueling(self, inputs);
-        // The weights as drawn and as trained, their gradient, Adam's two moments of them, and the
-        // target network.
-        let weights = layers::initial(&stacks, 6, seed)?;
-        Ok(Start::Learner(match self.engine {
-            Engine::Fused => {
-                let engine = FusedDuelingDqn::new(self, inputs, &weights, Isa::chosen());
-                let engine = engine.expect(layers::DRAWN);
-                Box::new(DuelingDqnLearner::new(engine, self, environment, scenario, seed))
-            }
-            Engine::Burn => {
-                let engine = BurnDuelingDqn::new(self, inputs, &weights).expect(layers::DRAWN);
-                Box::new(DuelingDqnLearner::new(engine, self, environment, scenario, seed))
-            }
-        }))
+        let environment = PhysicalActivity::new(environment, scenario, LANES);
+        Ok(Start::Learner(learner_in(self, environment, seed)?))
     }
 
-    /// A trained dueling DQN explores at the rate that is kept with its weights.
     fn trained(
         &self,
         setting: &Setting,
         weights: &Weights,
         actions: Actions,
-    ) -> Result<Box<dyn Policy>, WeightsError> {
-        let inputs = Observer::new(setting.environment, setting.scenario).inputs();
-        let epsilon = match actions {
-            Actions::AsTrained => weights.number("epsilon")?,
-            Actions::Greedy => 0.0,
-        };
-        Ok(match self.engine {
-            Engine::Fused => Box::new(EpsilonGreedy::new(
-                FusedDuelingNetwork::new(self, inputs, weights, Isa::chosen())?,
-                epsilon,
-            )),
-            Engine::Burn => Box::new(EpsilonGreedy::new(
-                DuelingQNetwork::from_weights(self, inputs, weights, &inference())?,
-                epsilon,
-            )),
-        })
+    ) -> Result<Box<dyn Actor>, WeightsError> {
+        trained(self, &setting.observations(), weights, actions)
     }
 }
+
+/// A dueling DQN before its first episode in any environment of one lane, on the engine that its
+/// parameters name.
+///
+/// **Errors**: the environment does not have one lane and four actions; there is no memory for the
+/// network.
+pub fn learner_in<Env: VectorEnvironment + 'static>(
+    parameters: &DuelingDqn,
+    environment: Env,
+    seed: u64,
+) -> Result<Box<dyn Learner<Env>>, StartError> {
+    unless_fit(&environment, LANES)?;
+    let inputs = environment.observation_spec().inputs();
+    let stacks = layers::dueling(parameters, inputs);
+    let weights = layers::initial(&stacks, COPIES, seed)?;
+    Ok(match parameters.engine {
+        Engine::Fused => {
+            let engine = FusedDuelingDqn::new(parameters, inputs, &weights, Isa::chosen());
+            let engine = engine.expect(layers::DRAWN);
+            Box::new(DuelingDqnLearner::new(engine, parameters, environment, seed))
+        }
+        Engine::Burn => {
+            let engine = BurnDuelingDqn::new(parameters, inputs, &weights).expect(layers::DRAWN);
+            Box::new(DuelingDqnLearner::new(engine, parameters, environment, seed))
+        }
+    })
+}
+
+/// The policy of a dueling DQN that was trained before, on the engine that trained it. As trained, it
+/// explores at the rate that is kept with its weights.
+///
+/// **Errors**: the weights do not fit the network.
+pub fn trained<Env: VectorEnvironment>(
+    parameters: &DuelingDqn,
+    observations: &ObservationSpec,
+    weights: &Weights,
+    actions: Actions,
+) -> Result<Box<dyn Actor<Env>>, WeightsError> {
+    let inputs = observations.inputs();
+    let observations = observations.observations();
+    let epsilon = match actions {
+        Actions::AsTrained => weights.number("epsilon")?,
+        Actions::Greedy => 0.0,
+    };
+    Ok(match parameters.engine {
+        Engine::Fused => Box::new(EpsilonGreedy::new(
+            FusedDuelingNetwork::new(parameters, inputs, weights, Isa::chosen())?,
+            epsilon,
+            observations,
+        )),
+        Engine::Burn => Box::new(EpsilonGreedy::new(
+            DuelingQNetwork::from_weights(parameters, inputs, weights, &inference())?,
+            epsilon,
+            observations,
+        )),
+    })
+}
+
+/// Lanes that it trains on.
+const LANES: usize = 1;
+/// The weights as drawn and as trained, their gradient, Adam's two moments, and the target network.
+const COPIES: usize = 6;

@@ -15,6 +15,8 @@ use crate::agent::reinforce::Reinforce;
 use crate::agent::rule::DecisionRule;
 
 pub use algorithm::{Agent, Algorithm, AlgorithmParameters, Setting, Start, StartError};
+pub use dueling_dqn::{learner_in as dueling_dqn_learner, trained as trained_dueling_dqn};
+pub use reinforce::{learner_in as reinforce_learner, trained as trained_reinforce};
 
 /// The algorithms that come with the library, in the order the documentation lists them.
 static BUILT_IN: [Algorithm; 3] =

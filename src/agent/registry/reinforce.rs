@@ -1,20 +1,23 @@
 //! The registration of REINFORCE.
 
+use crate::agent::actor::Actor;
 use crate::agent::burn::device::inference;
 use crate::agent::burn::{BurnReinforce, PolicyNetwork};
 use crate::agent::constraint::{
     CURVE_FITS, Constraint, EPISODES, HORIZON, LAYERS, ONE_HOT, batch_fits, network_fits,
 };
 use crate::agent::fused::{FusedPolicyNetwork, FusedReinforce};
+use crate::agent::layers;
+use crate::agent::learner::{Actions, Learner};
 use crate::agent::network::Engine;
-use crate::agent::policy::{Policy, SoftmaxPolicy};
+use crate::agent::policy::SoftmaxPolicy;
 use crate::agent::reinforce::{Reinforce, ReinforceLearner};
-use crate::agent::{Actions, Weights, WeightsError, layers};
-use crate::env::Observer;
+use crate::agent::weights::{Weights, WeightsError};
+use crate::env::{ObservationSpec, PhysicalActivity, VectorEnvironment};
 use crate::kernel::Isa;
 use crate::key::Parameter;
 
-use super::algorithm::{AlgorithmParameters, Setting, Start, StartError};
+use super::algorithm::{AlgorithmParameters, Setting, Start, StartError, unless_fit};
 
 const TRAJECTORIES_PER_UPDATE: Parameter = Parameter::Agent("trajectories_per_update");
 
@@ -57,21 +60,9 @@ impl AlgorithmParameters for Reinforce {
 
     fn start(&self, setting: &Setting) -> Result<Start, StartError> {
         let Setting { environment, scenario, seed } = *setting;
-        let inputs = Observer::new(environment, scenario).inputs();
-        let stacks = [layers::policy(self, inputs)];
-        // The weights as drawn and as trained, their gradient, and Adam's two moments of them.
-        let weights = layers::initial(&stacks, 5, seed)?;
-        Ok(Start::Learner(match self.engine {
-            Engine::Fused => {
-                let engine = FusedReinforce::new(self, inputs, &weights, Isa::chosen());
-                let engine = engine.expect(layers::DRAWN);
-                Box::new(ReinforceLearner::new(engine, self, environment, scenario, seed))
-            }
-            Engine::Burn => {
-                let engine = BurnReinforce::new(self, inputs, &weights).expect(layers::DRAWN);
-                Box::new(ReinforceLearner::new(engine, self, environment, scenario, seed))
-            }
-        }))
+        let lanes = self.trajectories_per_update as usize;
+        let environment = PhysicalActivity::new(environment, scenario, lanes);
+        Ok(Start::Learner(learner_in(self, environment, seed)?))
     }
 
     fn trained(
@@ -79,17 +70,62 @@ impl AlgorithmParameters for Reinforce {
         setting: &Setting,
         weights: &Weights,
         actions: Actions,
-    ) -> Result<Box<dyn Policy>, WeightsError> {
-        let inputs = Observer::new(setting.environment, setting.scenario).inputs();
-        Ok(match self.engine {
-            Engine::Fused => Box::new(SoftmaxPolicy::new(
-                FusedPolicyNetwork::new(self, inputs, weights, Isa::chosen())?,
-                actions,
-            )),
-            Engine::Burn => Box::new(SoftmaxPolicy::new(
-                PolicyNetwork::from_weights(self, inputs, weights, &inference())?,
-                actions,
-            )),
-        })
+    ) -> Result<Box<dyn Actor>, WeightsError> {
+        trained(self, &setting.observations(), weights, actions)
     }
 }
+
+/// REINFORCE before its first update in any environment of `trajectories_per_update` lanes, on the
+/// engine that its parameters name.
+///
+/// **Errors**: the environment does not have these lanes and four actions; there is no memory for the
+/// network.
+pub fn learner_in<Env: VectorEnvironment + 'static>(
+    parameters: &Reinforce,
+    environment: Env,
+    seed: u64,
+) -> Result<Box<dyn Learner<Env>>, StartError> {
+    unless_fit(&environment, parameters.trajectories_per_update as usize)?;
+    let inputs = environment.observation_spec().inputs();
+    let stacks = [layers::policy(parameters, inputs)];
+    let weights = layers::initial(&stacks, COPIES, seed)?;
+    Ok(match parameters.engine {
+        Engine::Fused => {
+            let engine = FusedReinforce::new(parameters, inputs, &weights, Isa::chosen());
+            let engine = engine.expect(layers::DRAWN);
+            Box::new(ReinforceLearner::new(engine, parameters, environment, seed))
+        }
+        Engine::Burn => {
+            let engine = BurnReinforce::new(parameters, inputs, &weights).expect(layers::DRAWN);
+            Box::new(ReinforceLearner::new(engine, parameters, environment, seed))
+        }
+    })
+}
+
+/// The policy of REINFORCE that was trained before, on the engine that trained it.
+///
+/// **Errors**: the weights do not fit the network.
+pub fn trained<Env: VectorEnvironment>(
+    parameters: &Reinforce,
+    observations: &ObservationSpec,
+    weights: &Weights,
+    actions: Actions,
+) -> Result<Box<dyn Actor<Env>>, WeightsError> {
+    let inputs = observations.inputs();
+    let observations = observations.observations();
+    Ok(match parameters.engine {
+        Engine::Fused => Box::new(SoftmaxPolicy::new(
+            FusedPolicyNetwork::new(parameters, inputs, weights, Isa::chosen())?,
+            actions,
+            observations,
+        )),
+        Engine::Burn => Box::new(SoftmaxPolicy::new(
+            PolicyNetwork::from_weights(parameters, inputs, weights, &inference())?,
+            actions,
+            observations,
+        )),
+    })
+}
+
+/// The weights as drawn and as trained, their gradient, and Adam's two moments.
+const COPIES: usize = 5;

@@ -1,9 +1,10 @@
 //! The registration of decision rules.
 
+use crate::agent::actor::Actor;
 use crate::agent::constraint::{Chosen, Constraint, HORIZON, Violation};
-use crate::agent::policy::Policy;
+use crate::agent::learner::Actions;
 use crate::agent::rule::{DecisionRule, Rule, RulePolicy};
-use crate::agent::{Actions, Weights, WeightsError};
+use crate::agent::weights::{Weights, WeightsError};
 use crate::key::Parameter;
 use crate::optimum::LONGEST_OPTIMUM;
 
@@ -59,7 +60,7 @@ impl AlgorithmParameters for DecisionRule {
     }
 
     fn start(&self, setting: &Setting) -> Result<Start, StartError> {
-        Ok(Start::Rule(RulePolicy::new(self, setting.environment, setting.scenario)?))
+        Ok(Start::Actor(Box::new(RulePolicy::new(self, setting.environment, setting.scenario)?)))
     }
 
     fn trained(
@@ -67,7 +68,7 @@ impl AlgorithmParameters for DecisionRule {
         _: &Setting,
         _: &Weights,
         _: Actions,
-    ) -> Result<Box<dyn Policy>, WeightsError> {
+    ) -> Result<Box<dyn Actor>, WeightsError> {
         Err(WeightsError::NoNetwork)
     }
 }

@@ -1,4 +1,4 @@
-//! The state of a learner as bytes, so that its training can go on in another process.
+//! The state of learners, actors and environments as bytes, so that another process can go on.
 //!
 //! In: numbers, or the bytes that they were written as. Out: the other of the two. Whatever a
 //! [`Resumable`] does next depends on its parameters and on what it writes here, to the bit. Numbers
@@ -8,8 +8,6 @@
 
 use std::io::{self, Read, Write};
 
-use crate::agent::TrainedEpisode;
-use crate::env::{Action, Ending, Episodes, Lane, Observations, Signal};
 use crate::kernel::Adam;
 use crate::rng::Stream;
 
@@ -225,114 +223,6 @@ impl Resumable for Adam {
         moments.into_iter().try_for_each(|moments| from.fill(moments, "moments"))?;
         powers.into_iter().try_for_each(|powers| from.fill(powers, "powers of beta"))
     }
-}
-
-impl Resumable for Episodes {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.one(self.time())?;
-        out.each(0..self.lanes(), |out, lane| {
-            let Lane { signal, habituation, disengagement, ending } = self.lane(lane);
-            out.one(signal.context)?;
-            out.one(signal.probability_of_zero)?;
-            out.one(habituation)?;
-            out.one(disengagement)?;
-            out.one(ending_number(ending))
-        })
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        let time = from.one()?;
-        let lanes = from.each(self.lanes(), "episodes", |from| {
-            let context = from.one::<u8>()?;
-            Ok(Lane {
-                signal: Signal::new(context & 1, from.one()?),
-                habituation: from.one()?,
-                disengagement: from.one()?,
-                ending: ending(from.one()?)?,
-            })
-        })?;
-        if lanes.len() != self.lanes() {
-            return Err(StateError::Misfit("episodes"));
-        }
-        self.resume(time, &lanes);
-        Ok(())
-    }
-}
-
-fn ending_number(ending: Ending) -> u8 {
-    match ending {
-        Ending::Running => 0,
-        Ending::Terminated => 1,
-        Ending::Truncated => 2,
-    }
-}
-
-fn ending(number: u8) -> Result<Ending, StateError> {
-    match number {
-        0 => Ok(Ending::Running),
-        1 => Ok(Ending::Terminated),
-        2 => Ok(Ending::Truncated),
-        _ => Err(StateError::Misfit("endings")),
-    }
-}
-
-impl Resumable for Observations {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.many(self.features())?;
-        out.many(self.moments())
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        const WHAT: &str = "observations";
-        let features: Vec<f32> = from.many(usize::MAX, WHAT)?;
-        let moments: Vec<u32> = from.many(usize::MAX, WHAT)?;
-        let rows = features.len() / self.width();
-        let expected = if self.one_hot() > 0 { rows } else { 0 };
-        let whole = features.len().is_multiple_of(self.width()) && moments.len() == expected;
-        if !whole || moments.iter().any(|moment| *moment as usize >= self.one_hot()) {
-            return Err(StateError::Misfit(WHAT));
-        }
-        self.clear();
-        for (row, features) in features.chunks_exact(self.width()).enumerate() {
-            self.push(features, moments.get(row).copied());
-        }
-        Ok(())
-    }
-}
-
-impl Resumable for TrainedEpisode {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.one(self.total_reward)?;
-        out.one(self.length)?;
-        out.one(u8::from(self.disengaged))?;
-        out.one(self.loss_sum)?;
-        out.one(self.updates)?;
-        out.many(self.epsilon.as_slice())
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        *self = TrainedEpisode {
-            total_reward: from.one()?,
-            length: from.one()?,
-            disengaged: from.one::<u8>()? != 0,
-            loss_sum: from.one()?,
-            updates: from.one()?,
-            epsilon: from.many(1, "exploration rates")?.first().copied(),
-        };
-        Ok(())
-    }
-}
-
-/// Writes actions, their count first.
-pub(super) fn save_actions(actions: &[Action], out: &mut StateWriter<'_>) -> io::Result<()> {
-    out.each(actions.iter(), |out, action| out.one(action.index() as u8))
-}
-
-/// Reads as many actions as [`save_actions`] wrote.
-pub(super) fn restore_actions(from: &mut StateReader<'_>) -> Result<Vec<Action>, StateError> {
-    from.each(usize::MAX, "actions", |from| {
-        Action::from_index(from.one::<u8>()?.into()).ok_or(StateError::Misfit("actions"))
-    })
 }
 
 #[cfg(test)]

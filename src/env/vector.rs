@@ -1,0 +1,198 @@
+//! The contract of vectorised environments: many episodes, one per lane, stepped together.
+//!
+//! Learners, rollouts and actors are generic over [`VectorEnvironment`]; the simulation of the paper
+//! is one implementation. [`crate::env::contract`] tests any implementation.
+
+use crate::env::observation::{ObservationSpec, Observations};
+use crate::rng::Stream;
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
+
+/// An action, by its number, 0 to 3. The names are those of the intervention options of the paper
+/// (table 1).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(transparent)]
+pub struct Action(u8);
+
+impl Action {
+    /// The number of actions that agents choose among.
+    pub const COUNT: usize = 4;
+    /// Send nothing.
+    pub const NONE: Action = Action(0);
+    /// Send a message that is not tailored.
+    pub const UNTAILORED: Action = Action(1);
+
+    /// The action of this number; `None` above 3.
+    pub fn from_index(index: usize) -> Option<Action> {
+        (index < Action::COUNT).then_some(Action(index as u8))
+    }
+
+    /// The action that the two lowest bits stand for.
+    pub fn from_low_bits(bits: u64) -> Action {
+        Action((bits & 3) as u8)
+    }
+
+    /// Send a message tailored to this context, 0 or 1.
+    pub fn tailored_to(context: u8) -> Action {
+        debug_assert!(context < 2);
+        Action(context + 2)
+    }
+
+    /// Its number, 0 to 3.
+    pub fn index(self) -> usize {
+        usize::from(self.0)
+    }
+}
+
+/// Whether an episode is running, and how it ended if not.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum EpisodeStatus {
+    /// The episode goes on.
+    Running,
+    /// The episode reached a terminal state (disengagement): the value of what follows is 0.
+    Terminated,
+    /// The episode was cut off (at the horizon): more would have followed.
+    Truncated,
+}
+
+impl EpisodeStatus {
+    /// The word for it in output.
+    pub fn name(self) -> &'static str {
+        match self {
+            EpisodeStatus::Running => "running",
+            EpisodeStatus::Terminated => "disengaged",
+            EpisodeStatus::Truncated => "horizon",
+        }
+    }
+
+    /// Its number where states are saved, 0 to 2.
+    pub fn number(self) -> u8 {
+        self as u8
+    }
+
+    /// The status of this number; `None` above 2.
+    pub fn from_number(number: u8) -> Option<EpisodeStatus> {
+        match number {
+            0 => Some(EpisodeStatus::Running),
+            1 => Some(EpisodeStatus::Terminated),
+            2 => Some(EpisodeStatus::Truncated),
+            _ => None,
+        }
+    }
+}
+
+/// Some of the lanes of an environment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LaneSet<'a> {
+    /// Every lane.
+    All,
+    /// The lanes at which the mask, \[lanes\], is true.
+    Masked(&'a [bool]),
+}
+
+impl LaneSet<'_> {
+    /// Whether a lane is one of them.
+    #[inline]
+    pub fn contains(self, lane: usize) -> bool {
+        match self {
+            LaneSet::All => true,
+            LaneSet::Masked(mask) => mask[lane],
+        }
+    }
+}
+
+/// The random numbers of an environment's lanes.
+///
+/// With one stream per lane, a lane depends on its own stream and actions alone, whatever happens in
+/// its neighbours. With a shared stream, lanes take their words in lane order, so that an early draw
+/// in one lane moves the draws of the lanes behind it; an environment may also draw for lanes that have
+/// ended. While it runs, a single lane draws the same words from a shared stream as from its own.
+#[derive(Clone, Debug)]
+// There are few of them, and the shared stream is drawn from in every step: no box around it.
+#[allow(clippy::large_enum_variant)]
+pub enum LaneStreams {
+    /// One stream for all lanes.
+    Shared(Stream),
+    /// One stream per lane.
+    PerLane(Vec<Stream>),
+}
+
+impl LaneStreams {
+    /// The stream that a lane draws from.
+    #[inline]
+    pub fn of(&mut self, lane: usize) -> &mut Stream {
+        match self {
+            LaneStreams::Shared(stream) => stream,
+            LaneStreams::PerLane(streams) => &mut streams[lane],
+        }
+    }
+}
+
+impl Resumable for LaneStreams {
+    fn save(&self, out: &mut StateWriter<'_>) -> std::io::Result<()> {
+        match self {
+            LaneStreams::Shared(stream) => stream.save(out),
+            LaneStreams::PerLane(streams) => streams.iter().try_for_each(|stream| stream.save(out)),
+        }
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        match self {
+            LaneStreams::Shared(stream) => stream.restore(from),
+            LaneStreams::PerLane(streams) => {
+                streams.iter_mut().try_for_each(|stream| stream.restore(from))
+            }
+        }
+    }
+}
+
+/// The actions of an environment and what it can pay for one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ActionSpec {
+    /// The number of discrete actions. The agents of this crate need exactly [`Action::COUNT`].
+    pub count: usize,
+    /// The smallest reward of a step.
+    pub lowest_reward: f64,
+    /// The largest reward of a step.
+    pub highest_reward: f64,
+}
+
+/// Many episodes of a simulation, one per lane.
+///
+/// - Lanes have clocks of their own: any lane can be reset while its neighbours go on.
+/// - The lanes of a new environment have all ended; [`VectorEnvironment::reset`] starts them.
+/// - A lane that has ended is inert until it is reset: its rewards are 0, and its status and
+///   observation stay as they are. With per-lane streams it draws nothing.
+/// - All chance comes from the streams that are passed in. They are not part of the environment's
+///   saved state; whoever owns them saves them.
+pub trait VectorEnvironment: Resumable {
+    /// The number of lanes.
+    fn lanes(&self) -> usize;
+
+    /// The actions and the bounds of rewards.
+    fn action_spec(&self) -> ActionSpec;
+
+    /// What an observation consists of.
+    fn observation_spec(&self) -> ObservationSpec;
+
+    /// Starts a new episode in these lanes and leaves the other lanes alone. Draws for these lanes
+    /// only, in lane order.
+    fn reset(&mut self, lanes: LaneSet<'_>, streams: &mut LaneStreams);
+
+    /// Takes one step in every lane that is running.
+    ///
+    /// **Shapes**: `actions` and `rewards` are \[lanes\]. The actions of ended lanes are not read.
+    fn step(&mut self, actions: &[Action], rewards: &mut [f64], streams: &mut LaneStreams);
+
+    /// The status of every lane, \[lanes\].
+    fn statuses(&self) -> &[EpisodeStatus];
+
+    /// Replaces the rows of `out` by the present observation of every lane. The rows of `out` are as
+    /// wide as the observation specification says.
+    fn observe(&self, out: &mut Observations);
+
+    /// Whether any lane is running.
+    fn any_running(&self) -> bool {
+        self.statuses().contains(&EpisodeStatus::Running)
+    }
+}

@@ -1,0 +1,375 @@
+//! The contract of environments: the simulation of the paper keeps it, an environment from outside the
+//! crate keeps it and can be learned in, and the contract test finds every way to break it.
+
+use std::cell::Cell;
+use std::io;
+use std::rc::Rc;
+
+use jitai::agent::{self, Actions, Actor, DuelingDqn, Reinforce, StartError};
+use jitai::env::contract::{Clause, check};
+use jitai::env::{
+    Action, ActionSpec, Environment, EpisodeStatus, FeatureSpec, FirstContext, LaneSet,
+    LaneStreams, ObservationSpec, Observations, PhysicalActivity, TimeIndicator, VectorEnvironment,
+};
+use jitai::rng::{Purpose, Stream};
+use jitai::state::{Resumable, StateError, StateReader, StateWriter};
+use jitai::train::{StepObserver, TestStreams, begin, roll};
+
+/// A walk on the places 0 to 4, from place 1: action 1 goes down, action 2 up, the others stay; one
+/// step in eight goes nowhere. It terminates at place 4 with reward 1, and is truncated after 12 steps.
+struct Line {
+    places: Vec<u32>,
+    times: Vec<u32>,
+    statuses: Vec<EpisodeStatus>,
+    fault: Option<Fault>,
+    /// What all environments of a faulty kind share.
+    hidden: Rc<Cell<u32>>,
+}
+
+/// A way to break the contract.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Fault {
+    OneLaneTooMany,
+    RunsAtOnce,
+    NeverEnds,
+    ObservesTooMuch,
+    PaysTooMuch,
+    PaysEndedLanes,
+    MovesEndedLanes,
+    DrawsForEndedLanes,
+    CountsItsCalls,
+    FeelsItsNeighbour,
+    DrawsFromTheFirstStream,
+    KeepsItsClock,
+    ResetsEveryLane,
+    ForgetsItsClock,
+}
+
+const GOAL: u32 = 4;
+const HORIZON: u32 = 12;
+
+impl Line {
+    fn new(lanes: usize) -> Self {
+        Line::faulty(lanes, None, &Rc::default())
+    }
+
+    fn faulty(lanes: usize, fault: Option<Fault>, hidden: &Rc<Cell<u32>>) -> Self {
+        let lanes = lanes + usize::from(fault == Some(Fault::OneLaneTooMany));
+        let status = match fault {
+            Some(Fault::RunsAtOnce) => EpisodeStatus::Running,
+            _ => EpisodeStatus::Truncated,
+        };
+        Line {
+            places: vec![0; lanes],
+            times: vec![0; lanes],
+            statuses: vec![status; lanes],
+            fault,
+            hidden: hidden.clone(),
+        }
+    }
+
+    fn has(&self, fault: Fault) -> bool {
+        self.fault == Some(fault)
+    }
+}
+
+impl VectorEnvironment for Line {
+    fn lanes(&self) -> usize {
+        self.places.len()
+    }
+
+    fn action_spec(&self) -> ActionSpec {
+        ActionSpec { count: 4, lowest_reward: 0.0, highest_reward: 1.0 }
+    }
+
+    fn observation_spec(&self) -> ObservationSpec {
+        let place = FeatureSpec { name: "place".to_owned(), low: 0.0, high: 1.0 };
+        ObservationSpec { features: vec![place], one_hot: HORIZON as usize + 1 }
+    }
+
+    fn reset(&mut self, lanes: LaneSet<'_>, _: &mut LaneStreams) {
+        let all = self.has(Fault::ResetsEveryLane) && lanes != LaneSet::Masked(&[false; 3]);
+        for lane in (0..self.lanes()).filter(|lane| all || lanes.contains(*lane)) {
+            self.places[lane] = 1;
+            if !(self.has(Fault::KeepsItsClock) && self.statuses[lane] == EpisodeStatus::Running) {
+                self.times[lane] = 0;
+            }
+            self.statuses[lane] = EpisodeStatus::Running;
+        }
+    }
+
+    fn step(&mut self, actions: &[Action], rewards: &mut [f64], streams: &mut LaneStreams) {
+        for lane in 0..self.lanes() {
+            rewards[lane] = 0.0;
+            if self.statuses[lane] != EpisodeStatus::Running {
+                rewards[lane] = if self.has(Fault::PaysEndedLanes) { 1.0 } else { 0.0 };
+                if self.has(Fault::MovesEndedLanes) {
+                    self.places[lane] = (self.places[lane] + 1) % GOAL;
+                }
+                if self.has(Fault::DrawsForEndedLanes) {
+                    streams.of(lane).bits();
+                }
+                continue;
+            }
+            let of = if self.has(Fault::DrawsFromTheFirstStream) { 0 } else { lane };
+            let mut moves = streams.of(of).below(8) > 0;
+            if self.has(Fault::CountsItsCalls) {
+                self.hidden.set(self.hidden.get() + 1);
+                moves &= !self.hidden.get().is_multiple_of(100);
+            }
+            if self.has(Fault::FeelsItsNeighbour) {
+                moves &= self.places[(lane + 1) % self.places.len()] < 3;
+            }
+            match actions[lane].index() {
+                1 if moves => self.places[lane] = self.places[lane].saturating_sub(1),
+                2 if moves => self.places[lane] += 1,
+                _ => {}
+            }
+            self.times[lane] += 1;
+            let arrives = self.places[lane] == GOAL;
+            rewards[lane] = f64::from(u8::from(arrives));
+            if self.has(Fault::PaysTooMuch) && arrives {
+                rewards[lane] = 1.5;
+            }
+            if self.has(Fault::NeverEnds) {
+                self.places[lane] = self.places[lane].min(GOAL - 1);
+                self.times[lane] = self.times[lane].min(HORIZON);
+            } else if arrives {
+                self.statuses[lane] = EpisodeStatus::Terminated;
+            } else if self.times[lane] == HORIZON {
+                self.statuses[lane] = EpisodeStatus::Truncated;
+            }
+        }
+    }
+
+    fn statuses(&self) -> &[EpisodeStatus] {
+        &self.statuses
+    }
+
+    fn observe(&self, out: &mut Observations) {
+        let scale = if self.has(Fault::ObservesTooMuch) { 3.0 } else { GOAL as f32 };
+        out.clear();
+        for (place, time) in self.places.iter().zip(&self.times) {
+            out.push(&[*place as f32 / scale], Some(*time.min(&HORIZON)));
+        }
+    }
+}
+
+impl Resumable for Line {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        out.many(&self.places)?;
+        if !self.has(Fault::ForgetsItsClock) {
+            out.many(&self.times)?;
+        }
+        out.each(self.statuses.iter(), |out, status| out.one(status.number()))
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        from.fill(&mut self.places, "places")?;
+        if !self.has(Fault::ForgetsItsClock) {
+            from.fill(&mut self.times, "times")?;
+        }
+        let mut numbers = vec![0; self.statuses.len()];
+        from.each(numbers.len(), "statuses", |from| from.one::<u8>())?
+            .into_iter()
+            .zip(&mut numbers)
+            .for_each(|(read, number)| *number = read);
+        for (status, number) in self.statuses.iter_mut().zip(numbers) {
+            *status = EpisodeStatus::from_number(number).ok_or(StateError::Misfit("statuses"))?;
+        }
+        Ok(())
+    }
+}
+
+/// Steps of a walk: a dozen episodes of the line, four of the simulation.
+const STEPS: usize = 200;
+
+#[test]
+fn the_simulation_of_the_paper_keeps_the_contract() {
+    let paper = Environment::paper(0.6);
+    let environments = [
+        paper.clone(),
+        Environment { first_context: FirstContext::Sampled, ..Environment::paper(1.2) },
+        Environment { sigma: 0.0, horizon: 1, ..paper.clone() },
+        Environment {
+            horizon: 9,
+            time_one_hot: true,
+            time_indicator: TimeIndicator::Exact,
+            time_indicator_period: 5,
+            first_context: FirstContext::Sampled,
+            ..paper.clone()
+        },
+        Environment {
+            rho_1: -50.0,
+            mu: [-3.0, 7.0],
+            initial_habituation: 1.0,
+            initial_disengagement: 0.0,
+            disengagement_threshold: 0.6,
+            observed_probability: 1,
+            ..paper
+        },
+    ];
+    for environment in &environments {
+        for scenario in ["P-H-D", "C-L-T-P", "T"] {
+            let scenario = scenario.parse().unwrap();
+            let make = |lanes| PhysicalActivity::new(environment, &scenario, lanes);
+            check(make, STEPS).unwrap_or_else(|fault| panic!("{environment:?}: {fault}"));
+        }
+    }
+}
+
+#[test]
+fn an_environment_from_outside_keeps_the_contract() {
+    check(Line::new, STEPS).unwrap();
+}
+
+#[test]
+fn every_way_to_break_the_contract_is_found() {
+    let cases = [
+        (Fault::OneLaneTooMany, Clause::Shapes),
+        (Fault::RunsAtOnce, Clause::Reset),
+        (Fault::NeverEnds, Clause::SomeEpisodeEnds),
+        (Fault::ObservesTooMuch, Clause::ObservationBounds),
+        (Fault::PaysTooMuch, Clause::RewardBounds),
+        (Fault::PaysEndedLanes, Clause::EndedLanesAreInert),
+        (Fault::MovesEndedLanes, Clause::EndedLanesAreInert),
+        (Fault::DrawsForEndedLanes, Clause::EndedLanesAreInert),
+        (Fault::CountsItsCalls, Clause::SameStreamSameEpisodes),
+        (Fault::FeelsItsNeighbour, Clause::LanesAreIndependent),
+        (Fault::DrawsFromTheFirstStream, Clause::LanesAreIndependent),
+        (Fault::KeepsItsClock, Clause::ResetInMidEpisode),
+        (Fault::ResetsEveryLane, Clause::ResetInMidEpisode),
+        (Fault::ForgetsItsClock, Clause::SaveAndRestore),
+    ];
+    for (fault, clause) in cases {
+        let hidden = Rc::default();
+        let violation =
+            check(|lanes| Line::faulty(lanes, Some(fault), &hidden), STEPS).unwrap_err();
+        assert_eq!(violation.clause, clause, "{fault:?}: {violation}");
+    }
+}
+
+/// The returns of episodes while they are rolled.
+struct Returns(Vec<f64>);
+
+impl StepObserver<Line> for Returns {
+    fn chosen(&mut self, _: &Line, _: &[Action], probabilities: &[f64]) {
+        assert!(probabilities.iter().all(|p| (0.0..=1.0).contains(p)));
+    }
+
+    fn paid(&mut self, _: &Line, rewards: &[f64]) {
+        self.0.iter_mut().zip(rewards).for_each(|(total, reward)| *total += reward);
+    }
+}
+
+fn mean_return(actor: &mut dyn Actor<Line>) -> f64 {
+    let mut lanes = Line::new(200);
+    let (mut returns, mut streams) = (Returns(vec![0.0; 200]), TestStreams::new(3));
+    begin(&mut lanes, actor, &mut streams);
+    roll(&mut lanes, actor, &mut streams, &mut returns);
+    returns.0.iter().sum::<f64>() / 200.0
+}
+
+#[test]
+fn a_dueling_dqn_learns_in_an_environment_from_outside() {
+    let parameters = DuelingDqn { layers: vec![32], ..DuelingDqn::default() };
+    let mut learner = agent::dueling_dqn_learner(&parameters, Line::new(1), 1).unwrap();
+    let untrained = mean_return(&mut *learner.policy(Actions::Greedy));
+    let mut finished = Vec::new();
+    while finished.len() < 300 {
+        learner.advance(&mut finished, &|| false).unwrap();
+    }
+    let trained = mean_return(&mut *learner.policy(Actions::Greedy));
+    assert!(untrained < 0.5 && trained > 0.95, "{untrained} before, {trained} after");
+    let kept = agent::trained_dueling_dqn(
+        &parameters,
+        &Line::new(0).observation_spec(),
+        &learner.weights(),
+        Actions::Greedy,
+    );
+    assert_eq!(mean_return(&mut *kept.unwrap()), trained);
+}
+
+#[test]
+fn agents_refuse_environments_that_they_cannot_act_in() {
+    struct Buttons(Line);
+
+    impl VectorEnvironment for Buttons {
+        fn lanes(&self) -> usize {
+            self.0.lanes()
+        }
+
+        fn action_spec(&self) -> ActionSpec {
+            ActionSpec { count: 3, ..self.0.action_spec() }
+        }
+
+        fn observation_spec(&self) -> ObservationSpec {
+            self.0.observation_spec()
+        }
+
+        fn reset(&mut self, lanes: LaneSet<'_>, streams: &mut LaneStreams) {
+            self.0.reset(lanes, streams);
+        }
+
+        fn step(&mut self, actions: &[Action], rewards: &mut [f64], streams: &mut LaneStreams) {
+            self.0.step(actions, rewards, streams);
+        }
+
+        fn statuses(&self) -> &[EpisodeStatus] {
+            self.0.statuses()
+        }
+
+        fn observe(&self, out: &mut Observations) {
+            self.0.observe(out);
+        }
+    }
+
+    impl Resumable for Buttons {
+        fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+            self.0.save(out)
+        }
+
+        fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+            self.0.restore(from)
+        }
+    }
+
+    check(|lanes| Buttons(Line::new(lanes)), STEPS).unwrap();
+    let refused = agent::dueling_dqn_learner(&DuelingDqn::default(), Buttons(Line::new(1)), 1);
+    let error = refused.err().unwrap();
+    assert_eq!(error, StartError::Actions { actions: 3 });
+    assert_eq!(
+        error.to_string(),
+        "the environment has 3 actions; the agents choose among exactly 4"
+    );
+    let refused = agent::reinforce_learner(&Reinforce::default(), Line::new(2), 1);
+    assert_eq!(refused.err(), Some(StartError::Lanes { lanes: 2, expected: 1 }));
+}
+
+#[test]
+fn lanes_with_their_own_streams_play_the_episodes_that_they_play_alone() {
+    let stream = |lane: u64| Stream::new(lane, Purpose::Environment);
+    let environment =
+        Environment { first_context: FirstContext::Sampled, ..Environment::paper(0.8) };
+    let simulation = |lanes| PhysicalActivity::new(&environment, &"C-P".parse().unwrap(), lanes);
+    let mut together = simulation(20);
+    let mut streams = LaneStreams::PerLane((0..20).map(stream).collect());
+    let mut alone: Vec<_> =
+        (0..20).map(|lane| (simulation(1), LaneStreams::PerLane(vec![stream(lane)]))).collect();
+    together.reset(LaneSet::All, &mut streams);
+    alone.iter_mut().for_each(|(lane, stream)| lane.reset(LaneSet::All, stream));
+    let mut rewards = [0.0; 20];
+    for t in 0..60 {
+        let actions: Vec<Action> =
+            (0..20).map(|lane| Action::from_index((t + lane) % 4).unwrap()).collect();
+        together.step(&actions, &mut rewards, &mut streams);
+        for (lane, (single, stream)) in alone.iter_mut().enumerate() {
+            let mut reward = [0.0];
+            single.step(&actions[lane..=lane], &mut reward, stream);
+            assert_eq!(
+                (reward[0], single.context(0), single.statuses()[0]),
+                (rewards[lane], together.context(lane), together.statuses()[lane])
+            );
+        }
+    }
+}
