@@ -16,13 +16,13 @@ const TABLE: &[(&str, &[&str])] = &[
     // A manifest declares environments and agents; it neither simulates nor trains.
     ("manifest", &["env", "agent"]),
     ("plan", &["env", "agent", "manifest"]),
-    ("record", &["plan"]),
+    ("record", &["manifest", "plan"]),
     ("train", &["rng", "env", "agent", "plan", "record"]),
-    ("store", &["kill_point", "plan", "record"]),
-    ("schedule", &["kill_point", "plan", "record", "train", "store"]),
+    ("store", &["kill_point", "manifest", "plan", "record"]),
+    ("schedule", &["kill_point", "manifest", "plan", "record", "train", "store"]),
     // The bootstrap draws from a stream of its own.
     ("analyse", &["rng", "env", "manifest", "record"]),
-    ("report", &["record", "analyse"]),
+    ("report", &["env", "optimum", "manifest", "plan", "record", "store", "analyse"]),
     (
         "cli",
         &[

@@ -7,11 +7,10 @@ use std::time::{Duration, Instant};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Value, json};
 
-use crate::cli::estimate::{Episodes, Estimate, Speeds};
 use crate::cli::output::{counted, printable};
-use crate::cli::swept::Swept;
+use crate::plan::Swept;
 use crate::record::{Outcome, Results};
-use crate::schedule::{CheckpointNote, Event, Found, Queued, Watcher};
+use crate::schedule::{CheckpointNote, Episodes, Estimate, Event, Found, Queued, Speeds, Watcher};
 use crate::train::Progress;
 
 /// Columns that the line of a worker takes at most, behind an indent of two, on a terminal of 80.

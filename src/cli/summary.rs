@@ -6,10 +6,9 @@ use std::io::{self, Write};
 use crate::analyse::{self, Arm, ArmSummary, Fate};
 use crate::cli::Error;
 use crate::cli::output::{Cell, Format, Rows, printable};
-use crate::cli::swept::Swept;
 use crate::env;
 use crate::manifest::Manifest;
-use crate::plan::{self, JobKey, PlannedJob};
+use crate::plan::{self, JobKey, PlannedJob, Swept};
 use crate::record::RunSummary;
 use crate::report::{self, Line};
 use crate::store::{FailedJob, Reader};
@@ -95,4 +94,12 @@ fn cells(line: &Line, context_error: f64) -> Vec<Cell<'static>> {
         disengaged,
     ]);
     cells
+}
+
+/// A failed job as people tell it from others; its agent alone if its content is not readable.
+pub(super) fn name_of_failed(swept: &Swept, failed: &FailedJob) -> String {
+    match &failed.job {
+        Some(job) => swept.name(&failed.agent, job),
+        None => printable(&failed.agent),
+    }
 }

@@ -9,7 +9,8 @@ use super::analysis::{
     Pairing, SHARED_KEYS, SelectionRule, Sides, WINDOW, keys_of,
 };
 use super::check::absent;
-use super::declared::{Condition, MOST_COMPARISONS, Manifest};
+use super::condition::Condition;
+use super::declared::{MOST_COMPARISONS, Manifest};
 use super::draft::Draft;
 use super::fault::{Fault, FaultList};
 use super::keys::{Kind, Section, Value};

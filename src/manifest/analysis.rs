@@ -2,7 +2,7 @@
 //!
 //! Analyses are no part of any job: declaring, changing or dropping one runs nothing.
 
-use super::declared::Condition;
+use super::condition::Condition;
 use super::parameter::Parameter;
 
 /// A figure or table that an author declares with `[[analysis]]`.
@@ -145,6 +145,48 @@ pub(super) fn keys_of(kind: &str) -> &'static [&'static str] {
         "selection" => &["metric", "rule", "reporting_seeds"],
         _ => &[],
     }
+}
+
+impl Analysis {
+    /// What a job has to meet to be one that the analysis is about: its conditions, and to be on
+    /// one of its sides.
+    pub fn of_jobs(&self) -> impl Iterator<Item = Condition> {
+        let either = self.kind.sides().and_then(|sides| sides.first.or(&sides.second));
+        self.conditions.iter().cloned().chain(either)
+    }
+
+    /// The part of the results that it is computed from.
+    pub fn part(&self) -> Part {
+        match (&self.kind, self.metric) {
+            (AnalysisKind::LearningCurve { .. }, _) => Part::LearningCurve,
+            (AnalysisKind::ActionChoice { .. } | AnalysisKind::InferenceError, _) => {
+                Part::ActionChoice
+            }
+            (
+                AnalysisKind::Contrast(_)
+                | AnalysisKind::Curve { .. }
+                | AnalysisKind::HeatMap { .. }
+                | AnalysisKind::Selection { .. },
+                metric,
+            ) => match metric {
+                "lower_quartile_return" => Part::Returns,
+                metric => Part::Metric(metric),
+            },
+        }
+    }
+}
+
+/// A part of the results of runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// A metric.
+    Metric(&'static str),
+    /// The learning curve of the mean return.
+    LearningCurve,
+    /// Choices of action.
+    ActionChoice,
+    /// Returns of the test episodes.
+    Returns,
 }
 
 impl AnalysisKind {

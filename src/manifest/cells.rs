@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use toml::de::DeTable;
 
-use super::declared::Condition;
+use super::condition::Condition;
 use super::draft::Draft;
 use super::fault::{Fault, nearest};
 use super::keys::{Key, Section};

@@ -4,7 +4,8 @@
 use std::collections::HashSet;
 
 use super::analyses;
-use super::declared::{Condition, Exclusion, MOST_COMPARISONS, MOST_JOBS, Manifest};
+use super::condition::Condition;
+use super::declared::{Exclusion, MOST_COMPARISONS, MOST_JOBS, Manifest};
 use super::draft::Draft;
 use super::fault::{Fault, FaultList};
 use super::grid::{Axis, Grid, axes, size, zipped};

@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use super::analyses::AnalysisDraft;
-use super::declared::Condition;
+use super::condition::Condition;
 use super::keys::{Section, Value};
 use super::parameter::Parameter;
 use super::source::{Located, Span};

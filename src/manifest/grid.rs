@@ -8,7 +8,8 @@ use std::collections::HashSet;
 use std::hash::Hash;
 
 use super::Evaluation;
-use super::declared::{Condition, DeclaredAgent, Exclusion, Manifest};
+use super::condition::Condition;
+use super::declared::{DeclaredAgent, Exclusion, Manifest};
 use super::keys::{Section, Value};
 use super::parameter::{Parameter, Parameters};
 use super::rules::{Breach, Chosen, Rule};

@@ -15,6 +15,7 @@ mod analysis;
 mod cells;
 mod check;
 mod complete;
+mod condition;
 mod declared;
 mod draft;
 mod evaluation;
@@ -32,11 +33,14 @@ mod rules;
 mod schema;
 mod source;
 mod sweep;
+mod varying;
 
 pub use analysis::{
-    ANALYSED_METRICS, Analysis, AnalysisKind, Contrast, CurveAxis, Pairing, SelectionRule, Sides,
+    ANALYSED_METRICS, Analysis, AnalysisKind, Contrast, CurveAxis, Pairing, Part, SelectionRule,
+    Sides,
 };
-pub use declared::{Condition, DeclaredAgent, Exclusion, MOST_JOBS, Manifest, Zip};
+pub use condition::{Condition, Described, Setting, short_name};
+pub use declared::{DeclaredAgent, Exclusion, MOST_JOBS, Manifest, Zip};
 pub use evaluation::{Evaluation, TestActions};
 pub use fault::{Fault, Faults, nearest};
 pub use grid::{Axis, Cell, Grid};
@@ -45,4 +49,5 @@ pub use load::{load, parse};
 pub use parameter::{Parameter, Parameters};
 pub use published::{Published, PublishedCurve, PublishedErrors, PublishedHeatMap, PublishedTest};
 pub use schema::schema;
-pub use source::{Position, hidden};
+pub use source::{Position, hidden, printable};
+pub use varying::Varying;

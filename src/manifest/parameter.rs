@@ -4,6 +4,7 @@ use std::fmt;
 
 use serde::de::DeserializeOwned;
 
+use super::condition::Condition;
 use super::keys::{Key, Section, Value};
 
 /// Something that a grid can vary, as zips and exclusions name it.
@@ -95,6 +96,14 @@ impl Parameters {
     /// The values of the key called `name`; `None` if the section has no such key.
     pub fn get(&self, name: &str) -> Option<&[Value]> {
         self.section.find(name).map(|(place, _)| self.values[place].as_slice())
+    }
+
+    /// Conditions that the swept keys have one of their values.
+    pub fn conditions(&self) -> impl Iterator<Item = Condition> {
+        self.iter().filter(|(_, values)| values.len() > 1).map(|(key, values)| Condition::Key {
+            parameter: Parameter::of(self.section, key.name),
+            values: values.to_vec(),
+        })
     }
 
     /// The section's typed struct, with the value that `choose` picks for each key by its place.

@@ -3,7 +3,8 @@
 use std::fmt::{self, Display, Write};
 
 use super::analysis::{Analysis, AnalysisKind, CurveAxis, ERROR_AXIS, Sides, keys_of};
-use super::declared::{Condition, Manifest};
+use super::condition::Condition;
+use super::declared::Manifest;
 use super::parameter::Parameters;
 use super::read::FORMAT;
 

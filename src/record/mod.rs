@@ -6,8 +6,9 @@ mod job;
 
 use std::fmt;
 
+pub use crate::manifest::Setting;
 pub use crate::plan::JobKey;
-pub use job::{CompletedRun, JobRecord, Progress, Setting};
+pub use job::{CompletedRun, DataSet, JobRecord, Progress};
 
 /// A named number about a completed run.
 #[derive(Clone, Debug, PartialEq)]

@@ -535,6 +535,7 @@ mod tests {
             name: Name { agent: "dqn".into(), scenario: String::new(), settings: Vec::new() },
             error: None,
             contrast: Contrast::new(&first, &second, Design::Independent),
+            family: String::new(),
             corrected: Err(Undefined::NoSeeds),
             published: None,
             first,

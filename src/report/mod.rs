@@ -1,17 +1,20 @@
 //! From summaries to what a reader sees: pure functions, no database, no file.
 
 mod arm_tables;
+mod assemble;
 mod captions;
 pub mod data_table;
 mod document;
 pub mod escape;
 pub mod figure;
 mod latex;
+mod optima;
 mod page;
 pub mod scene;
 mod table;
 mod tables;
 mod words;
 
+pub use assemble::{Work, assemble};
 pub use document::{ReportFile, ReportedExperiment, report};
 pub use table::{Line, summary_table};

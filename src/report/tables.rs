@@ -513,6 +513,7 @@ mod tests {
             name: name(),
             error: None,
             contrast: Contrast::new(&first, &second, design),
+            family: String::new(),
             corrected: Err(Undefined::NoSeeds),
             published: None,
             first,

@@ -1,10 +1,13 @@
 //! Completed runs as a report reads them.
 
+use std::collections::HashMap;
+
 use rusqlite::{Connection, OptionalExtension};
 
-use crate::plan::JobKey;
-use crate::record::{ActionCount, CompletedRun, Provenance};
+use crate::plan::{JobKey, PlannedJob};
+use crate::record::{ActionCount, CompletedRun, DataSet, Failure, JobRecord, Progress, Provenance};
 
+use super::state::JobState;
 use super::{Reader, StoreError};
 
 /// What is read of a run beside its metrics.
@@ -19,6 +22,40 @@ pub struct Parts {
 }
 
 impl Reader {
+    /// The planned jobs of an experiment with what the store knows of them. `see` is shown each as
+    /// it is read, and may drop what is not needed.
+    pub fn data_set(
+        &self,
+        experiment: &str,
+        planned: impl IntoIterator<Item = PlannedJob>,
+        parts: Parts,
+        mut see: impl FnMut(&mut JobRecord),
+    ) -> Result<DataSet, StoreError> {
+        let failed = self.failed_jobs()?.into_iter();
+        let failures: HashMap<JobKey, Failure> =
+            failed.map(|failed| (failed.job_key, failed.failure)).collect();
+        let jobs = planned.into_iter().map(|planned| {
+            let key = planned.form.key();
+            let progress = match self.job_states([&key])?[0] {
+                JobState::Pending => Progress::Pending,
+                JobState::Interrupted => Progress::Interrupted,
+                JobState::Running => Progress::Running,
+                JobState::Failed => match failures.get(&key) {
+                    Some(failure) => Progress::Failed(failure.clone()),
+                    None => Progress::Interrupted,
+                },
+                JobState::Completed => match self.completed_run(key, parts)? {
+                    Some(run) => Progress::Completed(Box::new(run)),
+                    None => Progress::Pending,
+                },
+            };
+            let mut job = JobRecord::new(&planned, key, progress);
+            see(&mut job);
+            Ok(job)
+        });
+        Ok(DataSet { experiment: experiment.to_owned(), jobs: jobs.collect::<Result<_, _>>()? })
+    }
+
     /// The completed run of a job; `None` if it has none.
     pub fn completed_run(
         &self,

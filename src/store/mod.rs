@@ -54,7 +54,7 @@ pub use doctor::{Diagnosis, Finding, Loads, examine};
 pub use error::{QueryError, StoreError};
 pub use experiment::{Experiment, Registered};
 pub use liveness::host_name;
-pub use provided::{Provided, ProvidedPart};
+pub use provided::Provided;
 pub use query::{Answer, Interrupter, VIEWS, Value};
 pub use read::{FailedJob, Pace, Reader};
 pub use results::{Finished, RunEnd};

@@ -1,10 +1,8 @@
 //! Jobs that differ in their seed alone, and what tells them from others.
 
 use crate::analyse::{Sample, lower_quartile};
-use crate::manifest::{Condition, Value};
-use crate::record::{JobRecord, Progress};
-
-use crate::record::Setting;
+use crate::manifest::{Condition, Varying};
+use crate::record::{JobRecord, Progress, Setting};
 
 /// What tells an arm from the others of its analysis.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,49 +66,6 @@ pub fn value(job: &JobRecord, metric: &str) -> Option<f64> {
     }
 }
 
-/// Whether a job meets every condition.
-pub fn meets_all(job: &JobRecord, conditions: &[Condition]) -> bool {
-    conditions.iter().all(|condition| meets(job, condition))
-}
-
-/// Whether a job meets a condition.
-pub fn meets(job: &JobRecord, condition: &Condition) -> bool {
-    match condition {
-        Condition::Scenario(list) => list.iter().any(|one| one.to_string() == job.scenario),
-        Condition::Seed(list) => list.contains(&job.seed),
-        Condition::AgentName(list) => list.contains(&job.agent),
-        Condition::Key { parameter, values } => {
-            let set = job.setting(&parameter.to_string());
-            set.is_some_and(|set| values.iter().any(|value| setting(value) == *set))
-        }
-    }
-}
-
-/// A manifest's value as a job's settings hold it.
-pub fn setting(value: &Value) -> Setting {
-    match value {
-        Value::Real(real) => Setting::Number(*real),
-        Value::Integer(whole) => Setting::Number(*whole as f64),
-        Value::Flag(flag) => Setting::Number(f64::from(u8::from(*flag))),
-        Value::Choice(word) => Setting::Text((*word).to_owned()),
-        Value::RealPair(pair) => Setting::Text(format!("[{:?},{:?}]", pair[0], pair[1])),
-        Value::Widths(widths) => {
-            let widths: Vec<String> = widths.iter().map(ToString::to_string).collect();
-            Setting::Text(format!("[{}]", widths.join(",")))
-        }
-    }
-}
-
-/// The value that a side of a difference asks for.
-pub fn wanted(condition: &Condition) -> Setting {
-    match condition {
-        Condition::Scenario(list) => Setting::Text(list[0].to_string()),
-        Condition::Seed(list) => Setting::Number(list[0] as f64),
-        Condition::AgentName(list) => Setting::Text(list[0].clone()),
-        Condition::Key { values, .. } => setting(&values[0]),
-    }
-}
-
 /// A group's name without what its side decides.
 pub fn shared(side: &Condition, name: Name) -> Name {
     match side {
@@ -131,16 +86,10 @@ pub fn is_at(job: &JobRecord, name: &Name) -> bool {
 
 /// The parameters that differ between jobs of one agent, by name.
 pub fn varying(jobs: &[&JobRecord]) -> Vec<String> {
-    let mut names: Vec<String> = Vec::new();
-    for (at, job) in jobs.iter().enumerate() {
-        let first = jobs[..at].iter().find(|other| other.agent == job.agent);
-        let Some(first) = first else { continue };
-        for (name, value) in &job.settings {
-            if first.setting(name) != Some(value) && !names.contains(name) {
-                names.push(name.clone());
-            }
-        }
-    }
+    let values = jobs.iter().flat_map(|job| {
+        job.settings.iter().map(|(name, value)| (job.agent.as_str(), name.as_str(), value))
+    });
+    let mut names = Varying::among(values).names();
     names.sort();
     names
 }

@@ -1,10 +1,12 @@
 //! Differences of means between two sides, at every setting of the other parameters.
 
-use super::arm::{Name, groups, is_at, meets, shared, varying, wanted};
+use std::collections::BTreeMap;
+
+use super::Finding;
+use super::arm::{Name, groups, is_at, shared, varying};
 use super::inference::inference_error;
-use super::{Content, Finding};
 use crate::analyse::{self, Corrected, Design, Sample, Tests, Undefined, correct};
-use crate::manifest::{Analysis, AnalysisKind, Condition, Contrast, Pairing, Published, Sides};
+use crate::manifest::{Condition, Contrast, Pairing, Published, Sides};
 use crate::record::{JobRecord, Setting};
 
 /// A difference at one setting of the other parameters.
@@ -22,7 +24,9 @@ pub struct ContrastRow {
     pub second: Sample,
     /// The comparison.
     pub contrast: analyse::Contrast,
-    /// P values corrected over the family.
+    /// The family over which p values are corrected.
+    pub family: String,
+    /// P values corrected over it.
     pub corrected: Result<Corrected, Undefined>,
     /// Published difference and p value.
     pub published: Option<(f64, f64)>,
@@ -49,7 +53,7 @@ pub fn rows(
     };
     let both: Vec<&JobRecord> = jobs
         .iter()
-        .filter(|job| meets(job, &sides.first) || meets(job, &sides.second))
+        .filter(|job| sides.first.is_met_by(job) || sides.second.is_met_by(job))
         .copied()
         .collect();
     let by = decided(sides, &both);
@@ -63,12 +67,12 @@ pub fn rows(
     }
     rows.extend(names.into_iter().filter_map(|name| {
         let here = |side: &Condition| {
-            let jobs = both.iter().filter(|job| meets(job, side) && is_at(job, &name));
+            let jobs = both.iter().filter(|job| side.is_met_by(job) && is_at(job, &name));
             super::Group { name: name.clone(), jobs: jobs.copied().collect() }
         };
         row(
             name.clone(),
-            (sides, design, metric),
+            (sides, design, metric, &contrast.family),
             (here(&sides.first), here(&sides.second)),
             published,
         )
@@ -85,7 +89,7 @@ fn decided(sides: &Sides, both: &[&JobRecord]) -> Vec<String> {
         return Vec::new();
     }
     let (first, second): (Vec<&JobRecord>, Vec<&JobRecord>) =
-        both.iter().partition(|job| meets(job, &sides.first));
+        both.iter().partition(|job| sides.first.is_met_by(job));
     let decides = |name: &String| match (only(name, &first), only(name, &second)) {
         (Some(one), Some(other)) => one != other,
         _ => false,
@@ -116,7 +120,7 @@ fn name_apart(rows: &mut [ContrastRow]) {
 /// A difference; `None` where a side has no jobs.
 fn row(
     name: Name,
-    (sides, design, metric): (&Sides, Design, &str),
+    (sides, design, metric, family): (&Sides, Design, &str, &str),
     (first, second): (super::Group<'_>, super::Group<'_>),
     published: Option<&Published>,
 ) -> Option<ContrastRow> {
@@ -126,7 +130,7 @@ fn row(
     let sigma_of = |group: &super::Group<'_>| group.jobs.first()?.number("environment.sigma");
     let sigma = sigma_of(&first).filter(|sigma| sigma_of(&second) == Some(*sigma));
     let (first, second) = (first.sample(metric), second.sample(metric));
-    let words = (wanted(&sides.first).to_string(), wanted(&sides.second).to_string());
+    let words = (sides.first.settings()[0].to_string(), sides.second.settings()[0].to_string());
     let published = published.filter(|_| metric == "mean_return");
     Some(ContrastRow {
         published: published.and_then(|known| published_test(known, &words, &name, sigma?)),
@@ -139,6 +143,7 @@ fn row(
         },
         error: sigma.map(inference_error),
         contrast: analyse::Contrast::new(&first, &second, design),
+        family: family.to_owned(),
         corrected: Err(Undefined::NoSeeds),
         name,
         first,
@@ -163,28 +168,15 @@ fn published_test(
 }
 
 /// Corrects the p values of all contrasts, family by family.
-pub fn correct_families(analyses: &[Analysis], findings: &mut [Finding]) {
-    let family = |analysis: &Analysis| match &analysis.kind {
-        AnalysisKind::Contrast(contrast) => Some(contrast.family.clone()),
-        _ => None,
-    };
-    let mut families: Vec<String> = analyses.iter().filter_map(family).collect();
-    families.sort();
-    families.dedup();
-    for name in families {
-        let of_family = analyses.iter().map(|analysis| family(analysis).as_ref() == Some(&name));
-        let mut rows: Vec<&mut ContrastRow> = findings
-            .iter_mut()
-            .zip(of_family)
-            .filter(|(_, is_of)| *is_of)
-            .filter_map(|(finding, _)| match &mut finding.content {
-                Content::Contrast(rows) => Some(rows),
-                _ => None,
-            })
-            .flatten()
-            .collect();
+pub fn correct_families(findings: &mut [Finding]) {
+    let mut families: BTreeMap<String, Vec<&mut ContrastRow>> = BTreeMap::new();
+    let rows = findings.iter_mut().filter_map(|finding| finding.content.contrast_mut()).flatten();
+    for row in rows {
+        families.entry(row.family.clone()).or_default().push(row);
+    }
+    for rows in families.into_values() {
         let raw: Vec<_> = rows.iter().map(|row| row.contrast.test().map(|test| test.p)).collect();
-        for (row, corrected) in rows.iter_mut().zip(correct(&raw)) {
+        for (row, corrected) in rows.into_iter().zip(correct(&raw)) {
             row.corrected = corrected;
         }
     }

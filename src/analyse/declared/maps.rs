@@ -1,9 +1,9 @@
 //! Means, or differences of means, over two parameters.
 
-use super::arm::{distinct, groups, is_at, meets, shared, wanted};
+use super::arm::{distinct, groups, is_at, shared};
 use super::{Group, Name};
 use crate::analyse::{Contrast, Design, Interval, Moments, Sample, Undefined, mean_interval};
-use crate::manifest::{Parameter, Published, Sides};
+use crate::manifest::{Condition, Parameter, Published, Sides};
 use crate::record::JobRecord;
 
 /// A map of one arm.
@@ -85,7 +85,7 @@ fn figure(
     published: Option<&Published>,
 ) -> HeatFigure {
     let contrast = match sides {
-        Some(sides) => format!("{} - {}", wanted(&sides.first), wanted(&sides.second)),
+        Some(sides) => format!("{} - {}", sides.first.settings()[0], sides.second.settings()[0]),
         None => name.scenario.clone(),
     };
     let along = |name: &str| distinct(jobs.iter().filter_map(|job| job.number(name)).collect());
@@ -136,8 +136,8 @@ fn cell(jobs: &[&JobRecord], sides: Option<&Sides>, metric: &str) -> HeatCell {
             (mean, mean_interval(all.values()), all.n())
         }
         Some(sides) => {
-            let side = |condition| {
-                sample(jobs.iter().filter(|job| meets(job, condition)).copied().collect())
+            let side = |condition: &Condition| {
+                sample(jobs.iter().filter(|job| condition.is_met_by(job)).copied().collect())
             };
             let (first, second) = (side(&sides.first), side(&sides.second));
             let contrast = Contrast::new(&first, &second, Design::Independent);

@@ -17,7 +17,7 @@ mod maps;
 mod reproduction;
 mod selection;
 
-pub use arm::{Group, Name, setting, varying};
+pub use arm::{Group, Name, varying};
 pub use arms::{AgentRow, ArmResults, ArmRow, summarise_arms};
 pub use choices::{ActionPanel, BinShares};
 pub use contrasts::ContrastRow;
@@ -70,6 +70,21 @@ pub enum Content {
     InferenceError(ErrorFigure),
 }
 
+impl Content {
+    /// The rows of a contrast, if it is one.
+    fn contrast_mut(&mut self) -> Option<&mut Vec<ContrastRow>> {
+        match self {
+            Content::Contrast(rows) => Some(rows),
+            Content::Curve(_)
+            | Content::LearningCurve { .. }
+            | Content::HeatMap(_)
+            | Content::ActionChoice(_)
+            | Content::Selection(_)
+            | Content::InferenceError(_) => None,
+        }
+    }
+}
+
 /// How many jobs are in each state.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct JobCounts {
@@ -101,26 +116,21 @@ impl JobCounts {
     }
 }
 
-/// Carries out the analyses of a manifest, in its order. P values are corrected over the families
-/// that its contrasts declare.
+/// Carries out analyses, each on the jobs that it is about. P values are corrected over the families
+/// that contrasts declare.
 pub fn carry_out(
-    analyses: &[Analysis],
-    jobs: &[JobRecord],
+    analyses: &[(&Analysis, Vec<&JobRecord>)],
     published: Option<&Published>,
 ) -> Vec<Finding> {
-    let find = |analysis: &Analysis| {
-        let concerned: Vec<&JobRecord> =
-            jobs.iter().filter(|job| arm::meets_all(job, &analysis.conditions)).collect();
-        Finding {
-            name: analysis.name.clone(),
-            title: analysis.title.clone().unwrap_or_else(|| analysis.name.clone()),
-            metric: analysis.metric,
-            jobs: JobCounts::of(concerned.iter().copied()),
-            content: content(analysis, &concerned, published),
-        }
+    let find = |(analysis, jobs): &(&Analysis, Vec<&JobRecord>)| Finding {
+        name: analysis.name.clone(),
+        title: analysis.title.clone().unwrap_or_else(|| analysis.name.clone()),
+        metric: analysis.metric,
+        jobs: JobCounts::of(jobs.iter().copied()),
+        content: content(analysis, jobs, published),
     };
     let mut findings: Vec<Finding> = analyses.iter().map(find).collect();
-    contrasts::correct_families(analyses, &mut findings);
+    contrasts::correct_families(&mut findings);
     findings
 }
 
