@@ -3,9 +3,7 @@
 //! A sample knows its seeds, so that arms can be matched, and counts the seeds that have no value,
 //! so that no table can forget them. It does not know which arm or metric it is of.
 
-use super::summary::Fate;
 use super::undefined::Undefined;
-use crate::record::RunSummary;
 
 /// One metric of the seeds of an arm, by seed.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -61,24 +59,6 @@ impl Sample {
         let not_finite = u32::try_from(given - pairs.len()).unwrap_or(u32::MAX);
         let (seeds, values) = pairs.into_iter().unzip();
         Ok(Sample { seeds, values, lost: Lost { failed, open, not_finite } })
-    }
-
-    /// The sample of an arm's jobs, `value` being the metric.
-    ///
-    /// **Errors**: a seed that comes twice.
-    pub fn from_fates<'a>(
-        fates: impl IntoIterator<Item = Fate<'a>>,
-        value: impl Fn(&RunSummary) -> f64,
-    ) -> Result<Sample, DuplicateSeed> {
-        let (mut values, mut failed, mut open) = (Vec::new(), 0, 0);
-        for fate in fates {
-            match fate {
-                Fate::Completed(run) => values.push((run.seed, value(run))),
-                Fate::Failed => failed += 1,
-                Fate::Open => open += 1,
-            }
-        }
-        Sample::new(values, failed, open)
     }
 
     /// Values by seed, all of them finite.

@@ -270,13 +270,12 @@ impl End<'_> {
         if arguments.format == Format::Json || self.cause == Cause::Signal {
             return Ok(());
         }
-        let failed = reader.failed_jobs()?;
-        let example = summary::print(reader, manifests, &failed)?;
+        let example = summary::print(reader, manifests)?;
         if arguments.quiet {
             return Ok(());
         }
         if self.failed() > 0 {
-            list_failures(&failed, manifests)?;
+            list_failures(&reader.failed_jobs()?, manifests)?;
         }
         Ok(tell_next(arguments, manifests, example)?)
     }

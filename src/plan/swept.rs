@@ -22,6 +22,11 @@ impl Swept {
         self.0.names()
     }
 
+    /// Whether the jobs of an agent differ in a parameter.
+    pub fn is_of(&self, agent: &str, name: &str) -> bool {
+        self.0.of_agent(agent).iter().any(|known| known == name)
+    }
+
     /// A job's values with their dotted names.
     fn values(&self, agent: &str, job: &Job) -> impl Iterator<Item = (String, Value)> {
         let names = self.0.of_agent(agent).iter();
@@ -33,11 +38,6 @@ impl Swept {
         let values = self.values(agent, job);
         let words = values.map(|(name, value)| format!("{}={}", short_name(&name), shown(&value)));
         words.collect::<Vec<_>>().join(" ")
-    }
-
-    /// A job's values as text, with their dotted names.
-    pub fn texts(&self, agent: &str, job: &Job) -> Vec<(String, String)> {
-        self.values(agent, job).map(|(name, value)| (name, shown(&value))).collect()
     }
 
     /// A job's values as an object for programs.

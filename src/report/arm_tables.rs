@@ -3,7 +3,7 @@
 use super::data_table::{Cell, DataTable, shown};
 use super::figure::arm_label;
 use super::tables::{between, high, in_unit, low, mean};
-use crate::analyse::declared::{AgentRow, ArmRow};
+use crate::analyse::declared::{AgentSummary, ArmSummary};
 use crate::analyse::{Aggregate, FEW_SEEDS, Interval, Undefined, mean_interval};
 
 /// What a caption adds where an arm has fewer than [`FEW_SEEDS`] seeds.
@@ -11,7 +11,7 @@ const NARROW: &str = "; bootstrap intervals of fewer than ten seeds an arm are t
                       three, they hold the true value in three quarters to nine tenths of cases";
 
 /// A row an arm: return in four ways, what the policies do, and how far they are from the optimum.
-pub fn arms(rows: &[ArmRow]) -> DataTable {
+pub fn arms(rows: &[ArmSummary]) -> DataTable {
     let has_lost = rows.iter().any(|row| row.returns.lost().ended() > 0);
     let columns = [
         ("arm", "Arm"),
@@ -41,10 +41,11 @@ pub fn arms(rows: &[ArmRow]) -> DataTable {
     table
 }
 
-fn arm(row: &ArmRow) -> Vec<Cell> {
+fn arm(row: &ArmSummary) -> Vec<Cell> {
     let values = row.returns.values();
     let interval = mean_interval(values);
-    let middle = interval_of(row.interquartile);
+    let interquartile = row.interquartile();
+    let middle = interval_of(interquartile);
     let share = |value| share(value, row.optimum);
     vec![
         Cell::text(arm_label(&row.name)),
@@ -54,7 +55,7 @@ fn arm(row: &ArmRow) -> Vec<Cell> {
         between(interval, "mean_return"),
         low(interval),
         high(interval),
-        in_unit(row.interquartile.map(|middle| middle.value), "mean_return"),
+        in_unit(interquartile.map(|middle| middle.value), "mean_return"),
         between(middle, "mean_return"),
         low(middle),
         high(middle),
@@ -74,7 +75,7 @@ fn warned(caption: &str, is_few: bool) -> String {
 }
 
 /// A row an agent and scenario: inter-quartile means over all of their arms.
-pub fn agents(rows: &[AgentRow]) -> DataTable {
+pub fn agents(rows: &[AgentSummary]) -> DataTable {
     let columns = [
         ("agent", "Agent"),
         ("scenario", "Scenario"),
@@ -154,20 +155,20 @@ fn interval_of(aggregate: Result<Aggregate, Undefined>) -> Result<Interval, Unde
 mod tests {
     use super::super::latex::latex;
     use super::*;
-    use crate::analyse::declared::Name;
-    use crate::analyse::{Sample, interquartile_mean};
+    use crate::analyse::Sample;
+    use crate::analyse::declared::ArmId;
 
-    fn row(values: &[f64], failed: u32) -> ArmRow {
+    fn row(values: &[f64], failed: u32) -> ArmSummary {
         let values = (1..).zip(values.iter().copied());
         let returns = Sample::new(values, failed, 0).unwrap();
-        ArmRow {
-            name: Name { agent: "dqn".into(), scenario: "P-H-D".into(), settings: Vec::new() },
-            interquartile: interquartile_mean(&[&returns]),
+        ArmSummary {
+            name: ArmId { agent: "dqn".into(), scenario: "P-H-D".into(), settings: Vec::new() },
             lower_quartiles: returns.clone(),
             disengagement: returns.clone(),
             messages: returns.clone(),
             returns,
             optimum: None,
+            sigma: None,
         }
     }
 
@@ -187,7 +188,7 @@ mod tests {
     fn bootstrap_intervals_of_few_seeds_come_with_a_warning() {
         let of = |n: u32| {
             let values: Vec<f64> = (0..n).map(f64::from).collect();
-            let agent = AgentRow {
+            let agent = AgentSummary {
                 agent: "dqn".into(),
                 scenario: "P-H-D".into(),
                 // The other arm has many.

@@ -442,7 +442,7 @@ fn outside(reproduction: &Reproduction) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analyse::declared::{Comparison, Name};
+    use crate::analyse::declared::{ArmId, Comparison};
     use crate::analyse::{Agreement, Contrast, Design, Interval, Sample, Verdict};
 
     /// A line of an arm called `dqn`, with three seeds at 1, 2 and so on: a mean, and how far the
@@ -453,7 +453,7 @@ mod tests {
             CurvePoint { x, parameter: x, sample: Sample::new(values, 0, 0).unwrap() }
         };
         CurveLine {
-            name: Name { agent: "dqn".into(), scenario: String::new(), settings: Vec::new() },
+            name: ArmId { agent: "dqn".into(), scenario: String::new(), settings: Vec::new() },
             points: (1..).map(f64::from).zip(points).map(point).collect(),
             optimum: Vec::new(),
             published: Vec::new(),
@@ -532,7 +532,7 @@ mod tests {
     fn row(first: Sample, second: Sample) -> ContrastRow {
         ContrastRow {
             sides: ("ok".into(), "boom".into()),
-            name: Name { agent: "dqn".into(), scenario: String::new(), settings: Vec::new() },
+            name: ArmId { agent: "dqn".into(), scenario: String::new(), settings: Vec::new() },
             error: None,
             contrast: Contrast::new(&first, &second, Design::Independent),
             family: String::new(),

@@ -15,7 +15,9 @@ use super::latex::{is_printed, latex};
 use super::page;
 use super::scene::{Scene, png, svg};
 use super::tables;
-use crate::analyse::declared::{ArmResults, Content, Finding, JobCounts, Name, Reproduction};
+use crate::analyse::declared::{
+    ArmId, ArmSummary, Content, Finding, JobCounts, Reproduction, summarise_agents,
+};
 use crate::record::JobRecord;
 
 /// Panels of the choice of actions that a figure has at most, one below the other.
@@ -39,7 +41,7 @@ pub struct ReportedExperiment {
     /// Published numbers beside ours, where the manifest names some.
     pub reproduction: Option<Reproduction>,
     /// What every arm came to, whatever is analysed.
-    pub arms: ArmResults,
+    pub arms: Vec<ArmSummary>,
 }
 
 /// A file of the report.
@@ -103,8 +105,8 @@ pub fn report(experiments: &[ReportedExperiment], store: &str) -> Vec<ReportFile
         let shown: Vec<Shown<'_>> = shown.collect();
         shown.iter().for_each(|finding| write_finding(finding, &mut files));
         let tables = ArmTables {
-            arms: (arms, arm_tables::arms(&experiment.arms.arms)),
-            agents: (agents, arm_tables::agents(&experiment.arms.agents)),
+            arms: (arms, arm_tables::arms(&experiment.arms)),
+            agents: (agents, arm_tables::agents(&summarise_agents(&experiment.arms))),
         };
         for (stem, table) in [&tables.arms, &tables.agents] {
             write_table(&format!("tables/{stem}"), table, &mut files);
@@ -152,7 +154,7 @@ fn unused(taken: &[String], name: &str) -> String {
 }
 
 /// The arms of a finding.
-fn names(content: &Content) -> Vec<&Name> {
+fn names(content: &Content) -> Vec<&ArmId> {
     match content {
         Content::Curve(figure) => figure.lines.iter().map(|line| &line.name).collect(),
         Content::LearningCurve { panels, .. } => {

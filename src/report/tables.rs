@@ -500,11 +500,11 @@ fn failed(experiment: &str, job: &JobRecord, told_by: &[String]) -> Option<Vec<C
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analyse::declared::{BinShares, LearningLine, Name};
+    use crate::analyse::declared::{ArmId, BinShares, LearningLine};
     use crate::analyse::{Contrast, Sample};
 
-    fn name() -> Name {
-        Name { agent: "dqn".into(), scenario: "P-H-D".into(), settings: Vec::new() }
+    fn name() -> ArmId {
+        ArmId { agent: "dqn".into(), scenario: "P-H-D".into(), settings: Vec::new() }
     }
 
     fn row(first: Sample, second: Sample, design: Design) -> ContrastRow {

@@ -40,7 +40,6 @@ mod salvage;
 mod schema;
 mod session;
 mod state;
-mod summary;
 mod weights;
 
 use std::path::{Path, PathBuf};

@@ -19,7 +19,7 @@ use jitai::manifest::{self, Manifest};
 use jitai::plan::{self, Job};
 use jitai::record::{Outcome, Provenance};
 use jitai::store::{
-    self, Answer, Claimed, Company, Experiment, Interrupter, QueryError, Reader, RetryFailed, Store,
+    self, Answer, Parts, Claimed, Company, Experiment, Interrupter, QueryError, Reader, RetryFailed, Store,
 };
 use jitai::train::{
     self, CheckpointError, Checkpoints, Monitor, Progress, ReadCheckpoint, Unwatched,
@@ -197,7 +197,8 @@ pub fn store(bytes: &[u8]) {
         let _ = reader.failed_jobs();
         let _ = reader.paces();
         let _ = reader.manifest("fuzzed");
-        let _ = reader.run_summaries("fuzzed");
+        let parts = Parts { curve: true, actions: true, returns: true };
+        let _ = reader.data_set("fuzzed", plan::jobs(&declared()), parts, |_| ());
     }
     match store::examine(&path, &loads) {
         Ok(diagnosis) => assert!(diagnosis.intact <= diagnosis.completed),

@@ -6,27 +6,27 @@
 //!
 //! It does not know how a finding is drawn or written.
 
+mod action_choice;
 mod arm;
-mod arms;
-mod choices;
-mod contrasts;
-mod curves;
-mod inference;
-mod learning;
-mod maps;
+mod contrast;
+mod curve;
+mod heat_map;
+mod inference_error;
+mod learning_curve;
 mod reproduction;
 mod selection;
+mod summary;
 
-pub use arm::{Group, Name, varying};
-pub use arms::{AgentRow, ArmResults, ArmRow, summarise_arms};
-pub use choices::{ActionPanel, BinShares};
-pub use contrasts::ContrastRow;
-pub use curves::{CurveFigure, CurveLine, CurvePoint};
-pub use inference::{ErrorFigure, ErrorPoint, inference_error};
-pub use learning::{LearningLine, LearningPanel};
-pub use maps::{HeatCell, HeatFigure, Scale};
+pub use action_choice::{ActionPanel, BinShares};
+pub use arm::{Arm, ArmId, varying};
+pub use contrast::ContrastRow;
+pub use curve::{CurveFigure, CurveLine, CurvePoint};
+pub use heat_map::{HeatCell, HeatFigure, Scale};
+pub use inference_error::{ErrorFigure, ErrorPoint};
+pub use learning_curve::{LearningLine, LearningPanel};
 pub use reproduction::{Comparison, Distance, Reproduction, Subject, reproduce};
 pub use selection::{Candidate, Chosen};
+pub use summary::{AgentSummary, ArmSummary, summarise_agents, summarise_arms};
 
 use crate::manifest::{Analysis, AnalysisKind, Published};
 use crate::record::{JobRecord, Progress};
@@ -130,7 +130,7 @@ pub fn carry_out(
         content: content(analysis, jobs, published),
     };
     let mut findings: Vec<Finding> = analyses.iter().map(find).collect();
-    contrasts::correct_families(&mut findings);
+    contrast::correct_families(&mut findings);
     findings
 }
 
@@ -138,21 +138,26 @@ fn content(analysis: &Analysis, jobs: &[&JobRecord], published: Option<&Publishe
     let metric = analysis.metric;
     match &analysis.kind {
         AnalysisKind::Contrast(contrast) => {
-            Content::Contrast(contrasts::rows(contrast, metric, jobs, published))
+            Content::Contrast(contrast::rows(contrast, metric, jobs, published))
         }
         AnalysisKind::Curve { axis } => {
-            Content::Curve(curves::figure(*axis, metric, jobs, published))
+            Content::Curve(curve::figure(*axis, metric, jobs, published))
         }
-        AnalysisKind::LearningCurve { window } => {
-            Content::LearningCurve { window: *window, panels: learning::panels(*window, jobs) }
-        }
+        AnalysisKind::LearningCurve { window } => Content::LearningCurve {
+            window: *window,
+            panels: learning_curve::panels(*window, jobs),
+        },
         AnalysisKind::HeatMap { x, y, sides } => {
-            Content::HeatMap(maps::figures((*x, *y), sides.as_ref(), metric, jobs, published))
+            Content::HeatMap(heat_map::figures((*x, *y), sides.as_ref(), metric, jobs, published))
         }
-        AnalysisKind::ActionChoice { bins } => Content::ActionChoice(choices::panels(*bins, jobs)),
+        AnalysisKind::ActionChoice { bins } => {
+            Content::ActionChoice(action_choice::panels(*bins, jobs))
+        }
         AnalysisKind::Selection { rule, reporting_seeds: _ } => {
             Content::Selection(selection::chosen(*rule, metric, jobs))
         }
-        AnalysisKind::InferenceError => Content::InferenceError(inference::figure(jobs, published)),
+        AnalysisKind::InferenceError => {
+            Content::InferenceError(inference_error::figure(jobs, published))
+        }
     }
 }

@@ -160,14 +160,14 @@ fn stack(bin: &BinShares, label: &str, (left, base, width): (f64, f64, f64)) -> 
 mod tests {
     use super::*;
     use crate::analyse::Interval;
-    use crate::analyse::declared::Name;
+    use crate::analyse::declared::ArmId;
 
     fn panel(shares: [(f64, Option<f64>); 4]) -> ActionPanel {
         let interval = |(share, half): (f64, Option<f64>)| {
             (share, half.map(|half| Interval { low: share - half, high: share + half }))
         };
         let shares = Some(shares.map(interval));
-        let name = Name { agent: "dqn".into(), scenario: "L-H-D".into(), settings: Vec::new() };
+        let name = ArmId { agent: "dqn".into(), scenario: "L-H-D".into(), settings: Vec::new() };
         let bins = vec![BinShares { low: 0.0, high: 1.0, steps: 9, seeds: 3, shares }];
         ActionPanel { name, seeds: (3, 3), bins }
     }

@@ -4,10 +4,10 @@ use super::axis::{Axis, AxisScale, Frame, Numbers, round_range};
 use super::look::{Look, Looks, Marker, arm_label, labels};
 use super::{FAINT, INK, NOTE, PUBLISHED, TEXT, WIDTH, fitting, seeds, text};
 use crate::analyse::declared::{
-    CurveFigure, CurveLine, CurvePoint, ErrorFigure, LearningLine, LearningPanel, Name,
-    inference_error,
+    ArmId, CurveFigure, CurveLine, CurvePoint, ErrorFigure, LearningLine, LearningPanel,
 };
 use crate::analyse::mean_interval;
+use crate::env::inference_error;
 use crate::report::data_table::shown;
 use crate::report::scene::{
     Anchor, Color, Fill, Mark, Point, Scene, Shape, Stroke, Weight, rectangle, width,
@@ -71,7 +71,7 @@ struct Place {
 
 /// A curve: means over seeds with their intervals, and the published line.
 pub fn curve_figure(figure: &CurveFigure, metric: &str, looks: &Looks) -> Scene {
-    let names: Vec<&Name> = figure.lines.iter().map(|line| &line.name).collect();
+    let names: Vec<&ArmId> = figure.lines.iter().map(|line| &line.name).collect();
     let numbers = unit_numbers(metric).0;
     let is_error = figure.axis == "context_inference_error";
     let line = |(line, label): (&CurveLine, String)| {
@@ -123,7 +123,7 @@ fn scale_of(lines: &[Line]) -> AxisScale {
 }
 
 /// A point of a curve; the axis shows the context inference error, or a parameter.
-fn curve_place(point: &CurvePoint, name: &Name, (metric, is_error): (&str, bool)) -> Place {
+fn curve_place(point: &CurvePoint, name: &ArmId, (metric, is_error): (&str, bool)) -> Place {
     let scaled = |value: f64| match unit_numbers(metric) {
         (Numbers::Percent, decimals) => format!("{} %", shown(value * 100.0, decimals)),
         (Numbers::Plain, decimals) => shown(value, decimals),
@@ -146,7 +146,7 @@ fn curve_place(point: &CurvePoint, name: &Name, (metric, is_error): (&str, bool)
 /// Learning curves of a scenario.
 pub fn learning_figure(panel: &LearningPanel, window: u32, looks: &Looks) -> Scene {
     const TIPS: usize = 60;
-    let names: Vec<&Name> = panel.lines.iter().map(|line| &line.name).collect();
+    let names: Vec<&ArmId> = panel.lines.iter().map(|line| &line.name).collect();
     let line = |(line, label): (&LearningLine, String)| {
         let every = line.points.len().div_ceil(TIPS).max(1);
         let last = line.points.len().saturating_sub(1);
@@ -204,13 +204,13 @@ pub fn learning_figure(panel: &LearningPanel, window: u32, looks: &Looks) -> Sce
 /// Lines of the best mean return that any policy can reach, none twice; where there are several,
 /// their labels say of what.
 fn optimum_lines<'n>(
-    optima: impl Iterator<Item = (&'n Name, Vec<(f64, f64)>)>,
+    optima: impl Iterator<Item = (&'n ArmId, Vec<(f64, f64)>)>,
     looks: &Looks,
 ) -> Vec<Line> {
     // Whatever the agent is, the optimum is the same; agents may have it at different places.
-    let (mut names, mut of_names): (Vec<Name>, Vec<Optimum>) = (Vec::new(), Vec::new());
+    let (mut names, mut of_names): (Vec<ArmId>, Vec<Optimum>) = (Vec::new(), Vec::new());
     for (name, points) in optima.filter(|(_, points)| !points.is_empty()) {
-        let mut of = Name { agent: String::new(), ..name.clone() };
+        let mut of = ArmId { agent: String::new(), ..name.clone() };
         of.settings.retain(|(key, _)| !key.starts_with("agent."));
         if let Some(at) = names.iter().position(|known| *known == of) {
             of_names[at].points.extend(points);
@@ -343,7 +343,7 @@ fn error_axes(most: f64) -> (Axis, Axis) {
 }
 
 /// What all arms of a figure share: an agent or a scenario.
-fn shared_word(names: &[&Name]) -> Option<String> {
+fn shared_word(names: &[&ArmId]) -> Option<String> {
     let first = names.first()?;
     let same_agent = names.iter().all(|name| name.agent == first.agent);
     let same_scenario = names.iter().all(|name| name.scenario == first.scenario);
@@ -644,7 +644,7 @@ mod tests {
 
     #[test]
     fn optima_that_are_the_same_share_a_line_and_names_have_one() {
-        let name = |agent: &str, scenario: &str, sigma: f64| Name {
+        let name = |agent: &str, scenario: &str, sigma: f64| ArmId {
             agent: agent.into(),
             scenario: scenario.into(),
             settings: vec![

@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use super::Finding;
-use super::arm::{Name, groups, is_at, shared, varying};
-use super::inference::inference_error;
+use super::arm::{ArmId, arms, is_at, shared, varying};
 use crate::analyse::{self, Corrected, Design, Sample, Tests, Undefined, correct};
+use crate::env::inference_error;
 use crate::manifest::{Condition, Contrast, Pairing, Published, Sides};
 use crate::record::{JobRecord, Setting};
 
@@ -15,7 +15,7 @@ pub struct ContrastRow {
     /// The sides' words, first and second.
     pub sides: (String, String),
     /// What the sides share: the agent or scenario that is no side, if it is one.
-    pub name: Name,
+    pub name: ArmId,
     /// Context inference error, where the jobs have a sigma that both sides share.
     pub error: Option<f64>,
     /// The metric of the first side's seeds.
@@ -58,8 +58,8 @@ pub fn rows(
         .collect();
     let by = decided(sides, &both);
     let mut rows = Vec::new();
-    let mut names: Vec<Name> = Vec::new();
-    for group in groups(&both, &by.iter().map(String::as_str).collect::<Vec<_>>()) {
+    let mut names: Vec<ArmId> = Vec::new();
+    for group in arms(&both, &by.iter().map(String::as_str).collect::<Vec<_>>()) {
         let name = shared(&sides.first, group.name);
         if !names.contains(&name) {
             names.push(name);
@@ -68,7 +68,7 @@ pub fn rows(
     rows.extend(names.into_iter().filter_map(|name| {
         let here = |side: &Condition| {
             let jobs = both.iter().filter(|job| side.is_met_by(job) && is_at(job, &name));
-            super::Group { name: name.clone(), jobs: jobs.copied().collect() }
+            super::Arm { name: name.clone(), jobs: jobs.copied().collect() }
         };
         row(
             name.clone(),
@@ -119,15 +119,15 @@ fn name_apart(rows: &mut [ContrastRow]) {
 
 /// A difference; `None` where a side has no jobs.
 fn row(
-    name: Name,
+    name: ArmId,
     (sides, design, metric, family): (&Sides, Design, &str, &str),
-    (first, second): (super::Group<'_>, super::Group<'_>),
+    (first, second): (super::Arm<'_>, super::Arm<'_>),
     published: Option<&Published>,
 ) -> Option<ContrastRow> {
     if first.jobs.is_empty() || second.jobs.is_empty() {
         return None;
     }
-    let sigma_of = |group: &super::Group<'_>| group.jobs.first()?.number("environment.sigma");
+    let sigma_of = |group: &super::Arm<'_>| group.jobs.first()?.number("environment.sigma");
     let sigma = sigma_of(&first).filter(|sigma| sigma_of(&second) == Some(*sigma));
     let (first, second) = (first.sample(metric), second.sample(metric));
     let words = (sides.first.settings()[0].to_string(), sides.second.settings()[0].to_string());
@@ -154,7 +154,7 @@ fn row(
 fn published_test(
     published: &Published,
     sides: &(String, String),
-    name: &Name,
+    name: &ArmId,
     sigma: f64,
 ) -> Option<(f64, f64)> {
     let contrast = format!("{} - {}", sides.0, sides.1);

@@ -1,6 +1,6 @@
 //! Learning curves: a moving mean over training episodes, over the seeds.
 
-use super::arm::{Name, groups};
+use super::arm::{ArmId, arms};
 use crate::analyse::{Interval, mean_interval, moving_mean};
 use crate::record::{JobRecord, Setting};
 
@@ -17,7 +17,7 @@ pub struct LearningPanel {
 #[derive(Clone, Debug, PartialEq)]
 pub struct LearningLine {
     /// The arm.
-    pub name: Name,
+    pub name: ArmId,
     /// Seeds completed, and of how many.
     pub seeds: (usize, usize),
     /// The best mean return that any policy can reach, where it is known.
@@ -32,7 +32,7 @@ pub fn panels(window: u32, jobs: &[&JobRecord]) -> Vec<LearningPanel> {
     let mut panels: Vec<LearningPanel> = Vec::new();
     let is_rule = |job: &JobRecord| matches!(job.setting("agent.algorithm"), Some(Setting::Text(name)) if name == "rule");
     let learners: Vec<&JobRecord> = jobs.iter().filter(|job| !is_rule(job)).copied().collect();
-    for group in groups(&learners, &[]) {
+    for group in arms(&learners, &[]) {
         let curves: Vec<Vec<(u32, f64)>> = group
             .jobs
             .iter()

@@ -1,8 +1,8 @@
 //! A metric along a parameter.
 
-use super::arm::{Name, distinct, groups};
-use super::inference::inference_error;
+use super::arm::{ArmId, arms, distinct};
 use crate::analyse::Sample;
+use crate::env::inference_error;
 use crate::manifest::{CurveAxis, Published};
 use crate::record::JobRecord;
 
@@ -19,7 +19,7 @@ pub struct CurveFigure {
 #[derive(Clone, Debug, PartialEq)]
 pub struct CurveLine {
     /// The arm; the axis' parameter is not among its settings.
-    pub name: Name,
+    pub name: ArmId,
     /// Its points, by x.
     pub points: Vec<CurvePoint>,
     /// The best mean return that any policy can reach, x and value; empty if it is not known, or
@@ -57,14 +57,14 @@ pub fn figure(
         CurveAxis::ContextInferenceError => inference_error(value),
         CurveAxis::Swept(_) => value,
     };
-    let lines = groups(jobs, &[&parameter]).into_iter().map(|group| {
+    let lines = arms(jobs, &[&parameter]).into_iter().map(|group| {
         let numbers = group.jobs.iter().filter_map(|job| job.number(&parameter)).collect();
         let mut optimum = Vec::new();
         let points = distinct(numbers).into_iter().map(|value| {
             let here = |job: &&&JobRecord| job.number(&parameter) == Some(value);
             let jobs = group.jobs.iter().filter(here).copied().collect();
             let name = group.name.clone();
-            let here = super::Group { name, jobs };
+            let here = super::Arm { name, jobs };
             let best = here.optimum().filter(|_| metric == "mean_return");
             optimum.extend(best.map(|best| (place(value), best)));
             CurvePoint { x: place(value), parameter: value, sample: here.sample(metric) }

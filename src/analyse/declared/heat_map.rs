@@ -1,7 +1,7 @@
 //! Means, or differences of means, over two parameters.
 
-use super::arm::{distinct, groups, is_at, shared};
-use super::{Group, Name};
+use super::arm::{arms, distinct, is_at, shared};
+use super::{Arm, ArmId};
 use crate::analyse::{Contrast, Design, Interval, Moments, Sample, Undefined, mean_interval};
 use crate::manifest::{Condition, Parameter, Published, Sides};
 use crate::record::JobRecord;
@@ -59,8 +59,8 @@ pub fn figures(
 ) -> Vec<HeatFigure> {
     let by = sides.map_or_else(String::new, Sides::key);
     let axes = (x.to_string(), y.to_string());
-    let mut names: Vec<Name> = Vec::new();
-    for group in groups(jobs, &[&axes.0, &axes.1, &by]) {
+    let mut names: Vec<ArmId> = Vec::new();
+    for group in arms(jobs, &[&axes.0, &axes.1, &by]) {
         let name = match sides {
             Some(sides) => shared(&sides.first, group.name),
             None => group.name,
@@ -70,7 +70,7 @@ pub fn figures(
         }
     }
     let published = published.filter(|_| metric == "mean_return");
-    let figure = |name: Name| {
+    let figure = |name: ArmId| {
         let ours: Vec<&JobRecord> = jobs.iter().filter(|job| is_at(job, &name)).copied().collect();
         figure(name, &axes, (sides, metric), &ours, published)
     };
@@ -78,7 +78,7 @@ pub fn figures(
 }
 
 fn figure(
-    name: Name,
+    name: ArmId,
     (x, y): &(String, String),
     (sides, metric): (Option<&Sides>, &str),
     jobs: &[&JobRecord],
@@ -126,8 +126,8 @@ fn figure(
 
 fn cell(jobs: &[&JobRecord], sides: Option<&Sides>, metric: &str) -> HeatCell {
     let sample = |jobs: Vec<&JobRecord>| -> Sample {
-        let name = Name { agent: String::new(), scenario: String::new(), settings: Vec::new() };
-        Group { name, jobs }.sample(metric)
+        let name = ArmId { agent: String::new(), scenario: String::new(), settings: Vec::new() };
+        Arm { name, jobs }.sample(metric)
     };
     let (value, interval, seeds) = match sides {
         None => {

@@ -1,6 +1,6 @@
 //! Which actions a trained policy chooses, by the probability of context 0.
 
-use super::arm::{Name, groups};
+use super::arm::{ArmId, arms};
 use crate::analyse::{Interval, mean_interval};
 use crate::record::{CompletedRun, JobRecord, PROBABILITY_BINS};
 
@@ -11,7 +11,7 @@ const ACTIONS: usize = 4;
 #[derive(Clone, Debug, PartialEq)]
 pub struct ActionPanel {
     /// The arm.
-    pub name: Name,
+    pub name: ArmId,
     /// Seeds completed, and of how many.
     pub seeds: (usize, usize),
     /// The bins, by probability.
@@ -37,7 +37,7 @@ pub struct BinShares {
 /// A panel an arm, in the manifest's order. A seed weighs as much as another, whatever its steps;
 /// one without a step in a bin has no share there.
 pub fn panels(bins: u8, jobs: &[&JobRecord]) -> Vec<ActionPanel> {
-    let panel = |group: super::Group| {
+    let panel = |group: super::Arm| {
         let runs: Vec<&CompletedRun> =
             group.jobs.iter().filter_map(|job| job.completed()).collect();
         ActionPanel {
@@ -46,7 +46,7 @@ pub fn panels(bins: u8, jobs: &[&JobRecord]) -> Vec<ActionPanel> {
             name: group.name,
         }
     };
-    groups(jobs, &[]).into_iter().map(panel).collect()
+    arms(jobs, &[]).into_iter().map(panel).collect()
 }
 
 fn shares(bin: u8, bins: u8, runs: &[&CompletedRun]) -> BinShares {
