@@ -4,6 +4,7 @@
 //! so that no table can forget them. It does not know which arm or metric it is of.
 
 use super::undefined::Undefined;
+use super::{Interval, Moments, mean_interval};
 
 /// One metric of the seeds of an arm, by seed.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -74,6 +75,27 @@ impl Sample {
     /// Number of values.
     pub fn n(&self) -> usize {
         self.values.len()
+    }
+
+    /// The mean over seeds.
+    ///
+    /// **Errors**: no seed has a value.
+    pub fn mean(&self) -> Result<f64, Undefined> {
+        Moments::of(&self.values).map(|moments| moments.mean)
+    }
+
+    /// The standard deviation over seeds.
+    ///
+    /// **Errors**: fewer than two seeds have a value.
+    pub fn sd(&self) -> Result<f64, Undefined> {
+        Moments::of(&self.values).and_then(|moments| moments.sd)
+    }
+
+    /// The interval of the mean over seeds.
+    ///
+    /// **Errors**: as [`mean_interval`].
+    pub fn interval(&self) -> Result<Interval, Undefined> {
+        mean_interval(&self.values)
     }
 
     /// Seeds that have none.

@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use super::analyses::AnalysisDraft;
+use super::analysis::AnalysisDraft;
 use super::condition::Condition;
 use super::keys::{Section, Value};
 use super::parameter::Parameter;

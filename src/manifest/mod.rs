@@ -24,6 +24,7 @@ mod grid;
 mod keys;
 mod load;
 mod parameter;
+mod presence;
 mod preset;
 mod published;
 mod range;
@@ -34,10 +35,11 @@ mod schema;
 mod source;
 mod sweep;
 mod varying;
+mod written;
 
 pub use analysis::{
-    ANALYSED_METRICS, Analysis, AnalysisKind, Contrast, CurveAxis, Pairing, Part, SelectionRule,
-    Sides,
+    ANALYSED_METRICS, Analysis, AnalysisKind, Contrast, CurveAxis, ERROR_AXIS, Pairing, Part,
+    SelectionRule, Sides,
 };
 pub use condition::{Condition, Described, Setting, short_name};
 pub use declared::{DeclaredAgent, Exclusion, MOST_JOBS, Manifest, Zip};

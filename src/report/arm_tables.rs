@@ -2,9 +2,9 @@
 
 use super::data_table::{Cell, DataTable, shown};
 use super::figure::arm_label;
-use super::tables::{between, high, in_unit, low, mean};
-use crate::analyse::declared::{AgentSummary, ArmSummary};
-use crate::analyse::{Aggregate, FEW_SEEDS, Interval, Undefined, mean_interval};
+use super::tables::{between, high, in_unit, low};
+use crate::analyse::declared::{AgentSummary, ArmSummary, share_of_optimum};
+use crate::analyse::{Aggregate, FEW_SEEDS, Interval, Undefined};
 
 /// What a caption adds where an arm has fewer than [`FEW_SEEDS`] seeds.
 const NARROW: &str = "; bootstrap intervals of fewer than ten seeds an arm are too narrow: with \
@@ -42,16 +42,15 @@ pub fn arms(rows: &[ArmSummary]) -> DataTable {
 }
 
 fn arm(row: &ArmSummary) -> Vec<Cell> {
-    let values = row.returns.values();
-    let interval = mean_interval(values);
+    let (mean, interval) = (row.returns.mean(), row.returns.interval());
     let interquartile = row.interquartile();
     let middle = interval_of(interquartile);
     let share = |value| share(value, row.optimum);
     vec![
         Cell::text(arm_label(&row.name)),
-        Cell::number(values.len() as f64, 0),
+        Cell::number(row.returns.n() as f64, 0),
         Cell::number(f64::from(row.returns.lost().ended()), 0),
-        in_unit(mean(values), "mean_return"),
+        in_unit(mean, "mean_return"),
         between(interval, "mean_return"),
         low(interval),
         high(interval),
@@ -59,11 +58,11 @@ fn arm(row: &ArmSummary) -> Vec<Cell> {
         between(middle, "mean_return"),
         low(middle),
         high(middle),
-        in_unit(mean(row.lower_quartiles.values()), "mean_return"),
-        in_unit(mean(row.disengagement.values()), "disengagement_rate"),
-        Cell::of(mean(row.messages.values()), 1),
+        in_unit(row.lower_quartiles.mean(), "mean_return"),
+        in_unit(row.disengagement.mean(), "disengagement_rate"),
+        Cell::of(row.messages.mean(), 1),
         optimum(row.optimum),
-        share(mean(values)),
+        share(mean),
         share(interval.map(|interval| interval.low)),
         share(interval.map(|interval| interval.high)),
     ]
@@ -95,7 +94,9 @@ pub fn agents(rows: &[AgentSummary]) -> DataTable {
     let is_few = rows.iter().any(|row| (1..FEW_SEEDS).contains(&row.fewest));
     let mut table = DataTable::new(warned(caption, is_few), &columns);
     for row in rows {
-        let (returns, shares) = (interval_of(row.returns), interval_of(row.shares));
+        let (returns, shares) = (interval_of(row.returns), row.shares.map(interval_of));
+        let of_shares =
+            |cell: &dyn Fn(Result<Interval, Undefined>) -> Cell| shares.map_or_else(unknown, cell);
         table.rows.push(vec![
             Cell::text(&row.agent),
             Cell::text(&row.scenario),
@@ -105,10 +106,10 @@ pub fn agents(rows: &[AgentSummary]) -> DataTable {
             between(returns, "mean_return"),
             low(returns),
             high(returns),
-            percent(row.shares.map(|all| all.value)),
-            percent_between(shares),
-            percent(shares.map(|interval| interval.low)),
-            percent(shares.map(|interval| interval.high)),
+            row.shares.map_or_else(unknown, |shares| percent(shares.map(|all| all.value))),
+            of_shares(&percent_between),
+            of_shares(&|interval| percent(interval.map(|interval| interval.low))),
+            of_shares(&|interval| percent(interval.map(|interval| interval.high))),
         ]);
     }
     table
@@ -121,9 +122,10 @@ pub fn optimum(optimum: Option<f64>) -> Cell {
 
 /// A return as a share of the optimum.
 pub fn share(value: Result<f64, Undefined>, optimum: Option<f64>) -> Cell {
-    match optimum.filter(|optimum| *optimum > 0.0) {
-        Some(optimum) => percent(value.map(|value| value / optimum)),
-        None => unknown(),
+    match value.map(|value| share_of_optimum(value, optimum)) {
+        Ok(Some(share)) => percent(Ok(share)),
+        Err(reason) if share_of_optimum(0.0, optimum).is_some() => percent(Err(reason)),
+        Ok(None) | Err(_) => unknown(),
     }
 }
 
@@ -196,7 +198,7 @@ mod tests {
                 runs: n as usize + 30,
                 fewest: n as usize,
                 returns: Err(Undefined::NoSeeds),
-                shares: Err(Undefined::NoSeeds),
+                shares: None,
             };
             [arms(&[row(&values, 0)]), agents(&[agent])]
         };

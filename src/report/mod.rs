@@ -2,14 +2,15 @@
 
 mod arm_tables;
 mod assemble;
-mod captions;
 pub mod data_table;
 mod document;
 pub mod escape;
-pub mod figure;
+mod figure;
+mod kinds;
 mod latex;
 mod optima;
 mod page;
+mod reproduction;
 pub mod scene;
 mod table;
 mod tables;

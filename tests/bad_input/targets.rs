@@ -19,7 +19,8 @@ use jitai::manifest::{self, Manifest};
 use jitai::plan::{self, Job};
 use jitai::record::{Outcome, Provenance};
 use jitai::store::{
-    self, Answer, Parts, Claimed, Company, Experiment, Interrupter, QueryError, Reader, RetryFailed, Store,
+    self, Answer, Claimed, Company, Experiment, Interrupter, Parts, QueryError, Reader,
+    RetryFailed, Store,
 };
 use jitai::train::{
     self, CheckpointError, Checkpoints, Monitor, Progress, ReadCheckpoint, Unwatched,

@@ -18,6 +18,14 @@ pub struct ActionPanel {
     pub bins: Vec<BinShares>,
 }
 
+impl ActionPanel {
+    /// The share of tailored actions in the bin of this number, if a seed has a step in it.
+    pub fn tailored(&self, bin: usize) -> Option<f64> {
+        let shares = self.bins.get(bin)?.shares?;
+        Some(shares[2].0 + shares[3].0)
+    }
+}
+
 /// The choices in one bin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BinShares {

@@ -37,6 +37,29 @@ impl ContrastRow {
     pub fn is_paired(&self) -> bool {
         matches!(self.contrast.tests, Tests::Matched { .. })
     }
+
+    /// Seeds of each side that have a value and, where seeds are matched, no partner.
+    pub fn unmatched(&self) -> (usize, usize) {
+        let (first, second) = self.contrast.seeds;
+        (self.first.n() - first, self.second.n() - second)
+    }
+
+    /// Seeds of each side that ended without a value.
+    pub fn lost(&self) -> (usize, usize) {
+        (self.first.lost().ended() as usize, self.second.lost().ended() as usize)
+    }
+
+    /// The means of the sides: of the seeds that are compared, so that they differ by the
+    /// difference.
+    pub fn means(&self) -> (Result<f64, Undefined>, Result<f64, Undefined>) {
+        match self.contrast.design {
+            Design::Independent => (self.first.mean(), self.second.mean()),
+            Design::Matched => {
+                let means = self.contrast.means;
+                (means.map(|(first, _)| first), means.map(|(_, second)| second))
+            }
+        }
+    }
 }
 
 /// The rows of a contrast, in the manifest's order.

@@ -49,6 +49,21 @@ pub struct HeatCell {
     pub published: Option<f64>,
 }
 
+impl HeatCell {
+    /// Whether its interval leaves out 0.
+    pub fn is_beyond_zero(&self) -> bool {
+        self.interval.is_ok_and(|interval| interval.low > 0.0 || interval.high < 0.0)
+    }
+}
+
+/// The ends of the colours that all maps of an analysis share: the least and the most of their
+/// values, so that a colour is one number in all of them.
+pub fn heat_range(figures: &[HeatFigure]) -> (f64, f64) {
+    let values = figures.iter().flat_map(|figure| &figure.cells);
+    let values = values.filter_map(|cell| cell.value.ok());
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), v| (l.min(v), m.max(v)))
+}
+
 /// A map an arm: what the axes and the sides do not decide makes maps of their own.
 pub fn figures(
     (x, y): (Parameter, Parameter),

@@ -30,6 +30,17 @@ pub struct ErrorPoint {
     pub runs: usize,
 }
 
+impl ErrorFigure {
+    /// The published rate that is furthest from the exact one: its sigma, and how much it is higher.
+    pub fn furthest_published(&self) -> Option<(f64, f64)> {
+        let gaps = self.published.iter().filter_map(|(sigma, rate)| {
+            let point = self.points.iter().find(|point| point.sigma == *sigma)?;
+            Some((*sigma, rate - point.exact))
+        });
+        gaps.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()))
+    }
+}
+
 /// The error at every sigma of the jobs.
 pub fn figure(jobs: &[&JobRecord], published: Option<&Published>) -> ErrorFigure {
     let sigma = |job: &JobRecord| job.number("environment.sigma");

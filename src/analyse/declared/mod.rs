@@ -20,13 +20,13 @@ mod summary;
 pub use action_choice::{ActionPanel, BinShares};
 pub use arm::{Arm, ArmId, varying};
 pub use contrast::ContrastRow;
-pub use curve::{CurveFigure, CurveLine, CurvePoint};
-pub use heat_map::{HeatCell, HeatFigure, Scale};
+pub use curve::{ALPHA, Apart, CurveFigure, CurveLine, CurvePoint, Ends, Trends};
+pub use heat_map::{HeatCell, HeatFigure, Scale, heat_range};
 pub use inference_error::{ErrorFigure, ErrorPoint};
-pub use learning_curve::{LearningLine, LearningPanel};
+pub use learning_curve::{LearningFigure, LearningLine, LearningPanel};
 pub use reproduction::{Comparison, Distance, Reproduction, Subject, reproduce};
 pub use selection::{Candidate, Chosen};
-pub use summary::{AgentSummary, ArmSummary, summarise_agents, summarise_arms};
+pub use summary::{AgentSummary, ArmSummary, share_of_optimum, summarise_agents, summarise_arms};
 
 use crate::manifest::{Analysis, AnalysisKind, Published};
 use crate::record::{JobRecord, Progress};
@@ -54,12 +54,7 @@ pub enum Content {
     /// A metric along a parameter.
     Curve(CurveFigure),
     /// Learning curves, a panel a scenario.
-    LearningCurve {
-        /// Training episodes of the moving mean.
-        window: u32,
-        /// A panel a scenario.
-        panels: Vec<LearningPanel>,
-    },
+    LearningCurve(LearningFigure),
     /// Maps over two parameters, one an agent.
     HeatMap(Vec<HeatFigure>),
     /// Shares of actions, a panel an arm.
@@ -76,7 +71,7 @@ impl Content {
         match self {
             Content::Contrast(rows) => Some(rows),
             Content::Curve(_)
-            | Content::LearningCurve { .. }
+            | Content::LearningCurve(_)
             | Content::HeatMap(_)
             | Content::ActionChoice(_)
             | Content::Selection(_)
@@ -143,10 +138,9 @@ fn content(analysis: &Analysis, jobs: &[&JobRecord], published: Option<&Publishe
         AnalysisKind::Curve { axis } => {
             Content::Curve(curve::figure(*axis, metric, jobs, published))
         }
-        AnalysisKind::LearningCurve { window } => Content::LearningCurve {
-            window: *window,
-            panels: learning_curve::panels(*window, jobs),
-        },
+        AnalysisKind::LearningCurve { window } => {
+            Content::LearningCurve(learning_curve::figure(*window, jobs))
+        }
         AnalysisKind::HeatMap { x, y, sides } => {
             Content::HeatMap(heat_map::figures((*x, *y), sides.as_ref(), metric, jobs, published))
         }

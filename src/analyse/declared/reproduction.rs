@@ -134,14 +134,6 @@ impl Reproduction {
         agents.into_iter().map(distance).collect()
     }
 
-    /// The comparisons whose joint interval does not hold 0, each with ours minus the published.
-    pub fn outside(&self) -> impl Iterator<Item = (&Comparison, f64)> {
-        self.comparisons.iter().filter_map(|one| match &one.agreement {
-            Ok(Agreement { verdict: Verdict::Outside, difference, .. }) => Some((one, *difference)),
-            _ => None,
-        })
-    }
-
     /// Effects whose published p is below 0.01: how many have our sign, and how many there are.
     pub fn signs(&self) -> (usize, usize) {
         let clear = |one: &&Comparison| one.published_p.is_some_and(|p| p < 0.01);

@@ -17,6 +17,13 @@ pub struct Chosen {
     pub candidates: Vec<Candidate>,
 }
 
+impl Chosen {
+    /// How many settings have a completed run.
+    pub fn tried(&self) -> usize {
+        self.candidates.iter().filter(|candidate| candidate.sample.n() > 0).count()
+    }
+}
+
 /// Settings that were tried.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {

@@ -56,8 +56,9 @@ pub struct AgentSummary {
     pub fewest: usize,
     /// Inter-quartile mean of the mean returns; its interval draws seeds anew within arms.
     pub returns: Result<Aggregate, Undefined>,
-    /// The same of their shares of the optimum, over the arms where it is known.
-    pub shares: Result<Aggregate, Undefined>,
+    /// The same of their shares of the optimum, over the arms where it is known; `None` where it is
+    /// known of none.
+    pub shares: Option<Result<Aggregate, Undefined>>,
 }
 
 /// Summarises the jobs of an experiment by arm, in the manifest's order.
@@ -97,7 +98,8 @@ pub fn summarise_agents(arms: &[ArmSummary]) -> Vec<AgentSummary> {
             runs: returns.iter().map(|sample| sample.n()).sum(),
             fewest: returns.iter().map(|sample| sample.n()).min().unwrap_or(0),
             returns: interquartile_mean(&returns),
-            shares: interquartile_mean(&shares.iter().collect::<Vec<_>>()),
+            shares: (!shares.is_empty() || ours.is_empty())
+                .then(|| interquartile_mean(&shares.iter().collect::<Vec<_>>())),
         }
     };
     names.into_iter().map(row).collect()
@@ -106,11 +108,16 @@ pub fn summarise_agents(arms: &[ArmSummary]) -> Vec<AgentSummary> {
 /// The mean returns of an arm's seeds as shares of the optimum; `None` where it is not known, or
 /// not above 0.
 fn shares(arm: &ArmSummary) -> Option<Sample> {
-    let optimum = arm.optimum.filter(|optimum| *optimum > 0.0)?;
     let values = arm.returns.seeds().iter().zip(arm.returns.values());
-    let shares = values.map(|(seed, value)| (*seed, value / optimum));
+    let shares = values.map(|(seed, value)| Some((*seed, share_of_optimum(*value, arm.optimum)?)));
+    let shares = shares.collect::<Option<Vec<_>>>()?;
     let lost = arm.returns.lost();
     Some(Sample::new(shares, lost.failed, lost.open).expect("a sample has every seed once"))
+}
+
+/// A return as a share of the optimum; `None` where that is not known, or not above 0.
+pub fn share_of_optimum(value: f64, optimum: Option<f64>) -> Option<f64> {
+    optimum.filter(|optimum| *optimum > 0.0).map(|optimum| value / optimum)
 }
 
 #[cfg(test)]
@@ -145,9 +152,9 @@ mod tests {
         assert_eq!((rows[0].arms, rows[0].runs), (2, 4));
         // Without the lowest and the highest: of 600, 900, 1000, 2000 and of 0.5, 0.6, 0.9, 1.
         assert_eq!(rows[0].returns.unwrap().value, 950.0);
-        assert!((rows[0].shares.unwrap().value - 0.75).abs() < 1e-12);
-        assert!(rows[0].shares.unwrap().interval.is_ok());
-        assert_eq!(rows[1].shares, Err(Undefined::NoSeeds));
+        assert!((rows[0].shares.unwrap().unwrap().value - 0.75).abs() < 1e-12);
+        assert!(rows[0].shares.unwrap().unwrap().interval.is_ok());
+        assert_eq!(rows[1].shares, None);
         assert!(rows[1].returns.unwrap().interval.is_err());
     }
 }

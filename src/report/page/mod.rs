@@ -6,7 +6,6 @@ mod parts;
 
 use parts::{figure_card, html_table, provenance};
 
-use super::captions;
 use super::document::{ReportedExperiment, Section, all_jobs};
 use super::escape::{file_stem, markup};
 use super::scene::web_font;
@@ -121,7 +120,7 @@ fn contents(sections: &[Section<'_>], reproduction: &Reproduction) -> String {
 }
 
 fn reproduced(reproduction: &Reproduction) -> String {
-    let sentences = captions::reproduction(reproduction);
+    let sentences = super::reproduction::reproduction(reproduction);
     if sentences.is_empty() {
         return String::new();
     }

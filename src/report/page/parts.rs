@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use crate::analyse::declared::Content;
 use crate::report::data_table::{Cell, DataTable};
 use crate::report::document::{ArmTables, ReportedExperiment, Shown};
 use crate::report::escape::markup;
@@ -29,21 +28,20 @@ pub fn figure_card(shown: &Shown<'_>) -> String {
             )
         })
         .collect();
-    // A comparison of which a side has no seed.
-    let nothing = match (&shown.finding.content, shown.scenes.is_empty()) {
-        (Content::Contrast(_), true) => {
+    // A table of comparisons of which a side has no seed.
+    let nothing = match shown.lacks_figure {
+        true => {
             "<p class=\"note\">No figure: there is no comparison with completed jobs on \
              both sides.</p>"
         }
-        _ => "",
+        false => "",
     };
     let size = match (shown.scenes.len(), shown.table.rows.len()) {
         (1, _) if shown.table.shown_columns().count() <= 10 => "card",
         _ => "card wide",
     };
     // Tables that are tables in papers are seen at once.
-    let is_table = matches!(shown.finding.content, Content::Contrast(_) | Content::Selection(_));
-    let open = if is_table { " open" } else { "" };
+    let open = if shown.is_table { " open" } else { "" };
     let rows = shown.table.rows.len();
     format!(
         "<article class=\"{size}\" id=\"{stem}\"><h3>{title}</h3>{switches}\
