@@ -21,7 +21,6 @@ mod root;
 mod sample;
 mod smooth;
 mod student;
-mod summary;
 mod t_test;
 mod undefined;
 
@@ -43,6 +42,5 @@ pub use power::{FEW_SEEDS, POWER, detectable, paired_detectable};
 pub use quantile::{lower_quartile, quantile};
 pub use sample::{DuplicateSeed, Lost, Sample};
 pub use smooth::moving_mean;
-pub use summary::{Arm, ArmSummary, Fate, Means, summarise};
 pub use t_test::{TTest, paired_t_test, student_t_test, welch_t_test};
 pub use undefined::Undefined;

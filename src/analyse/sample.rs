@@ -3,9 +3,8 @@
 //! A sample knows its seeds, so that arms can be matched, and counts the seeds that have no value,
 //! so that no table can forget them. It does not know which arm or metric it is of.
 
-use super::summary::Fate;
 use super::undefined::Undefined;
-use crate::record::RunSummary;
+use super::{Interval, Moments, mean_interval};
 
 /// One metric of the seeds of an arm, by seed.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -63,24 +62,6 @@ impl Sample {
         Ok(Sample { seeds, values, lost: Lost { failed, open, not_finite } })
     }
 
-    /// The sample of an arm's jobs, `value` being the metric.
-    ///
-    /// **Errors**: a seed that comes twice.
-    pub fn from_fates<'a>(
-        fates: impl IntoIterator<Item = Fate<'a>>,
-        value: impl Fn(&RunSummary) -> f64,
-    ) -> Result<Sample, DuplicateSeed> {
-        let (mut values, mut failed, mut open) = (Vec::new(), 0, 0);
-        for fate in fates {
-            match fate {
-                Fate::Completed(run) => values.push((run.seed, value(run))),
-                Fate::Failed => failed += 1,
-                Fate::Open => open += 1,
-            }
-        }
-        Sample::new(values, failed, open)
-    }
-
     /// Values by seed, all of them finite.
     pub fn values(&self) -> &[f64] {
         &self.values
@@ -94,6 +75,27 @@ impl Sample {
     /// Number of values.
     pub fn n(&self) -> usize {
         self.values.len()
+    }
+
+    /// The mean over seeds.
+    ///
+    /// **Errors**: no seed has a value.
+    pub fn mean(&self) -> Result<f64, Undefined> {
+        Moments::of(&self.values).map(|moments| moments.mean)
+    }
+
+    /// The standard deviation over seeds.
+    ///
+    /// **Errors**: fewer than two seeds have a value.
+    pub fn sd(&self) -> Result<f64, Undefined> {
+        Moments::of(&self.values).and_then(|moments| moments.sd)
+    }
+
+    /// The interval of the mean over seeds.
+    ///
+    /// **Errors**: as [`mean_interval`].
+    pub fn interval(&self) -> Result<Interval, Undefined> {
+        mean_interval(&self.values)
     }
 
     /// Seeds that have none.

@@ -4,6 +4,7 @@ use std::io::{self, Write};
 use std::process::ExitCode;
 
 use crate::manifest::Faults;
+use crate::plan::FilterError;
 use crate::schedule::SweepError;
 use crate::store::{QueryError, StoreError};
 
@@ -42,6 +43,9 @@ pub(crate) enum Error {
     /// Arguments that clap cannot judge.
     #[error("{0}")]
     Usage(String),
+    /// A filter that no job meets.
+    #[error(transparent)]
+    Filter(#[from] FilterError),
     /// Manifests with faults; each report is complete.
     #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))]
     Manifests(Vec<Faults>),
@@ -87,7 +91,9 @@ impl Error {
         };
         match self {
             Error::Query(QueryError::Damaged { .. }) => Exit::System,
-            Error::Usage(_) | Error::Manifests(_) | Error::Query(_) => Exit::Usage,
+            Error::Usage(_) | Error::Filter(_) | Error::Manifests(_) | Error::Query(_) => {
+                Exit::Usage
+            }
             Error::Store(_) | Error::Sweep(_) | Error::Io { .. } => Exit::System,
         }
     }

@@ -6,12 +6,12 @@
 
 use std::io;
 
-use crate::cli::filter::Filter;
 use crate::cli::output::Format;
-use crate::cli::selection::Selection;
+use crate::cli::replay;
 use crate::cli::steps::StepRows;
-use crate::cli::{Error, replay};
 use crate::manifest::Manifest;
+use crate::plan::Filter;
+use crate::schedule::Selection;
 
 /// How many jobs of the manifests `--filter` lets through, those of equal content counted once.
 ///
@@ -20,7 +20,7 @@ pub fn filtered(text: &str, manifests: &[Manifest]) -> Result<usize, String> {
     let filter: Filter = text.parse().map_err(|error| format!("{error}"))?;
     match Selection::new(manifests, Some(&filter)) {
         Ok(selection) => Ok(selection.queue().len()),
-        Err(error) => Err(Error::to_string(&error)),
+        Err(error) => Err(error.to_string()),
     }
 }
 

@@ -9,12 +9,9 @@ mod counting;
 mod counts;
 mod doctor;
 mod error;
-mod estimate;
 mod export;
-mod filter;
 mod folder;
 pub mod input;
-mod optima;
 mod optimum;
 mod output;
 #[cfg(feature = "parquet")]
@@ -27,14 +24,12 @@ mod replay;
 mod report;
 mod run;
 mod schema;
-mod selection;
 mod setting;
 mod signals;
 mod simulate;
 mod status;
 mod steps;
 mod summary;
-mod swept;
 
 use std::num::NonZeroUsize;
 use std::path::PathBuf;

@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use std::io::{self, Write};
 use std::path::PathBuf;
 
-use crate::cli::optima::{self, compute};
+use crate::cli::counting::Counting;
 use crate::cli::output::{Cell, Format, Rows};
 use crate::cli::setting::{adjusted, sets, with_parameter};
 use crate::cli::{Error, Exit, check};
@@ -62,7 +62,7 @@ fn of_manifests(manifests: &[Manifest], format: Format) -> Result<(), Error> {
     for manifest in manifests {
         let cells = cells(manifest);
         let pairs: Vec<_> = cells.iter().map(|(one, other)| (one, other)).collect();
-        for ((environment, scenario), found) in cells.iter().zip(compute(&pairs)) {
+        for ((environment, scenario), found) in cells.iter().zip(found_of(&pairs)) {
             let found = found.map(optimum_and_error).unwrap_or_else(|error| {
                 if !missing.contains(&error) {
                     missing.push(error);
@@ -101,7 +101,7 @@ fn of_arguments(arguments: &Arguments) -> Result<(), Error> {
         optimum::check(environment, scenario).map_err(refused)?;
     }
     let mut rows = Rows::new(arguments.format, &COLUMNS.map(str::to_owned), io::stdout().lock())?;
-    for ((environment, scenario), found) in pairs.iter().zip(compute(&pairs)) {
+    for ((environment, scenario), found) in pairs.iter().zip(found_of(&pairs)) {
         let found = optimum_and_error(found.map_err(refused)?);
         let row: Vec<Cell<'_>> = known(environment, scenario).into_iter().chain(found).collect();
         rows.row(&row)?;
@@ -126,10 +126,16 @@ fn cells(manifest: &Manifest) -> Vec<(Environment, Scenario)> {
     let mut seen = HashSet::new();
     let distinct = plan::jobs(manifest).filter_map(|planned| {
         let (environment, scenario) = (planned.job.environment, planned.job.scenario);
-        let is_new = seen.insert(optima::Cell::new(&environment, &scenario));
+        let is_new = seen.insert((format!("{environment:?}"), scenario.clone()));
         is_new.then_some((environment, scenario))
     });
     distinct.collect()
+}
+
+/// The optimum of each environment and scenario, in their order; standard error shows the progress.
+fn found_of(pairs: &[(&Environment, &Scenario)]) -> Vec<Result<Optimum, NoOptimum>> {
+    let mut shown = Counting::new(pairs.len(), "optima");
+    optimum::several(pairs, |_| shown.one_more())
 }
 
 /// The keys of the environment, sigma aside, in which the manifests' environments differ.

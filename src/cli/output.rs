@@ -7,7 +7,7 @@ use clap::ValueEnum;
 use comfy_table::{CellAlignment, ColumnConstraint, Table, Width, presets};
 use serde_json::Value;
 
-use crate::manifest::hidden;
+pub(super) use crate::manifest::printable;
 use crate::report::defused;
 
 /// Spaces on either side of a table's columns.
@@ -138,16 +138,6 @@ fn shown(text: &str) -> String {
             format!("{}… ({} characters)", printable(&text[..end]), text.chars().count())
         }
     }
-}
-
-/// The text with [`hidden`] characters escaped, so that no name can move the cursor or turn a line
-/// around.
-pub(super) fn printable(text: &str) -> String {
-    let escape = |c: char| match hidden(c) {
-        Some(_) => c.escape_default().collect(),
-        None => vec![c],
-    };
-    text.chars().flat_map(escape).collect()
 }
 
 /// So many things, as people say it: `1 job`, `2 jobs`.

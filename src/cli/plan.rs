@@ -10,13 +10,10 @@ use std::io::{self, Write};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
-use crate::cli::estimate::{Episodes, Estimate, Speeds};
-use crate::cli::filter::Filter;
 use crate::cli::output::{Cell, Format, Rows, counted, printable};
-use crate::cli::selection::Selection;
-use crate::cli::swept::Swept;
-use crate::cli::{Error, Exit, StoreArgument, check, counts, one_a_core, run};
-use crate::plan::{self, JobKey, PlannedJob, Versions};
+use crate::cli::{Error, Exit, StoreArgument, check, counts, one_a_core};
+use crate::plan::{self, Filter, JobKey, PlannedJob, Swept, Versions};
+use crate::schedule::{Episodes, Estimate, Selection, Speeds};
 use crate::store::{Counts, JobState, Reader, StoreError};
 
 /// Jobs that the store is asked about at a time.
@@ -276,8 +273,8 @@ impl<'a> Survey<'a> {
         Ok(earlier.map(|earlier| Reason::outdated(planned, earlier)))
     }
 
-    fn speeds(&self) -> Result<Speeds, Error> {
-        self.reader.as_ref().map_or(Ok(Speeds::default()), run::speeds)
+    fn speeds(&self) -> Result<Speeds, StoreError> {
+        self.reader.as_ref().map_or(Ok(Speeds::default()), Speeds::of)
     }
 }
 
@@ -387,7 +384,12 @@ fn list_jobs(mut survey: Survey<'_>, format: Format) -> Result<(), Error> {
                 Cell::text(planned.job.scenario.to_string()),
                 Cell::Real(planned.job.environment.sigma),
                 Cell::Integer(planned.job.seed as i64),
-                swept.cell(format, &planned.agent, &planned.job),
+                match format {
+                    Format::Json => Cell::Nested(swept.object(&planned.agent, &planned.job)),
+                    Format::Table | Format::Csv => {
+                        Cell::text(swept.words(&planned.agent, &planned.job))
+                    }
+                },
                 Cell::text(state.name()),
                 reason.map_or(Cell::Empty, |reason| Cell::text(reason.to_string())),
             ])

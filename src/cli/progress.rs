@@ -7,11 +7,12 @@ use std::time::{Duration, Instant};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Value, json};
 
-use crate::cli::estimate::{Episodes, Estimate, Speeds};
 use crate::cli::output::{counted, printable};
-use crate::cli::swept::Swept;
+use crate::plan::Swept;
 use crate::record::{Outcome, Results};
-use crate::schedule::{CheckpointNote, Event, EventSink, Found, Queued};
+use crate::schedule::{
+    CheckpointNote, Episodes, Estimate, Event, EventSink, Found, Queued, Speeds,
+};
 use crate::train::TrainingProgress;
 
 /// Columns that the line of a worker takes at most, behind an indent of two, on a terminal of 80.

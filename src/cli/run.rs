@@ -10,16 +10,14 @@ use std::time::Duration;
 
 use clap::ValueEnum;
 
-use crate::cli::estimate::Speeds;
-use crate::cli::filter::{Filter, last_part};
 use crate::cli::output::{counted, printable, shell_word};
 use crate::cli::progress::{Shown, Style};
-use crate::cli::selection::Selection;
-use crate::cli::swept::Swept;
 use crate::cli::{Error, Exit, StoreArgument, check, one_a_core, provenance, signals, summary};
-use crate::manifest::Manifest;
-use crate::plan::{self, JobKey};
-use crate::schedule::{self, CheckpointFolder, Context, OnFailure, Options, Queued, Tally};
+use crate::manifest::{Manifest, short_name};
+use crate::plan::{self, Filter, JobKey, Swept};
+use crate::schedule::{
+    self, CheckpointFolder, Context, OnFailure, Options, Queued, Selection, Speeds, Tally,
+};
 use crate::store::{Experiment, FailedJob, JobState, Reader, RetryFailed, Store};
 use crate::train;
 
@@ -153,7 +151,7 @@ impl Arguments {
             Format::Text => Style::for_stderr(),
         };
         let workers = self.options().workers.get();
-        Ok(Shown::new(style, queue, workers, speeds(reader)?, swept))
+        Ok(Shown::new(style, queue, workers, Speeds::of(reader)?, swept))
     }
 }
 
@@ -163,17 +161,6 @@ fn seconds(text: &str) -> Result<Duration, String> {
     seconds
         .map(Duration::from_secs_f64)
         .ok_or_else(|| "expected a number of seconds from 0.01 to 86400".to_owned())
-}
-
-/// The speeds of the runs in a store.
-pub(super) fn speeds(reader: &Reader) -> Result<Speeds, Error> {
-    let mut speeds = Speeds::default();
-    for pace in reader.paces()? {
-        // One episode's worth: what this sweep measures soon outweighs it.
-        let wall = Duration::try_from_secs_f64(pace.seconds_per_episode).unwrap_or_default();
-        speeds.add(&pace.algorithm, 1, wall);
-    }
-    Ok(speeds)
 }
 
 /// Registers a manifest, and says so if that drops jobs; breaks off if `stop` is set.
@@ -283,13 +270,12 @@ impl End<'_> {
         if arguments.format == Format::Json || self.cause == Cause::Signal {
             return Ok(());
         }
-        let failed = reader.failed_jobs()?;
-        let example = summary::print(reader, manifests, &failed)?;
+        let example = summary::print(reader, manifests)?;
         if arguments.quiet {
             return Ok(());
         }
         if self.failed() > 0 {
-            list_failures(&failed, manifests)?;
+            list_failures(&reader.failed_jobs()?, manifests)?;
         }
         Ok(tell_next(arguments, manifests, example)?)
     }
@@ -347,7 +333,7 @@ fn list_failures(failed: &[FailedJob], manifests: &[Manifest]) -> Result<(), Err
     writeln!(out, "\nfailed:")?;
     for job in ours.iter().take(FAILURES_SHOWN) {
         let message = printable(&job.failure.message);
-        let (key, name) = (job.job_key, swept.name_of_failed(job));
+        let (key, name) = (job.job_key, summary::name_of_failed(&swept, job));
         writeln!(out, "  {key} {name}: {} ({message})", job.failure.kind)?;
     }
     if ours.len() > FAILURES_SHOWN {
@@ -391,7 +377,7 @@ fn example_query(manifests: &[Manifest]) -> String {
         columns.push(format!(
             "(SELECT value FROM parameter AS p WHERE p.job_key = run_summary.job_key AND name = '{name}') \
              AS {}",
-            last_part(&name)
+            short_name(&name)
         ));
     }
     let groups: Vec<String> = (1..=columns.len()).map(|place| place.to_string()).collect();

@@ -8,12 +8,11 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
-use crate::cli::estimate::Episodes;
 use crate::cli::output::{Cell, Format, Rows, counted};
-use crate::cli::run::speeds;
-use crate::cli::swept::Swept;
-use crate::cli::{Error, Exit, StoreArgument, counts, one_a_core};
+use crate::cli::{Error, Exit, StoreArgument, counts, one_a_core, summary};
 use crate::manifest;
+use crate::plan::Swept;
+use crate::schedule::{Episodes, Speeds};
 use crate::store::{ExperimentCounts, FailedJob, Reader};
 
 /// Show the experiments of a store: jobs by state, failures with their reasons
@@ -65,7 +64,7 @@ struct Unfinished {
 
 /// Prints the state of the store.
 fn show(reader: &Reader, format: Format) -> Result<Unfinished, Error> {
-    let speeds = speeds(reader)?;
+    let speeds = Speeds::of(reader)?;
     let failed = Failed::read(reader)?;
     let workers = one_a_core().get() as f64;
     let mut columns = counts::COLUMNS.map(str::to_owned).to_vec();
@@ -159,7 +158,7 @@ impl Failed {
             rows.row(&[
                 Cell::text(&failed.experiment),
                 Cell::text(failed.job_key.to_string()),
-                Cell::text(self.swept[&failed.experiment].name_of_failed(failed)),
+                Cell::text(summary::name_of_failed(&self.swept[&failed.experiment], failed)),
                 Cell::Integer(i64::from(failed.attempt)),
                 Cell::text(failed.failure.kind.name()),
                 Cell::Integer(i64::from(failed.failure.episode)),

@@ -1,98 +1,75 @@
 //! The summary of experiments that `run` ends with.
 
-use std::collections::{HashMap, HashSet};
 use std::io::{self, Write};
 
-use crate::analyse::{self, Arm, ArmSummary, Fate};
+use crate::analyse::declared::summarise_arms;
 use crate::cli::Error;
 use crate::cli::output::{Cell, Format, Rows, printable};
-use crate::cli::swept::Swept;
 use crate::env;
 use crate::manifest::Manifest;
-use crate::plan::{self, JobKey, PlannedJob};
-use crate::record::RunSummary;
+use crate::plan::{self, JobKey, Swept};
 use crate::report::{self, Line};
-use crate::store::{FailedJob, Reader};
+use crate::store::{FailedJob, Parts, Reader};
 
 /// Prints mean return ± standard deviation over seeds, an arm a line, for each manifest; returns a
-/// completed job, if there is any, for examples. `failed` are the failed jobs of the store.
-pub(super) fn print(
-    reader: &Reader,
-    manifests: &[Manifest],
-    failed: &[FailedJob],
-) -> Result<Option<JobKey>, Error> {
+/// completed job, if there is any, for examples.
+pub(super) fn print(reader: &Reader, manifests: &[Manifest]) -> Result<Option<JobKey>, Error> {
     let mut out = io::stdout().lock();
     let mut example = None;
-    let failed: HashSet<JobKey> = failed.iter().map(|job| job.job_key).collect();
     for manifest in manifests {
-        let runs = reader.run_summaries(&manifest.name)?;
-        example = example.or(runs.first().map(|run| run.job_key));
-        let arms = summarise(manifest, &runs, &failed);
-        if arms.is_empty() {
+        let swept = Swept::of(std::slice::from_ref(manifest));
+        let mut kept = swept.names();
+        kept.push("environment.sigma".to_owned());
+        let jobs = plan::jobs(manifest);
+        let data = reader.data_set(&manifest.name, jobs, Parts::default(), |job| {
+            // Of a million jobs, all settings would fill the memory.
+            job.settings.retain(|(name, _)| kept.contains(name));
+        })?;
+        let completed = data.jobs.iter().find(|job| job.completed().is_some());
+        example = example.or(completed.map(|job| job.job_key));
+        let arms = summarise_arms(&data.jobs);
+        let (mut columns, lines) = report::summary_table(&arms, &swept);
+        if lines.is_empty() {
             continue;
         }
         let experiment = printable(&manifest.name);
         writeln!(out, "\n{experiment}: mean return ± sd over seeds, in steps walked")?;
-        let (mut columns, lines) = report::summary_table(&arms);
         columns.extend(
             ["context error", "seeds", "mean return ± sd", "disengaged"].map(str::to_owned),
         );
         let mut rows = Rows::new(Format::Table, &columns, &mut out)?;
-        for (line, summary) in lines.iter().zip(&arms) {
-            rows.row(&cells(line, env::inference_error(summary.arm.sigma)))?;
+        for (line, arm) in lines.iter().zip(arms.iter().filter(|arm| arm.has_ended())) {
+            rows.row(&cells(line, arm.sigma.map(env::inference_error)))?;
         }
         rows.finish()?;
     }
     Ok(example)
 }
 
-/// The arms that a manifest declares, with what has become of their seeds.
-fn summarise(
-    manifest: &Manifest,
-    runs: &[RunSummary],
-    failed: &HashSet<JobKey>,
-) -> Vec<ArmSummary> {
-    let swept = Swept::of(std::slice::from_ref(manifest));
-    let runs: HashMap<JobKey, &RunSummary> = runs.iter().map(|run| (run.job_key, run)).collect();
-    analyse::summarise(plan::jobs(manifest).map(|PlannedJob { agent, job, form }| {
-        let key = form.key();
-        let fate = match runs.get(&key) {
-            Some(run) => Fate::Completed(run),
-            None if failed.contains(&key) => Fate::Failed,
-            None => Fate::Open,
-        };
-        let arm = Arm {
-            swept: swept.texts(&agent, &job),
-            agent: agent.to_string(),
-            scenario: job.scenario.to_string(),
-            sigma: job.environment.sigma,
-        };
-        (arm, fate)
-    }))
-}
-
-fn cells(line: &Line, context_error: f64) -> Vec<Cell<'static>> {
-    let (spread, disengaged) = match line.means {
-        Some(means) => {
-            let spread = match means.sd_return {
-                Some(sd) => format!("{:.1} ± {sd:.1}", means.mean_return),
-                None => format!("{:.1}", means.mean_return),
-            };
-            let share = format!("{:.1} %", 100.0 * means.disengagement_rate);
-            (Cell::Figure(spread), Cell::Figure(share))
-        }
-        None => (Cell::Empty, Cell::Empty),
-    };
+fn cells(line: &Line, context_error: Option<f64>) -> Vec<Cell<'static>> {
+    let percent = |share: f64| Cell::Figure(format!("{:.1} %", 100.0 * share));
+    let spread = line.returns.map_or(Cell::Empty, |returns| match returns.sd {
+        Ok(sd) => Cell::Figure(format!("{:.1} ± {sd:.1}", returns.mean)),
+        Err(_) => Cell::Figure(format!("{:.1}", returns.mean)),
+    });
     let word = |text: &String| match text.parse::<f64>() {
         Ok(_) => Cell::Figure(text.clone()),
         Err(_) => Cell::text(text.clone()),
     };
     let mut cells: Vec<Cell<'_>> = line.arm.iter().map(word).collect();
     cells.extend([
-        Cell::Figure(format!("{:.1} %", 100.0 * context_error)),
+        context_error.map_or(Cell::Empty, percent),
         Cell::Figure(line.seeds.clone()),
         spread,
-        disengaged,
+        line.disengagement.map_or(Cell::Empty, |share| percent(share.mean)),
     ]);
     cells
+}
+
+/// A failed job as people tell it from others; its agent alone if its content is not readable.
+pub(super) fn name_of_failed(swept: &Swept, failed: &FailedJob) -> String {
+    match &failed.job {
+        Some(job) => swept.name(&failed.agent, job),
+        None => printable(&failed.agent),
+    }
 }

@@ -5,32 +5,20 @@ use std::collections::HashSet;
 use toml::de::DeTable;
 
 use super::analysis::{
-    ANALYSED_METRICS, Analysis, AnalysisKind, BINS, Contrast, CurveAxis, ERROR_AXIS, KINDS,
-    Pairing, SHARED_KEYS, SelectionRule, Sides, WINDOW, keys_of,
+    ANALYSED_METRICS, Analysis, AnalysisDraft, AnalysisKind, CurveAxis, ERROR_AXIS, KINDS,
+    SHARED_KEYS, Sides, keys_of,
 };
-use super::check::absent;
-use super::declared::{Condition, MOST_COMPARISONS, Manifest};
+use super::condition::Condition;
+use super::declared::{MOST_COMPARISONS, Manifest};
 use super::draft::Draft;
 use super::fault::{Fault, FaultList};
 use super::parameter::{parameter, parameters};
+use super::presence::absent;
 use super::read::shortened;
 use super::section::Section;
 use super::source::{Located, Span};
 use super::sweep::{Node, Reader};
-use crate::key::Parameter;
-use crate::key::{Kind, Value};
-
-/// An analysis as it is written.
-#[derive(Clone, Debug)]
-pub(super) struct AnalysisDraft {
-    pub analysis: Analysis,
-    /// Where its jobs and sides are named.
-    pub conditions: Vec<Located<Condition>>,
-    /// The parameters along its axes.
-    pub axes: Vec<Located<Parameter>>,
-    /// Where its table begins.
-    pub span: Span,
-}
+use crate::key::{Kind, Parameter};
 
 impl Reader<'_> {
     /// Reads `[[analysis]]`.
@@ -62,10 +50,12 @@ impl Reader<'_> {
 
     fn kind(&mut self, span: Span, table: &DeTable) -> Option<&'static str> {
         match table.get("kind") {
-            Some(node) => self.word("kind", KINDS, node),
+            Some(node) => self.word("kind", &KINDS.map(|kind| kind.name), node),
             None => {
                 let fault = Fault::at(span, "missing key `kind` in an [[analysis]]");
-                self.faults.add(fault.help(format!("it is one of {}", KINDS.join(", "))));
+                self.faults.add(
+                    fault.help(format!("it is one of {}", KINDS.map(|kind| kind.name).join(", "))),
+                );
                 None
             }
         }
@@ -101,7 +91,7 @@ impl Reader<'_> {
         let mut located = jobs.map(|jobs| self.conditions(jobs, "`where`")).unwrap_or_default();
         let conditions = located.iter().map(|condition| condition.value.clone()).collect();
         let mut axes = Vec::new();
-        let kind = self.analysis_kind(kind, name, (span, table), &mut axes)?;
+        let kind = AnalysisKind::read(kind, self, name, (span, table), &mut axes)?;
         if let (Some(sides), Some(node)) = (kind.sides(), table.get("between")) {
             for side in [&sides.first, &sides.second] {
                 located.push(Located { value: side.clone(), span: node.span().into() });
@@ -111,58 +101,8 @@ impl Reader<'_> {
         Some(AnalysisDraft { analysis, conditions: located, axes, span })
     }
 
-    fn analysis_kind(
-        &mut self,
-        kind: &str,
-        name: &str,
-        (span, table): (Span, &DeTable),
-        axes: &mut Vec<Located<Parameter>>,
-    ) -> Option<AnalysisKind> {
-        match kind {
-            "contrast" => self.contrast(name, span, table).map(AnalysisKind::Contrast),
-            "curve" => self.curve_axis(span, table, axes).map(|axis| AnalysisKind::Curve { axis }),
-            "learning_curve" => {
-                let window = match table.get("window") {
-                    Some(node) => self.window(node)?,
-                    None => WINDOW,
-                };
-                Some(AnalysisKind::LearningCurve { window })
-            }
-            "heat_map" => {
-                let x = self.axis("x", span, table, axes)?;
-                let y = self.axis("y", span, table, axes)?;
-                let wanted = table.contains_key("by") || table.contains_key("between");
-                let sides = if wanted { Some(self.sides(span, table)?) } else { None };
-                Some(AnalysisKind::HeatMap { x, y, sides })
-            }
-            "action_choice" => {
-                let bins = match table.get("bins") {
-                    Some(node) => self.bins(node)?,
-                    None => 5,
-                };
-                Some(AnalysisKind::ActionChoice { bins })
-            }
-            "selection" => self.selection(span, table),
-            _ => Some(AnalysisKind::InferenceError),
-        }
-    }
-
-    fn contrast(&mut self, name: &str, span: Span, table: &DeTable) -> Option<Contrast> {
-        let sides = self.sides(span, table)?;
-        let words = [Pairing::Unpaired.name(), Pairing::BySeed.name()];
-        let pairing = match table.get("pairing") {
-            Some(node) if self.word("pairing", &words, node)? == words[1] => Pairing::BySeed,
-            Some(_) | None => Pairing::Unpaired,
-        };
-        let family = match table.get("family") {
-            Some(node) => self.name("family", node).value,
-            None => name.to_owned(),
-        };
-        Some(Contrast { sides, pairing, family })
-    }
-
     /// The sides that `by` and `between` name.
-    fn sides(&mut self, span: Span, table: &DeTable) -> Option<Sides> {
+    pub fn sides(&mut self, span: Span, table: &DeTable) -> Option<Sides> {
         let (Some(by), Some(between)) = (table.get("by"), table.get("between")) else {
             let fault = Fault::at(span, "a difference needs `by` and `between`");
             let help = "write by = \"scenario\" and between = [\"P-H-D\", \"L-H-D\"]";
@@ -213,7 +153,7 @@ impl Reader<'_> {
         }
     }
 
-    fn curve_axis(
+    pub fn curve_axis(
         &mut self,
         span: Span,
         table: &DeTable,
@@ -230,7 +170,7 @@ impl Reader<'_> {
     }
 
     /// A parameter with numbers for values.
-    fn axis(
+    pub fn axis(
         &mut self,
         key: &str,
         span: Span,
@@ -274,48 +214,13 @@ impl Reader<'_> {
         });
     }
 
-    fn window(&mut self, node: &Node) -> Option<u32> {
-        match self.value("window", Kind::Integer { min: 1, max: 10_000_000 }, node)? {
-            Value::Integer(window) => u32::try_from(window).ok(),
-            _ => None,
-        }
-    }
-
-    fn bins(&mut self, node: &Node) -> Option<u8> {
-        let bins = super::sweep::whole(node).filter(|bins| BINS.contains(bins));
-        if bins.is_none() {
-            self.expected("bins", "1, 2, 5 or 10", node);
-        }
-        bins.and_then(|bins| u8::try_from(bins).ok())
-    }
-
-    fn selection(&mut self, span: Span, table: &DeTable) -> Option<AnalysisKind> {
-        let words = [SelectionRule::HighestMean.name(), SelectionRule::HighestLowerBound.name()];
-        let rule = match table.get("rule") {
-            Some(node) if self.word("rule", &words, node)? == words[1] => {
-                SelectionRule::HighestLowerBound
-            }
-            Some(_) | None => SelectionRule::HighestMean,
-        };
-        let Some(node) = table.get("reporting_seeds") else {
-            let message = "missing key `reporting_seeds` in an [[analysis]] of kind \"selection\"";
-            let help = "list the seeds of the manifests that report the chosen settings: settings \
-                        picked on the seeds that are then reported look better than they are";
-            self.faults.add(Fault::at(span, message).help(help));
-            return None;
-        };
-        // A few characters can ask for millions of seeds, and a thousand analyses can.
-        let count = super::sweep::whole(node).map(|count| usize::try_from(count).ok());
-        let counted = count.is_none_or(|count| {
-            self.count_in("reporting_seeds", count.unwrap_or(usize::MAX), node)
-        });
-        let reporting_seeds =
-            if counted { self.seeds("reporting_seeds", node) } else { Vec::new() };
-        Some(AnalysisKind::Selection { rule, reporting_seeds })
-    }
-
     /// One of `words`.
-    fn word(&mut self, name: &str, words: &[&'static str], node: &Node) -> Option<&'static str> {
+    pub fn word(
+        &mut self,
+        name: &str,
+        words: &[&'static str],
+        node: &Node,
+    ) -> Option<&'static str> {
         let found = node.get_ref().as_str();
         let word = words.iter().find(|word| Some(**word) == found).copied();
         if word.is_none() {
@@ -365,13 +270,12 @@ pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
                 faults.add(Fault::at(axis.span, message).help(help));
             }
         }
-        if let AnalysisKind::Selection { reporting_seeds, .. } = &analysis.analysis.kind {
-            let shared = reporting_seeds.iter().find(|seed| seeds.contains(seed));
-            if let (Some(seed), false) = (shared, draft.is_lost(Parameter::Seed)) {
-                let message = format!("seed {seed} is searched on and reported on");
-                let help = "choose on other seeds than those that are reported: seeds = [101, 102]";
-                faults.add(Fault::at(analysis.span, message).help(help));
-            }
+        let reported = analysis.analysis.kind.reporting_seeds();
+        let shared = reported.iter().find(|seed| seeds.contains(seed));
+        if let (Some(seed), false) = (shared, draft.is_lost(Parameter::Seed)) {
+            let message = format!("seed {seed} is searched on and reported on");
+            let help = "choose on other seeds than those that are reported: seeds = [101, 102]";
+            faults.add(Fault::at(analysis.span, message).help(help));
         }
     }
 }

@@ -2,8 +2,15 @@
 //!
 //! Analyses are no part of any job: declaring, changing or dropping one runs nothing.
 
-use super::declared::Condition;
-use crate::key::Parameter;
+use serde_json::{Value as Json, json};
+use toml::de::DeTable;
+
+use super::condition::Condition;
+use super::fault::Fault;
+use super::source::{Located, Span};
+use super::sweep::{Node, Reader, whole};
+use super::written::{list, quoted};
+use crate::key::{Kind, Parameter, Value};
 
 /// A figure or table that an author declares with `[[analysis]]`.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,6 +25,18 @@ pub struct Analysis {
     pub conditions: Vec<Condition>,
     /// What it computes from them.
     pub kind: AnalysisKind,
+}
+
+/// An analysis as it is written.
+#[derive(Clone, Debug)]
+pub(super) struct AnalysisDraft {
+    pub analysis: Analysis,
+    /// Where its jobs and sides are named.
+    pub conditions: Vec<Located<Condition>>,
+    /// The parameters along its axes.
+    pub axes: Vec<Located<Parameter>>,
+    /// Where its table begins.
+    pub span: Span,
 }
 
 /// What an analysis computes.
@@ -111,19 +130,28 @@ pub enum SelectionRule {
 pub const ANALYSED_METRICS: &[&str] =
     &["mean_return", "lower_quartile_return", "mean_length", "disengagement_rate", "message_rate"];
 
-/// The words of the kinds, in the order that the documentation lists them.
-pub(super) const KINDS: &[&str] = &[
-    "contrast",
-    "curve",
-    "learning_curve",
-    "heat_map",
-    "action_choice",
-    "selection",
-    "inference_error",
+/// A kind, as manifests write it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct KindKeys {
+    /// Its word.
+    pub name: &'static str,
+    /// The keys that it has beside [`SHARED_KEYS`].
+    pub keys: &'static [&'static str],
+}
+
+/// The kinds, in the order that the documentation lists them.
+pub(super) const KINDS: [KindKeys; 7] = [
+    KindKeys { name: "contrast", keys: &["metric", "by", "between", "pairing", "family"] },
+    KindKeys { name: "curve", keys: &["metric", "x"] },
+    KindKeys { name: "learning_curve", keys: &["window"] },
+    KindKeys { name: "heat_map", keys: &["metric", "x", "y", "by", "between"] },
+    KindKeys { name: "action_choice", keys: &["bins"] },
+    KindKeys { name: "selection", keys: &["metric", "rule", "reporting_seeds"] },
+    KindKeys { name: "inference_error", keys: &[] },
 ];
 
 /// The word of the axis that no parameter is.
-pub(super) const ERROR_AXIS: &str = "context_inference_error";
+pub const ERROR_AXIS: &str = "context_inference_error";
 
 /// Numbers of bins that the ten bins of the store can be joined to.
 pub(super) const BINS: &[u64] = &[1, 2, 5, 10];
@@ -136,28 +164,152 @@ pub(super) const SHARED_KEYS: &[&str] = &["name", "kind", "title", "where"];
 
 /// The keys that a kind has beside [`SHARED_KEYS`].
 pub(super) fn keys_of(kind: &str) -> &'static [&'static str] {
-    match kind {
-        "contrast" => &["metric", "by", "between", "pairing", "family"],
-        "curve" => &["metric", "x"],
-        "learning_curve" => &["window"],
-        "heat_map" => &["metric", "x", "y", "by", "between"],
-        "action_choice" => &["bins"],
-        "selection" => &["metric", "rule", "reporting_seeds"],
-        _ => &[],
+    KINDS.iter().find(|known| known.name == kind).map_or(&[], |known| known.keys)
+}
+
+impl Analysis {
+    /// What a job has to meet to be one that the analysis is about: its conditions, and to be on
+    /// one of its sides.
+    pub fn of_jobs(&self) -> impl Iterator<Item = Condition> {
+        let either = self.kind.sides().and_then(|sides| sides.first.or(&sides.second));
+        self.conditions.iter().cloned().chain(either)
+    }
+
+    /// The part of the results that it is computed from.
+    pub fn part(&self) -> DataPart {
+        match (&self.kind, self.metric) {
+            (AnalysisKind::LearningCurve { .. }, _) => DataPart::LearningCurve,
+            (AnalysisKind::ActionChoice { .. } | AnalysisKind::InferenceError, _) => {
+                DataPart::ActionChoice
+            }
+            (
+                AnalysisKind::Contrast(_)
+                | AnalysisKind::Curve { .. }
+                | AnalysisKind::HeatMap { .. }
+                | AnalysisKind::Selection { .. },
+                metric,
+            ) => match metric {
+                "lower_quartile_return" => DataPart::Returns,
+                metric => DataPart::Metric(metric),
+            },
+        }
     }
 }
 
+/// A part of the results of runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DataPart {
+    /// A metric.
+    Metric(&'static str),
+    /// The learning curve of the mean return.
+    LearningCurve,
+    /// Choices of action.
+    ActionChoice,
+    /// Returns of the test episodes.
+    Returns,
+}
+
 impl AnalysisKind {
+    /// Reads what a kind has beside [`SHARED_KEYS`], noting faults and the parameters along axes.
+    pub(super) fn read(
+        kind: &str,
+        reader: &mut Reader,
+        name: &str,
+        (span, table): (Span, &DeTable),
+        axes: &mut Vec<Located<Parameter>>,
+    ) -> Option<AnalysisKind> {
+        match kind {
+            "contrast" => contrast(reader, name, span, table).map(AnalysisKind::Contrast),
+            "curve" => {
+                reader.curve_axis(span, table, axes).map(|axis| AnalysisKind::Curve { axis })
+            }
+            "learning_curve" => {
+                let window = match table.get("window") {
+                    Some(node) => window(reader, node)?,
+                    None => WINDOW,
+                };
+                Some(AnalysisKind::LearningCurve { window })
+            }
+            "heat_map" => {
+                let x = reader.axis("x", span, table, axes)?;
+                let y = reader.axis("y", span, table, axes)?;
+                let wanted = table.contains_key("by") || table.contains_key("between");
+                let sides = if wanted { Some(reader.sides(span, table)?) } else { None };
+                Some(AnalysisKind::HeatMap { x, y, sides })
+            }
+            "action_choice" => {
+                let bins = match table.get("bins") {
+                    Some(node) => bins(reader, node)?,
+                    None => 5,
+                };
+                Some(AnalysisKind::ActionChoice { bins })
+            }
+            "selection" => selection(reader, span, table),
+            _ => Some(AnalysisKind::InferenceError),
+        }
+    }
+
+    /// Its place in [`KINDS`].
+    fn place(&self) -> usize {
+        match self {
+            AnalysisKind::Contrast(_) => 0,
+            AnalysisKind::Curve { .. } => 1,
+            AnalysisKind::LearningCurve { .. } => 2,
+            AnalysisKind::HeatMap { .. } => 3,
+            AnalysisKind::ActionChoice { .. } => 4,
+            AnalysisKind::Selection { .. } => 5,
+            AnalysisKind::InferenceError => 6,
+        }
+    }
+
     /// The word that manifests write.
     pub fn name(&self) -> &'static str {
+        KINDS[self.place()].name
+    }
+
+    /// The keys that it has beside [`SHARED_KEYS`].
+    pub(super) fn keys(&self) -> &'static [&'static str] {
+        KINDS[self.place()].keys
+    }
+
+    /// The keys of the kind with their values, as a manifest writes them; not the metric.
+    pub(super) fn written(&self) -> Vec<(&'static str, String)> {
+        let mut written = self.sides().map_or_else(Vec::new, Sides::written);
         match self {
-            AnalysisKind::Contrast(_) => "contrast",
-            AnalysisKind::Curve { .. } => "curve",
-            AnalysisKind::LearningCurve { .. } => "learning_curve",
-            AnalysisKind::HeatMap { .. } => "heat_map",
-            AnalysisKind::ActionChoice { .. } => "action_choice",
-            AnalysisKind::Selection { .. } => "selection",
-            AnalysisKind::InferenceError => "inference_error",
+            AnalysisKind::Contrast(contrast) => {
+                written.push(("pairing", quoted(&contrast.pairing.name())));
+                written.push(("family", quoted(&contrast.family)));
+            }
+            AnalysisKind::Curve { axis: CurveAxis::ContextInferenceError } => {
+                written.push(("x", quoted(&ERROR_AXIS)));
+            }
+            AnalysisKind::Curve { axis: CurveAxis::Swept(parameter) } => {
+                written.push(("x", quoted(parameter)));
+            }
+            AnalysisKind::LearningCurve { window } => written.push(("window", window.to_string())),
+            AnalysisKind::HeatMap { x, y, sides: _ } => {
+                written.extend([("x", quoted(x)), ("y", quoted(y))]);
+            }
+            AnalysisKind::ActionChoice { bins } => written.push(("bins", bins.to_string())),
+            AnalysisKind::Selection { rule, reporting_seeds } => {
+                written.push(("rule", quoted(&rule.name())));
+                written.push(("reporting_seeds", list(reporting_seeds)));
+            }
+            AnalysisKind::InferenceError => {}
+        }
+        written
+    }
+
+    /// Seeds that are none of the manifest's.
+    pub(super) fn reporting_seeds(&self) -> &[u64] {
+        match self {
+            AnalysisKind::Selection { reporting_seeds, .. } => reporting_seeds,
+            AnalysisKind::Contrast(_)
+            | AnalysisKind::Curve { .. }
+            | AnalysisKind::LearningCurve { .. }
+            | AnalysisKind::HeatMap { .. }
+            | AnalysisKind::ActionChoice { .. }
+            | AnalysisKind::InferenceError => &[],
         }
     }
 
@@ -176,6 +328,18 @@ impl AnalysisKind {
 }
 
 impl Sides {
+    /// `by` and `between`, as a manifest writes them.
+    fn written(&self) -> Vec<(&'static str, String)> {
+        let value = |condition: &Condition| match condition {
+            Condition::Scenario(list) => quoted(&list[0]),
+            Condition::AgentName(list) => quoted(&list[0]),
+            Condition::Seed(list) => list[0].to_string(),
+            Condition::Key { values, .. } => values[0].to_string(),
+        };
+        let between = format!("[{}, {}]", value(&self.first), value(&self.second));
+        vec![("by", quoted(&self.first.name())), ("between", between)]
+    }
+
     /// The dotted name of the key that tells the sides apart; empty where no key does.
     pub fn key(&self) -> String {
         match &self.first {
@@ -203,4 +367,111 @@ impl SelectionRule {
             SelectionRule::HighestLowerBound => "highest_lower_bound",
         }
     }
+}
+
+/// What a key of `[[analysis]]` means, and its JSON Schema; counts are at most so many.
+pub(super) fn key_schema(key: &str, most: u64) -> (&'static str, Json) {
+    let parameter = || json!({ "$ref": "#/$defs/parameter" });
+    let count = json!({ "type": "integer", "minimum": 1, "maximum": most });
+    match key {
+        "name" => ("what files and links call it", json!({ "$ref": "#/$defs/name" })),
+        "title" => ("what a reader sees above it", json!({ "type": "string" })),
+        "metric" => (
+            "the metric of a run that it is about",
+            json!({ "enum": ANALYSED_METRICS, "default": ANALYSED_METRICS[0] }),
+        ),
+        "where" => {
+            ("the jobs that it is about; all by default", json!({ "$ref": "#/$defs/exclude" }))
+        }
+        "by" => (
+            "what tells the two sides of a difference apart",
+            json!({ "anyOf": [{ "const": "agent.name" }, parameter()] }),
+        ),
+        "between" => (
+            "the two sides, first minus second",
+            json!({ "type": "array", "minItems": 2, "maxItems": 2 }),
+        ),
+        "pairing" => (
+            "whether seeds are compared one by one",
+            json!({ "enum": ["unpaired", "by_seed"], "default": "unpaired" }),
+        ),
+        "family" => (
+            "the contrasts whose p values are corrected together; the name by default",
+            json!({ "$ref": "#/$defs/name" }),
+        ),
+        "x" => ("the horizontal axis", json!({ "anyOf": [{ "const": ERROR_AXIS }, parameter()] })),
+        "y" => ("the vertical axis", parameter()),
+        "window" => {
+            let mut window = count.clone();
+            window["default"] = json!(WINDOW);
+            ("training episodes that the moving mean is over", window)
+        }
+        "bins" => ("bins of the context probability", json!({ "enum": BINS, "default": 5 })),
+        "rule" => (
+            "how settings are ranked",
+            json!({ "enum": ["highest_mean", "highest_lower_bound"], "default": "highest_mean" }),
+        ),
+        "reporting_seeds" => (
+            "seeds that chosen settings are reported on; none of this manifest's",
+            json!({ "anyOf": [count, {
+                "type": "array",
+                "minItems": 1,
+                "uniqueItems": true,
+                "items": { "$ref": "#/$defs/seed" },
+            }] }),
+        ),
+        _ => ("", json!({})),
+    }
+}
+
+fn contrast(reader: &mut Reader, name: &str, span: Span, table: &DeTable) -> Option<Contrast> {
+    let sides = reader.sides(span, table)?;
+    let words = [Pairing::Unpaired.name(), Pairing::BySeed.name()];
+    let pairing = match table.get("pairing") {
+        Some(node) if reader.word("pairing", &words, node)? == words[1] => Pairing::BySeed,
+        Some(_) | None => Pairing::Unpaired,
+    };
+    let family = match table.get("family") {
+        Some(node) => reader.name("family", node).value,
+        None => name.to_owned(),
+    };
+    Some(Contrast { sides, pairing, family })
+}
+
+fn window(reader: &mut Reader, node: &Node) -> Option<u32> {
+    match reader.value("window", Kind::Integer { min: 1, max: 10_000_000 }, node)? {
+        Value::Integer(window) => u32::try_from(window).ok(),
+        _ => None,
+    }
+}
+
+fn bins(reader: &mut Reader, node: &Node) -> Option<u8> {
+    let bins = whole(node).filter(|bins| BINS.contains(bins));
+    if bins.is_none() {
+        reader.expected("bins", "1, 2, 5 or 10", node);
+    }
+    bins.and_then(|bins| u8::try_from(bins).ok())
+}
+
+fn selection(reader: &mut Reader, span: Span, table: &DeTable) -> Option<AnalysisKind> {
+    let words = [SelectionRule::HighestMean.name(), SelectionRule::HighestLowerBound.name()];
+    let rule = match table.get("rule") {
+        Some(node) if reader.word("rule", &words, node)? == words[1] => {
+            SelectionRule::HighestLowerBound
+        }
+        Some(_) | None => SelectionRule::HighestMean,
+    };
+    let Some(node) = table.get("reporting_seeds") else {
+        let message = "missing key `reporting_seeds` in an [[analysis]] of kind \"selection\"";
+        let help = "list the seeds of the manifests that report the chosen settings: settings \
+                    picked on the seeds that are then reported look better than they are";
+        reader.faults.add(Fault::at(span, message).help(help));
+        return None;
+    };
+    // A few characters can ask for millions of seeds, and a thousand analyses can.
+    let count = whole(node).map(|count| usize::try_from(count).ok());
+    let counted = count
+        .is_none_or(|count| reader.count_in("reporting_seeds", count.unwrap_or(usize::MAX), node));
+    let reporting_seeds = if counted { reader.seeds("reporting_seeds", node) } else { Vec::new() };
+    Some(AnalysisKind::Selection { rule, reporting_seeds })
 }

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use toml::de::DeTable;
 
-use super::declared::Condition;
+use super::condition::Condition;
 use super::draft::Draft;
 use super::fault::{Fault, nearest};
 use super::parameter::{parameter, parameters};
@@ -12,8 +12,7 @@ use super::read::{MOST_ENTRIES, shortened};
 use super::section::Section;
 use super::source::{Located, Span};
 use super::sweep::{Node, Reader};
-use crate::key::Key;
-use crate::key::Parameter;
+use crate::key::{Key, Parameter};
 
 /// What an exclusion's conditions can be on, beside the keys of the sections.
 const CONDITIONS: [&str; 5] = ["scenario", "seed", "agent", "environment", "evaluation"];

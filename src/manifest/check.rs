@@ -4,10 +4,12 @@
 use std::collections::HashSet;
 
 use super::analyses;
-use super::declared::{Condition, Exclusion, MOST_COMPARISONS, MOST_JOBS, Manifest};
+use super::condition::Condition;
+use super::declared::{Exclusion, MOST_COMPARISONS, MOST_JOBS, Manifest};
 use super::draft::Draft;
 use super::fault::{Fault, FaultList};
 use super::grid::{Axis, Grid, axes, size, zipped};
+use super::presence::absent;
 use super::source::Span;
 use crate::agent::{Constraint, Violation};
 use crate::key::Parameter;
@@ -94,57 +96,6 @@ fn exclusions(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -> boo
         });
     }
     hold
-}
-
-/// A value of the condition that does not occur, with the parameter's name and what does occur.
-pub(super) fn absent(
-    draft: &Draft,
-    manifest: &Manifest,
-    condition: &Condition,
-) -> Option<(String, String, String)> {
-    let agents = &manifest.agents;
-    match condition {
-        Condition::Scenario(list) if !draft.is_lost(Parameter::Scenario) => {
-            first_absent("scenario".to_owned(), list, manifest.scenarios.iter())
-        }
-        Condition::Seed(list) if !draft.is_lost(Parameter::Seed) => {
-            first_absent("seed".to_owned(), list, manifest.seeds.iter())
-        }
-        Condition::AgentName(list) if !draft.lost_agents => {
-            first_absent("agent.name".to_owned(), list, agents.iter().map(|agent| &agent.name))
-        }
-        Condition::Key { parameter, values } if !draft.is_lost(*parameter) => {
-            let of_agent = |agent| manifest.values(agent, *parameter).unwrap_or_default();
-            first_absent(parameter.to_string(), values, agents.iter().flat_map(of_agent))
-        }
-        Condition::Scenario(_)
-        | Condition::Seed(_)
-        | Condition::AgentName(_)
-        | Condition::Key { .. } => None,
-    }
-}
-
-fn first_absent<'m, T: Eq + std::hash::Hash + std::fmt::Display + 'm>(
-    name: String,
-    wanted: &[T],
-    present: impl Iterator<Item = &'m T>,
-) -> Option<(String, String, String)> {
-    const SHOWN: usize = 10;
-    let mut unseen: HashSet<&T> = wanted.iter().collect();
-    let mut shown: Vec<&T> = Vec::new();
-    for value in present {
-        if unseen.is_empty() {
-            return None;
-        }
-        unseen.remove(value);
-        if shown.len() <= SHOWN && !shown.contains(&value) {
-            shown.push(value);
-        }
-    }
-    let absent = wanted.iter().find(|value| unseen.contains(value))?;
-    let more = if shown.len() > SHOWN { ", …" } else { "" };
-    let shown: Vec<String> = shown.iter().take(SHOWN).map(ToString::to_string).collect();
-    Some((name, absent.to_string(), shown.join(", ") + more))
 }
 
 /// Notes a grid of too many cells; whether it is small enough to be walked through.

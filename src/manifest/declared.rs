@@ -1,11 +1,11 @@
 //! A manifest after validation: what its author declared, complete and consistent.
 
 use super::analysis::Analysis;
+use super::condition::Condition;
 use super::parameter::Parameters;
 use crate::agent::Algorithm;
 use crate::env::Scenario;
-use crate::key::Parameter;
-use crate::key::Value;
+use crate::key::{Parameter, Value};
 
 /// Most jobs that one manifest may declare, excluded cells among them.
 pub const MOST_JOBS: u64 = 10_000_000;
@@ -77,36 +77,6 @@ pub struct Zip {
 pub struct Exclusion {
     /// At least one condition.
     pub conditions: Vec<Condition>,
-}
-
-/// A condition on a cell: the parameter has one of the values.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Condition {
-    /// On the scenario.
-    Scenario(Vec<Scenario>),
-    /// On the seed.
-    Seed(Vec<u64>),
-    /// On the agent's name.
-    AgentName(Vec<String>),
-    /// On a key; agents without the key do not meet it.
-    Key {
-        /// The key's dotted name.
-        parameter: Parameter,
-        /// The values that meet the condition.
-        values: Vec<Value>,
-    },
-}
-
-impl Condition {
-    /// The number of values that meet it.
-    pub(super) fn len(&self) -> usize {
-        match self {
-            Condition::Scenario(list) => list.len(),
-            Condition::Seed(list) => list.len(),
-            Condition::AgentName(list) => list.len(),
-            Condition::Key { values, .. } => values.len(),
-        }
-    }
 }
 
 impl Manifest {

@@ -5,14 +5,13 @@
 
 use std::collections::BTreeMap;
 
-use super::analyses::AnalysisDraft;
-use super::declared::Condition;
+use super::analysis::AnalysisDraft;
+use super::condition::Condition;
 use super::section::Section;
 use super::source::{Located, Span};
 use crate::agent::Algorithm;
 use crate::env::Scenario;
-use crate::key::Parameter;
-use crate::key::Value;
+use crate::key::{Parameter, Value};
 
 /// What a manifest or a preset says.
 #[derive(Clone, Debug)]

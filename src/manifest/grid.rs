@@ -8,14 +8,13 @@ use std::collections::HashSet;
 use std::hash::Hash;
 
 use super::Evaluation;
-use super::declared::{Condition, DeclaredAgent, Exclusion, Manifest};
+use super::condition::Condition;
+use super::declared::{DeclaredAgent, Exclusion, Manifest};
 use super::parameter::Parameters;
 use super::section::Section;
 use crate::agent::{Agent, Algorithm, Chosen, Constraint, Violation};
-use crate::env::Environment;
-use crate::env::Scenario;
-use crate::key::Keyed;
-use crate::key::Parameter;
+use crate::env::{Environment, Scenario};
+use crate::key::{Keyed, Parameter};
 
 /// The grid of one agent of a manifest.
 #[derive(Debug)]

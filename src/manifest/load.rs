@@ -7,13 +7,12 @@ use std::path::Path;
 use toml::Spanned;
 use toml::de::DeTable;
 
-use super::check;
-use super::complete;
 use super::declared::Manifest;
 use super::fault::{Fault, FaultList, Faults};
 use super::read::{newer_format, shortened};
 use super::source::{Source, Span};
 use super::sweep::Reader;
+use super::{check, complete};
 
 /// Most bytes of a manifest: a grid is swept by ranges, not by typing it out.
 const MOST_BYTES: u64 = 10_000_000;

@@ -16,6 +16,7 @@ mod analysis;
 mod cells;
 mod check;
 mod complete;
+mod condition;
 mod declared;
 mod draft;
 mod evaluation;
@@ -23,6 +24,7 @@ mod fault;
 mod grid;
 mod load;
 mod parameter;
+mod presence;
 mod preset;
 mod published;
 mod range;
@@ -32,11 +34,15 @@ mod schema;
 mod section;
 mod source;
 mod sweep;
+mod varying;
+mod written;
 
 pub use analysis::{
-    ANALYSED_METRICS, Analysis, AnalysisKind, Contrast, CurveAxis, Pairing, SelectionRule, Sides,
+    ANALYSED_METRICS, Analysis, AnalysisKind, Contrast, CurveAxis, DataPart, ERROR_AXIS, Pairing,
+    SelectionRule, Sides,
 };
-pub use declared::{Condition, DeclaredAgent, Exclusion, MOST_JOBS, Manifest, Zip};
+pub use condition::{Condition, Described, Setting, short_name};
+pub use declared::{DeclaredAgent, Exclusion, MOST_JOBS, Manifest, Zip};
 pub use evaluation::{Evaluation, TestActions};
 pub use fault::{Fault, Faults, nearest};
 pub use grid::{Axis, Cell, Grid};
@@ -45,4 +51,5 @@ pub use parameter::{Parameters, parameter, parameters};
 pub use published::{Published, PublishedCurve, PublishedErrors, PublishedHeatMap, PublishedTest};
 pub use schema::schema;
 pub use section::Section;
-pub use source::{Position, hidden};
+pub use source::{Position, hidden, printable};
+pub use varying::Varying;

@@ -1,5 +1,6 @@
 //! The parameters that a grid can vary, and the values that a manifest declares for them.
 
+use super::condition::Condition;
 use super::section::Section;
 use crate::key::{Key, Parameter, Value};
 
@@ -56,6 +57,14 @@ impl Parameters {
     pub(super) fn chosen(&self, choose: impl Fn(usize) -> usize) -> Vec<Value> {
         let values = self.values.iter().enumerate();
         values.map(|(place, values)| values[choose(place)].clone()).collect()
+    }
+
+    /// Conditions that the swept keys have one of their values.
+    pub fn conditions(&self) -> impl Iterator<Item = Condition> {
+        self.iter().filter(|(_, values)| values.len() > 1).map(|(key, values)| Condition::Key {
+            parameter: self.section.parameter(key.name),
+            values: values.to_vec(),
+        })
     }
 }
 

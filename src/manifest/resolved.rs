@@ -1,11 +1,13 @@
 //! A manifest written out in full: no preset, every default, every sweep a list.
 
-use std::fmt::{self, Display, Write};
+use std::fmt::{self, Write};
 
-use super::analysis::{Analysis, AnalysisKind, CurveAxis, ERROR_AXIS, Sides, keys_of};
-use super::declared::{Condition, Manifest};
+use super::analysis::Analysis;
+use super::condition::Condition;
+use super::declared::Manifest;
 use super::parameter::Parameters;
 use super::read::FORMAT;
+use super::written::{list, quoted};
 
 impl Manifest {
     /// Complete TOML that declares the same jobs, whatever becomes of presets and defaults.
@@ -71,60 +73,17 @@ fn write_analysis(out: &mut String, analysis: &Analysis) -> fmt::Result {
     let kind = analysis.kind.name();
     writeln!(out, "\n[[analysis]]\nname = {}\nkind = \"{kind}\"", quoted(&analysis.name))?;
     analysis.title.iter().try_for_each(|title| writeln!(out, "title = {}", quoted(title)))?;
-    if keys_of(kind).contains(&"metric") {
+    if analysis.kind.keys().contains(&"metric") {
         writeln!(out, "metric = \"{}\"", analysis.metric)?;
     }
-    write_kind(out, &analysis.kind)?;
+    for (key, value) in analysis.kind.written() {
+        writeln!(out, "{key} = {value}")?;
+    }
     // Last, because the keys below its header belong to it.
     if !analysis.conditions.is_empty() {
         writeln!(out, "[analysis.where]")?;
     }
     analysis.conditions.iter().try_for_each(|condition| write_condition(out, condition))
-}
-
-fn write_kind(out: &mut String, kind: &AnalysisKind) -> fmt::Result {
-    if let Some(sides) = kind.sides() {
-        write_sides(out, sides)?;
-    }
-    match kind {
-        AnalysisKind::Contrast(contrast) => {
-            writeln!(out, "pairing = \"{}\"", contrast.pairing.name())?;
-            writeln!(out, "family = {}", quoted(&contrast.family))
-        }
-        AnalysisKind::Curve { axis: CurveAxis::ContextInferenceError } => {
-            writeln!(out, "x = \"{ERROR_AXIS}\"")
-        }
-        AnalysisKind::Curve { axis: CurveAxis::Swept(parameter) } => {
-            writeln!(out, "x = \"{parameter}\"")
-        }
-        AnalysisKind::LearningCurve { window } => writeln!(out, "window = {window}"),
-        AnalysisKind::HeatMap { x, y, sides: _ } => {
-            writeln!(out, "x = \"{x}\"\ny = \"{y}\"")
-        }
-        AnalysisKind::ActionChoice { bins } => writeln!(out, "bins = {bins}"),
-        AnalysisKind::Selection { rule, reporting_seeds } => {
-            writeln!(out, "rule = \"{}\"", rule.name())?;
-            writeln!(out, "reporting_seeds = {}", list(reporting_seeds))
-        }
-        AnalysisKind::InferenceError => Ok(()),
-    }
-}
-
-fn write_sides(out: &mut String, sides: &Sides) -> fmt::Result {
-    let value = |condition: &Condition| match condition {
-        Condition::Scenario(list) => quoted(&list[0]),
-        Condition::AgentName(list) => quoted(&list[0]),
-        Condition::Seed(list) => list[0].to_string(),
-        Condition::Key { values, .. } => values[0].to_string(),
-    };
-    let by = match &sides.first {
-        Condition::Scenario(_) => "scenario".to_owned(),
-        Condition::AgentName(_) => "agent.name".to_owned(),
-        Condition::Seed(_) => "seed".to_owned(),
-        Condition::Key { parameter, .. } => parameter.to_string(),
-    };
-    writeln!(out, "by = \"{by}\"")?;
-    writeln!(out, "between = [{}, {}]", value(&sides.first), value(&sides.second))
 }
 
 fn write_condition(out: &mut String, condition: &Condition) -> fmt::Result {
@@ -140,17 +99,6 @@ fn write_condition(out: &mut String, condition: &Condition) -> fmt::Result {
         }
         Condition::Key { parameter, values } => writeln!(out, "{parameter} = {}", list(values)),
     }
-}
-
-fn list(items: &[impl Display]) -> String {
-    let items: Vec<String> = items.iter().map(ToString::to_string).collect();
-    format!("[{}]", items.join(", "))
-}
-
-/// A text as a basic string of TOML.
-fn quoted(text: &impl Display) -> String {
-    // JSON and TOML escape alike, but for DEL, which TOML wants escaped.
-    serde_json::Value::String(text.to_string()).to_string().replace('\u{7f}', "\\u007f")
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value as Json, json};
 
-use super::analysis::{ANALYSED_METRICS, BINS, ERROR_AXIS, KINDS, SHARED_KEYS, WINDOW, keys_of};
+use super::analysis::{KINDS, SHARED_KEYS, key_schema};
 use super::declared::MOST_JOBS;
 use super::parameter::parameters;
 use super::preset;
@@ -227,10 +227,14 @@ fn exclude() -> Json {
 
 fn analysis() -> Json {
     let kinds = KINDS.iter().map(|kind| {
-        let keys = [SHARED_KEYS, keys_of(kind)].concat();
+        let schema = |key: &str| {
+            let (text, schema) = key_schema(key, MOST_JOBS);
+            described(text, schema)
+        };
+        let keys = [SHARED_KEYS, kind.keys].concat();
         let mut properties: Map<String, Json> =
-            keys.iter().map(|key| ((*key).to_owned(), analysis_key(key))).collect();
-        properties.insert("kind".to_owned(), json!({ "const": kind }));
+            keys.iter().map(|key| ((*key).to_owned(), schema(key))).collect();
+        properties.insert("kind".to_owned(), json!({ "const": kind.name }));
         json!({
             "type": "object",
             "additionalProperties": false,
@@ -239,57 +243,6 @@ fn analysis() -> Json {
         })
     });
     json!({ "anyOf": kinds.collect::<Vec<_>>() })
-}
-
-/// The schema of a key of `[[analysis]]`.
-fn analysis_key(key: &str) -> Json {
-    let parameter = || json!({ "$ref": "#/$defs/parameter" });
-    let count = json!({ "type": "integer", "minimum": 1, "maximum": MOST_JOBS });
-    let (text, schema) = match key {
-        "name" => ("what files and links call it", json!({ "$ref": "#/$defs/name" })),
-        "title" => ("what a reader sees above it", json!({ "type": "string" })),
-        "metric" => (
-            "the metric of a run that it is about",
-            json!({ "enum": ANALYSED_METRICS, "default": ANALYSED_METRICS[0] }),
-        ),
-        "where" => {
-            ("the jobs that it is about; all by default", json!({ "$ref": "#/$defs/exclude" }))
-        }
-        "by" => (
-            "what tells the two sides of a difference apart",
-            json!({ "anyOf": [{ "const": "agent.name" }, parameter()] }),
-        ),
-        "between" => (
-            "the two sides, first minus second",
-            json!({ "type": "array", "minItems": 2, "maxItems": 2 }),
-        ),
-        "pairing" => (
-            "whether seeds are compared one by one",
-            json!({ "enum": ["unpaired", "by_seed"], "default": "unpaired" }),
-        ),
-        "family" => (
-            "the contrasts whose p values are corrected together; the name by default",
-            json!({ "$ref": "#/$defs/name" }),
-        ),
-        "x" => ("the horizontal axis", json!({ "anyOf": [{ "const": ERROR_AXIS }, parameter()] })),
-        "y" => ("the vertical axis", parameter()),
-        "window" => {
-            let mut window = count.clone();
-            window["default"] = json!(WINDOW);
-            ("training episodes that the moving mean is over", window)
-        }
-        "bins" => ("bins of the context probability", json!({ "enum": BINS, "default": 5 })),
-        "rule" => (
-            "how settings are ranked",
-            json!({ "enum": ["highest_mean", "highest_lower_bound"], "default": "highest_mean" }),
-        ),
-        "reporting_seeds" => (
-            "seeds that chosen settings are reported on; none of this manifest's",
-            json!({ "anyOf": [count, list(json!({ "$ref": "#/$defs/seed" }))] }),
-        ),
-        _ => ("", json!({})),
-    };
-    described(text, schema)
 }
 
 fn list(items: Json) -> Json {

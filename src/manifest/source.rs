@@ -102,6 +102,16 @@ impl Source {
     }
 }
 
+/// The text with [`hidden`] characters escaped, so that no name can move the cursor or turn a line
+/// around.
+pub fn printable(text: &str) -> String {
+    let escape = |c: char| match hidden(c) {
+        Some(_) => c.escape_default().collect(),
+        None => vec![c],
+    };
+    text.chars().flat_map(escape).collect()
+}
+
 /// What a character is that cannot be seen, or that changes how the text around it is seen; `None`
 /// for every other.
 pub fn hidden(character: char) -> Option<&'static str> {

@@ -59,12 +59,14 @@
 
 mod axis;
 mod expectation;
+mod several;
 mod simulation;
 mod solution;
 
 use crate::env::{Action, Belief};
 use crate::env::{Environment, Feature, Scenario};
 
+pub use several::several;
 use simulation::MeanReturn;
 use solution::{Resolution, Solution};
 

@@ -3,8 +3,13 @@
 //! In: a validated [`crate::manifest::Manifest`]. Out: [`Job`]s with their [`JobKey`]s. Pure: it
 //! knows no clock, no disk, no random numbers, and nothing of what has run already.
 
+mod described;
 mod expand;
+mod filter;
 mod job;
+mod swept;
 
 pub use expand::{PlannedJob, count, expand, jobs};
+pub use filter::{Filter, FilterError};
 pub use job::{CanonicalForm, Job, JobError, JobKey, Scalar, Versions};
+pub use swept::Swept;

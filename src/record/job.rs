@@ -1,8 +1,9 @@
 //! A job with its parameters, status and results.
 
-use std::fmt;
-
 use super::{ActionCount, Failure, JobKey, Provenance};
+use crate::key::Parameter;
+use crate::manifest::{Described, Setting};
+use crate::plan::{PlannedJob, Scalar};
 
 /// A job of an experiment with its status.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,6 +26,19 @@ pub struct JobRecord {
 }
 
 impl JobRecord {
+    /// A planned job that came so far; its optimum is not known.
+    pub fn new(planned: &PlannedJob, job_key: JobKey, status: JobStatus) -> JobRecord {
+        JobRecord {
+            job_key,
+            agent: planned.agent.to_string(),
+            scenario: planned.job.scenario.to_string(),
+            seed: planned.job.seed,
+            settings: settings(planned),
+            optimum: None,
+            status,
+        }
+    }
+
     /// The value of the parameter of this dotted name, if the job has it.
     pub fn setting(&self, name: &str) -> Option<&Setting> {
         let place = self.settings.binary_search_by(|(known, _)| known.as_str().cmp(name)).ok()?;
@@ -51,26 +65,46 @@ impl JobRecord {
     }
 }
 
-/// A parameter's value.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Setting {
-    /// A number; flags are 0 and 1.
-    Number(f64),
-    /// A word, or a list as JSON text (`[128,128]`).
-    Text(String),
+impl Described for JobRecord {
+    fn agent_name(&self) -> &str {
+        &self.agent
+    }
+
+    fn scenario_name(&self) -> String {
+        self.scenario.clone()
+    }
+
+    fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    fn key(&self, parameter: Parameter) -> Option<Setting> {
+        self.setting(&parameter.to_string()).cloned()
+    }
 }
 
-impl fmt::Display for Setting {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            // As a person writes it.
-            Setting::Number(number) if *number != 0.0 && !(1e-6..1e15).contains(&number.abs()) => {
-                write!(f, "{number:e}")
-            }
-            Setting::Number(number) => write!(f, "{number}"),
-            Setting::Text(text) => f.write_str(text),
-        }
-    }
+/// Every parameter of a job but scenario and seed, by name.
+fn settings(planned: &PlannedJob) -> Vec<(String, Setting)> {
+    let named = planned.job.parameters().into_iter();
+    let others = named.filter(|(name, _)| name != "scenario" && name != "seed");
+    let mut settings: Vec<(String, Setting)> = others
+        .map(|(name, value)| match value {
+            Scalar::Real(real) => (name, Setting::Number(real)),
+            Scalar::Integer(whole) => (name, Setting::Number(whole as f64)),
+            Scalar::Text(text) => (name, Setting::Text(text)),
+        })
+        .collect();
+    settings.sort_by(|one, other| one.0.cmp(&other.0));
+    settings
+}
+
+/// The jobs of an experiment with everything that is known of them: what reports are made of.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct DataSet {
+    /// The experiment's name.
+    pub experiment: String,
+    /// Its jobs, in the manifest's order.
+    pub jobs: Vec<JobRecord>,
 }
 
 /// The status of a job, with what it left behind.

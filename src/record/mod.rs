@@ -6,8 +6,9 @@ mod job;
 
 use std::fmt;
 
+pub use crate::manifest::Setting;
 pub use crate::plan::JobKey;
-pub use job::{CompletedRun, JobRecord, JobStatus, Setting};
+pub use job::{CompletedRun, DataSet, JobRecord, JobStatus};
 
 /// A named number about a completed run.
 #[derive(Clone, Debug, PartialEq)]
@@ -175,29 +176,4 @@ pub struct Provenance {
     pub host: String,
     /// Processor model.
     pub processor: String,
-}
-
-/// A line of the summary: one completed run of one experiment.
-#[derive(Clone, Debug, PartialEq)]
-pub struct RunSummary {
-    /// Identity of the job.
-    pub job_key: JobKey,
-    /// Agent's name in the manifest.
-    pub agent: String,
-    /// Scenario, like `P-H-D`.
-    pub scenario: String,
-    /// Feature noise.
-    pub sigma: f64,
-    /// Seed.
-    pub seed: u64,
-    /// Mean undiscounted return over the test episodes, in steps walked.
-    pub mean_return: f64,
-    /// Standard deviation of the return over the test episodes (n - 1), in steps walked.
-    pub sd_return: f64,
-    /// Mean length of the test episodes, in steps of the simulation.
-    pub mean_length: f64,
-    /// Share of the test episodes that ended in disengagement.
-    pub disengagement_rate: f64,
-    /// Time the run took, in seconds.
-    pub wall_seconds: f64,
 }

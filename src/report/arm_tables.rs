@@ -2,16 +2,16 @@
 
 use super::data_table::{Cell, DataTable, shown};
 use super::figure::arm_label;
-use super::tables::{between, high, in_unit, low, mean, optimum, percent, share};
-use crate::analyse::declared::{AgentRow, ArmRow};
-use crate::analyse::{Aggregate, FEW_SEEDS, Interval, Undefined, mean_interval};
+use super::tables::{between, high, in_unit, low};
+use crate::analyse::declared::{AgentSummary, ArmSummary, share_of_optimum};
+use crate::analyse::{Aggregate, FEW_SEEDS, Interval, Undefined};
 
 /// What a caption adds where an arm has fewer than [`FEW_SEEDS`] seeds.
 const NARROW: &str = "; bootstrap intervals of fewer than ten seeds an arm are too narrow: with \
                       three, they hold the true value in three quarters to nine tenths of cases";
 
 /// A row an arm: return in four ways, what the policies do, and how far they are from the optimum.
-pub fn arms(rows: &[ArmRow]) -> DataTable {
+pub fn arms(rows: &[ArmSummary]) -> DataTable {
     let has_lost = rows.iter().any(|row| row.returns.lost().ended() > 0);
     let columns = [
         ("arm", "Arm"),
@@ -41,28 +41,28 @@ pub fn arms(rows: &[ArmRow]) -> DataTable {
     table
 }
 
-fn arm(row: &ArmRow) -> Vec<Cell> {
-    let values = row.returns.values();
-    let interval = mean_interval(values);
-    let middle = interval_of(row.interquartile);
+fn arm(row: &ArmSummary) -> Vec<Cell> {
+    let (mean, interval) = (row.returns.mean(), row.returns.interval());
+    let interquartile = row.interquartile();
+    let middle = interval_of(interquartile);
     let share = |value| share(value, row.optimum);
     vec![
         Cell::text(arm_label(&row.name)),
-        Cell::number(values.len() as f64, 0),
+        Cell::number(row.returns.n() as f64, 0),
         Cell::number(f64::from(row.returns.lost().ended()), 0),
-        in_unit(mean(values), "mean_return"),
+        in_unit(mean, "mean_return"),
         between(interval, "mean_return"),
         low(interval),
         high(interval),
-        in_unit(row.interquartile.map(|middle| middle.value), "mean_return"),
+        in_unit(interquartile.map(|middle| middle.value), "mean_return"),
         between(middle, "mean_return"),
         low(middle),
         high(middle),
-        in_unit(mean(row.lower_quartiles.values()), "mean_return"),
-        in_unit(mean(row.disengagement.values()), "disengagement_rate"),
-        Cell::of(mean(row.messages.values()), 1),
+        in_unit(row.lower_quartiles.mean(), "mean_return"),
+        in_unit(row.disengagement.mean(), "disengagement_rate"),
+        Cell::of(row.messages.mean(), 1),
         optimum(row.optimum),
-        share(mean(values)),
+        share(mean),
         share(interval.map(|interval| interval.low)),
         share(interval.map(|interval| interval.high)),
     ]
@@ -74,7 +74,7 @@ fn warned(caption: &str, is_few: bool) -> String {
 }
 
 /// A row an agent and scenario: inter-quartile means over all of their arms.
-pub fn agents(rows: &[AgentRow]) -> DataTable {
+pub fn agents(rows: &[AgentSummary]) -> DataTable {
     let columns = [
         ("agent", "Agent"),
         ("scenario", "Scenario"),
@@ -94,7 +94,9 @@ pub fn agents(rows: &[AgentRow]) -> DataTable {
     let is_few = rows.iter().any(|row| (1..FEW_SEEDS).contains(&row.fewest));
     let mut table = DataTable::new(warned(caption, is_few), &columns);
     for row in rows {
-        let (returns, shares) = (interval_of(row.returns), interval_of(row.shares));
+        let (returns, shares) = (interval_of(row.returns), row.shares.map(interval_of));
+        let of_shares =
+            |cell: &dyn Fn(Result<Interval, Undefined>) -> Cell| shares.map_or_else(unknown, cell);
         table.rows.push(vec![
             Cell::text(&row.agent),
             Cell::text(&row.scenario),
@@ -104,13 +106,38 @@ pub fn agents(rows: &[AgentRow]) -> DataTable {
             between(returns, "mean_return"),
             low(returns),
             high(returns),
-            percent(row.shares.map(|all| all.value)),
-            percent_between(shares),
-            percent(shares.map(|interval| interval.low)),
-            percent(shares.map(|interval| interval.high)),
+            row.shares.map_or_else(unknown, |shares| percent(shares.map(|all| all.value))),
+            of_shares(&percent_between),
+            of_shares(&|interval| percent(interval.map(|interval| interval.low))),
+            of_shares(&|interval| percent(interval.map(|interval| interval.high))),
         ]);
     }
     table
+}
+
+/// The optimum, if it is known.
+pub fn optimum(optimum: Option<f64>) -> Cell {
+    optimum.map_or_else(unknown, |value| Cell::number(value, 1))
+}
+
+/// A return as a share of the optimum.
+pub fn share(value: Result<f64, Undefined>, optimum: Option<f64>) -> Cell {
+    match value.map(|value| share_of_optimum(value, optimum)) {
+        Ok(Some(share)) => percent(Ok(share)),
+        Err(reason) if share_of_optimum(0.0, optimum).is_some() => percent(Err(reason)),
+        Ok(None) | Err(_) => unknown(),
+    }
+}
+
+fn unknown() -> Cell {
+    Cell::Missing("no optimum is known for this scenario".to_owned())
+}
+
+fn percent(value: Result<f64, Undefined>) -> Cell {
+    match value {
+        Ok(value) => Cell::Number { value, shown: shown(value * 100.0, 1) },
+        Err(reason) => Cell::Missing(reason.to_string()),
+    }
 }
 
 fn percent_between(interval: Result<Interval, Undefined>) -> Cell {
@@ -130,20 +157,20 @@ fn interval_of(aggregate: Result<Aggregate, Undefined>) -> Result<Interval, Unde
 mod tests {
     use super::super::latex::latex;
     use super::*;
-    use crate::analyse::declared::Name;
-    use crate::analyse::{Sample, interquartile_mean};
+    use crate::analyse::Sample;
+    use crate::analyse::declared::ArmId;
 
-    fn row(values: &[f64], failed: u32) -> ArmRow {
+    fn row(values: &[f64], failed: u32) -> ArmSummary {
         let values = (1..).zip(values.iter().copied());
         let returns = Sample::new(values, failed, 0).unwrap();
-        ArmRow {
-            name: Name { agent: "dqn".into(), scenario: "P-H-D".into(), settings: Vec::new() },
-            interquartile: interquartile_mean(&[&returns]),
+        ArmSummary {
+            name: ArmId { agent: "dqn".into(), scenario: "P-H-D".into(), settings: Vec::new() },
             lower_quartiles: returns.clone(),
             disengagement: returns.clone(),
             messages: returns.clone(),
             returns,
             optimum: None,
+            sigma: None,
         }
     }
 
@@ -163,7 +190,7 @@ mod tests {
     fn bootstrap_intervals_of_few_seeds_come_with_a_warning() {
         let of = |n: u32| {
             let values: Vec<f64> = (0..n).map(f64::from).collect();
-            let agent = AgentRow {
+            let agent = AgentSummary {
                 agent: "dqn".into(),
                 scenario: "P-H-D".into(),
                 // The other arm has many.
@@ -171,7 +198,7 @@ mod tests {
                 runs: n as usize + 30,
                 fewest: n as usize,
                 returns: Err(Undefined::NoSeeds),
-                shares: Err(Undefined::NoSeeds),
+                shares: None,
             };
             [arms(&[row(&values, 0)]), agents(&[agent])]
         };

@@ -4,22 +4,16 @@
 //! on nothing else: two reports of one store are equal to the byte.
 
 use super::arm_tables;
-use super::captions;
 use super::data_table::DataTable;
 use super::escape::file_stem;
-use super::figure::{
-    Looks, action_figure, curve_figure, error_figure, forest_figure, heat_figure, heat_range,
-    labels, learning_figure,
-};
+use super::figure::Looks;
+use super::kinds::{caption, drawn};
 use super::latex::{is_printed, latex};
 use super::page;
 use super::scene::{Scene, png, svg};
 use super::section::{ArmTables, ReportedExperiment, Section, Shown};
 use super::tables;
-use crate::analyse::declared::{Content, Finding, Name, Reproduction};
-
-/// Panels of the choice of actions that a figure has at most, one below the other.
-const PANELS: usize = 12;
+use crate::analyse::declared::{Finding, Reproduction, summarise_agents};
 
 /// A file of the report.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -33,7 +27,7 @@ pub struct ReportFile {
 /// Every file of the report of these experiments. `store` is what readers call the store.
 pub fn report(experiments: &[ReportedExperiment], store: &str) -> Vec<ReportFile> {
     let looks = Looks::of(experiments.iter().flat_map(|experiment| {
-        experiment.findings.iter().flat_map(|(finding, _)| names(&finding.content))
+        experiment.findings.iter().flat_map(|(finding, _)| drawn(&finding.content).arms())
     }));
     let mut stems: Vec<String> = Vec::new();
     let mut files = Vec::new();
@@ -57,8 +51,8 @@ pub fn report(experiments: &[ReportedExperiment], store: &str) -> Vec<ReportFile
         let shown: Vec<Shown<'_>> = shown.collect();
         shown.iter().for_each(|finding| write_finding(finding, &mut files));
         let tables = ArmTables {
-            arms: (arms, arm_tables::arms(&experiment.arms.arms)),
-            agents: (agents, arm_tables::agents(&experiment.arms.agents)),
+            arms: (arms, arm_tables::arms(&experiment.arms)),
+            agents: (agents, arm_tables::agents(&summarise_agents(&experiment.arms))),
         };
         for (stem, table) in [&tables.arms, &tables.agents] {
             write_table(&format!("tables/{stem}"), table, &mut files);
@@ -105,63 +99,16 @@ fn unused(taken: &[String], name: &str) -> String {
     candidates.find(|candidate| !taken.contains(candidate)).unwrap_or(stem)
 }
 
-/// The arms of a finding.
-fn names(content: &Content) -> Vec<&Name> {
-    match content {
-        Content::Curve(figure) => figure.lines.iter().map(|line| &line.name).collect(),
-        Content::LearningCurve { panels, .. } => {
-            panels.iter().flat_map(|panel| &panel.lines).map(|line| &line.name).collect()
-        }
-        Content::ActionChoice(panels) => panels.iter().map(|panel| &panel.name).collect(),
-        Content::Contrast(_)
-        | Content::HeatMap(_)
-        | Content::Selection(_)
-        | Content::InferenceError(_) => Vec::new(),
-    }
-}
-
 fn shown<'e>(finding: &'e Finding, sql: &'e str, stem: String, looks: &Looks) -> Shown<'e> {
-    let one = |scene: Scene| vec![(stem.clone(), scene)];
-    let mut scenes = match &finding.content {
-        // Axes without a difference on them would say nothing.
-        Content::Contrast(rows) if rows.iter().all(|row| row.contrast.difference.is_err()) => {
-            Vec::new()
-        }
-        Content::Contrast(rows) => one(forest_figure(rows, finding.metric)),
-        Content::Curve(figure) => one(curve_figure(figure, finding.metric, looks)),
-        Content::LearningCurve { window, panels } => panels
-            .iter()
-            .map(|panel| {
-                (
-                    format!("{stem}-{}", file_stem(&panel.scenario)),
-                    learning_figure(panel, *window, looks),
-                )
-            })
-            .collect(),
-        Content::HeatMap(figures) => figures
-            .iter()
-            .map(|figure| {
-                let panel = file_stem(&format!("{} {}", figure.agent, figure.subject));
-                let range = heat_range(figures);
-                (format!("{stem}-{panel}"), heat_figure(figure, finding.metric, range))
-            })
-            .collect(),
-        Content::ActionChoice(panels) => panels
-            .chunks(PANELS)
-            .enumerate()
-            .map(|(at, panels)| {
-                let stem = if at == 0 { stem.clone() } else { format!("{stem}-part-{}", at + 1) };
-                (stem, action_figure(panels))
-            })
-            .collect(),
-        Content::Selection(_) => Vec::new(),
-        Content::InferenceError(figure) => one(error_figure(figure)),
-    };
+    let kind = drawn(&finding.content);
+    let mut scenes = kind.figures(&stem, finding.metric, looks);
     tell_apart(&mut scenes);
     Shown {
-        caption: captions::caption(finding),
-        table: tables::table(finding),
-        series: series(&finding.content),
+        caption: caption(finding),
+        table: kind.table(&finding.title, finding.metric),
+        series: kind.series(),
+        is_table: kind.is_table(),
+        lacks_figure: kind.has_figures() && scenes.is_empty(),
         finding,
         stem,
         scenes,
@@ -177,24 +124,6 @@ fn tell_apart(scenes: &mut [(String, Scene)]) {
         if taken.contains(&rest[0].0) {
             rest[0].0 = format!("{}-{}", rest[0].0, at + 1);
         }
-    }
-}
-
-/// Labels of the lines that a reader can hide; those of the first panel, which all panels share.
-fn series(content: &Content) -> Vec<String> {
-    match content {
-        Content::Curve(figure) => {
-            labels(&figure.lines.iter().map(|line| &line.name).collect::<Vec<_>>())
-        }
-        Content::LearningCurve { panels, .. } => {
-            let first = panels.first().map_or(&[][..], |panel| &panel.lines[..]);
-            labels(&first.iter().map(|line| &line.name).collect::<Vec<_>>())
-        }
-        Content::Contrast(_)
-        | Content::HeatMap(_)
-        | Content::ActionChoice(_)
-        | Content::Selection(_)
-        | Content::InferenceError(_) => Vec::new(),
     }
 }
 

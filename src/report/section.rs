@@ -2,7 +2,7 @@
 
 use super::data_table::DataTable;
 use super::scene::Scene;
-use crate::analyse::declared::{ArmResults, Finding, JobCounts, Reproduction};
+use crate::analyse::declared::{ArmSummary, Finding, JobCounts, Reproduction};
 use crate::record::JobRecord;
 
 /// An experiment with what was found.
@@ -23,7 +23,7 @@ pub struct ReportedExperiment {
     /// Published numbers beside ours, where the manifest names some.
     pub reproduction: Option<Reproduction>,
     /// What every arm came to, whatever is analysed.
-    pub arms: ArmResults,
+    pub arms: Vec<ArmSummary>,
 }
 
 /// A finding as the page shows it.
@@ -36,6 +36,10 @@ pub struct Shown<'e> {
     pub sql: &'e str,
     /// Labels of the series that a reader can hide.
     pub series: Vec<String>,
+    /// Whether readers see the table at once.
+    pub is_table: bool,
+    /// Whether it has no figure for want of results.
+    pub lacks_figure: bool,
 }
 
 /// The tables of an experiment's arms, by file name.

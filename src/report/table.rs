@@ -1,6 +1,9 @@
 //! The summary of an experiment as a table.
 
-use crate::analyse::{ArmSummary, Means};
+use crate::analyse::Moments;
+use crate::analyse::declared::ArmSummary;
+use crate::manifest::short_name;
+use crate::plan::Swept;
 
 /// One line of the summary: the words that tell the arm, then its numbers.
 #[derive(Clone, Debug, PartialEq)]
@@ -9,62 +12,89 @@ pub struct Line {
     pub arm: Vec<String>,
     /// Seeds completed, and of how many if some are missing: `6`, `1 of 6`.
     pub seeds: String,
-    /// Means over the seeds completed; `None` if there are none.
-    pub means: Option<Means>,
+    /// Mean return over the seeds completed, in steps walked, and its standard deviation.
+    pub returns: Option<Moments>,
+    /// Mean over seeds of the share of test episodes that ended in disengagement.
+    pub disengagement: Option<Moments>,
 }
 
-/// The names of the columns that tell the arms, and a line an arm.
-pub fn summary_table(arms: &[ArmSummary]) -> (Vec<String>, Vec<Line>) {
-    let mut swept: Vec<&str> = Vec::new();
-    for (name, _) in arms.iter().flat_map(|summary| &summary.arm.swept) {
-        if !swept.contains(&name.as_str()) {
-            swept.push(name);
-        }
-    }
+/// The names of the columns that tell the arms, and a line an arm that has ended. `swept` are the
+/// further parameters that the experiment sweeps.
+pub fn summary_table(arms: &[ArmSummary], swept: &Swept) -> (Vec<String>, Vec<Line>) {
+    let names = swept.names();
     let mut columns: Vec<String> = ["agent", "scenario", "sigma"].map(str::to_owned).to_vec();
-    columns.extend(swept.iter().map(|name| name.rsplit('.').next().unwrap_or(name).to_owned()));
+    columns.extend(names.iter().map(|name| short_name(name).to_owned()));
     let line = |summary: &ArmSummary| {
-        let arm = &summary.arm;
-        let mut words = vec![arm.agent.clone(), arm.scenario.clone(), arm.sigma.to_string()];
-        words.extend(swept.iter().map(|name| {
-            let value = arm.swept.iter().find(|(known, _)| known == name);
-            value.map_or_else(String::new, |(_, value)| value.clone())
+        let arm = &summary.name;
+        let sigma = summary.sigma.map_or_else(String::new, |sigma| sigma.to_string());
+        let mut words = vec![arm.agent.clone(), arm.scenario.clone(), sigma];
+        words.extend(names.iter().map(|name| {
+            let value = arm.settings.iter().find(|(known, _)| known == name);
+            let value = value.filter(|_| swept.is_of(&arm.agent, name));
+            value.map_or_else(String::new, |(_, value)| value.to_string())
         }));
         Line {
             arm: words,
-            seeds: match (summary.seeds, summary.declared) {
+            seeds: match (summary.returns.n(), summary.declared()) {
                 (seeds, declared) if seeds == declared => seeds.to_string(),
                 (seeds, declared) => format!("{seeds} of {declared}"),
             },
-            means: summary.means,
+            returns: Moments::of(summary.returns.values()).ok(),
+            disengagement: Moments::of(summary.disengagement.values()).ok(),
         }
     };
-    (columns, arms.iter().map(line).collect())
+    (columns, arms.iter().filter(|arm| arm.has_ended()).map(line).collect())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analyse::Arm;
+    use crate::analyse::Sample;
+    use crate::analyse::declared::ArmId;
+    use crate::manifest::{self, Setting};
+
+    const MANIFEST: &str = "format = 1\nname = \"t\"\nscenarios = [\"P-H-D\"]\nseeds = 3\n\
+        environment.sigma = 0.6\n\
+        [[agent]]\nname = \"dqn\"\nalgorithm = \"dueling_dqn\"\nbatch = [32, 64]\n\
+        [[agent]]\nname = \"reinforce\"\nalgorithm = \"reinforce\"\ngamma = [0.9, 0.8]\n";
+
+    fn arm(agent: &str, settings: &[(&str, f64)], returns: Sample) -> ArmSummary {
+        let setting = |(name, value): &(&str, f64)| ((*name).to_owned(), Setting::Number(*value));
+        let settings = settings.iter().map(setting).collect();
+        ArmSummary {
+            name: ArmId { agent: agent.to_owned(), scenario: "P-H-D".to_owned(), settings },
+            lower_quartiles: Sample::default(),
+            disengagement: Sample::default(),
+            messages: Sample::default(),
+            returns,
+            optimum: None,
+            sigma: Some(0.6),
+        }
+    }
 
     #[test]
-    fn swept_parameters_get_columns_and_missing_seeds_are_told() {
-        let arm = |swept: &[(&str, &str)]| ArmSummary {
-            arm: Arm {
-                agent: "dqn".to_owned(),
-                scenario: "P-H-D".to_owned(),
-                sigma: 0.6,
-                swept: swept.iter().map(|(n, v)| ((*n).to_owned(), (*v).to_owned())).collect(),
-            },
-            declared: 3,
-            seeds: if swept[0].0 == "agent.batch" { 3 } else { 0 },
-            means: None,
+    fn swept_parameters_get_columns_and_missing_seeds_are_counted() {
+        let swept = Swept::of(&[manifest::parse("t", MANIFEST.as_bytes()).unwrap()]);
+        let of = |values: &[f64], failed, open| {
+            Sample::new((1..).zip(values.iter().copied()), failed, open).unwrap()
         };
-        let (columns, lines) =
-            summary_table(&[arm(&[("agent.batch", "32")]), arm(&[("environment.delta_d", "0.1")])]);
-        assert_eq!(columns, ["agent", "scenario", "sigma", "batch", "delta_d"]);
+        let both = [("agent.batch", 32.0), ("agent.gamma", 0.9)];
+        let (columns, lines) = summary_table(
+            &[
+                arm("dqn", &both, of(&[96.0, 100.0, 104.0], 0, 0)),
+                arm("reinforce", &both[1..], of(&[], 1, 2)),
+                arm("reinforce", &both[1..], of(&[], 0, 3)),
+            ],
+            &swept,
+        );
+        assert_eq!(columns, ["agent", "scenario", "sigma", "batch", "gamma"]);
+        // An agent shows what it sweeps; an arm without an end has no line.
+        assert_eq!(lines.len(), 2);
         assert_eq!(lines[0].arm, ["dqn", "P-H-D", "0.6", "32", ""]);
-        assert_eq!(lines[1].arm, ["dqn", "P-H-D", "0.6", "", "0.1"]);
+        assert_eq!(lines[1].arm, ["reinforce", "P-H-D", "0.6", "", "0.9"]);
         assert_eq!((lines[0].seeds.as_str(), lines[1].seeds.as_str()), ("3", "0 of 3"));
+        let returns = lines[0].returns.unwrap();
+        assert_eq!((returns.mean, returns.sd), (100.0, Ok(4.0)));
+        assert_eq!(lines[1].returns, None);
     }
 }

@@ -18,7 +18,9 @@
 //!   tried again all or none, whatever their agent, parameters or way to fail.
 
 mod checkpoint;
+mod estimate;
 mod panic;
+mod selection;
 mod worker;
 
 use std::collections::VecDeque;
@@ -41,6 +43,8 @@ use crate::train::{TrainingControl, TrainingProgress};
 use worker::{Message, Report, Shared, Slot, Worker};
 
 pub use checkpoint::{CheckpointFolder, CheckpointNote};
+pub use estimate::{Episodes, Estimate, Speeds};
+pub use selection::Selection;
 
 /// How long an outcome waits for others to be stored with it.
 const GATHER: Duration = Duration::from_millis(50);

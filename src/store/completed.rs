@@ -1,12 +1,16 @@
 //! Completed runs as a report reads them.
 
+use std::collections::HashMap;
+
 use rusqlite::{Connection, OptionalExtension};
 
-use crate::plan::JobKey;
-use crate::record::{ActionCount, CompletedRun, Provenance};
+use crate::plan::{JobKey, PlannedJob};
+use crate::record::{
+    ActionCount, CompletedRun, DataSet, Failure, JobRecord, JobStatus, Provenance,
+};
 
-use super::error::StoreError;
-use super::read::Reader;
+use super::state::JobState;
+use super::{Reader, StoreError};
 
 /// Which results of a run are read beside its metrics.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -20,6 +24,40 @@ pub struct Parts {
 }
 
 impl Reader {
+    /// The planned jobs of an experiment with what the store knows of them. `see` is shown each as
+    /// it is read, and may drop what is not needed.
+    pub fn data_set(
+        &self,
+        experiment: &str,
+        planned: impl IntoIterator<Item = PlannedJob>,
+        parts: Parts,
+        mut see: impl FnMut(&mut JobRecord),
+    ) -> Result<DataSet, StoreError> {
+        let failed = self.failed_jobs()?.into_iter();
+        let failures: HashMap<JobKey, Failure> =
+            failed.map(|failed| (failed.job_key, failed.failure)).collect();
+        let jobs = planned.into_iter().map(|planned| {
+            let key = planned.form.key();
+            let status = match self.job_states([&key])?[0] {
+                JobState::Pending => JobStatus::Pending,
+                JobState::Interrupted => JobStatus::Interrupted,
+                JobState::Running => JobStatus::Running,
+                JobState::Failed => match failures.get(&key) {
+                    Some(failure) => JobStatus::Failed(failure.clone()),
+                    None => JobStatus::Interrupted,
+                },
+                JobState::Completed => match self.completed_run(key, parts)? {
+                    Some(run) => JobStatus::Completed(Box::new(run)),
+                    None => JobStatus::Pending,
+                },
+            };
+            let mut job = JobRecord::new(&planned, key, status);
+            see(&mut job);
+            Ok(job)
+        });
+        Ok(DataSet { experiment: experiment.to_owned(), jobs: jobs.collect::<Result<_, _>>()? })
+    }
+
     /// The completed run of a job; `None` if it has none.
     pub fn completed_run(
         &self,

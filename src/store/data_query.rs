@@ -2,60 +2,43 @@
 
 use std::fmt::Write as _;
 
-use crate::record::Setting;
+use crate::manifest::{Condition, DataPart, Described, Setting};
 
 /// A query of the public views: which jobs of one experiment, and which part of their results.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DataQuery {
     /// The experiment's name.
     pub experiment: String,
-    /// Names of agents.
-    pub agents: Vec<String>,
-    /// Scenarios.
-    pub scenarios: Vec<String>,
-    /// Parameters in which the jobs differ: dotted names, and the values to select.
-    pub parameters: Vec<(String, Vec<Setting>)>,
+    /// What every job meets.
+    pub conditions: Vec<Condition>,
+    /// Dotted names of the keys that get a column, beside agent, scenario and seed.
+    pub columns: Vec<String>,
     /// The part of the results.
     pub part: DataPart,
 }
 
-/// A part of the results of a job.
-#[derive(Clone, Debug, PartialEq)]
-pub enum DataPart {
-    /// A metric.
-    Metric(String),
-    /// The learning curve of the mean return.
-    LearningCurve,
-    /// Choices of action.
-    ActionChoice,
-    /// Returns of the test episodes.
-    Returns,
-}
-
 impl DataQuery {
+    /// Whether the query reads the rows of this job of the experiment.
+    pub fn asks_for(&self, job: &impl Described) -> bool {
+        self.conditions.iter().all(|condition| condition.is_met_by(job))
+    }
+
     /// One SELECT statement on the public views.
     pub fn sql(&self) -> String {
         let mut columns = String::from("SELECT run.agent, run.scenario, run.seed");
-        let mut conditions = format!(
-            "WHERE run.experiment = {} AND run.status = 'completed'\n  AND run.agent IN ({})\n  \
-             AND run.scenario IN ({})",
-            text(&self.experiment),
-            list(&self.agents),
-            list(&self.scenarios)
-        );
-        for (name, values) in &self.parameters {
-            let value = format!(
-                "(SELECT value FROM parameter WHERE job_key = run.job_key AND name = {})",
-                text(name)
-            );
-            let heading = name.replace('"', "\"\"");
-            let _ = write!(columns, ",\n  {value} AS \"{heading}\"");
-            let values: Vec<String> = values.iter().map(literal).collect();
-            let _ = write!(conditions, "\n  AND {value} IN ({})", values.join(", "));
+        for name in &self.columns {
+            let _ = write!(columns, ",\n  {} AS \"{}\"", key(name), name.replace('"', "\"\""));
         }
-        let (part, join) = match &self.part {
+        let mut conditions = format!(
+            "WHERE run.experiment = {} AND run.status = 'completed'",
+            text(&self.experiment)
+        );
+        for condition in &self.conditions {
+            let _ = write!(conditions, "\n  AND {}", rendered(condition));
+        }
+        let (part, join) = match self.part {
             DataPart::Metric(name) => (
-                format!("metric.value AS \"{}\"", name.replace('"', "\"\"")),
+                format!("metric.value AS \"{name}\""),
                 format!(
                     "JOIN metric ON metric.job_key = run.job_key AND metric.name = {}",
                     text(name)
@@ -77,13 +60,35 @@ impl DataQuery {
                 "JOIN evaluation_episode AS test ON test.job_key = run.job_key".to_owned(),
             ),
         };
-        let order = 3 + self.parameters.len();
+        let order = 3 + self.columns.len();
         let order: Vec<String> = (1..=order).map(|place| place.to_string()).collect();
         format!(
             "{columns},\n  {part}\nFROM run_summary AS run\n{join}\n{conditions}\nORDER BY {}\n",
             order.join(", ")
         )
     }
+}
+
+/// A condition as SQL on the rows of `run`.
+fn rendered(condition: &Condition) -> String {
+    let value = match condition {
+        Condition::Scenario(_) => "run.scenario".to_owned(),
+        Condition::Seed(_) => "run.seed".to_owned(),
+        Condition::AgentName(_) => "run.agent".to_owned(),
+        Condition::Key { parameter, .. } => key(&parameter.to_string()),
+    };
+    let values: Vec<String> = match condition {
+        Condition::Seed(seeds) => seeds.iter().map(ToString::to_string).collect(),
+        Condition::Scenario(_) | Condition::AgentName(_) | Condition::Key { .. } => {
+            condition.settings().iter().map(literal).collect()
+        }
+    };
+    format!("{value} IN ({})", values.join(", "))
+}
+
+/// The value that a job of `run` has of a key.
+fn key(name: &str) -> String {
+    format!("(SELECT value FROM parameter WHERE job_key = run.job_key AND name = {})", text(name))
 }
 
 /// A text as SQL writes it.
@@ -99,30 +104,28 @@ fn literal(setting: &Setting) -> String {
     }
 }
 
-fn list(words: &[String]) -> String {
-    words.iter().map(|word| text(word)).collect::<Vec<_>>().join(", ")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::key::{Parameter, Value};
 
     #[test]
     fn names_cannot_leave_their_quotes() {
+        let key = |parameter, value| Condition::Key { parameter, values: vec![value] };
         let query = DataQuery {
             experiment: "x' OR 1=1 --".to_owned(),
-            agents: vec!["dqn".to_owned()],
-            scenarios: vec!["P-H-D".to_owned()],
-            parameters: vec![
-                ("environment.sigma".to_owned(), vec![Setting::Number(0.6)]),
-                ("agent.algorithm".to_owned(), vec![Setting::Text("it's".to_owned())]),
+            conditions: vec![
+                Condition::AgentName(vec!["dqn".to_owned(), "it's".to_owned()]),
+                key(Parameter::Environment("sigma"), Value::Real(0.6)),
             ],
-            part: DataPart::Metric("mean_return".to_owned()),
+            columns: vec!["environment.sigma".to_owned(), "agent.\"x".to_owned()],
+            part: DataPart::Metric("mean_return"),
         };
         let sql = query.sql();
         assert!(sql.contains("run.experiment = 'x'' OR 1=1 --' AND"), "{sql}");
+        assert!(sql.contains("run.agent IN ('dqn', 'it''s')"), "{sql}");
         assert!(sql.contains("'environment.sigma') IN (0.6)"), "{sql}");
-        assert!(sql.contains("'agent.algorithm') IN ('it''s')"), "{sql}");
+        assert!(sql.contains("AS \"agent.\"\"x\""), "{sql}");
         assert!(sql.ends_with("ORDER BY 1, 2, 3, 4, 5\n"), "{sql}");
     }
 }

@@ -19,8 +19,8 @@ use jitai::manifest::{self, Manifest};
 use jitai::plan::{self, Job};
 use jitai::record::{Outcome, Provenance};
 use jitai::store::{
-    self, Answer, Claimed, Experiment, Interrupter, Isolation, QueryError, Reader, RetryFailed,
-    Store,
+    self, Answer, Claimed, Experiment, Interrupter, Isolation, Parts, QueryError, Reader,
+    RetryFailed, Store,
 };
 use jitai::train::{
     self, CheckpointError, Checkpoints, ReadCheckpoint, TrainingControl, TrainingProgress,
@@ -198,7 +198,8 @@ pub fn store(bytes: &[u8]) {
         let _ = reader.failed_jobs();
         let _ = reader.paces();
         let _ = reader.manifest("fuzzed");
-        let _ = reader.run_summaries("fuzzed");
+        let parts = Parts { curve: true, actions: true, returns: true };
+        let _ = reader.data_set("fuzzed", plan::jobs(&declared()), parts, |_| ());
     }
     match store::examine(&path, &check_weights) {
         Ok(diagnosis) => assert!(diagnosis.intact <= diagnosis.completed),

@@ -6,9 +6,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use jitai::agent::{Agent, DuelingDqn};
-use jitai::plan::{Job, Scalar, Versions};
-use jitai::record::Outcome;
-use jitai::store::{Counts, Experiment, JobState, Reader, Registered, Store, StoreError};
+use jitai::plan::{Job, PlannedJob, Scalar, Versions};
+use jitai::record::{Outcome, Progress};
+use jitai::store::{Counts, Experiment, JobState, Parts, Reader, Registered, Store, StoreError};
 use rusqlite::Connection;
 use rusqlite::types::Value;
 
@@ -117,14 +117,9 @@ fn experiments_and_agents_that_declare_the_same_job_share_it() {
     assert_eq!(number(&raw, "SELECT count(*) FROM job"), 1);
     assert_eq!(number(&raw, "SELECT count(*) FROM run_summary WHERE experiment = 'sweep'"), 1);
     assert_eq!(number(&raw, "SELECT count(*) FROM run_summary WHERE experiment = 'other'"), 2);
-    let agents: Vec<String> = Reader::open(&sample.path)
-        .unwrap()
-        .run_summaries("other")
-        .unwrap()
-        .into_iter()
-        .map(|summary| summary.agent)
-        .collect();
-    assert_eq!(agents, ["dqn", "again"]);
+    let agents = "SELECT group_concat(agent, ' ') FROM experiment_job WHERE experiment = 2";
+    let agents: String = raw.query_row(agents, [], |row| row.get(0)).unwrap();
+    assert_eq!(agents, "dqn again");
 }
 
 #[test]
@@ -236,27 +231,36 @@ fn what_is_left_is_counted_in_training_episodes() {
 }
 
 #[test]
-fn summaries_are_the_completed_runs_in_the_manifests_order() {
+fn a_data_set_has_the_planned_jobs_with_what_became_of_them() {
     let with_rate = |learning_rate, seed| Job {
         agent: Agent::of(&DuelingDqn { learning_rate, ..DuelingDqn::default() }),
         ..dqn(0.6, seed)
     };
-    let jobs = [with_rate(1e-3, 1), with_rate(5e-4, 2), with_rate(5e-4, 3)];
+    let jobs = [with_rate(1e-3, 1), with_rate(5e-4, 2), with_rate(5e-4, 3), reinforce(0.4, 1)];
     let mut sample = Sample::with(&jobs);
-    let declared = jobs.iter().map(|job| ("dqn", job.clone()));
-    let all = declared.chain([("reinforce", reinforce(0.4, 1))]);
-    sample.store.register(&experiment("sweep"), all).unwrap();
-    for job in [&jobs[0], &jobs[1], &reinforce(0.4, 1)] {
-        sample.run(job, &completed());
-    }
-    let summaries = Reader::open(&sample.path).unwrap().run_summaries("sweep").unwrap();
-    let [first, second, third] = summaries.as_slice() else { panic!("{summaries:?}") };
-    assert_eq!((second.agent.as_str(), second.job_key), ("dqn", jobs[1].key()));
-    assert_eq!((third.agent.as_str(), third.sigma), ("reinforce", 0.4));
-    assert_eq!((first.job_key, first.sigma, first.seed), (jobs[0].key(), 0.6, 1));
-    assert_eq!((first.scenario.as_str(), first.mean_return, first.sd_return), ("P-H-D", 1.0, 2.0));
-    assert_eq!((first.mean_length, first.disengagement_rate, first.wall_seconds), (3.0, 4.0, 1.5));
-    assert_eq!(Reader::open(&sample.path).unwrap().run_summaries("absent").unwrap(), []);
+    sample.run(&jobs[0], &completed());
+    sample.run(&jobs[1], &failed());
+    sample.run(&jobs[3], &completed());
+    let planned =
+        jobs.clone().map(|job| PlannedJob { agent: job.algorithm().into(), form: job.form(), job });
+    let parts = Parts { curve: true, actions: true, returns: true };
+    let mut seen = 0;
+    let reader = Reader::open(&sample.path).unwrap();
+    let data = reader.data_set("sweep", planned, parts, |_| seen += 1).unwrap();
+    let [first, second, third, fourth] = data.jobs.as_slice() else { panic!("{data:?}") };
+    assert_eq!((data.experiment.as_str(), seen), ("sweep", 4));
+    assert_eq!((first.job_key, first.seed, first.scenario.as_str()), (jobs[0].key(), 1, "P-H-D"));
+    assert_eq!(second.number("agent.learning_rate"), Some(5e-4));
+    assert!(matches!(&second.progress, JobStatus::Failed(failure) if failure.episode == 17));
+    assert_eq!(third.progress, JobStatus::Pending);
+    assert_eq!(
+        (fourth.agent.as_str(), fourth.number("environment.sigma")),
+        ("reinforce", Some(0.4))
+    );
+    let run = first.completed().unwrap();
+    assert_eq!((run.metric("mean_return"), run.metric("sd_return")), (Some(1.0), Some(2.0)));
+    assert_eq!((&run.curve[..], &run.returns[..]), (&[(10, 7.5)][..], &[2500.0, 310.0][..]));
+    assert_eq!((run.actions[0].count, run.wall_seconds), (17, 1.5));
 }
 
 #[test]

@@ -1,15 +1,14 @@
 //! Jobs that differ in their seed alone, and what tells them from others.
 
-use crate::analyse::{Sample, lower_quartile};
-use crate::key::Value;
-use crate::manifest::Condition;
-use crate::record::{JobRecord, JobStatus};
+use std::collections::HashMap;
 
-use crate::record::Setting;
+use crate::analyse::{Sample, lower_quartile};
+use crate::manifest::{Condition, Varying};
+use crate::record::{JobRecord, JobStatus, Setting};
 
 /// What tells an arm from the others of its analysis.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Name {
+pub struct ArmId {
     /// Agent's name in the manifest.
     pub agent: String,
     /// Scenario, like `P-H-D`.
@@ -20,14 +19,14 @@ pub struct Name {
 
 /// The jobs of an arm.
 #[derive(Clone, Debug)]
-pub struct Group<'j> {
+pub struct Arm<'j> {
     /// What tells it from the others.
-    pub name: Name,
+    pub name: ArmId,
     /// Its jobs, in the manifest's order.
     pub jobs: Vec<&'j JobRecord>,
 }
 
-impl Group<'_> {
+impl Arm<'_> {
     /// The metric of its seeds. A seed that comes twice is taken once: its jobs are one job that
     /// two agents of equal content share.
     pub fn sample(&self, metric: &str) -> Sample {
@@ -69,60 +68,17 @@ pub fn value(job: &JobRecord, metric: &str) -> Option<f64> {
     }
 }
 
-/// Whether a job meets every condition.
-pub fn meets_all(job: &JobRecord, conditions: &[Condition]) -> bool {
-    conditions.iter().all(|condition| meets(job, condition))
-}
-
-/// Whether a job meets a condition.
-pub fn meets(job: &JobRecord, condition: &Condition) -> bool {
-    match condition {
-        Condition::Scenario(list) => list.iter().any(|one| one.to_string() == job.scenario),
-        Condition::Seed(list) => list.contains(&job.seed),
-        Condition::AgentName(list) => list.contains(&job.agent),
-        Condition::Key { parameter, values } => {
-            let set = job.setting(&parameter.to_string());
-            set.is_some_and(|set| values.iter().any(|value| setting(value) == *set))
-        }
-    }
-}
-
-/// A manifest's value as a job's settings hold it.
-pub fn setting(value: &Value) -> Setting {
-    match value {
-        Value::Real(real) => Setting::Number(*real),
-        Value::Integer(whole) => Setting::Number(*whole as f64),
-        Value::Flag(flag) => Setting::Number(f64::from(u8::from(*flag))),
-        Value::Choice(word) => Setting::Text((*word).to_owned()),
-        Value::RealPair(pair) => Setting::Text(format!("[{:?},{:?}]", pair[0], pair[1])),
-        Value::Widths(widths) => {
-            let widths: Vec<String> = widths.iter().map(ToString::to_string).collect();
-            Setting::Text(format!("[{}]", widths.join(",")))
-        }
-    }
-}
-
-/// The value that a side of a difference asks for.
-pub fn wanted(condition: &Condition) -> Setting {
-    match condition {
-        Condition::Scenario(list) => Setting::Text(list[0].to_string()),
-        Condition::Seed(list) => Setting::Number(list[0] as f64),
-        Condition::AgentName(list) => Setting::Text(list[0].clone()),
-        Condition::Key { values, .. } => setting(&values[0]),
-    }
-}
-
-/// A group's name without what its side decides.
-pub fn shared(side: &Condition, name: Name) -> Name {
+/// An arm's name without what its side decides.
+pub fn shared(side: &Condition, name: ArmId) -> ArmId {
     match side {
-        Condition::Scenario(_) => Name { scenario: String::new(), ..name },
-        Condition::AgentName(_) => Name { agent: String::new(), ..name },
+        Condition::Scenario(_) => ArmId { scenario: String::new(), ..name },
+        Condition::AgentName(_) => ArmId { agent: String::new(), ..name },
         Condition::Seed(_) | Condition::Key { .. } => name,
     }
 }
 
 /// Whether a job is at the place that a row's name tells; an empty word is any.
-pub fn is_at(job: &JobRecord, name: &Name) -> bool {
+pub fn is_at(job: &JobRecord, name: &ArmId) -> bool {
     let is = |wanted: &str, found: &str| wanted.is_empty() || wanted == found;
     let set = |(key, value): &(String, Setting)| job.setting(key) == Some(value);
     is(&name.agent, &job.agent)
@@ -132,39 +88,35 @@ pub fn is_at(job: &JobRecord, name: &Name) -> bool {
 
 /// The parameters that differ between jobs of one agent, by name.
 pub fn varying(jobs: &[&JobRecord]) -> Vec<String> {
-    let mut names: Vec<String> = Vec::new();
-    for (at, job) in jobs.iter().enumerate() {
-        let first = jobs[..at].iter().find(|other| other.agent == job.agent);
-        let Some(first) = first else { continue };
-        for (name, value) in &job.settings {
-            if first.setting(name) != Some(value) && !names.contains(name) {
-                names.push(name.clone());
-            }
-        }
-    }
+    let values = jobs.iter().flat_map(|job| {
+        job.settings.iter().map(|(name, value)| (job.agent.as_str(), name.as_str(), value))
+    });
+    let mut names = Varying::among(values).names();
     names.sort();
     names
 }
 
 /// The arms of some jobs, in the order in which they first appear. `aside` are parameters that do
 /// not tell arms apart.
-pub fn groups<'j>(jobs: &[&'j JobRecord], aside: &[&str]) -> Vec<Group<'j>> {
+pub fn arms<'j>(jobs: &[&'j JobRecord], aside: &[&str]) -> Vec<Arm<'j>> {
     let mut names = varying(jobs);
     names.retain(|name| !aside.contains(&name.as_str()));
-    let mut groups: Vec<Group<'j>> = Vec::new();
+    let mut arms: Vec<Arm<'j>> = Vec::new();
+    let mut places = HashMap::new();
     for job in jobs {
         let settings = names.iter().filter_map(|name| Some((name.clone(), job.setting(name)?)));
-        let name = Name {
+        let name = ArmId {
             agent: job.agent.clone(),
             scenario: job.scenario.clone(),
             settings: settings.map(|(name, value)| (name, value.clone())).collect(),
         };
-        match groups.iter_mut().find(|group| group.name == name) {
-            Some(group) => group.jobs.push(job),
-            None => groups.push(Group { name, jobs: vec![job] }),
+        let place = *places.entry(format!("{name:?}")).or_insert(arms.len());
+        match arms.get_mut(place) {
+            Some(arm) => arm.jobs.push(job),
+            None => arms.push(Arm { name, jobs: vec![job] }),
         }
     }
-    groups
+    arms
 }
 
 /// Numbers in ascending order, none twice.

@@ -6,27 +6,27 @@
 //!
 //! It does not know how a finding is drawn or written.
 
+mod action_choice;
 mod arm;
-mod arms;
-mod choices;
-mod contrasts;
-mod curves;
-mod inference;
-mod learning;
-mod maps;
+mod contrast;
+mod curve;
+mod heat_map;
+mod inference_error;
+mod learning_curve;
 mod reproduction;
 mod selection;
+mod summary;
 
-pub use arm::{Group, Name, setting, varying};
-pub use arms::{AgentRow, ArmResults, ArmRow, summarise_arms};
-pub use choices::{ActionPanel, BinShares};
-pub use contrasts::ContrastRow;
-pub use curves::{CurveFigure, CurveLine, CurvePoint};
-pub use inference::{ErrorFigure, ErrorPoint, inference_error};
-pub use learning::{LearningLine, LearningPanel};
-pub use maps::{HeatCell, HeatFigure, Scale};
+pub use action_choice::{ActionPanel, BinShares};
+pub use arm::{Arm, ArmId, varying};
+pub use contrast::ContrastRow;
+pub use curve::{ALPHA, Apart, CurveFigure, CurveLine, CurvePoint, Ends, Trends};
+pub use heat_map::{HeatCell, HeatFigure, Scale, heat_range};
+pub use inference_error::{ErrorFigure, ErrorPoint};
+pub use learning_curve::{LearningFigure, LearningLine, LearningPanel};
 pub use reproduction::{Comparison, Distance, Reproduction, Subject, reproduce};
 pub use selection::{Candidate, Chosen};
+pub use summary::{AgentSummary, ArmSummary, share_of_optimum, summarise_agents, summarise_arms};
 
 use crate::manifest::{Analysis, AnalysisKind, Published};
 use crate::record::{JobRecord, JobStatus};
@@ -54,12 +54,7 @@ pub enum Content {
     /// A metric along a parameter.
     Curve(CurveFigure),
     /// Learning curves, a panel a scenario.
-    LearningCurve {
-        /// Training episodes of the moving mean.
-        window: u32,
-        /// A panel a scenario.
-        panels: Vec<LearningPanel>,
-    },
+    LearningCurve(LearningFigure),
     /// Maps over two parameters, one an agent.
     HeatMap(Vec<HeatFigure>),
     /// Shares of actions, a panel an arm.
@@ -68,6 +63,21 @@ pub enum Content {
     Selection(Vec<Chosen>),
     /// Context inference error along sigma.
     InferenceError(ErrorFigure),
+}
+
+impl Content {
+    /// The rows of a contrast, if it is one.
+    fn contrast_mut(&mut self) -> Option<&mut Vec<ContrastRow>> {
+        match self {
+            Content::Contrast(rows) => Some(rows),
+            Content::Curve(_)
+            | Content::LearningCurve(_)
+            | Content::HeatMap(_)
+            | Content::ActionChoice(_)
+            | Content::Selection(_)
+            | Content::InferenceError(_) => None,
+        }
+    }
 }
 
 /// How many jobs are in each state.
@@ -103,26 +113,21 @@ impl JobCounts {
     }
 }
 
-/// Carries out the analyses of a manifest, in its order. P values are corrected over the families
-/// that its contrasts declare.
+/// Carries out analyses, each on the jobs that it is about. P values are corrected over the families
+/// that contrasts declare.
 pub fn carry_out(
-    analyses: &[Analysis],
-    jobs: &[JobRecord],
+    analyses: &[(&Analysis, Vec<&JobRecord>)],
     published: Option<&Published>,
 ) -> Vec<Finding> {
-    let find = |analysis: &Analysis| {
-        let concerned: Vec<&JobRecord> =
-            jobs.iter().filter(|job| arm::meets_all(job, &analysis.conditions)).collect();
-        Finding {
-            name: analysis.name.clone(),
-            title: analysis.title.clone().unwrap_or_else(|| analysis.name.clone()),
-            metric: analysis.metric,
-            jobs: JobCounts::of(concerned.iter().copied()),
-            content: content(analysis, &concerned, published),
-        }
+    let find = |(analysis, jobs): &(&Analysis, Vec<&JobRecord>)| Finding {
+        name: analysis.name.clone(),
+        title: analysis.title.clone().unwrap_or_else(|| analysis.name.clone()),
+        metric: analysis.metric,
+        jobs: JobCounts::of(jobs.iter().copied()),
+        content: content(analysis, jobs, published),
     };
     let mut findings: Vec<Finding> = analyses.iter().map(find).collect();
-    contrasts::correct_families(analyses, &mut findings);
+    contrast::correct_families(&mut findings);
     findings
 }
 
@@ -130,21 +135,25 @@ fn content(analysis: &Analysis, jobs: &[&JobRecord], published: Option<&Publishe
     let metric = analysis.metric;
     match &analysis.kind {
         AnalysisKind::Contrast(contrast) => {
-            Content::Contrast(contrasts::rows(contrast, metric, jobs, published))
+            Content::Contrast(contrast::rows(contrast, metric, jobs, published))
         }
         AnalysisKind::Curve { axis } => {
-            Content::Curve(curves::figure(*axis, metric, jobs, published))
+            Content::Curve(curve::figure(*axis, metric, jobs, published))
         }
         AnalysisKind::LearningCurve { window } => {
-            Content::LearningCurve { window: *window, panels: learning::panels(*window, jobs) }
+            Content::LearningCurve(learning_curve::figure(*window, jobs))
         }
         AnalysisKind::HeatMap { x, y, sides } => {
-            Content::HeatMap(maps::figures((*x, *y), sides.as_ref(), metric, jobs, published))
+            Content::HeatMap(heat_map::figures((*x, *y), sides.as_ref(), metric, jobs, published))
         }
-        AnalysisKind::ActionChoice { bins } => Content::ActionChoice(choices::panels(*bins, jobs)),
+        AnalysisKind::ActionChoice { bins } => {
+            Content::ActionChoice(action_choice::panels(*bins, jobs))
+        }
         AnalysisKind::Selection { rule, reporting_seeds: _ } => {
             Content::Selection(selection::chosen(*rule, metric, jobs))
         }
-        AnalysisKind::InferenceError => Content::InferenceError(inference::figure(jobs, published)),
+        AnalysisKind::InferenceError => {
+            Content::InferenceError(inference_error::figure(jobs, published))
+        }
     }
 }

@@ -2,12 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use super::arm::groups;
-use super::{Name, inference_error};
+use super::ArmId;
+use super::arm::arms;
 use crate::analyse::undefined::finite;
 use crate::analyse::{
     Agreement, Estimate, Likeness, Moments, Sample, Undefined, Verdict, agreement, welch_t_test,
 };
+use crate::env::inference_error;
 use crate::manifest::Published;
 use crate::record::JobRecord;
 
@@ -133,14 +134,6 @@ impl Reproduction {
         agents.into_iter().map(distance).collect()
     }
 
-    /// The comparisons whose joint interval does not hold 0, each with ours minus the published.
-    pub fn outside(&self) -> impl Iterator<Item = (&Comparison, f64)> {
-        self.comparisons.iter().filter_map(|one| match &one.agreement {
-            Ok(Agreement { verdict: Verdict::Outside, difference, .. }) => Some((one, *difference)),
-            _ => None,
-        })
-    }
-
     /// Effects whose published p is below 0.01: how many have our sign, and how many there are.
     pub fn signs(&self) -> (usize, usize) {
         let clear = |one: &&Comparison| one.published_p.is_some_and(|p| p < 0.01);
@@ -178,7 +171,7 @@ fn arm(
         job.agent == agent && job.scenario == scenario && settings.iter().all(set)
     };
     let here: Vec<&JobRecord> = jobs.iter().filter(is).copied().collect();
-    match groups(&here, &[]).as_slice() {
+    match arms(&here, &[]).as_slice() {
         [group] => Some(group.sample("mean_return")),
         _ => None,
     }
@@ -384,8 +377,8 @@ fn certain(difference: f64) -> Result<Agreement, Undefined> {
 /// The name of an arm that a comparison is about, for colours.
 impl Comparison {
     /// The arm, where it is about one.
-    pub fn arm(&self) -> Name {
-        Name { agent: self.agent.clone(), scenario: self.scenario.clone(), settings: Vec::new() }
+    pub fn arm(&self) -> ArmId {
+        ArmId { agent: self.agent.clone(), scenario: self.scenario.clone(), settings: Vec::new() }
     }
 }
 

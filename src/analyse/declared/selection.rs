@@ -1,6 +1,6 @@
 //! Hyper-parameters chosen by a stated rule.
 
-use super::arm::{Name, groups};
+use super::arm::{ArmId, arms};
 use crate::analyse::{Interval, Moments, Sample, Undefined, mean_interval};
 use crate::manifest::SelectionRule;
 use crate::record::{JobRecord, Setting};
@@ -10,11 +10,18 @@ use crate::record::{JobRecord, Setting};
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chosen {
     /// The agent, its scenario, and what tells the environment from others.
-    pub place: Name,
+    pub place: ArmId,
     /// The rule's word.
     pub rule: &'static str,
     /// Its settings in the order of the rule; those that cannot be ranked come last.
     pub candidates: Vec<Candidate>,
+}
+
+impl Chosen {
+    /// How many settings have a completed run.
+    pub fn tried(&self) -> usize {
+        self.candidates.iter().filter(|candidate| candidate.sample.n() > 0).count()
+    }
 }
 
 /// Settings that were tried.
@@ -33,11 +40,11 @@ pub struct Candidate {
 /// The candidates of every agent, ranked among those of their scenario and environment.
 pub fn chosen(rule: SelectionRule, metric: &str, jobs: &[&JobRecord]) -> Vec<Chosen> {
     let mut places: Vec<Chosen> = Vec::new();
-    for group in groups(jobs, &[]) {
+    for group in arms(jobs, &[]) {
         let sample = group.sample(metric);
         let (environment, settings) =
             group.name.settings.into_iter().partition(|(name, _)| name.starts_with("environment."));
-        let place = Name { settings: environment, ..group.name };
+        let place = ArmId { settings: environment, ..group.name };
         let candidate = Candidate {
             mean: Moments::of(sample.values()).map(|moments| moments.mean),
             interval: mean_interval(sample.values()),

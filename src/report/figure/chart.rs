@@ -1,18 +1,15 @@
 //! Lines along an axis, with intervals, labelled where they end.
 
+use super::Numbers;
 use super::axis::{Axis, AxisScale, Frame, round_range};
-use super::look::{Look, Looks, Marker, arm_label, labels};
-use super::{FAINT, INK, NOTE, Numbers, PUBLISHED, TEXT, WIDTH, fitting, seeds, text};
-use crate::analyse::declared::{
-    CurveFigure, CurveLine, CurvePoint, ErrorFigure, LearningLine, LearningPanel, Name,
-    inference_error,
-};
-use crate::analyse::mean_interval;
+use super::look::{Look, Looks, Marker, labels};
+use super::{FAINT, INK, NOTE, TEXT, WIDTH, fitting, text};
+use crate::analyse::declared::ArmId;
 use crate::report::data_table::shown;
 use crate::report::scene::{
     Anchor, Color, Fill, Mark, Point, Scene, Shape, Stroke, Weight, rectangle, width,
 };
-use crate::report::words::{metric_title, unit_numbers};
+use crate::report::words::metric_title;
 
 const HEIGHT: f64 = 236.0;
 const TOP: f64 = 12.0;
@@ -30,27 +27,27 @@ const MOST_INSIDE: usize = 3;
 const SAMPLE: f64 = 20.0;
 
 /// A chart before it is drawn.
-struct Chart {
-    heading: Option<String>,
-    description: String,
-    axes: (Axis, Axis),
-    lines: Vec<Line>,
-    note: String,
+pub struct Chart {
+    pub heading: Option<String>,
+    pub description: String,
+    pub axes: (Axis, Axis),
+    pub lines: Vec<Line>,
+    pub note: String,
 }
 
 /// A line of a chart.
-struct Line {
-    label: String,
-    look: Look,
-    points: Vec<Place>,
+pub struct Line {
+    pub label: String,
+    pub look: Look,
+    pub points: Vec<Place>,
     /// The same published, as x and y.
-    reference: Vec<(f64, f64)>,
-    spread: Spread,
+    pub reference: Vec<(f64, f64)>,
+    pub spread: Spread,
 }
 
 /// How a line shows its intervals.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Spread {
+pub enum Spread {
     /// As bars at marked points.
     Bars,
     /// As a band.
@@ -62,155 +59,23 @@ enum Spread {
 }
 
 /// A point of a line.
-struct Place {
-    x: f64,
-    y: f64,
-    interval: Option<(f64, f64)>,
-    tip: String,
-}
-
-/// A curve: means over seeds with their intervals, and the published line.
-pub fn curve_figure(figure: &CurveFigure, metric: &str, looks: &Looks) -> Scene {
-    let names: Vec<&Name> = figure.lines.iter().map(|line| &line.name).collect();
-    let numbers = unit_numbers(metric).0;
-    let is_error = figure.axis == "context_inference_error";
-    let line = |(line, label): (&CurveLine, String)| {
-        let seen = line.points.iter().filter(|point| point.sample.n() > 0);
-        Line {
-            label,
-            look: looks.look(&line.name),
-            points: seen.map(|point| curve_place(point, &line.name, (metric, is_error))).collect(),
-            reference: line.published.clone(),
-            spread: Spread::Bars,
-        }
-    };
-    let mut lines: Vec<Line> = figure.lines.iter().zip(labels(&names)).map(line).collect();
-    let optima = figure.lines.iter().map(|line| (&line.name, line.optimum.clone()));
-    lines.extend(optimum_lines(optima, looks));
-    let counts = figure.lines.iter().flat_map(|line| line.points.iter().map(|p| p.sample.n()));
-    let has_reference = lines.iter().any(|line| !line.reference.is_empty());
-    let note = format!(
-        "Mean and 95 % interval, {}.{}",
-        seeds(counts.filter(|n| *n > 0)),
-        if has_reference { " Thin: published." } else { "" }
-    );
-    let (x_title, x_numbers) = match is_error {
-        true => ("context inference error, %".to_owned(), Numbers::Percent),
-        false => {
-            (figure.axis.rsplit('.').next().unwrap_or(&figure.axis).to_owned(), Numbers::Plain)
-        }
-    };
-    let agents = shared_word(&names);
-    let scale = if is_error { AxisScale::Linear } else { scale_of(&lines) };
-    let x_title = match scale {
-        AxisScale::Log => format!("{x_title} (logarithmic)"),
-        AxisScale::Linear => x_title,
-    };
-    let axes = axes(&lines, (x_title, x_numbers, scale), (metric, numbers));
-    let description = format!("{} against {}", metric_title(metric), axes.0.title);
-    draw(&Chart { heading: agents, description, axes, lines, note })
-}
-
-/// The scale along which values of a parameter are told apart: by powers of ten where the largest
-/// is many times the smallest.
-fn scale_of(lines: &[Line]) -> AxisScale {
-    const MANY_TIMES: f64 = 30.0;
-    let points = || lines.iter().flat_map(|line| &line.points).map(|point| point.x);
-    let published = || lines.iter().flat_map(|line| &line.reference).map(|(x, _)| *x);
-    let values = || points().chain(published());
-    let (least, most) = (values().fold(f64::INFINITY, f64::min), values().fold(0.0, f64::max));
-    if least > 0.0 && most >= MANY_TIMES * least { AxisScale::Log } else { AxisScale::Linear }
-}
-
-/// A point of a curve; the axis shows the context inference error, or a parameter.
-fn curve_place(point: &CurvePoint, name: &Name, (metric, is_error): (&str, bool)) -> Place {
-    let scaled = |value: f64| match unit_numbers(metric) {
-        (Numbers::Percent, decimals) => format!("{} %", shown(value * 100.0, decimals)),
-        (Numbers::Plain, decimals) => shown(value, decimals),
-    };
-    let values = point.sample.values();
-    let interval = mean_interval(values).ok();
-    let y = values.iter().sum::<f64>() / values.len() as f64;
-    let spread = interval.map_or_else(String::new, |interval| {
-        format!(", 95 % interval {} to {}", scaled(interval.low), scaled(interval.high))
-    });
-    let at = match is_error {
-        true => format!("σ = {}, error {} %", point.parameter, shown(point.x * 100.0, 1)),
-        false => point.parameter.to_string(),
-    };
-    let n = seeds(std::iter::once(values.len()));
-    let tip = format!("{}, {at}: {}{spread}, {n}", arm_label(name), scaled(y));
-    Place { x: point.x, y, interval: interval.map(|i| (i.low, i.high)), tip }
-}
-
-/// Learning curves of a scenario.
-pub fn learning_figure(panel: &LearningPanel, window: u32, looks: &Looks) -> Scene {
-    const TIPS: usize = 60;
-    let names: Vec<&Name> = panel.lines.iter().map(|line| &line.name).collect();
-    let line = |(line, label): (&LearningLine, String)| {
-        let every = line.points.len().div_ceil(TIPS).max(1);
-        let last = line.points.len().saturating_sub(1);
-        let place = |(at, (episode, mean, interval)): (usize, &(u32, f64, Option<_>))| {
-            let interval: Option<crate::analyse::Interval> = *interval;
-            let spread = interval.map_or_else(String::new, |interval| {
-                format!(", 95 % interval {:.0} to {:.0}", interval.low, interval.high)
-            });
-            let tip = match at % every == 0 || at == last {
-                true => format!(
-                    "{}, episode {episode}: {}{spread}",
-                    arm_label(&line.name),
-                    shown(*mean, 0)
-                ),
-                false => String::new(),
-            };
-            let interval = interval.map(|interval| (interval.low, interval.high));
-            Place { x: f64::from(*episode), y: *mean, interval, tip }
-        };
-        Line {
-            label,
-            look: looks.look(&line.name),
-            points: thinned(&line.points)
-                .into_iter()
-                .map(|at| place((at, &line.points[at])))
-                .collect(),
-            reference: Vec::new(),
-            spread: Spread::Band,
-        }
-    };
-    let mut lines: Vec<Line> = panel.lines.iter().zip(labels(&names)).map(line).collect();
-    let longest = |line: &Line| line.points.last().map_or(0.0, |point| point.x);
-    let most = lines.iter().map(longest).fold(0.0, f64::max);
-    let least = lines.iter().map(longest).fold(f64::INFINITY, f64::min);
-    let first = |line: &Line| line.points.first().map_or(f64::INFINITY, |point| point.x);
-    let start = lines.iter().map(first).fold(most, f64::min);
-    let level = |line: &LearningLine| {
-        line.optimum.map_or_else(Vec::new, |best| vec![(start, best), (most, best)])
-    };
-    lines.extend(optimum_lines(panel.lines.iter().map(|l| (&l.name, level(l))), looks));
-    let scale = if most > 4.0 * least { AxisScale::Log } else { AxisScale::Linear };
-    let title = match scale {
-        AxisScale::Log => "training episodes (logarithmic)".to_owned(),
-        AxisScale::Linear => "training episodes".to_owned(),
-    };
-    let note = format!(
-        "Moving mean over {window} episodes; mean and 95 % interval, {}.",
-        seeds(panel.lines.iter().map(|line| line.seeds.0).filter(|n| *n > 0))
-    );
-    let axes = axes(&lines, (title, Numbers::Plain, scale), ("mean_return", Numbers::Plain));
-    let description = format!("learning curves in scenario {}", panel.scenario);
-    draw(&Chart { heading: Some(panel.scenario.clone()), description, axes, lines, note })
+pub struct Place {
+    pub x: f64,
+    pub y: f64,
+    pub interval: Option<(f64, f64)>,
+    pub tip: String,
 }
 
 /// Lines of the best mean return that any policy can reach, none twice; where there are several,
 /// their labels say of what.
-fn optimum_lines<'n>(
-    optima: impl Iterator<Item = (&'n Name, Vec<(f64, f64)>)>,
+pub fn optimum_lines<'n>(
+    optima: impl Iterator<Item = (&'n ArmId, Vec<(f64, f64)>)>,
     looks: &Looks,
 ) -> Vec<Line> {
     // Whatever the agent is, the optimum is the same; agents may have it at different places.
-    let (mut names, mut of_names): (Vec<Name>, Vec<Optimum>) = (Vec::new(), Vec::new());
+    let (mut names, mut of_names): (Vec<ArmId>, Vec<Optimum>) = (Vec::new(), Vec::new());
     for (name, points) in optima.filter(|(_, points)| !points.is_empty()) {
-        let mut of = Name { agent: String::new(), ..name.clone() };
+        let mut of = ArmId { agent: String::new(), ..name.clone() };
         of.settings.retain(|(key, _)| !key.starts_with("agent."));
         if let Some(at) = names.iter().position(|known| *known == of) {
             of_names[at].points.extend(points);
@@ -264,97 +129,8 @@ impl Optimum {
     }
 }
 
-/// Places of at most some hundred points, evenly along the logarithm of their number: what a line
-/// of a printed figure can show.
-fn thinned<T>(points: &[T]) -> Vec<usize> {
-    const MOST: usize = 240;
-    if points.len() <= MOST {
-        return (0..points.len()).collect();
-    }
-    let top = (points.len() as f64).ln();
-    let mut places: Vec<usize> = (0..MOST)
-        .map(|at| ((top * at as f64 / (MOST - 1) as f64).exp() as usize - 1).min(points.len() - 1))
-        .chain((0..MOST).map(|at| at * (points.len() - 1) / (MOST - 1)))
-        .collect();
-    places.sort_unstable();
-    places.dedup();
-    places
-}
-
-/// The error of context inference along sigma.
-pub fn error_figure(figure: &ErrorFigure) -> Scene {
-    const STEPS: usize = 80;
-    let most = figure.points.iter().map(|point| point.sigma).fold(0.1, f64::max);
-    let look = |color, marker| Look { color, dash: None, marker };
-    let exact = (0..=STEPS).map(|at| {
-        let x = most * at as f64 / STEPS as f64;
-        Place { x, y: inference_error(x), interval: None, tip: String::new() }
-    });
-    let seen = figure.points.iter().filter_map(|point| {
-        let y = point.seen?;
-        let tip = format!(
-            "σ = {}: {} % seen in {} test steps of {} runs; exact {} %",
-            point.sigma,
-            shown(y * 100.0, 1),
-            point.steps,
-            point.runs,
-            shown(point.exact * 100.0, 1)
-        );
-        Some(Place { x: point.sigma, y, interval: None, tip })
-    });
-    let reported = figure.published.iter().map(|(sigma, rate)| {
-        let tip = format!("σ = {sigma}: {} % published", shown(rate * 100.0, 1));
-        Place { x: *sigma, y: *rate, interval: None, tip }
-    });
-    let line = |label: &str, look, points: Vec<Place>, spread| Line {
-        label: label.to_owned(),
-        look,
-        points,
-        reference: Vec::new(),
-        spread,
-    };
-    let mut lines = vec![
-        line("Φ(−1/(2σ))", look(INK, Marker::Disc), exact.collect(), Spread::Band),
-        line("seen in tests", look(INK, Marker::Disc), seen.collect(), Spread::Points),
-        line("published", look(PUBLISHED, Marker::Diamond), reported.collect(), Spread::Points),
-    ];
-    lines.retain(|line| !line.points.is_empty());
-    let runs: usize = figure.points.iter().map(|point| point.runs).sum();
-    let drawn = if figure.published.is_empty() { "" } else { "; published: 1000 draws each" };
-    let note = format!("Line: exact. Points: test steps of n = {runs} runs{drawn}.");
-    let description = "context inference error against feature noise".to_owned();
-    draw(&Chart { heading: None, description, axes: error_axes(most), lines, note })
-}
-
-fn error_axes(most: f64) -> (Axis, Axis) {
-    let x = Axis {
-        title: "feature noise σ".to_owned(),
-        range: (0.0, most),
-        scale: AxisScale::Linear,
-        numbers: Numbers::Plain,
-    };
-    let y = Axis {
-        title: "context inference error, %".to_owned(),
-        range: (0.0, 0.5),
-        scale: AxisScale::Linear,
-        numbers: Numbers::Percent,
-    };
-    (x, y)
-}
-
-/// What all arms of a figure share: an agent or a scenario.
-fn shared_word(names: &[&Name]) -> Option<String> {
-    let first = names.first()?;
-    let same_agent = names.iter().all(|name| name.agent == first.agent);
-    let same_scenario = names.iter().all(|name| name.scenario == first.scenario);
-    match (same_agent, same_scenario) {
-        (true, false) => Some(first.agent.clone()),
-        (false, true) => Some(first.scenario.clone()),
-        (true, true) | (false, false) => None,
-    }
-}
-
-fn axes(
+/// The axes of lines of a metric: the horizontal one as it is named, both with round ends.
+pub fn axes(
     lines: &[Line],
     (x_title, x_numbers, scale): (String, Numbers, AxisScale),
     (metric, y_numbers): (&str, Numbers),
@@ -394,7 +170,8 @@ fn padded((low, high): (f64, f64), scale: AxisScale) -> (f64, f64) {
     }
 }
 
-fn draw(chart: &Chart) -> Scene {
+/// The chart, drawn.
+pub fn draw(chart: &Chart) -> Scene {
     let (x, y) = (&chart.axes.0, &chart.axes.1);
     let wide = |line: &Line| width(&line.label, TEXT, Weight::SemiBold);
     let room = chart.lines.iter().map(wide).fold(0.0, f64::max) + 12.0;
@@ -529,7 +306,7 @@ fn point_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, dodge: f64) -> 
 }
 
 /// The mark of a point.
-pub(super) fn marker(at: Point, look: &Look, radius: f64) -> Shape {
+pub fn marker(at: Point, look: &Look, radius: f64) -> Shape {
     let solid = Fill { color: look.color, opacity: 1.0 };
     let white = Fill { color: Color::WHITE, opacity: 1.0 };
     let rim = Some(Stroke::solid(look.color, 1.3));
@@ -644,7 +421,7 @@ mod tests {
 
     #[test]
     fn optima_that_are_the_same_share_a_line_and_names_have_one() {
-        let name = |agent: &str, scenario: &str, sigma: f64| Name {
+        let name = |agent: &str, scenario: &str, sigma: f64| ArmId {
             agent: agent.into(),
             scenario: scenario.into(),
             settings: vec![
@@ -695,26 +472,5 @@ mod tests {
         assert_eq!(padded((0.0, 1.0), AxisScale::Linear), (-0.03, 1.03));
         let (low, high) = padded((1.0, 100.0), AxisScale::Log);
         assert!(low < 1.0 && low > 0.8 && high > 100.0 && high < 120.0);
-    }
-
-    #[test]
-    fn values_many_times_each_other_stand_by_powers_of_ten() {
-        let line = |xs: &[f64]| Line {
-            label: String::new(),
-            look: Look { color: INK, dash: None, marker: Marker::Disc },
-            points: xs
-                .iter()
-                .map(|x| Place { x: *x, y: 0.0, interval: None, tip: String::new() })
-                .collect(),
-            reference: Vec::new(),
-            spread: Spread::Bars,
-        };
-        assert_eq!(scale_of(&[line(&[1e-5, 1e-3])]), AxisScale::Log);
-        assert_eq!(scale_of(&[line(&[1e-5]), line(&[1e-3])]), AxisScale::Log);
-        assert_eq!(scale_of(&[line(&[0.4, 2.0])]), AxisScale::Linear);
-        assert_eq!(scale_of(&[line(&[0.0, 2.0])]), AxisScale::Linear);
-        let published = Line { reference: vec![(0.0, 1.0)], ..line(&[1e-5, 1e-3]) };
-        assert_eq!(scale_of(&[published]), AxisScale::Linear);
-        assert_eq!(scale_of(&[]), AxisScale::Linear);
     }
 }

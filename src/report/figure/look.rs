@@ -1,7 +1,7 @@
 //! The looks of arms: the same arm looks the same in every figure of a report.
 
 use super::INK;
-use crate::analyse::declared::Name;
+use crate::analyse::declared::ArmId;
 use crate::record::Setting;
 use crate::report::scene::Color;
 
@@ -89,7 +89,7 @@ pub struct Looks {
 
 impl Looks {
     /// The looks of these arms, in the order in which they first appear.
-    pub fn of<'n>(names: impl IntoIterator<Item = &'n Name>) -> Looks {
+    pub fn of<'n>(names: impl IntoIterator<Item = &'n ArmId>) -> Looks {
         let mut looks = Looks::default();
         for name in names {
             if !looks.agents.contains(&name.agent) {
@@ -107,7 +107,7 @@ impl Looks {
     }
 
     /// The look of the best that any policy can reach where an arm is.
-    pub fn of_optimum(&self, name: &Name) -> Look {
+    pub fn of_optimum(&self, name: &ArmId) -> Look {
         let color = match self.tells_agents() {
             true => INK,
             false => self.look(name).color.towards(INK, 0.25),
@@ -116,7 +116,7 @@ impl Looks {
     }
 
     /// The look of an arm.
-    pub fn look(&self, name: &Name) -> Look {
+    pub fn look(&self, name: &ArmId) -> Look {
         let agent = place(&self.agents, &name.agent);
         let scenario = place(&self.scenarios, &name.scenario);
         let known = KNOWN.iter().find(|(known, _)| *known == name.scenario);
@@ -138,7 +138,7 @@ impl Looks {
     }
 
     /// The place of a scenario among those without a colour of their own.
-    fn unknown(&self, name: &Name) -> usize {
+    fn unknown(&self, name: &ArmId) -> usize {
         let is_known = |scenario: &&String| KNOWN.iter().any(|(known, _)| known == scenario);
         let unknown = self.scenarios.iter().filter(|scenario| !is_known(scenario));
         unknown.take_while(|scenario| **scenario != name.scenario).count()
@@ -154,12 +154,12 @@ fn place(list: &[String], word: &str) -> usize {
     list.iter().position(|known| known == word).unwrap_or(0)
 }
 
-fn words(name: &Name) -> Vec<(String, String)> {
+fn words(name: &ArmId) -> Vec<(String, String)> {
     name.settings.iter().map(|(key, value)| (key.clone(), value.to_string())).collect()
 }
 
 /// An arm in full: `dqn P-H-D sigma=0.6`.
-pub fn arm_label(name: &Name) -> String {
+pub fn arm_label(name: &ArmId) -> String {
     let parts = [name.agent.clone(), name.scenario.clone()].into_iter();
     let settings = [settings_label(&name.settings)];
     parts.chain(settings).filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" ")
@@ -174,12 +174,12 @@ pub fn settings_label(settings: &[(String, Setting)]) -> String {
 }
 
 /// The labels of arms that are seen together: what all of them share is left out.
-pub fn labels(names: &[&Name]) -> Vec<String> {
-    let same = |word: fn(&Name) -> &String| {
+pub fn labels(names: &[&ArmId]) -> Vec<String> {
+    let same = |word: fn(&ArmId) -> &String| {
         names.len() > 1 && names.windows(2).all(|pair| word(pair[0]) == word(pair[1]))
     };
     let (same_agent, same_scenario) = (same(|name| &name.agent), same(|name| &name.scenario));
-    let label = |name: &&Name| {
+    let label = |name: &&ArmId| {
         let mut name = (*name).clone();
         if same_agent {
             name.agent = String::new();

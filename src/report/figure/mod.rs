@@ -1,21 +1,15 @@
-//! Figures: from findings to scenes.
+//! What figures are drawn with: axes, charts of lines, the looks of arms, letters.
 //!
-//! In: what analyses found, and the looks that the report gives its arms. Out: scenes at the width
-//! of a journal's column, each with a note that states what its intervals are and how many seeds
-//! are behind it. It does not compute statistics.
+//! Scenes have the width of a journal's column, or more where labels need it. It does not know any
+//! kind of analysis and does not compute statistics.
 
-mod actions;
 mod axis;
 mod chart;
-mod forest;
-mod heat;
 mod look;
 
-pub use actions::action_figure;
-pub use chart::{curve_figure, error_figure, learning_figure};
-pub use forest::forest_figure;
-pub use heat::{heat_figure, heat_range};
-pub use look::{Looks, arm_label, labels, settings_label};
+pub use axis::{Axis, AxisScale, round_range};
+pub use chart::{Chart, Line, Place, Spread, axes, draw, marker, optimum_lines};
+pub use look::{Look, Looks, Marker, arm_label, labels, settings_label};
 
 use super::scene::{Anchor, Color, Direction, Point, Shape, Weight, width};
 pub use super::words::Numbers;

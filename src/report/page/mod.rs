@@ -7,7 +7,6 @@ mod parts;
 use maud::{DOCTYPE, Markup, PreEscaped, Render, html};
 use parts::{figure_card, html_table, provenance};
 
-use super::captions;
 use super::escape::file_stem;
 use super::scene::web_font;
 use super::section::{ReportedExperiment, Section, all_jobs};
@@ -140,7 +139,7 @@ fn contents(sections: &[Section<'_>], reproduction: &Reproduction) -> Markup {
 }
 
 fn reproduced(reproduction: &Reproduction) -> Markup {
-    let sentences = captions::reproduction(reproduction);
+    let sentences = super::reproduction::reproduction(reproduction);
     if sentences.is_empty() {
         return html! {};
     }

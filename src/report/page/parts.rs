@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 use maud::{Markup, PreEscaped, html};
 
-use crate::analyse::declared::Content;
 use crate::report::data_table::{Cell, DataTable};
 use crate::report::latex::is_printed;
 use crate::report::scene::inline_svg;
@@ -19,11 +18,6 @@ pub fn figure_card(shown: &Shown<'_>) -> Markup {
         1 if shown.table.shown_columns().count() <= 10 => "card",
         _ => "card wide",
     };
-    // A comparison of which a side has no seed.
-    let is_without_seeds =
-        matches!(shown.finding.content, Content::Contrast(_)) && shown.scenes.is_empty();
-    // Tables that are tables in papers are seen at once.
-    let is_table = matches!(shown.finding.content, Content::Contrast(_) | Content::Selection(_));
     html! {
         article class=(size) id=(shown.stem) {
             h3 { (shown.finding.title) }
@@ -37,7 +31,7 @@ pub fn figure_card(shown: &Shown<'_>) -> Markup {
                         }
                     }
                 }
-                @if is_without_seeds {
+                @if shown.lacks_figure {
                     p.note {
                         "No figure: there is no comparison with completed jobs on both sides."
                     }
@@ -48,7 +42,7 @@ pub fn figure_card(shown: &Shown<'_>) -> Markup {
                 (table_links(&format!("tables/{}", shown.stem), &shown.table)) " "
                 (links(&format!("sql/{}", shown.stem), &[("sql", "SQL")]))
             }
-            details open[is_table] {
+            details open[shown.is_table] {
                 summary { "Numbers (" (shown.table.rows.len()) " rows)" }
                 (html_table(&shown.table))
             }

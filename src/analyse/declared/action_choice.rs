@@ -1,6 +1,6 @@
 //! Which actions a trained policy chooses, by the probability of context 0.
 
-use super::arm::{Name, groups};
+use super::arm::{ArmId, arms};
 use crate::analyse::{Interval, mean_interval};
 use crate::record::{CompletedRun, JobRecord, PROBABILITY_BINS};
 
@@ -11,11 +11,19 @@ const ACTIONS: usize = 4;
 #[derive(Clone, Debug, PartialEq)]
 pub struct ActionPanel {
     /// The arm.
-    pub name: Name,
+    pub name: ArmId,
     /// Seeds completed, and of how many.
     pub seeds: (usize, usize),
     /// The bins, by probability.
     pub bins: Vec<BinShares>,
+}
+
+impl ActionPanel {
+    /// The share of tailored actions in the bin of this number, if a seed has a step in it.
+    pub fn tailored(&self, bin: usize) -> Option<f64> {
+        let shares = self.bins.get(bin)?.shares?;
+        Some(shares[2].0 + shares[3].0)
+    }
 }
 
 /// The choices in one bin.
@@ -37,7 +45,7 @@ pub struct BinShares {
 /// A panel an arm, in the manifest's order. A seed weighs as much as another, whatever its steps;
 /// one without a step in a bin has no share there.
 pub fn panels(bins: u8, jobs: &[&JobRecord]) -> Vec<ActionPanel> {
-    let panel = |group: super::Group| {
+    let panel = |group: super::Arm| {
         let runs: Vec<&CompletedRun> =
             group.jobs.iter().filter_map(|job| job.completed()).collect();
         ActionPanel {
@@ -46,7 +54,7 @@ pub fn panels(bins: u8, jobs: &[&JobRecord]) -> Vec<ActionPanel> {
             name: group.name,
         }
     };
-    groups(jobs, &[]).into_iter().map(panel).collect()
+    arms(jobs, &[]).into_iter().map(panel).collect()
 }
 
 fn shares(bin: u8, bins: u8, runs: &[&CompletedRun]) -> BinShares {

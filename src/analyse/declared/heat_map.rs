@@ -1,10 +1,10 @@
 //! Means, or differences of means, over two parameters.
 
-use super::arm::{distinct, groups, is_at, meets, shared, wanted};
-use super::{Group, Name};
+use super::arm::{arms, distinct, is_at, shared};
+use super::{Arm, ArmId};
 use crate::analyse::{Contrast, Design, Interval, Moments, Sample, Undefined, mean_interval};
 use crate::key::Parameter;
-use crate::manifest::{Published, Sides};
+use crate::manifest::{Condition, Published, Sides};
 use crate::record::JobRecord;
 
 /// A map of one arm.
@@ -50,6 +50,21 @@ pub struct HeatCell {
     pub published: Option<f64>,
 }
 
+impl HeatCell {
+    /// Whether its interval leaves out 0.
+    pub fn is_beyond_zero(&self) -> bool {
+        self.interval.is_ok_and(|interval| interval.low > 0.0 || interval.high < 0.0)
+    }
+}
+
+/// The ends of the colours that all maps of an analysis share: the least and the most of their
+/// values, so that a colour is one number in all of them.
+pub fn heat_range(figures: &[HeatFigure]) -> (f64, f64) {
+    let values = figures.iter().flat_map(|figure| &figure.cells);
+    let values = values.filter_map(|cell| cell.value.ok());
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), v| (l.min(v), m.max(v)))
+}
+
 /// A map an arm: what the axes and the sides do not decide makes maps of their own.
 pub fn figures(
     (x, y): (Parameter, Parameter),
@@ -60,8 +75,8 @@ pub fn figures(
 ) -> Vec<HeatFigure> {
     let by = sides.map_or_else(String::new, Sides::key);
     let axes = (x.to_string(), y.to_string());
-    let mut names: Vec<Name> = Vec::new();
-    for group in groups(jobs, &[&axes.0, &axes.1, &by]) {
+    let mut names: Vec<ArmId> = Vec::new();
+    for group in arms(jobs, &[&axes.0, &axes.1, &by]) {
         let name = match sides {
             Some(sides) => shared(&sides.first, group.name),
             None => group.name,
@@ -71,7 +86,7 @@ pub fn figures(
         }
     }
     let published = published.filter(|_| metric == "mean_return");
-    let figure = |name: Name| {
+    let figure = |name: ArmId| {
         let ours: Vec<&JobRecord> = jobs.iter().filter(|job| is_at(job, &name)).copied().collect();
         figure(name, &axes, (sides, metric), &ours, published)
     };
@@ -79,14 +94,14 @@ pub fn figures(
 }
 
 fn figure(
-    name: Name,
+    name: ArmId,
     (x, y): &(String, String),
     (sides, metric): (Option<&Sides>, &str),
     jobs: &[&JobRecord],
     published: Option<&Published>,
 ) -> HeatFigure {
     let contrast = match sides {
-        Some(sides) => format!("{} - {}", wanted(&sides.first), wanted(&sides.second)),
+        Some(sides) => format!("{} - {}", sides.first.settings()[0], sides.second.settings()[0]),
         None => name.scenario.clone(),
     };
     let along = |name: &str| distinct(jobs.iter().filter_map(|job| job.number(name)).collect());
@@ -127,8 +142,8 @@ fn figure(
 
 fn cell(jobs: &[&JobRecord], sides: Option<&Sides>, metric: &str) -> HeatCell {
     let sample = |jobs: Vec<&JobRecord>| -> Sample {
-        let name = Name { agent: String::new(), scenario: String::new(), settings: Vec::new() };
-        Group { name, jobs }.sample(metric)
+        let name = ArmId { agent: String::new(), scenario: String::new(), settings: Vec::new() };
+        Arm { name, jobs }.sample(metric)
     };
     let (value, interval, seeds) = match sides {
         None => {
@@ -137,8 +152,8 @@ fn cell(jobs: &[&JobRecord], sides: Option<&Sides>, metric: &str) -> HeatCell {
             (mean, mean_interval(all.values()), all.n())
         }
         Some(sides) => {
-            let side = |condition| {
-                sample(jobs.iter().filter(|job| meets(job, condition)).copied().collect())
+            let side = |condition: &Condition| {
+                sample(jobs.iter().filter(|job| condition.is_met_by(job)).copied().collect())
             };
             let (first, second) = (side(&sides.first), side(&sides.second));
             let contrast = Contrast::new(&first, &second, Design::Independent);

@@ -1,10 +1,12 @@
 //! Differences of means between two sides, at every setting of the other parameters.
 
-use super::arm::{Name, groups, is_at, meets, shared, varying, wanted};
-use super::inference::inference_error;
-use super::{Content, Finding};
+use std::collections::BTreeMap;
+
+use super::Finding;
+use super::arm::{ArmId, arms, is_at, shared, varying};
 use crate::analyse::{self, Corrected, Design, Sample, Tests, Undefined, correct};
-use crate::manifest::{Analysis, AnalysisKind, Condition, Contrast, Pairing, Published, Sides};
+use crate::env::inference_error;
+use crate::manifest::{Condition, Contrast, Pairing, Published, Sides};
 use crate::record::{JobRecord, Setting};
 
 /// A difference at one setting of the other parameters.
@@ -13,7 +15,7 @@ pub struct ContrastRow {
     /// The sides' words, first and second.
     pub sides: (String, String),
     /// What the sides share: the agent or scenario that is no side, if it is one.
-    pub name: Name,
+    pub name: ArmId,
     /// Context inference error, where the jobs have a sigma that both sides share.
     pub error: Option<f64>,
     /// The metric of the first side's seeds.
@@ -22,7 +24,9 @@ pub struct ContrastRow {
     pub second: Sample,
     /// The comparison.
     pub contrast: analyse::Contrast,
-    /// P values corrected over the family.
+    /// The family over which p values are corrected.
+    pub family: String,
+    /// P values corrected over it.
     pub corrected: Result<Corrected, Undefined>,
     /// Published difference and p value.
     pub published: Option<(f64, f64)>,
@@ -32,6 +36,29 @@ impl ContrastRow {
     /// Whether seeds of both sides are matched.
     pub fn is_paired(&self) -> bool {
         matches!(self.contrast.tests, Tests::Matched { .. })
+    }
+
+    /// Seeds of each side that have a value and, where seeds are matched, no partner.
+    pub fn unmatched(&self) -> (usize, usize) {
+        let (first, second) = self.contrast.seeds;
+        (self.first.n() - first, self.second.n() - second)
+    }
+
+    /// Seeds of each side that ended without a value.
+    pub fn lost(&self) -> (usize, usize) {
+        (self.first.lost().ended() as usize, self.second.lost().ended() as usize)
+    }
+
+    /// The means of the sides: of the seeds that are compared, so that they differ by the
+    /// difference.
+    pub fn means(&self) -> (Result<f64, Undefined>, Result<f64, Undefined>) {
+        match self.contrast.design {
+            Design::Independent => (self.first.mean(), self.second.mean()),
+            Design::Matched => {
+                let means = self.contrast.means;
+                (means.map(|(first, _)| first), means.map(|(_, second)| second))
+            }
+        }
     }
 }
 
@@ -49,13 +76,13 @@ pub fn rows(
     };
     let both: Vec<&JobRecord> = jobs
         .iter()
-        .filter(|job| meets(job, &sides.first) || meets(job, &sides.second))
+        .filter(|job| sides.first.is_met_by(job) || sides.second.is_met_by(job))
         .copied()
         .collect();
     let by = decided(sides, &both);
     let mut rows = Vec::new();
-    let mut names: Vec<Name> = Vec::new();
-    for group in groups(&both, &by.iter().map(String::as_str).collect::<Vec<_>>()) {
+    let mut names: Vec<ArmId> = Vec::new();
+    for group in arms(&both, &by.iter().map(String::as_str).collect::<Vec<_>>()) {
         let name = shared(&sides.first, group.name);
         if !names.contains(&name) {
             names.push(name);
@@ -63,12 +90,12 @@ pub fn rows(
     }
     rows.extend(names.into_iter().filter_map(|name| {
         let here = |side: &Condition| {
-            let jobs = both.iter().filter(|job| meets(job, side) && is_at(job, &name));
-            super::Group { name: name.clone(), jobs: jobs.copied().collect() }
+            let jobs = both.iter().filter(|job| side.is_met_by(job) && is_at(job, &name));
+            super::Arm { name: name.clone(), jobs: jobs.copied().collect() }
         };
         row(
             name.clone(),
-            (sides, design, metric),
+            (sides, design, metric, &contrast.family),
             (here(&sides.first), here(&sides.second)),
             published,
         )
@@ -85,7 +112,7 @@ fn decided(sides: &Sides, both: &[&JobRecord]) -> Vec<String> {
         return Vec::new();
     }
     let (first, second): (Vec<&JobRecord>, Vec<&JobRecord>) =
-        both.iter().partition(|job| meets(job, &sides.first));
+        both.iter().partition(|job| sides.first.is_met_by(job));
     let decides = |name: &String| match (only(name, &first), only(name, &second)) {
         (Some(one), Some(other)) => one != other,
         _ => false,
@@ -115,18 +142,18 @@ fn name_apart(rows: &mut [ContrastRow]) {
 
 /// A difference; `None` where a side has no jobs.
 fn row(
-    name: Name,
-    (sides, design, metric): (&Sides, Design, &str),
-    (first, second): (super::Group<'_>, super::Group<'_>),
+    name: ArmId,
+    (sides, design, metric, family): (&Sides, Design, &str, &str),
+    (first, second): (super::Arm<'_>, super::Arm<'_>),
     published: Option<&Published>,
 ) -> Option<ContrastRow> {
     if first.jobs.is_empty() || second.jobs.is_empty() {
         return None;
     }
-    let sigma_of = |group: &super::Group<'_>| group.jobs.first()?.number("environment.sigma");
+    let sigma_of = |group: &super::Arm<'_>| group.jobs.first()?.number("environment.sigma");
     let sigma = sigma_of(&first).filter(|sigma| sigma_of(&second) == Some(*sigma));
     let (first, second) = (first.sample(metric), second.sample(metric));
-    let words = (wanted(&sides.first).to_string(), wanted(&sides.second).to_string());
+    let words = (sides.first.settings()[0].to_string(), sides.second.settings()[0].to_string());
     let published = published.filter(|_| metric == "mean_return");
     Some(ContrastRow {
         published: published.and_then(|known| published_test(known, &words, &name, sigma?)),
@@ -139,6 +166,7 @@ fn row(
         },
         error: sigma.map(inference_error),
         contrast: analyse::Contrast::new(&first, &second, design),
+        family: family.to_owned(),
         corrected: Err(Undefined::NoSeeds),
         name,
         first,
@@ -149,7 +177,7 @@ fn row(
 fn published_test(
     published: &Published,
     sides: &(String, String),
-    name: &Name,
+    name: &ArmId,
     sigma: f64,
 ) -> Option<(f64, f64)> {
     let contrast = format!("{} - {}", sides.0, sides.1);
@@ -163,28 +191,15 @@ fn published_test(
 }
 
 /// Corrects the p values of all contrasts, family by family.
-pub fn correct_families(analyses: &[Analysis], findings: &mut [Finding]) {
-    let family = |analysis: &Analysis| match &analysis.kind {
-        AnalysisKind::Contrast(contrast) => Some(contrast.family.clone()),
-        _ => None,
-    };
-    let mut families: Vec<String> = analyses.iter().filter_map(family).collect();
-    families.sort();
-    families.dedup();
-    for name in families {
-        let of_family = analyses.iter().map(|analysis| family(analysis).as_ref() == Some(&name));
-        let mut rows: Vec<&mut ContrastRow> = findings
-            .iter_mut()
-            .zip(of_family)
-            .filter(|(_, is_of)| *is_of)
-            .filter_map(|(finding, _)| match &mut finding.content {
-                Content::Contrast(rows) => Some(rows),
-                _ => None,
-            })
-            .flatten()
-            .collect();
+pub fn correct_families(findings: &mut [Finding]) {
+    let mut families: BTreeMap<String, Vec<&mut ContrastRow>> = BTreeMap::new();
+    let rows = findings.iter_mut().filter_map(|finding| finding.content.contrast_mut()).flatten();
+    for row in rows {
+        families.entry(row.family.clone()).or_default().push(row);
+    }
+    for rows in families.into_values() {
         let raw: Vec<_> = rows.iter().map(|row| row.contrast.test().map(|test| test.p)).collect();
-        for (row, corrected) in rows.iter_mut().zip(correct(&raw)) {
+        for (row, corrected) in rows.into_iter().zip(correct(&raw)) {
             row.corrected = corrected;
         }
     }

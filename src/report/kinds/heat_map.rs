@@ -1,12 +1,76 @@
-//! A map over two parameters: numbers on colours.
+//! Heat maps over two parameters: numbers on colours.
 
-use super::{FAINT, INK, NOTE, Numbers, TEXT, WIDTH, fitting, rising_title, seeds, text};
-use crate::analyse::declared::{HeatCell, HeatFigure, Scale};
-use crate::report::data_table::shown;
+use super::{Drawn, amount};
+use crate::analyse::declared::{HeatCell, HeatFigure, Scale, heat_range};
+use crate::manifest::short_name;
+use crate::report::data_table::{Cell, DataTable, shown};
+use crate::report::escape::file_stem;
+use crate::report::figure::{
+    FAINT, INK, Looks, NOTE, Numbers, TEXT, WIDTH, fitting, rising_title, seeds, text,
+};
 use crate::report::scene::{
     Anchor, Color, Fill, Mark, Scene, Shape, Stroke, Weight, rectangle, width,
 };
+use crate::report::tables::{between, high, in_unit as cell_in_unit, low};
 use crate::report::words::{metric_title, unit_numbers};
+
+impl Drawn for Vec<HeatFigure> {
+    fn figures(&self, stem: &str, metric: &str, _: &Looks) -> Vec<(String, Scene)> {
+        let range = heat_range(self);
+        let figure = |figure: &HeatFigure| {
+            let panel = file_stem(&format!("{} {}", figure.agent, figure.subject));
+            (format!("{stem}-{panel}"), heat_figure(figure, metric, range))
+        };
+        self.iter().map(figure).collect()
+    }
+
+    fn table(&self, title: &str, metric: &str) -> DataTable {
+        table(title, self, metric)
+    }
+
+    fn shows(&self, metric: &str) -> String {
+        let is_difference = self.first().is_some_and(|map| map.scale == Scale::Difference);
+        let counts = self.iter().flat_map(|map| &map.cells).map(|cell| cell.seeds);
+        format!(
+            "{} of {} ± half of the 95 % interval, {} a cell",
+            if is_difference { "Difference" } else { "Mean" },
+            metric_title(metric),
+            seeds(counts.filter(|n| *n > 0))
+        )
+    }
+
+    fn finds(&self, metric: &str) -> Option<String> {
+        let cells = || {
+            let all = self.iter().flat_map(|map| map.cells.iter().map(move |cell| (map, cell)));
+            all.filter_map(|(map, cell)| Some((map, cell, cell.value.ok()?)))
+        };
+        let (map, cell, most) = cells().max_by(|one, other| one.2.total_cmp(&other.2))?;
+        let least = cells().map(|(_, _, value)| value).fold(most, f64::min);
+        let (all, least, most) = (cells().count(), amount(least, metric), amount(most, metric));
+        if least == most {
+            return Some(format!("It is {most} in every cell"));
+        }
+        let tied = cells().filter(|(_, _, value)| amount(*value, metric) == most).count();
+        let place = match tied {
+            1 => format!(
+                "at {} = {} and {} = {} of {} {}",
+                short_name(&map.x.0),
+                cell.x,
+                short_name(&map.y.0),
+                cell.y,
+                map.agent,
+                map.subject.replace(" - ", " − ")
+            ),
+            tied => format!("in {tied} of {all} cells"),
+        };
+        let range = format!("It goes from {least} to {most}, the most {place}");
+        if map.scale == Scale::Mean {
+            return Some(range);
+        }
+        let beyond = cells().filter(|(_, cell, _)| cell.is_beyond_zero()).count();
+        Some(format!("{range}; {beyond} of {all} intervals leave out 0 (Welch’s t, not corrected)"))
+    }
+}
 
 /// Room on the left beside the rows' values.
 const LEFT: f64 = 26.0;
@@ -16,16 +80,8 @@ const RIGHT: f64 = 8.0;
 const BOTTOM: f64 = 60.0;
 const CELL_HEIGHT: f64 = 44.0;
 
-/// The ends of the colours that all maps of an analysis share: the least and the most of their
-/// values, so that a colour is one number in all of them.
-pub fn heat_range(figures: &[HeatFigure]) -> (f64, f64) {
-    let values = figures.iter().flat_map(|figure| &figure.cells);
-    let values = values.filter_map(|cell| cell.value.ok());
-    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), v| (l.min(v), m.max(v)))
-}
-
 /// A map of one agent, coloured between the ends of its analysis.
-pub fn heat_figure(figure: &HeatFigure, metric: &str, range: (f64, f64)) -> Scene {
+fn heat_figure(figure: &HeatFigure, metric: &str, range: (f64, f64)) -> Scene {
     let (columns, rows) = (&figure.x.1, &figure.y.1);
     let first = left(figure);
     let height = TOP + BOTTOM + CELL_HEIGHT * rows.len() as f64;
@@ -122,14 +178,13 @@ fn cell_marks(
     let spread = cell.interval.ok().map(|interval| (interval.high - interval.low) / 2.0);
     let spread_words = spread.map_or_else(String::new, |half| format!(" ± {}", in_unit(half)));
     let published = cell.published.map(|value| format!("publ. {}", in_unit(value)));
-    let last = |dotted: &str| dotted.rsplit('.').next().unwrap_or(dotted).to_owned();
     let tip = format!(
         "{} {}, {} = {}, {} = {}: {value}{spread_words} (95 %), {}{}",
         figure.agent,
         figure.subject,
-        last(&figure.x.0),
+        short_name(&figure.x.0),
         cell.x,
-        last(&figure.y.0),
+        short_name(&figure.y.0),
         cell.y,
         seeds(std::iter::once(cell.seeds)),
         published.as_ref().map_or_else(String::new, |words| format!("; {words}"))
@@ -199,8 +254,44 @@ fn symbol(dotted: &str) -> String {
         "environment.epsilon_d" => "disengagement increment (epsilon_d)".to_owned(),
         "environment.delta_d" => "disengagement decay (delta_d)".to_owned(),
         "environment.sigma" => "feature noise σ".to_owned(),
-        other => other.rsplit('.').next().unwrap_or(other).to_owned(),
+        other => short_name(other).to_owned(),
     }
+}
+
+fn table(title: &str, figures: &[HeatFigure], metric: &str) -> DataTable {
+    let name = metric_title(metric);
+    let axes = figures.first().map_or(("", ""), |map| (map.x.0.as_str(), map.y.0.as_str()));
+    let (x, y) = (short_name(axes.0), short_name(axes.1));
+    let columns = [
+        ("agent", "Agent"),
+        ("subject", "Subject"),
+        ("y", y),
+        ("x", x),
+        ("seeds", "n"),
+        ("value", name.as_str()),
+        ("interval", "95 % interval"),
+        (".low", ""),
+        (".high", ""),
+        ("published", "Published"),
+    ];
+    let mut table = DataTable::new(title, &columns);
+    for figure in figures {
+        for cell in &figure.cells {
+            table.rows.push(vec![
+                Cell::text(&figure.agent),
+                Cell::text(&figure.subject),
+                Cell::Number { value: cell.y, shown: cell.y.to_string() },
+                Cell::Number { value: cell.x, shown: cell.x.to_string() },
+                Cell::number(cell.seeds as f64, 0),
+                cell_in_unit(cell.value, metric),
+                between(cell.interval, metric),
+                low(cell.interval),
+                high(cell.interval),
+                Cell::published(cell.published.map(|value| cell_in_unit(Ok(value), metric))),
+            ]);
+        }
+    }
+    table
 }
 
 #[cfg(test)]

@@ -4,12 +4,12 @@ use std::collections::HashSet;
 use std::fmt;
 use std::str::FromStr;
 
-use serde_json::{Value, json};
-
-use crate::cli::output::printable;
-use crate::key::Key;
-use crate::manifest::{Section, nearest, parameters};
-use crate::plan::{Job, PlannedJob};
+use super::PlannedJob;
+use super::described::{shown, value_of};
+use crate::agent::Algorithm;
+use crate::env::Scenario;
+use crate::key::{Kind, Parameter, Value};
+use crate::manifest::{self, Section, nearest, parameters, printable, short_name};
 
 /// Values that a message lists before it breaks off.
 const VALUES_SHOWN: usize = 10;
@@ -21,18 +21,21 @@ const LONGEST_COMPARED: usize = 60;
 
 /// Conditions that a job must all meet.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Filter(Vec<Condition>);
+pub struct Filter(Vec<Condition>);
 
+/// A condition with the words it was written in, which messages repeat.
 #[derive(Clone, Debug, PartialEq)]
 struct Condition {
     name: String,
     /// Any of them will do.
     values: Vec<String>,
+    /// `None` if there is no parameter of the name.
+    met: Option<manifest::Condition>,
 }
 
 /// What is wrong with a filter.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub(super) enum FilterError {
+pub enum FilterError {
     /// A part without a name, an equals sign or a value.
     #[error(
         "`{}` is not `name=value`; write for instance agent=dqn,sigma=0.4|0.6,scenario=P-H-D",
@@ -98,7 +101,7 @@ impl FromStr for Filter {
             }
             // As exclusions name it.
             let name = if name.trim() == "agent.name" { "agent" } else { name.trim() };
-            Ok(Condition { name: name.to_owned(), values })
+            Ok(Condition::written(name.to_owned(), values))
         };
         let mut depth = 0usize;
         let parts = text.split(|c| {
@@ -116,20 +119,17 @@ impl FromStr for Filter {
 
 impl Filter {
     /// Whether the job meets every condition.
-    pub(super) fn meets(&self, planned: &PlannedJob) -> bool {
+    pub fn meets(&self, planned: &PlannedJob) -> bool {
         self.0.iter().all(|condition| condition.meets(planned))
     }
 
     /// Why none of the jobs meets every condition: the first that none meets together with those
     /// before it.
-    pub(super) fn why_none<I: Iterator<Item = PlannedJob>>(
-        &self,
-        jobs: impl Fn() -> I,
-    ) -> FilterError {
+    pub fn why_none<I: Iterator<Item = PlannedJob>>(&self, jobs: impl Fn() -> I) -> FilterError {
         let known = names();
         let unknown = self.0.iter().find(|condition| !condition.is_known(&known));
         if let Some(Condition { name, .. }) = unknown {
-            let words = known.iter().flat_map(|word| [word.as_str(), last_part(word)]);
+            let words = known.iter().flat_map(|word| [word.as_str(), short_name(word)]);
             let meant = nearest(name, words).map(|word| format!("`{word}`"));
             let known = nearest_names(name, &known);
             return FilterError::Unknown { name: name.clone(), nearest: meant, known };
@@ -142,7 +142,7 @@ impl Filter {
     }
 
     /// What is wrong with a value that no job has, where others of its condition are met.
-    pub(super) fn unmet_alternative<I: Iterator<Item = PlannedJob>>(
+    pub fn unmet_alternative<I: Iterator<Item = PlannedJob>>(
         &self,
         jobs: impl Fn() -> I,
     ) -> Option<FilterError> {
@@ -159,20 +159,23 @@ impl Filter {
 }
 
 impl Condition {
+    /// The condition that is written so; values that no job can have are met by none.
+    fn written(name: String, values: Vec<String>) -> Condition {
+        let met = condition(&name, &values);
+        Condition { name, values, met }
+    }
+
     fn is_known(&self, names: &[String]) -> bool {
-        names.iter().any(|name| *name == self.name || last_part(name) == self.name)
+        names.iter().any(|name| *name == self.name || short_name(name) == self.name)
     }
 
     /// A condition for each of the values.
     fn alternatives(&self) -> impl Iterator<Item = Condition> {
-        let one =
-            |value: &String| Condition { name: self.name.clone(), values: vec![value.clone()] };
-        self.values.iter().map(one)
+        self.values.iter().map(|value| Condition::written(self.name.clone(), vec![value.clone()]))
     }
 
     fn meets(&self, planned: &PlannedJob) -> bool {
-        value_of(&planned.agent, &planned.job, &self.name)
-            .is_some_and(|value| self.values.iter().any(|wanted| allows(&value, wanted)))
+        self.met.as_ref().is_some_and(|condition| condition.is_met_by(planned))
     }
 
     fn value_in(&self, planned: &PlannedJob) -> Option<String> {
@@ -222,9 +225,69 @@ fn names() -> Vec<String> {
     names
 }
 
-/// The last part of a dotted name.
-pub(super) fn last_part(name: &str) -> &str {
-    name.rsplit('.').next().unwrap_or(name)
+/// What a condition of these words asks for; `None` if there is no parameter of the name.
+fn condition(name: &str, written: &[String]) -> Option<manifest::Condition> {
+    fn read<T>(written: &[String], read: impl Fn(&str) -> Option<T>) -> Vec<T> {
+        written.iter().filter_map(|word| read(word)).collect()
+    }
+    if name == "agent" {
+        return Some(manifest::Condition::AgentName(written.to_vec()));
+    }
+    if matches!(name, "algorithm" | "agent.algorithm") {
+        let known = |word: &str| Some(Value::Choice(Algorithm::named(word)?.name()));
+        let values = read(written, known);
+        let parameter = Parameter::Agent("algorithm");
+        return Some(manifest::Condition::Key { parameter, values });
+    }
+    let mut named = parameters().into_iter().filter(|one| {
+        let dotted = one.to_string();
+        dotted == name || short_name(&dotted) == name
+    });
+    Some(match named.next()? {
+        Parameter::Scenario => {
+            manifest::Condition::Scenario(read(written, |word| word.parse::<Scenario>().ok()))
+        }
+        Parameter::Seed => manifest::Condition::Seed(read(written, whole)),
+        parameter @ (Parameter::Environment(key)
+        | Parameter::Agent(key)
+        | Parameter::Evaluation(key)) => {
+            let sections = Section::all().into_iter();
+            let kinds = sections.filter_map(|section| section.find(key).map(|(_, key)| key.kind));
+            let kinds: Vec<Kind> = kinds.collect();
+            let value = |word: &str| kinds.iter().find_map(|kind| value(*kind, word));
+            manifest::Condition::Key { parameter, values: read(written, value) }
+        }
+    })
+}
+
+/// The value of a kind that is written so, in its range or not.
+fn value(kind: Kind, word: &str) -> Option<Value> {
+    let numbers = || serde_json::from_str::<Vec<f64>>(word).ok();
+    match kind {
+        Kind::Real { .. } | Kind::PositiveReal { .. } => word.parse().ok().map(Value::Real),
+        Kind::Integer { .. } => whole(word).map(Value::Integer),
+        Kind::Flag => match word {
+            "true" | "1" => Some(Value::Flag(true)),
+            "false" | "0" => Some(Value::Flag(false)),
+            _ => None,
+        },
+        Kind::Choice(words) => {
+            words.iter().find(|known| **known == word).map(|known| Value::Choice(known))
+        }
+        Kind::RealPair { .. } => numbers()?.try_into().ok().map(Value::RealPair),
+        Kind::Widths { .. } => {
+            let width = |number: f64| whole(&number.to_string())?.try_into().ok();
+            numbers()?.into_iter().map(width).collect::<Option<_>>().map(Value::Widths)
+        }
+    }
+}
+
+/// The whole number that is written so, such as `64` or `64.0`.
+fn whole(word: &str) -> Option<u64> {
+    // As numbers with a fraction, larger ones would be equal to their neighbours.
+    const END: f64 = (1_u64 << f64::MANTISSA_DIGITS) as f64;
+    let real = || word.parse().ok().filter(|x: &f64| x.fract() == 0.0 && (0.0..END).contains(x));
+    word.parse().ok().or_else(|| real().map(|x| x as u64))
 }
 
 /// The names nearest to one that there is not, nearest first.
@@ -233,70 +296,12 @@ fn nearest_names(name: &str, known: &[String]) -> String {
     let name: String = name.chars().take(LONGEST_COMPARED).collect();
     let distance = |word: &str| strsim::damerau_levenshtein(&name, word);
     let mut known: Vec<&str> = known.iter().map(String::as_str).collect();
-    known.sort_by_cached_key(|word| match last_part(word) {
+    known.sort_by_cached_key(|word| match short_name(word) {
         part if part == *word => distance(word),
         part => distance(word).min(distance(part)),
     });
     known.truncate(NAMES_SHOWN);
     known.join(", ")
-}
-
-/// The value that a job of this agent has of the parameter of this name; `None` if it has none.
-pub(super) fn value_of(agent: &str, job: &Job, name: &str) -> Option<Value> {
-    let (section, key) = match name.split_once('.') {
-        Some((section, key)) => (Some(section), key),
-        None => (None, name),
-    };
-    let is_in = |known: Section, key: &str| {
-        let (_, Key { name, .. }) = known.find(key)?;
-        section.is_none_or(|section| section == known.name()).then(|| known.parameter(name))
-    };
-    match (section, key) {
-        (None, "agent") => Some(json!(agent)),
-        (None, "scenario") => Some(json!(job.scenario.to_string())),
-        (None, "seed") => Some(json!(job.seed)),
-        (None | Some("agent"), "algorithm") => Some(json!(job.algorithm())),
-        _ => {
-            let agent = Section::Agent(job.agent.algorithm());
-            let sections = [agent, Section::Environment, Section::Evaluation];
-            let known = sections.into_iter().find_map(|section| is_in(section, key))?;
-            job.value(known).map(|value| json!(value))
-        }
-    }
-}
-
-/// Whether the value is the one that was written.
-fn allows(value: &Value, wanted: &str) -> bool {
-    match value {
-        Value::String(text) => text == wanted,
-        Value::Bool(flag) => {
-            matches!((flag, wanted), (true, "true" | "1") | (false, "false" | "0"))
-        }
-        Value::Number(number) => match (number.as_u64(), wanted.parse::<u64>()) {
-            // As numbers with a fraction, large whole ones would be equal to their neighbours.
-            (Some(whole), Ok(wanted)) => whole == wanted,
-            (_, _) => wanted.parse().ok() == number.as_f64() && exact(number),
-        },
-        Value::Array(_) => {
-            let numbers = |text: &str| serde_json::from_str::<Vec<f64>>(text).ok();
-            numbers(&value.to_string()) == numbers(wanted)
-        }
-        Value::Null | Value::Object(_) => false,
-    }
-}
-
-/// Whether the number is the same as one with a fraction.
-fn exact(number: &serde_json::Number) -> bool {
-    const END: u64 = 1 << f64::MANTISSA_DIGITS;
-    number.as_u64().is_none_or(|whole| whole < END)
-}
-
-/// The value as a filter writes it.
-pub(super) fn shown(value: &Value) -> String {
-    match value {
-        Value::String(text) => text.clone(),
-        other => other.to_string(),
-    }
 }
 
 /// The value that comes nearest: the number, or the text if one is near enough to be meant.

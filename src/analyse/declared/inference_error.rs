@@ -1,8 +1,7 @@
 //! How often the most likely context is wrong.
 
-use statrs::function::erf::erfc;
-
 use super::arm::distinct;
+use crate::env::inference_error;
 use crate::manifest::Published;
 use crate::record::JobRecord;
 
@@ -31,12 +30,15 @@ pub struct ErrorPoint {
     pub runs: usize,
 }
 
-/// Phi(-1 / (2 sigma)): the rate at which the most likely context is wrong, 0 at sigma = 0.
-///
-/// **Source**: Karine et al., 2023, section 3.1: x is normal around its context, 0 or 1, so the
-/// more probable context is the nearer one.
-pub fn inference_error(sigma: f64) -> f64 {
-    if sigma <= 0.0 { 0.0 } else { 0.5 * erfc(1.0 / (2.0 * sigma) / std::f64::consts::SQRT_2) }
+impl ErrorFigure {
+    /// The published rate that is furthest from the exact one: its sigma, and how much it is higher.
+    pub fn furthest_published(&self) -> Option<(f64, f64)> {
+        let gaps = self.published.iter().filter_map(|(sigma, rate)| {
+            let point = self.points.iter().find(|point| point.sigma == *sigma)?;
+            Some((*sigma, rate - point.exact))
+        });
+        gaps.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()))
+    }
 }
 
 /// The error at every sigma of the jobs.
@@ -62,24 +64,5 @@ pub fn figure(jobs: &[&JobRecord], published: Option<&Published>) -> ErrorFigure
         published: errors.map_or_else(Vec::new, |errors| {
             errors.sigma.iter().copied().zip(errors.reported.iter().copied()).collect()
         }),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_error_is_that_of_the_normal_distribution() {
-        // scipy.stats.norm.cdf(-1 / (2 * sigma))
-        for (sigma, expected) in [
-            (0.4, 0.10564977366685535),
-            (0.6, 0.20232838096364308),
-            (1.0, 0.3085375387259869),
-            (2.0, 0.4012936743170763),
-        ] {
-            assert!((inference_error(sigma) - expected).abs() < 1e-9, "{sigma}");
-        }
-        assert_eq!(inference_error(0.0), 0.0);
     }
 }

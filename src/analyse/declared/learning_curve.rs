@@ -1,8 +1,33 @@
 //! Learning curves: a moving mean over training episodes, over the seeds.
 
-use super::arm::{Name, groups};
+use super::arm::{ArmId, arms};
 use crate::analyse::{Interval, mean_interval, moving_mean};
 use crate::record::{JobRecord, Setting};
+
+/// Learning curves, a panel a scenario.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LearningFigure {
+    /// Training episodes of the moving mean.
+    pub window: u32,
+    /// The panels, in the manifest's order.
+    pub panels: Vec<LearningPanel>,
+}
+
+impl LearningFigure {
+    /// The lines of all panels.
+    pub fn lines(&self) -> impl Iterator<Item = &LearningLine> {
+        self.panels.iter().flat_map(|panel| &panel.lines)
+    }
+
+    /// The line whose last point is highest, with its mean and interval there.
+    pub fn highest_end(&self) -> Option<(&LearningLine, f64, Option<Interval>)> {
+        let ends = self.lines().filter_map(|line| {
+            let (_, mean, interval) = *line.points.last()?;
+            Some((line, mean, interval))
+        });
+        ends.max_by(|one, other| one.1.total_cmp(&other.1))
+    }
+}
 
 /// The learning curves of one scenario.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,7 +42,7 @@ pub struct LearningPanel {
 #[derive(Clone, Debug, PartialEq)]
 pub struct LearningLine {
     /// The arm.
-    pub name: Name,
+    pub name: ArmId,
     /// Seeds completed, and of how many.
     pub seeds: (usize, usize),
     /// The best mean return that any policy can reach, where it is known.
@@ -26,13 +51,13 @@ pub struct LearningLine {
     pub points: Vec<(u32, f64, Option<Interval>)>,
 }
 
-/// A panel a scenario, in the manifest's order. Where seeds end at different episodes, a line goes
+/// The learning curves of the jobs. Where seeds end at different episodes, a line goes
 /// as far as all of them do. Rules, which learn nothing, have none.
-pub fn panels(window: u32, jobs: &[&JobRecord]) -> Vec<LearningPanel> {
+pub fn figure(window: u32, jobs: &[&JobRecord]) -> LearningFigure {
     let mut panels: Vec<LearningPanel> = Vec::new();
     let is_rule = |job: &JobRecord| matches!(job.setting("agent.algorithm"), Some(Setting::Text(name)) if name == "rule");
     let learners: Vec<&JobRecord> = jobs.iter().filter(|job| !is_rule(job)).copied().collect();
-    for group in groups(&learners, &[]) {
+    for group in arms(&learners, &[]) {
         let curves: Vec<Vec<(u32, f64)>> = group
             .jobs
             .iter()
@@ -55,7 +80,7 @@ pub fn panels(window: u32, jobs: &[&JobRecord]) -> Vec<LearningPanel> {
             }
         }
     }
-    panels
+    LearningFigure { window, panels }
 }
 
 fn over_seeds(curves: &[Vec<(u32, f64)>]) -> Vec<(u32, f64, Option<Interval>)> {

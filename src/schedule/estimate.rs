@@ -4,10 +4,11 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use crate::plan::Job;
+use crate::store::{Reader, StoreError};
 
 /// Measured speed of training, by algorithm.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Speeds(BTreeMap<String, Speed>);
+pub struct Speeds(BTreeMap<String, Speed>);
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Speed {
@@ -16,20 +17,31 @@ struct Speed {
 }
 
 impl Speeds {
+    /// The speeds of the runs in a store.
+    pub fn of(reader: &Reader) -> Result<Speeds, StoreError> {
+        let mut speeds = Speeds::default();
+        for pace in reader.paces()? {
+            // One episode's worth: what this sweep measures soon outweighs it.
+            let wall = Duration::try_from_secs_f64(pace.seconds_per_episode).unwrap_or_default();
+            speeds.add(&pace.algorithm, 1, wall);
+        }
+        Ok(speeds)
+    }
+
     /// Adds the time that so many training episodes of an algorithm took.
-    pub(super) fn add(&mut self, algorithm: &str, episodes: u64, wall: Duration) {
+    pub fn add(&mut self, algorithm: &str, episodes: u64, wall: Duration) {
         let speed = self.0.entry(algorithm.to_owned()).or_default();
         speed.seconds += wall.as_secs_f64();
         speed.episodes += episodes as f64;
     }
 
     /// Seconds of work in all that is left; `None` if some algorithm of it has not been timed.
-    pub(super) fn seconds(&self, left: &Episodes) -> Option<f64> {
+    pub fn seconds(&self, left: &Episodes) -> Option<f64> {
         self.estimate(left).whole()
     }
 
     /// The work in what is left, as far as its algorithms have been timed.
-    pub(super) fn estimate(&self, left: &Episodes) -> Estimate {
+    pub fn estimate(&self, left: &Episodes) -> Estimate {
         let mut estimate = Estimate { seconds: 0.0, untimed: Vec::new() };
         for (algorithm, episodes) in left.0.iter().filter(|(_, episodes)| **episodes > 0) {
             match self.0.get(algorithm).filter(|speed| speed.episodes > 0.0) {
@@ -45,7 +57,7 @@ impl Speeds {
 
 /// How long something takes.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Estimate {
+pub struct Estimate {
     /// Seconds, of the algorithms that have been timed.
     pub seconds: f64,
     /// The algorithms that have not been.
@@ -54,23 +66,23 @@ pub(super) struct Estimate {
 
 impl Estimate {
     /// Whether it is of all algorithms.
-    pub(super) fn is_whole(&self) -> bool {
+    pub fn is_whole(&self) -> bool {
         self.untimed.is_empty()
     }
 
     /// The seconds, if they are of all algorithms.
-    pub(super) fn whole(&self) -> Option<f64> {
+    pub fn whole(&self) -> Option<f64> {
         self.is_whole().then_some(self.seconds)
     }
 
     /// The time when so many workers share it.
-    pub(super) fn shared_by(self, workers: usize) -> Estimate {
+    pub fn shared_by(self, workers: usize) -> Estimate {
         Estimate { seconds: self.seconds / workers.max(1) as f64, ..self }
     }
 
     /// `about 5 s` or, where there is more to it, `at least 5 s`; nothing if nothing is known, and
     /// never at least nothing.
-    pub(super) fn spoken(&self) -> Option<String> {
+    pub fn spoken(&self) -> Option<String> {
         let (about, least) = if self.is_whole() { ("about", 0.0) } else { ("at least", 0.5) };
         (self.seconds > least).then(|| format!("{about} {}", spoken(self.seconds)))
     }
@@ -78,11 +90,11 @@ impl Estimate {
 
 /// Training episodes still to do, by algorithm.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Episodes(BTreeMap<String, u64>);
+pub struct Episodes(BTreeMap<String, u64>);
 
 impl Episodes {
     /// Counts so many episodes of an algorithm in.
-    pub(super) fn add(&mut self, algorithm: &str, episodes: u64) {
+    pub fn add(&mut self, algorithm: &str, episodes: u64) {
         match self.0.get_mut(algorithm) {
             Some(left) => *left += episodes,
             None => drop(self.0.insert(algorithm.to_owned(), episodes)),
@@ -90,7 +102,7 @@ impl Episodes {
     }
 
     /// Takes a job's episodes out again.
-    pub(super) fn remove(&mut self, job: &Job) {
+    pub fn remove(&mut self, job: &Job) {
         let left = self.0.entry(job.algorithm().to_owned()).or_default();
         *left = left.saturating_sub(u64::from(job.agent.episodes()));
     }

@@ -4,14 +4,12 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::time::Duration;
 
-use crate::cli::Error;
-use crate::cli::filter::Filter;
+use super::Queued;
 use crate::manifest::Manifest;
-use crate::plan::{self, PlannedJob};
-use crate::schedule::Queued;
+use crate::plan::{self, Filter, FilterError, PlannedJob};
 
 /// Jobs of manifests, at least one.
-pub(super) struct Selection<'a> {
+pub struct Selection<'a> {
     manifests: &'a [Manifest],
     filter: Option<&'a Filter>,
 }
@@ -21,41 +19,38 @@ impl<'a> Selection<'a> {
     ///
     /// **Errors**: no job does, or no job has one of the values; the message says which condition
     /// is at fault.
-    pub(super) fn new(
-        manifests: &'a [Manifest],
-        filter: Option<&'a Filter>,
-    ) -> Result<Self, Error> {
+    pub fn new(manifests: &'a [Manifest], filter: Option<&'a Filter>) -> Result<Self, FilterError> {
         if let Some(filter) = filter {
             let jobs = || manifests.iter().flat_map(plan::jobs);
             if !jobs().any(|planned| filter.meets(&planned)) {
-                return Err(Error::Usage(filter.why_none(jobs).to_string()));
+                return Err(filter.why_none(jobs));
             }
             if let Some(unmet) = filter.unmet_alternative(jobs) {
-                return Err(Error::Usage(unmet.to_string()));
+                return Err(unmet);
             }
         }
         Ok(Selection { manifests, filter })
     }
 
     /// The manifests.
-    pub(super) fn manifests(&self) -> &'a [Manifest] {
+    pub fn manifests(&self) -> &'a [Manifest] {
         self.manifests
     }
 
     /// Whether some jobs may have been left out.
-    pub(super) fn is_filtered(&self) -> bool {
+    pub fn is_filtered(&self) -> bool {
         self.filter.is_some()
     }
 
     /// The jobs of one of the manifests, one at a time; agents of equal content repeat theirs.
-    pub(super) fn jobs(&self, manifest: &'a Manifest) -> impl Iterator<Item = PlannedJob> + 'a {
+    pub fn jobs(&self, manifest: &'a Manifest) -> impl Iterator<Item = PlannedJob> + 'a {
         let filter = self.filter;
         plan::jobs(manifest).filter(move |job| filter.is_none_or(|filter| filter.meets(job)))
     }
 
     /// The jobs of all the manifests, none twice. Of several time limits of a job, that of the most
     /// patient manifest holds.
-    pub(super) fn queue(&self) -> Vec<Queued> {
+    pub fn queue(&self) -> Vec<Queued> {
         let mut queue: Vec<Queued> = Vec::new();
         let mut places = HashMap::new();
         for manifest in self.manifests {

@@ -1,15 +1,68 @@
-//! Shares of actions by the probability of context 0: a stack a bin.
+//! Choices of action: shares by the probability of context 0, a stack a bin.
 
-use super::look::arm_label;
-use super::{FAINT, INK, NOTE, TEXT, WIDTH, fitting, seeds, text};
-use crate::analyse::declared::{ActionPanel, BinShares};
-use crate::report::data_table::shown;
+use super::Drawn;
+use crate::analyse::declared::{ActionPanel, ArmId, BinShares};
+use crate::analyse::quantile;
+use crate::report::data_table::{Cell, DataTable, shown};
+use crate::report::figure::{
+    FAINT, INK, Looks, NOTE, TEXT, WIDTH, arm_label, fitting, rising_title, seeds, text,
+};
 use crate::report::scene::{
     Anchor, Color, Fill, Mark, Scene, Shape, Stroke, Weight, rectangle, width,
 };
+use crate::report::tables::{between, high, in_unit, low, no_interval};
+
+/// Panels that a figure has at most, one below the other.
+const PANELS: usize = 12;
+
+impl Drawn for Vec<ActionPanel> {
+    fn figures(&self, stem: &str, _: &str, _: &Looks) -> Vec<(String, Scene)> {
+        let figure = |(at, panels): (usize, &[ActionPanel])| {
+            let stem = match at {
+                0 => stem.to_owned(),
+                at => format!("{stem}-part-{}", at + 1),
+            };
+            (stem, action_figure(panels))
+        };
+        self.chunks(PANELS).enumerate().map(figure).collect()
+    }
+
+    fn table(&self, title: &str, _: &str) -> DataTable {
+        table(title, self)
+    }
+
+    fn shows(&self, _: &str) -> String {
+        format!(
+            "Shares of the four actions in the tests by the inferred probability of context 0: means \
+             over {}, with 95 % intervals in the table",
+            seeds(self.iter().map(|panel| panel.seeds.0))
+        )
+    }
+
+    fn finds(&self, _: &str) -> Option<String> {
+        let range = |bin: fn(&ActionPanel) -> usize| {
+            let shares = || self.iter().filter_map(|panel| panel.tailored(bin(panel)));
+            let (least, most) = (shares().reduce(f64::min)?, shares().reduce(f64::max)?);
+            let [least, most] = [least, most].map(|share| shown(share * 100.0, 0));
+            Some(if least == most { format!("{most} %") } else { format!("{least} to {most} %") })
+        };
+        let (likely, unsure) = (range(|_| 0)?, range(|panel| panel.bins.len() / 2)?);
+        let bin = self.first().map(|panel| &panel.bins[panel.bins.len() / 2])?;
+        Some(format!(
+            "{likely} of the actions are tailored where context 1 is likely, and {unsure} where the \
+             probability is {} to {} (means, without a test)",
+            shown(bin.low, 1),
+            shown(bin.high, 1)
+        ))
+    }
+
+    fn arms(&self) -> Vec<&ArmId> {
+        self.iter().map(|panel| &panel.name).collect()
+    }
+}
 
 /// Colours and meanings of the actions, which are no arms.
-pub const ACTIONS: [(Color, &str); 4] = [
+const ACTIONS: [(Color, &str); 4] = [
     (Color(200, 200, 200), "0 none"),
     (Color(240, 228, 66), "1 untailored"),
     (Color(86, 180, 233), "2 for context 0"),
@@ -24,7 +77,7 @@ const STACK: f64 = 82.0;
 const BOTTOM: f64 = 34.0;
 
 /// The panels of an analysis, one below the other.
-pub fn action_figure(panels: &[ActionPanel]) -> Scene {
+fn action_figure(panels: &[ActionPanel]) -> Scene {
     let height = TOP + PANEL * panels.len() as f64 + BOTTOM;
     let mut marks = legend();
     for (at, panel) in panels.iter().enumerate() {
@@ -59,20 +112,13 @@ fn half_width_words(panels: &[ActionPanel]) -> String {
         half if half >= 1.0 => "100 or more".to_owned(),
         half => shown(half * 100.0, 0),
     };
-    let middle = halves.len() / 2;
-    match halves.as_slice() {
-        [] => String::new(),
-        [.., most] => {
-            let median = match halves.len() % 2 {
-                0 => (halves[middle - 1] + halves[middle]) / 2.0,
-                _ => halves[middle],
-            };
-            format!(
-                "; 95 % half-width of labelled ones: median {}, largest {} points",
-                words(median),
-                words(*most)
-            )
-        }
+    match (quantile(&halves, 0.5), halves.last()) {
+        (Ok(median), Some(most)) => format!(
+            "; 95 % half-width of labelled ones: median {}, largest {} points",
+            words(median),
+            words(*most)
+        ),
+        _ => String::new(),
     }
 }
 
@@ -102,6 +148,8 @@ fn panel_marks(panel: &ActionPanel, top: f64) -> Vec<Mark> {
         vec![text((LEFT, top + 11.0), &label, (TEXT, Weight::SemiBold), INK, Anchor::Start).into()];
     let slot = (WIDTH - LEFT - RIGHT) / panel.bins.len().max(1) as f64;
     let base = top + 16.0 + STACK;
+    let middle = (10.0, base - STACK / 2.0);
+    marks.push(rising_title(middle, "share, %".to_owned(), STACK).into());
     for (share, words) in [(0.0, "0"), (0.5, "50"), (1.0, "100")] {
         let at = (LEFT - 3.0, base - share * STACK + 3.0);
         marks.push(text(at, words, plain, FAINT, Anchor::End).into());
@@ -156,18 +204,53 @@ fn stack(bin: &BinShares, label: &str, (left, base, width): (f64, f64, f64)) -> 
     marks
 }
 
+fn table(title: &str, panels: &[ActionPanel]) -> DataTable {
+    let columns = [
+        ("arm", "Arm"),
+        ("p_low", "p from"),
+        ("p_high", "to"),
+        ("action", "Action"),
+        ("share", "Share, %"),
+        ("interval", "95 % interval, %"),
+        (".low", ""),
+        (".high", ""),
+        ("seeds", "n"),
+        ("steps", "Test steps"),
+    ];
+    let mut table = DataTable::new(title, &columns);
+    for panel in panels {
+        for bin in &panel.bins {
+            for (action, (share, interval)) in bin.shares.iter().flatten().enumerate() {
+                let interval = interval.ok_or(no_interval(bin.seeds));
+                table.rows.push(vec![
+                    Cell::text(arm_label(&panel.name)),
+                    Cell::number(bin.low, 1),
+                    Cell::number(bin.high, 1),
+                    Cell::number(action as f64, 0),
+                    in_unit(Ok(*share), "message_rate"),
+                    between(interval, "message_rate"),
+                    low(interval),
+                    high(interval),
+                    Cell::number(bin.seeds as f64, 0),
+                    Cell::number(bin.steps as f64, 0),
+                ]);
+            }
+        }
+    }
+    table
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::analyse::Interval;
-    use crate::analyse::declared::Name;
 
     fn panel(shares: [(f64, Option<f64>); 4]) -> ActionPanel {
         let interval = |(share, half): (f64, Option<f64>)| {
             (share, half.map(|half| Interval { low: share - half, high: share + half }))
         };
         let shares = Some(shares.map(interval));
-        let name = Name { agent: "dqn".into(), scenario: "L-H-D".into(), settings: Vec::new() };
+        let name = ArmId { agent: "dqn".into(), scenario: "L-H-D".into(), settings: Vec::new() };
         let bins = vec![BinShares { low: 0.0, high: 1.0, steps: 9, seeds: 3, shares }];
         ActionPanel { name, seeds: (3, 3), bins }
     }

@@ -1,0 +1,262 @@
+//! A metric along a parameter.
+
+use super::arm::{ArmId, arms, distinct};
+use crate::analyse::{Sample, Undefined, welch_t_test};
+use crate::env::inference_error;
+use crate::manifest::{CurveAxis, ERROR_AXIS, Published};
+use crate::record::JobRecord;
+
+/// Lines along one axis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CurveFigure {
+    /// What the horizontal axis shows: `context_inference_error` or a dotted name.
+    pub axis: String,
+    /// The lines.
+    pub lines: Vec<CurveLine>,
+}
+
+/// An arm along the axis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CurveLine {
+    /// The arm; the axis' parameter is not among its settings.
+    pub name: ArmId,
+    /// Its points, by x.
+    pub points: Vec<CurvePoint>,
+    /// The best mean return that any policy can reach, x and value; empty if it is not known, or
+    /// the line shows another metric.
+    pub optimum: Vec<(f64, f64)>,
+    /// The published line, x and value; empty if there is none.
+    pub published: Vec<(f64, f64)>,
+}
+
+/// A point of a line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CurvePoint {
+    /// Where it stands on the axis.
+    pub x: f64,
+    /// The value of the axis' parameter.
+    pub parameter: f64,
+    /// The metric of its seeds.
+    pub sample: Sample,
+}
+
+/// Below this, a corrected p value counts as a finding.
+pub const ALPHA: f64 = 0.05;
+
+/// What can be said of two means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Apart {
+    /// They differ by more than chance.
+    Surely,
+    /// Chance makes such differences.
+    Perhaps,
+    /// There are too few seeds for a test.
+    Untested,
+}
+
+impl Apart {
+    /// Whether two means differ, as one of so many pairs: by Welch's t, with Bonferroni's
+    /// correction. Means of seeds that are all alike differ if they are not the same.
+    fn of(one: &Sample, other: &Sample, pairs: usize) -> Apart {
+        match welch_t_test(one.values(), other.values()) {
+            Ok(test) if test.p * (pairs as f64) < ALPHA => Apart::Surely,
+            Err(Undefined::NoVariance) if one.mean() != other.mean() => Apart::Surely,
+            Ok(_) | Err(Undefined::NoVariance) => Apart::Perhaps,
+            Err(_) => Apart::Untested,
+        }
+    }
+}
+
+/// How lines go from their first to their last point.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Trends {
+    /// Lines with a point.
+    pub lines: usize,
+    /// Lines that fall by more than chance.
+    pub falls: usize,
+    /// Lines that rise by more than chance.
+    pub rises: usize,
+}
+
+/// The ends of a line.
+#[derive(Clone, Copy, Debug)]
+pub struct Ends<'l> {
+    /// The first point that has a mean, with it.
+    pub first: (&'l CurvePoint, f64),
+    /// The last one.
+    pub last: (&'l CurvePoint, f64),
+    /// Whether the means differ.
+    pub apart: Apart,
+}
+
+impl CurveLine {
+    /// The first and the last point that have a mean, as one of so many pairs.
+    pub fn ends(&self, pairs: usize) -> Option<Ends<'_>> {
+        let mut seen =
+            self.points.iter().filter_map(|point| Some((point, point.sample.mean().ok()?)));
+        let first = seen.next()?;
+        let last = seen.next_back().unwrap_or(first);
+        let apart = Apart::of(&first.0.sample, &last.0.sample, pairs);
+        Some(Ends { first, last, apart })
+    }
+
+    /// The best mean return that any policy can reach at a place of the axis, if it is known.
+    pub fn optimum_at(&self, x: f64) -> Option<f64> {
+        self.optimum.iter().find(|(at, _)| *at == x).map(|(_, best)| *best)
+    }
+}
+
+impl CurveFigure {
+    /// Whether the axis shows the context inference error.
+    pub fn is_error(&self) -> bool {
+        self.axis == ERROR_AXIS
+    }
+
+    /// How many lines fall and rise beyond chance, each as one of all lines; `None` without points.
+    pub fn trends(&self) -> Option<Trends> {
+        let pairs = self.lines.len();
+        let mut trends = Trends::default();
+        for Ends { first: (_, start), last: (_, end), apart } in
+            self.lines.iter().filter_map(|line| line.ends(pairs))
+        {
+            trends.lines += 1;
+            trends.falls += usize::from(apart == Apart::Surely && end < start);
+            trends.rises += usize::from(apart == Apart::Surely && end > start);
+        }
+        (trends.lines > 0).then_some(trends)
+    }
+
+    /// Where two lines are furthest apart: the point of the first line, the difference of the means
+    /// and whether it is beyond chance, as one of all points; of those beyond chance, if any are.
+    pub fn widest_gap(&self) -> Option<(&CurvePoint, f64, Apart)> {
+        let [first, second] = self.lines.as_slice() else { return None };
+        let pairs = first.points.len();
+        let gaps = first.points.iter().filter_map(|point| {
+            let other = second.points.iter().find(|other| other.x == point.x)?;
+            let gap = point.sample.mean().ok()? - other.sample.mean().ok()?;
+            Some((point, gap, Apart::of(&point.sample, &other.sample, pairs)))
+        });
+        let rank = |(_, gap, apart): &(&CurvePoint, f64, Apart)| {
+            let certainty = match apart {
+                Apart::Surely => 2,
+                Apart::Perhaps => 1,
+                Apart::Untested => 0,
+            };
+            (certainty, gap.abs())
+        };
+        gaps.max_by(|one, other| {
+            let (one, other) = (rank(one), rank(other));
+            one.0.cmp(&other.0).then(one.1.total_cmp(&other.1))
+        })
+    }
+}
+
+/// The lines of the jobs.
+pub fn figure(
+    axis: CurveAxis,
+    metric: &str,
+    jobs: &[&JobRecord],
+    published: Option<&Published>,
+) -> CurveFigure {
+    let (label, parameter) = match axis {
+        CurveAxis::ContextInferenceError => (ERROR_AXIS.to_owned(), "environment.sigma".to_owned()),
+        CurveAxis::Swept(parameter) => (parameter.to_string(), parameter.to_string()),
+    };
+    let place = |value: f64| match axis {
+        CurveAxis::ContextInferenceError => inference_error(value),
+        CurveAxis::Swept(_) => value,
+    };
+    let lines = arms(jobs, &[&parameter]).into_iter().map(|group| {
+        let numbers = group.jobs.iter().filter_map(|job| job.number(&parameter)).collect();
+        let mut optimum = Vec::new();
+        let points = distinct(numbers).into_iter().map(|value| {
+            let here = |job: &&&JobRecord| job.number(&parameter) == Some(value);
+            let jobs = group.jobs.iter().filter(here).copied().collect();
+            let name = group.name.clone();
+            let here = super::Arm { name, jobs };
+            let best = here.optimum().filter(|_| metric == "mean_return");
+            optimum.extend(best.map(|best| (place(value), best)));
+            CurvePoint { x: place(value), parameter: value, sample: here.sample(metric) }
+        });
+        let points = points.collect();
+        let comparable = parameter == "environment.sigma" && metric == "mean_return";
+        let published = published.filter(|_| comparable && group.name.settings.is_empty());
+        let line = published
+            .into_iter()
+            .flat_map(|published| &published.curves)
+            .find(|curve| curve.agent == group.name.agent && curve.scenario == group.name.scenario);
+        CurveLine {
+            points,
+            optimum,
+            published: line.map_or_else(Vec::new, |line| {
+                let points = line.sigma.iter().zip(&line.mean_return);
+                points.map(|(sigma, value)| (place(*sigma), *value)).collect()
+            }),
+            name: group.name,
+        }
+    });
+    CurveFigure { axis: label, lines: lines.collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A line of an arm, with three seeds at 1, 2 and so on: a mean, and how far the other two
+    /// seeds are from it.
+    fn line(points: &[(f64, f64)]) -> CurveLine {
+        let point = |(x, (mean, spread)): (f64, &(f64, f64))| {
+            let values = [(1, *mean), (2, mean - spread), (3, mean + spread)];
+            CurvePoint { x, parameter: x, sample: Sample::new(values, 0, 0).unwrap() }
+        };
+        CurveLine {
+            name: ArmId { agent: "dqn".into(), scenario: String::new(), settings: Vec::new() },
+            points: (1..).map(f64::from).zip(points).map(point).collect(),
+            optimum: Vec::new(),
+            published: Vec::new(),
+        }
+    }
+
+    fn figure(lines: Vec<CurveLine>) -> CurveFigure {
+        CurveFigure { axis: "environment.sigma".into(), lines }
+    }
+
+    #[test]
+    fn a_difference_counts_for_less_the_more_pairs_are_looked_at() {
+        // t is 5.0 with 4 degrees of freedom: p is 0.0075.
+        let line = line(&[(20.0, 9.0), (56.742, 9.0)]);
+        assert_eq!(line.ends(6).unwrap().apart, Apart::Surely);
+        assert_eq!(line.ends(7).unwrap().apart, Apart::Perhaps);
+    }
+
+    #[test]
+    fn lines_rise_and_fall_beyond_chance_alone() {
+        let mut one_seed = line(&[(20.0, 1.0), (90.0, 1.0)]);
+        one_seed.points[1].sample = Sample::new([(1, 90.0)], 0, 2).unwrap();
+        assert_eq!(one_seed.ends(1).unwrap().apart, Apart::Untested);
+        let lines = vec![
+            line(&[(90.0, 1.0), (50.0, 1.0), (20.0, 1.0)]),
+            line(&[(20.0, 1.0), (90.0, 1.0)]),
+            line(&[(20.0, 90.0), (30.0, 90.0)]),
+            // Without a spread, every difference counts.
+            line(&[(50.0, 0.0), (55.0, 0.0)]),
+            line(&[(50.0, 0.0), (50.0, 0.0)]),
+            one_seed,
+            line(&[]),
+        ];
+        let trends = figure(lines).trends();
+        assert_eq!(trends, Some(Trends { lines: 6, falls: 1, rises: 2 }));
+        assert_eq!(figure(Vec::new()).trends(), None);
+    }
+
+    #[test]
+    fn two_lines_are_furthest_apart_where_they_differ_beyond_chance() {
+        let gap = |second: &[(f64, f64)]| {
+            let figure = figure(vec![line(&[(20.0, 1.0), (20.0, 1.0)]), line(second)]);
+            figure.widest_gap().map(|(point, gap, apart)| (point.x, gap, apart)).unwrap()
+        };
+        assert_eq!(gap(&[(20.0, 1.0), (60.0, 1.0)]), (2.0, -40.0, Apart::Surely));
+        assert_eq!(gap(&[(20.0, 1.0), (60.0, 90.0)]), (2.0, -40.0, Apart::Perhaps));
+        assert_eq!(gap(&[(10.0, 1.0), (60.0, 90.0)]), (1.0, 10.0, Apart::Surely));
+    }
+}

@@ -1,0 +1,15 @@
+//! Values as a manifest writes them.
+
+use std::fmt::Display;
+
+/// A list.
+pub(super) fn list(items: &[impl Display]) -> String {
+    let items: Vec<String> = items.iter().map(ToString::to_string).collect();
+    format!("[{}]", items.join(", "))
+}
+
+/// A text as a basic string of TOML.
+pub(super) fn quoted(text: &impl Display) -> String {
+    // JSON and TOML escape alike, but for DEL, which TOML wants escaped.
+    serde_json::Value::String(text.to_string()).to_string().replace('\u{7f}', "\\u007f")
+}

@@ -1,0 +1,43 @@
+//! Optima of many environments and scenarios, several at a time.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc;
+use std::thread;
+
+use super::{NoOptimum, Optimum, optimum};
+use crate::env::{Environment, Scenario};
+
+/// Most optima that are computed at a time: each may take some hundred megabytes.
+const MOST_AT_ONCE: usize = 4;
+
+/// The optimum of each environment and scenario, in their order, on several threads. `watch` gets the
+/// number of optima found so far.
+pub fn several(
+    pairs: &[(&Environment, &Scenario)],
+    mut watch: impl FnMut(usize),
+) -> Vec<Result<Optimum, NoOptimum>> {
+    let cores = thread::available_parallelism().map_or(1, usize::from).min(MOST_AT_ONCE);
+    let next = AtomicUsize::new(0);
+    let (sender, receiver) = mpsc::channel();
+    thread::scope(|scope| {
+        for _ in 0..cores.min(pairs.len()) {
+            let (sender, next) = (sender.clone(), &next);
+            scope.spawn(move || {
+                loop {
+                    let place = next.fetch_add(1, Ordering::Relaxed);
+                    let Some((environment, scenario)) = pairs.get(place) else { break };
+                    let found = (place, optimum(environment, scenario));
+                    sender.send(found).expect("the receiver outlives the threads");
+                }
+            });
+        }
+        drop(sender);
+        let mut found = Vec::with_capacity(pairs.len());
+        for optimum in receiver {
+            found.push(optimum);
+            watch(found.len());
+        }
+        found.sort_by_key(|(place, _)| *place);
+        found.into_iter().map(|(_, best)| best).collect()
+    })
+}

@@ -1,0 +1,63 @@
+//! Jobs by the names of their parameters.
+
+use serde_json::{Value, json};
+
+use super::{Job, PlannedJob};
+use crate::key::{Key, Parameter};
+use crate::manifest::{Described, Section, Setting};
+
+impl Described for PlannedJob {
+    fn agent_name(&self) -> &str {
+        &self.agent
+    }
+
+    fn scenario_name(&self) -> String {
+        self.job.scenario.to_string()
+    }
+
+    fn seed(&self) -> u64 {
+        self.job.seed
+    }
+
+    fn key(&self, parameter: Parameter) -> Option<Setting> {
+        let value = value_of(&self.agent, &self.job, &parameter.to_string())?;
+        Some(match value {
+            Value::Number(number) => Setting::Number(number.as_f64()?),
+            Value::Bool(flag) => Setting::Number(f64::from(u8::from(flag))),
+            Value::String(text) => Setting::Text(text),
+            Value::Null | Value::Array(_) | Value::Object(_) => Setting::Text(value.to_string()),
+        })
+    }
+}
+
+/// The value that a job of this agent has of the parameter of this name; `None` if it has none.
+pub fn value_of(agent: &str, job: &Job, name: &str) -> Option<Value> {
+    let (section, key) = match name.split_once('.') {
+        Some((section, key)) => (Some(section), key),
+        None => (None, name),
+    };
+    let is_in = |known: Section| {
+        let (_, Key { name, .. }) = known.find(key)?;
+        section.is_none_or(|section| section == known.name()).then(|| known.parameter(name))
+    };
+    match (section, key) {
+        (None, "agent") => Some(json!(agent)),
+        (None, "scenario") => Some(json!(job.scenario.to_string())),
+        (None, "seed") => Some(json!(job.seed)),
+        (None | Some("agent"), "algorithm") => Some(json!(job.algorithm())),
+        _ => {
+            let agent = Section::Agent(job.agent.algorithm());
+            let known = [agent, Section::Environment, Section::Evaluation];
+            let parameter = known.into_iter().find_map(is_in)?;
+            job.value(parameter).map(|value| json!(value))
+        }
+    }
+}
+
+/// The value as a filter writes it.
+pub fn shown(value: &Value) -> String {
+    match value {
+        Value::String(text) => text.clone(),
+        other => other.to_string(),
+    }
+}

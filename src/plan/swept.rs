@@ -1,0 +1,98 @@
+//! How people and programs tell the jobs of manifests apart: by agent, scenario, sigma, seed, and
+//! what else varies.
+
+use serde_json::Value;
+
+use super::Job;
+use super::described::{shown, value_of};
+use crate::manifest::{Manifest, Varying, printable, short_name};
+
+/// The further parameters in which the jobs of an agent differ.
+#[derive(Clone, Debug, Default)]
+pub struct Swept(Varying);
+
+impl Swept {
+    /// Those of the jobs of some manifests: swept by one, or set otherwise by another.
+    pub fn of(manifests: &[Manifest]) -> Swept {
+        Swept(Varying::of(manifests).without("environment.sigma"))
+    }
+
+    /// The dotted names, none twice.
+    pub fn names(&self) -> Vec<String> {
+        self.0.names()
+    }
+
+    /// Whether the jobs of an agent differ in a parameter.
+    pub fn is_of(&self, agent: &str, name: &str) -> bool {
+        self.0.of_agent(agent).iter().any(|known| known == name)
+    }
+
+    /// A job's values with their dotted names.
+    fn values(&self, agent: &str, job: &Job) -> impl Iterator<Item = (String, Value)> {
+        let names = self.0.of_agent(agent).iter();
+        names.filter_map(move |name| Some((name.clone(), value_of(agent, job, name)?)))
+    }
+
+    /// A job's values for reading, such as `learning_rate=0.001 batch=32`; empty if there are none.
+    pub fn words(&self, agent: &str, job: &Job) -> String {
+        let values = self.values(agent, job);
+        let words = values.map(|(name, value)| format!("{}={}", short_name(&name), shown(&value)));
+        words.collect::<Vec<_>>().join(" ")
+    }
+
+    /// A job's values as an object for programs.
+    pub fn object(&self, agent: &str, job: &Job) -> Value {
+        self.values(agent, job).collect()
+    }
+
+    /// A job as people tell it from others, such as `dqn P-H-D sigma=0.4 seed=1 batch=32`.
+    pub fn name(&self, agent: &str, job: &Job) -> String {
+        let (scenario, sigma, seed) = (&job.scenario, job.environment.sigma, job.seed);
+        let words = self.words(agent, job);
+        let agent = printable(agent);
+        format!("{agent} {scenario} sigma={sigma} seed={seed} {words}").trim_end().to_owned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{manifest, plan};
+
+    fn manifest(name: &str, delta_d: &str) -> Manifest {
+        let text = format!(
+            "format = 1\nname = \"{name}\"\nscenarios = [\"P-H-D\"]\nseeds = 2\n\
+             environment.sigma = [0.4, 0.6]\nenvironment.delta_d = {delta_d}\n\
+             [[agent]]\nname = \"a\"\nalgorithm = \"dueling_dqn\"\nlearning_rate = [1e-3, 5e-4]\n\
+             [[agent]]\nname = \"b\"\nalgorithm = \"reinforce\"\n"
+        );
+        manifest::parse("test", text.as_bytes()).unwrap()
+    }
+
+    fn words(manifests: &[Manifest]) -> Vec<String> {
+        let swept = Swept::of(manifests);
+        let mut words: Vec<String> = manifests
+            .iter()
+            .flat_map(plan::jobs)
+            .map(|planned| swept.words(&planned.agent, &planned.job))
+            .collect();
+        words.dedup();
+        words
+    }
+
+    #[test]
+    fn an_agent_s_jobs_are_told_apart_by_what_it_sweeps() {
+        let manifest = manifest("one", "0.1");
+        let expected = ["learning_rate=0.001", "learning_rate=0.0005"];
+        assert_eq!(words(&[manifest]), [&expected[..], &expected[..], &[""]].concat());
+    }
+
+    #[test]
+    fn what_manifests_set_otherwise_tells_their_jobs_apart() {
+        let manifests = [manifest("one", "0.1"), manifest("other", "0.2")];
+        assert_eq!(Swept::of(&manifests).names(), ["agent.learning_rate", "environment.delta_d"]);
+        let words = words(&manifests);
+        assert_eq!(words[0], "learning_rate=0.001 delta_d=0.1");
+        assert_eq!(words.last().unwrap(), "delta_d=0.2");
+    }
+}

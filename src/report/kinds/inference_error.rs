@@ -1,0 +1,130 @@
+//! The rate of context inference error along the feature noise.
+
+use super::Drawn;
+use crate::analyse::declared::ErrorFigure;
+use crate::env::inference_error;
+use crate::report::data_table::{Cell, DataTable, shown};
+use crate::report::figure::{
+    Axis, AxisScale, Chart, INK, Line, Look, Looks, Marker, Numbers, PUBLISHED, Place, Spread, draw,
+};
+use crate::report::scene::Scene;
+
+impl Drawn for ErrorFigure {
+    fn figures(&self, stem: &str, _: &str, _: &Looks) -> Vec<(String, Scene)> {
+        vec![(stem.to_owned(), error_figure(self))]
+    }
+
+    fn table(&self, title: &str, _: &str) -> DataTable {
+        table(title, self)
+    }
+
+    fn shows(&self, _: &str) -> String {
+        let runs: usize = self.points.iter().map(|point| point.runs).sum();
+        format!(
+            "Rate at which the most likely context is wrong, exact and over all test steps of n = \
+             {runs} runs"
+        )
+    }
+
+    fn finds(&self, _: &str) -> Option<String> {
+        if let Some((sigma, gap)) = self.furthest_published() {
+            return Some(format!(
+                "The published rates are counts of 1000 draws; the furthest is off by {} points, at σ \
+                 = {sigma}",
+                shown(gap * 100.0, 1)
+            ));
+        }
+        let last = self.points.last()?;
+        let seen = last.seen.map_or_else(String::new, |seen| {
+            format!(" and {} % were seen in {} steps", shown(seen * 100.0, 1), last.steps)
+        });
+        let exact = shown(last.exact * 100.0, 1);
+        Some(format!("At σ = {} it is {exact} %{seen}", last.sigma))
+    }
+}
+
+/// The error of context inference along sigma.
+fn error_figure(figure: &ErrorFigure) -> Scene {
+    const STEPS: usize = 80;
+    let most = figure.points.iter().map(|point| point.sigma).fold(0.1, f64::max);
+    let look = |color, marker| Look { color, dash: None, marker };
+    let exact = (0..=STEPS).map(|at| {
+        let x = most * at as f64 / STEPS as f64;
+        Place { x, y: inference_error(x), interval: None, tip: String::new() }
+    });
+    let seen = figure.points.iter().filter_map(|point| {
+        let y = point.seen?;
+        let tip = format!(
+            "σ = {}: {} % seen in {} test steps of {} runs; exact {} %",
+            point.sigma,
+            shown(y * 100.0, 1),
+            point.steps,
+            point.runs,
+            shown(point.exact * 100.0, 1)
+        );
+        Some(Place { x: point.sigma, y, interval: None, tip })
+    });
+    let reported = figure.published.iter().map(|(sigma, rate)| {
+        let tip = format!("σ = {sigma}: {} % published", shown(rate * 100.0, 1));
+        Place { x: *sigma, y: *rate, interval: None, tip }
+    });
+    let line = |label: &str, look, points: Vec<Place>, spread| Line {
+        label: label.to_owned(),
+        look,
+        points,
+        reference: Vec::new(),
+        spread,
+    };
+    let mut lines = vec![
+        line("Φ(−1/(2σ))", look(INK, Marker::Disc), exact.collect(), Spread::Band),
+        line("seen in tests", look(INK, Marker::Disc), seen.collect(), Spread::Points),
+        line("published", look(PUBLISHED, Marker::Diamond), reported.collect(), Spread::Points),
+    ];
+    lines.retain(|line| !line.points.is_empty());
+    let runs: usize = figure.points.iter().map(|point| point.runs).sum();
+    let drawn = if figure.published.is_empty() { "" } else { "; published: 1000 draws each" };
+    let note = format!("Line: exact. Points: test steps of n = {runs} runs{drawn}.");
+    let description = "context inference error against feature noise".to_owned();
+    draw(&Chart { heading: None, description, axes: error_axes(most), lines, note })
+}
+
+fn error_axes(most: f64) -> (Axis, Axis) {
+    let x = Axis {
+        title: "feature noise σ".to_owned(),
+        range: (0.0, most),
+        scale: AxisScale::Linear,
+        numbers: Numbers::Plain,
+    };
+    let y = Axis {
+        title: "context inference error, %".to_owned(),
+        range: (0.0, 0.5),
+        scale: AxisScale::Linear,
+        numbers: Numbers::Percent,
+    };
+    (x, y)
+}
+
+fn table(title: &str, figure: &ErrorFigure) -> DataTable {
+    let columns = [
+        ("sigma", "σ"),
+        ("exact", "Exact, %"),
+        ("seen", "Seen in tests, %"),
+        ("published", "Published, %"),
+        ("runs", "Runs"),
+        ("steps", "Test steps"),
+    ];
+    let mut table = DataTable::new(title, &columns);
+    let percent = |value: f64| Cell::Number { value, shown: shown(value * 100.0, 1) };
+    for point in &figure.points {
+        let published = figure.published.iter().find(|(sigma, _)| *sigma == point.sigma);
+        table.rows.push(vec![
+            Cell::Number { value: point.sigma, shown: point.sigma.to_string() },
+            percent(point.exact),
+            point.seen.map_or_else(|| Cell::Missing("no completed run".to_owned()), percent),
+            Cell::published(published.map(|(_, rate)| percent(*rate))),
+            Cell::number(point.runs as f64, 0),
+            Cell::number(point.steps as f64, 0),
+        ]);
+    }
+    table
+}

@@ -1,0 +1,93 @@
+//! Selections: settings in the order of a rule.
+
+use super::{Drawn, amount};
+use crate::analyse::Interval;
+use crate::analyse::declared::Chosen;
+use crate::report::data_table::{Cell, DataTable};
+use crate::report::figure::{Looks, arm_label, seeds, settings_label};
+use crate::report::scene::Scene;
+use crate::report::tables::{between, high, in_unit, low};
+use crate::report::words::metric_title;
+
+impl Drawn for Vec<Chosen> {
+    fn figures(&self, _: &str, _: &str, _: &Looks) -> Vec<(String, Scene)> {
+        Vec::new()
+    }
+
+    fn has_figures(&self) -> bool {
+        false
+    }
+
+    fn table(&self, title: &str, metric: &str) -> DataTable {
+        table(title, self, metric)
+    }
+
+    fn shows(&self, metric: &str) -> String {
+        let rule = self.first().map_or_else(String::new, |chosen| chosen.rule.replace('_', " "));
+        let candidates = self.iter().flat_map(|chosen| &chosen.candidates);
+        let counts = candidates.map(|candidate| candidate.sample.n()).filter(|n| *n > 0);
+        format!(
+            "Settings by the {rule} of {}, with the 95 % interval of the mean, {} each",
+            metric_title(metric),
+            seeds(counts)
+        )
+    }
+
+    fn finds(&self, metric: &str) -> Option<String> {
+        // Of a single setting nothing is chosen.
+        let searched: Vec<&Chosen> = self.iter().filter(|one| one.candidates.len() > 1).collect();
+        let [chosen] = searched.as_slice() else {
+            let count = searched.len();
+            return (count > 0)
+                .then(|| format!("The first of each of {count} searches is in the table"));
+        };
+        let best = chosen.candidates.first()?;
+        let mean = amount(best.mean.ok()?, metric);
+        let spread = best.interval.map_or_else(
+            |_| String::new(),
+            |Interval { low, high }| {
+                format!(", 95 % interval {} to {}", amount(low, metric), amount(high, metric))
+            },
+        );
+        Some(format!(
+            "{} does best with {}: {mean} (best of {} settings that have run{spread})",
+            arm_label(&chosen.place),
+            settings_label(&best.settings),
+            chosen.tried()
+        ))
+    }
+
+    fn is_table(&self) -> bool {
+        true
+    }
+}
+
+fn table(title: &str, chosen: &[Chosen], metric: &str) -> DataTable {
+    let name = metric_title(metric);
+    let columns = [
+        ("arm", "Arm"),
+        ("rank", "Rank"),
+        ("settings", "Settings"),
+        ("seeds", "n"),
+        ("mean", name.as_str()),
+        ("interval", "95 % interval"),
+        (".low", ""),
+        (".high", ""),
+    ];
+    let mut table = DataTable::new(title, &columns);
+    for chosen in chosen {
+        for (rank, candidate) in chosen.candidates.iter().enumerate() {
+            table.rows.push(vec![
+                Cell::text(arm_label(&chosen.place)),
+                Cell::number(rank as f64 + 1.0, 0),
+                Cell::text(settings_label(&candidate.settings)),
+                Cell::number(candidate.sample.n() as f64, 0),
+                in_unit(candidate.mean, metric),
+                between(candidate.interval, metric),
+                low(candidate.interval),
+                high(candidate.interval),
+            ]);
+        }
+    }
+    table
+}

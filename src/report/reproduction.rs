@@ -1,0 +1,95 @@
+//! What a comparison with published numbers came to, in sentences.
+
+use super::data_table::shown;
+use crate::analyse::declared::{Distance, Reproduction, Subject};
+
+/// What a comparison with published numbers came to.
+pub fn reproduction(reproduction: &Reproduction) -> Vec<String> {
+    let subjects = [Subject::Effect, Subject::CurvePoint, Subject::HeatCell, Subject::ErrorRate];
+    let counts = subjects.iter().filter_map(|subject| {
+        let (inside, outside, open) = reproduction.counts(*subject);
+        let total = inside + outside + open;
+        let open = match open {
+            0 => String::new(),
+            open => format!(" ({open} without an answer yet)"),
+        };
+        (total > 0).then(|| format!("{inside} of {total} {}s{open}", subject.name()))
+    });
+    let counts: Vec<String> = counts.collect();
+    if counts.is_empty() {
+        return Vec::new();
+    }
+    let mut sentences = vec![format!(
+        "Ours and the published number differ by no more than chance (the joint 95 % interval of \
+         the difference holds 0) for {}.",
+        counts.join(", ")
+    )];
+    let distances = [Subject::CurvePoint, Subject::HeatCell].into_iter().flat_map(|subject| {
+        reproduction.distances(subject).into_iter().map(move |by| distance(subject, &by))
+    });
+    let distances: Vec<String> = distances.collect();
+    if !distances.is_empty() {
+        sentences.push(format!("Root mean square error: {}.", distances.join("; ")));
+    }
+    let (same, all) = reproduction.signs();
+    if all > 0 {
+        sentences.push(format!(
+            "Of the effects with a published p below 0.01, {same} of {all} have the published sign."
+        ));
+    }
+    sentences
+}
+
+/// How far an agent's numbers are from the published ones, all together.
+fn distance(subject: Subject, by: &Distance) -> String {
+    let Distance { agent, mean, root_mean_square, numbers } = by;
+    let side = if *mean < 0.0 { "lower" } else { "higher" };
+    format!(
+        "{agent} {} steps over {numbers} {}s, ours {} {side} in the mean",
+        shown(*root_mean_square, 0),
+        subject.name(),
+        shown(mean.abs(), 0)
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::analyse::declared::Comparison;
+    use crate::analyse::{Agreement, Interval, Verdict};
+
+    /// A cell of a heat map that is published as 100, and differs from it by so much.
+    fn cell(difference: f64, verdict: Verdict) -> Comparison {
+        let interval = Interval { low: difference - 30.0, high: difference + 30.0 };
+        Comparison {
+            subject: Subject::HeatCell,
+            agent: "reinforce".into(),
+            scenario: "P-H-D - L-H-D".into(),
+            settings: vec![("delta_d", 0.1), ("epsilon_d", 0.2)],
+            published: 100.0,
+            published_error: Ok(10.0),
+            published_p: None,
+            ours: Ok(100.0 + difference),
+            our_error: Ok(10.0),
+            seeds: 3,
+            agreement: Ok(Agreement { difference, interval, verdict }),
+        }
+    }
+
+    #[test]
+    fn numbers_that_agree_one_by_one_can_be_too_high_all_together() {
+        let comparisons = vec![
+            cell(20.0, Verdict::Inside),
+            cell(-4.0, Verdict::Inside),
+            cell(44.0, Verdict::Outside),
+        ];
+        let sentences = reproduction(&Reproduction { comparisons });
+        // (20 - 4 + 44) / 3; the root of (400 + 16 + 1936) / 3.
+        let expected = "Root mean square error: reinforce 28 steps over 3 heat-map cells, ours 20 \
+                        higher in the mean.";
+        assert_eq!(sentences[1..], [expected]);
+        let comparisons = vec![cell(-40.0, Verdict::Outside); 2];
+        let sentences = reproduction(&Reproduction { comparisons });
+        assert!(sentences[1].ends_with("ours 40 lower in the mean."), "{sentences:?}");
+    }
+}

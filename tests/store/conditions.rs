@@ -1,0 +1,144 @@
+//! A condition means the same in memory and in SQL.
+
+use std::ops::ControlFlow;
+
+use jitai::key::{Parameter, Value};
+use jitai::manifest::{self, Condition, DataPart, Manifest, Setting};
+use jitai::plan;
+use jitai::record::{Outcome, Results};
+use jitai::rng::{Purpose, Stream};
+use jitai::store::{self, Answer, DataQuery, Parts, Reader};
+
+use crate::sample::{Sample, completed, experiment};
+
+/// Agents with different keys, and values of every type.
+const MANIFEST: &str = r#"
+format = 1
+name = "sweep"
+scenarios = ["P-H-D", "L-H-D", "C"]
+seeds = [1, 7, 9007199254740993]
+[environment]
+sigma = [0.4, 1e-7, 2]
+mu = [[0.1, 0.1], [0, 1e-7]]
+time_one_hot = [true, false]
+first_context = ["fixed", "sampled"]
+[[agent]]
+name = "dqn's"
+algorithm = "dueling_dqn"
+layers = [[8], [8, 16]]
+[[agent]]
+name = "reinforce"
+algorithm = "reinforce"
+[[agent]]
+name = "never"
+algorithm = "rule"
+rule = "never"
+"#;
+
+/// The agent, the scenario, the seed and the values of some keys of each job, in order.
+type Rows = Vec<(String, String, i64, Vec<Option<String>>)>;
+
+fn in_memory(query: &DataQuery, data: &jitai::record::DataSet) -> Rows {
+    let jobs = data.jobs.iter().filter(|job| query.asks_for(job));
+    let row = |job: &jitai::record::JobRecord| {
+        let keys = query.columns.iter();
+        let keys = keys.map(|name| job.setting(name).map(Setting::to_string)).collect();
+        (job.agent.clone(), job.scenario.clone(), job.seed as i64, keys)
+    };
+    let mut rows: Rows = jobs.map(row).collect();
+    rows.sort();
+    rows
+}
+
+fn in_sql(query: &DataQuery, reader: &Reader) -> Rows {
+    let text = |value: &store::Value<'_>| match value {
+        store::Value::Null => None,
+        store::Value::Integer(whole) => Some(Setting::Number(*whole as f64).to_string()),
+        store::Value::Real(real) => Some(Setting::Number(*real).to_string()),
+        store::Value::Text(text) => Some((*text).to_owned()),
+        store::Value::Blob(_) => panic!("no parameter is a blob"),
+    };
+    let mut rows = Vec::new();
+    let sql = query.sql();
+    let hear = |answer: Answer<'_>| {
+        if let Answer::Row(values) = answer {
+            let [agent, scenario, store::Value::Integer(seed), keys @ .., _] = values else {
+                panic!("{values:?}");
+            };
+            let [agent, scenario] = [agent, scenario].map(|word| text(word).unwrap());
+            rows.push((agent, scenario, *seed, keys.iter().map(text).collect()));
+        }
+        ControlFlow::Continue(())
+    };
+    reader.query(&sql, hear).unwrap_or_else(|error| panic!("{error}\n{sql}"));
+    rows.sort();
+    rows
+}
+
+/// Every condition on one value, of those that the manifest's jobs have and of some that none has.
+fn conditions(manifest: &Manifest) -> Vec<Condition> {
+    let mut conditions: Vec<Condition> =
+        manifest.scenarios.iter().map(|one| Condition::Scenario(vec![one.clone()])).collect();
+    conditions.extend(manifest.seeds.iter().map(|seed| Condition::Seed(vec![*seed])));
+    conditions.push(Condition::Seed(vec![9_007_199_254_740_992]));
+    let agents = manifest.agents.iter().map(|agent| agent.name.clone());
+    conditions
+        .extend(agents.chain(["' OR 1".to_owned()]).map(|one| Condition::AgentName(vec![one])));
+    let of_agents = manifest.agents.iter().map(|agent| &agent.parameters);
+    for parameters in [&manifest.environment, &manifest.evaluation].into_iter().chain(of_agents) {
+        for (key, values) in parameters.iter() {
+            let dotted = format!("{}.{}", parameters.section().name(), key.name);
+            let parameter = Parameter::named(&dotted).unwrap();
+            let condition =
+                |value: &Value| Condition::Key { parameter, values: vec![value.clone()] };
+            conditions.extend(values.iter().chain([&Value::Real(0.123)]).map(condition));
+        }
+    }
+    conditions
+}
+
+#[test]
+fn a_condition_selects_the_same_jobs_in_memory_and_in_sql() {
+    let manifest = manifest::parse("sweep", MANIFEST.as_bytes()).unwrap();
+    let mut sample = Sample::new();
+    let jobs = || plan::jobs(&manifest);
+    let named = jobs().map(|planned| (planned.agent, planned.job));
+    sample.store.register(&experiment("sweep"), named).unwrap();
+    for (place, planned) in jobs().enumerate() {
+        let Outcome::Completed(results) = completed() else { panic!("it completes") };
+        let weights = results.weights.clone().filter(|_| planned.job.agent.episodes() > 0);
+        // Some are left open.
+        if place % 5 != 0 {
+            sample.run(&planned.job, &Outcome::Completed(Results { weights, ..results }));
+        }
+    }
+    let reader = Reader::open(&sample.path).unwrap();
+    let mut data = reader.data_set("sweep", jobs(), Parts::default(), |_| ()).unwrap();
+    data.jobs.retain(|job| job.completed().is_some());
+    let all = conditions(&manifest);
+    let columns = ["environment.sigma", "environment.mu", "agent.layers", "agent.algorithm"];
+    let query = |conditions: Vec<Condition>| DataQuery {
+        experiment: "sweep".to_owned(),
+        conditions,
+        columns: columns.map(str::to_owned).to_vec(),
+        part: DataPart::Metric("mean_return"),
+    };
+    let mut sizes = std::collections::BTreeSet::new();
+    let mut agree = |conditions: Vec<Condition>| {
+        let query = query(conditions);
+        let rows = in_memory(&query, &data);
+        assert_eq!(rows, in_sql(&query, &reader), "{}", query.sql());
+        sizes.insert(rows.len());
+    };
+    all.iter().for_each(|condition| agree(vec![condition.clone()]));
+    let mut stream = Stream::new(1, Purpose::Bootstrap);
+    for _ in 0..100 {
+        let mut draw = || all[(stream.unit() * all.len() as f64) as usize].clone();
+        let (first, second) = (draw(), draw());
+        match first.or(&second) {
+            Some(either) => agree(vec![either]),
+            None => agree(vec![first, second]),
+        }
+    }
+    assert!(sizes.len() > 10 && sizes.contains(&0), "the conditions select many sets: {sizes:?}");
+}
