@@ -122,19 +122,15 @@ fn spoken(seconds: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::{Agent, Reinforce};
-    use crate::env::Environment;
-    use crate::manifest::Evaluation;
+    use crate::{manifest, plan};
 
     #[test]
     fn time_left_follows_the_measured_speed() {
-        let job = Job {
-            environment: Environment::paper(0.6),
-            scenario: "P-H-D".parse().unwrap(),
-            agent: Agent::of(&Reinforce::default()),
-            evaluation: Evaluation::default(),
-            seed: 1,
-        };
+        let text = "format = 1\nname = \"t\"\nscenarios = [\"P-H-D\"]\nseeds = 1\n\
+                    environment.sigma = 0.6\n[[agent]]\nname = \"a\"\n\
+                    algorithm = \"reinforce\"\nepisodes = 15000\n";
+        let manifest = manifest::parse("t", text.as_bytes()).unwrap();
+        let job = plan::jobs(&manifest).next().unwrap().job;
         let mut left = Episodes::default();
         left.add("reinforce", 15_000);
         left.add("reinforce", 15_000);

@@ -117,7 +117,8 @@ fn experiments_and_agents_that_declare_the_same_job_share_it() {
     assert_eq!(number(&raw, "SELECT count(*) FROM job"), 1);
     assert_eq!(number(&raw, "SELECT count(*) FROM run_summary WHERE experiment = 'sweep'"), 1);
     assert_eq!(number(&raw, "SELECT count(*) FROM run_summary WHERE experiment = 'other'"), 2);
-    let agents = "SELECT group_concat(agent, ' ') FROM experiment_job WHERE experiment = 2";
+    let agents = "SELECT group_concat(agent, ' ' ORDER BY position) FROM experiment_job
+        WHERE experiment = 2";
     let agents: String = raw.query_row(agents, [], |row| row.get(0)).unwrap();
     assert_eq!(agents, "dqn again");
 }
