@@ -88,7 +88,7 @@ fn conditions(manifest: &Manifest) -> Vec<Condition> {
     for parameters in [&manifest.environment, &manifest.evaluation].into_iter().chain(of_agents) {
         for (key, values) in parameters.iter() {
             let dotted = format!("{}.{}", parameters.section().name(), key.name);
-            let parameter = Parameter::named(&dotted).unwrap();
+            let parameter = manifest::parameter(&dotted).unwrap();
             let condition =
                 |value: &Value| Condition::Key { parameter, values: vec![value.clone()] };
             conditions.extend(values.iter().chain([&Value::Real(0.123)]).map(condition));

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use jitai::agent::{Agent, DuelingDqn};
 use jitai::plan::{Job, PlannedJob, Scalar, Versions};
-use jitai::record::{Outcome, Progress};
+use jitai::record::{JobStatus, Outcome};
 use jitai::store::{Counts, Experiment, JobState, Parts, Reader, Registered, Store, StoreError};
 use rusqlite::Connection;
 use rusqlite::types::Value;
@@ -252,8 +252,8 @@ fn a_data_set_has_the_planned_jobs_with_what_became_of_them() {
     assert_eq!((data.experiment.as_str(), seen), ("sweep", 4));
     assert_eq!((first.job_key, first.seed, first.scenario.as_str()), (jobs[0].key(), 1, "P-H-D"));
     assert_eq!(second.number("agent.learning_rate"), Some(5e-4));
-    assert!(matches!(&second.progress, JobStatus::Failed(failure) if failure.episode == 17));
-    assert_eq!(third.progress, JobStatus::Pending);
+    assert!(matches!(&second.status, JobStatus::Failed(failure) if failure.episode == 17));
+    assert_eq!(third.status, JobStatus::Pending);
     assert_eq!(
         (fourth.agent.as_str(), fourth.number("environment.sigma")),
         ("reinforce", Some(0.4))
