@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 
-use jitai::key::{Parameter, Value};
+use jitai::key::Value;
 use jitai::manifest::{self, Condition, DataPart, Manifest, Setting};
 use jitai::plan;
 use jitai::record::{Outcome, Results};
