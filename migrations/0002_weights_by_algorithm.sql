@@ -2,8 +2,7 @@
 
 DROP TRIGGER run_completes_with_results;
 
--- It fits into the last page of the schema, so that the schema lies on the same pages in every store,
--- as `jitai doctor --salvage` expects. The four metrics are those of the view run_summary.
+-- The four metrics are those of the view run_summary.
 CREATE TRIGGER run_completes_with_results BEFORE UPDATE OF status ON run
 WHEN NEW.status = 'completed' AND NOT (
     EXISTS (SELECT 1 FROM test_episode WHERE run = NEW.id)

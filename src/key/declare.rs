@@ -5,7 +5,7 @@ use serde_json::{Map, Value as Json};
 use super::value::{Kind, Value};
 
 /// A key that takes a value or a sweep.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Key {
     /// Its name in the manifest, the store and the command line.
     pub name: &'static str,

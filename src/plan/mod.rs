@@ -6,10 +6,12 @@
 mod described;
 mod expand;
 mod filter;
+mod implied;
 mod job;
 mod swept;
 
 pub use expand::{PlannedJob, count, expand, jobs};
 pub use filter::{Filter, FilterError};
+pub use implied::{ImpliedParameter, implied_parameters};
 pub use job::{CanonicalForm, Job, JobError, JobKey, Scalar, Versions};
 pub use swept::Swept;

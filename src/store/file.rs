@@ -14,7 +14,8 @@ use rusqlite::{Connection, ErrorCode, OpenFlags};
 use super::beside::beside;
 use super::error::StoreError;
 use super::migrate::{self, APPLICATION_ID, OLDEST_READABLE, SCHEMA_VERSION};
-use super::{mount, sandbox, schema};
+use super::{implied, mount, sandbox, schema};
+use crate::plan;
 
 /// Prepared statements that a connection caches; storing a run uses about thirty.
 const STATEMENTS_KEPT: usize = 64;
@@ -63,6 +64,8 @@ pub(super) fn open_writer(path: &Path) -> Result<(Connection, PathBuf), StoreErr
     }
     migrate::migrate(&mut connection, &path, migrate::MIGRATIONS)?;
     schema::require(&connection, &path)?;
+    implied::declare(&mut connection, &plan::implied_parameters())
+        .map_err(|source| StoreError::sqlite(&path, action, source))?;
     Ok((connection, path))
 }
 

@@ -32,13 +32,17 @@ pub(super) const MIGRATIONS: &[Migration] = &[
         name: "0002_weights_by_algorithm",
         sql: include_str!("../../migrations/0002_weights_by_algorithm.sql"),
     },
+    Migration {
+        name: "0003_implied_parameters",
+        sql: include_str!("../../migrations/0003_implied_parameters.sql"),
+    },
 ];
 
 /// The version of the schema that this program writes.
 pub const SCHEMA_VERSION: u32 = MIGRATIONS.len() as u32;
 
 /// The oldest version that this program reads without migrating it: the later migrations change no
-/// table and no view.
+/// table, and no view whose rows a store of that version could be missing.
 pub(super) const OLDEST_READABLE: u32 = 1;
 
 /// Applies the migrations that the file lacks, all or none of them.

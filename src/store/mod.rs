@@ -36,6 +36,7 @@ mod ending;
 mod error;
 mod experiment;
 mod file;
+mod implied;
 mod liveness;
 mod migrate;
 mod mount;

@@ -13,6 +13,7 @@ use super::beside::beside;
 use super::copy::{Copied, Ended, RunCopy, copy};
 use super::error::StoreError;
 use super::file;
+use super::migrate;
 use super::verify::CheckWeights;
 use super::writer::Store;
 
@@ -128,9 +129,7 @@ impl Source {
             reason: error.to_string(),
         };
         let mut bytes = fs::read(damaged).map_err(cannot)?;
-        let template = fs::read(&new.path).map_err(cannot)?;
-        let pages = schema_pages(&new.connection)
-            .map_err(|source| StoreError::sqlite(&new.path, "read the schema", source))?;
+        let (template, pages) = first_schema(&beside(&new.path, ".template"))?;
         put_schema(&mut bytes, &template, &pages);
         let log = beside(damaged, "-wal");
         if log.exists() {
@@ -149,6 +148,25 @@ impl Source {
     }
 }
 
+/// The bytes of an empty store of the first schema, and the pages that hold it. The first migration
+/// puts the tables on the same pages in every store; where later ones put anything depends on what the
+/// store held by then.
+fn first_schema(path: &Path) -> Result<(Vec<u8>, Vec<usize>), StoreError> {
+    let failed = |source| StoreError::sqlite(path, "make an empty store", source);
+    let mut connection = Connection::open(path).map_err(failed)?;
+    // As the header of every store says.
+    connection.pragma_update(None, "journal_mode", "WAL").map_err(failed)?;
+    migrate::migrate(&mut connection, path, &migrate::MIGRATIONS[..1])?;
+    let pages = schema_pages(&connection).map_err(failed)?;
+    drop(connection);
+    let bytes = fs::read(path).map_err(|error| StoreError::CannotOpen {
+        path: path.to_owned(),
+        reason: error.to_string(),
+    });
+    remove(path);
+    Ok((bytes?, pages))
+}
+
 /// The pages that hold the schema, from 1.
 fn schema_pages(connection: &Connection) -> rusqlite::Result<Vec<usize>> {
     let mut statement =
@@ -157,9 +175,8 @@ fn schema_pages(connection: &Connection) -> rusqlite::Result<Vec<usize>> {
     pages.collect()
 }
 
-/// Gives the bytes of a store the header and schema of a new one. The migrations put the schema and
-/// the root of every table on the same pages in every store. In a file where they are elsewhere, no
-/// run verifies.
+/// Gives the bytes of a store the header and schema of an empty one. In a file whose tables are on
+/// other pages, no run verifies.
 fn put_schema(damaged: &mut [u8], template: &[u8], pages: &[usize]) {
     let size = match u16::from_be_bytes([template[16], template[17]]) {
         1 => 65_536,

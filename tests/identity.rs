@@ -1,0 +1,175 @@
+//! Identity that can grow: a key that is added later changes no stored job.
+
+use std::path::Path;
+
+use jitai::agent::{
+    Actions, Actor, Agent, AlgorithmParameters, Constraint, RulePolicy, Setting, Start, StartError,
+    Weights, WeightsError, register,
+};
+use jitai::env::{Action, Environment};
+use jitai::key::{Key, Keyed, Kind, Value, canonical_object, read_object};
+use jitai::keys;
+use jitai::manifest::{self, Evaluation};
+use jitai::plan::{self, Job, JobError};
+use jitai::store::{Experiment, Reader, Store};
+use rusqlite::Connection;
+
+keys! {
+    /// An algorithm as it was when its first jobs were stored.
+    struct Early {
+        /// action of every step
+        action: u32 = 0, in Kind::Integer { min: 0, max: 3 };
+    }
+}
+
+keys! {
+    /// The same algorithm with a key more, whose default is another than what all jobs had.
+    struct Later {
+        /// action of every step
+        action: u32 = 0, in Kind::Integer { min: 0, max: 3 };
+        /// share of steps without a message
+        rest: f64 = 0.5, before 0.0, in Kind::PROBABILITY;
+    }
+}
+
+macro_rules! algorithm {
+    ($Parameters:ty) => {
+        impl AlgorithmParameters for $Parameters {
+            const NAME: &'static str = "always";
+            const LEARNS: bool = false;
+            const CONSTRAINTS: &'static [Constraint] = &[];
+
+            fn version(&self) -> u32 {
+                1
+            }
+
+            fn episodes(&self) -> u32 {
+                0
+            }
+
+            fn start(&self, _: &Setting) -> Result<Start, StartError> {
+                let action = Action::from_index(self.action as usize).expect("an action");
+                Ok(Start::Actor(Box::new(RulePolicy::fixed(action))))
+            }
+
+            fn trained(
+                &self,
+                _: &Setting,
+                _: &Weights,
+                _: Actions,
+            ) -> Result<Box<dyn Actor>, WeightsError> {
+                Err(WeightsError::NoNetwork)
+            }
+        }
+    };
+}
+
+algorithm!(Early);
+algorithm!(Later);
+
+fn job(agent: Agent) -> Job {
+    Job {
+        environment: Environment::paper(0.6),
+        scenario: "P-H-D".parse().unwrap(),
+        agent,
+        evaluation: Evaluation::default(),
+        seed: 3,
+    }
+}
+
+fn early() -> Job {
+    job(Agent::of(&Early { action: 2 }))
+}
+
+fn later(rest: f64) -> Job {
+    job(Agent::of(&Later { action: 2, rest }))
+}
+
+/// Registers the later algorithm, as a newer release of a program would.
+fn newer_release() {
+    // Another test may have been the first.
+    let _ = register::<Later>();
+}
+
+#[test]
+fn an_added_key_changes_the_identity_of_no_job_at_the_value_of_earlier_jobs() {
+    assert_eq!(later(0.0).canonical(), early().canonical());
+    assert_eq!(later(0.0).key(), early().key());
+    for rest in [0.5, 1.0, f64::MIN_POSITIVE] {
+        assert_ne!(later(rest).key(), early().key(), "{rest}");
+    }
+    assert_ne!(later(0.5).key(), later(1.0).key());
+}
+
+#[test]
+fn stored_jobs_are_read_with_the_value_that_they_had() {
+    newer_release();
+    assert_eq!(Job::from_canonical(&early().canonical()).unwrap(), later(0.0));
+    assert_eq!(Job::from_canonical(&later(0.5).canonical()).unwrap(), later(0.5));
+}
+
+#[test]
+fn no_job_has_a_second_spelling() {
+    newer_release();
+    let spelled_out = early()
+        .canonical()
+        .replace("\"algorithm\":\"always\"", "\"algorithm\":\"always\",\"rest\":0.0");
+    assert_ne!(spelled_out, early().canonical());
+    let refused = Job::from_canonical(&spelled_out);
+    assert!(matches!(refused, Err(JobError::Keys { part: "agent", .. })), "{refused:?}");
+}
+
+#[test]
+fn a_key_of_the_environment_can_be_added_too() {
+    let noise = Key {
+        name: "noise",
+        kind: Kind::PROBABILITY,
+        written_doc: "",
+        default: Some(|| Value::Real(0.1)),
+        before: Some(|| Value::Real(0.0)),
+    };
+    let grown: Vec<Key> = Environment::KEYS.iter().copied().chain([noise]).collect();
+    let values = |noise| -> Vec<Value> {
+        Environment::paper(0.4).to_values().into_iter().chain([Value::Real(noise)]).collect()
+    };
+    let now = canonical_object(Environment::KEYS, &Environment::paper(0.4).to_values());
+    assert_eq!(canonical_object(&grown, &values(0.0)), now);
+    assert_ne!(canonical_object(&grown, &values(0.1)), now);
+    assert_eq!(read_object(&grown, &now).unwrap(), values(0.0));
+}
+
+#[test]
+fn manifests_views_and_commands_take_an_added_key_for_what_it_was() {
+    newer_release();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("jitai.sqlite");
+    let mut store = Store::open(&path).unwrap();
+    let experiment = Experiment { name: "t", question: None, hypothesis: None, manifest: "" };
+    // What an earlier release stored.
+    store.register(&experiment, [("a", early())]).unwrap();
+    assert_eq!(rows(&path), [(early().key().to_string(), 0.0)]);
+
+    let text = "format = 1\nname = \"t\"\nscenarios = [\"P-H-D\"]\nseeds = [3]\n\
+                environment.sigma = 0.6\n[[agent]]\nname = \"a\"\nalgorithm = \"always\"\n\
+                action = 2\nrest = [0.0, 0.25]\n";
+    let manifest = manifest::parse("t", text.as_bytes()).unwrap();
+    let jobs = plan::expand(&manifest);
+    assert_eq!(jobs[0].form.key(), early().key());
+    let named = jobs.iter().map(|planned| (&*planned.agent, &planned.job));
+    store.register(&experiment, named).unwrap();
+    let mut expected =
+        vec![(early().key().to_string(), 0.0), (later(0.25).key().to_string(), 0.25)];
+    expected.sort_by(|one, other| one.0.cmp(&other.0));
+    assert_eq!(rows(&path), expected);
+    assert_eq!(Reader::open(&path).unwrap().experiment_counts().unwrap().len(), 1);
+}
+
+/// The rows of the view `parameter` for the added key.
+fn rows(path: &Path) -> Vec<(String, f64)> {
+    let connection = Connection::open(path).unwrap();
+    let mut statement = connection
+        .prepare("SELECT job_key, value FROM parameter WHERE name = 'agent.rest' ORDER BY job_key")
+        .unwrap();
+    let rows = statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?))).unwrap();
+    rows.collect::<rusqlite::Result<_>>().unwrap()
+}
