@@ -5,7 +5,7 @@ use std::cell::Cell;
 use std::io;
 use std::rc::Rc;
 
-use jitai::agent::{self, Actions, Actor, DuelingDqn, Reinforce, StartError};
+use jitai::agent::{self, Actions, Actor, DuelingDqn, Reinforce, StartError, TerminalTarget};
 use jitai::env::contract::{Clause, check};
 use jitai::env::{
     Action, ActionSpec, Environment, EpisodeStatus, FeatureSpec, FirstContext, LaneSet,
@@ -236,9 +236,10 @@ fn every_way_to_break_the_contract_is_found() {
         (Fault::DrawsForEndedLanes, Clause::EndedLanesAreInert),
         (Fault::CountsItsCalls, Clause::SameStreamSameEpisodes),
         (Fault::FeelsItsNeighbour, Clause::LanesAreIndependent),
-        (Fault::DrawsFromTheFirstStream, Clause::LanesAreIndependent),
+        // The stream of the first lane moves on after the lane has ended.
+        (Fault::DrawsFromTheFirstStream, Clause::EndedLanesAreInert),
         (Fault::KeepsItsClock, Clause::ResetInMidEpisode),
-        (Fault::ResetsEveryLane, Clause::ResetInMidEpisode),
+        (Fault::ResetsEveryLane, Clause::LanesAreIndependent),
         (Fault::ForgetsItsClock, Clause::SaveAndRestore),
     ];
     for (fault, clause) in cases {
@@ -272,7 +273,12 @@ fn mean_return(actor: &mut dyn Actor<Line>) -> f64 {
 
 #[test]
 fn a_dueling_dqn_learns_in_an_environment_from_outside() {
-    let parameters = DuelingDqn { layers: vec![32], ..DuelingDqn::default() };
+    let parameters = DuelingDqn {
+        layers: vec![32],
+        // The only reward comes with the end of an episode.
+        terminal_target: TerminalTarget::Standard,
+        ..DuelingDqn::default()
+    };
     let mut learner = agent::dueling_dqn_learner(&parameters, Line::new(1), 1).unwrap();
     let untrained = mean_return(&mut *learner.policy(Actions::Greedy));
     let mut finished = Vec::new();
