@@ -10,7 +10,7 @@ use crate::agent::learner::{Actions, Diverged, Learner, LearnerError, Span, Trai
 use crate::agent::memory::OutOfMemory;
 use crate::agent::network::{Activation, Engine, LAYER_WIDTHS, LEARNING_RATE};
 use crate::agent::policy::{ActionNetwork, EpsilonGreedy, best, explore};
-use crate::agent::replay::{Replay, Transition};
+use crate::agent::replay::{Batch, Replay, TerminalTarget, Transition};
 use crate::agent::weights::Weights;
 use crate::env::{
     Action, EpisodeStatus, LaneSet, LaneStreams, Observations, PhysicalActivity, VectorEnvironment,
@@ -71,28 +71,6 @@ choices! {
         /// A stack of hidden layers for each head, as the paper's words read.
         Separate = "separate",
     }
-}
-
-choices! {
-    /// The regression target of a transition that ends its episode.
-    pub enum TerminalTarget {
-        /// 0 on any end, time-outs included: the last reward is dropped, as in the published code.
-        Zero = "zero",
-        /// The reward when the episode terminated (disengagement); bootstrapped when it was
-        /// truncated (horizon reached).
-        Standard = "standard",
-    }
-}
-
-/// What an update learns from; row i of every array belongs to transition i.
-#[derive(Clone, Debug)]
-pub struct Batch {
-    /// The states.
-    pub observations: Observations,
-    /// \[rows\]: the actions taken in them.
-    pub actions: Vec<Action>,
-    /// \[rows\]: what the values of these actions should be.
-    pub targets: Vec<f32>,
 }
 
 /// What trains a dueling network: the engine under the algorithm.

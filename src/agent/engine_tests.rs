@@ -1,9 +1,10 @@
 //! The kernels' engines against Burn's, and every instruction set against every other.
 
 use crate::agent::burn::device;
-use crate::agent::dueling_dqn::{Batch, DuelingDqnEngine};
+use crate::agent::dueling_dqn::DuelingDqnEngine;
 use crate::agent::reference_tests::{assert_weights_close, gradients, sampled_by};
 use crate::agent::reinforce::{ReinforceEngine, Trajectories};
+use crate::agent::replay::Batch;
 use crate::agent::{Activation, DuelingDqn, Reinforce, Trunk};
 use crate::agent::{
     BurnDuelingDqn, BurnReinforce, DuelingQNetwork, FusedDuelingDqn, FusedReinforce, PolicyNetwork,

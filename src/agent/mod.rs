@@ -35,9 +35,7 @@ pub use actor::Actor;
 pub use burn::device::backend_name;
 pub use burn::{BurnDuelingDqn, BurnReinforce, DuelingQNetwork, PolicyNetwork};
 pub use constraint::{Chosen, Constraint, Violation};
-pub use dueling_dqn::{
-    Batch, DuelingDqn, DuelingDqnEngine, DuelingDqnLearner, TerminalTarget, Trunk,
-};
+pub use dueling_dqn::{DuelingDqn, DuelingDqnEngine, DuelingDqnLearner, Trunk};
 pub use fused::{FusedDuelingDqn, FusedDuelingNetwork, FusedPolicyNetwork, FusedReinforce};
 pub use learner::{Actions, Diverged, Learner, LearnerError, Span, TrainedEpisode};
 pub use memory::{OutOfMemory, reserve, reserve_exact};
@@ -48,6 +46,6 @@ pub use registry::{
     dueling_dqn_learner, register, reinforce_learner, trained_dueling_dqn, trained_reinforce,
 };
 pub use reinforce::{Reinforce, ReinforceEngine, ReinforceLearner, Trajectories};
-pub use replay::{Replay, Transition};
+pub use replay::{Batch, Replay, TerminalTarget, Transition};
 pub use rule::{DecisionRule, DecisionRuleError, Rule, RulePolicy, read_rule};
 pub use weights::{Tensor as WeightTensor, Weights, WeightsError};

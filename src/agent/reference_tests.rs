@@ -7,9 +7,10 @@ use burn::tensor::{Tensor, activation};
 use serde_json::Value;
 
 use crate::agent::burn::device;
-use crate::agent::dueling_dqn::{self, Batch, DuelingDqnEngine};
+use crate::agent::dueling_dqn::{self, DuelingDqnEngine};
 use crate::agent::policy::{self, ActionNetwork};
 use crate::agent::reinforce::{ReinforceEngine, Trajectories, returns_to_go};
+use crate::agent::replay::Batch;
 use crate::agent::replay::Transition;
 use crate::agent::weights::{Tensor as WeightTensor, Weights};
 use crate::agent::{Activation, DuelingDqn, Reinforce, TerminalTarget, Trunk};

@@ -3,9 +3,8 @@
 use std::collections::BTreeMap;
 use std::io;
 
-use crate::agent::TerminalTarget;
-use crate::agent::dueling_dqn::Batch;
 use crate::agent::{OutOfMemory, Resumable, StateError, StateReader, StateWriter, reserve_exact};
+use crate::choices;
 use crate::env::{Action, EpisodeStatus, Observations};
 use crate::rng::Stream;
 
@@ -18,6 +17,28 @@ pub struct Transition {
     pub reward: f32,
     /// Status of the episode after it.
     pub status: EpisodeStatus,
+}
+
+choices! {
+    /// The regression target of a transition that ends its episode.
+    pub enum TerminalTarget {
+        /// 0 on any end, time-outs included: the last reward is dropped, as in the published code.
+        Zero = "zero",
+        /// The reward when the episode terminated (disengagement); bootstrapped when it was
+        /// truncated (horizon reached).
+        Standard = "standard",
+    }
+}
+
+/// What an update learns from; row i of every array belongs to transition i.
+#[derive(Clone, Debug)]
+pub struct Batch {
+    /// The states.
+    pub observations: Observations,
+    /// \[rows\]: the actions taken in them.
+    pub actions: Vec<Action>,
+    /// \[rows\]: what the values of these actions should be.
+    pub targets: Vec<f32>,
 }
 
 /// The latest transitions, the oldest overwritten once `capacity` is reached.

@@ -1,10 +1,9 @@
 //! Probability of improvement: how likely a policy of one arm beats one of another.
 
 use super::bootstrap::{Aggregate, percentile_interval};
-use super::interval::Interval;
+use super::interval::{Interval, NORMAL_CRITICAL};
 use super::root::root;
 use super::sample::Sample;
-use super::student::NORMAL_CRITICAL;
 use super::undefined::{Undefined, at_least};
 
 /// Probability that a policy of the first arm has the larger value, a tie counting half.

@@ -1,11 +1,20 @@
 //! Intervals, all of the same level.
 
 use super::moments::{Moments, vary};
-use super::student::critical;
+use super::student::t_of_p;
 use super::undefined::Undefined;
 
 /// Confidence level of every interval.
 pub const LEVEL: f64 = 0.95;
+
+/// The number that bounds the middle [`LEVEL`] of the standard normal distribution: what
+/// [`critical`] tends to.
+pub(super) const NORMAL_CRITICAL: f64 = 1.959963984540054;
+
+/// The t that bounds the middle [`LEVEL`] of Student's distribution with `df` degrees of freedom.
+pub(super) fn critical(df: f64) -> f64 {
+    t_of_p(1.0 - LEVEL, df)
+}
 
 /// A confidence interval of level [`LEVEL`].
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,8 +1,8 @@
 //! What a comparison with so many seeds can detect at all.
 
+use super::interval::critical;
 use super::noncentral::noncentral_t;
 use super::root::root;
-use super::student::critical;
 use super::undefined::{Undefined, at_least};
 
 /// Probability with which the minimum detectable difference is detected.

@@ -2,8 +2,9 @@
 
 use serde_json::Value;
 
+use super::interval::critical;
 use super::noncentral::noncentral_t;
-use super::student::{critical, t_of_p, two_sided_p};
+use super::student::{t_of_p, two_sided_p};
 use super::*;
 
 /// Relative tolerance of what is computed to the end.

@@ -2,12 +2,7 @@
 
 use statrs::function::beta::beta_reg;
 
-use super::interval::LEVEL;
 use super::root::root;
-
-/// The number that bounds the middle [`LEVEL`] of the standard normal distribution: what
-/// [`critical`] tends to.
-pub(super) const NORMAL_CRITICAL: f64 = 1.959963984540054;
 
 /// Probability that Student's t with `df` degrees of freedom (at least 1) is at least as far from
 /// 0 as `t`.
@@ -24,9 +19,4 @@ pub(super) fn two_sided_p(t: f64, df: f64) -> f64 {
 pub(super) fn t_of_p(p: f64, df: f64) -> f64 {
     // Of logarithms, so that a tail of any size is met; the ends are as far as t² is a number.
     root(|ln_t| two_sided_p(ln_t.exp(), df).ln() - p.ln(), (-350.0, 350.0)).exp()
-}
-
-/// The t that bounds the middle [`LEVEL`] of the distribution.
-pub(super) fn critical(df: f64) -> f64 {
-    t_of_p(1.0 - LEVEL, df)
 }

@@ -11,7 +11,8 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
 use crate::cli::output::{Cell, Format, Rows, counted, printable};
-use crate::cli::{Error, Exit, StoreArgument, check, counts, one_a_core};
+use crate::cli::workers::{one_a_core, workers};
+use crate::cli::{Error, Exit, StoreArgument, check, counts};
 use crate::plan::{self, Filter, JobKey, PlannedJob, Swept, Versions};
 use crate::schedule::{Episodes, Estimate, Selection, Speeds};
 use crate::store::{Counts, JobState, Reader, StoreError};
@@ -38,7 +39,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "NAME=VALUE,...")]
     filter: Option<Filter>,
     /// Workers that the time left is estimated for [default: one a core, as for `run`]
-    #[arg(long, value_name = "N", value_parser = super::workers)]
+    #[arg(long, value_name = "N", value_parser = workers)]
     workers: Option<NonZeroUsize>,
     /// How rows are written
     #[arg(long, value_enum, default_value = "table")]

@@ -12,7 +12,8 @@ use clap::ValueEnum;
 
 use crate::cli::output::{counted, printable, shell_word};
 use crate::cli::progress::{Shown, Style};
-use crate::cli::{Error, Exit, StoreArgument, check, one_a_core, provenance, signals, summary};
+use crate::cli::workers::{one_a_core, workers};
+use crate::cli::{Error, Exit, StoreArgument, check, provenance, signals, summary};
 use crate::manifest::{Manifest, short_name};
 use crate::plan::{self, Filter, JobKey, Swept};
 use crate::schedule::{
@@ -32,7 +33,7 @@ pub(super) struct Arguments {
     #[arg(required = true, value_name = "MANIFEST")]
     manifests: Vec<PathBuf>,
     /// Jobs that train at the same time, at most 1024 [default: one a core]
-    #[arg(long, value_name = "N", value_parser = super::workers)]
+    #[arg(long, value_name = "N", value_parser = workers)]
     workers: Option<NonZeroUsize>,
     /// Run only jobs with these parameters, such as agent=dqn,sigma=0.4|0.6
     #[arg(long, value_name = "NAME=VALUE,...")]

@@ -9,7 +9,8 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use crate::cli::output::{Cell, Format, Rows, counted};
-use crate::cli::{Error, Exit, StoreArgument, counts, one_a_core, summary};
+use crate::cli::workers::one_a_core;
+use crate::cli::{Error, Exit, StoreArgument, counts, summary};
 use crate::manifest;
 use crate::plan::Swept;
 use crate::schedule::{Episodes, Speeds};

@@ -5,8 +5,8 @@ use std::collections::HashSet;
 use toml::de::DeTable;
 
 use super::analysis::{
-    ANALYSED_METRICS, Analysis, AnalysisDraft, AnalysisKind, CurveAxis, ERROR_AXIS, KINDS,
-    SHARED_KEYS, Sides, keys_of,
+    ANALYSED_METRICS, Analysis, AnalysisDraft, AnalysisKind, CurveAxis, ERROR_AXIS, KindName,
+    SHARED_KEYS, Sides,
 };
 use super::condition::Condition;
 use super::declared::{MOST_COMPARISONS, Manifest};
@@ -48,25 +48,24 @@ impl Reader<'_> {
         }
     }
 
-    fn kind(&mut self, span: Span, table: &DeTable) -> Option<&'static str> {
-        match table.get("kind") {
-            Some(node) => self.word("kind", &KINDS.map(|kind| kind.name), node),
-            None => {
-                let fault = Fault::at(span, "missing key `kind` in an [[analysis]]");
-                self.faults.add(
-                    fault.help(format!("it is one of {}", KINDS.map(|kind| kind.name).join(", "))),
-                );
-                None
-            }
-        }
+    fn kind(&mut self, span: Span, table: &DeTable) -> Option<KindName> {
+        let words: Vec<&str> = KindName::ALL.iter().map(|kind| kind.word()).collect();
+        let Some(node) = table.get("kind") else {
+            let fault = Fault::at(span, "missing key `kind` in an [[analysis]]");
+            self.faults.add(fault.help(format!("it is one of {}", words.join(", "))));
+            return None;
+        };
+        let word = self.word("kind", &words, node)?;
+        KindName::ALL.iter().find(|kind| kind.word() == word).copied()
     }
 
-    fn analysis_keys(&mut self, kind: &str, table: &DeTable) {
-        let keys = [SHARED_KEYS, keys_of(kind)].concat();
+    fn analysis_keys(&mut self, kind: KindName, table: &DeTable) {
+        let keys = [SHARED_KEYS, kind.keys()].concat();
         for key in table.keys() {
             let found = key.get_ref().as_ref();
             if !keys.contains(&found) {
                 let found = shortened(found);
+                let kind = kind.word();
                 let message =
                     format!("unknown key `{found}` in an [[analysis]] of kind \"{kind}\"");
                 let fault = Fault::at(key.span().into(), message);
@@ -77,7 +76,7 @@ impl Reader<'_> {
 
     fn analysis(
         &mut self,
-        kind: &'static str,
+        kind: KindName,
         name: &str,
         span: Span,
         table: &DeTable,

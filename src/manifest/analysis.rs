@@ -130,25 +130,45 @@ pub enum SelectionRule {
 pub const ANALYSED_METRICS: &[&str] =
     &["mean_return", "lower_quartile_return", "mean_length", "disengagement_rate", "message_rate"];
 
-/// A kind, as manifests write it.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct KindKeys {
-    /// Its word.
-    pub name: &'static str,
-    /// The keys that it has beside [`SHARED_KEYS`].
-    pub keys: &'static [&'static str],
+/// Declares the kinds: how manifests write each, and the keys that it has beside [`SHARED_KEYS`].
+macro_rules! kinds {
+    ($($Kind:ident = $word:literal, $keys:expr;)+) => {
+        /// A kind, as manifests write it.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub(super) enum KindName {
+            $($Kind,)+
+        }
+
+        impl KindName {
+            /// In the order that the documentation lists them.
+            pub const ALL: &[KindName] = &[$(KindName::$Kind),+];
+
+            /// Its word.
+            pub fn word(self) -> &'static str {
+                match self {
+                    $(KindName::$Kind => $word,)+
+                }
+            }
+
+            /// The keys that it has beside [`SHARED_KEYS`].
+            pub fn keys(self) -> &'static [&'static str] {
+                match self {
+                    $(KindName::$Kind => &$keys,)+
+                }
+            }
+        }
+    };
 }
 
-/// The kinds, in the order that the documentation lists them.
-pub(super) const KINDS: [KindKeys; 7] = [
-    KindKeys { name: "contrast", keys: &["metric", "by", "between", "pairing", "family"] },
-    KindKeys { name: "curve", keys: &["metric", "x"] },
-    KindKeys { name: "learning_curve", keys: &["window"] },
-    KindKeys { name: "heat_map", keys: &["metric", "x", "y", "by", "between"] },
-    KindKeys { name: "action_choice", keys: &["bins"] },
-    KindKeys { name: "selection", keys: &["metric", "rule", "reporting_seeds"] },
-    KindKeys { name: "inference_error", keys: &[] },
-];
+kinds! {
+    Contrast = "contrast", ["metric", "by", "between", "pairing", "family"];
+    Curve = "curve", ["metric", "x"];
+    LearningCurve = "learning_curve", ["window"];
+    HeatMap = "heat_map", ["metric", "x", "y", "by", "between"];
+    ActionChoice = "action_choice", ["bins"];
+    Selection = "selection", ["metric", "rule", "reporting_seeds"];
+    InferenceError = "inference_error", [];
+}
 
 /// The word of the axis that no parameter is.
 pub const ERROR_AXIS: &str = "context_inference_error";
@@ -161,11 +181,6 @@ pub(super) const WINDOW: u32 = 100;
 
 /// Keys of every `[[analysis]]`.
 pub(super) const SHARED_KEYS: &[&str] = &["name", "kind", "title", "where"];
-
-/// The keys that a kind has beside [`SHARED_KEYS`].
-pub(super) fn keys_of(kind: &str) -> &'static [&'static str] {
-    KINDS.iter().find(|known| known.name == kind).map_or(&[], |known| known.keys)
-}
 
 impl Analysis {
     /// What a job has to meet to be one that the analysis is about: its conditions, and to be on
@@ -212,64 +227,54 @@ pub enum DataPart {
 impl AnalysisKind {
     /// Reads what a kind has beside [`SHARED_KEYS`], noting faults and the parameters along axes.
     pub(super) fn read(
-        kind: &str,
+        kind: KindName,
         reader: &mut Reader,
         name: &str,
         (span, table): (Span, &DeTable),
         axes: &mut Vec<Located<Parameter>>,
     ) -> Option<AnalysisKind> {
         match kind {
-            "contrast" => contrast(reader, name, span, table).map(AnalysisKind::Contrast),
-            "curve" => {
+            KindName::Contrast => contrast(reader, name, span, table).map(AnalysisKind::Contrast),
+            KindName::Curve => {
                 reader.curve_axis(span, table, axes).map(|axis| AnalysisKind::Curve { axis })
             }
-            "learning_curve" => {
+            KindName::LearningCurve => {
                 let window = match table.get("window") {
                     Some(node) => window(reader, node)?,
                     None => WINDOW,
                 };
                 Some(AnalysisKind::LearningCurve { window })
             }
-            "heat_map" => {
+            KindName::HeatMap => {
                 let x = reader.axis("x", span, table, axes)?;
                 let y = reader.axis("y", span, table, axes)?;
                 let wanted = table.contains_key("by") || table.contains_key("between");
                 let sides = if wanted { Some(reader.sides(span, table)?) } else { None };
                 Some(AnalysisKind::HeatMap { x, y, sides })
             }
-            "action_choice" => {
+            KindName::ActionChoice => {
                 let bins = match table.get("bins") {
                     Some(node) => bins(reader, node)?,
                     None => 5,
                 };
                 Some(AnalysisKind::ActionChoice { bins })
             }
-            "selection" => selection(reader, span, table),
-            _ => Some(AnalysisKind::InferenceError),
+            KindName::Selection => selection(reader, span, table),
+            KindName::InferenceError => Some(AnalysisKind::InferenceError),
         }
     }
 
-    /// Its place in [`KINDS`].
-    fn place(&self) -> usize {
+    /// The kind, as manifests write it.
+    pub(super) fn name(&self) -> KindName {
         match self {
-            AnalysisKind::Contrast(_) => 0,
-            AnalysisKind::Curve { .. } => 1,
-            AnalysisKind::LearningCurve { .. } => 2,
-            AnalysisKind::HeatMap { .. } => 3,
-            AnalysisKind::ActionChoice { .. } => 4,
-            AnalysisKind::Selection { .. } => 5,
-            AnalysisKind::InferenceError => 6,
+            AnalysisKind::Contrast(_) => KindName::Contrast,
+            AnalysisKind::Curve { .. } => KindName::Curve,
+            AnalysisKind::LearningCurve { .. } => KindName::LearningCurve,
+            AnalysisKind::HeatMap { .. } => KindName::HeatMap,
+            AnalysisKind::ActionChoice { .. } => KindName::ActionChoice,
+            AnalysisKind::Selection { .. } => KindName::Selection,
+            AnalysisKind::InferenceError => KindName::InferenceError,
         }
-    }
-
-    /// The word that manifests write.
-    pub fn name(&self) -> &'static str {
-        KINDS[self.place()].name
-    }
-
-    /// The keys that it has beside [`SHARED_KEYS`].
-    pub(super) fn keys(&self) -> &'static [&'static str] {
-        KINDS[self.place()].keys
     }
 
     /// The keys of the kind with their values, as a manifest writes them; not the metric.

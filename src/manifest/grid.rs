@@ -253,6 +253,9 @@ pub(super) fn axes(manifest: &Manifest, agent: &DeclaredAgent) -> Vec<Axis> {
 }
 
 /// The exclusion as masks, one an axis; `None` if none of the agent's cells can meet it.
+///
+/// [`Condition::is_met_by`] evaluates the same conditions on a job. It compares lists of values for every
+/// job; here, each value of an axis is compared once, so that a grid of millions is counted from masks.
 fn masks(
     manifest: &Manifest,
     agent: &DeclaredAgent,

@@ -70,10 +70,10 @@ fn write_parameters(out: &mut String, parameters: &Parameters) -> fmt::Result {
 }
 
 fn write_analysis(out: &mut String, analysis: &Analysis) -> fmt::Result {
-    let kind = analysis.kind.name();
+    let (kind, keys) = (analysis.kind.name().word(), analysis.kind.name().keys());
     writeln!(out, "\n[[analysis]]\nname = {}\nkind = \"{kind}\"", quoted(&analysis.name))?;
     analysis.title.iter().try_for_each(|title| writeln!(out, "title = {}", quoted(title)))?;
-    if analysis.kind.keys().contains(&"metric") {
+    if keys.contains(&"metric") {
         writeln!(out, "metric = \"{}\"", analysis.metric)?;
     }
     for (key, value) in analysis.kind.written() {

@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value as Json, json};
 
-use super::analysis::{KINDS, SHARED_KEYS, key_schema};
+use super::analysis::{KindName, SHARED_KEYS, key_schema};
 use super::declared::MOST_JOBS;
 use super::parameter::parameters;
 use super::preset;
@@ -226,15 +226,15 @@ fn exclude() -> Json {
 }
 
 fn analysis() -> Json {
-    let kinds = KINDS.iter().map(|kind| {
+    let kinds = KindName::ALL.iter().map(|kind| {
         let schema = |key: &str| {
             let (text, schema) = key_schema(key, MOST_JOBS);
             described(text, schema)
         };
-        let keys = [SHARED_KEYS, kind.keys].concat();
+        let keys = [SHARED_KEYS, kind.keys()].concat();
         let mut properties: Map<String, Json> =
             keys.iter().map(|key| ((*key).to_owned(), schema(key))).collect();
-        properties.insert("kind".to_owned(), json!({ "const": kind.name }));
+        properties.insert("kind".to_owned(), json!({ "const": kind.word() }));
         json!({
             "type": "object",
             "additionalProperties": false,

@@ -4,7 +4,7 @@ use std::f64::consts::FRAC_1_SQRT_2;
 
 use crate::env::Belief;
 
-use super::ActionValues;
+use super::action_values::ActionValues;
 
 /// Pieces of the table per halving of its argument, as a power of 2.
 const PIECES_LOG2: u32 = 8;

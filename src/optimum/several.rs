@@ -4,7 +4,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 use std::thread;
 
-use super::{NoOptimum, Optimum, optimum};
+use super::limits::NoOptimum;
+use super::two_grids::{Optimum, optimum};
 use crate::env::{Environment, Scenario};
 
 /// Most optima that are computed at a time: each may take some hundred megabytes.

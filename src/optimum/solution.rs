@@ -3,7 +3,7 @@
 use crate::env::{Action, Belief, apply_action};
 use crate::env::{Environment, FirstContext};
 
-use super::ActionValues;
+use super::action_values::ActionValues;
 use super::axis::{Axis, Cubic, Linear};
 use super::expectation::Expectation;
 

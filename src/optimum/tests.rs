@@ -1,10 +1,15 @@
 //! The optimum against published values, against every course of short episodes, against simulated
 //! returns, and at the edges of its parameters.
 
+use super::action_values::ActionValues;
 use super::expectation::Expectation;
-use super::*;
-use crate::env::FirstContext;
-use crate::env::{ContextDraw, apply_action, inference_error};
+use super::simulation::{MeanReturn, mean_return};
+use super::solution::{Resolution, Solution};
+use super::two_grids::better_of;
+use super::{OptimalPolicy, Optimum, optimum};
+use crate::env::{
+    Action, Belief, ContextDraw, Environment, FirstContext, apply_action, inference_error,
+};
 use crate::rng::{Purpose, Stream};
 
 fn value(environment: &Environment, scenario: &str) -> Optimum {
@@ -179,7 +184,7 @@ fn errors_of_interpolation_add_up_to_what_a_policy_s_return_differs_by() {
         for scenario in ["P-H-D", "L-H-D", "H-D"] {
             let belief = Belief::new(&environment, &scenario.parse().unwrap());
             let solution = Solution::new(&environment, belief, resolution);
-            let ours = simulation::mean_return(&solution, 2_000);
+            let ours = mean_return(&solution, 2_000);
             let [mean, error] = simulated(&solution, &environment, 15_000);
             let apart = (ours.mean - mean).abs();
             assert!(apart < 4.0 * error.hypot(ours.standard_error), "{ours:?} {mean} {error}");

@@ -9,9 +9,13 @@ use std::time::Duration;
 use crate::plan::{Job, JobKey};
 use crate::record::{Failure, FailureKind, Outcome};
 use crate::schedule::checkpoint::{Alarm, CheckpointFolder, CheckpointNote, Keeper, Stopwatch};
-use crate::schedule::{Queued, Train, panic};
+use crate::schedule::panic;
+use crate::schedule::queued::Queued;
 use crate::store::Claim;
 use crate::train::{Checkpoints, TrainingControl, TrainingProgress};
+
+/// A way to train a job; the program's is [`crate::train::run()`].
+pub type Train<'a> = &'a (dyn Fn(&Job, &dyn TrainingControl) -> Outcome + Sync);
 
 /// Where a worker leaves its latest progress for the coordinating thread, and hears that a
 /// checkpoint is due or its job over its time.

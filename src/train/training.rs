@@ -7,8 +7,8 @@ use crate::agent::{Actor, Learner, LearnerError, OutOfMemory, Start, StartError,
 use crate::plan::Job;
 use crate::record::{Failure, FailureKind, Results};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
-use crate::train::TrainingProgress;
 use crate::train::curve::CurveRecorder;
+use crate::train::progress::TrainingProgress;
 use crate::train::test::Test;
 
 /// Why there is a learner where training episodes are played or a policy was trained.

@@ -9,8 +9,9 @@ use burn::tensor::Tensor;
 use crate::agent::DuelingDqn;
 use crate::agent::burn::state::{restore_module, restore_optimizer, save_module, save_optimizer};
 use crate::agent::burn::{ADAM_EPSILON, DuelingQNetwork, column, device, input, matrix};
-use crate::agent::dueling_dqn::{Batch, DuelingDqnEngine};
+use crate::agent::dueling_dqn::DuelingDqnEngine;
 use crate::agent::policy::ActionNetwork;
+use crate::agent::replay::Batch;
 use crate::agent::{Resumable, StateError, StateReader, StateWriter, Weights, WeightsError};
 use crate::env::Observations;
 

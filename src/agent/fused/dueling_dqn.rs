@@ -4,9 +4,10 @@ use std::io;
 use std::ops::Range;
 
 use crate::agent::DuelingDqn;
-use crate::agent::dueling_dqn::{Batch, DuelingDqnEngine};
+use crate::agent::dueling_dqn::DuelingDqnEngine;
 use crate::agent::fused::stack::{Stack, Workspace, blocks};
 use crate::agent::policy::ActionNetwork;
+use crate::agent::replay::Batch;
 use crate::agent::{
     Resumable, StateError, StateReader, StateWriter, Weights, WeightsError, layers,
 };

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use super::Finding;
 use super::arm::{ArmId, arms, is_at, shared, varying};
 use crate::analyse::{self, Corrected, Design, Sample, Tests, Undefined, correct};
 use crate::env::inference_error;
@@ -190,10 +189,9 @@ fn published_test(
     Some((test.effect[at], test.p_value[at]))
 }
 
-/// Corrects the p values of all contrasts, family by family.
-pub fn correct_families(findings: &mut [Finding]) {
+/// Corrects the p values of the rows of all contrasts, family by family.
+pub fn correct_families<'r>(rows: impl IntoIterator<Item = &'r mut ContrastRow>) {
     let mut families: BTreeMap<String, Vec<&mut ContrastRow>> = BTreeMap::new();
-    let rows = findings.iter_mut().filter_map(|finding| finding.content.contrast_mut()).flatten();
     for row in rows {
         families.entry(row.family.clone()).or_default().push(row);
     }

@@ -127,7 +127,8 @@ pub fn carry_out(
         content: content(analysis, jobs, published),
     };
     let mut findings: Vec<Finding> = analyses.iter().map(find).collect();
-    contrast::correct_families(&mut findings);
+    let rows = findings.iter_mut().filter_map(|finding| finding.content.contrast_mut());
+    contrast::correct_families(rows.flatten());
     findings
 }
 

@@ -2,17 +2,35 @@
 
 use pulp::{Simd, WithSimd};
 
-use super::{OUTPUTS, Shallow, ShallowGradient};
+use super::network::{MOST_INPUTS, OUTPUTS, Shallow, ShallowGradient};
+use crate::kernel::Isa;
 
 /// How many rows a moment has to last on average to be kept in a register meanwhile.
 const LONG_RUN: usize = 4;
 
+impl Shallow<'_> {
+    /// Adds the gradient that the derivatives by the outputs make: \[rows, outputs\], row by row.
+    pub fn backward(self, isa: Isa, by_outputs: &[f32], gradient: ShallowGradient<'_>) {
+        self.check();
+        assert_eq!(by_outputs.len(), self.rows * OUTPUTS, "derivatives for every row");
+        match self.inputs.len() / self.rows {
+            1 => isa.run(Backward::<1> { network: self, by_outputs, gradient }),
+            2 => isa.run(Backward::<2> { network: self, by_outputs, gradient }),
+            3 => isa.run(Backward::<3> { network: self, by_outputs, gradient }),
+            4 => isa.run(Backward::<4> { network: self, by_outputs, gradient }),
+            5 => isa.run(Backward::<5> { network: self, by_outputs, gradient }),
+            6 => isa.run(Backward::<6> { network: self, by_outputs, gradient }),
+            inputs => panic!("{inputs} inputs are more than {MOST_INPUTS}"),
+        }
+    }
+}
+
 /// Adds to a gradient what the derivatives by the outputs make.
-pub(super) struct Backward<'a, const K: usize> {
-    pub(super) network: Shallow<'a>,
+struct Backward<'a, const K: usize> {
+    network: Shallow<'a>,
     /// \[rows, outputs\], row by row.
-    pub(super) by_outputs: &'a [f32],
-    pub(super) gradient: ShallowGradient<'a>,
+    by_outputs: &'a [f32],
+    gradient: ShallowGradient<'a>,
 }
 
 impl<const K: usize> WithSimd for Backward<'_, K> {

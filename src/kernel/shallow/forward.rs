@@ -4,21 +4,38 @@
 
 use pulp::{Simd, WithSimd, bytemuck};
 
-use super::{OUTPUTS, Shallow};
-use crate::kernel::LANES;
+use super::network::{MOST_INPUTS, OUTPUTS, Shallow};
+use crate::kernel::{Isa, LANES};
 
 /// The virtual lanes in an order in which the halves that are added follow each other.
 const BY_HALVES: [usize; LANES] = [0, 8, 4, 12, 2, 10, 6, 14, 1, 9, 5, 13, 3, 11, 7, 15];
 /// How often the virtual lanes can be halved.
 const HALVINGS: usize = LANES.ilog2() as usize;
 
+impl Shallow<'_> {
+    /// Writes the outputs, \[rows, outputs\], row by row, with `start`, \[outputs\], added.
+    pub fn forward(self, isa: Isa, start: &[f32], out: &mut [f32]) {
+        self.check();
+        assert_eq!(out.len(), self.rows * OUTPUTS, "outputs for every row");
+        match self.inputs.len() / self.rows {
+            1 => isa.run(Forward::<1> { network: self, start, out }),
+            2 => isa.run(Forward::<2> { network: self, start, out }),
+            3 => isa.run(Forward::<3> { network: self, start, out }),
+            4 => isa.run(Forward::<4> { network: self, start, out }),
+            5 => isa.run(Forward::<5> { network: self, start, out }),
+            6 => isa.run(Forward::<6> { network: self, start, out }),
+            inputs => panic!("{inputs} inputs are more than {MOST_INPUTS}"),
+        }
+    }
+}
+
 /// Writes the outputs, with `start` added.
-pub(super) struct Forward<'a, const K: usize> {
-    pub(super) network: Shallow<'a>,
+struct Forward<'a, const K: usize> {
+    network: Shallow<'a>,
     /// \[outputs\]
-    pub(super) start: &'a [f32],
+    start: &'a [f32],
     /// \[rows, outputs\], row by row.
-    pub(super) out: &'a mut [f32],
+    out: &'a mut [f32],
 }
 
 impl<const K: usize> WithSimd for Forward<'_, K> {

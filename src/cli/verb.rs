@@ -1,0 +1,68 @@
+//! The verbs: which file carries out each, and the program that chooses among them.
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+use crate::cli::{
+    Error, check, doctor, export, optimum, plan, query, report, run, schema, signals, simulate,
+    status,
+};
+use crate::kernel::Isa;
+use crate::kill_point;
+
+/// Reinforcement-learning experiments for just-in-time adaptive interventions.
+#[derive(Parser)]
+#[command(name = "jitai", version, max_term_width = 100)]
+struct Arguments {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Subcommand)]
+enum Verb {
+    Check(check::Arguments),
+    Plan(plan::Arguments),
+    Run(run::Arguments),
+    Status(status::Arguments),
+    Query(query::Arguments),
+    Report(report::Arguments),
+    Export(export::Arguments),
+    Doctor(doctor::Arguments),
+    Simulate(Box<simulate::Arguments>),
+    Optimum(optimum::Arguments),
+    Schema(schema::Arguments),
+}
+
+/// Runs the program with the arguments of the process.
+pub fn main() -> ExitCode {
+    let verb = Arguments::parse().verb;
+    if let Err(error) = Isa::check_choice() {
+        return Error::Usage(error.to_string()).report().into();
+    }
+    if let Ok(Err(error)) =
+        std::env::var(kill_point::VARIABLE).map(|text| kill_point::choose(&text))
+    {
+        return Error::Usage(error.to_string()).report().into();
+    }
+    if let Err(source) = signals::survive_file_limits() {
+        return Error::Io { what: "listen for signals".to_owned(), source }.report().into();
+    }
+    let result = match verb {
+        Verb::Check(arguments) => check::run(&arguments),
+        Verb::Plan(arguments) => plan::run(&arguments),
+        Verb::Run(arguments) => run::run(&arguments),
+        Verb::Status(arguments) => status::run(&arguments),
+        Verb::Query(arguments) => query::run(&arguments),
+        Verb::Report(arguments) => report::run(&arguments),
+        Verb::Export(arguments) => export::run(&arguments),
+        Verb::Doctor(arguments) => doctor::run(&arguments),
+        Verb::Simulate(arguments) => simulate::run(&arguments),
+        Verb::Optimum(arguments) => optimum::run(&arguments),
+        Verb::Schema(arguments) => schema::run(&arguments),
+    };
+    match result {
+        Ok(exit) => exit.into(),
+        Err(error) => error.report().into(),
+    }
+}
