@@ -21,13 +21,13 @@ const TABLE: &[(&str, &[&str])] = &[
     // A manifest declares environments and agents; it neither simulates nor trains.
     ("manifest", &["key", "env", "agent"]),
     ("plan", &["key", "env", "agent", "manifest"]),
-    ("record", &["plan"]),
+    ("record", &["key", "manifest", "plan"]),
     ("train", &["rng", "state", "env", "agent", "plan", "record"]),
-    ("store", &["kill_point", "key", "plan", "record"]),
-    ("schedule", &["kill_point", "plan", "record", "train", "store"]),
+    ("store", &["kill_point", "key", "manifest", "plan", "record"]),
+    ("schedule", &["kill_point", "key", "manifest", "plan", "record", "train", "store"]),
     // The bootstrap draws from a stream of its own.
     ("analyse", &["rng", "key", "env", "manifest", "record"]),
-    ("report", &["record", "analyse"]),
+    ("report", &["key", "env", "optimum", "manifest", "plan", "record", "store", "analyse"]),
     (
         "cli",
         &[

@@ -130,7 +130,7 @@ pub fn share(value: Result<f64, Undefined>, optimum: Option<f64>) -> Cell {
 }
 
 fn unknown() -> Cell {
-    Cell::Missing("no optimum is known for this scenario".to_owned())
+    Cell::Missing("optimum not known".to_owned())
 }
 
 fn percent(value: Result<f64, Undefined>) -> Cell {
