@@ -1,6 +1,6 @@
 //! The algorithms: how agents learn and how they act.
 //!
-//! In: hyper-parameters, a [`VectorEnvironment`], named random streams. Out: trained episodes, actors
+//! In: hyper-parameters, a [`VectorEnvironment`](crate::env::VectorEnvironment), named random streams. Out: trained episodes, actors
 //! and weights. There is one file per algorithm, written against a trait for the engine that computes
 //! its network: `fused` with kernels, `burn` with Burn modules and automatic differentiation. A
 //! [`Learner`] is an algorithm on an engine in training. An [`Actor`] chooses the actions of episodes: trained networks and decision rules are actors, and

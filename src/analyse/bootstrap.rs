@@ -56,7 +56,7 @@ fn middle_mean(values: &mut [f64]) -> f64 {
 ///
 /// The statistic is given the values of all strata, one stratum behind the other, and may reorder
 /// them.
-pub(super) fn percentile_interval(
+fn percentile_interval(
     strata: &[&[f64]],
     statistic: impl Fn(&mut [f64]) -> f64,
 ) -> Result<Interval, Undefined> {

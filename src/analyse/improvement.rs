@@ -1,9 +1,7 @@
 //! Probability of improvement: how likely a policy of one arm beats one of another.
 
-use super::bootstrap::{Aggregate, percentile_interval};
 use super::interval::{Interval, NORMAL_CRITICAL};
 use super::root::root;
-use super::sample::Sample;
 use super::undefined::{Undefined, at_least};
 
 /// Probability that a policy of the first arm has the larger value, a tie counting half.
@@ -49,31 +47,6 @@ pub fn paired_improvement(pairs: &[(f64, f64)]) -> Result<Improvement, Undefined
     let half = (z2 * spread).sqrt() / (1.0 + z2 / n);
     let interval = Interval { low: (centre - half).max(0.0), high: (centre + half).min(1.0) };
     Ok(Improvement { probability, interval })
-}
-
-/// Probability of improvement averaged over conditions, in each of which the first arm's seeds
-/// meet the second's; the interval is a stratified bootstrap's.
-///
-/// **Errors**: no condition, or an arm without values in one. The interval: fewer than two seeds in
-/// an arm, or arms that nowhere overlap, of which resampling learns nothing.
-///
-/// **Source**: Agarwal et al., 2021, equation of section 4.3 and appendix A.3.
-pub fn average_improvement(conditions: &[(&Sample, &Sample)]) -> Result<Aggregate, Undefined> {
-    let both = conditions.iter().flat_map(|(first, second)| [first.values(), second.values()]);
-    let strata: Vec<&[f64]> = both.collect();
-    at_least(1, strata.iter().map(|values| values.len()).min().unwrap_or(0))?;
-    let average = |values: &mut [f64]| -> f64 {
-        let (mut rest, mut sum) = (&*values, 0.0);
-        for (first, second) in conditions {
-            let (x, behind) = rest.split_at(first.n());
-            let (y, behind) = behind.split_at(second.n());
-            sum += probability(x, y);
-            rest = behind;
-        }
-        sum / conditions.len() as f64
-    };
-    let value = average(&mut strata.concat());
-    Ok(Aggregate { value, interval: percentile_interval(&strata, average) })
 }
 
 fn probability(first: &[f64], second: &[f64]) -> f64 {

@@ -33,7 +33,7 @@ pub use agreement::{Agreement, Estimate, Likeness, Verdict, agreement};
 pub use bootstrap::{Aggregate, RESAMPLES, interquartile_mean};
 pub use contrast::{Contrast, Design, Tests};
 pub use effect_size::{HedgesG, hedges_g, paired_hedges_g};
-pub use improvement::{Improvement, average_improvement, improvement, paired_improvement};
+pub use improvement::{Improvement, improvement, paired_improvement};
 pub use interval::{Interval, LEVEL, mean_interval};
 pub use moments::{Moments, mean_and_sd};
 pub use multiplicity::{Corrected, correct};

@@ -192,19 +192,6 @@ fn interquartile_means_with_stratified_bootstrap_intervals() {
 }
 
 #[test]
-fn improvement_averaged_over_conditions() {
-    for case in cases("average_improvement") {
-        let conditions: Vec<Vec<Sample>> =
-            case["conditions"].as_array().unwrap().iter().map(samples).collect();
-        let pairs: Vec<(&Sample, &Sample)> =
-            conditions.iter().map(|pair| (&pair[0], &pair[1])).collect();
-        let ours = average_improvement(&pairs).unwrap();
-        assert_near(ours.value, number(&case["value"]), "average improvement");
-        assert_drawn(ours.interval.unwrap(), &case["interval"]);
-    }
-}
-
-#[test]
 fn moving_means_are_those_of_single_episodes() {
     for case in cases("moving_mean") {
         let pairs = |value: &Value| -> Vec<(u32, f64)> {

@@ -30,7 +30,7 @@ pub struct Grid<'m> {
 
 /// Parameters that advance together, and how many values each has.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Axis {
+pub(super) struct Axis {
     /// One parameter, or those of a zip.
     pub parameters: Vec<Parameter>,
     /// The number of values.
@@ -68,12 +68,6 @@ impl<'m> Grid<'m> {
             agent,
             axes,
         }
-    }
-
-    /// The axes, slowest first: scenario, swept keys in the order of the tables, seed. A zip stands
-    /// where its first parameter would.
-    pub fn axes(&self) -> &[Axis] {
-        &self.axes
     }
 
     /// The number of cells that are not excluded.
@@ -234,7 +228,8 @@ pub(super) fn size(axes: &[Axis]) -> u128 {
     axes.iter().fold(1, |size, axis| size.saturating_mul(axis.length as u128))
 }
 
-/// The axes of an agent's grid, in the order of [`Grid::axes`].
+/// The axes of an agent's grid, slowest first: scenario, swept keys in the order of the tables, seed. A zip
+/// stands where its first parameter would.
 pub(super) fn axes(manifest: &Manifest, agent: &DeclaredAgent) -> Vec<Axis> {
     let zips = manifest.zips.iter().map(|zip| &zip.parameters);
     let zips: Vec<_> = zips.filter(|zip| zipped(manifest, agent, zip)).collect();

@@ -45,7 +45,7 @@ pub use condition::{Condition, Described, Setting, short_name};
 pub use declared::{DeclaredAgent, Exclusion, MOST_JOBS, Manifest, Zip};
 pub use evaluation::{Evaluation, TestActions};
 pub use fault::{Fault, Faults, nearest};
-pub use grid::{Axis, Cell, Grid};
+pub use grid::{Cell, Grid};
 pub use load::{load, parse};
 pub use parameter::{Parameters, parameter, parameters};
 pub use published::{Published, PublishedCurve, PublishedErrors, PublishedHeatMap, PublishedTest};

@@ -234,27 +234,6 @@ def interquartile_means():
         }
 
 
-def average_improvements():
-    generator = numpy.random.default_rng(6)
-    conditions = []
-    for k in range(4):
-        draw = lambda mean, n: [round(float(x), 2) for x in generator.normal(mean, 1, n)]
-        conditions.append([draw(0.4 * k, 6), draw(0.5, 5)])
-
-    def average(drawn):
-        pairs = zip(drawn[::2], drawn[1::2])
-        means = []
-        for x, y in pairs:
-            x, y = x[:, :, None], y[:, None, :]
-            means.append(((x > y) + (x == y) / 2).mean(axis=(1, 2)))
-        return numpy.mean(means, axis=0)
-
-    strata = list(itertools.chain(*conditions))
-    value = [stats.mannwhitneyu(x, y).statistic / (len(x) * len(y)) for x, y in conditions]
-    interval = bootstrap_interval(average, strata)
-    yield {"conditions": conditions, "value": float(numpy.mean(value)), "interval": interval}
-
-
 def quantiles():
     generator = numpy.random.default_rng(8)
     for n, share in [(1, 0.25), (2, 0.25), (10, 0.25), (1000, 0.25), (999, 0.9)]:
@@ -340,7 +319,6 @@ def main():
         "detectable": power(),
         "quantile": list(quantiles()),
         "interquartile_mean": list(interquartile_means()),
-        "average_improvement": list(average_improvements()),
         "moving_mean": list(moving_means()),
         "agreement": list(agreements()),
     }

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use super::ArmId;
 use super::arm::arms;
 use crate::analyse::undefined::finite;
 use crate::analyse::{
@@ -372,14 +371,6 @@ fn certain(difference: f64) -> Result<Agreement, Undefined> {
     let interval = crate::analyse::Interval { low: difference, high: difference };
     let verdict = if difference == 0.0 { Verdict::Inside } else { Verdict::Outside };
     Ok(Agreement { difference, interval, verdict })
-}
-
-/// The name of an arm that a comparison is about, for colours.
-impl Comparison {
-    /// The arm, where it is about one.
-    pub fn arm(&self) -> ArmId {
-        ArmId { agent: self.agent.clone(), scenario: self.scenario.clone(), settings: Vec::new() }
-    }
 }
 
 #[cfg(test)]
