@@ -18,7 +18,6 @@ mod output;
 mod parquet;
 mod plan;
 mod progress;
-mod provenance;
 mod query;
 mod replay;
 mod report;
@@ -34,12 +33,12 @@ mod summary;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::thread;
 
 use clap::{Args, Parser, Subcommand};
 
 use crate::kernel::Isa;
 use crate::kill_point;
+use crate::schedule::MOST_WORKERS;
 
 pub(crate) use error::{Error, Exit};
 
@@ -87,21 +86,12 @@ impl StoreArgument {
     }
 }
 
-/// Most workers that can be asked for; each is a thread with its own network and buffers.
-const MOST_WORKERS: usize = 1024;
-
 /// A number of workers, as `--workers` takes it.
 fn workers(text: &str) -> Result<NonZeroUsize, String> {
     text.parse()
         .ok()
         .filter(|workers: &NonZeroUsize| workers.get() <= MOST_WORKERS)
         .ok_or_else(|| format!("expected a whole number from 1 to {MOST_WORKERS}"))
-}
-
-/// One worker a core.
-fn one_a_core() -> NonZeroUsize {
-    let most = NonZeroUsize::new(MOST_WORKERS).expect("it is not zero");
-    thread::available_parallelism().unwrap_or(NonZeroUsize::MIN).min(most)
 }
 
 /// Runs the program with the arguments of the process.

@@ -20,7 +20,9 @@
 mod checkpoint;
 mod estimate;
 mod panic;
+mod provenance;
 mod selection;
+mod whole;
 mod worker;
 
 use std::collections::VecDeque;
@@ -44,7 +46,9 @@ use worker::{Message, Report, Shared, Slot, Worker};
 
 pub use checkpoint::{CheckpointFolder, CheckpointNote};
 pub use estimate::{Episodes, Estimate, Speeds};
+pub use provenance::of_this_process;
 pub use selection::Selection;
+pub use whole::{register, run_manifests};
 
 /// How long an outcome waits for others to be stored with it.
 const GATHER: Duration = Duration::from_millis(50);
@@ -76,6 +80,28 @@ pub struct Options {
     pub on_failure: OnFailure,
     /// Time between two checkpoints of a job. Where writing one takes long it is more, up to 25 s.
     pub checkpoint_every: Duration,
+}
+
+/// Most workers that can be asked for; each is a thread with its own network and buffers.
+pub const MOST_WORKERS: usize = 1024;
+
+/// One worker per core.
+pub fn one_per_core() -> NonZeroUsize {
+    let most = NonZeroUsize::new(MOST_WORKERS).expect("it is not zero");
+    thread::available_parallelism().unwrap_or(NonZeroUsize::MIN).min(most)
+}
+
+/// One worker per core; a checkpoint every 20 seconds; failed jobs are not tried again and stop no
+/// other.
+impl Default for Options {
+    fn default() -> Self {
+        Options {
+            workers: one_per_core(),
+            retry_failed: RetryFailed::No,
+            on_failure: OnFailure::Continue,
+            checkpoint_every: Duration::from_secs(20),
+        }
+    }
 }
 
 /// What a failed job does to the jobs after it.
@@ -201,6 +227,13 @@ pub enum Event<'a> {
 pub trait EventSink {
     /// Hears of an event, on the thread that owns the store.
     fn hear(&mut self, event: Event<'_>);
+}
+
+/// A closure hears events.
+impl<F: FnMut(Event<'_>)> EventSink for F {
+    fn hear(&mut self, event: Event<'_>) {
+        self(event);
+    }
 }
 
 /// Runs every queued job that has no completed run yet, until all are done, or `stop` is set.

@@ -22,7 +22,7 @@ pub use checkpoint::{
     CheckpointError, CheckpointFile, Checkpoints, KeptNowhere, ReadCheckpoint, Resumed,
     WriteCheckpoint,
 };
-pub use roll::{StepObserver, TestStreams, begin, roll};
+pub use roll::{Recording, RollStreams, StepObserver, begin, play, roll};
 
 /// How far a training has come.
 #[derive(Clone, Copy, Debug, PartialEq)]
