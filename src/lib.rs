@@ -8,55 +8,140 @@
 //!  what can       what an     what     one job,  one        who runs     pure        tables
 //!  be simulated   author      should   from its  SQLite     it and       numbers     and
 //!  and learned    declares    run      content   file       when                     figures
-//! (kernel, rng,
-//!  state, optimum)
-//!                                   cli at the edge
 //! ```
 //!
-//! ## Words
+//! A **manifest** is the TOML file that an author writes. It expands into **jobs**: one
+//! (environment, scenario, agent, seed, budget, evaluation) each. The **job key** is a hash of that
+//! content and of the code's versions. A **run** is one attempt at a job; a job has at most one
+//! completed run. `docs/architecture.md` has the map of the modules, the invariants and recipes.
 //!
-//! - **manifest**: the TOML file an author writes; **experiment**: a named, expanded manifest in
-//!   the store.
-//! - **scenario**: what the agent observes (`P-H-D`); **agent**: a named algorithm with its
-//!   hyper-parameters.
-//! - **job**: one (environment, scenario, agent, seed, budget, evaluation): what *should* run.
-//!   **job key**: hash of its canonical form and of the code's versions: its identity.
-//! - **run**: one attempt at a job: what *did* happen. A job has at most one completed run.
-//! - **episode**, **step**: as in the paper; an episode has at most `horizon` steps.
-//! - **return**: undiscounted total reward of an episode, in steps walked.
-//! - **metric**: a named number about a run; **learning curve**: a metric along training.
+//! # Example
 //!
-//! ## Invariants
+//! ```
+//! use jitai::{DataParts, Options, Reader, Store, jobs, parse_manifest, run_manifests, summarise_arms};
 //!
-//! - Data flows one way: each module imports only modules before it (`tests/imports.rs` holds
-//!   the table). Training knows no database; only `store` has SQL; nothing imports `cli`.
-//! - The results of a job depend on its content and the code alone. Every source of chance is a
-//!   stream named in [`rng`]; there is no global generator. Every instruction set computes the same
-//!   bits (see [`kernel`]); only jobs with `engine = "burn"` may end in others on another processor.
-//! - A job that was stopped or killed goes on from a checkpoint of the same code to the same bits, or
-//!   starts over; a checkpoint that is not to the byte what was written is never gone on with.
-//! - A run's results are written in the transaction that completes it, or not at all.
-//! - A completed run keeps the digest of its results, and an opened store has the schema that its
-//!   migrations make: what has changed since can be found out.
-//! - Statuses, outcomes and failures are enums that carry their evidence, matched exhaustively.
+//! let text = r#"
+//!     format = 1
+//!     name = "rules"
+//!     scenarios = ["P"]
+//!     seeds = 2
+//!     environment.sigma = 0.6
+//!     evaluation.test_episodes = 20
+//!     [[agent]]
+//!     name = "tailored"
+//!     algorithm = "rule"
+//!     rule = "tailored"
+//! "#;
+//! let manifest = parse_manifest("rules.toml", text.as_bytes())?;
+//! let folder = tempfile::tempdir()?;
+//! let path = folder.path().join("results.sqlite");
+//! let manifests = [manifest];
+//! let tally = run_manifests(&mut Store::open(&path)?, &manifests, Options::default(), |_| {})?;
+//! assert_eq!(tally.completed, 2);
+//!
+//! let [manifest] = &manifests;
+//! let reader = Reader::open(&path)?;
+//! let data = reader.data_set(&manifest.name, jobs(manifest), DataParts::default(), |_| {})?;
+//! assert_eq!(summarise_arms(&data.jobs)[0].returns.n(), 2);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! The public names stand at the root of the crate. `examples/` holds three programs that use them: a
+//! sweep, an environment and an algorithm of their own. Modules that are reachable but not documented
+//! serve the program, its tests and its benches; no version promises them.
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+#[doc(hidden)]
 pub mod agent;
+#[doc(hidden)]
 pub mod analyse;
+#[doc(hidden)]
 pub mod cli;
+#[doc(hidden)]
 pub mod env;
+#[doc(hidden)]
 pub mod kernel;
+#[doc(hidden)]
 pub mod key;
+#[doc(hidden)]
 pub mod kill_point;
+#[doc(hidden)]
 pub mod manifest;
+#[doc(hidden)]
 pub mod optimum;
+#[doc(hidden)]
 pub mod plan;
+#[doc(hidden)]
 pub mod record;
-pub mod report;
+mod report;
+#[doc(hidden)]
 pub mod rng;
+#[doc(hidden)]
 pub mod schedule;
+#[doc(hidden)]
 pub mod state;
+#[doc(hidden)]
 pub mod store;
+#[doc(hidden)]
 pub mod train;
+
+// Read a manifest.
+pub use manifest::{
+    Evaluation, Fault, Faults, Manifest, load as load_manifest, parse as parse_manifest,
+    schema as manifest_schema,
+};
+
+// Expand it.
+pub use plan::{Filter, FilterError, Job, JobKey, PlannedJob, count as count_jobs, expand, jobs};
+
+// Run it against a store.
+pub use schedule::{
+    Event, EventSink, OnFailure, Options, Queued, SweepError, Tally, run_manifests,
+};
+pub use store::{RetryFailed, Store, StoreError};
+
+// Read results.
+pub use analyse::declared::{ArmSummary, summarise_arms};
+pub use analyse::{Sample, Undefined};
+pub use record::{
+    ActionCount, CURVE_METRICS, CompletedRun, DataSet, Failure, FailureKind, JobRecord, JobStatus,
+    METRICS, Provenance,
+};
+pub use store::{
+    Answer, JobState, Parts as DataParts, QueryError, Reader, StoredWeights, Value as SqlValue,
+};
+
+// Make a report.
+pub use manifest::Published;
+pub use report::{ReportFile, ReportedExperiment, Work, assemble, report};
+
+// Simulate an environment, or write one.
+pub use env::contract::{Clause, Violation as ContractViolation, check as check_environment};
+pub use env::{
+    Action, ActionSpec, Environment, EpisodeStatus, FeatureSpec, LaneSet, LaneStreams,
+    ObservationSpec, Observations, PhysicalActivity, Scenario, VectorEnvironment,
+};
+pub use rng::{Purpose, Stream};
+pub use state::{Resumable, StateError, StateReader, StateWriter};
+
+// Roll a policy.
+pub use agent::{Actor, DecisionRule, Rule, RulePolicy};
+pub use train::{Recording, RollStreams, StepObserver, begin, play, roll};
+
+// Train an agent in any environment.
+pub use agent::{
+    DuelingDqn, Reinforce, dueling_dqn_learner, reinforce_learner, trained_dueling_dqn,
+    trained_reinforce,
+};
+
+// Declare keys and register an algorithm; the macros `keys!` and `choices!` belong here.
+pub use agent::{
+    ActionNetwork, Actions, Agent, Algorithm, AlgorithmParameters, Chosen, Constraint, Diverged,
+    EpsilonGreedy, Learner, LearnerError, NameTaken, ReinforceEngine, ReinforceLearner, Setting,
+    SoftmaxPolicy, Span, Start, StartError, TrainedEpisode, Trajectories, Violation, WeightTensor,
+    Weights, WeightsError, action_tensor, inference_device, observation_tensor, register,
+    training_device,
+};
+pub use key::{Key, KeyType, Keyed, Kind, Parameter, Value};

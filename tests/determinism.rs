@@ -148,7 +148,7 @@ fn a_stop_request_ends_a_training_without_a_result() {
 fn the_tested_policy_is_the_one_whose_weights_are_kept() {
     use jitai::agent::{Actions, Weights};
     use jitai::env::{Action, PhysicalActivity};
-    use jitai::train::{StepObserver, TestStreams, begin, roll};
+    use jitai::train::{RollStreams, StepObserver, begin, roll};
 
     struct Total(f64);
     impl StepObserver<PhysicalActivity> for Total {
@@ -162,7 +162,7 @@ fn the_tested_policy_is_the_one_whose_weights_are_kept() {
         let results = results(&job);
         let weights = Weights::from_bytes(&results.weights.unwrap()).unwrap();
         let mut policy = job.agent.trained(&job.setting(), &weights, Actions::AsTrained).unwrap();
-        let mut streams = TestStreams::new(job.seed);
+        let mut streams = RollStreams::of_test(job.seed);
         let mut lanes = PhysicalActivity::new(&job.environment, &job.scenario, 30);
         let mut total = Total(0.0);
         begin(&mut lanes, &mut *policy, &mut streams);

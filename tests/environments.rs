@@ -13,7 +13,7 @@ use jitai::env::{
 };
 use jitai::rng::{Purpose, Stream};
 use jitai::state::{Resumable, StateError, StateReader, StateWriter};
-use jitai::train::{StepObserver, TestStreams, begin, roll};
+use jitai::train::{RollStreams, StepObserver, begin, roll};
 
 /// A walk on the places 0 to 4, from place 1: action 1 goes down, action 2 up, the others stay; one
 /// step in eight goes nowhere. It terminates at place 4 with reward 1, and is truncated after 12 steps.
@@ -265,7 +265,7 @@ impl StepObserver<Line> for Returns {
 
 fn mean_return(actor: &mut dyn Actor<Line>) -> f64 {
     let mut lanes = Line::new(200);
-    let (mut returns, mut streams) = (Returns(vec![0.0; 200]), TestStreams::new(3));
+    let (mut returns, mut streams) = (Returns(vec![0.0; 200]), RollStreams::of_test(3));
     begin(&mut lanes, actor, &mut streams);
     roll(&mut lanes, actor, &mut streams, &mut returns);
     returns.0.iter().sum::<f64>() / 200.0

@@ -8,7 +8,7 @@ use jitai::manifest::Evaluation;
 use jitai::optimum::optimum;
 use jitai::plan::Job;
 use jitai::record::{Outcome, Results};
-use jitai::train::{self, StepObserver, TestStreams, Unwatched};
+use jitai::train::{self, RollStreams, StepObserver, Unwatched};
 
 /// Returns of episodes while they are rolled.
 struct Returns(Vec<f64>);
@@ -24,7 +24,7 @@ impl StepObserver<PhysicalActivity> for Returns {
 /// Mean return of a rule in so many episodes, and its standard error.
 fn simulated(rule: Rule, environment: &Environment, scenario: &Scenario, lanes: usize) -> [f64; 2] {
     let mut policy = RulePolicy::new(&DecisionRule::new(rule), environment, scenario).unwrap();
-    let mut streams = TestStreams::new(7);
+    let mut streams = RollStreams::of_test(7);
     let mut simulation = PhysicalActivity::new(environment, scenario, lanes);
     let mut returns = Returns(vec![0.0; lanes]);
     train::begin(&mut simulation, &mut policy, &mut streams);

@@ -91,6 +91,17 @@ pub trait Learner<Env: VectorEnvironment = PhysicalActivity>: Resumable {
         pause: &dyn Fn() -> bool,
     ) -> Result<Span, LearnerError>;
 
+    /// Trains until at least so many more episodes have ended, and returns them.
+    ///
+    /// **Errors**: as [`Learner::advance`].
+    fn train(&mut self, episodes: usize) -> Result<Vec<TrainedEpisode>, LearnerError> {
+        let mut finished = Vec::new();
+        while finished.len() < episodes {
+            self.advance(&mut finished, &|| false)?;
+        }
+        Ok(finished)
+    }
+
     /// The policy as it would act now in training, or greedily.
     fn policy(&self, actions: Actions) -> Box<dyn Actor<Env>>;
 

@@ -1,6 +1,6 @@
 //! The algorithms: how agents learn and how they act.
 //!
-//! In: hyper-parameters, a [`VectorEnvironment`](crate::env::VectorEnvironment), named random streams. Out: trained episodes, actors
+//! In: hyper-parameters, a [`crate::env::VectorEnvironment`], named random streams. Out: trained episodes, actors
 //! and weights. There is one file per algorithm, written against a trait for the engine that computes
 //! its network: `fused` with kernels, `burn` with Burn modules and automatic differentiation. A
 //! [`Learner`] is an algorithm on an engine in training. An [`Actor`] chooses the actions of episodes: trained networks and decision rules are actors, and
@@ -32,8 +32,9 @@ mod weights;
 
 pub use crate::state::{Resumable, StateError, StateReader, StateWriter};
 pub use actor::Actor;
-pub use burn::device::backend_name;
+pub use burn::device::{backend_name, inference as inference_device, training as training_device};
 pub use burn::{BurnDuelingDqn, BurnReinforce, DuelingQNetwork, PolicyNetwork};
+pub use burn::{column as action_tensor, input as observation_tensor};
 pub use constraint::{Chosen, Constraint, Violation};
 pub use dueling_dqn::{DuelingDqn, DuelingDqnEngine, DuelingDqnLearner, Trunk};
 pub use fused::{FusedDuelingDqn, FusedDuelingNetwork, FusedPolicyNetwork, FusedReinforce};

@@ -87,10 +87,14 @@ pub trait ReinforceEngine: Resumable {
     type Network: ActionNetwork + Send + 'static;
 
     /// The instruction set for what the algorithm computes around the engine.
-    fn isa(&self) -> Isa;
+    fn isa(&self) -> Isa {
+        Isa::chosen()
+    }
 
     /// Replaces `out` by the logits of the actions in every observation, \[rows, actions\].
-    fn logits(&mut self, observations: &Observations, out: &mut Vec<f32>);
+    fn logits(&mut self, observations: &Observations, out: &mut Vec<f32>) {
+        self.network().evaluate(observations, out);
+    }
 
     /// One step of Adam on −(1/divisor) Σ G_t log π(a_t | s_t); returns that loss. The trajectories
     /// were sampled by the network as it is; an engine may use their preferences or not. Where the

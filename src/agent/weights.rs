@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::collections::HashMap;
 
+use burn::tensor::{Device, Tensor as BurnTensor, TensorData};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 
 /// A named array of weights.
@@ -12,6 +13,34 @@ pub struct Tensor {
     pub shape: Vec<usize>,
     /// Values, row by row.
     pub values: Vec<f32>,
+}
+
+impl Tensor {
+    /// Zeros, in this shape.
+    pub fn zeros(shape: impl Into<Vec<usize>>) -> Tensor {
+        let shape = shape.into();
+        Tensor { values: vec![0.0; shape.iter().product()], shape }
+    }
+
+    /// Numbers as a column, \[rows, 1\].
+    pub fn column(values: &[f32]) -> Tensor {
+        Tensor { shape: vec![values.len(), 1], values: values.to_vec() }
+    }
+
+    /// The values of a tensor of Burn.
+    pub fn of_burn<const AXES: usize>(tensor: BurnTensor<AXES>) -> Tensor {
+        let data = tensor.into_data();
+        let shape = data.shape().as_slice().to_vec();
+        Tensor { shape, values: data.try_to_vec().expect("networks compute in f32") }
+    }
+
+    /// The same values as a tensor of Burn.
+    ///
+    /// # Panics
+    /// If the number of axes is another.
+    pub fn to_burn<const AXES: usize>(&self, device: &Device) -> BurnTensor<AXES> {
+        BurnTensor::from_data(TensorData::new(self.values.clone(), self.shape.clone()), device)
+    }
 }
 
 /// The weights of a network by name (`trunk.0.weight`), with the numbers a policy needs beside
@@ -47,6 +76,12 @@ pub enum WeightsError {
 }
 
 impl Weights {
+    /// Weights that are these arrays.
+    pub fn of<const N: usize>(tensors: [(&str, Tensor); N]) -> Weights {
+        let named = tensors.map(|(name, tensor)| (name.to_owned(), tensor));
+        Weights { tensors: BTreeMap::from(named), numbers: BTreeMap::new() }
+    }
+
     /// The array of this name and shape.
     ///
     /// **Errors**: there is none.

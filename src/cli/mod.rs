@@ -18,7 +18,6 @@ mod output;
 mod parquet;
 mod plan;
 mod progress;
-mod provenance;
 mod query;
 mod replay;
 mod report;

@@ -11,10 +11,10 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
 use crate::cli::output::{Cell, Format, Rows, counted, printable};
-use crate::cli::workers::{one_a_core, workers};
+use crate::cli::workers::workers;
 use crate::cli::{Error, Exit, StoreArgument, check, counts};
 use crate::plan::{self, Filter, JobKey, PlannedJob, Swept, Versions};
-use crate::schedule::{Episodes, Estimate, Selection, Speeds};
+use crate::schedule::{self, Episodes, Estimate, Selection, Speeds};
 use crate::store::{Counts, JobState, Reader, StoreError};
 
 /// Jobs that the store is asked about at a time.
@@ -309,7 +309,7 @@ impl Sum {
 }
 
 fn list_experiments(mut survey: Survey<'_>, arguments: &Arguments) -> Result<(), Error> {
-    let workers = arguments.workers.unwrap_or_else(one_a_core);
+    let workers = arguments.workers.unwrap_or_else(schedule::one_per_core);
     let speeds = survey.speeds()?;
     let time = |sum: &Sum| speeds.estimate(&sum.left).shared_by(workers.get());
     let columns = counts::COLUMNS.map(str::to_owned);

@@ -12,14 +12,14 @@ use clap::ValueEnum;
 
 use crate::cli::output::{counted, printable, shell_word};
 use crate::cli::progress::{Shown, Style};
-use crate::cli::workers::{one_a_core, workers};
-use crate::cli::{Error, Exit, StoreArgument, check, provenance, signals, summary};
+use crate::cli::workers::workers;
+use crate::cli::{Error, Exit, StoreArgument, check, signals, summary};
 use crate::manifest::{Manifest, short_name};
-use crate::plan::{self, Filter, JobKey, Swept};
+use crate::plan::{Filter, JobKey, Swept};
 use crate::schedule::{
     self, CheckpointFolder, Context, OnFailure, Options, Queued, Selection, Speeds, Tally,
 };
-use crate::store::{Experiment, FailedJob, JobState, Reader, RetryFailed, Store};
+use crate::store::{FailedJob, JobState, Reader, RetryFailed, Store};
 use crate::train;
 
 /// Failed jobs that are listed at the end.
@@ -99,7 +99,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let tally = if todo.queue.is_empty() {
         Tally::default()
     } else {
-        let session = store.begin_session(&provenance::of_this_process())?;
+        let session = store.begin_session(&schedule::of_this_process())?;
         // Without the mark a crash counts as a kill, which is no reason not to run.
         let _ = signals::mark_crash(store.crash_mark(session)?);
         let options = arguments.options();
@@ -138,7 +138,7 @@ impl Arguments {
 
     fn options(&self) -> Options {
         Options {
-            workers: self.workers.unwrap_or_else(one_a_core),
+            workers: self.workers.unwrap_or_else(schedule::one_per_core),
             retry_failed: self.retry(),
             on_failure: if self.fail_fast { OnFailure::Stop } else { OnFailure::Continue },
             checkpoint_every: self.checkpoint_every,
@@ -170,14 +170,7 @@ fn register(
     manifest: &Manifest,
     stop: &AtomicBool,
 ) -> Result<ControlFlow<()>, Error> {
-    let experiment = Experiment {
-        name: &manifest.name,
-        question: manifest.question.as_deref(),
-        hypothesis: manifest.hypothesis.as_deref(),
-        manifest: &manifest.source,
-    };
-    let jobs = plan::jobs(manifest).map(|planned| (planned.agent, planned.job));
-    let Some(registered) = store.register_until(stop, &experiment, jobs)? else {
+    let Some(registered) = schedule::register(store, manifest, stop)? else {
         return Ok(ControlFlow::Break(()));
     };
     if registered.dropped > 0 {

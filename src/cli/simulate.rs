@@ -1,5 +1,8 @@
 //! `jitai simulate`: rolls a policy and prints every step, or repeats a recorded trajectory.
 
+// Documentation comments are texts of `--help` here, not HTML.
+#![allow(rustdoc::invalid_html_tags)]
+
 use std::io;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -14,7 +17,7 @@ use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit, StoreArgument, replay};
 use crate::env::{Action, Environment, EpisodeStatus, Observer, PhysicalActivity, Scenario};
 use crate::store::{Reader, StoreError};
-use crate::train::{self, StepObserver, TestStreams};
+use crate::train::{self, RollStreams, StepObserver};
 
 /// Roll a rule or a trained policy through the simulation and print every step
 #[derive(clap::Args)]
@@ -177,7 +180,7 @@ fn refused_key(error: StoreError) -> Error {
 struct Rolled {
     lane: PhysicalActivity,
     actor: Box<dyn Actor>,
-    streams: TestStreams,
+    streams: RollStreams,
 }
 
 impl Rolled {
@@ -188,7 +191,7 @@ impl Rolled {
         arguments: &Arguments,
     ) -> Self {
         let lane = PhysicalActivity::new(environment, scenario, 1);
-        Rolled { lane, actor, streams: TestStreams::new(arguments.seed) }
+        Rolled { lane, actor, streams: RollStreams::of_test(arguments.seed) }
     }
 
     /// The steps of the next episode.

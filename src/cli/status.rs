@@ -9,11 +9,10 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use crate::cli::output::{Cell, Format, Rows, counted};
-use crate::cli::workers::one_a_core;
 use crate::cli::{Error, Exit, StoreArgument, counts, summary};
 use crate::manifest;
 use crate::plan::Swept;
-use crate::schedule::{Episodes, Speeds};
+use crate::schedule::{self, Episodes, Speeds};
 use crate::store::{ExperimentCounts, FailedJob, Reader};
 
 /// Show the experiments of a store: jobs by state, failures with their reasons
@@ -67,7 +66,7 @@ struct Unfinished {
 fn show(reader: &Reader, format: Format) -> Result<Unfinished, Error> {
     let speeds = Speeds::of(reader)?;
     let failed = Failed::read(reader)?;
-    let workers = one_a_core().get() as f64;
+    let workers = schedule::one_per_core().get() as f64;
     let mut columns = counts::COLUMNS.map(str::to_owned).to_vec();
     if format == Format::Json {
         columns.push("failures".to_owned());

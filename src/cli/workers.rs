@@ -1,10 +1,8 @@
 //! `--workers`: how many jobs are trained at a time.
 
 use std::num::NonZeroUsize;
-use std::thread;
 
-/// Most workers that can be asked for; each is a thread with its own network and buffers.
-const MOST_WORKERS: usize = 1024;
+use crate::schedule::MOST_WORKERS;
 
 /// A number of workers, as `--workers` takes it.
 pub(super) fn workers(text: &str) -> Result<NonZeroUsize, String> {
@@ -12,10 +10,4 @@ pub(super) fn workers(text: &str) -> Result<NonZeroUsize, String> {
         .ok()
         .filter(|workers: &NonZeroUsize| workers.get() <= MOST_WORKERS)
         .ok_or_else(|| format!("expected a whole number from 1 to {MOST_WORKERS}"))
-}
-
-/// One worker a core.
-pub(super) fn one_a_core() -> NonZeroUsize {
-    let most = NonZeroUsize::new(MOST_WORKERS).expect("it is not zero");
-    thread::available_parallelism().unwrap_or(NonZeroUsize::MIN).min(most)
 }

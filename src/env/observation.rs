@@ -27,6 +27,15 @@ pub struct FeatureSpec {
 }
 
 impl ObservationSpec {
+    /// Features by their names with their smallest and largest values, without a one-hot of time.
+    pub fn of<const N: usize>(features: [(&str, f32, f32); N]) -> Self {
+        let feature = |(name, low, high): (&str, f32, f32)| {
+            let name = name.to_owned();
+            FeatureSpec { name, low, high }
+        };
+        ObservationSpec { features: features.into_iter().map(feature).collect(), one_hot: 0 }
+    }
+
     /// Entries of an observation with its one-hot written out.
     pub fn inputs(&self) -> usize {
         self.features.len() + self.one_hot

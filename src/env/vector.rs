@@ -81,6 +81,22 @@ impl EpisodeStatus {
     }
 }
 
+impl Resumable for [EpisodeStatus] {
+    fn save(&self, out: &mut StateWriter<'_>) -> std::io::Result<()> {
+        out.each(self.iter(), |out, status| out.one(status.number()))
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let misfit = StateError::Misfit("statuses");
+        let mut numbers = vec![0u8; self.len()];
+        from.fill(&mut numbers, "statuses")?;
+        let statuses: Option<Vec<_>> =
+            numbers.into_iter().map(EpisodeStatus::from_number).collect();
+        self.copy_from_slice(&statuses.ok_or(misfit)?);
+        Ok(())
+    }
+}
+
 /// Some of the lanes of an environment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LaneSet<'a> {
@@ -167,7 +183,9 @@ pub struct ActionSpec {
 ///   saved state; whoever owns them saves them.
 pub trait VectorEnvironment: Resumable {
     /// The number of lanes.
-    fn lanes(&self) -> usize;
+    fn lanes(&self) -> usize {
+        self.statuses().len()
+    }
 
     /// The actions and the bounds of rewards.
     fn action_spec(&self) -> ActionSpec;

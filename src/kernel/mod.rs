@@ -6,7 +6,7 @@
 //! Every number is computed by an order of operations that is written down and does not depend on
 //! how many lanes a register has: products are chains of fused multiply-adds over their terms, one
 //! chain for each element of the result; sums across lanes go over sixteen virtual lanes and then
-//! by halves ([`dot`]); logarithms and exponentials are polynomials of our own ([`math`]). What
+//! by halves ([`dot()`]); logarithms and exponentials are polynomials of our own ([`math`]). What
 //! needs registers held by hand is written with `pulp`, whose operations are safe and chosen at run
 //! time; what works element by element is plain Rust, compiled once for each instruction set. What is relied
 //! on is that a fused multiply-add, a division and a square root round correctly, which a test holds

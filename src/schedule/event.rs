@@ -75,6 +75,12 @@ pub trait EventSink {
     fn hear(&mut self, event: Event<'_>);
 }
 
+impl<F: FnMut(Event<'_>)> EventSink for F {
+    fn hear(&mut self, event: Event<'_>) {
+        self(event);
+    }
+}
+
 /// Why a job needs no run of this sweep.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Found {

@@ -50,6 +50,28 @@ pub struct Options {
     pub checkpoint_every: Duration,
 }
 
+/// Most workers that can be asked for; each is a thread with its own network and buffers.
+pub const MOST_WORKERS: usize = 1024;
+
+/// One worker per core.
+pub fn one_per_core() -> NonZeroUsize {
+    let most = NonZeroUsize::new(MOST_WORKERS).expect("it is not zero");
+    thread::available_parallelism().unwrap_or(NonZeroUsize::MIN).min(most)
+}
+
+/// One worker per core; a checkpoint every 20 seconds; failed jobs are not tried again and stop no
+/// other.
+impl Default for Options {
+    fn default() -> Self {
+        Options {
+            workers: one_per_core(),
+            retry_failed: RetryFailed::No,
+            on_failure: OnFailure::Continue,
+            checkpoint_every: Duration::from_secs(20),
+        }
+    }
+}
+
 /// What a failed job does to the jobs after it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OnFailure {

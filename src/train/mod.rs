@@ -20,5 +20,5 @@ pub use checkpoint::{
 };
 pub use control::{TrainingControl, Unwatched};
 pub use progress::TrainingProgress;
-pub use roll::{StepObserver, TestStreams, begin, roll};
+pub use roll::{Recording, RollStreams, StepObserver, begin, play, roll};
 pub use run::run;

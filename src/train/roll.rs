@@ -3,30 +3,38 @@
 use std::io;
 
 use crate::agent::Actor;
-use crate::env::{Action, LaneSet, LaneStreams, VectorEnvironment};
+use crate::env::{Action, LaneSet, LaneStreams, Observations, VectorEnvironment};
 use crate::rng::{Purpose, Stream};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
-/// The random streams of a test.
+/// The random streams of rolled episodes.
 #[derive(Clone, Debug)]
-pub struct TestStreams {
+pub struct RollStreams {
     /// The environment's chance: contexts and their features.
     pub environment: LaneStreams,
     /// The choice among actions.
     pub actions: Stream,
 }
 
-impl TestStreams {
-    /// The streams of a seed at their start, one of them shared by all lanes of the environment.
-    pub fn new(seed: u64) -> Self {
-        TestStreams {
+impl RollStreams {
+    /// A seed's streams of training at their start; all lanes share one of them.
+    pub fn of_training(seed: u64) -> Self {
+        RollStreams {
+            environment: LaneStreams::Shared(Stream::new(seed, Purpose::Environment)),
+            actions: Stream::new(seed, Purpose::Exploration),
+        }
+    }
+
+    /// A seed's streams of the test at their start; all lanes share one of them.
+    pub fn of_test(seed: u64) -> Self {
+        RollStreams {
             environment: LaneStreams::Shared(Stream::new(seed, Purpose::TestEnvironment)),
             actions: Stream::new(seed, Purpose::TestActions),
         }
     }
 }
 
-impl Resumable for TestStreams {
+impl Resumable for RollStreams {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
         self.environment.save(out)?;
         self.actions.save(out)
@@ -59,7 +67,7 @@ pub trait StepObserver<Env: ?Sized> {
 pub fn begin<Env: VectorEnvironment + ?Sized>(
     environment: &mut Env,
     actor: &mut (impl Actor<Env> + ?Sized),
-    streams: &mut TestStreams,
+    streams: &mut RollStreams,
 ) {
     environment.reset(LaneSet::All, &mut streams.environment);
     actor.reset(LaneSet::All);
@@ -70,7 +78,7 @@ pub fn begin<Env: VectorEnvironment + ?Sized>(
 pub fn roll<Env: VectorEnvironment + ?Sized>(
     environment: &mut Env,
     actor: &mut (impl Actor<Env> + ?Sized),
-    streams: &mut TestStreams,
+    streams: &mut RollStreams,
     observer: &mut impl StepObserver<Env>,
 ) {
     let mut actions = vec![Action::NONE; environment.lanes()];
@@ -84,4 +92,53 @@ pub fn roll<Env: VectorEnvironment + ?Sized>(
         actor.observe(environment, &rewards);
         observer.paid(environment, &rewards);
     }
+}
+
+/// What happened in rolled episodes. Row t · lanes + l of every array belongs to step t of lane l; the
+/// rewards of lanes that had ended are 0.
+#[derive(Clone, Debug)]
+pub struct Recording {
+    /// The observations before each step.
+    pub observations: Observations,
+    /// The actions, \[rows\].
+    pub actions: Vec<Action>,
+    /// The rewards, \[rows\].
+    pub rewards: Vec<f64>,
+    lanes: usize,
+    present: Observations,
+}
+
+impl Recording {
+    /// The mean of the lanes' undiscounted returns.
+    pub fn mean_return(&self) -> f64 {
+        self.rewards.iter().sum::<f64>() / self.lanes as f64
+    }
+}
+
+impl<Env: VectorEnvironment + ?Sized> StepObserver<Env> for Recording {
+    fn chosen(&mut self, environment: &Env, actions: &[Action], _: &[f64]) {
+        environment.observe(&mut self.present);
+        self.observations.extend(&self.present, 0..self.lanes);
+        self.actions.extend_from_slice(actions);
+    }
+
+    fn paid(&mut self, _: &Env, rewards: &[f64]) {
+        self.rewards.extend_from_slice(rewards);
+    }
+}
+
+/// Plays an episode in every lane to its end and records it.
+pub fn play<Env: VectorEnvironment + ?Sized>(
+    environment: &mut Env,
+    actor: &mut (impl Actor<Env> + ?Sized),
+    streams: &mut RollStreams,
+) -> Recording {
+    let none = environment.observation_spec().observations();
+    let lanes = environment.lanes();
+    let (actions, rewards) = (Vec::new(), Vec::new());
+    let mut recording =
+        Recording { observations: none.clone(), actions, rewards, lanes, present: none };
+    begin(environment, actor, streams);
+    roll(environment, actor, streams, &mut recording);
+    recording
 }

@@ -7,7 +7,7 @@ use crate::env::{Action, ContextDraw, EpisodeStatus, PhysicalActivity, VectorEnv
 use crate::plan::Job;
 use crate::record::{ActionCount, Metric, PROBABILITY_BINS, TestEpisode};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
-use crate::train::roll::{StepObserver, TestStreams, begin, roll};
+use crate::train::roll::{RollStreams, StepObserver, begin, roll};
 
 /// Episodes that advance in lockstep; part of what fixes the results, because lanes share streams.
 const LANES: usize = 1000;
@@ -18,7 +18,7 @@ const UNPLAYED: TestEpisode = TestEpisode { total_reward: 0.0, length: 0, diseng
 pub(super) struct Test {
     /// Episodes that it has in all.
     episodes: usize,
-    streams: TestStreams,
+    streams: RollStreams,
     counts: ActionCounts,
     played: Vec<TestEpisode>,
     batch: Batch,
@@ -36,7 +36,7 @@ impl Test {
     pub(super) fn new(job: &Job) -> Self {
         Test {
             episodes: job.evaluation.test_episodes as usize,
-            streams: TestStreams::new(job.seed),
+            streams: RollStreams::of_test(job.seed),
             counts: ActionCounts::default(),
             played: Vec::new(),
             batch: Batch {

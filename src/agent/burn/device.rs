@@ -4,7 +4,7 @@ use burn::tensor::Device;
 
 /// The device on which networks are evaluated.
 #[cfg(not(feature = "burn-flex"))]
-pub(in crate::agent) fn inference() -> Device {
+pub fn inference() -> Device {
     // Deprecated upstream in favour of flex; `--features burn-flex` takes that.
     #[allow(deprecated)]
     Device::ndarray()
@@ -12,12 +12,12 @@ pub(in crate::agent) fn inference() -> Device {
 
 /// The device on which networks are evaluated.
 #[cfg(feature = "burn-flex")]
-pub(in crate::agent) fn inference() -> Device {
+pub fn inference() -> Device {
     Device::flex()
 }
 
 /// The device on which networks are trained: the same one, recording gradients.
-pub(in crate::agent) fn training() -> Device {
+pub fn training() -> Device {
     inference().autodiff()
 }
 

@@ -23,7 +23,7 @@ pub use reinforce::BurnReinforce;
 const ADAM_EPSILON: f32 = 1e-8;
 
 /// Observations as a matrix, one-hots written out: \[rows, inputs\].
-fn input(observations: &Observations, device: &Device) -> Tensor<2> {
+pub fn input(observations: &Observations, device: &Device) -> Tensor<2> {
     matrix(observations.written_out(), observations.rows(), device)
 }
 
@@ -34,7 +34,7 @@ fn matrix(values: Vec<f32>, rows: usize, device: &Device) -> Tensor<2> {
 }
 
 /// Numbers of actions as a column: \[rows, 1\].
-fn column(actions: &[Action], device: &Device) -> Tensor<2, Int> {
+pub fn column(actions: &[Action], device: &Device) -> Tensor<2, Int> {
     let indices: Vec<i64> = actions.iter().map(|action| action.index() as i64).collect();
     Tensor::from_data(TensorData::new(indices, [actions.len(), 1]), device)
 }

@@ -2,7 +2,7 @@
 
 use burn::module::{Module, Param};
 use burn::nn::Linear;
-use burn::tensor::{Device, Tensor, TensorData, activation};
+use burn::tensor::{Device, Tensor, activation};
 
 use crate::agent::layers::{self, Layer};
 use crate::agent::weights::{Tensor as WeightTensor, Weights, WeightsError};
@@ -11,22 +11,19 @@ use crate::agent::{Activation, DuelingDqn, Reinforce};
 fn linear(layer: &Layer, weights: &Weights, device: &Device) -> Result<Linear, WeightsError> {
     let weight = weights.tensor(&layer.weight(), &[layer.inputs, layer.outputs])?;
     let bias = weights.tensor(&layer.bias(), &[layer.outputs])?;
-    let data = |t: &WeightTensor| TensorData::new(t.values.clone(), t.shape.clone());
     Ok(Linear {
-        weight: Param::from_data(data(weight), device),
-        bias: Some(Param::from_data(data(bias), device)),
+        weight: Param::from_tensor(weight.to_burn(device)),
+        bias: Some(Param::from_tensor(bias.to_burn(device))),
     })
 }
 
 fn store_linear(name: &str, linear: &Linear, weights: &mut Weights) {
-    let mut insert = |kind: &str, data: TensorData| {
-        let shape = data.shape().as_slice().to_vec();
-        let values = data.try_to_vec().expect("parameters are f32");
-        weights.tensors.insert(format!("{name}.{kind}"), WeightTensor { shape, values });
+    let mut insert = |kind: &str, tensor: WeightTensor| {
+        weights.tensors.insert(format!("{name}.{kind}"), tensor);
     };
-    insert("weight", linear.weight.val().into_data());
+    insert("weight", WeightTensor::of_burn(linear.weight.val()));
     if let Some(bias) = &linear.bias {
-        insert("bias", bias.val().into_data());
+        insert("bias", WeightTensor::of_burn(bias.val()));
     }
 }
 

@@ -9,11 +9,8 @@ use burn::tensor::{Tensor, activation};
 use crate::agent::Reinforce;
 use crate::agent::burn::state::{restore_module, restore_optimizer, save_module, save_optimizer};
 use crate::agent::burn::{ADAM_EPSILON, PolicyNetwork, column, device, input, matrix};
-use crate::agent::policy::ActionNetwork;
 use crate::agent::reinforce::{ReinforceEngine, Trajectories};
 use crate::agent::{Resumable, StateError, StateReader, StateWriter, Weights, WeightsError};
-use crate::env::Observations;
-use crate::kernel::Isa;
 
 /// A policy network with its optimiser.
 pub struct BurnReinforce {
@@ -54,14 +51,6 @@ impl BurnReinforce {
 
 impl ReinforceEngine for BurnReinforce {
     type Network = PolicyNetwork;
-
-    fn isa(&self) -> Isa {
-        Isa::chosen()
-    }
-
-    fn logits(&mut self, observations: &Observations, out: &mut Vec<f32>) {
-        self.network.valid().evaluate(observations, out);
-    }
 
     fn update(&mut self, trajectories: &Trajectories) -> f32 {
         let loss = BurnReinforce::loss(&self.network, trajectories, self.loss_divisor);

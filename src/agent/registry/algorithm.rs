@@ -82,14 +82,16 @@ pub enum Start {
 pub trait AlgorithmParameters: Keyed + 'static {
     /// The word that manifests, jobs and the store write.
     const NAME: &'static str;
-    /// Whether it trains, so that its completed jobs have weights.
-    const LEARNS: bool;
-    /// What its jobs must satisfy beyond the ranges of single keys.
-    const CONSTRAINTS: &'static [Constraint];
+    /// Whether it trains, so that its completed jobs have weights; true unless declared otherwise.
+    const LEARNS: bool = true;
+    /// What its jobs must satisfy beyond the ranges of single keys; nothing unless declared.
+    const CONSTRAINTS: &'static [Constraint] = &[];
 
-    /// The version of its code, from 1; it is raised whenever a change makes the same job end in
-    /// other bits.
-    fn version(&self) -> u32;
+    /// The version of its code, 1 unless declared; raise it whenever a change gives the same job
+    /// other results.
+    fn version(&self) -> u32 {
+        1
+    }
 
     /// Episodes of training: the job's budget. 0 for an algorithm that does not train.
     fn episodes(&self) -> u32;

@@ -33,7 +33,6 @@ fn stacks(chosen: &Chosen) -> u64 {
 
 impl AlgorithmParameters for DuelingDqn {
     const NAME: &'static str = "dueling_dqn";
-    const LEARNS: bool = true;
     const CONSTRAINTS: &'static [Constraint] = &[
         Constraint {
             parameters: &[BATCH, BUFFER],

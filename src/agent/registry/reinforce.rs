@@ -23,7 +23,6 @@ const TRAJECTORIES_PER_UPDATE: Parameter = Parameter::Agent("trajectories_per_up
 
 impl AlgorithmParameters for Reinforce {
     const NAME: &'static str = "reinforce";
-    const LEARNS: bool = true;
     const CONSTRAINTS: &'static [Constraint] = &[
         Constraint {
             parameters: &[EPISODES, TRAJECTORIES_PER_UPDATE],

@@ -7,7 +7,7 @@ use crate::record::Provenance;
 use crate::store;
 
 /// The provenance of runs made by this process.
-pub(super) fn of_this_process() -> Provenance {
+pub fn of_this_process() -> Provenance {
     Provenance {
         code_version: env!("CARGO_PKG_VERSION").to_owned(),
         git_revision: env!("JITAI_GIT_REVISION").to_owned(),

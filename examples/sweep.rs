@@ -1,0 +1,50 @@
+//! A sweep from Rust: two decision rules at two noise levels, and the mean return of every arm.
+
+use std::error::Error;
+
+use jitai::{
+    DataParts, Options, Reader, Store, jobs, parse_manifest, run_manifests, summarise_arms,
+};
+
+const MANIFEST: &str = r#"
+format = 1
+name = "rules"
+question = "When does tailoring to the likelier context pay?"
+scenarios = ["P-H-D"]
+seeds = 3
+
+[environment]
+sigma = [0.4, 1.2]
+
+[evaluation]
+test_episodes = 200
+
+[[agent]]
+name = "never"
+algorithm = "rule"
+rule = "never"
+
+[[agent]]
+name = "tailored"
+algorithm = "rule"
+rule = "tailored"
+"#;
+
+pub fn main() -> Result<(), Box<dyn Error>> {
+    let manifests = [parse_manifest("rules.toml", MANIFEST.as_bytes())?];
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().join("rules.sqlite");
+
+    let mut store = Store::open(&path)?;
+    let tally = run_manifests(&mut store, &manifests, Options::default(), |_| {})?;
+    println!("{} jobs run", tally.completed);
+
+    let reader = Reader::open(&path)?;
+    let name = &manifests[0].name;
+    let data = reader.data_set(name, jobs(&manifests[0]), DataParts::default(), |_| {})?;
+    for arm in summarise_arms(&data.jobs) {
+        let (agent, sigma) = (&arm.name.agent, arm.sigma.unwrap_or_default());
+        println!("{agent} at sigma = {sigma}: {:.0} steps walked", arm.returns.mean()?);
+    }
+    Ok(())
+}
