@@ -127,7 +127,7 @@ pub use rng::{Purpose, Stream};
 pub use state::{Resumable, StateError, StateReader, StateWriter};
 
 // Roll a policy.
-pub use agent::{Actor, DecisionRule, Rule, RulePolicy};
+pub use agent::{Actor, DecisionRule, RuleParameters, RulePolicy};
 pub use train::{Recording, RollStreams, StepObserver, begin, play, roll};
 
 // Train an agent in any environment.

@@ -1,7 +1,7 @@
 //! The optimum and the reference rules against simulated episodes.
 
 use jitai::agent::RulePolicy;
-use jitai::agent::{Agent, DecisionRule, Rule};
+use jitai::agent::{Agent, DecisionRule, RuleParameters};
 use jitai::env::{Action, PhysicalActivity};
 use jitai::env::{Environment, FirstContext, Scenario};
 use jitai::manifest::Evaluation;
@@ -22,8 +22,13 @@ impl StepObserver<PhysicalActivity> for Returns {
 }
 
 /// Mean return of a rule in so many episodes, and its standard error.
-fn simulated(rule: Rule, environment: &Environment, scenario: &Scenario, lanes: usize) -> [f64; 2] {
-    let mut policy = RulePolicy::new(&DecisionRule::new(rule), environment, scenario).unwrap();
+fn simulated(
+    rule: DecisionRule,
+    environment: &Environment,
+    scenario: &Scenario,
+    lanes: usize,
+) -> [f64; 2] {
+    let mut policy = RulePolicy::new(&RuleParameters::new(rule), environment, scenario).unwrap();
     let mut streams = RollStreams::of_test(7);
     let mut simulation = PhysicalActivity::new(environment, scenario, lanes);
     let mut returns = Returns(vec![0.0; lanes]);
@@ -45,7 +50,7 @@ fn the_optimal_policy_reaches_the_optimum_in_a_hundred_thousand_episodes() {
             let best = optimum(&environment, &scenario).unwrap().mean_return;
             // C-H-D leaves nothing to chance.
             let lanes = if is_certain { 10 } else { 100_000 };
-            let [mean, error] = simulated(Rule::Optimal, &environment, &scenario, lanes);
+            let [mean, error] = simulated(DecisionRule::Optimal, &environment, &scenario, lanes);
             assert!((mean - best).abs() < 4.0 * error + 0.1, "{scenario} {sigma}: {mean} {best}");
         }
     }
@@ -64,7 +69,7 @@ fn the_optimal_policy_reaches_the_optimum_of_another_environment() {
     };
     let scenario: Scenario = "P-H-D".parse().unwrap();
     let best = optimum(&environment, &scenario).unwrap().mean_return;
-    let [mean, error] = simulated(Rule::Optimal, &environment, &scenario, 30_000);
+    let [mean, error] = simulated(DecisionRule::Optimal, &environment, &scenario, 30_000);
     assert!((mean - best).abs() < 4.0 * error + 0.1, "{mean} ± {error}, {best}");
 }
 
@@ -73,21 +78,27 @@ fn no_rule_is_better_than_the_optimal_one() {
     let environment = Environment::paper(0.8);
     let scenario: Scenario = "P-H-D".parse().unwrap();
     let best = optimum(&environment, &scenario).unwrap().mean_return;
-    let rules = [Rule::Never, Rule::Untailored, Rule::Tailored, Rule::Threshold, Rule::Random];
+    let rules = [
+        DecisionRule::Never,
+        DecisionRule::Untailored,
+        DecisionRule::Tailored,
+        DecisionRule::Threshold,
+        DecisionRule::Random,
+    ];
     for rule in rules {
         let [mean, error] = simulated(rule, &environment, &scenario, 2000);
         assert!(mean < best - 4.0 * error, "{rule:?}: {mean} {best}");
     }
     // Nothing but the baseline of fifty steps.
-    let [mean, error] = simulated(Rule::Never, &environment, &scenario, 10);
+    let [mean, error] = simulated(DecisionRule::Never, &environment, &scenario, 10);
     assert!((mean - 5.0).abs() < 1e-9 && error < 1e-9, "{mean}");
 }
 
-fn tested(rule: Rule, scenario: &str) -> Results {
+fn tested(rule: DecisionRule, scenario: &str) -> Results {
     let job = Job {
         environment: Environment::paper(0.6),
         scenario: scenario.parse().unwrap(),
-        agent: Agent::of(&DecisionRule::new(rule)),
+        agent: Agent::of(&RuleParameters::new(rule)),
         evaluation: Evaluation::default(),
         seed: 1,
     };
@@ -99,15 +110,18 @@ fn tested(rule: Rule, scenario: &str) -> Results {
 
 #[test]
 fn a_rule_is_tested_like_any_agent_and_learns_nothing() {
-    let results = tested(Rule::Tailored, "L-T");
+    let results = tested(DecisionRule::Tailored, "L-T");
     assert_eq!((results.episodes.len(), results.curve.len()), (1000, 0));
     assert_eq!(results.weights, None);
-    assert_eq!(tested(Rule::Tailored, "P"), results, "what it goes by is the same");
-    assert_ne!(tested(Rule::Tailored, "C"), results);
+    assert_eq!(tested(DecisionRule::Tailored, "P"), results, "what it goes by is the same");
+    assert_ne!(tested(DecisionRule::Tailored, "C"), results);
     // The contexts of the test are the same whoever acts: common random numbers.
     let contexts = |results: &Results| {
         let of_zero = results.actions.iter().filter(|choice| choice.context == 0);
         of_zero.map(|choice| choice.count).sum::<u64>()
     };
-    assert_eq!(contexts(&tested(Rule::Never, "P")), contexts(&tested(Rule::Optimal, "C-H-D")));
+    assert_eq!(
+        contexts(&tested(DecisionRule::Never, "P")),
+        contexts(&tested(DecisionRule::Optimal, "C-H-D"))
+    );
 }

@@ -48,5 +48,5 @@ pub use registry::{
 };
 pub use reinforce::{Reinforce, ReinforceEngine, ReinforceLearner, Trajectories};
 pub use replay::{Batch, Replay, TerminalTarget, Transition};
-pub use rule::{DecisionRule, DecisionRuleError, Rule, RulePolicy, read_rule};
+pub use rule::{DecisionRule, DecisionRuleError, RuleParameters, RulePolicy, read_rule};
 pub use weights::{Tensor as WeightTensor, Weights, WeightsError};

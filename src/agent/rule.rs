@@ -12,25 +12,25 @@ use crate::{choices, keys};
 
 keys! {
     /// A decision rule that needs no training.
-    pub struct DecisionRule {
+    pub struct RuleParameters {
         /// the rule: "never" sends nothing, "tailored" tailors to the likelier context, "threshold"
         /// only where that is probable enough, "optimal" maximises the mean return
-        rule: Rule;
+        rule: DecisionRule;
         /// the least probability of the likelier context at which "threshold" sends a message
         threshold: f64 = 0.8, in Kind::Real { min: 0.5, max: 1.0 };
     }
 }
 
-impl DecisionRule {
+impl RuleParameters {
     /// A rule, with the default threshold.
-    pub fn new(rule: Rule) -> Self {
-        DecisionRule::with_required(&[rule.to_value()])
+    pub fn new(rule: DecisionRule) -> Self {
+        RuleParameters::with_required(&[rule.to_value()])
     }
 }
 
 choices! {
     /// The decision rules. What they know of the context is what the scenario shows of it.
-    pub enum Rule {
+    pub enum DecisionRule {
         /// No message, ever.
         Never = "never",
         /// A message that is not tailored, always.
@@ -69,17 +69,19 @@ impl RulePolicy {
     ///
     /// **Errors**: the optimal rule, and the optimum is not computed.
     pub fn new(
-        rule: &DecisionRule,
+        rule: &RuleParameters,
         environment: &Environment,
         scenario: &Scenario,
     ) -> Result<Self, NoOptimum> {
         let choice = match rule.rule {
-            Rule::Never => Choice::Always(Action::NONE),
-            Rule::Untailored => Choice::Always(Action::UNTAILORED),
-            Rule::Tailored => Choice::Tailored,
-            Rule::Threshold => Choice::Threshold(rule.threshold),
-            Rule::Random => Choice::Random,
-            Rule::Optimal => Choice::Optimal(Box::new(OptimalPolicy::new(environment, scenario)?)),
+            DecisionRule::Never => Choice::Always(Action::NONE),
+            DecisionRule::Untailored => Choice::Always(Action::UNTAILORED),
+            DecisionRule::Tailored => Choice::Tailored,
+            DecisionRule::Threshold => Choice::Threshold(rule.threshold),
+            DecisionRule::Random => Choice::Random,
+            DecisionRule::Optimal => {
+                Choice::Optimal(Box::new(OptimalPolicy::new(environment, scenario)?))
+            }
         };
         Ok(RulePolicy { choice, belief: Belief::new(environment, scenario) })
     }
@@ -164,21 +166,18 @@ pub enum DecisionRuleError {
 /// The rule of this name; the threshold stands behind a colon, as in `threshold:0.9`.
 ///
 /// **Errors**: there is none.
-pub fn read_rule(text: &str) -> Result<DecisionRule, DecisionRuleError> {
+pub fn read_rule(text: &str) -> Result<RuleParameters, DecisionRuleError> {
     if let Some(("threshold", number)) = text.split_once(':') {
         let threshold = number.parse().ok().filter(|p| (0.5..=1.0).contains(p));
         let fault = || DecisionRuleError::Threshold(number.to_owned());
-        return Ok(DecisionRule { rule: Rule::Threshold, threshold: threshold.ok_or_else(fault)? });
+        return Ok(RuleParameters {
+            rule: DecisionRule::Threshold,
+            threshold: threshold.ok_or_else(fault)?,
+        });
     }
-    let rule = match text {
-        "never" => Rule::Never,
-        "untailored" => Rule::Untailored,
-        "tailored" => Rule::Tailored,
-        "random" => Rule::Random,
-        "optimal" => Rule::Optimal,
-        _ => return Err(DecisionRuleError::Unknown(text.to_owned())),
-    };
-    Ok(DecisionRule::new(rule))
+    let rule = DecisionRule::named(text).filter(|rule| *rule != DecisionRule::Threshold);
+    let rule = rule.ok_or_else(|| DecisionRuleError::Unknown(text.to_owned()))?;
+    Ok(RuleParameters::new(rule))
 }
 
 #[cfg(test)]
@@ -221,7 +220,7 @@ mod tests {
             assert_eq!(rule.word(), word);
         }
         let read = read_rule("threshold:0.9").unwrap();
-        assert_eq!((read.rule, read.threshold), (Rule::Threshold, 0.9));
+        assert_eq!((read.rule, read.threshold), (DecisionRule::Threshold, 0.9));
         for text in ["threshold:0.4", "threshold:NaN", "threshold:"] {
             assert!(matches!(read_rule(text), Err(DecisionRuleError::Threshold(_))), "{text}");
         }

@@ -6,7 +6,7 @@ use std::ops::ControlFlow;
 use clap::ValueEnum;
 
 use crate::cli::Error;
-use crate::cli::output::{Cell, Format, Rows};
+use crate::cli::output::{Field, Format, Rows};
 #[cfg(feature = "parquet")]
 use crate::cli::parquet::Columns;
 use crate::store::{Answer, QueryError, Reader, Value};
@@ -162,12 +162,12 @@ pub(super) fn write<W: Write>(
     written.map_or(Ok(()), Written::finish).map_err(Failed::Output)
 }
 
-fn cell<'a>(value: &Value<'a>) -> Cell<'a> {
+fn cell<'a>(value: &Value<'a>) -> Field<'a> {
     match *value {
-        Value::Null => Cell::Empty,
-        Value::Integer(number) => Cell::Integer(number),
-        Value::Real(number) => Cell::Real(number),
-        Value::Text(text) => Cell::text(text),
-        Value::Blob(bytes) => Cell::Bytes(bytes),
+        Value::Null => Field::Empty,
+        Value::Integer(number) => Field::Integer(number),
+        Value::Real(number) => Field::Real(number),
+        Value::Text(text) => Field::text(text),
+        Value::Blob(bytes) => Field::Bytes(bytes),
     }
 }

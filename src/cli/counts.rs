@@ -1,6 +1,6 @@
 //! Jobs of an experiment by state, as `plan` and `status` print them.
 
-use crate::cli::output::Cell;
+use crate::cli::output::Field;
 use crate::store::Counts;
 
 /// The columns of [`cells`].
@@ -20,10 +20,10 @@ pub(super) fn cells<'a>(
     experiment: &'a str,
     counts: &Counts,
     seconds_left: Option<f64>,
-) -> Vec<Cell<'a>> {
-    let integer = |count: u64| Cell::Integer(count as i64);
+) -> Vec<Field<'a>> {
+    let integer = |count: u64| Field::Integer(count as i64);
     vec![
-        Cell::text(experiment),
+        Field::text(experiment),
         integer(counts.total()),
         integer(counts.completed),
         integer(counts.running),
@@ -31,6 +31,6 @@ pub(super) fn cells<'a>(
         integer(counts.interrupted),
         integer(counts.pending),
         // An estimate is not known to the nanosecond.
-        seconds_left.map_or(Cell::Empty, |s| Cell::Rounded((s * 10.0).round() / 10.0, 0)),
+        seconds_left.map_or(Field::Empty, |s| Field::Rounded((s * 10.0).round() / 10.0, 0)),
     ]
 }

@@ -6,7 +6,7 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 
 use crate::cli::counting::Counting;
-use crate::cli::output::{Cell, Format, Rows};
+use crate::cli::output::{Field, Format, Rows};
 use crate::cli::setting::{adjusted, sets, with_parameter};
 use crate::cli::{Error, Exit, check};
 use crate::env::inference_error;
@@ -67,13 +67,13 @@ fn of_manifests(manifests: &[Manifest], format: Format) -> Result<(), Error> {
                 if !missing.contains(&error) {
                     missing.push(error);
                 }
-                [Cell::Empty, Cell::Empty]
+                [Field::Empty, Field::Empty]
             });
             let of_key = |key: &&str| match &environment.to_json()[*key] {
-                serde_json::Value::String(word) => Cell::text(word.clone()),
-                other => Cell::Nested(other.clone()),
+                serde_json::Value::String(word) => Field::text(word.clone()),
+                other => Field::Nested(other.clone()),
             };
-            let mut row = vec![Cell::text(&manifest.name)];
+            let mut row = vec![Field::text(&manifest.name)];
             row.extend(known(environment, scenario).into_iter().chain(found));
             row.extend(swept.iter().map(of_key));
             rows.row(&row)?;
@@ -103,22 +103,22 @@ fn of_arguments(arguments: &Arguments) -> Result<(), Error> {
     let mut rows = Rows::new(arguments.format, &COLUMNS.map(str::to_owned), io::stdout().lock())?;
     for ((environment, scenario), found) in pairs.iter().zip(found_of(&pairs)) {
         let found = optimum_and_error(found.map_err(refused)?);
-        let row: Vec<Cell<'_>> = known(environment, scenario).into_iter().chain(found).collect();
+        let row: Vec<Field<'_>> = known(environment, scenario).into_iter().chain(found).collect();
         rows.row(&row)?;
     }
     Ok(rows.finish()?)
 }
 
 /// The last of [`COLUMNS`].
-fn optimum_and_error(found: Optimum) -> [Cell<'static>; 2] {
-    [Cell::Rounded(found.mean_return, 1), Cell::Rounded(found.error, 2)]
+fn optimum_and_error(found: Optimum) -> [Field<'static>; 2] {
+    [Field::Rounded(found.mean_return, 1), Field::Rounded(found.error, 2)]
 }
 
 /// The first of [`COLUMNS`], which need no computation.
-fn known(environment: &Environment, scenario: &Scenario) -> [Cell<'static>; 3] {
+fn known(environment: &Environment, scenario: &Scenario) -> [Field<'static>; 3] {
     let error = inference_error(environment.sigma);
-    let sigma = Cell::Real(environment.sigma);
-    [Cell::text(scenario.to_string()), sigma, Cell::Rounded(error, 4)]
+    let sigma = Field::Real(environment.sigma);
+    [Field::text(scenario.to_string()), sigma, Field::Rounded(error, 4)]
 }
 
 /// The environments and scenarios of a manifest's jobs, in their order, none twice.

@@ -33,7 +33,7 @@ pub(super) enum Format {
 
 /// One value of a row.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Cell<'a> {
+pub(super) enum Field<'a> {
     /// Nothing: empty in text and CSV, `null` in JSON.
     Empty,
     /// A whole number.
@@ -52,49 +52,51 @@ pub(super) enum Cell<'a> {
     Nested(Value),
 }
 
-impl<'a> Cell<'a> {
+impl<'a> Field<'a> {
     pub(super) fn text(text: impl Into<Cow<'a, str>>) -> Self {
-        Cell::Text(text.into())
+        Field::Text(text.into())
     }
 
     fn is_number(&self) -> bool {
-        matches!(self, Cell::Integer(_) | Cell::Real(_) | Cell::Rounded(..) | Cell::Figure(_))
+        matches!(self, Field::Integer(_) | Field::Real(_) | Field::Rounded(..) | Field::Figure(_))
     }
 
     /// For a person: rounded, with control characters shown, not obeyed, and not longer than can be
     /// read.
     fn for_reading(&self) -> String {
         match self {
-            Cell::Rounded(value, decimals) => format!("{value:.decimals$}"),
-            Cell::Text(text) => shown(text),
-            Cell::Nested(value) => shown(&value.to_string()),
-            Cell::Bytes(bytes) if bytes.len() > MOST_SHOWN / 2 => {
+            Field::Rounded(value, decimals) => format!("{value:.decimals$}"),
+            Field::Text(text) => shown(text),
+            Field::Nested(value) => shown(&value.to_string()),
+            Field::Bytes(bytes) if bytes.len() > MOST_SHOWN / 2 => {
                 let first: String = digits(&bytes[..MOST_SHOWN / 2]).collect();
                 format!("x'{first}… ({} bytes)", bytes.len())
             }
-            Cell::Empty | Cell::Integer(_) | Cell::Real(_) | Cell::Figure(_) | Cell::Bytes(_) => {
-                self.exact().into_owned()
-            }
+            Field::Empty
+            | Field::Integer(_)
+            | Field::Real(_)
+            | Field::Figure(_)
+            | Field::Bytes(_) => self.exact().into_owned(),
         }
     }
 
     /// For a program: every digit.
     fn exact(&self) -> Cow<'_, str> {
         match self {
-            Cell::Empty => Cow::Borrowed(""),
-            Cell::Integer(value) => Cow::Owned(value.to_string()),
-            Cell::Real(value) | Cell::Rounded(value, _) => Cow::Owned(value.to_string()),
-            Cell::Figure(text) => Cow::Borrowed(text),
-            Cell::Text(text) => Cow::Borrowed(text),
-            Cell::Bytes(bytes) => Cow::Owned(as_sql(bytes)),
-            Cell::Nested(value) => Cow::Owned(value.to_string()),
+            Field::Empty => Cow::Borrowed(""),
+            Field::Integer(value) => Cow::Owned(value.to_string()),
+            Field::Real(value) | Field::Rounded(value, _) => Cow::Owned(value.to_string()),
+            Field::Figure(text) => Cow::Borrowed(text),
+            Field::Text(text) => Cow::Borrowed(text),
+            Field::Bytes(bytes) => Cow::Owned(as_sql(bytes)),
+            Field::Nested(value) => Cow::Owned(value.to_string()),
         }
     }
 
     /// For CSV: what people and spreadsheets may open.
     fn for_csv(&self) -> Cow<'_, str> {
         match self {
-            Cell::Text(text) => defused(text),
+            Field::Text(text) => defused(text),
             _ => self.exact(),
         }
     }
@@ -102,19 +104,19 @@ impl<'a> Cell<'a> {
     /// Writes it as JSON, a piece at a time.
     fn write_json(&self, out: &mut impl Write) -> io::Result<()> {
         match self {
-            Cell::Empty => out.write_all(b"null"),
-            Cell::Integer(value) => Ok(serde_json::to_writer(out, value)?),
-            Cell::Real(value) | Cell::Rounded(value, _) => Ok(serde_json::to_writer(out, value)?),
-            Cell::Figure(text) => Ok(serde_json::to_writer(out, text)?),
-            Cell::Text(text) => Ok(serde_json::to_writer(out, text)?),
-            Cell::Bytes(bytes) => {
+            Field::Empty => out.write_all(b"null"),
+            Field::Integer(value) => Ok(serde_json::to_writer(out, value)?),
+            Field::Real(value) | Field::Rounded(value, _) => Ok(serde_json::to_writer(out, value)?),
+            Field::Figure(text) => Ok(serde_json::to_writer(out, text)?),
+            Field::Text(text) => Ok(serde_json::to_writer(out, text)?),
+            Field::Bytes(bytes) => {
                 out.write_all(b"\"x'")?;
                 for piece in bytes.chunks(1 << 12) {
                     out.write_all(digits(piece).collect::<String>().as_bytes())?;
                 }
                 out.write_all(b"'\"")
             }
-            Cell::Nested(value) => Ok(serde_json::to_writer(out, value)?),
+            Field::Nested(value) => Ok(serde_json::to_writer(out, value)?),
         }
     }
 }
@@ -195,7 +197,7 @@ impl<W: Write> Rows<W> {
     }
 
     /// Adds a row, one cell a column.
-    pub(super) fn row(&mut self, cells: &[Cell<'_>]) -> io::Result<()> {
+    pub(super) fn row(&mut self, cells: &[Field<'_>]) -> io::Result<()> {
         match self {
             Rows::Table(out, table, widths) => {
                 if table.row_count() >= ALIGNED_TOGETHER {
@@ -289,8 +291,8 @@ mod tests {
         let mut out = Vec::new();
         let columns = ["name", "mean"].map(str::to_owned);
         let mut rows = Rows::new(format, &columns, &mut out).unwrap();
-        rows.row(&[Cell::text("a,\"b\"\u{1b}[31m"), Cell::Rounded(1234.5678, 1)]).unwrap();
-        rows.row(&[Cell::text("c"), Cell::Empty]).unwrap();
+        rows.row(&[Field::text("a,\"b\"\u{1b}[31m"), Field::Rounded(1234.5678, 1)]).unwrap();
+        rows.row(&[Field::text("c"), Field::Empty]).unwrap();
         rows.finish().unwrap();
         String::from_utf8(out).unwrap()
     }
@@ -307,8 +309,8 @@ mod tests {
         let columns = ["a", "b", "c"].map(str::to_owned);
         let mut rows = Rows::new(Format::Csv, &columns, &mut out).unwrap();
         let bytes = [0, 0xaf];
-        rows.row(&[Cell::text("=cmd()"), Cell::text("-0.5"), Cell::Bytes(&bytes)]).unwrap();
-        rows.row(&[Cell::Real(-0.5), Cell::Figure("-1 ± 2".into()), Cell::Empty]).unwrap();
+        rows.row(&[Field::text("=cmd()"), Field::text("-0.5"), Field::Bytes(&bytes)]).unwrap();
+        rows.row(&[Field::Real(-0.5), Field::Figure("-1 ± 2".into()), Field::Empty]).unwrap();
         rows.finish().unwrap();
         let text = String::from_utf8(out).unwrap();
         assert_eq!(text, "a,b,c\n'=cmd(),-0.5,x'00af'\n-0.5,-1 ± 2,\n");
@@ -321,7 +323,7 @@ mod tests {
         let mut rows = Rows::new(Format::Table, &columns, &mut out).unwrap();
         for row in 0..=ALIGNED_TOGETHER {
             let name = if row == 0 { "a long name" } else { "x" };
-            rows.row(&[Cell::text(name), Cell::Integer(7), Cell::text("end")]).unwrap();
+            rows.row(&[Field::text(name), Field::Integer(7), Field::text("end")]).unwrap();
         }
         rows.finish().unwrap();
         let text = String::from_utf8(out).unwrap();

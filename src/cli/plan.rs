@@ -10,7 +10,7 @@ use std::io::{self, Write};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
-use crate::cli::output::{Cell, Format, Rows, counted, printable};
+use crate::cli::output::{Field, Format, Rows, counted, printable};
 use crate::cli::workers::workers;
 use crate::cli::{Error, Exit, StoreArgument, check, counts};
 use crate::plan::{self, Filter, JobKey, PlannedJob, Swept, Versions};
@@ -379,20 +379,20 @@ fn list_jobs(mut survey: Survey<'_>, format: Format) -> Result<(), Error> {
         survey.walk(place, |surveyed| {
             let Surveyed { key, planned, state, reason, .. } = surveyed;
             rows.row(&[
-                Cell::text(&manifest.name),
-                Cell::text(key.to_string()),
-                Cell::text(&*planned.agent),
-                Cell::text(planned.job.scenario.to_string()),
-                Cell::Real(planned.job.environment.sigma),
-                Cell::Integer(planned.job.seed as i64),
+                Field::text(&manifest.name),
+                Field::text(key.to_string()),
+                Field::text(&*planned.agent),
+                Field::text(planned.job.scenario.to_string()),
+                Field::Real(planned.job.environment.sigma),
+                Field::Integer(planned.job.seed as i64),
                 match format {
-                    Format::Json => Cell::Nested(swept.object(&planned.agent, &planned.job)),
+                    Format::Json => Field::Nested(swept.object(&planned.agent, &planned.job)),
                     Format::Table | Format::Csv => {
-                        Cell::text(swept.words(&planned.agent, &planned.job))
+                        Field::text(swept.words(&planned.agent, &planned.job))
                     }
                 },
-                Cell::text(state.name()),
-                reason.map_or(Cell::Empty, |reason| Cell::text(reason.to_string())),
+                Field::text(state.name()),
+                reason.map_or(Field::Empty, |reason| Field::text(reason.to_string())),
             ])
         })?;
     }

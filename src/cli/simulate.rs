@@ -8,10 +8,10 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use crate::agent::{
-    self, Actions, Actor, DecisionRule, DecisionRuleError, RulePolicy, Setting, Start, StartError,
-    Weights,
+    self, Actions, Actor, DecisionRuleError, RuleParameters, RulePolicy, Setting, Start,
+    StartError, Weights,
 };
-use crate::cli::output::{Cell, Format, Rows};
+use crate::cli::output::{Field, Format, Rows};
 use crate::cli::setting::adjusted;
 use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit, StoreArgument, replay};
@@ -63,7 +63,7 @@ const GREEDY_RULE: &str = "--greedy is for trained policies, and this policy is 
 /// Who acts.
 #[derive(Clone, Debug, PartialEq)]
 enum PolicyArgument {
-    Rule(DecisionRule),
+    Rule(RuleParameters),
     Fixed(Action),
     Run(String),
 }
@@ -252,12 +252,12 @@ fn summarise(rolled: &mut Rolled, arguments: &Arguments) -> Result<(), Error> {
     let columns: Vec<String> = columns.into_iter().map(str::to_owned).collect();
     let mut rows = Rows::new(arguments.format, &columns, io::stdout().lock())?;
     rows.row(&[
-        Cell::Integer(returns.len() as i64),
-        Cell::Rounded(mean, 1),
-        sd.map_or(Cell::Empty, |sd| Cell::Rounded(sd, 1)),
-        Cell::Rounded(steps as f64 / n, 2),
-        Cell::Rounded(disengaged as f64 / n, 3),
-        Cell::Rounded(messages as f64 / steps as f64, 3),
+        Field::Integer(returns.len() as i64),
+        Field::Rounded(mean, 1),
+        sd.map_or(Field::Empty, |sd| Field::Rounded(sd, 1)),
+        Field::Rounded(steps as f64 / n, 2),
+        Field::Rounded(disengaged as f64 / n, 3),
+        Field::Rounded(messages as f64 / steps as f64, 3),
     ])?;
     Ok(rows.finish()?)
 }

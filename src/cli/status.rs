@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
-use crate::cli::output::{Cell, Format, Rows, counted};
+use crate::cli::output::{Field, Format, Rows, counted};
 use crate::cli::{Error, Exit, StoreArgument, counts, summary};
 use crate::manifest;
 use crate::plan::Swept;
@@ -83,7 +83,7 @@ fn show(reader: &Reader, format: Format) -> Result<Unfinished, Error> {
         let seconds = speeds.seconds(&episodes).map(|s| s / workers);
         let mut cells = counts::cells(&experiment, &counts, seconds);
         if format == Format::Json {
-            cells.push(Cell::Nested(failed.described(&experiment)));
+            cells.push(Field::Nested(failed.described(&experiment)));
         }
         rows.row(&cells)?;
     }
@@ -156,13 +156,13 @@ impl Failed {
         let mut rows = Rows::new(Format::Table, &columns.map(str::to_owned), &mut out)?;
         for failed in &self.jobs {
             rows.row(&[
-                Cell::text(&failed.experiment),
-                Cell::text(failed.job_key.to_string()),
-                Cell::text(summary::name_of_failed(&self.swept[&failed.experiment], failed)),
-                Cell::Integer(i64::from(failed.attempt)),
-                Cell::text(failed.failure.kind.name()),
-                Cell::Integer(i64::from(failed.failure.episode)),
-                Cell::text(&failed.failure.message),
+                Field::text(&failed.experiment),
+                Field::text(failed.job_key.to_string()),
+                Field::text(summary::name_of_failed(&self.swept[&failed.experiment], failed)),
+                Field::Integer(i64::from(failed.attempt)),
+                Field::text(failed.failure.kind.name()),
+                Field::Integer(i64::from(failed.failure.episode)),
+                Field::text(&failed.failure.message),
             ])?;
         }
         Ok(rows.finish()?)

@@ -2,7 +2,7 @@
 
 use std::io::{self, Write};
 
-use crate::cli::output::{Cell, Format, Rows};
+use crate::cli::output::{Field, Format, Rows};
 use crate::env::{Action, ContextDraw, EpisodeStatus, PhysicalActivity, VectorEnvironment};
 
 const COLUMNS: [&str; 12] = [
@@ -76,18 +76,18 @@ impl<W: Write> StepRows<W> {
         for step in steps {
             total += step.reward;
             self.0.row(&[
-                Cell::Integer(number as i64),
-                Cell::Integer(i64::from(step.time)),
-                Cell::Integer(i64::from(step.draw.context)),
-                Cell::Rounded(step.draw.probability_of_zero, 4),
-                Cell::Integer(i64::from(step.draw.likely)),
-                Cell::Rounded(step.habituation, 4),
-                Cell::Rounded(step.disengagement, 4),
-                Cell::Integer(step.action.index() as i64),
-                step.probability.map_or(Cell::Empty, |p| Cell::Rounded(p, 4)),
-                Cell::Rounded(step.reward, 2),
-                Cell::text(step.status.name()),
-                Cell::Rounded(total, 2),
+                Field::Integer(number as i64),
+                Field::Integer(i64::from(step.time)),
+                Field::Integer(i64::from(step.draw.context)),
+                Field::Rounded(step.draw.probability_of_zero, 4),
+                Field::Integer(i64::from(step.draw.likely)),
+                Field::Rounded(step.habituation, 4),
+                Field::Rounded(step.disengagement, 4),
+                Field::Integer(step.action.index() as i64),
+                step.probability.map_or(Field::Empty, |p| Field::Rounded(p, 4)),
+                Field::Rounded(step.reward, 2),
+                Field::text(step.status.name()),
+                Field::Rounded(total, 2),
             ])?;
         }
         Ok(())

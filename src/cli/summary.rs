@@ -4,7 +4,7 @@ use std::io::{self, Write};
 
 use crate::analyse::declared::summarise_arms;
 use crate::cli::Error;
-use crate::cli::output::{Cell, Format, Rows, printable};
+use crate::cli::output::{Field, Format, Rows, printable};
 use crate::env;
 use crate::manifest::Manifest;
 use crate::plan::{self, JobKey, Swept};
@@ -46,22 +46,22 @@ pub(super) fn print(reader: &Reader, manifests: &[Manifest]) -> Result<Option<Jo
     Ok(example)
 }
 
-fn cells(line: &Line, context_error: Option<f64>) -> Vec<Cell<'static>> {
-    let percent = |share: f64| Cell::Figure(format!("{:.1} %", 100.0 * share));
-    let spread = line.returns.map_or(Cell::Empty, |returns| match returns.sd {
-        Ok(sd) => Cell::Figure(format!("{:.1} ± {sd:.1}", returns.mean)),
-        Err(_) => Cell::Figure(format!("{:.1}", returns.mean)),
+fn cells(line: &Line, context_error: Option<f64>) -> Vec<Field<'static>> {
+    let percent = |share: f64| Field::Figure(format!("{:.1} %", 100.0 * share));
+    let spread = line.returns.map_or(Field::Empty, |returns| match returns.sd {
+        Ok(sd) => Field::Figure(format!("{:.1} ± {sd:.1}", returns.mean)),
+        Err(_) => Field::Figure(format!("{:.1}", returns.mean)),
     });
     let word = |text: &String| match text.parse::<f64>() {
-        Ok(_) => Cell::Figure(text.clone()),
-        Err(_) => Cell::text(text.clone()),
+        Ok(_) => Field::Figure(text.clone()),
+        Err(_) => Field::text(text.clone()),
     };
-    let mut cells: Vec<Cell<'_>> = line.arm.iter().map(word).collect();
+    let mut cells: Vec<Field<'_>> = line.arm.iter().map(word).collect();
     cells.extend([
-        context_error.map_or(Cell::Empty, percent),
-        Cell::Figure(line.seeds.clone()),
+        context_error.map_or(Field::Empty, percent),
+        Field::Figure(line.seeds.clone()),
         spread,
-        line.disengagement.map_or(Cell::Empty, |share| percent(share.mean)),
+        line.disengagement.map_or(Field::Empty, |share| percent(share.mean)),
     ]);
     cells
 }

@@ -263,7 +263,7 @@ pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
         }
         for axis in &analysis.axes {
             let lengths = manifest.agents.iter().map(|agent| manifest.length(agent, axis.value));
-            if lengths.max().is_some_and(|most| most < 2) && !draft.is_lost(axis.value) {
+            if lengths.max().is_some_and(|most| most < 2) && !draft.is_invalid(axis.value) {
                 let message = format!("`{}` has one value, it is not swept", axis.value);
                 let help = "an axis shows a parameter that the manifest gives several values";
                 faults.add(Fault::at(axis.span, message).help(help));
@@ -271,7 +271,7 @@ pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
         }
         let reported = analysis.analysis.kind.reporting_seeds();
         let shared = reported.iter().find(|seed| seeds.contains(seed));
-        if let (Some(seed), false) = (shared, draft.is_lost(Parameter::Seed)) {
+        if let (Some(seed), false) = (shared, draft.is_invalid(Parameter::Seed)) {
             let message = format!("seed {seed} is searched on and reported on");
             let help = "choose on other seeds than those that are reported: seeds = [101, 102]";
             faults.add(Fault::at(analysis.span, message).help(help));

@@ -26,7 +26,7 @@ impl Reader<'_> {
         let nested = lists.iter().all(|list| list.get_ref().is_array());
         if lists.is_empty() || lists.len() > MOST_ENTRIES || !nested {
             self.expected("zip", expected, node);
-            draft.lost_cells = true;
+            draft.invalid_cells = true;
             return;
         }
         let mut zips: Vec<Located<Vec<Parameter>>> = Vec::new();
@@ -46,7 +46,7 @@ impl Reader<'_> {
             zipped.extend(value.iter().copied());
             zips.push(Located { value, span: list.span().into() });
         }
-        draft.lost_cells |= self.faults.len() > before;
+        draft.invalid_cells |= self.faults.len() > before;
         draft.zips = Some(zips);
     }
 
@@ -80,7 +80,7 @@ impl Reader<'_> {
             }
             draft.exclusions.push(Located { value, span });
         }
-        draft.lost_cells |= self.faults.len() > before;
+        draft.invalid_cells |= self.faults.len() > before;
     }
 
     /// The conditions of `table`, which messages call `place`.

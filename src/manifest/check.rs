@@ -33,7 +33,7 @@ pub(super) fn check(draft: &Draft, mut manifest: Manifest, faults: &mut FaultLis
             }
         }
     }
-    if exclusions_hold && broken.is_empty() && !draft.lost_cells {
+    if exclusions_hold && broken.is_empty() && !draft.invalid_cells {
         matches(draft, &grids, faults);
     }
     manifest
@@ -43,7 +43,7 @@ pub(super) fn check(draft: &Draft, mut manifest: Manifest, faults: &mut FaultLis
 fn zips(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -> HashSet<Parameter> {
     let mut broken = HashSet::new();
     for zip in draft.zips.iter().flatten() {
-        if zip.value.is_empty() || zip.value.iter().any(|parameter| draft.is_lost(*parameter)) {
+        if zip.value.is_empty() || zip.value.iter().any(|parameter| draft.is_invalid(*parameter)) {
             broken.extend(&zip.value);
         } else if let Some(message) = zip_fault(manifest, &zip.value) {
             broken.extend(&zip.value);
@@ -116,7 +116,7 @@ fn size_fits(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -> bool
     let message = format!("the grid has {total} jobs, at most {MOST_JOBS} are possible");
     let fault = Fault::at(span.unwrap_or(Span { start: 0, end: 0 }), message);
     // With an unreadable zip the count may be too high, and the zip's own fault comes first.
-    if !draft.lost_cells && draft.zips.iter().flatten().count() == manifest.zips.len() {
+    if !draft.invalid_cells && draft.zips.iter().flatten().count() == manifest.zips.len() {
         faults.add(fault.help(format!("agent `{name}`: {}", factors.join(" × "))));
     }
     false
@@ -155,11 +155,11 @@ fn is_certain(
     broken: &HashSet<Parameter>,
 ) -> bool {
     let parameters = constraint.parameters;
-    if parameters.iter().any(|name| draft.is_lost_for(agent, *name)) {
+    if parameters.iter().any(|name| draft.is_invalid_for(agent, *name)) {
         return false;
     }
     let swept = parameters.iter().any(|name| grid.is_swept(*name));
-    !swept || !(draft.lost_cells || parameters.iter().any(|name| broken.contains(name)))
+    !swept || !(draft.invalid_cells || parameters.iter().any(|name| broken.contains(name)))
 }
 
 /// Notes a combination of an agent's keys that violates a constraint, unless it is excluded.
@@ -185,14 +185,14 @@ fn hold(draft: &Draft, agent: usize, grid: &Grid, constraint: &Constraint, fault
 fn matches(draft: &Draft, grids: &[Grid], faults: &mut FaultList) {
     for exclusion in &draft.exclusions {
         let known = |condition: &Condition| match condition {
-            Condition::Scenario(_) => !draft.is_lost(Parameter::Scenario),
-            Condition::Seed(_) => !draft.is_lost(Parameter::Seed),
-            Condition::AgentName(_) => !draft.lost_agents,
-            Condition::Key { parameter, .. } => !draft.is_lost(*parameter),
+            Condition::Scenario(_) => !draft.is_invalid(Parameter::Scenario),
+            Condition::Seed(_) => !draft.is_invalid(Parameter::Seed),
+            Condition::AgentName(_) => !draft.invalid_agents,
+            Condition::Key { parameter, .. } => !draft.is_invalid(*parameter),
         };
         let conditions: Vec<Condition> =
             exclusion.value.iter().map(|condition| condition.value.clone()).collect();
-        let all_known = !draft.lost_agents && conditions.iter().all(known);
+        let all_known = !draft.invalid_agents && conditions.iter().all(known);
         let exclusion_met = Exclusion { conditions };
         if all_known && !grids.iter().any(|grid| grid.meets(&exclusion_met)) {
             let fault = Fault::at(exclusion.span, "the exclusion matches no cell");

@@ -24,7 +24,7 @@ pub(super) fn complete(draft: &Draft, path: &str, text: &str, faults: &mut Fault
     let help = "write scenarios = [\"P-H-D\", \"L-H-D\"]";
     missing(draft.scenarios.is_none(), "missing key `scenarios`", help);
     missing(draft.seeds.is_none(), "missing key `seeds`", "write seeds = 3");
-    let agents_missing = draft.agents.is_empty() && !draft.lost_agents;
+    let agents_missing = draft.agents.is_empty() && !draft.invalid_agents;
     let help = "write an [[agent]] with name and algorithm, or extends = \"paper\"";
     missing(agents_missing, "missing [[agent]]", help);
     let scenarios = draft.scenarios.as_ref().map(|scenarios| scenarios.value.clone());

@@ -32,9 +32,9 @@ pub(super) struct Draft {
     /// A version of the format is written.
     pub has_format: bool,
     /// Agents were written that could not be read.
-    pub lost_agents: bool,
+    pub invalid_agents: bool,
     /// Zips or exclusions were written that could not be read.
-    pub lost_cells: bool,
+    pub invalid_cells: bool,
 }
 
 /// The values that a section of a file gives its keys, by their place in the table.
@@ -66,13 +66,13 @@ impl Settings {
     }
 
     /// Whether the key called `name` was given values that could not be read.
-    pub fn is_lost(&self, name: &str) -> bool {
+    pub fn is_invalid(&self, name: &str) -> bool {
         let given = self.section.find(name).and_then(|(place, _)| self.given.get(&place));
         given.is_some_and(|values| values.value.is_empty())
     }
 
     /// Notes that the key in this place of the table is written, in a way that nobody can read.
-    pub fn lose(&mut self, place: usize, span: Span) {
+    pub fn mark_invalid(&mut self, place: usize, span: Span) {
         self.given.entry(place).or_insert(Located { value: Vec::new(), span });
     }
 
@@ -104,8 +104,8 @@ impl Draft {
             exclusions: Vec::new(),
             analyses: Vec::new(),
             has_format: false,
-            lost_agents: false,
-            lost_cells: false,
+            invalid_agents: false,
+            invalid_cells: false,
         }
     }
 
@@ -134,8 +134,8 @@ impl Draft {
             seeds: other.seeds.or(self.seeds),
             zips: other.zips.or(self.zips),
             has_format: other.has_format,
-            lost_agents: other.lost_agents || self.lost_agents,
-            lost_cells: other.lost_cells || self.lost_cells,
+            invalid_agents: other.invalid_agents || self.invalid_agents,
+            invalid_cells: other.invalid_cells || self.invalid_cells,
             ..self
         }
     }
@@ -160,31 +160,32 @@ impl Draft {
     }
 
     /// Whether the values of `parameter` are faulty, of any agent that has it.
-    pub fn is_lost(&self, parameter: Parameter) -> bool {
+    pub fn is_invalid(&self, parameter: Parameter) -> bool {
         match parameter {
             Parameter::Scenario => self.scenarios.as_ref().is_none_or(|list| list.value.is_empty()),
             Parameter::Seed => self.seeds.as_ref().is_none_or(|list| list.value.is_empty()),
-            Parameter::Environment(key) => self.environment.is_lost(key),
-            Parameter::Evaluation(key) => self.evaluation.is_lost(key),
+            Parameter::Environment(key) => self.environment.is_invalid(key),
+            Parameter::Evaluation(key) => self.evaluation.is_invalid(key),
             Parameter::Agent(key) => {
-                self.lost_agents || self.agents.iter().any(|agent| agent.settings.is_lost(key))
+                self.invalid_agents
+                    || self.agents.iter().any(|agent| agent.settings.is_invalid(key))
             }
         }
     }
 
     /// Whether the values of `parameter` are faulty for the agent in this place.
-    pub fn is_lost_for(&self, agent: usize, parameter: Parameter) -> bool {
+    pub fn is_invalid_for(&self, agent: usize, parameter: Parameter) -> bool {
         match parameter {
-            Parameter::Agent(key) => self.agents[agent].settings.is_lost(key),
+            Parameter::Agent(key) => self.agents[agent].settings.is_invalid(key),
             Parameter::Scenario
             | Parameter::Seed
             | Parameter::Environment(_)
-            | Parameter::Evaluation(_) => self.is_lost(parameter),
+            | Parameter::Evaluation(_) => self.is_invalid(parameter),
         }
     }
 
     /// Notes that the top key `meant` is written, under a name or in a place that is not its own.
-    pub fn lose(&mut self, meant: &str, span: Span) {
+    pub fn mark_invalid(&mut self, meant: &str, span: Span) {
         match meant {
             "format" => self.has_format = true,
             "name" => {
@@ -196,11 +197,11 @@ impl Draft {
             "seeds" => {
                 self.seeds.get_or_insert(Located { value: Vec::new(), span });
             }
-            "agent" => self.lost_agents = true,
-            "zip" | "exclude" => self.lost_cells = true,
+            "agent" => self.invalid_agents = true,
+            "zip" | "exclude" => self.invalid_cells = true,
             "environment" => {
                 for place in 0..self.environment.section.keys().len() {
-                    self.environment.lose(place, span);
+                    self.environment.mark_invalid(place, span);
                 }
             }
             _ => {}

@@ -75,7 +75,7 @@ pub fn parse(path: &str, bytes: &[u8]) -> Result<Manifest, Faults> {
     }
     let manifest = complete::complete(&draft, path, text, &mut faults);
     // That there is no agent has been noted; no condition on one is at fault as well.
-    draft.lost_agents |= draft.agents.is_empty();
+    draft.invalid_agents |= draft.agents.is_empty();
     let manifest = check::check(&draft, manifest, &mut faults);
     if faults.is_empty() { Ok(manifest) } else { Err(faults.of(path, Source::new(text))) }
 }

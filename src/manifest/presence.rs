@@ -15,16 +15,16 @@ pub(super) fn absent(
 ) -> Option<(String, String, String)> {
     let agents = &manifest.agents;
     match condition {
-        Condition::Scenario(list) if !draft.is_lost(Parameter::Scenario) => {
+        Condition::Scenario(list) if !draft.is_invalid(Parameter::Scenario) => {
             first_absent("scenario".to_owned(), list, manifest.scenarios.iter())
         }
-        Condition::Seed(list) if !draft.is_lost(Parameter::Seed) => {
+        Condition::Seed(list) if !draft.is_invalid(Parameter::Seed) => {
             first_absent("seed".to_owned(), list, manifest.seeds.iter())
         }
-        Condition::AgentName(list) if !draft.lost_agents => {
+        Condition::AgentName(list) if !draft.invalid_agents => {
             first_absent("agent.name".to_owned(), list, agents.iter().map(|agent| &agent.name))
         }
-        Condition::Key { parameter, values } if !draft.is_lost(*parameter) => {
+        Condition::Key { parameter, values } if !draft.is_invalid(*parameter) => {
             let of_agent = |agent| manifest.values(agent, *parameter).unwrap_or_default();
             first_absent(parameter.to_string(), values, agents.iter().flat_map(of_agent))
         }

@@ -83,7 +83,7 @@ impl Reader<'_> {
                 "environment" => {
                     draft.environment = self.section(Section::Environment, node);
                     if !node.get_ref().is_table() {
-                        draft.lose("environment", node.span().into());
+                        draft.mark_invalid("environment", node.span().into());
                     }
                 }
                 "evaluation" => draft.evaluation = self.section(Section::Evaluation, node),
@@ -105,8 +105,8 @@ impl Reader<'_> {
         let fault = Fault::at(span, format!("unknown key `{}`", shortened(found)));
         self.faults.add(belonging(fault, None, found, &TOP_KEYS));
         match Section::Environment.find(found) {
-            Some((place, _)) => draft.environment.lose(place, span),
-            None => draft.lose(nearest(found, TOP_KEYS).unwrap_or_default(), span),
+            Some((place, _)) => draft.environment.mark_invalid(place, span),
+            None => draft.mark_invalid(nearest(found, TOP_KEYS).unwrap_or_default(), span),
         }
     }
 
@@ -311,7 +311,7 @@ impl Reader<'_> {
                 self.unknown_key(section, key.span().into(), found, others);
                 let meant = nearest(found, section.keys().iter().map(|key| key.name));
                 if let Some((place, _)) = meant.and_then(|meant| section.find(meant)) {
-                    settings.lose(place, key.span().into());
+                    settings.mark_invalid(place, key.span().into());
                 }
                 continue;
             };
@@ -349,7 +349,7 @@ impl Reader<'_> {
             }
             draft.agents.push(agent);
         }
-        draft.lost_agents = self.faults.len() > before;
+        draft.invalid_agents = self.faults.len() > before;
     }
 
     fn agent(&mut self, inherited: &Draft, span: Span, table: &DeTable) -> Option<AgentDraft> {

@@ -316,13 +316,13 @@ impl fmt::Debug for JobKey {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::{DecisionRule, DuelingDqn, Reinforce, Rule};
+    use crate::agent::{DecisionRule, DuelingDqn, Reinforce, RuleParameters};
 
     fn jobs() -> Vec<Job> {
         let agents = [
             Agent::of(&DuelingDqn::default()),
             Agent::of(&Reinforce::default()),
-            Agent::of(&DecisionRule::new(Rule::Random)),
+            Agent::of(&RuleParameters::new(DecisionRule::Random)),
         ];
         let job = |agent| Job {
             environment: Environment::paper(0.6),

@@ -1,6 +1,6 @@
 //! The tables of an experiment's arms and agents.
 
-use super::data_table::{Cell, DataTable, shown};
+use super::data_table::{DataTable, Entry, shown};
 use super::figure::arm_label;
 use super::tables::{between, high, in_unit, low};
 use crate::analyse::declared::{AgentSummary, ArmSummary, share_of_optimum};
@@ -41,15 +41,15 @@ pub fn arms(rows: &[ArmSummary]) -> DataTable {
     table
 }
 
-fn arm(row: &ArmSummary) -> Vec<Cell> {
+fn arm(row: &ArmSummary) -> Vec<Entry> {
     let (mean, interval) = (row.returns.mean(), row.returns.interval());
     let interquartile = row.interquartile();
     let middle = interval_of(interquartile);
     let share = |value| share(value, row.optimum);
     vec![
-        Cell::text(arm_label(&row.name)),
-        Cell::number(row.returns.n() as f64, 0),
-        Cell::number(f64::from(row.returns.lost().ended()), 0),
+        Entry::text(arm_label(&row.name)),
+        Entry::number(row.returns.n() as f64, 0),
+        Entry::number(f64::from(row.returns.lost().ended()), 0),
         in_unit(mean, "mean_return"),
         between(interval, "mean_return"),
         low(interval),
@@ -60,7 +60,7 @@ fn arm(row: &ArmSummary) -> Vec<Cell> {
         high(middle),
         in_unit(row.lower_quartiles.mean(), "mean_return"),
         in_unit(row.disengagement.mean(), "disengagement_rate"),
-        Cell::of(row.messages.mean(), 1),
+        Entry::of(row.messages.mean(), 1),
         optimum(row.optimum),
         share(mean),
         share(interval.map(|interval| interval.low)),
@@ -96,12 +96,12 @@ pub fn agents(rows: &[AgentSummary]) -> DataTable {
     for row in rows {
         let (returns, shares) = (interval_of(row.returns), row.shares.map(interval_of));
         let of_shares =
-            |cell: &dyn Fn(Result<Interval, Undefined>) -> Cell| shares.map_or_else(unknown, cell);
+            |cell: &dyn Fn(Result<Interval, Undefined>) -> Entry| shares.map_or_else(unknown, cell);
         table.rows.push(vec![
-            Cell::text(&row.agent),
-            Cell::text(&row.scenario),
-            Cell::number(row.arms as f64, 0),
-            Cell::number(row.runs as f64, 0),
+            Entry::text(&row.agent),
+            Entry::text(&row.scenario),
+            Entry::number(row.arms as f64, 0),
+            Entry::number(row.runs as f64, 0),
             in_unit(row.returns.map(|all| all.value), "mean_return"),
             between(returns, "mean_return"),
             low(returns),
@@ -116,12 +116,12 @@ pub fn agents(rows: &[AgentSummary]) -> DataTable {
 }
 
 /// The optimum, if it is known.
-pub fn optimum(optimum: Option<f64>) -> Cell {
-    optimum.map_or_else(unknown, |value| Cell::number(value, 1))
+pub fn optimum(optimum: Option<f64>) -> Entry {
+    optimum.map_or_else(unknown, |value| Entry::number(value, 1))
 }
 
 /// A return as a share of the optimum.
-pub fn share(value: Result<f64, Undefined>, optimum: Option<f64>) -> Cell {
+pub fn share(value: Result<f64, Undefined>, optimum: Option<f64>) -> Entry {
     match value.map(|value| share_of_optimum(value, optimum)) {
         Ok(Some(share)) => percent(Ok(share)),
         Err(reason) if share_of_optimum(0.0, optimum).is_some() => percent(Err(reason)),
@@ -129,23 +129,23 @@ pub fn share(value: Result<f64, Undefined>, optimum: Option<f64>) -> Cell {
     }
 }
 
-fn unknown() -> Cell {
-    Cell::Missing("optimum not known".to_owned())
+fn unknown() -> Entry {
+    Entry::Missing("optimum not known".to_owned())
 }
 
-fn percent(value: Result<f64, Undefined>) -> Cell {
+fn percent(value: Result<f64, Undefined>) -> Entry {
     match value {
-        Ok(value) => Cell::Number { value, shown: shown(value * 100.0, 1) },
-        Err(reason) => Cell::Missing(reason.to_string()),
+        Ok(value) => Entry::Number { value, shown: shown(value * 100.0, 1) },
+        Err(reason) => Entry::Missing(reason.to_string()),
     }
 }
 
-fn percent_between(interval: Result<Interval, Undefined>) -> Cell {
+fn percent_between(interval: Result<Interval, Undefined>) -> Entry {
     match interval {
         Ok(Interval { low, high }) => {
-            Cell::text(format!("{} to {}", shown(low * 100.0, 1), shown(high * 100.0, 1)))
+            Entry::text(format!("{} to {}", shown(low * 100.0, 1), shown(high * 100.0, 1)))
         }
-        Err(reason) => Cell::Missing(reason.to_string()),
+        Err(reason) => Entry::Missing(reason.to_string()),
     }
 }
 

@@ -10,7 +10,7 @@ pub struct DataTable {
     /// Its columns.
     pub columns: Vec<Column>,
     /// Its rows, a cell a column.
-    pub rows: Vec<Vec<Cell>>,
+    pub rows: Vec<Vec<Entry>>,
 }
 
 /// A column.
@@ -38,7 +38,7 @@ const NOT_PUBLISHED: &str = "not published";
 
 /// A cell.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Cell {
+pub enum Entry {
     /// Text.
     Text(String),
     /// A number, and how it is read.
@@ -52,53 +52,53 @@ pub enum Cell {
     Missing(String),
 }
 
-impl Cell {
+impl Entry {
     /// Text.
-    pub fn text(text: impl Into<String>) -> Cell {
-        Cell::Text(text.into())
+    pub fn text(text: impl Into<String>) -> Entry {
+        Entry::Text(text.into())
     }
 
     /// A number with so many decimals.
-    pub fn number(value: f64, decimals: usize) -> Cell {
-        Cell::Number { value, shown: shown(value, decimals) }
+    pub fn number(value: f64, decimals: usize) -> Entry {
+        Entry::Number { value, shown: shown(value, decimals) }
     }
 
     /// A number if there is one, and the reason otherwise.
-    pub fn of<E: ToString>(value: Result<f64, E>, decimals: usize) -> Cell {
+    pub fn of<E: ToString>(value: Result<f64, E>, decimals: usize) -> Entry {
         match value {
-            Ok(value) => Cell::number(value, decimals),
-            Err(reason) => Cell::Missing(reason.to_string()),
+            Ok(value) => Entry::number(value, decimals),
+            Err(reason) => Entry::Missing(reason.to_string()),
         }
     }
 
     /// A p value.
-    pub fn p<E: ToString>(value: Result<f64, E>) -> Cell {
+    pub fn p<E: ToString>(value: Result<f64, E>) -> Entry {
         match value {
-            Ok(value) => Cell::Number { value, shown: p_value(value) },
-            Err(reason) => Cell::Missing(reason.to_string()),
+            Ok(value) => Entry::Number { value, shown: p_value(value) },
+            Err(reason) => Entry::Missing(reason.to_string()),
         }
     }
 
     /// What was published, if anything was.
-    pub fn published(cell: Option<Cell>) -> Cell {
-        cell.unwrap_or_else(|| Cell::Missing(NOT_PUBLISHED.to_owned()))
+    pub fn published(cell: Option<Entry>) -> Entry {
+        cell.unwrap_or_else(|| Entry::Missing(NOT_PUBLISHED.to_owned()))
     }
 
     /// As readers see it.
     pub fn shown(&self) -> &str {
         match self {
-            Cell::Text(text) => text,
-            Cell::Number { shown, .. } => shown,
-            Cell::Missing(_) => "–",
+            Entry::Text(text) => text,
+            Entry::Number { shown, .. } => shown,
+            Entry::Missing(_) => "–",
         }
     }
 
     /// As programs see it: every digit; nothing where there is no number.
     fn exact(&self) -> String {
         match self {
-            Cell::Text(text) => text.clone(),
-            Cell::Number { value, .. } => value.to_string(),
-            Cell::Missing(_) => String::new(),
+            Entry::Text(text) => text.clone(),
+            Entry::Number { value, .. } => value.to_string(),
+            Entry::Missing(_) => String::new(),
         }
     }
 }
@@ -148,15 +148,15 @@ impl DataTable {
 
     /// Whether a column could hold published numbers, and none was published.
     fn is_unpublished(&self, place: usize) -> bool {
-        let is_missing = |cell: &Cell| *cell == Cell::published(None);
+        let is_missing = |cell: &Entry| *cell == Entry::published(None);
         !self.rows.is_empty() && self.rows.iter().all(|row| is_missing(&row[place]))
     }
 
     /// Whether a column holds numbers.
     pub fn is_numeric(&self, place: usize) -> bool {
         let mut cells = self.rows.iter().map(|row| &row[place]);
-        cells.clone().any(|cell| matches!(cell, Cell::Number { .. }))
-            && cells.all(|cell| !matches!(cell, Cell::Text(text) if !text.is_empty()))
+        cells.clone().any(|cell| matches!(cell, Entry::Number { .. }))
+            && cells.all(|cell| !matches!(cell, Entry::Text(text) if !text.is_empty()))
     }
 
     /// The table as CSV, every digit kept.
@@ -195,7 +195,7 @@ impl DataTable {
         let cells = self.rows.iter().flat_map(|row| places.iter().map(|place| &row[*place]));
         let mut reasons: Vec<&str> = Vec::new();
         for cell in cells {
-            if let Cell::Missing(reason) = cell
+            if let Entry::Missing(reason) = cell
                 && !reasons.contains(&reason.as_str())
             {
                 reasons.push(reason);
@@ -212,9 +212,9 @@ mod tests {
     #[test]
     fn one_table_in_two_formats() {
         let mut table = DataTable::new("A & B", &[("arm", "Arm"), ("mean", "Mean"), (".n", "n")]);
-        table.rows.push(vec![Cell::text("=x|y"), Cell::number(-1.25, 1), Cell::number(3.0, 0)]);
-        let missing = Cell::Missing("no seed completed".to_owned());
-        table.rows.push(vec![Cell::text("z"), missing, Cell::number(0.0, 0)]);
+        table.rows.push(vec![Entry::text("=x|y"), Entry::number(-1.25, 1), Entry::number(3.0, 0)]);
+        let missing = Entry::Missing("no seed completed".to_owned());
+        table.rows.push(vec![Entry::text("z"), missing, Entry::number(0.0, 0)]);
         assert_eq!(table.csv(), "arm,mean,n\n'=x|y,-1.25,3\nz,,0\n");
         assert_eq!(
             table.markdown(),
@@ -226,10 +226,10 @@ mod tests {
     #[test]
     fn readers_see_no_column_of_which_nothing_was_published() {
         let mut table = DataTable::new("", &[("arm", "Arm"), ("published", "Published")]);
-        table.rows.push(vec![Cell::text("a"), Cell::published(None)]);
+        table.rows.push(vec![Entry::text("a"), Entry::published(None)]);
         assert_eq!(table.shown_columns().collect::<Vec<_>>(), [0]);
         assert_eq!(table.csv(), "arm,published\na,\n");
-        table.rows.push(vec![Cell::text("b"), Cell::published(Some(Cell::number(1.0, 0)))]);
+        table.rows.push(vec![Entry::text("b"), Entry::published(Some(Entry::number(1.0, 0)))]);
         assert_eq!(table.shown_columns().collect::<Vec<_>>(), [0, 1]);
     }
 }

@@ -1,6 +1,6 @@
 //! A table as LaTeX that fits the page of an article.
 
-use super::data_table::{Cell, DataTable};
+use super::data_table::{DataTable, Entry};
 use super::escape;
 
 /// Rows of a table that stands on one page; longer ones go on over pages.
@@ -104,7 +104,7 @@ fn headings(table: &DataTable) -> String {
 
 fn rows(table: &DataTable) -> String {
     let places: Vec<usize> = table.shown_columns().collect();
-    let row = |row: &Vec<Cell>| {
+    let row = |row: &Vec<Entry>| {
         let cells = places.iter().map(|place| escape::latex(row[*place].shown()));
         format!("    {} \\\\\n", cells.collect::<Vec<_>>().join(" & "))
     };
@@ -117,14 +117,14 @@ mod tests {
 
     fn table(rows: usize) -> DataTable {
         let mut table = DataTable::new("A & B", &[("arm", "Arm"), ("mean", "Mean")]);
-        table.rows = vec![vec![Cell::text("=x|y"), Cell::number(-1.25, 1)]; rows];
+        table.rows = vec![vec![Entry::text("=x|y"), Entry::number(-1.25, 1)]; rows];
         table
     }
 
     #[test]
     fn a_short_table_is_a_float_no_wider_than_the_text() {
         let mut table = table(39);
-        table.rows.push(vec![Cell::text("z"), Cell::Missing("no seed completed".to_owned())]);
+        table.rows.push(vec![Entry::text("z"), Entry::Missing("no seed completed".to_owned())]);
         let written = latex(&table);
         assert!(written.starts_with("% Needs \\usepackage{booktabs,graphicx}.\n"));
         assert!(written.contains("\\caption{A \\& B}"));
@@ -146,13 +146,13 @@ mod tests {
     fn a_wider_long_table_has_smaller_letters_or_lies_across_the_page() {
         let of = |letters: usize| {
             let mut table = table(41);
-            table.rows[7][0] = Cell::text("m".repeat(letters));
+            table.rows[7][0] = Entry::text("m".repeat(letters));
             setting(&table)
         };
         assert_eq!([of(10), of(105)], [("footnotesize", false), ("scriptsize", false)]);
         assert_eq!([of(130), of(180)], [("footnotesize", true), ("scriptsize", true)]);
         let mut wide = table(41);
-        wide.rows[7][0] = Cell::text("m".repeat(130));
+        wide.rows[7][0] = Entry::text("m".repeat(130));
         assert!(latex(&wide).starts_with("% Needs \\usepackage{booktabs,longtable,pdflscape}.\n"));
         assert!(latex(&wide).ends_with("\\endgroup\n\\end{landscape}\n"));
     }

@@ -1,6 +1,6 @@
 //! Tables that no kind of analysis has for itself, and what all tables are written with.
 
-use super::data_table::{Cell, DataTable, shown};
+use super::data_table::{DataTable, Entry, shown};
 use super::figure::{Numbers, settings_label};
 use super::words::unit_numbers;
 use crate::analyse::declared::{Comparison, Reproduction, varying};
@@ -8,34 +8,34 @@ use crate::analyse::{Interval, Undefined, Verdict};
 use crate::record::{JobRecord, JobStatus, Setting};
 
 /// A metric's number as readers see it, in its unit.
-pub fn in_unit(value: Result<f64, Undefined>, metric: &str) -> Cell {
+pub fn in_unit(value: Result<f64, Undefined>, metric: &str) -> Entry {
     match (value, unit_numbers(metric)) {
         (Ok(value), (Numbers::Percent, decimals)) => {
-            Cell::Number { value, shown: shown(value * 100.0, decimals) }
+            Entry::Number { value, shown: shown(value * 100.0, decimals) }
         }
-        (value, (_, decimals)) => Cell::of(value, decimals.max(1)),
+        (value, (_, decimals)) => Entry::of(value, decimals.max(1)),
     }
 }
 
 /// An interval as readers see it.
-pub fn between(interval: Result<Interval, Undefined>, metric: &str) -> Cell {
+pub fn between(interval: Result<Interval, Undefined>, metric: &str) -> Entry {
     match interval {
         Ok(Interval { low, high }) => {
             let (low, high) = (in_unit(Ok(low), metric), in_unit(Ok(high), metric));
-            Cell::text(format!("{} to {}", low.shown(), high.shown()))
+            Entry::text(format!("{} to {}", low.shown(), high.shown()))
         }
-        Err(reason) => Cell::Missing(reason.to_string()),
+        Err(reason) => Entry::Missing(reason.to_string()),
     }
 }
 
 /// The lower end of an interval.
-pub fn low(interval: Result<Interval, Undefined>) -> Cell {
-    Cell::of(interval.map(|interval| interval.low), 1)
+pub fn low(interval: Result<Interval, Undefined>) -> Entry {
+    Entry::of(interval.map(|interval| interval.low), 1)
 }
 
 /// The upper end of an interval.
-pub fn high(interval: Result<Interval, Undefined>) -> Cell {
-    Cell::of(interval.map(|interval| interval.high), 1)
+pub fn high(interval: Result<Interval, Undefined>) -> Entry {
+    Entry::of(interval.map(|interval| interval.high), 1)
 }
 
 /// Why so many seeds have no interval of their mean.
@@ -71,32 +71,32 @@ pub fn reproduction(reproduction: &Reproduction) -> DataTable {
     table
 }
 
-fn comparison(one: &Comparison) -> Vec<Cell> {
+fn comparison(one: &Comparison) -> Vec<Entry> {
     let settings = one.settings.iter().map(|(name, value)| format!("{name}={value}"));
     let is_rate = one.published.abs() < 1.0;
     let decimals = if is_rate { 4 } else { 1 };
     let interval = one.agreement.as_ref().map(|agreement| agreement.interval).map_err(|e| *e);
     vec![
-        Cell::text(one.subject.name()),
-        Cell::text(&one.agent),
-        Cell::text(&one.scenario),
-        Cell::text(settings.collect::<Vec<_>>().join(" ")),
-        Cell::number(one.published, decimals),
-        Cell::of(one.published_error, decimals),
-        one.published_p.map_or_else(|| Cell::Missing("none".to_owned()), |p| Cell::number(p, 5)),
-        Cell::of(one.ours, decimals),
-        Cell::of(one.our_error, decimals),
-        Cell::number(one.seeds as f64, 0),
-        Cell::of(one.agreement.as_ref().map(|agreement| agreement.difference), decimals),
+        Entry::text(one.subject.name()),
+        Entry::text(&one.agent),
+        Entry::text(&one.scenario),
+        Entry::text(settings.collect::<Vec<_>>().join(" ")),
+        Entry::number(one.published, decimals),
+        Entry::of(one.published_error, decimals),
+        one.published_p.map_or_else(|| Entry::Missing("none".to_owned()), |p| Entry::number(p, 5)),
+        Entry::of(one.ours, decimals),
+        Entry::of(one.our_error, decimals),
+        Entry::number(one.seeds as f64, 0),
+        Entry::of(one.agreement.as_ref().map(|agreement| agreement.difference), decimals),
         match interval {
             Ok(Interval { low, high }) => {
-                Cell::text(format!("{} to {}", shown(low, decimals), shown(high, decimals)))
+                Entry::text(format!("{} to {}", shown(low, decimals), shown(high, decimals)))
             }
-            Err(reason) => Cell::Missing(reason.to_string()),
+            Err(reason) => Entry::Missing(reason.to_string()),
         },
         low(interval),
         high(interval),
-        Cell::text(match &one.agreement {
+        Entry::text(match &one.agreement {
             Ok(agreement) => match agreement.verdict {
                 Verdict::Inside => "inside".to_owned(),
                 Verdict::Outside => "outside".to_owned(),
@@ -132,21 +132,21 @@ pub fn failures<'j>(experiments: impl Iterator<Item = (&'j str, &'j [JobRecord])
     table
 }
 
-fn failed(experiment: &str, job: &JobRecord, told_by: &[String]) -> Option<Vec<Cell>> {
+fn failed(experiment: &str, job: &JobRecord, told_by: &[String]) -> Option<Vec<Entry>> {
     let JobStatus::Failed(failure) = &job.status else { return None };
     let setting = |name: &String| Some((name.clone(), job.setting(name)?.clone()));
     let settings: Vec<(String, Setting)> = told_by.iter().filter_map(setting).collect();
     let sigma = job.number("environment.sigma").map_or_else(String::new, |s| s.to_string());
     Some(vec![
-        Cell::text(experiment),
-        Cell::text(&job.agent),
-        Cell::text(&job.scenario),
-        Cell::text(sigma),
-        Cell::text(settings_label(&settings)),
-        Cell::number(job.seed as f64, 0),
-        Cell::text(failure.kind.name()),
-        Cell::text(&failure.message),
-        Cell::number(f64::from(failure.episode), 0),
-        Cell::text(job.job_key.to_string()),
+        Entry::text(experiment),
+        Entry::text(&job.agent),
+        Entry::text(&job.scenario),
+        Entry::text(sigma),
+        Entry::text(settings_label(&settings)),
+        Entry::number(job.seed as f64, 0),
+        Entry::text(failure.kind.name()),
+        Entry::text(&failure.message),
+        Entry::number(f64::from(failure.episode), 0),
+        Entry::text(job.job_key.to_string()),
     ])
 }

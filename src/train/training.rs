@@ -207,7 +207,7 @@ mod tests {
     use std::cell::Cell;
 
     use super::*;
-    use crate::agent::{Agent, DecisionRule, Rule};
+    use crate::agent::{Agent, DecisionRule, RuleParameters};
     use crate::env::{Action, Environment, LaneSet, PhysicalActivity, VectorEnvironment};
     use crate::manifest::Evaluation;
     use crate::rng::Stream;
@@ -304,7 +304,7 @@ mod tests {
         let job = Job {
             environment: Environment { horizon: 20, ..Environment::paper(0.6) },
             scenario: "P-H-D".parse().unwrap(),
-            agent: Agent::of(&DecisionRule::new(Rule::Random)),
+            agent: Agent::of(&RuleParameters::new(DecisionRule::Random)),
             // Two batches, so that what is learned in the first matters in the second.
             evaluation: Evaluation { test_episodes: 1100, ..Evaluation::default() },
             seed: 4,

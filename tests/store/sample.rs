@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use jitai::agent::{Agent, DecisionRule, DuelingDqn, Reinforce, Rule};
+use jitai::agent::{Agent, DecisionRule, DuelingDqn, Reinforce, RuleParameters};
 use jitai::env::Environment;
 use jitai::manifest::Evaluation;
 use jitai::plan::Job;
@@ -122,7 +122,7 @@ pub fn reinforce(sigma: f64, seed: u64) -> Job {
 }
 
 pub fn rule(sigma: f64, seed: u64) -> Job {
-    Job { agent: Agent::of(&DecisionRule::new(Rule::Tailored)), ..dqn(sigma, seed) }
+    Job { agent: Agent::of(&RuleParameters::new(DecisionRule::Tailored)), ..dqn(sigma, seed) }
 }
 
 /// Results as small as they can be.

@@ -12,15 +12,18 @@ use std::sync::{PoisonError, RwLock};
 
 use crate::agent::dueling_dqn::DuelingDqn;
 use crate::agent::reinforce::Reinforce;
-use crate::agent::rule::DecisionRule;
+use crate::agent::rule::RuleParameters;
 
 pub use algorithm::{Agent, Algorithm, AlgorithmParameters, Setting, Start, StartError};
 pub use dueling_dqn::{learner_in as dueling_dqn_learner, trained as trained_dueling_dqn};
 pub use reinforce::{learner_in as reinforce_learner, trained as trained_reinforce};
 
 /// The algorithms that come with the library, in the order the documentation lists them.
-static BUILT_IN: [Algorithm; 3] =
-    [Algorithm::of::<DuelingDqn>(), Algorithm::of::<Reinforce>(), Algorithm::of::<DecisionRule>()];
+static BUILT_IN: [Algorithm; 3] = [
+    Algorithm::of::<DuelingDqn>(),
+    Algorithm::of::<Reinforce>(),
+    Algorithm::of::<RuleParameters>(),
+];
 
 /// The algorithms that programs have added, in their order.
 static REGISTERED: RwLock<Vec<&'static Algorithm>> = RwLock::new(Vec::new());

@@ -3,7 +3,7 @@
 use crate::agent::actor::Actor;
 use crate::agent::constraint::{Chosen, Constraint, HORIZON, Violation};
 use crate::agent::learner::Actions;
-use crate::agent::rule::{DecisionRule, Rule, RulePolicy};
+use crate::agent::rule::{DecisionRule, RuleParameters, RulePolicy};
 use crate::agent::weights::{Weights, WeightsError};
 use crate::key::Parameter;
 use crate::optimum::LONGEST_OPTIMUM;
@@ -13,10 +13,10 @@ use super::algorithm::{AlgorithmParameters, Setting, Start, StartError};
 const RULE: Parameter = Parameter::Agent("rule");
 
 fn is_optimal(chosen: &Chosen) -> bool {
-    chosen.is_word(RULE, Rule::Optimal.word())
+    chosen.is_word(RULE, DecisionRule::Optimal.word())
 }
 
-impl AlgorithmParameters for DecisionRule {
+impl AlgorithmParameters for RuleParameters {
     const NAME: &'static str = "rule";
     const LEARNS: bool = false;
     const CONSTRAINTS: &'static [Constraint] = &[
@@ -49,8 +49,12 @@ impl AlgorithmParameters for DecisionRule {
 
     fn version(&self) -> u32 {
         match self.rule {
-            Rule::Optimal => 4,
-            Rule::Never | Rule::Untailored | Rule::Tailored | Rule::Threshold | Rule::Random => 1,
+            DecisionRule::Optimal => 4,
+            DecisionRule::Never
+            | DecisionRule::Untailored
+            | DecisionRule::Tailored
+            | DecisionRule::Threshold
+            | DecisionRule::Random => 1,
         }
     }
 

@@ -3,7 +3,7 @@
 use super::Drawn;
 use crate::analyse::declared::{ActionPanel, ArmId, BinShares};
 use crate::analyse::quantile;
-use crate::report::data_table::{Cell, DataTable, shown};
+use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{
     FAINT, INK, Looks, NOTE, TEXT, WIDTH, arm_label, fitting, rising_title, seeds, text,
 };
@@ -223,16 +223,16 @@ fn table(title: &str, panels: &[ActionPanel]) -> DataTable {
             for (action, (share, interval)) in bin.shares.iter().flatten().enumerate() {
                 let interval = interval.ok_or(no_interval(bin.seeds));
                 table.rows.push(vec![
-                    Cell::text(arm_label(&panel.name)),
-                    Cell::number(bin.low, 1),
-                    Cell::number(bin.high, 1),
-                    Cell::number(action as f64, 0),
+                    Entry::text(arm_label(&panel.name)),
+                    Entry::number(bin.low, 1),
+                    Entry::number(bin.high, 1),
+                    Entry::number(action as f64, 0),
                     in_unit(Ok(*share), "message_rate"),
                     between(interval, "message_rate"),
                     low(interval),
                     high(interval),
-                    Cell::number(bin.seeds as f64, 0),
-                    Cell::number(bin.steps as f64, 0),
+                    Entry::number(bin.seeds as f64, 0),
+                    Entry::number(bin.steps as f64, 0),
                 ]);
             }
         }

@@ -3,7 +3,7 @@
 use super::{Drawn, amount};
 use crate::analyse::declared::{ALPHA, ContrastRow};
 use crate::analyse::{FEW_SEEDS, Tests};
-use crate::report::data_table::{Cell, DataTable, shown};
+use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{
     Axis, AxisScale, FAINT, GRID, INK, Look, Looks, Marker, NOTE, PUBLISHED, TEXT, WIDTH,
     arm_label, fitting, marker, round_range, seeds, text,
@@ -238,14 +238,14 @@ fn table(title: &str, rows: &[ContrastRow], metric: &str) -> DataTable {
 }
 
 /// Two numbers of seeds, of the first side and the second; one where none is meant at all.
-fn of_sides(numbers: (usize, usize)) -> Cell {
-    Cell::Text(match numbers {
+fn of_sides(numbers: (usize, usize)) -> Entry {
+    Entry::Text(match numbers {
         (0, 0) => "0".to_owned(),
         (first, second) => format!("{first}, {second}"),
     })
 }
 
-fn contrast_cells(row: &ContrastRow, metric: &str) -> Vec<Cell> {
+fn contrast_cells(row: &ContrastRow, metric: &str) -> Vec<Entry> {
     let contrast = &row.contrast;
     let interval = contrast.test().map(|test| test.interval);
     let student = match contrast.tests {
@@ -257,12 +257,12 @@ fn contrast_cells(row: &ContrastRow, metric: &str) -> Vec<Cell> {
     let g = contrast.hedges_g;
     let (first, second) = row.means();
     vec![
-        Cell::text(arm_label(&row.name)),
+        Entry::text(arm_label(&row.name)),
         row.error.map_or_else(
-            || Cell::Missing("no sigma".to_owned()),
-            |error| Cell::Number { value: error, shown: shown(error * 100.0, 1) },
+            || Entry::Missing("no sigma".to_owned()),
+            |error| Entry::Number { value: error, shown: shown(error * 100.0, 1) },
         ),
-        Cell::Text(seeds),
+        Entry::Text(seeds),
         of_sides(row.unmatched()),
         of_sides(row.lost()),
         in_unit(first, metric),
@@ -271,17 +271,17 @@ fn contrast_cells(row: &ContrastRow, metric: &str) -> Vec<Cell> {
         between(interval, metric),
         low(interval),
         high(interval),
-        Cell::p(contrast.test().map(|test| test.p)),
-        Cell::p(student.map(|test| test.p)),
-        Cell::p(row.corrected.map(|corrected| corrected.holm)),
-        Cell::p(row.corrected.map(|corrected| corrected.benjamini_hochberg)),
-        Cell::p(contrast.permutation_p),
-        Cell::of(g.map(|g| g.g), 2),
-        Cell::of(g.map(|g| g.interval.low), 2),
-        Cell::of(g.map(|g| g.interval.high), 2),
-        Cell::of(contrast.improvement.map(|improvement| improvement.probability), 2),
+        Entry::p(contrast.test().map(|test| test.p)),
+        Entry::p(student.map(|test| test.p)),
+        Entry::p(row.corrected.map(|corrected| corrected.holm)),
+        Entry::p(row.corrected.map(|corrected| corrected.benjamini_hochberg)),
+        Entry::p(contrast.permutation_p),
+        Entry::of(g.map(|g| g.g), 2),
+        Entry::of(g.map(|g| g.interval.low), 2),
+        Entry::of(g.map(|g| g.interval.high), 2),
+        Entry::of(contrast.improvement.map(|improvement| improvement.probability), 2),
         in_unit(contrast.detectable, metric),
-        Cell::published(row.published.map(|(effect, _)| Cell::number(effect, 1))),
-        Cell::published(row.published.map(|(_, p)| Cell::number(p, 5))),
+        Entry::published(row.published.map(|(effect, _)| Entry::number(effect, 1))),
+        Entry::published(row.published.map(|(_, p)| Entry::number(p, 5))),
     ]
 }

@@ -4,7 +4,7 @@ use super::{Drawn, amount};
 use crate::analyse::declared::{ALPHA, Apart, ArmId, CurveFigure, CurveLine, CurvePoint, Ends};
 use crate::manifest::short_name;
 use crate::report::arm_tables::{optimum, share};
-use crate::report::data_table::{Cell, DataTable, shown};
+use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{
     AxisScale, Chart, Line, Looks, Numbers, Place, Spread, arm_label, axes, draw, labels,
     optimum_lines, seeds,
@@ -210,10 +210,10 @@ fn table(title: &str, figure: &CurveFigure, metric: &str) -> DataTable {
             let best = line.optimum_at(point.x);
             let x = if is_error { shown(point.x * 100.0, 1) } else { point.x.to_string() };
             table.rows.push(vec![
-                Cell::text(arm_label(&line.name)),
-                Cell::Number { value: point.parameter, shown: point.parameter.to_string() },
-                Cell::Number { value: point.x, shown: x },
-                Cell::number(point.sample.n() as f64, 0),
+                Entry::text(arm_label(&line.name)),
+                Entry::Number { value: point.parameter, shown: point.parameter.to_string() },
+                Entry::Number { value: point.x, shown: x },
+                Entry::number(point.sample.n() as f64, 0),
                 in_unit(mean, metric),
                 between(interval, metric),
                 low(interval),
@@ -221,7 +221,7 @@ fn table(title: &str, figure: &CurveFigure, metric: &str) -> DataTable {
                 in_unit(point.sample.sd(), metric),
                 optimum(best),
                 share(mean, best),
-                Cell::published(published.map(|(_, value)| Cell::number(*value, 0))),
+                Entry::published(published.map(|(_, value)| Entry::number(*value, 0))),
             ]);
         }
     }

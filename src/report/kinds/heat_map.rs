@@ -3,7 +3,7 @@
 use super::{Drawn, amount};
 use crate::analyse::declared::{HeatCell, HeatFigure, Scale, heat_range};
 use crate::manifest::short_name;
-use crate::report::data_table::{Cell, DataTable, shown};
+use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::escape::file_stem;
 use crate::report::figure::{
     FAINT, INK, Looks, NOTE, Numbers, TEXT, WIDTH, fitting, rising_title, seeds, text,
@@ -278,16 +278,16 @@ fn table(title: &str, figures: &[HeatFigure], metric: &str) -> DataTable {
     for figure in figures {
         for cell in &figure.cells {
             table.rows.push(vec![
-                Cell::text(&figure.agent),
-                Cell::text(&figure.subject),
-                Cell::Number { value: cell.y, shown: cell.y.to_string() },
-                Cell::Number { value: cell.x, shown: cell.x.to_string() },
-                Cell::number(cell.seeds as f64, 0),
+                Entry::text(&figure.agent),
+                Entry::text(&figure.subject),
+                Entry::Number { value: cell.y, shown: cell.y.to_string() },
+                Entry::Number { value: cell.x, shown: cell.x.to_string() },
+                Entry::number(cell.seeds as f64, 0),
                 cell_in_unit(cell.value, metric),
                 between(cell.interval, metric),
                 low(cell.interval),
                 high(cell.interval),
-                Cell::published(cell.published.map(|value| cell_in_unit(Ok(value), metric))),
+                Entry::published(cell.published.map(|value| cell_in_unit(Ok(value), metric))),
             ]);
         }
     }

@@ -3,7 +3,7 @@
 use super::Drawn;
 use crate::analyse::declared::ErrorFigure;
 use crate::env::inference_error;
-use crate::report::data_table::{Cell, DataTable, shown};
+use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{
     Axis, AxisScale, Chart, INK, Line, Look, Looks, Marker, Numbers, PUBLISHED, Place, Spread, draw,
 };
@@ -114,16 +114,16 @@ fn table(title: &str, figure: &ErrorFigure) -> DataTable {
         ("steps", "Test steps"),
     ];
     let mut table = DataTable::new(title, &columns);
-    let percent = |value: f64| Cell::Number { value, shown: shown(value * 100.0, 1) };
+    let percent = |value: f64| Entry::Number { value, shown: shown(value * 100.0, 1) };
     for point in &figure.points {
         let published = figure.published.iter().find(|(sigma, _)| *sigma == point.sigma);
         table.rows.push(vec![
-            Cell::Number { value: point.sigma, shown: point.sigma.to_string() },
+            Entry::Number { value: point.sigma, shown: point.sigma.to_string() },
             percent(point.exact),
-            point.seen.map_or_else(|| Cell::Missing("no completed run".to_owned()), percent),
-            Cell::published(published.map(|(_, rate)| percent(*rate))),
-            Cell::number(point.runs as f64, 0),
-            Cell::number(point.steps as f64, 0),
+            point.seen.map_or_else(|| Entry::Missing("no completed run".to_owned()), percent),
+            Entry::published(published.map(|(_, rate)| percent(*rate))),
+            Entry::number(point.runs as f64, 0),
+            Entry::number(point.steps as f64, 0),
         ]);
     }
     table

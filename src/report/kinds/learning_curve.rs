@@ -3,7 +3,7 @@
 use super::Drawn;
 use crate::analyse::Interval;
 use crate::analyse::declared::{ArmId, LearningFigure, LearningLine, LearningPanel};
-use crate::report::data_table::{Cell, DataTable, shown};
+use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::escape::file_stem;
 use crate::report::figure::{
     AxisScale, Chart, Line, Looks, Numbers, Place, Spread, arm_label, axes, draw, labels,
@@ -147,10 +147,10 @@ fn table(title: &str, panels: &[LearningPanel]) -> DataTable {
         for (episode, mean, interval) in &line.points {
             let interval = interval.ok_or(no_interval(line.seeds.0));
             table.rows.push(vec![
-                Cell::text(arm_label(&line.name)),
-                Cell::number(line.seeds.0 as f64, 0),
-                Cell::number(f64::from(*episode), 0),
-                Cell::number(*mean, 1),
+                Entry::text(arm_label(&line.name)),
+                Entry::number(line.seeds.0 as f64, 0),
+                Entry::number(f64::from(*episode), 0),
+                Entry::number(*mean, 1),
                 between(interval, "mean_return"),
                 low(interval),
                 high(interval),

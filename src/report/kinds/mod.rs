@@ -100,7 +100,7 @@ mod tests {
     };
     use crate::analyse::{Contrast, Corrected, Design, Sample, Undefined};
     use crate::manifest::Setting;
-    use crate::report::data_table::Cell;
+    use crate::report::data_table::Entry;
 
     fn name() -> ArmId {
         ArmId { agent: "dqn".into(), scenario: "P-H-D".into(), settings: Vec::new() }
@@ -125,7 +125,7 @@ mod tests {
     }
 
     /// The cell of a column in the first row.
-    fn cell<'t>(table: &'t DataTable, name: &str) -> &'t Cell {
+    fn cell<'t>(table: &'t DataTable, name: &str) -> &'t Entry {
         let place = table.columns.iter().position(|column| column.name == name);
         &table.rows[0][place.unwrap()]
     }
@@ -136,7 +136,7 @@ mod tests {
 
     fn number(table: &DataTable, name: &str) -> f64 {
         match cell(table, name) {
-            Cell::Number { value, .. } => *value,
+            Entry::Number { value, .. } => *value,
             other => panic!("{name}: {other:?}"),
         }
     }
@@ -198,7 +198,7 @@ mod tests {
         let few = Undefined::TooFewSeeds { have: 1, need: 2 };
         for (n, reason) in [(1, few), (3, Undefined::NoVariance)] {
             for table in [learning_of(n), actions_of(n)] {
-                assert_eq!(*cell(&table, "interval"), Cell::Missing(reason.to_string()));
+                assert_eq!(*cell(&table, "interval"), Entry::Missing(reason.to_string()));
             }
         }
         // Of three seeds that completed, one has a step in the bin.

@@ -3,7 +3,7 @@
 use super::{Drawn, amount};
 use crate::analyse::Interval;
 use crate::analyse::declared::Chosen;
-use crate::report::data_table::{Cell, DataTable};
+use crate::report::data_table::{DataTable, Entry};
 use crate::report::figure::{Looks, arm_label, seeds, settings_label};
 use crate::report::scene::Scene;
 use crate::report::tables::{between, high, in_unit, low};
@@ -78,10 +78,10 @@ fn table(title: &str, chosen: &[Chosen], metric: &str) -> DataTable {
     for chosen in chosen {
         for (rank, candidate) in chosen.candidates.iter().enumerate() {
             table.rows.push(vec![
-                Cell::text(arm_label(&chosen.place)),
-                Cell::number(rank as f64 + 1.0, 0),
-                Cell::text(settings_label(&candidate.settings)),
-                Cell::number(candidate.sample.n() as f64, 0),
+                Entry::text(arm_label(&chosen.place)),
+                Entry::number(rank as f64 + 1.0, 0),
+                Entry::text(settings_label(&candidate.settings)),
+                Entry::number(candidate.sample.n() as f64, 0),
                 in_unit(candidate.mean, metric),
                 between(candidate.interval, metric),
                 low(candidate.interval),

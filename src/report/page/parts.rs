@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use maud::{Markup, PreEscaped, html};
 
-use crate::report::data_table::{Cell, DataTable};
+use crate::report::data_table::{DataTable, Entry};
 use crate::report::latex::is_printed;
 use crate::report::scene::inline_svg;
 use crate::report::section::{ArmTables, ReportedExperiment, Shown};
@@ -146,22 +146,22 @@ pub fn html_table(table: &DataTable) -> Markup {
     }
 }
 
-fn html_cell(cell: &Cell, class: Option<&str>) -> Markup {
+fn html_cell(cell: &Entry, class: Option<&str>) -> Markup {
     let (value, reason) = match cell {
-        Cell::Number { value, .. } => (Some(*value), None),
-        Cell::Missing(reason) => (None, Some(reason)),
-        Cell::Text(_) => (None, None),
+        Entry::Number { value, .. } => (Some(*value), None),
+        Entry::Missing(reason) => (None, Some(reason)),
+        Entry::Text(_) => (None, None),
     };
     html! { td class=[class] data-value=[value] title=[reason] { (cell.shown()) } }
 }
 
 /// One row in `every`, spread evenly over each run of rows with the same words, and the last of
 /// each run.
-fn thinned(rows: &[Vec<Cell>], every: usize) -> impl Iterator<Item = &Vec<Cell>> {
-    let same_words = |one: &Vec<Cell>, next: &Vec<Cell>| {
+fn thinned(rows: &[Vec<Entry>], every: usize) -> impl Iterator<Item = &Vec<Entry>> {
+    let same_words = |one: &Vec<Entry>, next: &Vec<Entry>| {
         one.iter().zip(next).all(|cells| match cells {
-            (Cell::Text(one), Cell::Text(next)) => one == next,
-            (Cell::Text(_), _) | (_, Cell::Text(_)) => false,
+            (Entry::Text(one), Entry::Text(next)) => one == next,
+            (Entry::Text(_), _) | (_, Entry::Text(_)) => false,
             _ => true,
         })
     };
@@ -208,15 +208,15 @@ pub fn provenance(experiments: &[&ReportedExperiment], store: &str) -> Markup {
     let mut table = DataTable::new("Provenance", &columns);
     for ([version, revision, backend, processor, host], (runs, first, last, seconds)) in makers {
         table.rows.push(vec![
-            Cell::number(runs as f64, 0),
-            Cell::text(version),
-            Cell::text(revision),
-            Cell::text(backend),
-            Cell::text(processor),
-            Cell::text(host),
-            Cell::text(first),
-            Cell::text(last),
-            Cell::number(seconds, 0),
+            Entry::number(runs as f64, 0),
+            Entry::text(version),
+            Entry::text(revision),
+            Entry::text(backend),
+            Entry::text(processor),
+            Entry::text(host),
+            Entry::text(first),
+            Entry::text(last),
+            Entry::number(seconds, 0),
         ]);
     }
     html! {
