@@ -3,7 +3,6 @@ use jitai::*;
 const GOAL: u32 = 4;
 /// Place and status by lane: action 2 goes up, others stay; one step in 16 ends the episode.
 struct Walk(Vec<u32>, Vec<EpisodeStatus>);
-
 impl VectorEnvironment for Walk {
     fn action_spec(&self) -> ActionSpec {
         ActionSpec { count: Action::COUNT, lowest_reward: 0.0, highest_reward: 1.0 }
@@ -47,11 +46,11 @@ impl Resumable for Walk {
         self.1.restore(from)
     }
 }
-
 pub fn main() -> Result<(), Box<dyn std::error::Error>> {
     let walk = |lanes| Walk(vec![0; lanes], vec![EpisodeStatus::Truncated; lanes]);
     check_environment(walk, 200)?;
-    let parameters = DuelingDqn { layers: vec![16], ..DuelingDqn::default() };
+    let terminal_target = TerminalTarget::Standard;
+    let parameters = DuelingDqn { terminal_target, ..DuelingDqn::default() };
     let mut learner = dueling_dqn_learner(&parameters, walk(1), 1)?;
     learner.train(300)?;
     let mut policy = learner.policy(Actions::Greedy);

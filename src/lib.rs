@@ -132,8 +132,8 @@ pub use train::{Recording, RollStreams, StepObserver, begin, play, roll};
 
 // Train an agent in any environment.
 pub use agent::{
-    DuelingDqn, Reinforce, dueling_dqn_learner, reinforce_learner, trained_dueling_dqn,
-    trained_reinforce,
+    DuelingDqn, Reinforce, TerminalTarget, dueling_dqn_learner, reinforce_learner,
+    trained_dueling_dqn, trained_reinforce,
 };
 
 // Declare keys and register an algorithm; the macros `keys!` and `choices!` belong here.

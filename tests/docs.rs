@@ -14,8 +14,10 @@ mod examples;
 
 use examples::{cell, fill_store, jitai, run};
 
-const DOCUMENTS: [&str; 9] = [
+const DOCUMENTS: [&str; 11] = [
     "README.md",
+    "CONTRIBUTING.md",
+    "docs/architecture.md",
     "docs/manifest.md",
     "docs/store.md",
     "docs/analysis.md",
