@@ -24,7 +24,7 @@ const TABLE: &[(&str, &[&str])] = &[
     ("record", &["key", "manifest", "plan"]),
     ("train", &["rng", "state", "env", "agent", "plan", "record"]),
     ("store", &["kill_point", "key", "manifest", "plan", "record"]),
-    ("schedule", &["kill_point", "key", "manifest", "plan", "record", "train", "store"]),
+    ("schedule", &["kill_point", "key", "agent", "manifest", "plan", "record", "train", "store"]),
     // The bootstrap draws from a stream of its own.
     ("analyse", &["rng", "key", "env", "manifest", "record"]),
     ("report", &["key", "env", "optimum", "manifest", "plan", "record", "store", "analyse"]),
