@@ -1,86 +1,57 @@
-//! An algorithm of your own: a linear softmax policy, trained by Burn, registered and run.
+//! An algorithm of your own on Burn: REINFORCE with an entropy bonus, registered and run.
+use burn::tensor::Tensor;
 use jitai::*;
 
 keys! {
-    /// A linear softmax policy.
-    struct Linear {
+    /// A policy gradient with an entropy bonus.
+    struct EntropyBonus {
         /// episodes of training
         episodes: u32 = 300, in Kind::EPISODES;
-        /// step size of the gradient
-        learning_rate: f64 = 0.001, in Kind::PositiveReal { max: 1.0 };
+        /// weight of the policy's entropy, in steps walked
+        bonus: f64 = 100.0, in Kind::NON_NEGATIVE;
     }
 }
-impl AlgorithmParameters for Linear {
-    const NAME: &'static str = "linear";
+impl PolicyGradient for EntropyBonus {
+    fn shapes(&self, inputs: usize) -> Vec<[usize; 2]> {
+        vec![[inputs, 16], [16, Action::COUNT]]
+    }
+    fn logits(&self, weights: &[Tensor<2>], observations: Tensor<2>) -> Tensor<2> {
+        observations.matmul(weights[0].clone()).tanh().matmul(weights[1].clone())
+    }
+    fn loss(&self, log_p: Tensor<2>, taken: Tensor<2>, returns: Tensor<2>) -> Tensor<1> {
+        let entropy = -(log_p.clone().exp() * log_p).sum_dim(1);
+        -(taken * returns + entropy * self.bonus).mean()
+    }
+}
+impl AlgorithmParameters for EntropyBonus {
+    const NAME: &'static str = "entropy_bonus";
     fn episodes(&self) -> u32 {
         self.episodes
     }
-    fn start(&self, setting: &Setting) -> Result<Start, StartError> {
-        let shape = [setting.observations().inputs(), Action::COUNT];
-        let policy = Policy(WeightTensor::zeros(shape), self.learning_rate);
-        let lanes = PhysicalActivity::new(setting.environment, setting.scenario, 1);
-        let learner = ReinforceLearner::new(policy, &Reinforce::default(), lanes, setting.seed);
+    fn start(&self, at: &Setting) -> Result<Start, StartError> {
+        let policy = AutodiffPolicy::new(self.clone(), at.observations().inputs(), 0.01, at.seed);
+        let reinforce = Reinforce::default();
+        let learner = ReinforceLearner::new(policy, &reinforce, at.simulation(1), at.seed);
         Ok(Start::Learner(Box::new(learner)))
     }
-    fn trained(
-        &self,
-        at: &Setting,
-        from: &Weights,
-        by: Actions,
-    ) -> Result<Box<dyn Actor>, WeightsError> {
+    fn trained(&self, at: &Setting, weights: &Weights, by: Actions) -> Trained {
         let spec = at.observations();
-        let policy = Policy(from.tensor("w", &[spec.inputs(), Action::COUNT])?.clone(), 0.0);
+        let policy = AutodiffPolicy::trained(self.clone(), spec.inputs(), weights)?;
         Ok(Box::new(SoftmaxPolicy::new(policy, by, spec.observations())))
     }
 }
-/// Weights, [inputs, actions], and the step size.
-#[derive(Clone)]
-struct Policy(WeightTensor, f64);
-impl ActionNetwork for Policy {
-    fn evaluate(&mut self, observations: &Observations, out: &mut Vec<f32>) {
-        let (device, weights) = (inference_device(), self.0.to_burn::<2>(&inference_device()));
-        *out =
-            WeightTensor::of_burn(observation_tensor(observations, &device).matmul(weights)).values;
-    }
-}
-impl ReinforceEngine for Policy {
-    type Network = Policy;
-    fn update(&mut self, steps: &Trajectories) -> f32 {
-        let device = training_device();
-        let weights = self.0.to_burn::<2>(&device).require_grad();
-        let logits = observation_tensor(&steps.observations, &device).matmul(weights.clone());
-        let log_p = burn::tensor::activation::log_softmax(logits, 1);
-        let returns = WeightTensor::column(&steps.returns_to_go).to_burn(&device);
-        let loss = -(log_p.gather(1, action_tensor(&steps.actions, &device)) * returns).mean();
-        let gradient = weights.grad(&loss.backward()).expect("the loss depends on the weights");
-        self.0 = WeightTensor::of_burn(weights.inner() - gradient * self.1);
-        loss.into_scalar()
-    }
-    fn network(&self) -> Policy {
-        self.clone()
-    }
-    fn weights(&self) -> Weights {
-        Weights::of([("w", self.0.clone())])
-    }
-}
-impl Resumable for Policy {
-    fn save(&self, out: &mut StateWriter<'_>) -> std::io::Result<()> {
-        out.many(&self.0.values)
-    }
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        from.fill(&mut self.0.values, "weights")
-    }
-}
 const MANIFEST: &str = "format = 1\nname = 'own'\nscenarios = ['P-H-D']\nseeds = 2\n\
-    environment.sigma = 0.4\n[[agent]]\nname = 'own'\nalgorithm = 'linear'\n";
+    environment.sigma = 0.4\n[[agent]]\nname = 'own'\nalgorithm = 'entropy_bonus'\n";
+
 pub fn main() -> Result<(), Box<dyn std::error::Error>> {
-    register::<Linear>()?;
+    register::<EntropyBonus>()?;
     let manifests = [parse_manifest("own.toml", MANIFEST.as_bytes())?];
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("own.sqlite");
     run_manifests(&mut Store::open(&path)?, &manifests, Options::default(), |_| {})?;
-    let jobs = jobs(&manifests[0]);
-    let data = Reader::open(&path)?.data_set("own", jobs, DataParts::default(), |_| {})?;
-    println!("mean return: {:.0}", summarise_arms(&data.jobs)[0].returns.mean()?);
+    let planned = jobs(&manifests[0]);
+    let data = Reader::open(&path)?.data_set("own", planned, DataParts::default(), |_| {})?;
+    let returns = &summarise_arms(&data.jobs)[0].returns;
+    assert!(returns.mean()? > 1000.0, "mean return: {}", returns.mean()?);
     Ok(())
 }

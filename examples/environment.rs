@@ -20,9 +20,8 @@ impl VectorEnvironment for Walk {
     }
     fn step(&mut self, actions: &[Action], rewards: &mut [f64], streams: &mut LaneStreams) {
         rewards.fill(0.0);
-        for (lane, status) in
-            self.1.iter_mut().enumerate().filter(|(_, s)| **s == EpisodeStatus::Running)
-        {
+        let running = |status: &EpisodeStatus| *status == EpisodeStatus::Running;
+        for (lane, status) in self.1.iter_mut().enumerate().filter(|lane| running(lane.1)) {
             self.0[lane] += u32::from(actions[lane].index() == 2);
             if self.0[lane] == GOAL {
                 (rewards[lane], *status) = (1.0, EpisodeStatus::Terminated);
@@ -49,8 +48,8 @@ impl Resumable for Walk {
 pub fn main() -> Result<(), Box<dyn std::error::Error>> {
     let walk = |lanes| Walk(vec![0; lanes], vec![EpisodeStatus::Truncated; lanes]);
     check_environment(walk, 200)?;
-    let terminal_target = TerminalTarget::Standard;
-    let parameters = DuelingDqn { terminal_target, ..DuelingDqn::default() };
+    let parameters =
+        DuelingDqn { terminal_target: TerminalTarget::Standard, ..DuelingDqn::default() };
     let mut learner = dueling_dqn_learner(&parameters, walk(1), 1)?;
     learner.train(300)?;
     let mut policy = learner.policy(Actions::Greedy);

@@ -138,10 +138,10 @@ pub use agent::{
 
 // Declare keys and register an algorithm; the macros `keys!` and `choices!` belong here.
 pub use agent::{
-    ActionNetwork, Actions, Agent, Algorithm, AlgorithmParameters, Chosen, Constraint, Diverged,
-    EpsilonGreedy, Learner, LearnerError, NameTaken, ReinforceEngine, ReinforceLearner, Setting,
-    SoftmaxPolicy, Span, Start, StartError, TrainedEpisode, Trajectories, Violation, WeightTensor,
-    Weights, WeightsError, action_tensor, inference_device, observation_tensor, register,
-    training_device,
+    ActionNetwork, Actions, Agent, Algorithm, AlgorithmParameters, AutodiffPolicy, Chosen,
+    Constraint, Diverged, EpsilonGreedy, Learner, LearnerError, NameTaken, PolicyGradient,
+    ReinforceEngine, ReinforceLearner, Setting, SoftmaxPolicy, Span, Start, StartError, Trained,
+    TrainedEpisode, Trajectories, Violation, WeightTensor, Weights, WeightsError, action_tensor,
+    inference_device, observation_tensor, register, training_device,
 };
 pub use key::{Key, KeyType, Keyed, Kind, Parameter, Value};

@@ -106,6 +106,19 @@ pub(super) fn draw(stacks: &[Stack], stream: &mut Stream) -> Weights {
     weights
 }
 
+/// Matrices before training, one after the other and each row by row: uniform in ±1/sqrt(rows), from
+/// the seed's own stream.
+pub(super) fn draw_matrices(shapes: &[[usize; 2]], seed: u64) -> Vec<f32> {
+    let mut stream = Stream::new(seed, Purpose::InitialWeights);
+    let mut values = Vec::new();
+    for [rows, columns] in shapes {
+        let bound = 1.0 / (*rows as f64).sqrt();
+        let numbers = rows * columns;
+        values.extend((0..numbers).map(|_| ((2.0 * stream.unit() - 1.0) * bound) as f32));
+    }
+    values
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -33,7 +33,9 @@ mod weights;
 pub use crate::state::{Resumable, StateError, StateReader, StateWriter};
 pub use actor::Actor;
 pub use burn::device::{backend_name, inference as inference_device, training as training_device};
-pub use burn::{BurnDuelingDqn, BurnReinforce, DuelingQNetwork, PolicyNetwork};
+pub use burn::{
+    AutodiffPolicy, BurnDuelingDqn, BurnReinforce, DuelingQNetwork, PolicyGradient, PolicyNetwork,
+};
 pub use burn::{column as action_tensor, input as observation_tensor};
 pub use constraint::{Chosen, Constraint, Violation};
 pub use dueling_dqn::{DuelingDqn, DuelingDqnEngine, DuelingDqnLearner, Trunk};
@@ -43,7 +45,7 @@ pub use memory::{OutOfMemory, reserve, reserve_exact};
 pub use network::{Activation, Engine};
 pub use policy::{ActionNetwork, EpsilonGreedy, SoftmaxPolicy};
 pub use registry::{
-    Agent, Algorithm, AlgorithmParameters, NameTaken, Setting, Start, StartError,
+    Agent, Algorithm, AlgorithmParameters, NameTaken, Setting, Start, StartError, Trained,
     dueling_dqn_learner, register, reinforce_learner, trained_dueling_dqn, trained_reinforce,
 };
 pub use reinforce::{Reinforce, ReinforceEngine, ReinforceLearner, Trajectories};

@@ -16,17 +16,6 @@ pub struct Tensor {
 }
 
 impl Tensor {
-    /// Zeros, in this shape.
-    pub fn zeros(shape: impl Into<Vec<usize>>) -> Tensor {
-        let shape = shape.into();
-        Tensor { values: vec![0.0; shape.iter().product()], shape }
-    }
-
-    /// Numbers as a column, \[rows, 1\].
-    pub fn column(values: &[f32]) -> Tensor {
-        Tensor { shape: vec![values.len(), 1], values: values.to_vec() }
-    }
-
     /// The values of a tensor of Burn.
     pub fn of_burn<const AXES: usize>(tensor: BurnTensor<AXES>) -> Tensor {
         let data = tensor.into_data();
@@ -76,12 +65,6 @@ pub enum WeightsError {
 }
 
 impl Weights {
-    /// Weights that are these arrays.
-    pub fn of<const N: usize>(tensors: [(&str, Tensor); N]) -> Weights {
-        let named = tensors.map(|(name, tensor)| (name.to_owned(), tensor));
-        Weights { tensors: BTreeMap::from(named), numbers: BTreeMap::new() }
-    }
-
     /// The array of this name and shape.
     ///
     /// **Errors**: there is none.

@@ -12,7 +12,7 @@ use crate::cli::{Error, Exit, check};
 use crate::env::inference_error;
 use crate::env::{Environment, Scenario};
 use crate::key::Keyed;
-use crate::manifest::Manifest;
+use crate::manifest::{Manifest, Varying};
 use crate::optimum::{self, NoOptimum, Optimum};
 use crate::plan;
 
@@ -140,14 +140,9 @@ fn found_of(pairs: &[(&Environment, &Scenario)]) -> Vec<Result<Optimum, NoOptimu
 
 /// The keys of the environment, sigma aside, in which the manifests' environments differ.
 fn swept(manifests: &[Manifest]) -> Vec<&'static str> {
-    let Some(first) = manifests.first() else { return Vec::new() };
-    let differs = |key: &str| {
-        let usual = first.environment.get(key);
-        manifests.iter().any(|manifest| {
-            let ours = manifest.environment.get(key);
-            ours.is_some_and(|values| values.len() > 1) || ours != usual
-        })
-    };
-    let keys = first.environment.iter().map(|(key, _)| key.name);
-    keys.filter(|key| *key != "sigma" && differs(key)).collect()
+    let keys = manifests.iter().flat_map(|manifest| manifest.environment.iter());
+    let values = keys.flat_map(|(key, values)| values.iter().map(|value| ("", key.name, value)));
+    let differs = Varying::among(values).names();
+    let names = Environment::KEYS.iter().map(|key| key.name);
+    names.filter(|name| *name != "sigma" && differs.iter().any(|one| one == name)).collect()
 }

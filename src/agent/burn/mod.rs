@@ -4,6 +4,7 @@
 //! any new agent can take first; the kernels of [`super::fused`] do the same arithmetic in a
 //! fraction of the time and are tested against it.
 
+mod autodiff;
 pub(super) mod device;
 mod dueling_dqn;
 mod network;
@@ -15,6 +16,7 @@ use burn::tensor::{Device, Int, Tensor, TensorData};
 use crate::agent::policy::ActionNetwork;
 use crate::env::{Action, Observations};
 
+pub use autodiff::{AutodiffPolicy, PolicyGradient};
 pub use dueling_dqn::BurnDuelingDqn;
 pub use network::{DuelingQNetwork, PolicyNetwork};
 pub use reinforce::BurnReinforce;

@@ -7,7 +7,9 @@ use crate::agent::constraint::Constraint;
 use crate::agent::learner::{Actions, Learner};
 use crate::agent::memory::OutOfMemory;
 use crate::agent::weights::{Weights, WeightsError};
-use crate::env::{Action, Environment, ObservationSpec, Observer, Scenario, VectorEnvironment};
+use crate::env::{
+    Action, Environment, ObservationSpec, Observer, PhysicalActivity, Scenario, VectorEnvironment,
+};
 use crate::key::{Key, Keyed, Value};
 use crate::optimum::NoOptimum;
 
@@ -26,6 +28,11 @@ impl Setting<'_> {
     /// What an agent observes.
     pub fn observations(&self) -> ObservationSpec {
         Observer::new(self.environment, self.scenario).spec()
+    }
+
+    /// The simulation with so many lanes.
+    pub fn simulation(&self, lanes: usize) -> PhysicalActivity {
+        PhysicalActivity::new(self.environment, self.scenario, lanes)
     }
 }
 
@@ -77,6 +84,11 @@ pub enum Start {
     Actor(Box<dyn Actor>),
 }
 
+/// The actor of an agent that was trained before.
+///
+/// **Errors**: the weights do not fit the agent; an algorithm that does not train has none.
+pub type Trained = Result<Box<dyn Actor>, WeightsError>;
+
 /// The hyper-parameters of an algorithm, and with them everything that the program has to know of
 /// it.
 pub trait AlgorithmParameters: Keyed + 'static {
@@ -122,11 +134,11 @@ pub struct Algorithm {
     version: fn(&[Value]) -> u32,
     episodes: fn(&[Value]) -> u32,
     start: fn(&[Value], &Setting) -> Result<Start, StartError>,
-    trained: Trained,
+    trained: TrainedBy,
 }
 
 /// [`AlgorithmParameters::trained`] of the parameters with these values.
-type Trained = fn(&[Value], &Setting, &Weights, Actions) -> Result<Box<dyn Actor>, WeightsError>;
+type TrainedBy = fn(&[Value], &Setting, &Weights, Actions) -> Trained;
 
 impl Algorithm {
     /// The algorithm of these hyper-parameters.

@@ -14,7 +14,7 @@ use crate::agent::learner::{Actions, Learner};
 use crate::agent::network::Engine;
 use crate::agent::policy::EpsilonGreedy;
 use crate::agent::weights::{Weights, WeightsError};
-use crate::env::{ObservationSpec, PhysicalActivity, VectorEnvironment};
+use crate::env::{ObservationSpec, VectorEnvironment};
 use crate::kernel::Isa;
 use crate::key::Parameter;
 
@@ -79,9 +79,7 @@ impl AlgorithmParameters for DuelingDqn {
     }
 
     fn start(&self, setting: &Setting) -> Result<Start, StartError> {
-        let Setting { environment, scenario, seed } = *setting;
-        let environment = PhysicalActivity::new(environment, scenario, LANES);
-        Ok(Start::Learner(learner_in(self, environment, seed)?))
+        Ok(Start::Learner(learner_in(self, setting.simulation(LANES), setting.seed)?))
     }
 
     fn trained(

@@ -13,7 +13,7 @@ use crate::agent::network::Engine;
 use crate::agent::policy::SoftmaxPolicy;
 use crate::agent::reinforce::{Reinforce, ReinforceLearner};
 use crate::agent::weights::{Weights, WeightsError};
-use crate::env::{ObservationSpec, PhysicalActivity, VectorEnvironment};
+use crate::env::{ObservationSpec, VectorEnvironment};
 use crate::kernel::Isa;
 use crate::key::Parameter;
 
@@ -58,10 +58,8 @@ impl AlgorithmParameters for Reinforce {
     }
 
     fn start(&self, setting: &Setting) -> Result<Start, StartError> {
-        let Setting { environment, scenario, seed } = *setting;
         let lanes = self.trajectories_per_update as usize;
-        let environment = PhysicalActivity::new(environment, scenario, lanes);
-        Ok(Start::Learner(learner_in(self, environment, seed)?))
+        Ok(Start::Learner(learner_in(self, setting.simulation(lanes), setting.seed)?))
     }
 
     fn trained(

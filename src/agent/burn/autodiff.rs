@@ -1,0 +1,223 @@
+//! A policy gradient with a network and a loss of one's own, by Burn's automatic differentiation.
+
+use std::io;
+
+use burn::tensor::{Device, Tensor, activation};
+
+use crate::agent::burn::{column, device, input, matrix};
+use crate::agent::layers;
+use crate::agent::policy::ActionNetwork;
+use crate::agent::reinforce::{ReinforceEngine, Trajectories};
+use crate::agent::weights::{Tensor as WeightTensor, Weights, WeightsError};
+use crate::env::Observations;
+use crate::kernel::{Adam, Isa};
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
+
+/// A policy whose network and loss are written with Burn's operations.
+pub trait PolicyGradient: Clone + Send + 'static {
+    /// Shapes of the weight matrices, for observations of so many entries. The last has one column
+    /// for each action.
+    fn shapes(&self, inputs: usize) -> Vec<[usize; 2]>;
+
+    /// The logits of the actions, \[rows, actions\], of observations, \[rows, inputs\].
+    fn logits(&self, weights: &[Tensor<2>], observations: Tensor<2>) -> Tensor<2>;
+
+    /// What an update minimises; one number.
+    ///
+    /// **Shapes**: `log_probabilities` of all actions are \[rows, actions\]; `taken`, those of the
+    /// actions taken, and the discounted rewards to go `returns` are \[rows, 1\].
+    fn loss(&self, log_probabilities: Tensor<2>, taken: Tensor<2>, returns: Tensor<2>)
+    -> Tensor<1>;
+}
+
+/// A [`PolicyGradient`] with its weights and Adam: an engine of [`crate::agent::ReinforceLearner`].
+#[derive(Clone)]
+pub struct AutodiffPolicy<P> {
+    policy: P,
+    shapes: Vec<[usize; 2]>,
+    /// The weight matrices one after the other, row by row.
+    weights: Vec<f32>,
+    adam: Adam,
+}
+
+impl<P: PolicyGradient> AutodiffPolicy<P> {
+    /// A policy before training, for observations of `inputs` entries; its weights are drawn from
+    /// the seed's own stream.
+    pub fn new(policy: P, inputs: usize, learning_rate: f64, seed: u64) -> Self {
+        let shapes = policy.shapes(inputs);
+        let weights = layers::draw_matrices(&shapes, seed);
+        AutodiffPolicy { adam: Adam::new(learning_rate, weights.len()), policy, shapes, weights }
+    }
+
+    /// The policy with trained weights.
+    ///
+    /// **Errors**: the weights do not fit it.
+    pub fn trained(policy: P, inputs: usize, weights: &Weights) -> Result<Self, WeightsError> {
+        let shapes = policy.shapes(inputs);
+        let mut values = Vec::new();
+        for (place, shape) in shapes.iter().enumerate() {
+            values.extend_from_slice(&weights.tensor(&name(place), shape)?.values);
+        }
+        Ok(AutodiffPolicy { adam: Adam::new(0.0, values.len()), policy, shapes, weights: values })
+    }
+
+    fn tensors(&self, device: &Device) -> Vec<Tensor<2>> {
+        let matrices = self.matrices().into_iter();
+        matrices.map(|(rows, values)| matrix(values.to_vec(), rows, device)).collect()
+    }
+
+    /// Rows and values of each weight matrix.
+    fn matrices(&self) -> Vec<(usize, &[f32])> {
+        let mut rest = &self.weights[..];
+        let mut next = |[rows, columns]: &[usize; 2]| {
+            let (values, after) = rest.split_at(rows * columns);
+            rest = after;
+            (*rows, values)
+        };
+        self.shapes.iter().map(&mut next).collect()
+    }
+}
+
+/// The name of the weight matrix in this place.
+fn name(place: usize) -> String {
+    format!("matrix.{place}")
+}
+
+impl<P: PolicyGradient> ActionNetwork for AutodiffPolicy<P> {
+    fn evaluate(&mut self, observations: &Observations, out: &mut Vec<f32>) {
+        let device = device::inference();
+        let logits = self.policy.logits(&self.tensors(&device), input(observations, &device));
+        *out = super::numbers(logits);
+    }
+}
+
+impl<P: PolicyGradient> ReinforceEngine for AutodiffPolicy<P> {
+    type Network = Self;
+
+    /// One step of Adam on the policy's own loss.
+    fn update(&mut self, trajectories: &Trajectories) -> f32 {
+        let device = device::training();
+        let weights = self.tensors(&device).into_iter().map(Tensor::require_grad);
+        let weights: Vec<Tensor<2>> = weights.collect();
+        let logits = self.policy.logits(&weights, input(&trajectories.observations, &device));
+        let log_probabilities = activation::log_softmax(logits, 1);
+        let taken = log_probabilities.clone().gather(1, column(&trajectories.actions, &device));
+        let rows = trajectories.actions.len();
+        let returns = matrix(trajectories.returns_to_go.clone(), rows, &device);
+        let loss = self.policy.loss(log_probabilities, taken, returns);
+        let value: f32 = loss.clone().into_scalar();
+        if value.is_finite() {
+            let gradients = loss.backward();
+            let mut gradient: Vec<f32> = Vec::with_capacity(self.weights.len());
+            for (weights, shape) in weights.iter().zip(&self.shapes) {
+                match weights.grad(&gradients) {
+                    Some(part) => gradient.extend(super::numbers(part)),
+                    // The loss does not depend on this matrix.
+                    None => gradient.resize(gradient.len() + shape[0] * shape[1], 0.0),
+                }
+            }
+            self.adam.update(Isa::chosen(), &mut self.weights, &mut gradient);
+        }
+        value
+    }
+
+    fn network(&self) -> Self {
+        self.clone()
+    }
+
+    fn weights(&self) -> Weights {
+        let mut weights = Weights::default();
+        for (place, (rows, values)) in self.matrices().into_iter().enumerate() {
+            let shape = vec![rows, values.len() / rows];
+            weights.tensors.insert(name(place), WeightTensor { shape, values: values.to_vec() });
+        }
+        weights
+    }
+}
+
+impl<P: PolicyGradient> Resumable for AutodiffPolicy<P> {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        out.many(&self.weights)?;
+        self.adam.save(out)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        from.fill(&mut self.weights, "weights")?;
+        self.adam.restore(from)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::env::Action;
+
+    /// Logits that are the weights of the one input.
+    #[derive(Clone)]
+    struct Linear;
+
+    impl PolicyGradient for Linear {
+        fn shapes(&self, inputs: usize) -> Vec<[usize; 2]> {
+            vec![[inputs, Action::COUNT]]
+        }
+
+        fn logits(&self, weights: &[Tensor<2>], observations: Tensor<2>) -> Tensor<2> {
+            observations.matmul(weights[0].clone())
+        }
+
+        fn loss(&self, _: Tensor<2>, taken: Tensor<2>, returns: Tensor<2>) -> Tensor<1> {
+            -(taken * returns).sum()
+        }
+    }
+
+    fn observation() -> Observations {
+        let mut observations = Observations::new(1, 0);
+        observations.push(&[1.0], None);
+        observations
+    }
+
+    fn one_step(action: usize) -> Trajectories {
+        Trajectories {
+            observations: observation(),
+            actions: vec![Action::from_index(action).unwrap()],
+            preferences: vec![1.0; Action::COUNT],
+            returns_to_go: vec![3.0],
+        }
+    }
+
+    #[test]
+    fn an_update_makes_a_rewarded_action_likelier_by_hand() {
+        let mut policy = AutodiffPolicy::new(Linear, 1, 0.01, 7);
+        let before = policy.weights.clone();
+        let loss = policy.update(&one_step(2));
+        // The loss is -G log p; its gradient G (p - 1) for the action and G p for the others. Adam's
+        // first step is the learning rate against the sign of the gradient.
+        let sum: f32 = before.iter().map(|logit| logit.exp()).sum();
+        assert!((loss + 3.0 * (before[2].exp() / sum).ln()).abs() < 1e-5, "{loss}");
+        for (place, (after, before)) in policy.weights.iter().zip(&before).enumerate() {
+            let step = if place == 2 { 0.01 } else { -0.01 };
+            assert!((after - before - step).abs() < 1e-5, "{place}: {before} {after}");
+        }
+    }
+
+    #[test]
+    fn weights_and_states_read_back_to_the_same_bits() {
+        let mut policy = AutodiffPolicy::new(Linear, 1, 0.01, 7);
+        policy.update(&one_step(0));
+        let mut trained = AutodiffPolicy::trained(Linear, 1, &policy.weights()).unwrap();
+        let (mut one, mut other) = (Vec::new(), Vec::new());
+        policy.evaluate(&observation(), &mut one);
+        trained.evaluate(&observation(), &mut other);
+        assert_eq!(one, other);
+        assert!(AutodiffPolicy::trained(Linear, 2, &policy.weights()).is_err());
+
+        let mut bytes = Vec::new();
+        policy.save(&mut StateWriter::new(&mut bytes)).unwrap();
+        let mut resumed = AutodiffPolicy::new(Linear, 1, 0.01, 8);
+        resumed.restore(&mut StateReader::new(&mut &bytes[..])).unwrap();
+        for engine in [&mut policy, &mut resumed] {
+            engine.update(&one_step(1));
+        }
+        assert_eq!(policy.weights, resumed.weights);
+    }
+}
