@@ -35,6 +35,7 @@ const TABLE: &[(&str, &[&str])] = &[
             "kernel",
             "kill_point",
             "key",
+            "state",
             "env",
             "optimum",
             "agent",

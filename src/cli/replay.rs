@@ -8,6 +8,7 @@ use std::path::Path;
 
 use serde::Deserialize;
 
+use crate::agent::{Actor, Resumable, StateError, StateReader, StateWriter};
 use crate::cli::output::Format;
 use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit};
@@ -124,6 +125,44 @@ fn environment(case: &Case) -> Result<Environment, String> {
     paper.with_settings(&settings).map_err(|error| format!("parameters: {error}"))
 }
 
+/// Takes the actions of a recorded episode, one after the other.
+struct Recording {
+    actions: Vec<Action>,
+    /// Actions of these whose step has been taken.
+    taken: usize,
+}
+
+impl Actor for Recording {
+    fn act(
+        &mut self,
+        _: &PhysicalActivity,
+        _: &mut Stream,
+        actions: &mut [Action],
+        probabilities: Option<&mut [f64]>,
+    ) {
+        actions.fill(self.actions[self.taken]);
+        probabilities.into_iter().for_each(|probabilities| probabilities.fill(1.0));
+    }
+
+    fn observe(&mut self, _: &PhysicalActivity, _: &[f64]) {
+        self.taken += 1;
+    }
+}
+
+impl Resumable for Recording {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        out.one(self.taken as u64)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let taken = usize::try_from(from.one::<u64>()?).ok();
+        self.taken = taken
+            .filter(|taken| *taken <= self.actions.len())
+            .ok_or(StateError::Misfit("recorded actions"))?;
+        Ok(())
+    }
+}
+
 /// The steps that follow from the recorded contexts and actions, and the lane after the last of them;
 /// or why these cannot be replayed.
 fn replay(case: &Case) -> Result<(Vec<Step>, PhysicalActivity), String> {
@@ -132,20 +171,27 @@ fn replay(case: &Case) -> Result<(Vec<Step>, PhysicalActivity), String> {
     let mut lane = PhysicalActivity::new(&environment, &Scenario::of(Feature::Context), 1);
     let stream = Stream::new(0, Purpose::TestEnvironment);
     lane.reset(LaneSet::All, &mut LaneStreams::Shared(stream));
+    let mut actor = Recording { actions: Vec::new(), taken: 0 };
+    for (t, recorded) in case.steps.iter().enumerate() {
+        let action = Action::from_index(recorded.action);
+        let refused = || format!("step {t}: action {} is not 0 to 3", recorded.action);
+        actor.actions.push(action.ok_or_else(refused)?);
+    }
+    let mut stream = Stream::new(0, Purpose::TestActions);
     let mut steps = Vec::with_capacity(case.steps.len());
     for (t, recorded) in case.steps.iter().enumerate() {
         if !lane.any_running() {
             return Err(format!("step {t} comes after the end of the episode"));
         }
-        let action = Action::from_index(recorded.action)
-            .ok_or_else(|| format!("step {t}: action {} is not 0 to 3", recorded.action))?;
         if recorded.context > 1 || !(0.0..=1.0).contains(&recorded.p0) {
             return Err(format!("step {t}: the context is 0 or 1, and p0 from 0 to 1"));
         }
         lane.set_context(0, ContextDraw::new(recorded.context, recorded.p0));
-        let mut step = Step::chosen(&lane, action);
-        let mut reward = [0.0];
-        lane.apply_actions(&[action], &mut reward);
+        let (mut actions, mut reward) = ([Action::NONE], [0.0]);
+        actor.act(&lane, &mut stream, &mut actions, None);
+        let mut step = Step::chosen(&lane, actions[0]);
+        lane.apply_actions(&actions, &mut reward);
+        actor.observe(&lane, &reward);
         step.pay(&lane, reward[0]);
         steps.push(step);
     }
