@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use data_encoding::HEXLOWER;
 use serde_json::{Map, Value as Json};
 use sha2::{Digest, Sha256};
 
@@ -298,7 +299,7 @@ fn hash(texts: &[&str]) -> [u8; 16] {
 pub struct JobKey(pub [u8; 16]);
 
 fn write_hex(bytes: &[u8], f: &mut fmt::Formatter<'_>) -> fmt::Result {
-    bytes.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+    fmt::Display::fmt(&HEXLOWER.encode_display(bytes), f)
 }
 
 impl fmt::Display for JobKey {

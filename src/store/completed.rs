@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use rusqlite::{Connection, OptionalExtension};
+use rusqlite::Connection;
 
 use crate::plan::{JobKey, PlannedJob};
 use crate::record::{
@@ -23,6 +23,9 @@ pub struct Parts {
     pub returns: bool,
 }
 
+/// Jobs whose states are read at once.
+const JOBS_PER_QUESTION: usize = 1000;
+
 impl Reader {
     /// The planned jobs of an experiment with what the store knows of them. `see` is shown each as
     /// it is read, and may drop what is not needed.
@@ -36,60 +39,119 @@ impl Reader {
         let failed = self.failed_jobs()?.into_iter();
         let failures: HashMap<JobKey, Failure> =
             failed.map(|failed| (failed.job_key, failed.failure)).collect();
-        let jobs = planned.into_iter().map(|planned| {
-            let key = planned.form.key();
-            let status = match self.job_states([&key])?[0] {
-                JobState::Pending => JobStatus::Pending,
-                JobState::Interrupted => JobStatus::Interrupted,
-                JobState::Running => JobStatus::Running,
-                JobState::Failed => match failures.get(&key) {
-                    Some(failure) => JobStatus::Failed(failure.clone()),
-                    None => JobStatus::Interrupted,
-                },
-                JobState::Completed => match self.completed_run(key, parts)? {
-                    Some(run) => JobStatus::Completed(Box::new(run)),
-                    None => JobStatus::Pending,
-                },
-            };
-            let mut job = JobRecord::new(&planned, key, status);
-            see(&mut job);
-            Ok(job)
-        });
-        Ok(DataSet { experiment: experiment.to_owned(), jobs: jobs.collect::<Result<_, _>>()? })
+        let mut planned = planned.into_iter();
+        let mut jobs = Vec::new();
+        loop {
+            let batch: Vec<(PlannedJob, JobKey)> = planned
+                .by_ref()
+                .take(JOBS_PER_QUESTION)
+                .map(|planned| {
+                    let key = planned.form.key();
+                    (planned, key)
+                })
+                .collect();
+            if batch.is_empty() {
+                return Ok(DataSet { experiment: experiment.to_owned(), jobs });
+            }
+            let states = self.job_states(batch.iter().map(|(_, key)| key))?;
+            let completed = batch.iter().zip(&states);
+            let completed = completed.filter(|(_, state)| **state == JobState::Completed);
+            let runs = self.completed_runs(completed.map(|((_, key), _)| *key), parts)?;
+            for ((planned, key), state) in batch.into_iter().zip(states) {
+                let status = match state {
+                    JobState::Pending => JobStatus::Pending,
+                    JobState::Interrupted => JobStatus::Interrupted,
+                    JobState::Running => JobStatus::Running,
+                    JobState::Failed => match failures.get(&key) {
+                        Some(failure) => JobStatus::Failed(failure.clone()),
+                        None => JobStatus::Interrupted,
+                    },
+                    // Two agents of equal content share a job.
+                    JobState::Completed => match runs.get(&key) {
+                        Some(run) => JobStatus::Completed(Box::new(run.clone())),
+                        None => JobStatus::Pending,
+                    },
+                };
+                let mut job = JobRecord::new(&planned, key, status);
+                see(&mut job);
+                jobs.push(job);
+            }
+        }
     }
 
-    /// The completed run of a job; `None` if it has none.
-    pub fn completed_run(
+    /// The completed runs of jobs, by job; jobs without one are left out.
+    fn completed_runs(
         &self,
-        key: JobKey,
+        keys: impl Iterator<Item = JobKey>,
         parts: Parts,
-    ) -> Result<Option<CompletedRun>, StoreError> {
-        self.read("read a completed run", |connection| {
-            let mut statement = connection.prepare_cached(
-                "SELECT run.id, run.ended_at, run.wall_seconds, session.code_version,
-                    session.git_revision, session.backend, session.host, session.processor
-                 FROM job
-                 JOIN run ON run.job = job.id AND run.status = 'completed'
-                 JOIN session ON session.id = run.session
-                 WHERE job.key = ?1",
-            )?;
-            let found = statement
-                .query_row([key.to_string()], |row| Ok((row.get(0)?, head(row)?)))
-                .optional()?;
-            let Some((run, mut completed)) = found else { return Ok(None) };
-            completed.metrics = metrics(connection, run)?;
-            if parts.curve {
-                completed.curve = curve(connection, run)?;
+    ) -> Result<HashMap<JobKey, CompletedRun>, StoreError> {
+        let keys: Vec<String> = keys.map(|key| key.to_string()).collect();
+        self.read("read completed runs", |connection| {
+            let mut runs = heads(connection, &keys)?;
+            add_metrics(connection, &mut runs)?;
+            let mut completed = HashMap::new();
+            for (id, (key, mut run)) in runs {
+                if parts.curve {
+                    run.curve = curve(connection, id)?;
+                }
+                if parts.actions {
+                    run.actions = actions(connection, id)?;
+                }
+                if parts.returns {
+                    run.returns = returns(connection, id)?;
+                }
+                completed.insert(key, run);
             }
-            if parts.actions {
-                completed.actions = actions(connection, run)?;
-            }
-            if parts.returns {
-                completed.returns = returns(connection, run)?;
-            }
-            Ok(Some(completed))
+            Ok(completed)
         })
     }
+}
+
+/// Completed runs without their results, by row id.
+fn heads(
+    connection: &Connection,
+    keys: &[String],
+) -> rusqlite::Result<HashMap<i64, (JobKey, CompletedRun)>> {
+    // CROSS JOIN keeps the order: SQLite would search the list for every completed run.
+    let mut statement = connection.prepare_cached(
+        "SELECT run.id, run.ended_at, run.wall_seconds, session.code_version,
+            session.git_revision, session.backend, session.host, session.processor,
+            unhex(job.key)
+         FROM json_each(?1) AS wanted
+         CROSS JOIN job ON job.key = wanted.value
+         CROSS JOIN run ON run.job = job.id AND run.status = 'completed'
+         JOIN session ON session.id = run.session",
+    )?;
+    let rows = statement
+        .query_map([json(keys)], |row| Ok((row.get(0)?, (JobKey(row.get(8)?), head(row)?))))?;
+    rows.collect()
+}
+
+/// Gives runs their metrics, by name.
+fn add_metrics(
+    connection: &Connection,
+    runs: &mut HashMap<i64, (JobKey, CompletedRun)>,
+) -> rusqlite::Result<()> {
+    let mut statement = connection.prepare_cached(
+        "SELECT run_metric.run, metric_name.name, run_metric.value
+         FROM json_each(?1) AS wanted
+         CROSS JOIN run_metric ON run_metric.run = wanted.value
+         JOIN metric_name ON metric_name.id = run_metric.metric
+         ORDER BY metric_name.name",
+    )?;
+    let ids: Vec<i64> = runs.keys().copied().collect();
+    let mut rows = statement.query([json(&ids)])?;
+    while let Some(row) = rows.next()? {
+        if let Some((_, run)) = runs.get_mut(&row.get(0)?) {
+            run.metrics.push((row.get(1)?, row.get(2)?));
+        }
+    }
+    Ok(())
+}
+
+/// A list as SQL takes it.
+fn json<T: serde::Serialize>(list: &[T]) -> String {
+    serde_json::to_string(list).expect("texts and numbers are written as JSON")
 }
 
 /// The run without its results.
@@ -109,15 +171,6 @@ fn head(row: &rusqlite::Row<'_>) -> rusqlite::Result<CompletedRun> {
             processor: row.get(7)?,
         },
     })
-}
-
-fn metrics(connection: &Connection, run: i64) -> rusqlite::Result<Vec<(String, f64)>> {
-    let mut statement = connection.prepare_cached(
-        "SELECT metric_name.name, run_metric.value FROM run_metric
-         JOIN metric_name ON metric_name.id = run_metric.metric
-         WHERE run_metric.run = ?1 ORDER BY metric_name.name",
-    )?;
-    statement.query_map([run], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
 }
 
 fn curve(connection: &Connection, run: i64) -> rusqlite::Result<Vec<(u32, f64)>> {

@@ -1,6 +1,6 @@
 //! Jobs that differ in their seed alone, and what tells them from others.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use crate::analyse::{Sample, lower_quartile};
 use crate::manifest::{Condition, Varying};
@@ -30,13 +30,12 @@ impl Arm<'_> {
     /// The metric of its seeds. A seed that comes twice is taken once: its jobs are one job that
     /// two agents of equal content share.
     pub fn sample(&self, metric: &str) -> Sample {
-        let mut seen = Vec::new();
+        let mut seen = HashSet::new();
         let (mut values, mut failed, mut open) = (Vec::new(), 0, 0);
         for job in &self.jobs {
-            if seen.contains(&job.seed) {
+            if !seen.insert(job.seed) {
                 continue;
             }
-            seen.push(job.seed);
             match &job.status {
                 // One that completed without this metric is lost as one that is not finite.
                 JobStatus::Completed(_) => {
