@@ -13,7 +13,7 @@ const TABLE: &[(&str, &[&str])] = &[
     ("kernel", &[]),
     ("kill_point", &[]),
     ("key", &[]),
-    ("state", &["rng", "kernel"]),
+    ("state", &["rng"]),
     ("env", &["rng", "kernel", "key", "state"]),
     // The optimal policy is tried with a stream of its own.
     ("optimum", &["rng", "env"]),
@@ -243,11 +243,17 @@ impl Library {
         }
     }
 
-    /// Which other files each file needs. A file that only passes a name on does not need it.
+    /// Which other files each file needs. A file that only passes on a name of its own top-level
+    /// module does not need it; a name of another module that it passes on is an import. The root of
+    /// the crate passes on names of every module.
     fn edges(&self) -> BTreeMap<ModulePath, BTreeSet<ModulePath>> {
         let of = |(from, file): (&ModulePath, &File)| {
-            let targets = file.named.iter().filter_map(|written| self.target(from, written));
-            (from.clone(), targets.filter(|target| target != from).collect())
+            let named = file.named.iter().filter_map(|written| self.target(from, written));
+            let passed_on =
+                file.passed_on.values().filter_map(|written| self.target(from, written));
+            let imported =
+                passed_on.filter(|target| !from.is_empty() && target.first() != from.first());
+            (from.clone(), named.chain(imported).filter(|target| target != from).collect())
         };
         self.0.iter().map(of).collect()
     }
@@ -365,6 +371,9 @@ fn imports_are_found_in_every_form() {
         ("fn f(_: crate::b::B) { super::x::make() }", "a::x, b"),
         ("fn f() { println!(\"{:?}\", crate::c::C); }", "c"),
         ("use crate::c::inner::D; use std::fmt;", "c"),
+        ("pub(super) use crate::b::B;", "b"),
+        ("pub use crate::{b::B as Other, c};", "b, c"),
+        ("pub use super::x::make;", ""),
         ("#[cfg(test)] mod tests { use crate::b::B; }", ""),
     ] {
         let edges = files(text).edges();

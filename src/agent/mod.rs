@@ -30,7 +30,6 @@ mod replay;
 mod rule;
 mod weights;
 
-pub use crate::state::{Resumable, StateError, StateReader, StateWriter};
 pub use actor::Actor;
 pub use burn::device::{backend_name, inference as inference_device, training as training_device};
 pub use burn::{

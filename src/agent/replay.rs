@@ -3,10 +3,11 @@
 use std::collections::BTreeMap;
 use std::io;
 
-use crate::agent::{OutOfMemory, Resumable, StateError, StateReader, StateWriter, reserve_exact};
+use crate::agent::{OutOfMemory, reserve_exact};
 use crate::choices;
 use crate::env::{Action, EpisodeStatus, Observations};
 use crate::rng::Stream;
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// One step that the agent has taken, observations aside.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -7,8 +7,9 @@ use clap::ValueEnum;
 use serde_json::json;
 
 use crate::agent::{Actions, Weights};
-use crate::cli::output::{counted, printable, shell_word};
+use crate::cli::output::{counted, shell_word};
 use crate::cli::{Error, Exit, StoreArgument};
+use crate::manifest::printable;
 use crate::plan::Job;
 use crate::store::{self, Diagnosis, Finding, Salvaged};
 

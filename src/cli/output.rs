@@ -7,7 +7,7 @@ use clap::ValueEnum;
 use comfy_table::{CellAlignment, ColumnConstraint, Table, Width, presets};
 use serde_json::Value;
 
-pub(super) use crate::manifest::printable;
+use crate::manifest::printable;
 use crate::report::defused;
 
 /// Spaces on either side of a table's columns.

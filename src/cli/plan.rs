@@ -10,9 +10,10 @@ use std::io::{self, Write};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
-use crate::cli::output::{Field, Format, Rows, counted, printable};
+use crate::cli::output::{Field, Format, Rows, counted};
 use crate::cli::workers::workers;
 use crate::cli::{Error, Exit, StoreArgument, check, counts};
+use crate::manifest::printable;
 use crate::plan::{self, Filter, JobKey, PlannedJob, Swept, Versions};
 use crate::schedule::{self, Episodes, Estimate, Selection, Speeds};
 use crate::store::{Counts, JobState, Reader, StoreError};

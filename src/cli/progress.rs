@@ -7,7 +7,8 @@ use std::time::{Duration, Instant};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Value, json};
 
-use crate::cli::output::{counted, printable};
+use crate::cli::output::counted;
+use crate::manifest::printable;
 use crate::plan::Swept;
 use crate::record::{Outcome, Results};
 use crate::schedule::{

@@ -8,7 +8,7 @@ use std::path::Path;
 
 use serde::Deserialize;
 
-use crate::agent::{Actor, Resumable, StateError, StateReader, StateWriter};
+use crate::agent::Actor;
 use crate::cli::output::Format;
 use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit};
@@ -18,6 +18,7 @@ use crate::env::{
 };
 use crate::key::Keyed;
 use crate::rng::{Purpose, Stream};
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// Most bytes of a file of trajectories.
 const MOST_BYTES: u64 = 100_000_000;

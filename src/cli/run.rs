@@ -10,11 +10,11 @@ use std::time::Duration;
 
 use clap::ValueEnum;
 
-use crate::cli::output::{counted, printable, shell_word};
+use crate::cli::output::{counted, shell_word};
 use crate::cli::progress::{Shown, Style};
 use crate::cli::workers::workers;
 use crate::cli::{Error, Exit, StoreArgument, check, signals, summary};
-use crate::manifest::{Manifest, short_name};
+use crate::manifest::{Manifest, printable, short_name};
 use crate::plan::{Filter, JobKey, Swept};
 use crate::schedule::{
     self, CheckpointFolder, Context, OnFailure, Options, Queued, Selection, Speeds, Tally,

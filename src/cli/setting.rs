@@ -1,10 +1,10 @@
 //! Environment parameters on the command line, such as `--set NAME=VALUE`: as a manifest writes them.
 
 use crate::cli::Error;
-use crate::cli::output::printable;
 use crate::env::Environment;
 use crate::key::Keyed;
 use crate::manifest;
+use crate::manifest::printable;
 use crate::plan;
 
 /// The environment with settings as a manifest would make them, and with a manifest's checks.

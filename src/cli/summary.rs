@@ -4,9 +4,9 @@ use std::io::{self, Write};
 
 use crate::analyse::declared::summarise_arms;
 use crate::cli::Error;
-use crate::cli::output::{Field, Format, Rows, printable};
+use crate::cli::output::{Field, Format, Rows};
 use crate::env;
-use crate::manifest::Manifest;
+use crate::manifest::{Manifest, printable};
 use crate::plan::{self, JobKey, Swept};
 use crate::report::{self, Line};
 use crate::store::{FailedJob, Parts, Reader};

@@ -6,8 +6,7 @@ mod job;
 
 use std::fmt;
 
-pub use crate::manifest::Setting;
-pub use crate::plan::JobKey;
+use crate::plan::JobKey;
 pub use job::{CompletedRun, DataSet, JobRecord, JobStatus};
 
 /// A named number about a completed run.

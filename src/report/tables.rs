@@ -5,7 +5,8 @@ use super::figure::{Numbers, settings_label};
 use super::words::unit_numbers;
 use crate::analyse::declared::{Comparison, Reproduction, varying};
 use crate::analyse::{Interval, Undefined, Verdict};
-use crate::record::{JobRecord, JobStatus, Setting};
+use crate::manifest::Setting;
+use crate::record::{JobRecord, JobStatus};
 
 /// A metric's number as readers see it, in its unit.
 pub fn in_unit(value: Result<f64, Undefined>, metric: &str) -> Entry {

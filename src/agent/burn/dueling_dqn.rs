@@ -12,8 +12,9 @@ use crate::agent::burn::{ADAM_EPSILON, DuelingQNetwork, column, device, input, m
 use crate::agent::dueling_dqn::DuelingDqnEngine;
 use crate::agent::policy::ActionNetwork;
 use crate::agent::replay::Batch;
-use crate::agent::{Resumable, StateError, StateReader, StateWriter, Weights, WeightsError};
+use crate::agent::{Weights, WeightsError};
 use crate::env::Observations;
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// A dueling network with its target network and its optimiser.
 pub struct BurnDuelingDqn {

@@ -10,7 +10,8 @@ use crate::agent::Reinforce;
 use crate::agent::burn::state::{restore_module, restore_optimizer, save_module, save_optimizer};
 use crate::agent::burn::{ADAM_EPSILON, PolicyNetwork, column, device, input, matrix};
 use crate::agent::reinforce::{ReinforceEngine, Trajectories};
-use crate::agent::{Resumable, StateError, StateReader, StateWriter, Weights, WeightsError};
+use crate::agent::{Weights, WeightsError};
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// A policy network with its optimiser.
 pub struct BurnReinforce {

@@ -10,7 +10,7 @@ use burn::optim::ModuleOptimizer;
 use burn::store::ModuleRecord;
 use burn::tensor::Bytes;
 
-use crate::agent::{StateError, StateReader, StateWriter};
+use crate::state::{StateError, StateReader, StateWriter};
 
 pub(super) fn save_module(module: &impl Module, out: &mut StateWriter<'_>) -> io::Result<()> {
     let bytes = module.clone().into_record().into_bytes().map_err(io::Error::other)?;

@@ -8,11 +8,10 @@ use crate::agent::dueling_dqn::DuelingDqnEngine;
 use crate::agent::fused::stack::{Stack, Workspace, blocks};
 use crate::agent::policy::ActionNetwork;
 use crate::agent::replay::Batch;
-use crate::agent::{
-    Resumable, StateError, StateReader, StateWriter, Weights, WeightsError, layers,
-};
+use crate::agent::{Weights, WeightsError, layers};
 use crate::env::{Action, Observations};
 use crate::kernel::{Adam, Aligned, Isa};
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// A dueling network in flat arrays.
 #[derive(Clone, Debug)]

@@ -9,6 +9,7 @@
 mod dueling_dqn;
 mod reinforce;
 mod stack;
+mod state;
 
 pub use dueling_dqn::{FusedDuelingDqn, FusedDuelingNetwork};
 pub use reinforce::{FusedPolicyNetwork, FusedReinforce};

@@ -8,11 +8,10 @@ use crate::agent::Reinforce;
 use crate::agent::fused::stack::{BLOCK, Stack, Workspace, blocks};
 use crate::agent::policy::ActionNetwork;
 use crate::agent::reinforce::{ReinforceEngine, Trajectories};
-use crate::agent::{
-    Resumable, StateError, StateReader, StateWriter, Weights, WeightsError, layers,
-};
+use crate::agent::{Weights, WeightsError, layers};
 use crate::env::{Action, Observations};
 use crate::kernel::{Adam, Aligned, Isa, LANES, math};
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// A policy network in flat arrays.
 #[derive(Clone, Debug)]

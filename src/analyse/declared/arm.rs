@@ -3,8 +3,8 @@
 use std::collections::{HashMap, HashSet};
 
 use crate::analyse::{Sample, lower_quartile};
-use crate::manifest::{Condition, Varying};
-use crate::record::{JobRecord, JobStatus, Setting};
+use crate::manifest::{Condition, Setting, Varying};
+use crate::record::{JobRecord, JobStatus};
 
 /// What tells an arm from the others of its analysis.
 #[derive(Clone, Debug, PartialEq)]

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use super::arm::{ArmId, arms, is_at, shared, varying};
 use crate::analyse::{self, Corrected, Design, Sample, Tests, Undefined, correct};
 use crate::env::inference_error;
-use crate::manifest::{Condition, Contrast, Pairing, Published, Sides};
-use crate::record::{JobRecord, Setting};
+use crate::manifest::{Condition, Contrast, Pairing, Published, Setting, Sides};
+use crate::record::JobRecord;
 
 /// A difference at one setting of the other parameters.
 #[derive(Clone, Debug, PartialEq)]

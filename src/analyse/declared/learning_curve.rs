@@ -2,7 +2,8 @@
 
 use super::arm::{ArmId, arms};
 use crate::analyse::{Interval, mean_interval, moving_mean};
-use crate::record::{JobRecord, Setting};
+use crate::manifest::Setting;
+use crate::record::JobRecord;
 
 /// Learning curves, a panel a scenario.
 #[derive(Clone, Debug, PartialEq)]

@@ -2,8 +2,8 @@
 
 use super::arm::{ArmId, arms};
 use crate::analyse::{Interval, Moments, Sample, Undefined, mean_interval};
-use crate::manifest::SelectionRule;
-use crate::record::{JobRecord, Setting};
+use crate::manifest::{SelectionRule, Setting};
+use crate::record::JobRecord;
 
 /// The settings of one agent where it is, the best first: in one scenario and environment, for a
 /// setting that met an easier one is no better by that.

@@ -417,7 +417,7 @@ fn spread_out(ends: &mut [(usize, Point, f64)], gap: f64, (top, bottom): (f64, f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::Setting;
+    use crate::manifest::Setting;
 
     #[test]
     fn optima_that_are_the_same_share_a_line_and_names_have_one() {

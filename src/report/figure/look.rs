@@ -2,7 +2,7 @@
 
 use super::INK;
 use crate::analyse::declared::ArmId;
-use crate::record::Setting;
+use crate::manifest::Setting;
 use crate::report::scene::Color;
 
 /// The colours of Okabe and Ito, told apart by colour-blind readers too; black and yellow, which
