@@ -275,6 +275,9 @@ macro_rules! choices {
         }
 
         impl $Name {
+            /// The words, in the order of the variants.
+            pub const WORDS: &'static [&'static str] = &[$($word),+];
+
             /// The word that manifests and the store write.
             pub fn word(self) -> &'static str {
                 match self {
@@ -305,7 +308,7 @@ macro_rules! choices {
         }
 
         impl $crate::key::FixedKind for $Name {
-            const KIND: $crate::key::Kind = $crate::key::Kind::Choice(&[$($word),+]);
+            const KIND: $crate::key::Kind = $crate::key::Kind::Choice($Name::WORDS);
         }
     };
 }

@@ -4,14 +4,13 @@ use std::collections::HashSet;
 
 use toml::de::DeTable;
 
-use super::analysis::{
-    ANALYSED_METRICS, Analysis, AnalysisDraft, AnalysisKind, CurveAxis, ERROR_AXIS, KindName,
-    SHARED_KEYS, Sides,
-};
+use super::analysis::{Analysis, AnalysisDraft, AnalysisKind, CurveAxis, Sides};
+use super::analysis_kind::{ANALYSED_METRICS, ERROR_AXIS, KindName};
 use super::condition::Condition;
-use super::declared::{MOST_COMPARISONS, Manifest};
+use super::declared::Manifest;
 use super::draft::Draft;
 use super::fault::{Fault, FaultList};
+use super::limits::MOST_COMPARISONS;
 use super::parameter::{parameter, parameters};
 use super::presence::absent;
 use super::read::shortened;
@@ -60,7 +59,7 @@ impl Reader<'_> {
     }
 
     fn analysis_keys(&mut self, kind: KindName, table: &DeTable) {
-        let keys = [SHARED_KEYS, kind.keys()].concat();
+        let keys = kind.key_names();
         for key in table.keys() {
             let found = key.get_ref().as_ref();
             if !keys.contains(&found) {

@@ -2,9 +2,9 @@
 //!
 //! Analyses are no part of any job: declaring, changing or dropping one runs nothing.
 
-use serde_json::{Value as Json, json};
 use toml::de::DeTable;
 
+use super::analysis_kind::{BINS, ERROR_AXIS, KindName, Pairing, SelectionRule, WINDOW};
 use super::condition::Condition;
 use super::fault::Fault;
 use super::source::{Located, Span};
@@ -99,15 +99,6 @@ pub struct Sides {
     pub second: Condition,
 }
 
-/// How the seeds of two arms are compared.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Pairing {
-    /// As two independent groups.
-    Unpaired,
-    /// Seed by seed; a seed that one side lacks is left out.
-    BySeed,
-}
-
 /// The horizontal axis of a curve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CurveAxis {
@@ -116,71 +107,6 @@ pub enum CurveAxis {
     /// A swept parameter with numbers for values.
     Swept(Parameter),
 }
-
-/// How settings of hyper-parameters are ranked.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SelectionRule {
-    /// By the mean over seeds.
-    HighestMean,
-    /// By the lower end of the 95 % interval of the mean over seeds.
-    HighestLowerBound,
-}
-
-/// Metrics that an analysis can be about.
-pub const ANALYSED_METRICS: &[&str] =
-    &["mean_return", "lower_quartile_return", "mean_length", "disengagement_rate", "message_rate"];
-
-/// Declares the kinds: how manifests write each, and the keys that it has beside [`SHARED_KEYS`].
-macro_rules! kinds {
-    ($($Kind:ident = $word:literal, $keys:expr;)+) => {
-        /// A kind, as manifests write it.
-        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-        pub(super) enum KindName {
-            $($Kind,)+
-        }
-
-        impl KindName {
-            /// In the order that the documentation lists them.
-            pub const ALL: &[KindName] = &[$(KindName::$Kind),+];
-
-            /// Its word.
-            pub fn word(self) -> &'static str {
-                match self {
-                    $(KindName::$Kind => $word,)+
-                }
-            }
-
-            /// The keys that it has beside [`SHARED_KEYS`].
-            pub fn keys(self) -> &'static [&'static str] {
-                match self {
-                    $(KindName::$Kind => &$keys,)+
-                }
-            }
-        }
-    };
-}
-
-kinds! {
-    Contrast = "contrast", ["metric", "by", "between", "pairing", "family"];
-    Curve = "curve", ["metric", "x"];
-    LearningCurve = "learning_curve", ["window"];
-    HeatMap = "heat_map", ["metric", "x", "y", "by", "between"];
-    ActionChoice = "action_choice", ["bins"];
-    Selection = "selection", ["metric", "rule", "reporting_seeds"];
-    InferenceError = "inference_error", [];
-}
-
-/// The word of the axis that no parameter is.
-pub const ERROR_AXIS: &str = "context_inference_error";
-
-/// Numbers of bins that the ten bins of the store can be joined to.
-pub(super) const BINS: &[u64] = &[1, 2, 5, 10];
-
-/// Training episodes of a moving mean where the manifest says nothing.
-pub(super) const WINDOW: u32 = 100;
-
-/// Keys of every `[[analysis]]`.
-pub(super) const SHARED_KEYS: &[&str] = &["name", "kind", "title", "where"];
 
 impl Analysis {
     /// What a job has to meet to be one that the analysis is about: its conditions, and to be on
@@ -225,7 +151,7 @@ pub enum DataPart {
 }
 
 impl AnalysisKind {
-    /// Reads what a kind has beside [`SHARED_KEYS`], noting faults and the parameters along axes.
+    /// Reads the keys of a kind, noting faults and the parameters along axes.
     pub(super) fn read(
         kind: KindName,
         reader: &mut Reader,
@@ -282,7 +208,7 @@ impl AnalysisKind {
         let mut written = self.sides().map_or_else(Vec::new, Sides::written);
         match self {
             AnalysisKind::Contrast(contrast) => {
-                written.push(("pairing", quoted(&contrast.pairing.name())));
+                written.push(("pairing", quoted(&contrast.pairing.word())));
                 written.push(("family", quoted(&contrast.family)));
             }
             AnalysisKind::Curve { axis: CurveAxis::ContextInferenceError } => {
@@ -297,7 +223,7 @@ impl AnalysisKind {
             }
             AnalysisKind::ActionChoice { bins } => written.push(("bins", bins.to_string())),
             AnalysisKind::Selection { rule, reporting_seeds } => {
-                written.push(("rule", quoted(&rule.name())));
+                written.push(("rule", quoted(&rule.word())));
                 written.push(("reporting_seeds", list(reporting_seeds)));
             }
             AnalysisKind::InferenceError => {}
@@ -354,87 +280,11 @@ impl Sides {
     }
 }
 
-impl Pairing {
-    /// The word that manifests write.
-    pub fn name(self) -> &'static str {
-        match self {
-            Pairing::Unpaired => "unpaired",
-            Pairing::BySeed => "by_seed",
-        }
-    }
-}
-
-impl SelectionRule {
-    /// The word that manifests write.
-    pub fn name(self) -> &'static str {
-        match self {
-            SelectionRule::HighestMean => "highest_mean",
-            SelectionRule::HighestLowerBound => "highest_lower_bound",
-        }
-    }
-}
-
-/// What a key of `[[analysis]]` means, and its JSON Schema; counts are at most so many.
-pub(super) fn key_schema(key: &str, most: u64) -> (&'static str, Json) {
-    let parameter = || json!({ "$ref": "#/$defs/parameter" });
-    let count = json!({ "type": "integer", "minimum": 1, "maximum": most });
-    match key {
-        "name" => ("what files and links call it", json!({ "$ref": "#/$defs/name" })),
-        "title" => ("what a reader sees above it", json!({ "type": "string" })),
-        "metric" => (
-            "the metric of a run that it is about",
-            json!({ "enum": ANALYSED_METRICS, "default": ANALYSED_METRICS[0] }),
-        ),
-        "where" => {
-            ("the jobs that it is about; all by default", json!({ "$ref": "#/$defs/exclude" }))
-        }
-        "by" => (
-            "what tells the two sides of a difference apart",
-            json!({ "anyOf": [{ "const": "agent.name" }, parameter()] }),
-        ),
-        "between" => (
-            "the two sides, first minus second",
-            json!({ "type": "array", "minItems": 2, "maxItems": 2 }),
-        ),
-        "pairing" => (
-            "whether seeds are compared one by one",
-            json!({ "enum": ["unpaired", "by_seed"], "default": "unpaired" }),
-        ),
-        "family" => (
-            "the contrasts whose p values are corrected together; the name by default",
-            json!({ "$ref": "#/$defs/name" }),
-        ),
-        "x" => ("the horizontal axis", json!({ "anyOf": [{ "const": ERROR_AXIS }, parameter()] })),
-        "y" => ("the vertical axis", parameter()),
-        "window" => {
-            let mut window = count.clone();
-            window["default"] = json!(WINDOW);
-            ("training episodes that the moving mean is over", window)
-        }
-        "bins" => ("bins of the context probability", json!({ "enum": BINS, "default": 5 })),
-        "rule" => (
-            "how settings are ranked",
-            json!({ "enum": ["highest_mean", "highest_lower_bound"], "default": "highest_mean" }),
-        ),
-        "reporting_seeds" => (
-            "seeds that chosen settings are reported on; none of this manifest's",
-            json!({ "anyOf": [count, {
-                "type": "array",
-                "minItems": 1,
-                "uniqueItems": true,
-                "items": { "$ref": "#/$defs/seed" },
-            }] }),
-        ),
-        _ => ("", json!({})),
-    }
-}
-
 fn contrast(reader: &mut Reader, name: &str, span: Span, table: &DeTable) -> Option<Contrast> {
     let sides = reader.sides(span, table)?;
-    let words = [Pairing::Unpaired.name(), Pairing::BySeed.name()];
     let pairing = match table.get("pairing") {
-        Some(node) if reader.word("pairing", &words, node)? == words[1] => Pairing::BySeed,
-        Some(_) | None => Pairing::Unpaired,
+        Some(node) => Pairing::named(reader.word("pairing", Pairing::WORDS, node)?)?,
+        None => Pairing::Unpaired,
     };
     let family = match table.get("family") {
         Some(node) => reader.name("family", node).value,
@@ -459,12 +309,9 @@ fn bins(reader: &mut Reader, node: &Node) -> Option<u8> {
 }
 
 fn selection(reader: &mut Reader, span: Span, table: &DeTable) -> Option<AnalysisKind> {
-    let words = [SelectionRule::HighestMean.name(), SelectionRule::HighestLowerBound.name()];
     let rule = match table.get("rule") {
-        Some(node) if reader.word("rule", &words, node)? == words[1] => {
-            SelectionRule::HighestLowerBound
-        }
-        Some(_) | None => SelectionRule::HighestMean,
+        Some(node) => SelectionRule::named(reader.word("rule", SelectionRule::WORDS, node)?)?,
+        None => SelectionRule::HighestMean,
     };
     let Some(node) = table.get("reporting_seeds") else {
         let message = "missing key `reporting_seeds` in an [[analysis]] of kind \"selection\"";

@@ -5,10 +5,11 @@ use std::collections::HashSet;
 
 use super::analyses;
 use super::condition::Condition;
-use super::declared::{Exclusion, MOST_COMPARISONS, MOST_JOBS, Manifest};
+use super::declared::{Exclusion, Manifest};
 use super::draft::Draft;
 use super::fault::{Fault, FaultList};
 use super::grid::{Axis, Grid, axes, size, zipped};
+use super::limits::{MOST_COMPARISONS, MOST_JOBS};
 use super::presence::absent;
 use super::source::Span;
 use crate::agent::{Constraint, Violation};

@@ -7,13 +7,6 @@ use crate::agent::Algorithm;
 use crate::env::Scenario;
 use crate::key::{Parameter, Value};
 
-/// Most jobs that one manifest may declare, excluded cells among them.
-pub const MOST_JOBS: u64 = 10_000_000;
-
-/// Most comparisons of a cell with an exclusion, of an agent with a value of a condition, or of an
-/// analysis with what agents have, that one manifest may ask for.
-pub(super) const MOST_COMPARISONS: u64 = 50_000_000;
-
 /// A validated manifest: every default filled in, every cell of its grids a possible job.
 ///
 /// Made by [`super::load`] and [`super::parse`] alone; changing its fields voids the validation.

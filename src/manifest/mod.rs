@@ -13,6 +13,7 @@
 
 mod analyses;
 mod analysis;
+mod analysis_kind;
 mod cells;
 mod check;
 mod complete;
@@ -22,6 +23,7 @@ mod draft;
 mod evaluation;
 mod fault;
 mod grid;
+mod limits;
 mod load;
 mod parameter;
 mod presence;
@@ -37,15 +39,14 @@ mod sweep;
 mod varying;
 mod written;
 
-pub use analysis::{
-    ANALYSED_METRICS, Analysis, AnalysisKind, Contrast, CurveAxis, DataPart, ERROR_AXIS, Pairing,
-    SelectionRule, Sides,
-};
+pub use analysis::{Analysis, AnalysisKind, Contrast, CurveAxis, DataPart, Sides};
+pub use analysis_kind::{ANALYSED_METRICS, ERROR_AXIS, Pairing, SelectionRule};
 pub use condition::{Condition, Described, Setting, short_name};
-pub use declared::{DeclaredAgent, Exclusion, MOST_JOBS, Manifest, Zip};
+pub use declared::{DeclaredAgent, Exclusion, Manifest, Zip};
 pub use evaluation::{Evaluation, TestActions};
 pub use fault::{Fault, Faults, nearest};
 pub use grid::{Cell, Grid};
+pub use limits::MOST_JOBS;
 pub use load::{load, parse};
 pub use parameter::{Parameters, parameter, parameters};
 pub use published::{Published, PublishedCurve, PublishedErrors, PublishedHeatMap, PublishedTest};

@@ -2,9 +2,9 @@
 
 use toml::de::{DeTable, DeValue};
 
-use super::declared::MOST_JOBS;
 use super::draft::{AgentDraft, Draft, Settings};
 use super::fault::{Fault, nearest};
+use super::limits::MOST_JOBS;
 use super::preset;
 use super::section::Section;
 use super::source::{Located, Span, hidden};

@@ -70,10 +70,11 @@ fn write_parameters(out: &mut String, parameters: &Parameters) -> fmt::Result {
 }
 
 fn write_analysis(out: &mut String, analysis: &Analysis) -> fmt::Result {
-    let (kind, keys) = (analysis.kind.name().word(), analysis.kind.name().keys());
-    writeln!(out, "\n[[analysis]]\nname = {}\nkind = \"{kind}\"", quoted(&analysis.name))?;
+    let kind = analysis.kind.name();
+    let (name, word) = (quoted(&analysis.name), kind.word());
+    writeln!(out, "\n[[analysis]]\nname = {name}\nkind = \"{word}\"")?;
     analysis.title.iter().try_for_each(|title| writeln!(out, "title = {}", quoted(title)))?;
-    if keys.contains(&"metric") {
+    if kind.key_names().contains(&"metric") {
         writeln!(out, "metric = \"{}\"", analysis.metric)?;
     }
     for (key, value) in analysis.kind.written() {

@@ -2,8 +2,8 @@
 
 use serde_json::{Map, Value as Json, json};
 
-use super::analysis::{KindName, SHARED_KEYS, key_schema};
-use super::declared::MOST_JOBS;
+use super::analysis_kind::{AnalysisKey, KindName};
+use super::limits::MOST_JOBS;
 use super::parameter::parameters;
 use super::preset;
 use super::range::MOST_VALUES;
@@ -227,13 +227,9 @@ fn exclude() -> Json {
 
 fn analysis() -> Json {
     let kinds = KindName::ALL.iter().map(|kind| {
-        let schema = |key: &str| {
-            let (text, schema) = key_schema(key, MOST_JOBS);
-            described(text, schema)
-        };
-        let keys = [SHARED_KEYS, kind.keys()].concat();
-        let mut properties: Map<String, Json> =
-            keys.iter().map(|key| ((*key).to_owned(), schema(key))).collect();
+        let property =
+            |key: &AnalysisKey| (key.name.to_owned(), described(key.doc, (key.schema)()));
+        let mut properties: Map<String, Json> = kind.keys().map(property).collect();
         properties.insert("kind".to_owned(), json!({ "const": kind.word() }));
         json!({
             "type": "object",

@@ -54,7 +54,7 @@ pub fn chosen(rule: SelectionRule, metric: &str, jobs: &[&JobRecord]) -> Vec<Cho
         match places.iter_mut().find(|chosen| chosen.place == place) {
             Some(chosen) => chosen.candidates.push(candidate),
             None => {
-                places.push(Chosen { place, rule: rule.name(), candidates: vec![candidate] });
+                places.push(Chosen { place, rule: rule.word(), candidates: vec![candidate] });
             }
         }
     }

@@ -161,8 +161,12 @@ fn thinned(rows: &[Vec<Entry>], every: usize) -> impl Iterator<Item = &Vec<Entry
     let same_words = |one: &Vec<Entry>, next: &Vec<Entry>| {
         one.iter().zip(next).all(|cells| match cells {
             (Entry::Text(one), Entry::Text(next)) => one == next,
-            (Entry::Text(_), _) | (_, Entry::Text(_)) => false,
-            _ => true,
+            (Entry::Text(_), Entry::Number { .. } | Entry::Missing(_))
+            | (Entry::Number { .. } | Entry::Missing(_), Entry::Text(_)) => false,
+            (
+                Entry::Number { .. } | Entry::Missing(_),
+                Entry::Number { .. } | Entry::Missing(_),
+            ) => true,
         })
     };
     rows.chunk_by(same_words).flat_map(move |rows| {
