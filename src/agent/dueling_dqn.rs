@@ -264,7 +264,7 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> Learner<Env> for DuelingDqnLea
                 self.episode.updates += 1;
             }
         }
-        self.episode.disengaged = self.environment.statuses()[0] == EpisodeStatus::Terminated;
+        self.episode.terminated = self.environment.statuses()[0] == EpisodeStatus::Terminated;
         self.episode.epsilon = Some(self.epsilon);
         finished.push(self.episode);
         Ok(Span::Whole)
@@ -318,8 +318,7 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> Resumable for DuelingDqnLearne
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::env::Environment;
-    use crate::env::{FirstContext, TimeIndicator};
+    use crate::env::{Environment, FirstContext, TimeIndicator};
 
     /// An engine whose values are a formula of the state and of how often the target was renewed,
     /// and which looks at what it is given to learn.

@@ -15,8 +15,8 @@ pub struct TrainedEpisode {
     pub total_reward: f64,
     /// Steps of the simulation.
     pub length: u32,
-    /// Whether it ended in disengagement.
-    pub disengaged: bool,
+    /// Whether it ended in a terminal state.
+    pub terminated: bool,
     /// Sum of the losses of the updates since the episode before.
     pub loss_sum: f64,
     /// Number of those updates.
@@ -29,7 +29,7 @@ impl Resumable for TrainedEpisode {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
         out.one(self.total_reward)?;
         out.one(self.length)?;
-        out.one(u8::from(self.disengaged))?;
+        out.one(u8::from(self.terminated))?;
         out.one(self.loss_sum)?;
         out.one(self.updates)?;
         out.many(self.epsilon.as_slice())
@@ -39,7 +39,7 @@ impl Resumable for TrainedEpisode {
         *self = TrainedEpisode {
             total_reward: from.one()?,
             length: from.one()?,
-            disengaged: from.one::<u8>()? != 0,
+            terminated: from.one::<u8>()? != 0,
             loss_sum: from.one()?,
             updates: from.one()?,
             epsilon: from.many(1, "exploration rates")?.first().copied(),

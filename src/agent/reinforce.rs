@@ -167,7 +167,7 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
                 rewards: Vec::new(),
                 totals: vec![0.0; lanes],
                 lengths: vec![0; lanes],
-                actions: vec![Action::NONE; lanes],
+                actions: vec![Action::default(); lanes],
                 observations: none,
                 logits: Vec::new(),
                 halves: Vec::new(),
@@ -244,7 +244,7 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
             |((total_reward, length), status)| TrainedEpisode {
                 total_reward: *total_reward,
                 length: *length,
-                disengaged: *status == EpisodeStatus::Terminated,
+                terminated: *status == EpisodeStatus::Terminated,
                 ..TrainedEpisode::default()
             },
         )

@@ -62,6 +62,15 @@ impl Step {
     }
 }
 
+/// The word of the simulation for the status of an episode.
+fn ending(status: EpisodeStatus) -> &'static str {
+    match status {
+        EpisodeStatus::Running => "running",
+        EpisodeStatus::Terminated => "disengaged",
+        EpisodeStatus::Truncated => "horizon",
+    }
+}
+
 /// A writer of steps, a row a step.
 pub(super) struct StepRows<W: Write>(Rows<W>);
 
@@ -86,7 +95,7 @@ impl<W: Write> StepRows<W> {
                 Field::Integer(step.action.index() as i64),
                 step.probability.map_or(Field::Empty, |p| Field::Rounded(p, 4)),
                 Field::Rounded(step.reward, 2),
-                Field::text(step.status.name()),
+                Field::text(ending(step.status)),
                 Field::Rounded(total, 2),
             ])?;
         }

@@ -143,7 +143,7 @@ impl<Env: VectorEnvironment> Walk<Env> {
                 Sharing::PerLane => LaneStreams::PerLane(streams(Purpose::Environment)),
             },
             choices: streams(Purpose::Exploration),
-            actions: vec![Action::NONE; lanes],
+            actions: vec![Action::default(); lanes],
             rewards: vec![0.0; lanes],
             observations: environment.observation_spec().observations(),
             count: count as u32,

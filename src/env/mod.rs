@@ -10,6 +10,7 @@
 mod belief;
 mod context;
 pub mod contract;
+mod intervention;
 mod observation;
 mod observer;
 mod parameters;

@@ -7,19 +7,14 @@ use crate::env::observation::{ObservationSpec, Observations};
 use crate::rng::Stream;
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
-/// An action, by its number, 0 to 3. The names are those of the intervention options of the paper
-/// (table 1).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// An action, by its number, 0 to 3; 0 by default.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(transparent)]
-pub struct Action(u8);
+pub struct Action(pub(super) u8);
 
 impl Action {
     /// The number of actions that agents choose among.
     pub const COUNT: usize = 4;
-    /// Send nothing.
-    pub const NONE: Action = Action(0);
-    /// Send a message that is not tailored.
-    pub const UNTAILORED: Action = Action(1);
 
     /// The action of this number; `None` above 3.
     pub fn from_index(index: usize) -> Option<Action> {
@@ -29,12 +24,6 @@ impl Action {
     /// The action that the two lowest bits stand for.
     pub fn from_low_bits(bits: u64) -> Action {
         Action((bits & 3) as u8)
-    }
-
-    /// Send a message tailored to this context, 0 or 1.
-    pub fn tailored_to(context: u8) -> Action {
-        debug_assert!(context < 2);
-        Action(context + 2)
     }
 
     /// Its number, 0 to 3.
@@ -49,22 +38,13 @@ impl Action {
 pub enum EpisodeStatus {
     /// The episode goes on.
     Running,
-    /// The episode reached a terminal state (disengagement): the value of what follows is 0.
+    /// The episode reached a terminal state: the value of what follows is 0.
     Terminated,
-    /// The episode was cut off (at the horizon): more would have followed.
+    /// The episode was cut off, as at a horizon: more would have followed.
     Truncated,
 }
 
 impl EpisodeStatus {
-    /// The word for it in output.
-    pub fn name(self) -> &'static str {
-        match self {
-            EpisodeStatus::Running => "running",
-            EpisodeStatus::Terminated => "disengaged",
-            EpisodeStatus::Truncated => "horizon",
-        }
-    }
-
     /// Its number where states are saved, 0 to 2.
     pub fn number(self) -> u8 {
         self as u8

@@ -80,7 +80,7 @@ impl CurveRecorder {
         let values = [
             ("mean_return", mean(|e| e.total_reward)),
             ("mean_length", mean(|e| f64::from(e.length))),
-            ("disengagement_rate", mean(|e| f64::from(u8::from(e.disengaged)))),
+            ("disengagement_rate", mean(|e| f64::from(u8::from(e.terminated)))),
             ("mean_loss", (updates > 0).then(|| losses / updates as f64)),
             ("epsilon", self.since_point.last().and_then(|e| e.epsilon)),
         ];
@@ -133,7 +133,7 @@ mod tests {
         TrainedEpisode {
             total_reward,
             length: 50,
-            disengaged: total_reward < 0.0,
+            terminated: total_reward < 0.0,
             loss_sum: f64::from(updates) * 2.0,
             updates,
             epsilon: Some(total_reward / 100.0),

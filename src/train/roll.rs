@@ -81,7 +81,7 @@ pub fn roll<Env: VectorEnvironment + ?Sized>(
     streams: &mut RollStreams,
     observer: &mut impl StepObserver<Env>,
 ) {
-    let mut actions = vec![Action::NONE; environment.lanes()];
+    let mut actions = vec![Action::default(); environment.lanes()];
     let mut probabilities = vec![0.0; environment.lanes()];
     let mut rewards = vec![0.0; environment.lanes()];
     while environment.any_running() && !observer.stop_requested() {

@@ -1,0 +1,17 @@
+//! The intervention options of the paper, as actions.
+
+use crate::env::Action;
+
+/// The intervention options of the paper (table 1).
+impl Action {
+    /// Send nothing.
+    pub const NONE: Action = Action(0);
+    /// Send a message that is not tailored.
+    pub const UNTAILORED: Action = Action(1);
+
+    /// Send a message tailored to this context, 0 or 1.
+    pub fn tailored_to(context: u8) -> Action {
+        debug_assert!(context < 2);
+        Action(context + 2)
+    }
+}
