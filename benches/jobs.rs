@@ -13,7 +13,7 @@ use jitai::manifest::Evaluation;
 use jitai::plan::Job;
 use jitai::record::Outcome;
 use jitai::train::{
-    self, Checkpoints, ReadCheckpoint, TrainingControl, TrainingProgress, Unwatched,
+    self, Checkpoints, ReadCheckpoint, TrainingControl, TrainingProgress, Uncontrolled,
     WriteCheckpoint,
 };
 
@@ -33,7 +33,7 @@ fn job(agent: Agent, time_one_hot: bool) -> Job {
 
 fn run(agent: Agent, time_one_hot: bool) {
     let job = job(agent, time_one_hot);
-    assert!(matches!(train::run(&job, &Unwatched), Outcome::Completed(_)));
+    assert!(matches!(train::run(&job, &Uncontrolled), Outcome::Completed(_)));
 }
 
 #[divan::bench(sample_count = 5, sample_size = 1, args = [false, true])]

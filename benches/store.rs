@@ -11,7 +11,7 @@ use jitai::manifest::Evaluation;
 use jitai::plan::Job;
 use jitai::record::{Outcome, Provenance};
 use jitai::store::{Claim, Claimed, Experiment, Isolation, RetryFailed, RunEnd, SessionId, Store};
-use jitai::train::{self, Unwatched};
+use jitai::train::{self, Uncontrolled};
 use tempfile::TempDir;
 
 fn main() {
@@ -99,7 +99,7 @@ fn registering(bencher: Bencher<'_, '_>, count: u64) {
 #[divan::bench(sample_count = 20, sample_size = 1, args = [1, 100])]
 fn claiming_and_ending(bencher: Bencher<'_, '_>, count: u64) {
     let jobs = trivial(count);
-    let outcome = train::run(&jobs[0], &Unwatched);
+    let outcome = train::run(&jobs[0], &Uncontrolled);
     let begun = || {
         let mut fresh = Fresh::with(&jobs);
         let session = fresh.begin_session();
@@ -121,7 +121,7 @@ fn claiming_and_ending(bencher: Bencher<'_, '_>, count: u64) {
 #[divan::bench(sample_count = 10, sample_size = 1)]
 fn ending_with_a_long_curve(bencher: Bencher<'_, '_>) {
     let job = job(15_000, Evaluation { curve_stride: 1, ..Evaluation::default() });
-    let outcome = train::run(&job, &Unwatched);
+    let outcome = train::run(&job, &Uncontrolled);
     let Outcome::Completed(results) = &outcome else { panic!("{outcome:?}") };
     let claimed = || {
         let mut fresh = Fresh::with(slice::from_ref(&job));

@@ -12,7 +12,7 @@ use jitai::plan::Job;
 use jitai::record::{Outcome, Results};
 use jitai::train::{
     self, CheckpointError, Checkpoints, ReadCheckpoint, Resumed, TrainingControl, TrainingProgress,
-    Unwatched, WriteCheckpoint,
+    Uncontrolled, WriteCheckpoint,
 };
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -199,7 +199,7 @@ fn every_checkpoint(job: &Job) -> (Vec<Vec<u8>>, Results) {
 #[test]
 fn small_jobs_go_on_from_every_checkpoint_to_the_same_bits() {
     for (name, job) in small_jobs() {
-        let undisturbed = completed(train::run(&job, &Unwatched));
+        let undisturbed = completed(train::run(&job, &Uncontrolled));
         let (kept, interrupted) = every_checkpoint(&job);
         assert_same_bits(&interrupted, &undisturbed, &name);
         // Some twenty steps of training and those of the test.
@@ -216,7 +216,7 @@ fn small_jobs_go_on_from_every_checkpoint_to_the_same_bits() {
 #[test]
 fn a_job_that_is_stopped_at_every_step_ends_in_the_same_bits() {
     for (name, job) in small_jobs() {
-        let undisturbed = completed(train::run(&job, &Unwatched));
+        let undisturbed = completed(train::run(&job, &Uncontrolled));
         let mut shelf = Shelf { stops: true, ..Shelf::every(1) };
         let mut stops = 0;
         let results = loop {
@@ -241,7 +241,7 @@ fn larger_jobs_go_on_from_checkpoints_anywhere_to_the_same_bits() {
         let mut job = job(agent, |environment| environment.horizon = 50);
         // More than one batch of lanes.
         job.evaluation.test_episodes = 1500;
-        let undisturbed = completed(train::run(&job, &Unwatched));
+        let undisturbed = completed(train::run(&job, &Uncontrolled));
         let shelf = Shelf::every(17);
         assert_same_bits(&completed(train::run(&job, &shelf)), &undisturbed, "kept");
         let kept = shelf.kept.into_inner();
@@ -282,7 +282,7 @@ fn a_checkpoint_with_any_byte_changed_is_refused_and_the_job_starts_over() {
             assert!(refused.is_err(), "byte {place} with {flip:#x}: {refused:?}");
         }
     }
-    let undisturbed = completed(train::run(&job, &Unwatched));
+    let undisturbed = completed(train::run(&job, &Uncontrolled));
     let mut damaged = checkpoint;
     let middle = damaged.len() / 2;
     damaged[middle] ^= 1;
@@ -411,5 +411,5 @@ fn a_training_whose_checkpoints_cannot_be_kept_goes_on() {
     }
     let (job, _) = a_checkpoint();
     let results = completed(train::run(&job, &FullDisk(Cell::new(0))));
-    assert_same_bits(&results, &completed(train::run(&job, &Unwatched)), "full disk");
+    assert_same_bits(&results, &completed(train::run(&job, &Uncontrolled)), "full disk");
 }

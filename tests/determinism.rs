@@ -8,7 +8,7 @@ use jitai::env::{Environment, FirstContext, TimeIndicator};
 use jitai::manifest::Evaluation;
 use jitai::plan::Job;
 use jitai::record::{Outcome, Results};
-use jitai::train::{self, Unwatched};
+use jitai::train::{self, Uncontrolled};
 use sha2::{Digest, Sha256};
 
 fn job(agent: Agent, seed: u64) -> Job {
@@ -49,7 +49,7 @@ fn device() -> Device {
 }
 
 fn results(job: &Job) -> Results {
-    match train::run(job, &Unwatched) {
+    match train::run(job, &Uncontrolled) {
         Outcome::Completed(results) => results,
         other => panic!("the job did not complete: {other:?}"),
     }

@@ -12,7 +12,7 @@ use jitai::env::{Environment, Scenario};
 use jitai::manifest::Evaluation;
 use jitai::plan::Job;
 use jitai::record::Outcome;
-use jitai::train::{self, Unwatched};
+use jitai::train::{self, Uncontrolled};
 
 const SEEDS: std::ops::RangeInclusive<u64> = 1..=10;
 
@@ -45,7 +45,7 @@ fn returns(agent: &Agent, scenario: &str, sigma: f64) -> Vec<f64> {
 }
 
 fn mean_return(job: &Job) -> f64 {
-    match train::run(job, &Unwatched) {
+    match train::run(job, &Uncontrolled) {
         Outcome::Completed(results) => {
             results.metrics.iter().find(|m| m.name == "mean_return").unwrap().value
         }

@@ -8,7 +8,7 @@ use jitai::manifest::Evaluation;
 use jitai::optimum::optimum;
 use jitai::plan::Job;
 use jitai::record::{Outcome, Results};
-use jitai::train::{self, RollStreams, StepObserver, Unwatched};
+use jitai::train::{self, RollStreams, StepObserver, Uncontrolled};
 
 /// Returns of episodes while they are rolled.
 struct Returns(Vec<f64>);
@@ -102,7 +102,7 @@ fn tested(rule: DecisionRule, scenario: &str) -> Results {
         evaluation: Evaluation::default(),
         seed: 1,
     };
-    match train::run(&job, &Unwatched) {
+    match train::run(&job, &Uncontrolled) {
         Outcome::Completed(results) => results,
         other => panic!("{other:?}"),
     }

@@ -373,7 +373,7 @@ pub(super) fn sampled_by(
     sampled
 }
 
-/// A module of nothing but numbers, to watch the optimiser alone.
+/// A module of parameters alone, to test the optimiser.
 #[derive(Module, Debug)]
 struct Numbers {
     values: Param<Tensor<1>>,

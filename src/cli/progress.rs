@@ -273,7 +273,7 @@ impl Shown {
         }
     }
 
-    fn lose(&mut self, worker: usize, queued: &Queued) {
+    fn taken_over(&mut self, worker: usize, queued: &Queued) {
         self.rest(worker, queued);
         // Until it is known what became of it elsewhere.
         self.unbegun.add(queued.job.algorithm(), u64::from(queued.job.agent.episodes()));
@@ -386,14 +386,14 @@ fn worker_line(progress: Option<TrainingProgress>, name: &str) -> String {
 }
 
 impl EventSink for Shown {
-    fn hear(&mut self, event: Event<'_>) {
+    fn on_event(&mut self, event: Event<'_>) {
         match event {
             Event::Started { worker, queued } => self.begin(worker, queued),
             Event::Ended { worker, queued, outcome, wall } => {
                 self.end(worker, queued, outcome, wall);
             }
             Event::Checkpoint { worker, queued, note } => self.note(worker, queued, note),
-            Event::Lost { worker, queued } => self.lose(worker, queued),
+            Event::Lost { worker, queued } => self.taken_over(worker, queued),
             Event::Skipped { queued, found } => self.skip(queued, found),
             Event::FewerWorkers { started, reason } => self.shrink(started, reason),
             Event::Tick { progress, waiting_for } => self.tick(progress, waiting_for),

@@ -50,7 +50,7 @@ fn interruptible<T>(reader: &Reader, work: impl FnOnce() -> T) -> Result<T, Erro
     let interrupter = reader.interrupter();
     let done = AtomicBool::new(false);
     thread::scope(|scope| {
-        let watch = || {
+        let interrupt = || {
             let mut stopped: Option<Instant> = None;
             while !done.load(Ordering::Relaxed) {
                 if stop.load(Ordering::Relaxed) {
@@ -64,7 +64,7 @@ fn interruptible<T>(reader: &Reader, work: impl FnOnce() -> T) -> Result<T, Erro
             }
         };
         thread::Builder::new()
-            .spawn_scoped(scope, watch)
+            .spawn_scoped(scope, interrupt)
             .map_err(|source| Error::Io { what: "start a thread".to_owned(), source })?;
         let result = work();
         done.store(true, Ordering::Relaxed);

@@ -1,4 +1,4 @@
-//! The mean of the best action value over the context signal, in closed form.
+//! The mean of the best action value over the context draw, in closed form.
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
@@ -47,7 +47,7 @@ impl Expectation {
         }
     }
 
-    /// The mean of the best action value over the signals of one step.
+    /// The mean of the best action value over the context draws of one step.
     #[inline(always)]
     pub fn of_best(&self, values: &ActionValues) -> f64 {
         let ActionValues { nothing, untailored, suitable, unsuitable } = *values;
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn the_closed_form_is_the_integral_over_the_signal() {
+    fn the_closed_form_is_the_integral_over_the_context_draw() {
         for (nothing, untailored, suitable, unsuitable) in [
             (1.0, 4.0, 10.0, -20.0),
             (1.0, -1.0, 10.0, 0.5),

@@ -11,11 +11,11 @@ use crate::env::{Environment, Scenario};
 /// Most optima that are computed at a time: each may take some hundred megabytes.
 const MOST_AT_ONCE: usize = 4;
 
-/// The optimum of each environment and scenario, in their order, on several threads. `watch` gets the
-/// number of optima found so far.
+/// The optimum of each environment and scenario, in their order, on several threads. `on_progress`
+/// gets the number of optima found so far.
 pub fn several(
     pairs: &[(&Environment, &Scenario)],
-    mut watch: impl FnMut(usize),
+    mut on_progress: impl FnMut(usize),
 ) -> Vec<Result<Optimum, NoOptimum>> {
     let cores = thread::available_parallelism().map_or(1, usize::from).min(MOST_AT_ONCE);
     let next = AtomicUsize::new(0);
@@ -36,7 +36,7 @@ pub fn several(
         let mut found = Vec::with_capacity(pairs.len());
         for optimum in receiver {
             found.push(optimum);
-            watch(found.len());
+            on_progress(found.len());
         }
         found.sort_by_key(|(place, _)| *place);
         found.into_iter().map(|(_, best)| best).collect()

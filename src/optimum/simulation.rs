@@ -1,7 +1,6 @@
 //! Simulated episodes that correct the value of the start for the error of the grid.
 
-use crate::env::FirstContext;
-use crate::env::{ContextDraw, apply_action};
+use crate::env::{ContextDraw, FirstContext, apply_action};
 use crate::rng::{Purpose, Stream};
 
 use super::solution::Solution;
@@ -39,13 +38,13 @@ fn sum_of_errors(solution: &Solution, seed: u64) -> f64 {
         if time > 0 {
             sum += solution.mean_of_best(&values) - solution.value(left + 1, h, d);
         }
-        let (signal, believed) = if time == 0 && e.first_context == FirstContext::Fixed {
+        let (draw, believed) = if time == 0 && e.first_context == FirstContext::Fixed {
             (ContextDraw::FIXED_FIRST, 1.0)
         } else {
-            let signal = ContextDraw::draw(e.sigma, &mut stream);
-            (signal, solution.belief().probability_of_zero(&signal))
+            let draw = ContextDraw::draw(e.sigma, &mut stream);
+            (draw, solution.belief().probability_of_zero(&draw))
         };
-        let effect = apply_action(e, signal.context, values.best(believed), h, d);
+        let effect = apply_action(e, draw.context, values.best(believed), h, d);
         (h, d) = (effect.habituation, effect.disengagement);
         if d >= e.disengagement_threshold {
             break;

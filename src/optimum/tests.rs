@@ -151,13 +151,13 @@ fn simulated(solution: &Solution, e: &Environment, count: u32) -> [f64; 2] {
         let mut state = [e.initial_habituation, e.initial_disengagement];
         let mut total = 0.0;
         for time in 0..e.horizon {
-            let signal = match (time, e.first_context) {
+            let draw = match (time, e.first_context) {
                 (0, FirstContext::Fixed) => ContextDraw::FIXED_FIRST,
                 _ => ContextDraw::draw(e.sigma, &mut stream),
             };
-            let believed = solution.belief().probability_of_zero(&signal);
+            let believed = solution.belief().probability_of_zero(&draw);
             let action = solution.choose(time, believed, state[0], state[1]);
-            let effect = apply_action(e, signal.context, action, state[0], state[1]);
+            let effect = apply_action(e, draw.context, action, state[0], state[1]);
             total += effect.reward;
             state = [effect.habituation, effect.disengagement];
             if effect.disengagement >= e.disengagement_threshold {

@@ -15,10 +15,10 @@ pub(super) fn place_of(job: &Job) -> Place {
 }
 
 /// The highest mean return of any policy, by place; without the places whose optimum is not computed.
-/// `watch` gets the number of optima found so far and the number of all.
+/// `on_progress` gets the number of optima found so far and the number of all.
 pub(super) fn of_jobs<'j>(
     jobs: impl Iterator<Item = &'j Job>,
-    mut watch: impl FnMut(usize, usize),
+    mut on_progress: impl FnMut(usize, usize),
 ) -> HashMap<Place, f64> {
     let mut seen = HashSet::new();
     let (places, pairs): (Vec<Place>, Vec<(&Environment, &Scenario)>) = jobs
@@ -26,7 +26,7 @@ pub(super) fn of_jobs<'j>(
         .map(|job| (place_of(job), (&job.environment, &job.scenario)))
         .filter(|(place, _)| seen.insert(place.clone()))
         .unzip();
-    let found = optimum::several(&pairs, |done| watch(done, pairs.len()));
+    let found = optimum::several(&pairs, |done| on_progress(done, pairs.len()));
     let found = places.into_iter().zip(found);
     found.filter_map(|(place, best)| Some((place, best.ok()?.mean_return))).collect()
 }

@@ -417,8 +417,8 @@ mod tests {
     #[test]
     fn time_in_which_nobody_could_look_counts_as_a_second() {
         let long_ago = Instant::now().checked_sub(Duration::from_secs(60)).unwrap();
-        let watch = Stopwatch(Mutex::new((Duration::from_secs(3), long_ago)));
-        let worked = watch.look();
+        let stopwatch = Stopwatch(Mutex::new((Duration::from_secs(3), long_ago)));
+        let worked = stopwatch.look();
         assert!((4..=5).contains(&worked.as_secs()), "{worked:?}");
         let alarm = Alarm::default();
         alarm.set(Duration::from_secs(40));

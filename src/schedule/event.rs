@@ -69,14 +69,14 @@ pub enum Event<'a> {
     },
 }
 
-/// Whoever shows the sweep to a person or a program.
+/// A receiver of the events of a sweep, such as a progress display.
 pub trait EventSink {
-    /// Hears of an event, on the thread that owns the store.
-    fn hear(&mut self, event: Event<'_>);
+    /// Takes an event, on the thread that owns the store.
+    fn on_event(&mut self, event: Event<'_>);
 }
 
 impl<F: FnMut(Event<'_>)> EventSink for F {
-    fn hear(&mut self, event: Event<'_>) {
+    fn on_event(&mut self, event: Event<'_>) {
         self(event);
     }
 }

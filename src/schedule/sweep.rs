@@ -174,7 +174,7 @@ fn start_workers<'scope>(
             Ok(worker) => workers.push(worker),
             Err(reason) if index == 0 => return Err(SweepError::NoWorker(reason)),
             Err(reason) => {
-                sink.hear(Event::FewerWorkers { started: index, reason: &reason });
+                sink.on_event(Event::FewerWorkers { started: index, reason: &reason });
                 break;
             }
         }
@@ -182,7 +182,7 @@ fn start_workers<'scope>(
     Ok(workers)
 }
 
-/// Tells workers that checkpoints are due and that the sweep is to stop, until what it returns is
+/// Notifies workers that checkpoints are due and that the sweep is to stop, until what it returns is
 /// dropped. The coordinating thread could not: it may be waiting for a store that another process
 /// holds.
 fn start_clock<'scope>(
@@ -192,7 +192,7 @@ fn start_clock<'scope>(
     halt: &'scope AtomicBool,
 ) -> Result<mpsc::Sender<()>, SweepError> {
     let (running, ended) = mpsc::channel();
-    let watch = move || {
+    let tick = move || {
         while ended.recv_timeout(LOOK) == Err(mpsc::RecvTimeoutError::Timeout) {
             slots.iter().for_each(Slot::look);
             if stop.load(Ordering::Relaxed) {
@@ -201,7 +201,7 @@ fn start_clock<'scope>(
         }
     };
     let thread = thread::Builder::new().name("clock".to_owned());
-    thread.spawn_scoped(scope, watch).map_err(SweepError::NoWorker)?;
+    thread.spawn_scoped(scope, tick).map_err(SweepError::NoWorker)?;
     Ok(running)
 }
 
@@ -288,7 +288,7 @@ impl Sweep<'_, '_> {
                 Ok(Message::Ended(report)) => self.gather(report),
                 Ok(Message::Noted { worker, note }) => {
                     let queued = self.workers[worker].job();
-                    self.sink.hear(Event::Checkpoint { worker, queued, note: &note });
+                    self.sink.on_event(Event::Checkpoint { worker, queued, note: &note });
                 }
                 Err(_) if self.gathered.is_empty() => self.tick(busy)?,
                 Err(_) => {}
@@ -325,7 +325,7 @@ impl Sweep<'_, '_> {
                 continue;
             }
             let Some((queued, claim)) = self.claim_next(&mut skips)? else { break };
-            self.sink.hear(Event::Started { worker: index, queued: &queued });
+            self.sink.on_event(Event::Started { worker: index, queued: &queued });
             self.workers[index].start(queued, claim);
         }
         Ok(if skips < SKIPS_AT_ONCE { Assigned::AllThatCan } else { Assigned::SomeForNow })
@@ -355,11 +355,11 @@ impl Sweep<'_, '_> {
                 Claimed::HeldElsewhere => self.held_elsewhere.push_back(queued),
                 Claimed::Completed => {
                     self.tally.already_completed += 1;
-                    self.sink.hear(Event::Skipped { queued: &queued, found: Found::Completed });
+                    self.sink.on_event(Event::Skipped { queued: &queued, found: Found::Completed });
                 }
                 Claimed::Failed => {
                     self.tally.already_failed += 1;
-                    self.sink.hear(Event::Skipped { queued: &queued, found: Found::Failed });
+                    self.sink.on_event(Event::Skipped { queued: &queued, found: Found::Failed });
                 }
             }
             *skips += 1;
@@ -396,7 +396,7 @@ impl Sweep<'_, '_> {
             match (finished, &outcome) {
                 // Another process will complete it: this outcome is not needed.
                 (Finished::ClaimLost, _) => {
-                    self.sink.hear(Event::Lost { worker, queued: &queued });
+                    self.sink.on_event(Event::Lost { worker, queued: &queued });
                     self.held_elsewhere.push_back(queued);
                     continue;
                 }
@@ -404,7 +404,7 @@ impl Sweep<'_, '_> {
                 (Finished::Stored, Outcome::Failed(_)) => self.tally.failed += 1,
                 (Finished::Stored, Outcome::Interrupted) => self.tally.interrupted += 1,
             }
-            self.sink.hear(Event::Ended { worker, queued: &queued, outcome: &outcome, wall });
+            self.sink.on_event(Event::Ended { worker, queued: &queued, outcome: &outcome, wall });
         }
         self.beat()
     }
@@ -413,7 +413,7 @@ impl Sweep<'_, '_> {
         let progress: Vec<Option<TrainingProgress>> =
             self.workers.iter().map(|worker| worker.progress()).collect();
         let waiting_for = if busy { 0 } else { self.held_elsewhere.len() };
-        self.sink.hear(Event::Tick { progress: &progress, waiting_for });
+        self.sink.on_event(Event::Tick { progress: &progress, waiting_for });
         self.beat()
     }
 

@@ -86,11 +86,11 @@ fn add_budget(
     Ok(())
 }
 
-/// Calls `hear` with the row ids of every experiment and job that it holds, once for each pair,
+/// Calls `see` with the row ids of every experiment and job that it holds, once for each pair,
 /// ordered by experiment.
 fn for_each_held(
     connection: &Connection,
-    mut hear: impl FnMut(i64, i64) -> rusqlite::Result<()>,
+    mut see: impl FnMut(i64, i64) -> rusqlite::Result<()>,
 ) -> rusqlite::Result<()> {
     let mut statement = connection
         .prepare_cached("SELECT experiment, job FROM experiment_job ORDER BY experiment, job")?;
@@ -100,7 +100,7 @@ fn for_each_held(
         let held = (row.get(0)?, row.get(1)?);
         // Two agents of an experiment may share a job.
         if last.replace(held) != Some(held) {
-            hear(held.0, held.1)?;
+            see(held.0, held.1)?;
         }
     }
     Ok(())

@@ -99,14 +99,14 @@ impl Interrupter {
 }
 
 impl Reader {
-    /// Calls `hear` with the answer to a query, part by part, until it ends or `hear` breaks off.
+    /// Calls `on_part` with the answer to a query, part by part, until it ends or `on_part` breaks off.
     ///
     /// **Errors**: the SQL is faulty, is not exactly one statement, would do anything but read this
-    /// store, or was interrupted. `hear` may have been called with parts of the answer before.
+    /// store, or was interrupted. `on_part` may have been called with parts of the answer before.
     pub fn query(
         &self,
         sql: &str,
-        mut hear: impl FnMut(Answer<'_>) -> ControlFlow<()>,
+        mut on_part: impl FnMut(Answer<'_>) -> ControlFlow<()>,
     ) -> Result<(), QueryError> {
         let mut statement =
             self.connection.prepare(sql).map_err(|error| self.explain(error, sql))?;
@@ -122,13 +122,13 @@ impl Reader {
         if !statement.readonly() {
             return Err(QueryError::NotAllowed);
         }
-        if hear(Answer::Columns(&statement.column_names().collect::<Vec<_>>())).is_break() {
+        if on_part(Answer::Columns(&statement.column_names().collect::<Vec<_>>())).is_break() {
             return Ok(());
         }
         let mut rows = statement.query([]).map_err(|error| self.explain(error, sql))?;
         while let Some(row) = rows.next().map_err(|error| self.explain(error, sql))? {
             let values = values(row, columns).map_err(|error| self.explain(error, sql))?;
-            if hear(Answer::Row(&values)).is_break() {
+            if on_part(Answer::Row(&values)).is_break() {
                 break;
             }
         }

@@ -192,11 +192,11 @@ mod tests {
     use crate::store::sample::{begin_session, claim, job, results};
 
     /// Writes down how commits are synchronised whenever a run begins or ends.
-    const WATCH: &str = "CREATE TEMP TABLE watched (status TEXT, synchronous INTEGER);
+    const RECORD: &str = "CREATE TEMP TABLE recorded (status TEXT, synchronous INTEGER);
         CREATE TEMP TRIGGER begins AFTER INSERT ON main.run
-        BEGIN INSERT INTO watched SELECT NEW.status, synchronous FROM pragma_synchronous; END;
+        BEGIN INSERT INTO recorded SELECT NEW.status, synchronous FROM pragma_synchronous; END;
         CREATE TEMP TRIGGER ends AFTER UPDATE OF status ON main.run
-        BEGIN INSERT INTO watched SELECT NEW.status, synchronous FROM pragma_synchronous; END";
+        BEGIN INSERT INTO recorded SELECT NEW.status, synchronous FROM pragma_synchronous; END";
     /// What SQLite calls the two ways; the second waits for the disk.
     const NORMAL: i64 = 1;
     const FULL: i64 = 2;
@@ -339,7 +339,7 @@ mod tests {
         let mut store = Store::open(&folder.path().join("jitai.sqlite")).unwrap();
         let jobs = [job(), Job { seed: 2, ..job() }];
         let session = begin_session(&mut store);
-        store.connection.execute_batch(WATCH).unwrap();
+        store.connection.execute_batch(RECORD).unwrap();
         let failure =
             Failure { kind: FailureKind::Diverged, message: "it diverged".to_owned(), episode: 3 };
         let outcomes = [
@@ -352,11 +352,11 @@ mod tests {
             store.finish(&claim, outcome, 1.0).unwrap();
         }
         let mut statement =
-            store.connection.prepare("SELECT status, synchronous FROM watched").unwrap();
-        let watched = statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?))).unwrap();
-        let watched: Vec<(String, i64)> = watched.collect::<Result<_, _>>().unwrap();
+            store.connection.prepare("SELECT status, synchronous FROM recorded").unwrap();
+        let recorded = statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?))).unwrap();
+        let recorded: Vec<(String, i64)> = recorded.collect::<Result<_, _>>().unwrap();
         let ends = ["interrupted", "completed", "failed"];
         let expected = ends.map(|end| [("running".to_owned(), NORMAL), (end.to_owned(), FULL)]);
-        assert_eq!(watched, expected.concat());
+        assert_eq!(recorded, expected.concat());
     }
 }

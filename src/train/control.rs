@@ -1,11 +1,11 @@
-//! The outside of a training, as the training knows it.
+//! Control of a training: progress reports, requests to stop, checkpoints.
 
 use std::time::Duration;
 
 use crate::train::checkpoint::{Checkpoints, KeptNowhere};
 use crate::train::progress::TrainingProgress;
 
-/// The outside of a training: takes its reports, may stop it, and keeps its checkpoints.
+/// Takes the progress reports of a training, may stop it, and keeps its checkpoints.
 pub trait TrainingControl {
     /// Takes the progress, after every span of the learner: an episode, or an update.
     fn report(&self, progress: TrainingProgress);
@@ -13,20 +13,20 @@ pub trait TrainingControl {
     /// Whether the training should end at the next occasion, without a result.
     fn stop_requested(&self) -> bool;
 
-    /// Time at work on it in this process, which its checkpoints tell.
+    /// Working time spent on it in this process, which its checkpoints record.
     fn worked(&self) -> Duration;
 
-    /// Who keeps its checkpoints; nobody, unless there is someone.
+    /// The keeper of its checkpoints; none are kept by default.
     fn checkpoints(&self) -> &dyn Checkpoints {
         &KeptNowhere
     }
 }
 
-/// A control that reports to nobody and never stops a training.
+/// A control that ignores reports and never stops a training.
 #[derive(Clone, Copy, Debug)]
-pub struct Unwatched;
+pub struct Uncontrolled;
 
-impl TrainingControl for Unwatched {
+impl TrainingControl for Uncontrolled {
     fn report(&self, _: TrainingProgress) {}
 
     fn stop_requested(&self) -> bool {

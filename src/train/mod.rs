@@ -18,7 +18,7 @@ pub use checkpoint::{
     CheckpointError, CheckpointFile, Checkpoints, KeptNowhere, ReadCheckpoint, Resumed,
     WriteCheckpoint,
 };
-pub use control::{TrainingControl, Unwatched};
+pub use control::{TrainingControl, Uncontrolled};
 pub use progress::TrainingProgress;
 pub use roll::{Recording, RollStreams, StepObserver, begin, play, roll};
 pub use run::run;

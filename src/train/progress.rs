@@ -1,4 +1,4 @@
-//! How far a training has come, for those who watch it.
+//! How far a training has come.
 
 /// How far a training has come.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -24,7 +24,7 @@ use jitai::store::{
 };
 use jitai::train::{
     self, CheckpointError, Checkpoints, ReadCheckpoint, TrainingControl, TrainingProgress,
-    Unwatched, WriteCheckpoint,
+    Uncontrolled, WriteCheckpoint,
 };
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
@@ -282,7 +282,7 @@ fn fill(path: &Path) {
             Claimed::Claimed(claim) => claim,
             other => panic!("the job is not free: {other:?}"),
         };
-        store.finish(&claim, &train::run(&planned.job, &Unwatched), 0.5).unwrap();
+        store.finish(&claim, &train::run(&planned.job, &Uncontrolled), 0.5).unwrap();
     }
     store.end_session(session).unwrap();
 }

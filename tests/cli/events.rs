@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use jitai::plan::Job;
 use jitai::schedule::{self, Context, Event, EventSink, Found, Options, Tally};
 use jitai::store::{Claimed, Isolation, RetryFailed, Store};
-use jitai::train::{self, TrainingControl, Unwatched};
+use jitai::train::{self, TrainingControl, Uncontrolled};
 use rusqlite::Connection;
 
 use crate::failures::{OPTIONS, provenance, queued};
@@ -18,7 +18,7 @@ struct Listener<'a> {
 }
 
 impl EventSink for Listener<'_> {
-    fn hear(&mut self, event: Event<'_>) {
+    fn on_event(&mut self, event: Event<'_>) {
         let (name, queued) = match event {
             Event::Started { queued, .. } => ("started", queued),
             Event::Ended { queued, .. } => ("ended", queued),
@@ -84,7 +84,7 @@ fn a_job_that_ended_elsewhere_is_told_with_how_it_ended() {
                 other.claim(theirs, &queued.key, RetryFailed::No, Isolation::Shared).unwrap();
             let Claimed::Claimed(claim) = claimed else { panic!("{claimed:?}") };
             let outcome = match queued.job.seed {
-                2 => train::run(&queued.job, &Unwatched),
+                2 => train::run(&queued.job, &Uncontrolled),
                 _ => jitai::record::Outcome::Failed(jitai::record::Failure {
                     kind: jitai::record::FailureKind::Diverged,
                     message: "the loss is not a number".into(),

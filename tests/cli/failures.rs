@@ -224,7 +224,7 @@ fn time_in_which_the_process_is_stopped_is_no_time_at_work() {
 struct Listener(Vec<(u64, Outcome)>);
 
 impl EventSink for Listener {
-    fn hear(&mut self, event: Event<'_>) {
+    fn on_event(&mut self, event: Event<'_>) {
         match event {
             Event::Ended { queued, outcome, .. } => {
                 self.0.push((queued.job.seed, outcome.clone()));
