@@ -1,7 +1,7 @@
--- How close the cells of the paper's heat maps (mean return in P-H-D minus L-H-D) are by each reading
--- of the observations: ours minus the published cells, in the mean and as a root mean square, in
+-- How close the tiles of the paper's heat maps (mean return in P-H-D minus L-H-D) are by each reading
+-- of the observations: ours minus the published tiles, in the mean and as a root mean square, in
 -- steps; and the root mean square that noise alone would make, by the spread of our seeds, where the
--- published cells are over three. `make readings` asks it.
+-- published tiles are over three. `make readings` asks it.
 WITH published(agent, delta_d, epsilon_d, effect) AS (
     VALUES
         ('dqn', 0.1, 0.1, 232.4), ('dqn', 0.1, 0.2, 347.7),
@@ -36,7 +36,7 @@ WITH published(agent, delta_d, epsilon_d, effect) AS (
         avg(mean_return) AS mean_return, stddev(mean_return) AS deviation
     FROM run
     GROUP BY agent, time_one_hot, delta_d, epsilon_d, scenario
-), cell AS (
+), tile AS (
     SELECT p.agent, p.time_one_hot, min(p.seeds, l.seeds) AS seeds,
         p.mean_return - l.mean_return - published.effect AS difference,
         p.deviation * p.deviation * (1.0 / p.seeds + 1.0 / 3)
@@ -46,9 +46,9 @@ WITH published(agent, delta_d, epsilon_d, effect) AS (
     JOIN published USING (agent, delta_d, epsilon_d)
     WHERE p.scenario = 'P-H-D' AND l.scenario = 'L-H-D'
 )
-SELECT agent, time_one_hot, count(*) AS cells, min(seeds) AS seeds, round(avg(difference)) AS mean,
+SELECT agent, time_one_hot, count(*) AS tiles, min(seeds) AS seeds, round(avg(difference)) AS mean,
     round(sqrt(avg(difference * difference))) AS root_mean_square,
     round(sqrt(avg(noise))) AS by_noise_alone
-FROM cell
+FROM tile
 GROUP BY agent, time_one_hot
 ORDER BY agent, time_one_hot;

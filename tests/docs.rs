@@ -220,7 +220,7 @@ fn the_query_of_the_readings_has_the_published_means() {
 }
 
 #[test]
-fn the_query_of_the_heat_maps_has_the_published_cells_and_answers_as_worked_by_hand() {
+fn the_query_of_the_heat_maps_has_the_published_tiles_and_answers_as_worked_by_hand() {
     let folder = tempfile::tempdir().unwrap();
     let manifest = "format = 1
 name = \"heat-maps\"
@@ -241,10 +241,10 @@ rule = \"tailored\"
     let reader = Reader::open(&folder.path().join("jitai.sqlite")).unwrap();
     let published: toml::Table = read("experiments/paper/published.toml").parse().unwrap();
     let maps = published["heat_map"].as_array().unwrap();
-    let cells = |agent: &str| -> Vec<f64> {
+    let tiles = |agent: &str| -> Vec<f64> {
         let map = maps.iter().find(|map| map["agent"].as_str() == Some(agent)).unwrap();
         let rows = map["effect"].as_array().unwrap().iter();
-        rows.flat_map(|row| row.as_array().unwrap()).map(|cell| cell.as_float().unwrap()).collect()
+        rows.flat_map(|row| row.as_array().unwrap()).map(|tile| tile.as_float().unwrap()).collect()
     };
     let sql = read("experiments/heat_maps.sql");
     let (table, _) = sql.split_once("), run AS (").unwrap();
@@ -254,7 +254,7 @@ rule = \"tailored\"
         );
         let ours = ask(&reader, &query).unwrap();
         let ours: Vec<f64> = ours.iter().map(|row| row[0].parse().unwrap()).collect();
-        assert_eq!(ours, cells(agent), "{agent}");
+        assert_eq!(ours, tiles(agent), "{agent}");
     }
     let runs = "SELECT d.value, e.value, o.value, s.scenario, s.mean_return
         FROM run_summary AS s
@@ -264,11 +264,11 @@ rule = \"tailored\"
         ORDER BY o.value, d.value, e.value, s.scenario DESC, s.seed";
     let returns = ask(&reader, runs).unwrap();
     let returns: Vec<f64> = returns.iter().map(|row| row[4].parse().unwrap()).collect();
-    // Two seeds of a scenario, P-H-D before L-H-D, and 16 cells without and with the one-hot.
+    // Two seeds of a scenario, P-H-D before L-H-D, and 16 tiles without and with the one-hot.
     let by_hand = |returns: &[f64]| -> [String; 3] {
         let (mut mean, mut square, mut noise) = (0.0, 0.0, 0.0);
-        for (cell, published) in returns.chunks(4).zip(cells("reinforce")) {
-            let [p, q, l, m] = cell[..] else { panic!("{cell:?}") };
+        for (tile, published) in returns.chunks(4).zip(tiles("reinforce")) {
+            let [p, q, l, m] = tile[..] else { panic!("{tile:?}") };
             let difference = (p + q) / 2.0 - (l + m) / 2.0 - published;
             // The variance of two values is half the square of their distance.
             let variances = ((p - q) * (p - q) + (l - m) * (l - m)) / 2.0;

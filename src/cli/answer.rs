@@ -108,7 +108,7 @@ impl<W: Write> Written<W> {
 
     fn row(&mut self, values: &[Value<'_>]) -> io::Result<()> {
         match self {
-            Written::Lines(rows) => rows.row(&values.iter().map(cell).collect::<Vec<_>>()),
+            Written::Lines(rows) => rows.row(&values.iter().map(field).collect::<Vec<_>>()),
             #[cfg(feature = "parquet")]
             Written::Columns(columns, _) => {
                 columns.row(values);
@@ -162,7 +162,7 @@ pub(super) fn write<W: Write>(
     written.map_or(Ok(()), Written::finish).map_err(Failed::Output)
 }
 
-fn cell<'a>(value: &Value<'a>) -> Field<'a> {
+fn field<'a>(value: &Value<'a>) -> Field<'a> {
     match *value {
         Value::Null => Field::Empty,
         Value::Integer(number) => Field::Integer(number),

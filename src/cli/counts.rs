@@ -3,7 +3,7 @@
 use crate::cli::output::Field;
 use crate::store::Counts;
 
-/// The columns of [`cells`].
+/// The columns of [`fields`].
 pub(super) const COLUMNS: [&str; 8] = [
     "experiment",
     "jobs",
@@ -16,7 +16,7 @@ pub(super) const COLUMNS: [&str; 8] = [
 ];
 
 /// A row: an experiment, its jobs by state, and the seconds left where they can be estimated.
-pub(super) fn cells<'a>(
+pub(super) fn fields<'a>(
     experiment: &'a str,
     counts: &Counts,
     seconds_left: Option<f64>,

@@ -60,9 +60,9 @@ fn of_manifests(manifests: &[Manifest], format: Format) -> Result<(), Error> {
     let mut rows = Rows::new(format, &columns, io::stdout().lock())?;
     let mut missing: Vec<NoOptimum> = Vec::new();
     for manifest in manifests {
-        let cells = cells(manifest);
-        let pairs: Vec<_> = cells.iter().map(|(one, other)| (one, other)).collect();
-        for ((environment, scenario), found) in cells.iter().zip(found_of(&pairs)) {
+        let places = places(manifest);
+        let pairs: Vec<_> = places.iter().map(|(one, other)| (one, other)).collect();
+        for ((environment, scenario), found) in places.iter().zip(found_of(&pairs)) {
             let found = found.map(optimum_and_error).unwrap_or_else(|error| {
                 if !missing.contains(&error) {
                     missing.push(error);
@@ -122,7 +122,7 @@ fn known(environment: &Environment, scenario: &Scenario) -> [Field<'static>; 3] 
 }
 
 /// The environments and scenarios of a manifest's jobs, in their order, none twice.
-fn cells(manifest: &Manifest) -> Vec<(Environment, Scenario)> {
+fn places(manifest: &Manifest) -> Vec<(Environment, Scenario)> {
     let mut seen = HashSet::new();
     let distinct = plan::jobs(manifest).filter_map(|planned| {
         let (environment, scenario) = (planned.job.environment, planned.job.scenario);

@@ -16,7 +16,7 @@ const PADDING: (u16, u16) = (0, 2);
 /// Rows of a table that share their widths: beyond them, nobody has the header in view.
 const ALIGNED_TOGETHER: usize = 10_000;
 
-/// Characters of a cell that a table shows: with more, nobody reads it.
+/// Characters of a field that a table shows: with more, nobody reads it.
 const MOST_SHOWN: usize = 2_000;
 
 /// How rows are written.
@@ -196,8 +196,8 @@ impl<W: Write> Rows<W> {
         })
     }
 
-    /// Adds a row, one cell a column.
-    pub(super) fn row(&mut self, cells: &[Field<'_>]) -> io::Result<()> {
+    /// Adds a row, one field per column.
+    pub(super) fn row(&mut self, fields: &[Field<'_>]) -> io::Result<()> {
         match self {
             Rows::Table(out, table, widths) => {
                 if table.row_count() >= ALIGNED_TOGETHER {
@@ -206,37 +206,37 @@ impl<W: Write> Rows<W> {
                     **table = Table::new();
                     table.load_style(presets::NOTHING);
                 }
-                for (cell, column) in cells.iter().zip(table.column_iter_mut()) {
+                for (field, column) in fields.iter().zip(table.column_iter_mut()) {
                     // For the header above it.
-                    if cell.is_number() {
+                    if field.is_number() {
                         column.set_cell_alignment(CellAlignment::Right);
                     }
                 }
-                table.add_row(cells.iter().map(|cell| {
+                table.add_row(fields.iter().map(|field| {
                     let side =
-                        if cell.is_number() { CellAlignment::Right } else { CellAlignment::Left };
-                    comfy_table::Cell::new(cell.for_reading()).set_alignment(side)
+                        if field.is_number() { CellAlignment::Right } else { CellAlignment::Left };
+                    comfy_table::Cell::new(field.for_reading()).set_alignment(side)
                 }));
                 if table.row_count() == 1 {
                     lay_out(table, widths);
                 }
             }
             Rows::Csv(writer) => {
-                for cell in cells {
-                    writer.write_field(cell.for_csv().as_bytes()).map_err(cause)?;
+                for field in fields {
+                    writer.write_field(field.for_csv().as_bytes()).map_err(cause)?;
                 }
                 writer.write_record(None::<&[u8]>).map_err(cause)?;
             }
             Rows::Json(out, columns, count) => {
                 out.write_all(if *count == 0 { b"\n{" } else { b",\n{" })?;
                 // Not a map: it would sort the columns.
-                for (i, (name, cell)) in columns.iter().zip(cells).enumerate() {
+                for (i, (name, field)) in columns.iter().zip(fields).enumerate() {
                     if i > 0 {
                         out.write_all(b",")?;
                     }
                     serde_json::to_writer(&mut *out, name)?;
                     out.write_all(b":")?;
-                    cell.write_json(out)?;
+                    field.write_json(out)?;
                 }
                 out.write_all(b"}")?;
                 *count += 1;

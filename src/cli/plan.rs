@@ -328,7 +328,7 @@ fn list_experiments(mut survey: Survey<'_>, arguments: &Arguments) -> Result<(),
         })?;
         let left = time(&experiment).whole();
         dropped.push((&manifest.name, survey.dropped(place)?));
-        rows.row(&counts::cells(&manifest.name, &experiment.counts, left))?;
+        rows.row(&counts::fields(&manifest.name, &experiment.counts, left))?;
     }
     rows.finish()?;
     match survey.shared {

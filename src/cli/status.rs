@@ -81,11 +81,11 @@ fn show(reader: &Reader, format: Format) -> Result<Unfinished, Error> {
             episodes.add(algorithm, *left);
         }
         let seconds = speeds.seconds(&episodes).map(|s| s / workers);
-        let mut cells = counts::cells(&experiment, &counts, seconds);
+        let mut fields = counts::fields(&experiment, &counts, seconds);
         if format == Format::Json {
-            cells.push(Field::Nested(failed.described(&experiment)));
+            fields.push(Field::Nested(failed.described(&experiment)));
         }
-        rows.row(&cells)?;
+        rows.row(&fields)?;
     }
     rows.finish()?;
     match format {

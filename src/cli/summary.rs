@@ -39,14 +39,14 @@ pub(super) fn print(reader: &Reader, manifests: &[Manifest]) -> Result<Option<Jo
         );
         let mut rows = Rows::new(Format::Table, &columns, &mut out)?;
         for (line, arm) in lines.iter().zip(arms.iter().filter(|arm| arm.has_ended())) {
-            rows.row(&cells(line, arm.sigma.map(env::inference_error)))?;
+            rows.row(&fields(line, arm.sigma.map(env::inference_error)))?;
         }
         rows.finish()?;
     }
     Ok(example)
 }
 
-fn cells(line: &Line, context_error: Option<f64>) -> Vec<Field<'static>> {
+fn fields(line: &Line, context_error: Option<f64>) -> Vec<Field<'static>> {
     let percent = |share: f64| Field::Figure(format!("{:.1} %", 100.0 * share));
     let spread = line.returns.map_or(Field::Empty, |returns| match returns.sd {
         Ok(sd) => Field::Figure(format!("{:.1} ± {sd:.1}", returns.mean)),
@@ -56,14 +56,14 @@ fn cells(line: &Line, context_error: Option<f64>) -> Vec<Field<'static>> {
         Ok(_) => Field::Figure(text.clone()),
         Err(_) => Field::text(text.clone()),
     };
-    let mut cells: Vec<Field<'_>> = line.arm.iter().map(word).collect();
-    cells.extend([
+    let mut fields: Vec<Field<'_>> = line.arm.iter().map(word).collect();
+    fields.extend([
         context_error.map_or(Field::Empty, percent),
         Field::Figure(line.seeds.clone()),
         spread,
         line.disengagement.map_or(Field::Empty, |share| percent(share.mean)),
     ]);
-    cells
+    fields
 }
 
 /// A failed job as people tell it from others; its agent alone if its content is not readable.

@@ -181,8 +181,8 @@ mod tests {
         let published = Published::parse(Path::new("published.toml"), text).unwrap();
         let effects: usize = published.t_tests.iter().map(|test| test.effect.len()).sum();
         let points: usize = published.curves.iter().map(|curve| curve.sigma.len()).sum();
-        let cells = published.heat_maps.iter().flat_map(|map| &map.effect).flatten().count();
-        assert_eq!((effects, points, cells), (20, 48, 32));
+        let tiles = published.heat_maps.iter().flat_map(|map| &map.effect).flatten().count();
+        assert_eq!((effects, points, tiles), (20, 48, 32));
     }
 
     #[test]

@@ -95,8 +95,9 @@ pub fn agents(rows: &[AgentSummary]) -> DataTable {
     let mut table = DataTable::new(warned(caption, is_few), &columns);
     for row in rows {
         let (returns, shares) = (interval_of(row.returns), row.shares.map(interval_of));
-        let of_shares =
-            |cell: &dyn Fn(Result<Interval, Undefined>) -> Entry| shares.map_or_else(unknown, cell);
+        let of_shares = |entry: &dyn Fn(Result<Interval, Undefined>) -> Entry| {
+            shares.map_or_else(unknown, entry)
+        };
         table.rows.push(vec![
             Entry::text(&row.agent),
             Entry::text(&row.scenario),

@@ -9,7 +9,7 @@ pub struct DataTable {
     pub caption: String,
     /// Its columns.
     pub columns: Vec<Column>,
-    /// Its rows, a cell a column.
+    /// Its rows, an entry a column.
     pub rows: Vec<Vec<Entry>>,
 }
 
@@ -36,7 +36,7 @@ pub enum Reach {
 /// Why a published number is missing. A column of nothing else is not shown to readers.
 const NOT_PUBLISHED: &str = "not published";
 
-/// A cell.
+/// A entry.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Entry {
     /// Text.
@@ -80,8 +80,8 @@ impl Entry {
     }
 
     /// What was published, if anything was.
-    pub fn published(cell: Option<Entry>) -> Entry {
-        cell.unwrap_or_else(|| Entry::Missing(NOT_PUBLISHED.to_owned()))
+    pub fn published(entry: Option<Entry>) -> Entry {
+        entry.unwrap_or_else(|| Entry::Missing(NOT_PUBLISHED.to_owned()))
     }
 
     /// As readers see it.
@@ -148,15 +148,15 @@ impl DataTable {
 
     /// Whether a column could hold published numbers, and none was published.
     fn is_unpublished(&self, place: usize) -> bool {
-        let is_missing = |cell: &Entry| *cell == Entry::published(None);
+        let is_missing = |entry: &Entry| *entry == Entry::published(None);
         !self.rows.is_empty() && self.rows.iter().all(|row| is_missing(&row[place]))
     }
 
     /// Whether a column holds numbers.
     pub fn is_numeric(&self, place: usize) -> bool {
-        let mut cells = self.rows.iter().map(|row| &row[place]);
-        cells.clone().any(|cell| matches!(cell, Entry::Number { .. }))
-            && cells.all(|cell| !matches!(cell, Entry::Text(text) if !text.is_empty()))
+        let mut entries = self.rows.iter().map(|row| &row[place]);
+        entries.clone().any(|entry| matches!(entry, Entry::Number { .. }))
+            && entries.all(|entry| !matches!(entry, Entry::Text(text) if !text.is_empty()))
     }
 
     /// The table as CSV, every digit kept.
@@ -165,8 +165,9 @@ impl DataTable {
             self.columns.iter().map(|column| escape::csv(&column.name)).collect();
         let mut out = names.join(",") + "\n";
         for row in &self.rows {
-            let cells: Vec<String> = row.iter().map(|cell| escape::csv(&cell.exact())).collect();
-            out += &(cells.join(",") + "\n");
+            let entries: Vec<String> =
+                row.iter().map(|entry| escape::csv(&entry.exact())).collect();
+            out += &(entries.join(",") + "\n");
         }
         out
     }
@@ -180,8 +181,8 @@ impl DataTable {
         out += &format!("| {} |\n", headings.collect::<Vec<_>>().join(" | "));
         out += &format!("| {} |\n", rules.collect::<Vec<_>>().join(" | "));
         for row in &self.rows {
-            let cells = places.iter().map(|place| escape::markdown(row[*place].shown()));
-            out += &format!("| {} |\n", cells.collect::<Vec<_>>().join(" | "));
+            let entries = places.iter().map(|place| escape::markdown(row[*place].shown()));
+            out += &format!("| {} |\n", entries.collect::<Vec<_>>().join(" | "));
         }
         if let Some(reasons) = self.reasons() {
             out += &format!("\n–: {}\n", escape::markdown(&reasons));
@@ -192,10 +193,10 @@ impl DataTable {
     /// Why numbers are missing that readers would see, if any are.
     pub fn reasons(&self) -> Option<String> {
         let places: Vec<usize> = self.shown_columns().collect();
-        let cells = self.rows.iter().flat_map(|row| places.iter().map(|place| &row[*place]));
+        let entries = self.rows.iter().flat_map(|row| places.iter().map(|place| &row[*place]));
         let mut reasons: Vec<&str> = Vec::new();
-        for cell in cells {
-            if let Entry::Missing(reason) = cell
+        for entry in entries {
+            if let Entry::Missing(reason) = entry
                 && !reasons.contains(&reason.as_str())
             {
                 reasons.push(reason);

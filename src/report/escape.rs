@@ -3,7 +3,7 @@
 
 use std::borrow::Cow;
 
-/// A cell of CSV (RFC 4180), [`defused`].
+/// An entry of CSV (RFC 4180), [`defused`].
 pub fn csv(text: &str) -> String {
     let text = defused(text);
     match text.contains([',', '"', '\n', '\r']) {
@@ -48,7 +48,7 @@ pub fn latex(text: &str) -> String {
     out
 }
 
-/// A cell of a Markdown table.
+/// An entry of a Markdown table.
 pub fn markdown(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for character in text.chars() {

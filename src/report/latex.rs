@@ -83,9 +83,9 @@ fn setting(table: &DataTable) -> (&'static str, bool) {
     let letters: f64 = table
         .shown_columns()
         .map(|place| {
-            let cells = table.rows.iter().map(|row| row[place].shown().chars().count());
+            let entries = table.rows.iter().map(|row| row[place].shown().chars().count());
             let heading = table.columns[place].heading.chars().count();
-            cells.fold(heading, usize::max) as f64 + GAP
+            entries.fold(heading, usize::max) as f64 + GAP
         })
         .sum();
     let fitting = SETTINGS.into_iter().find(|(most, ..)| letters <= *most);
@@ -105,8 +105,8 @@ fn headings(table: &DataTable) -> String {
 fn rows(table: &DataTable) -> String {
     let places: Vec<usize> = table.shown_columns().collect();
     let row = |row: &Vec<Entry>| {
-        let cells = places.iter().map(|place| escape::latex(row[*place].shown()));
-        format!("    {} \\\\\n", cells.collect::<Vec<_>>().join(" & "))
+        let entries = places.iter().map(|place| escape::latex(row[*place].shown()));
+        format!("    {} \\\\\n", entries.collect::<Vec<_>>().join(" & "))
     };
     table.rows.iter().map(row).collect()
 }

@@ -5,7 +5,7 @@ use crate::analyse::declared::{Distance, Reproduction, Subject};
 
 /// What a comparison with published numbers came to.
 pub fn reproduction(reproduction: &Reproduction) -> Vec<String> {
-    let subjects = [Subject::Effect, Subject::CurvePoint, Subject::HeatCell, Subject::ErrorRate];
+    let subjects = [Subject::Effect, Subject::CurvePoint, Subject::HeatTile, Subject::ErrorRate];
     let counts = subjects.iter().filter_map(|subject| {
         let (inside, outside, open) = reproduction.counts(*subject);
         let total = inside + outside + open;
@@ -24,7 +24,7 @@ pub fn reproduction(reproduction: &Reproduction) -> Vec<String> {
          the difference holds 0) for {}.",
         counts.join(", ")
     )];
-    let distances = [Subject::CurvePoint, Subject::HeatCell].into_iter().flat_map(|subject| {
+    let distances = [Subject::CurvePoint, Subject::HeatTile].into_iter().flat_map(|subject| {
         reproduction.distances(subject).into_iter().map(move |by| distance(subject, &by))
     });
     let distances: Vec<String> = distances.collect();
@@ -58,11 +58,11 @@ mod tests {
     use crate::analyse::declared::Comparison;
     use crate::analyse::{Agreement, Interval, Verdict};
 
-    /// A cell of a heat map that is published as 100, and differs from it by so much.
-    fn cell(difference: f64, verdict: Verdict) -> Comparison {
+    /// A tile of a heat map that is published as 100, and differs from it by so much.
+    fn tile(difference: f64, verdict: Verdict) -> Comparison {
         let interval = Interval { low: difference - 30.0, high: difference + 30.0 };
         Comparison {
-            subject: Subject::HeatCell,
+            subject: Subject::HeatTile,
             agent: "reinforce".into(),
             scenario: "P-H-D - L-H-D".into(),
             settings: vec![("delta_d", 0.1), ("epsilon_d", 0.2)],
@@ -79,16 +79,16 @@ mod tests {
     #[test]
     fn numbers_that_agree_one_by_one_can_be_too_high_all_together() {
         let comparisons = vec![
-            cell(20.0, Verdict::Inside),
-            cell(-4.0, Verdict::Inside),
-            cell(44.0, Verdict::Outside),
+            tile(20.0, Verdict::Inside),
+            tile(-4.0, Verdict::Inside),
+            tile(44.0, Verdict::Outside),
         ];
         let sentences = reproduction(&Reproduction { comparisons });
         // (20 - 4 + 44) / 3; the root of (400 + 16 + 1936) / 3.
-        let expected = "Root mean square error: reinforce 28 steps over 3 heat-map cells, ours 20 \
+        let expected = "Root mean square error: reinforce 28 steps over 3 heat-map tiles, ours 20 \
                         higher in the mean.";
         assert_eq!(sentences[1..], [expected]);
-        let comparisons = vec![cell(-40.0, Verdict::Outside); 2];
+        let comparisons = vec![tile(-40.0, Verdict::Outside); 2];
         let sentences = reproduction(&Reproduction { comparisons });
         assert!(sentences[1].ends_with("ours 40 lower in the mean."), "{sentences:?}");
     }

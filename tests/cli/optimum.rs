@@ -100,7 +100,7 @@ fn long_horizons_have_no_optimum_and_reports_say_so() {
     let arms = folder.read("report/tables/long-arms.csv");
     let mut lines = arms.lines().map(|line| line.split(',').collect::<Vec<_>>());
     let optimum = lines.next().unwrap().iter().position(|name| *name == "optimum").unwrap();
-    let known: Vec<bool> = lines.map(|cells| cells[optimum].parse::<f64>().is_ok()).collect();
+    let known: Vec<bool> = lines.map(|fields| fields[optimum].parse::<f64>().is_ok()).collect();
     assert_eq!(known, [true, false], "{arms}");
     assert!(folder.read("report/index.html").contains("optimum not known"));
     let long = ["simulate", "--policy", "optimal", "--set", "horizon=201"];

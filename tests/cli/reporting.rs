@@ -255,7 +255,7 @@ fn a_caption_tells_of_no_trend_where_there_is_none() {
     let folder = Folder::completed(&manifest);
     folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
     let page = folder.read("report/index.html");
-    assert!(page.contains("It is 5 in every cell."), "{page}");
+    assert!(page.contains("It is 5 in every tile."), "{page}");
     assert!(!page.contains("the most at"), "{page}");
 }
 

@@ -45,13 +45,12 @@ pub struct BinShares {
 /// A panel an arm, in the manifest's order. A seed weighs as much as another, whatever its steps;
 /// one without a step in a bin has no share there.
 pub fn panels(bins: u8, jobs: &[&JobRecord]) -> Vec<ActionPanel> {
-    let panel = |group: super::Arm| {
-        let runs: Vec<&CompletedRun> =
-            group.jobs.iter().filter_map(|job| job.completed()).collect();
+    let panel = |arm: super::Arm| {
+        let runs: Vec<&CompletedRun> = arm.jobs.iter().filter_map(|job| job.completed()).collect();
         ActionPanel {
-            seeds: (runs.len(), group.jobs.len()),
+            seeds: (runs.len(), arm.jobs.len()),
             bins: (0..bins).map(|bin| shares(bin, bins, &runs)).collect(),
-            name: group.name,
+            name: arm.name,
         }
     };
     arms(jobs, &[]).into_iter().map(panel).collect()

@@ -81,8 +81,8 @@ pub fn rows(
     let by = decided(sides, &both);
     let mut rows = Vec::new();
     let mut names: Vec<ArmId> = Vec::new();
-    for group in arms(&both, &by.iter().map(String::as_str).collect::<Vec<_>>()) {
-        let name = shared(&sides.first, group.name);
+    for arm in arms(&both, &by.iter().map(String::as_str).collect::<Vec<_>>()) {
+        let name = shared(&sides.first, arm.name);
         if !names.contains(&name) {
             names.push(name);
         }
@@ -149,7 +149,7 @@ fn row(
     if first.jobs.is_empty() || second.jobs.is_empty() {
         return None;
     }
-    let sigma_of = |group: &super::Arm<'_>| group.jobs.first()?.number("environment.sigma");
+    let sigma_of = |arm: &super::Arm<'_>| arm.jobs.first()?.number("environment.sigma");
     let sigma = sigma_of(&first).filter(|sigma| sigma_of(&second) == Some(*sigma));
     let (first, second) = (first.sample(metric), second.sample(metric));
     let words = (sides.first.settings()[0].to_string(), sides.second.settings()[0].to_string());

@@ -166,13 +166,13 @@ pub fn figure(
         CurveAxis::ContextInferenceError => inference_error(value),
         CurveAxis::Swept(_) => value,
     };
-    let lines = arms(jobs, &[&parameter]).into_iter().map(|group| {
-        let numbers = group.jobs.iter().filter_map(|job| job.number(&parameter)).collect();
+    let lines = arms(jobs, &[&parameter]).into_iter().map(|arm| {
+        let numbers = arm.jobs.iter().filter_map(|job| job.number(&parameter)).collect();
         let mut optimum = Vec::new();
         let points = distinct(numbers).into_iter().map(|value| {
             let here = |job: &&&JobRecord| job.number(&parameter) == Some(value);
-            let jobs = group.jobs.iter().filter(here).copied().collect();
-            let name = group.name.clone();
+            let jobs = arm.jobs.iter().filter(here).copied().collect();
+            let name = arm.name.clone();
             let here = super::Arm { name, jobs };
             let best = here.optimum().filter(|_| metric == "mean_return");
             optimum.extend(best.map(|best| (place(value), best)));
@@ -180,11 +180,11 @@ pub fn figure(
         });
         let points = points.collect();
         let comparable = parameter == "environment.sigma" && metric == "mean_return";
-        let published = published.filter(|_| comparable && group.name.settings.is_empty());
+        let published = published.filter(|_| comparable && arm.name.settings.is_empty());
         let line = published
             .into_iter()
             .flat_map(|published| &published.curves)
-            .find(|curve| curve.agent == group.name.agent && curve.scenario == group.name.scenario);
+            .find(|curve| curve.agent == arm.name.agent && curve.scenario == arm.name.scenario);
         CurveLine {
             points,
             optimum,
@@ -192,7 +192,7 @@ pub fn figure(
                 let points = line.sigma.iter().zip(&line.mean_return);
                 points.map(|(sigma, value)| (place(*sigma), *value)).collect()
             }),
-            name: group.name,
+            name: arm.name,
         }
     });
     CurveFigure { axis: label, lines: lines.collect() }

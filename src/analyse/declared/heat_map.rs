@@ -20,8 +20,8 @@ pub struct HeatFigure {
     pub x: (String, Vec<f64>),
     /// Dotted name and values of the rows, ascending.
     pub y: (String, Vec<f64>),
-    /// The cells, row by row.
-    pub cells: Vec<HeatCell>,
+    /// The tiles, row by row.
+    pub tiles: Vec<HeatTile>,
 }
 
 /// What the values of a map mean.
@@ -33,9 +33,9 @@ pub enum Scale {
     Difference,
 }
 
-/// A cell of a map.
+/// A tile of a map.
 #[derive(Clone, Debug, PartialEq)]
-pub struct HeatCell {
+pub struct HeatTile {
     /// Of its column.
     pub x: f64,
     /// Of its row.
@@ -50,7 +50,7 @@ pub struct HeatCell {
     pub published: Option<f64>,
 }
 
-impl HeatCell {
+impl HeatTile {
     /// Whether its interval leaves out 0.
     pub fn is_beyond_zero(&self) -> bool {
         self.interval.is_ok_and(|interval| interval.low > 0.0 || interval.high < 0.0)
@@ -60,8 +60,8 @@ impl HeatCell {
 /// The ends of the colours that all maps of an analysis share: the least and the most of their
 /// values, so that a colour is one number in all of them.
 pub fn heat_range(figures: &[HeatFigure]) -> (f64, f64) {
-    let values = figures.iter().flat_map(|figure| &figure.cells);
-    let values = values.filter_map(|cell| cell.value.ok());
+    let values = figures.iter().flat_map(|figure| &figure.tiles);
+    let values = values.filter_map(|tile| tile.value.ok());
     values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), v| (l.min(v), m.max(v)))
 }
 
@@ -76,10 +76,10 @@ pub fn figures(
     let by = sides.map_or_else(String::new, Sides::key);
     let axes = (x.to_string(), y.to_string());
     let mut names: Vec<ArmId> = Vec::new();
-    for group in arms(jobs, &[&axes.0, &axes.1, &by]) {
+    for arm in arms(jobs, &[&axes.0, &axes.1, &by]) {
         let name = match sides {
-            Some(sides) => shared(&sides.first, group.name),
-            None => group.name,
+            Some(sides) => shared(&sides.first, arm.name),
+            None => arm.name,
         };
         if !names.contains(&name) {
             names.push(name);
@@ -112,7 +112,7 @@ fn figure(
         .into_iter()
         .flat_map(|published| &published.heat_maps)
         .find(|map| map.agent == name.agent && map.contrast == contrast);
-    let mut cells = Vec::new();
+    let mut tiles = Vec::new();
     for &row in &rows {
         for &column in &columns {
             let here =
@@ -123,7 +123,7 @@ fn figure(
                 let column = map.epsilon_d.iter().position(|one| *one == column)?;
                 Some(map.effect[row][column])
             });
-            cells.push(HeatCell { x: column, y: row, published, ..cell(&here, sides, metric) });
+            tiles.push(HeatTile { x: column, y: row, published, ..tile(&here, sides, metric) });
         }
     }
     let settings = name
@@ -136,11 +136,11 @@ fn figure(
         y: (y.clone(), rows),
         subject: contrast + &settings.collect::<String>(),
         agent: name.agent,
-        cells,
+        tiles,
     }
 }
 
-fn cell(jobs: &[&JobRecord], sides: Option<&Sides>, metric: &str) -> HeatCell {
+fn tile(jobs: &[&JobRecord], sides: Option<&Sides>, metric: &str) -> HeatTile {
     let sample = |jobs: Vec<&JobRecord>| -> Sample {
         let name = ArmId { agent: String::new(), scenario: String::new(), settings: Vec::new() };
         Arm { name, jobs }.sample(metric)
@@ -161,5 +161,5 @@ fn cell(jobs: &[&JobRecord], sides: Option<&Sides>, metric: &str) -> HeatCell {
             (contrast.difference, interval, first.n().min(second.n()))
         }
     };
-    HeatCell { x: 0.0, y: 0.0, value, interval, seeds, published: None }
+    HeatTile { x: 0.0, y: 0.0, value, interval, seeds, published: None }
 }

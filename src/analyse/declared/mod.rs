@@ -21,7 +21,7 @@ pub use action_choice::{ActionPanel, BinShares};
 pub use arm::{Arm, ArmId, varying};
 pub use contrast::ContrastRow;
 pub use curve::{ALPHA, Apart, CurveFigure, CurveLine, CurvePoint, Ends, Trends};
-pub use heat_map::{HeatCell, HeatFigure, Scale, heat_range};
+pub use heat_map::{HeatFigure, HeatTile, Scale, heat_range};
 pub use inference_error::{ErrorFigure, ErrorPoint};
 pub use learning_curve::{LearningFigure, LearningLine, LearningPanel};
 pub use reproduction::{Comparison, Distance, Reproduction, Subject, reproduce};

@@ -38,8 +38,8 @@ pub enum Subject {
     Effect,
     /// A point of a curve.
     CurvePoint,
-    /// A cell of a heat map.
-    HeatCell,
+    /// A tile of a heat map.
+    HeatTile,
     /// A rate of context inference error.
     ErrorRate,
 }
@@ -50,7 +50,7 @@ impl Subject {
         match self {
             Subject::Effect => "effect",
             Subject::CurvePoint => "curve point",
-            Subject::HeatCell => "heat-map cell",
+            Subject::HeatTile => "heat-map tile",
             Subject::ErrorRate => "error rate",
         }
     }
@@ -151,7 +151,7 @@ pub fn reproduce(published: &Published, jobs: &[JobRecord]) -> Reproduction {
     let jobs: Vec<&JobRecord> = jobs.iter().collect();
     let mut comparisons = effects(published, &jobs);
     comparisons.extend(curve_points(published, &jobs));
-    comparisons.extend(heat_cells(published, &jobs));
+    comparisons.extend(heat_tiles(published, &jobs));
     comparisons.extend(error_rates(published, &jobs));
     Reproduction { comparisons }
 }
@@ -171,7 +171,7 @@ fn arm(
     };
     let here: Vec<&JobRecord> = jobs.iter().filter(is).copied().collect();
     match arms(&here, &[]).as_slice() {
-        [group] => Some(group.sample("mean_return")),
+        [arm] => Some(arm.sample("mean_return")),
         _ => None,
     }
 }
@@ -234,7 +234,7 @@ fn curve_point(published: f64, sample: &Sample) -> Comparison {
     }
 }
 
-fn heat_cells(published: &Published, jobs: &[&JobRecord]) -> Vec<Comparison> {
+fn heat_tiles(published: &Published, jobs: &[&JobRecord]) -> Vec<Comparison> {
     let mut comparisons = Vec::new();
     for map in &published.heat_maps {
         let Some((first, second)) = map.contrast.split_once(" - ") else { continue };
@@ -247,7 +247,7 @@ fn heat_cells(published: &Published, jobs: &[&JobRecord]) -> Vec<Comparison> {
                     agent: map.agent.clone(),
                     scenario: map.contrast.clone(),
                     settings,
-                    ..heat_cell(effect, &one, &other)
+                    ..heat_tile(effect, &one, &other)
                 });
             }
         }
@@ -255,13 +255,13 @@ fn heat_cells(published: &Published, jobs: &[&JobRecord]) -> Vec<Comparison> {
     comparisons
 }
 
-/// A published cell of a heat map of differences and our seeds of both sides.
-fn heat_cell(published: f64, first: &Sample, second: &Sample) -> Comparison {
+/// A published tile of a heat map of differences and our seeds of both sides.
+fn heat_tile(published: f64, first: &Sample, second: &Sample) -> Comparison {
     let likeness = Likeness::new(&[first.values(), second.values()], PUBLISHED_SEEDS, 0.0);
     let ours = estimate(first, second);
     let seeds = first.n().min(second.n());
     Comparison {
-        subject: Subject::HeatCell,
+        subject: Subject::HeatTile,
         ours: gap(first, second),
         ..alike(published, likeness, ours, seeds)
     }
@@ -430,7 +430,7 @@ mod tests {
     }
 
     #[test]
-    fn ninety_five_of_a_hundred_heat_cells_with_one_truth_are_inside() {
+    fn ninety_five_of_a_hundred_heat_tiles_with_one_truth_are_inside() {
         for (n, sds) in
             [(3, (50.0, 50.0)), (3, (30.0, 90.0)), (10, (50.0, 50.0)), (10, (30.0, 90.0))]
         {
@@ -440,7 +440,7 @@ mod tests {
                 let second = sample(&normal(&mut stream, n, sds.1));
                 let published =
                     published_mean(&mut stream, sds.0) - published_mean(&mut stream, sds.1);
-                heat_cell(published, &first, &second)
+                heat_tile(published, &first, &second)
             });
             assert!((0.94..0.97).contains(&covered), "{n} seeds, deviations {sds:?}: {covered}");
         }

@@ -40,11 +40,11 @@ pub struct Candidate {
 /// The candidates of every agent, ranked among those of their scenario and environment.
 pub fn chosen(rule: SelectionRule, metric: &str, jobs: &[&JobRecord]) -> Vec<Chosen> {
     let mut places: Vec<Chosen> = Vec::new();
-    for group in arms(jobs, &[]) {
-        let sample = group.sample(metric);
+    for arm in arms(jobs, &[]) {
+        let sample = arm.sample(metric);
         let (environment, settings) =
-            group.name.settings.into_iter().partition(|(name, _)| name.starts_with("environment."));
-        let place = ArmId { settings: environment, ..group.name };
+            arm.name.settings.into_iter().partition(|(name, _)| name.starts_with("environment."));
+        let place = ArmId { settings: environment, ..arm.name };
         let candidate = Candidate {
             mean: Moments::of(sample.values()).map(|moments| moments.mean),
             interval: mean_interval(sample.values()),

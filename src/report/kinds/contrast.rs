@@ -232,7 +232,7 @@ fn table(title: &str, rows: &[ContrastRow], metric: &str) -> DataTable {
     let caption = format!("{title}: {}{paired}", metric_title(metric));
     let mut table = DataTable::new(caption, &columns);
     for row in rows {
-        table.rows.push(contrast_cells(row, metric));
+        table.rows.push(contrast_entries(row, metric));
     }
     table
 }
@@ -245,7 +245,7 @@ fn of_sides(numbers: (usize, usize)) -> Entry {
     })
 }
 
-fn contrast_cells(row: &ContrastRow, metric: &str) -> Vec<Entry> {
+fn contrast_entries(row: &ContrastRow, metric: &str) -> Vec<Entry> {
     let contrast = &row.contrast;
     let interval = contrast.test().map(|test| test.interval);
     let student = match contrast.tests {

@@ -1,7 +1,7 @@
 //! Heat maps over two parameters: numbers on colours.
 
 use super::{Drawn, amount};
-use crate::analyse::declared::{HeatCell, HeatFigure, Scale, heat_range};
+use crate::analyse::declared::{HeatFigure, HeatTile, Scale, heat_range};
 use crate::manifest::short_name;
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::escape::file_stem;
@@ -11,7 +11,7 @@ use crate::report::figure::{
 use crate::report::scene::{
     Anchor, Color, Fill, Mark, Scene, Shape, Stroke, Weight, rectangle, width,
 };
-use crate::report::tables::{between, high, in_unit as cell_in_unit, low};
+use crate::report::tables::{between, high, in_unit as entry_in_unit, low};
 use crate::report::words::{metric_title, unit_numbers};
 
 impl Drawn for Vec<HeatFigure> {
@@ -30,9 +30,9 @@ impl Drawn for Vec<HeatFigure> {
 
     fn shows(&self, metric: &str) -> String {
         let is_difference = self.first().is_some_and(|map| map.scale == Scale::Difference);
-        let counts = self.iter().flat_map(|map| &map.cells).map(|cell| cell.seeds);
+        let counts = self.iter().flat_map(|map| &map.tiles).map(|tile| tile.seeds);
         format!(
-            "{} of {} ± half of the 95 % interval, {} a cell",
+            "{} of {} ± half of the 95 % interval, {} a tile",
             if is_difference { "Difference" } else { "Mean" },
             metric_title(metric),
             seeds(counts.filter(|n| *n > 0))
@@ -40,34 +40,34 @@ impl Drawn for Vec<HeatFigure> {
     }
 
     fn finds(&self, metric: &str) -> Option<String> {
-        let cells = || {
-            let all = self.iter().flat_map(|map| map.cells.iter().map(move |cell| (map, cell)));
-            all.filter_map(|(map, cell)| Some((map, cell, cell.value.ok()?)))
+        let tiles = || {
+            let all = self.iter().flat_map(|map| map.tiles.iter().map(move |tile| (map, tile)));
+            all.filter_map(|(map, tile)| Some((map, tile, tile.value.ok()?)))
         };
-        let (map, cell, most) = cells().max_by(|one, other| one.2.total_cmp(&other.2))?;
-        let least = cells().map(|(_, _, value)| value).fold(most, f64::min);
-        let (all, least, most) = (cells().count(), amount(least, metric), amount(most, metric));
+        let (map, tile, most) = tiles().max_by(|one, other| one.2.total_cmp(&other.2))?;
+        let least = tiles().map(|(_, _, value)| value).fold(most, f64::min);
+        let (all, least, most) = (tiles().count(), amount(least, metric), amount(most, metric));
         if least == most {
-            return Some(format!("It is {most} in every cell"));
+            return Some(format!("It is {most} in every tile"));
         }
-        let tied = cells().filter(|(_, _, value)| amount(*value, metric) == most).count();
+        let tied = tiles().filter(|(_, _, value)| amount(*value, metric) == most).count();
         let place = match tied {
             1 => format!(
                 "at {} = {} and {} = {} of {} {}",
                 short_name(&map.x.0),
-                cell.x,
+                tile.x,
                 short_name(&map.y.0),
-                cell.y,
+                tile.y,
                 map.agent,
                 map.subject.replace(" - ", " − ")
             ),
-            tied => format!("in {tied} of {all} cells"),
+            tied => format!("in {tied} of {all} tiles"),
         };
         let range = format!("It goes from {least} to {most}, the most {place}");
         if map.scale == Scale::Mean {
             return Some(range);
         }
-        let beyond = cells().filter(|(_, cell, _)| cell.is_beyond_zero()).count();
+        let beyond = tiles().filter(|(_, tile, _)| tile.is_beyond_zero()).count();
         Some(format!("{range}; {beyond} of {all} intervals leave out 0 (Welch’s t, not corrected)"))
     }
 }
@@ -78,35 +78,35 @@ const TOP: f64 = 26.0;
 const RIGHT: f64 = 8.0;
 /// Numbers, title, and two lines of notes.
 const BOTTOM: f64 = 60.0;
-const CELL_HEIGHT: f64 = 44.0;
+const TILE_HEIGHT: f64 = 44.0;
 
 /// A map of one agent, coloured between the ends of its analysis.
 fn heat_figure(figure: &HeatFigure, metric: &str, range: (f64, f64)) -> Scene {
     let (columns, rows) = (&figure.x.1, &figure.y.1);
     let first = left(figure);
-    let height = TOP + BOTTOM + CELL_HEIGHT * rows.len() as f64;
-    let cell_width = (WIDTH - first - RIGHT) / columns.len().max(1) as f64;
+    let height = TOP + BOTTOM + TILE_HEIGHT * rows.len() as f64;
+    let tile_width = (WIDTH - first - RIGHT) / columns.len().max(1) as f64;
     let mut marks: Vec<Mark> = Vec::new();
-    for cell in &figure.cells {
+    for tile in &figure.tiles {
         let place =
             |list: &[f64], value: f64| list.iter().position(|one| *one == value).unwrap_or(0);
-        let left = first + place(columns, cell.x) as f64 * cell_width;
+        let left = first + place(columns, tile.x) as f64 * tile_width;
         // Small values stand below, as on an axis.
-        let top = TOP + (rows.len() - 1 - place(rows, cell.y)) as f64 * CELL_HEIGHT;
-        let color = match cell.value {
+        let top = TOP + (rows.len() - 1 - place(rows, tile.y)) as f64 * TILE_HEIGHT;
+        let color = match tile.value {
             Ok(value) => color(value, range, figure.scale),
             Err(_) => Color(240, 240, 240),
         };
-        marks.extend(cell_marks(cell, (figure, metric), color, (left, top, cell_width)));
+        marks.extend(tile_marks(tile, (figure, metric), color, (left, top, tile_width)));
     }
-    marks.extend(frame((figure, metric), range, (first, cell_width), height));
+    marks.extend(frame((figure, metric), range, (first, tile_width), height));
     let title = metric_title(metric);
     let description =
         format!("{title}: {} of {} over two parameters", figure.subject, figure.agent);
     Scene { width: WIDTH, height, description, marks }
 }
 
-/// Where the cells begin: right of the rows' values.
+/// Where the tiles begin: right of the rows' values.
 fn left(figure: &HeatFigure) -> f64 {
     let wide = |value: &f64| width(&value.to_string(), TEXT, Weight::Regular);
     LEFT + figure.y.1.iter().map(wide).fold(20.0, f64::max)
@@ -133,7 +133,7 @@ fn in_unit(value: f64, metric: &str) -> String {
     }
 }
 
-/// What the colours mean, in words; nothing where no cell has a value.
+/// What the colours mean, in words; nothing where no tile has a value.
 fn scale_words(scale: Scale, (least, most): (f64, f64), metric: &str) -> String {
     if least > most {
         return String::new();
@@ -155,8 +155,8 @@ fn share(part: f64, whole: f64) -> f64 {
     if whole > 0.0 { part / whole } else { 0.0 }
 }
 
-fn cell_marks(
-    cell: &HeatCell,
+fn tile_marks(
+    tile: &HeatTile,
     (figure, metric): (&HeatFigure, &str),
     color: Color,
     (left, top, width): (f64, f64, f64),
@@ -168,30 +168,30 @@ fn cell_marks(
     };
     let fill = Fill { color, opacity: 1.0 };
     let rim = Some(Stroke::solid(Color::WHITE, 1.0));
-    let area = Shape::Area { points: rectangle(left, top, width, CELL_HEIGHT), fill, stroke: rim };
+    let area = Shape::Area { points: rectangle(left, top, width, TILE_HEIGHT), fill, stroke: rim };
     let in_unit = |value: f64| in_unit(value, metric);
     let mut marks = Vec::new();
-    let value = match cell.value {
+    let value = match tile.value {
         Ok(value) => in_unit(value),
         Err(reason) => reason.to_string(),
     };
-    let spread = cell.interval.ok().map(|interval| (interval.high - interval.low) / 2.0);
+    let spread = tile.interval.ok().map(|interval| (interval.high - interval.low) / 2.0);
     let spread_words = spread.map_or_else(String::new, |half| format!(" ± {}", in_unit(half)));
-    let published = cell.published.map(|value| format!("publ. {}", in_unit(value)));
+    let published = tile.published.map(|value| format!("publ. {}", in_unit(value)));
     let tip = format!(
         "{} {}, {} = {}, {} = {}: {value}{spread_words} (95 %), {}{}",
         figure.agent,
         figure.subject,
         short_name(&figure.x.0),
-        cell.x,
+        tile.x,
         short_name(&figure.y.0),
-        cell.y,
-        seeds(std::iter::once(cell.seeds)),
+        tile.y,
+        seeds(std::iter::once(tile.seeds)),
         published.as_ref().map_or_else(String::new, |words| format!("; {words}"))
     );
     marks.push(Mark::from(area).saying(tip));
     let first = if published.is_some() { 15.0 } else { 20.0 };
-    match cell.value {
+    match tile.value {
         Ok(_) => marks.push(line(first, value, TEXT + 1.0, Weight::SemiBold)),
         Err(_) => marks.push(line(first, "–".to_owned(), TEXT + 1.0, Weight::Regular)),
     }
@@ -208,12 +208,12 @@ fn cell_marks(
 fn frame(
     (figure, metric): (&HeatFigure, &str),
     range: (f64, f64),
-    (left, cell_width): (f64, f64),
+    (left, tile_width): (f64, f64),
     height: f64,
 ) -> Vec<Mark> {
     let plain = (TEXT, Weight::Regular);
     let (columns, rows) = (&figure.x.1, &figure.y.1);
-    let bottom = TOP + CELL_HEIGHT * rows.len() as f64;
+    let bottom = TOP + TILE_HEIGHT * rows.len() as f64;
     let subject = figure.subject.replace(" - ", " − ");
     let heading = match figure.agent.as_str() {
         "" => subject,
@@ -223,14 +223,14 @@ fn frame(
         text((left, 17.0), heading, (TEXT + 1.0, Weight::SemiBold), INK, Anchor::Start).into(),
     ];
     for (at, value) in columns.iter().enumerate() {
-        let at = (left + (at as f64 + 0.5) * cell_width, bottom + 13.0);
+        let at = (left + (at as f64 + 0.5) * tile_width, bottom + 13.0);
         marks.push(text(at, value.to_string(), plain, FAINT, Anchor::Middle).into());
     }
     for (at, value) in rows.iter().rev().enumerate() {
-        let at = (left - 5.0, TOP + (at as f64 + 0.5) * CELL_HEIGHT + 3.0);
+        let at = (left - 5.0, TOP + (at as f64 + 0.5) * TILE_HEIGHT + 3.0);
         marks.push(text(at, value.to_string(), plain, FAINT, Anchor::End).into());
     }
-    let at = (left + cell_width * columns.len() as f64 / 2.0, bottom + 27.0);
+    let at = (left + tile_width * columns.len() as f64 / 2.0, bottom + 27.0);
     marks.push(text(at, symbol(&figure.x.0), plain, INK, Anchor::Middle).into());
     let title =
         rising_title((12.0, (TOP + bottom) / 2.0), symbol(&figure.y.0), bottom - TOP + 30.0);
@@ -239,7 +239,7 @@ fn frame(
         "{}{} ± half of the 95 % interval, {}.",
         if figure.scale == Scale::Difference { "Difference in " } else { "" },
         metric_title(metric),
-        seeds(figure.cells.iter().map(|cell| cell.seeds).filter(|n| *n > 0))
+        seeds(figure.tiles.iter().map(|tile| tile.seeds).filter(|n| *n > 0))
     );
     for (up, note) in [(16.0, note), (5.0, scale_words(figure.scale, range, metric))] {
         let at = (WIDTH / 2.0, height - up);
@@ -276,18 +276,18 @@ fn table(title: &str, figures: &[HeatFigure], metric: &str) -> DataTable {
     ];
     let mut table = DataTable::new(title, &columns);
     for figure in figures {
-        for cell in &figure.cells {
+        for tile in &figure.tiles {
             table.rows.push(vec![
                 Entry::text(&figure.agent),
                 Entry::text(&figure.subject),
-                Entry::Number { value: cell.y, shown: cell.y.to_string() },
-                Entry::Number { value: cell.x, shown: cell.x.to_string() },
-                Entry::number(cell.seeds as f64, 0),
-                cell_in_unit(cell.value, metric),
-                between(cell.interval, metric),
-                low(cell.interval),
-                high(cell.interval),
-                Entry::published(cell.published.map(|value| cell_in_unit(Ok(value), metric))),
+                Entry::Number { value: tile.y, shown: tile.y.to_string() },
+                Entry::Number { value: tile.x, shown: tile.x.to_string() },
+                Entry::number(tile.seeds as f64, 0),
+                entry_in_unit(tile.value, metric),
+                between(tile.interval, metric),
+                low(tile.interval),
+                high(tile.interval),
+                Entry::published(tile.published.map(|value| entry_in_unit(Ok(value), metric))),
             ]);
         }
     }

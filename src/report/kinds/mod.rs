@@ -124,8 +124,8 @@ mod tests {
         Sample::new(values.iter().copied(), failed, 0).unwrap()
     }
 
-    /// The cell of a column in the first row.
-    fn cell<'t>(table: &'t DataTable, name: &str) -> &'t Entry {
+    /// The entry of a column in the first row.
+    fn entry<'t>(table: &'t DataTable, name: &str) -> &'t Entry {
         let place = table.columns.iter().position(|column| column.name == name);
         &table.rows[0][place.unwrap()]
     }
@@ -135,7 +135,7 @@ mod tests {
     }
 
     fn number(table: &DataTable, name: &str) -> f64 {
-        match cell(table, name) {
+        match entry(table, name) {
             Entry::Number { value, .. } => *value,
             other => panic!("{name}: {other:?}"),
         }
@@ -149,8 +149,8 @@ mod tests {
         let table = vec![row(first, second, Design::Matched)].table("", "mean_return");
         assert_eq!([number(&table, "first"), number(&table, "second")], [30.0, 35.0]);
         assert_eq!(number(&table, "difference"), -5.0);
-        assert_eq!(cell(&table, "seeds").shown(), "2");
-        assert_eq!(cell(&table, "unmatched").shown(), "1, 2");
+        assert_eq!(entry(&table, "seeds").shown(), "2");
+        assert_eq!(entry(&table, "unmatched").shown(), "1, 2");
         assert!(is_shown(&table, "unmatched") && !is_shown(&table, "lost"));
     }
 
@@ -161,7 +161,7 @@ mod tests {
         let table = vec![row(first, second, Design::Independent)].table("", "mean_return");
         assert_eq!([number(&table, "first"), number(&table, "second")], [15.0, 30.0]);
         assert!(!is_shown(&table, "unmatched") && is_shown(&table, "lost"));
-        assert_eq!(cell(&table, "lost").shown(), "1, 0");
+        assert_eq!(entry(&table, "lost").shown(), "1, 0");
     }
 
     #[test]
@@ -173,7 +173,7 @@ mod tests {
         };
         assert!(is_shown(&of(9), "detectable") && !is_shown(&of(10), "detectable"));
         // The deviation of 1, 2, 3 % is 1 %, and three seeds detect 3.1 deviations.
-        assert_eq!(cell(&of(3), "detectable").shown(), "3.1");
+        assert_eq!(entry(&of(3), "detectable").shown(), "3.1");
         assert!(of(3).markdown().contains("Detectable (80 % power)"));
     }
 
@@ -198,7 +198,7 @@ mod tests {
         let few = Undefined::TooFewSeeds { have: 1, need: 2 };
         for (n, reason) in [(1, few), (3, Undefined::NoVariance)] {
             for table in [learning_of(n), actions_of(n)] {
-                assert_eq!(*cell(&table, "interval"), Entry::Missing(reason.to_string()));
+                assert_eq!(*entry(&table, "interval"), Entry::Missing(reason.to_string()));
             }
         }
         // Of three seeds that completed, one has a step in the bin.

@@ -74,7 +74,7 @@ fn header(
         ),
     };
     let (inside, outside) =
-        [Subject::Effect, Subject::CurvePoint, Subject::HeatCell, Subject::ErrorRate].iter().fold(
+        [Subject::Effect, Subject::CurvePoint, Subject::HeatTile, Subject::ErrorRate].iter().fold(
             (0, 0),
             |(inside, outside), subject| {
                 let (more_in, more_out, _) = reproduction.counts(*subject);
@@ -150,7 +150,7 @@ fn reproduced(reproduction: &Reproduction) -> Markup {
             p.lead { (sentences.join(" ")) }
             p {
                 "Uncertainty of the published numbers: of effects, what their printed p values imply \
-                 for two groups of three; of curve points and heat-map cells, which are printed \
+                 for two groups of three; of curve points and heat-map tiles, which are printed \
                  without any, as much as ours would have with three seeds, and ± 15 steps of reading \
                  for points; of error rates, that of 1000 draws. 5 in 100 true agreements fall \
                  outside by chance."

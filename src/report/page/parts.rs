@@ -133,7 +133,7 @@ pub fn html_table(table: &DataTable) -> Markup {
                 }
                 tbody {
                     @for row in thinned(&table.rows, every) {
-                        tr { @for (place, class) in &columns { (html_cell(&row[*place], *class)) } }
+                        tr { @for (place, class) in &columns { (html_entry(&row[*place], *class)) } }
                     }
                 }
             }
@@ -146,20 +146,20 @@ pub fn html_table(table: &DataTable) -> Markup {
     }
 }
 
-fn html_cell(cell: &Entry, class: Option<&str>) -> Markup {
-    let (value, reason) = match cell {
+fn html_entry(entry: &Entry, class: Option<&str>) -> Markup {
+    let (value, reason) = match entry {
         Entry::Number { value, .. } => (Some(*value), None),
         Entry::Missing(reason) => (None, Some(reason)),
         Entry::Text(_) => (None, None),
     };
-    html! { td class=[class] data-value=[value] title=[reason] { (cell.shown()) } }
+    html! { td class=[class] data-value=[value] title=[reason] { (entry.shown()) } }
 }
 
 /// One row in `every`, spread evenly over each run of rows with the same words, and the last of
 /// each run.
 fn thinned(rows: &[Vec<Entry>], every: usize) -> impl Iterator<Item = &Vec<Entry>> {
     let same_words = |one: &Vec<Entry>, next: &Vec<Entry>| {
-        one.iter().zip(next).all(|cells| match cells {
+        one.iter().zip(next).all(|entries| match entries {
             (Entry::Text(one), Entry::Text(next)) => one == next,
             (Entry::Text(_), Entry::Number { .. } | Entry::Missing(_))
             | (Entry::Number { .. } | Entry::Missing(_), Entry::Text(_)) => false,
