@@ -69,7 +69,7 @@ pub struct Replay {
     /// States after truncated transitions, by position; kept only where a target asks for them.
     closings: BTreeMap<usize, Observations>,
     terminal_target: TerminalTarget,
-    chosen: Chosen,
+    sampled: Sampled,
 }
 
 impl Replay {
@@ -93,7 +93,7 @@ impl Replay {
             latest: observations.clone(),
             closings: BTreeMap::new(),
             terminal_target,
-            chosen: Chosen::default(),
+            sampled: Sampled::default(),
         }
     }
 
@@ -203,14 +203,14 @@ impl Replay {
     pub fn draw(&mut self, stream: &mut Stream, positions: &mut [usize]) {
         let stored = self.len();
         assert!(positions.len() <= stored, "a draw without replacement needs enough transitions");
-        self.chosen.clear(positions.len());
+        self.sampled.clear(positions.len());
         let first = stored - positions.len();
         for (position, last) in positions.iter_mut().zip(first..) {
             let drawn = stream.below(last as u32 + 1);
-            *position = if self.chosen.insert(drawn) {
+            *position = if self.sampled.insert(drawn) {
                 drawn as usize
             } else {
-                self.chosen.insert(last as u32);
+                self.sampled.insert(last as u32);
                 last
             };
         }
@@ -291,19 +291,19 @@ fn unpack(step: u8) -> (Action, EpisodeStatus) {
     (Action::from_low_bits(step.into()), status)
 }
 
-/// The positions chosen in a draw: a table of a few slots for each, searched from a slot that the
+/// The positions sampled in a draw: a table of a few slots for each, searched from a slot that the
 /// position gives.
 #[derive(Clone, Debug, Default)]
-struct Chosen(Vec<u32>);
+struct Sampled(Vec<u32>);
 
-impl Chosen {
+impl Sampled {
     /// Marks a free slot; no buffer is as large.
     const FREE: u32 = u32::MAX;
 
     /// Empties the table and makes room for so many.
     fn clear(&mut self, count: usize) {
         self.0.clear();
-        self.0.resize((4 * count).next_power_of_two(), Chosen::FREE);
+        self.0.resize((4 * count).next_power_of_two(), Sampled::FREE);
     }
 
     /// Whether the position is new; it is in the table then.
@@ -315,7 +315,7 @@ impl Chosen {
         loop {
             slot &= self.0.len() - 1;
             match self.0[slot] {
-                Chosen::FREE => {
+                Sampled::FREE => {
                     self.0[slot] = position;
                     return true;
                 }

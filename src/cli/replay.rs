@@ -33,7 +33,7 @@ const EXPECTED: &str = "expected JSON like {\"cases\": [{\"sigma\": 0.6, \"param
 
 /// A file of trajectories.
 #[derive(Deserialize)]
-pub(super) struct Trajectories {
+pub(super) struct TrajectoryFile {
     cases: Vec<Case>,
 }
 
@@ -93,14 +93,14 @@ fn read(path: &Path) -> Result<Vec<u8>, Error> {
 }
 
 /// The trajectories that a file holds; or what is wrong with it.
-pub(super) fn parse(bytes: &[u8]) -> Result<Trajectories, String> {
+pub(super) fn parse(bytes: &[u8]) -> Result<TrajectoryFile, String> {
     if bytes.len() as u64 > MOST_BYTES {
         return Err(format!("more than {MOST_BYTES} bytes"));
     }
     serde_json::from_slice(bytes).map_err(|error| format!("{error}; {EXPECTED}"))
 }
 
-impl Trajectories {
+impl TrajectoryFile {
     /// Replays every episode into `rows`, and says where it differs; or what cannot be replayed.
     pub(super) fn replay<W: Write>(
         &self,
@@ -127,13 +127,13 @@ fn environment(case: &Case) -> Result<Environment, String> {
 }
 
 /// Takes the actions of a recorded episode, one after the other.
-struct Recording {
+struct RecordedActions {
     actions: Vec<Action>,
     /// Actions of these whose step has been taken.
     taken: usize,
 }
 
-impl Actor for Recording {
+impl Actor for RecordedActions {
     fn act(
         &mut self,
         _: &PhysicalActivity,
@@ -150,7 +150,7 @@ impl Actor for Recording {
     }
 }
 
-impl Resumable for Recording {
+impl Resumable for RecordedActions {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
         out.one(self.taken as u64)
     }
@@ -172,7 +172,7 @@ fn replay(case: &Case) -> Result<(Vec<Step>, PhysicalActivity), String> {
     let mut lane = PhysicalActivity::new(&environment, &Scenario::of(Feature::Context), 1);
     let stream = Stream::new(0, Purpose::TestEnvironment);
     lane.reset(LaneSet::All, &mut LaneStreams::Shared(stream));
-    let mut actor = Recording { actions: Vec::new(), taken: 0 };
+    let mut actor = RecordedActions { actions: Vec::new(), taken: 0 };
     for (t, recorded) in case.steps.iter().enumerate() {
         let action = Action::from_index(recorded.action);
         let refused = || format!("step {t}: action {} is not 0 to 3", recorded.action);

@@ -21,11 +21,11 @@ const LONGEST_COMPARED: usize = 60;
 
 /// Conditions that a job must all meet.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Filter(Vec<Condition>);
+pub struct Filter(Vec<Term>);
 
 /// A condition with the words it was written in, which messages repeat.
 #[derive(Clone, Debug, PartialEq)]
-struct Condition {
+struct Term {
     name: String,
     /// Any of them will do.
     values: Vec<String>,
@@ -101,7 +101,7 @@ impl FromStr for Filter {
             }
             // As exclusions name it.
             let name = if name.trim() == "agent.name" { "agent" } else { name.trim() };
-            Ok(Condition::written(name.to_owned(), values))
+            Ok(Term::written(name.to_owned(), values))
         };
         let mut depth = 0usize;
         let parts = text.split(|c| {
@@ -128,7 +128,7 @@ impl Filter {
     pub fn why_none<I: Iterator<Item = PlannedJob>>(&self, jobs: impl Fn() -> I) -> FilterError {
         let known = names();
         let unknown = self.0.iter().find(|condition| !condition.is_known(&known));
-        if let Some(Condition { name, .. }) = unknown {
+        if let Some(Term { name, .. }) = unknown {
             let words = known.iter().flat_map(|word| [word.as_str(), short_name(word)]);
             let meant = nearest(name, words).map(|word| format!("`{word}`"));
             let known = nearest_names(name, &known);
@@ -147,7 +147,7 @@ impl Filter {
         jobs: impl Fn() -> I,
     ) -> Option<FilterError> {
         let several = self.0.iter().filter(|condition| condition.values.len() > 1);
-        let mut alternatives: Vec<Condition> = several.flat_map(Condition::alternatives).collect();
+        let mut alternatives: Vec<Term> = several.flat_map(Term::alternatives).collect();
         for planned in jobs() {
             if alternatives.is_empty() {
                 return None;
@@ -158,11 +158,11 @@ impl Filter {
     }
 }
 
-impl Condition {
+impl Term {
     /// The condition that is written so; values that no job can have are met by none.
-    fn written(name: String, values: Vec<String>) -> Condition {
+    fn written(name: String, values: Vec<String>) -> Term {
         let met = condition(&name, &values);
-        Condition { name, values, met }
+        Term { name, values, met }
     }
 
     fn is_known(&self, names: &[String]) -> bool {
@@ -170,8 +170,8 @@ impl Condition {
     }
 
     /// A condition for each of the values.
-    fn alternatives(&self) -> impl Iterator<Item = Condition> {
-        self.values.iter().map(|value| Condition::written(self.name.clone(), vec![value.clone()]))
+    fn alternatives(&self) -> impl Iterator<Item = Term> {
+        self.values.iter().map(|value| Term::written(self.name.clone(), vec![value.clone()]))
     }
 
     fn meets(&self, planned: &PlannedJob) -> bool {
@@ -182,11 +182,7 @@ impl Condition {
         value_of(&planned.agent, &planned.job, &self.name).map(|value| shown(&value))
     }
 
-    fn why_unmet(
-        &self,
-        before: &[Condition],
-        jobs: impl Iterator<Item = PlannedJob>,
-    ) -> FilterError {
+    fn why_unmet(&self, before: &[Term], jobs: impl Iterator<Item = PlannedJob>) -> FilterError {
         let met_before = before.iter().map(ToString::to_string).collect::<Vec<_>>().join(",");
         let jobs = jobs.filter(|planned| before.iter().all(|condition| condition.meets(planned)));
         let mut seen = HashSet::new();
@@ -212,7 +208,7 @@ impl Condition {
     }
 }
 
-impl fmt::Display for Condition {
+impl fmt::Display for Term {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}={}", self.name, self.values.join("|"))
     }

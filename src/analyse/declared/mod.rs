@@ -25,7 +25,7 @@ pub use heat_map::{HeatFigure, HeatTile, Scale, heat_range};
 pub use inference_error::{ErrorFigure, ErrorPoint};
 pub use learning_curve::{LearningFigure, LearningLine, LearningPanel};
 pub use reproduction::{Comparison, Distance, Reproduction, Subject, reproduce};
-pub use selection::{Candidate, Chosen};
+pub use selection::{Candidate, Ranking};
 pub use summary::{AgentSummary, ArmSummary, share_of_optimum, summarise_agents, summarise_arms};
 
 use crate::manifest::{Analysis, AnalysisKind, Published};
@@ -59,8 +59,8 @@ pub enum Content {
     HeatMap(Vec<HeatFigure>),
     /// Shares of actions, a panel an arm.
     ActionChoice(Vec<ActionPanel>),
-    /// Settings chosen, an agent each.
-    Selection(Vec<Chosen>),
+    /// Settings in order, a ranking per agent.
+    Selection(Vec<Ranking>),
     /// Context inference error along sigma.
     InferenceError(ErrorFigure),
 }
@@ -151,7 +151,7 @@ fn content(analysis: &Analysis, jobs: &[&JobRecord], published: Option<&Publishe
             Content::ActionChoice(action_choice::panels(*bins, jobs))
         }
         AnalysisKind::Selection { rule, reporting_seeds: _ } => {
-            Content::Selection(selection::chosen(*rule, metric, jobs))
+            Content::Selection(selection::rankings(*rule, metric, jobs))
         }
         AnalysisKind::InferenceError => {
             Content::InferenceError(inference_error::figure(jobs, published))

@@ -1,4 +1,4 @@
-//! Hyper-parameters chosen by a stated rule.
+//! Hyper-parameters ranked by a stated rule.
 
 use super::arm::{ArmId, arms};
 use crate::analyse::{Interval, Moments, Sample, Undefined, mean_interval};
@@ -8,7 +8,7 @@ use crate::record::JobRecord;
 /// The settings of one agent where it is, the best first: in one scenario and environment, for a
 /// setting that met an easier one is no better by that.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Chosen {
+pub struct Ranking {
     /// The agent, its scenario, and what tells the environment from others.
     pub place: ArmId,
     /// The rule's word.
@@ -17,7 +17,7 @@ pub struct Chosen {
     pub candidates: Vec<Candidate>,
 }
 
-impl Chosen {
+impl Ranking {
     /// How many settings have a completed run.
     pub fn tried(&self) -> usize {
         self.candidates.iter().filter(|candidate| candidate.sample.n() > 0).count()
@@ -38,8 +38,8 @@ pub struct Candidate {
 }
 
 /// The candidates of every agent, ranked among those of their scenario and environment.
-pub fn chosen(rule: SelectionRule, metric: &str, jobs: &[&JobRecord]) -> Vec<Chosen> {
-    let mut places: Vec<Chosen> = Vec::new();
+pub fn rankings(rule: SelectionRule, metric: &str, jobs: &[&JobRecord]) -> Vec<Ranking> {
+    let mut places: Vec<Ranking> = Vec::new();
     for arm in arms(jobs, &[]) {
         let sample = arm.sample(metric);
         let (environment, settings) =
@@ -51,10 +51,10 @@ pub fn chosen(rule: SelectionRule, metric: &str, jobs: &[&JobRecord]) -> Vec<Cho
             settings,
             sample,
         };
-        match places.iter_mut().find(|chosen| chosen.place == place) {
-            Some(chosen) => chosen.candidates.push(candidate),
+        match places.iter_mut().find(|ranking| ranking.place == place) {
+            Some(ranking) => ranking.candidates.push(candidate),
             None => {
-                places.push(Chosen { place, rule: rule.word(), candidates: vec![candidate] });
+                places.push(Ranking { place, rule: rule.word(), candidates: vec![candidate] });
             }
         }
     }
@@ -62,8 +62,8 @@ pub fn chosen(rule: SelectionRule, metric: &str, jobs: &[&JobRecord]) -> Vec<Cho
         SelectionRule::HighestMean => candidate.mean.ok(),
         SelectionRule::HighestLowerBound => candidate.interval.ok().map(|interval| interval.low),
     };
-    for chosen in &mut places {
-        chosen.candidates.sort_by(|a, b| {
+    for ranking in &mut places {
+        ranking.candidates.sort_by(|a, b| {
             let of = |one| rank(one).unwrap_or(f64::NEG_INFINITY);
             f64::total_cmp(&of(b), &of(a))
         });

@@ -62,7 +62,7 @@ pub(super) fn drawn(content: &Content) -> &dyn Drawn {
         Content::LearningCurve(figure) => figure,
         Content::HeatMap(figures) => figures,
         Content::ActionChoice(panels) => panels,
-        Content::Selection(chosen) => chosen,
+        Content::Selection(rankings) => rankings,
         Content::InferenceError(figure) => figure,
     }
 }
@@ -95,8 +95,8 @@ mod tests {
 
     use super::*;
     use crate::analyse::declared::{
-        ActionPanel, BinShares, Candidate, Chosen, ContrastRow, CurveFigure, CurveLine, CurvePoint,
-        JobCounts, LearningFigure, LearningLine, LearningPanel,
+        ActionPanel, BinShares, Candidate, ContrastRow, CurveFigure, CurveLine, CurvePoint,
+        JobCounts, LearningFigure, LearningLine, LearningPanel, Ranking,
     };
     use crate::analyse::{Contrast, Corrected, Design, Sample, Undefined};
     use crate::manifest::Setting;
@@ -299,8 +299,8 @@ mod tests {
             candidate(0.2, &[(1, 50.0), (2, 52.0)]),
             candidate(0.3, &[]),
         ];
-        let chosen = Chosen { place: name(), rule: "highest_mean", candidates };
-        let said = said(Content::Selection(vec![chosen]), ALL);
+        let ranking = Ranking { place: name(), rule: "highest_mean", candidates };
+        let said = said(Content::Selection(vec![ranking]), ALL);
         assert!(said.contains("learning_rate=0.1: 91 (best of 2 settings that have run"), "{said}");
     }
 }

@@ -2,14 +2,14 @@
 
 use super::{Drawn, amount};
 use crate::analyse::Interval;
-use crate::analyse::declared::Chosen;
+use crate::analyse::declared::Ranking;
 use crate::report::data_table::{DataTable, Entry};
 use crate::report::figure::{Looks, arm_label, seeds, settings_label};
 use crate::report::scene::Scene;
 use crate::report::tables::{between, high, in_unit, low};
 use crate::report::words::metric_title;
 
-impl Drawn for Vec<Chosen> {
+impl Drawn for Vec<Ranking> {
     fn figures(&self, _: &str, _: &str, _: &Looks) -> Vec<(String, Scene)> {
         Vec::new()
     }
@@ -23,8 +23,8 @@ impl Drawn for Vec<Chosen> {
     }
 
     fn shows(&self, metric: &str) -> String {
-        let rule = self.first().map_or_else(String::new, |chosen| chosen.rule.replace('_', " "));
-        let candidates = self.iter().flat_map(|chosen| &chosen.candidates);
+        let rule = self.first().map_or_else(String::new, |ranking| ranking.rule.replace('_', " "));
+        let candidates = self.iter().flat_map(|ranking| &ranking.candidates);
         let counts = candidates.map(|candidate| candidate.sample.n()).filter(|n| *n > 0);
         format!(
             "Settings by the {rule} of {}, with the 95 % interval of the mean, {} each",
@@ -35,13 +35,13 @@ impl Drawn for Vec<Chosen> {
 
     fn finds(&self, metric: &str) -> Option<String> {
         // Of a single setting nothing is chosen.
-        let searched: Vec<&Chosen> = self.iter().filter(|one| one.candidates.len() > 1).collect();
-        let [chosen] = searched.as_slice() else {
+        let searched: Vec<&Ranking> = self.iter().filter(|one| one.candidates.len() > 1).collect();
+        let [ranking] = searched.as_slice() else {
             let count = searched.len();
             return (count > 0)
                 .then(|| format!("The first of each of {count} searches is in the table"));
         };
-        let best = chosen.candidates.first()?;
+        let best = ranking.candidates.first()?;
         let mean = amount(best.mean.ok()?, metric);
         let spread = best.interval.map_or_else(
             |_| String::new(),
@@ -51,9 +51,9 @@ impl Drawn for Vec<Chosen> {
         );
         Some(format!(
             "{} does best with {}: {mean} (best of {} settings that have run{spread})",
-            arm_label(&chosen.place),
+            arm_label(&ranking.place),
             settings_label(&best.settings),
-            chosen.tried()
+            ranking.tried()
         ))
     }
 
@@ -62,7 +62,7 @@ impl Drawn for Vec<Chosen> {
     }
 }
 
-fn table(title: &str, chosen: &[Chosen], metric: &str) -> DataTable {
+fn table(title: &str, rankings: &[Ranking], metric: &str) -> DataTable {
     let name = metric_title(metric);
     let columns = [
         ("arm", "Arm"),
@@ -75,10 +75,10 @@ fn table(title: &str, chosen: &[Chosen], metric: &str) -> DataTable {
         (".high", ""),
     ];
     let mut table = DataTable::new(title, &columns);
-    for chosen in chosen {
-        for (rank, candidate) in chosen.candidates.iter().enumerate() {
+    for ranking in rankings {
+        for (rank, candidate) in ranking.candidates.iter().enumerate() {
             table.rows.push(vec![
-                Entry::text(arm_label(&chosen.place)),
+                Entry::text(arm_label(&ranking.place)),
                 Entry::number(rank as f64 + 1.0, 0),
                 Entry::text(settings_label(&candidate.settings)),
                 Entry::number(candidate.sample.n() as f64, 0),
