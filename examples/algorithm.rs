@@ -1,8 +1,12 @@
 //! An algorithm of your own on Burn: REINFORCE with an entropy bonus, registered and run.
 use burn::tensor::Tensor;
-use jitai::*;
+use jitai::algorithm::*;
+use jitai::environment::Action;
+use jitai::experiment::{self, Options, Store};
+use jitai::policy::{Actions, SoftmaxPolicy};
+use jitai::results::{Parts, Reader, summarise_arms};
 
-keys! {
+jitai::keys! {
     /// A policy gradient with an entropy bonus.
     struct EntropyBonus {
         /// episodes of training
@@ -45,13 +49,12 @@ const MANIFEST: &str = "format = 1\nname = 'own'\nscenarios = ['P-H-D']\nseeds =
 
 pub fn main() -> Result<(), Box<dyn std::error::Error>> {
     register::<EntropyBonus>()?;
-    let manifests = [parse_manifest("own.toml", MANIFEST.as_bytes())?];
+    let manifests = [experiment::parse("own.toml", MANIFEST.as_bytes())?];
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("own.sqlite");
-    run_manifests(&mut Store::open(&path)?, &manifests, Options::default(), |_| {})?;
-    let planned = jobs(&manifests[0]);
-    let data = Reader::open(&path)?.data_set("own", planned, DataParts::default(), |_| {})?;
-    let returns = &summarise_arms(&data.jobs)[0].returns;
-    assert!(returns.mean()? > 1000.0, "mean return: {}", returns.mean()?);
+    experiment::run(&mut Store::open(&path)?, &manifests, Options::default(), |_| {})?;
+    let data = Reader::open(&path)?.data_set(&manifests[0], Parts::default())?;
+    let mean = summarise_arms(&data.jobs)[0].returns.mean()?;
+    assert!(mean > 1000.0, "mean return: {mean}");
     Ok(())
 }

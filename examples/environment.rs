@@ -1,5 +1,6 @@
 //! An environment of your own, a walk to a goal; the check of its contract; and a DQN trained in it.
-use jitai::*;
+use jitai::algorithm::{DuelingDqn, TerminalTarget, dueling_dqn_learner};
+use jitai::{environment::*, policy::*};
 const GOAL: u32 = 4;
 /// Place and status by lane: action 2 goes up, others stay; one step in 16 ends the episode.
 struct Walk(Vec<u32>, Vec<EpisodeStatus>);
@@ -47,10 +48,9 @@ impl Resumable for Walk {
 }
 pub fn main() -> Result<(), Box<dyn std::error::Error>> {
     let walk = |lanes| Walk(vec![0; lanes], vec![EpisodeStatus::Truncated; lanes]);
-    check_environment(walk, 200)?;
-    let parameters =
-        DuelingDqn { terminal_target: TerminalTarget::Standard, ..DuelingDqn::default() };
-    let mut learner = dueling_dqn_learner(&parameters, walk(1), 1)?;
+    check(walk, 200)?;
+    let dqn = DuelingDqn { terminal_target: TerminalTarget::Standard, ..DuelingDqn::default() };
+    let mut learner = dueling_dqn_learner(&dqn, walk(1), 1)?;
     learner.train(300)?;
     let mut policy = learner.policy(Actions::Greedy);
     let played = play(&mut walk(100), &mut *policy, &mut RollStreams::of_test(1));

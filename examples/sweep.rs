@@ -2,9 +2,8 @@
 
 use std::error::Error;
 
-use jitai::{
-    DataParts, Options, Reader, Store, jobs, parse_manifest, run_manifests, summarise_arms,
-};
+use jitai::experiment::{self, Options, Store};
+use jitai::results::{Parts, Reader, summarise_arms};
 
 const MANIFEST: &str = r#"
 format = 1
@@ -31,17 +30,15 @@ rule = "tailored"
 "#;
 
 pub fn main() -> Result<(), Box<dyn Error>> {
-    let manifests = [parse_manifest("rules.toml", MANIFEST.as_bytes())?];
+    let manifests = [experiment::parse("rules.toml", MANIFEST.as_bytes())?];
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("rules.sqlite");
 
     let mut store = Store::open(&path)?;
-    let tally = run_manifests(&mut store, &manifests, Options::default(), |_| {})?;
+    let tally = experiment::run(&mut store, &manifests, Options::default(), |_| {})?;
     println!("{} jobs run", tally.completed);
 
-    let reader = Reader::open(&path)?;
-    let name = &manifests[0].name;
-    let data = reader.data_set(name, jobs(&manifests[0]), DataParts::default(), |_| {})?;
+    let data = Reader::open(&path)?.data_set(&manifests[0], Parts::default())?;
     for arm in summarise_arms(&data.jobs) {
         let (agent, sigma) = (&arm.name.agent, arm.sigma.unwrap_or_default());
         println!("{agent} at sigma = {sigma}: {:.0} steps walked", arm.returns.mean()?);

@@ -18,7 +18,8 @@
 //! # Example
 //!
 //! ```
-//! use jitai::{DataParts, Options, Reader, Store, jobs, parse_manifest, run_manifests, summarise_arms};
+//! use jitai::experiment::{self, Options, Store};
+//! use jitai::results::{Parts, Reader, summarise_arms};
 //!
 //! let text = r#"
 //!     format = 1
@@ -32,23 +33,26 @@
 //!     algorithm = "rule"
 //!     rule = "tailored"
 //! "#;
-//! let manifest = parse_manifest("rules.toml", text.as_bytes())?;
+//! let manifests = [experiment::parse("rules.toml", text.as_bytes())?];
 //! let folder = tempfile::tempdir()?;
 //! let path = folder.path().join("results.sqlite");
-//! let manifests = [manifest];
-//! let tally = run_manifests(&mut Store::open(&path)?, &manifests, Options::default(), |_| {})?;
+//! let mut store = Store::open(&path)?;
+//! let tally = experiment::run(&mut store, &manifests, Options::default(), |_| {})?;
 //! assert_eq!(tally.completed, 2);
 //!
-//! let [manifest] = &manifests;
-//! let reader = Reader::open(&path)?;
-//! let data = reader.data_set(&manifest.name, jobs(manifest), DataParts::default(), |_| {})?;
+//! let data = Reader::open(&path)?.data_set(&manifests[0], Parts::default())?;
 //! assert_eq!(summarise_arms(&data.jobs)[0].returns.n(), 2);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The public names stand at the root of the crate. `examples/` holds three programs that use them: a
-//! sweep, an environment and an algorithm of their own. Modules that are reachable but not documented
-//! serve the program, its tests and its benches; no version promises them.
+//! # Modules
+//!
+//! [`experiment`] declares and runs jobs, [`results`] reads them and makes reports; [`findings`] is
+//! what reports draw, [`statistics`] computes it. [`environment`] and [`policy`] simulate without a store.
+//! [`algorithm`] trains, declares keys (with [`keys!`] and [`choices!`]) and registers algorithms.
+//! `examples/` holds three programs that use them: a sweep, an environment and an algorithm of their
+//! own. Other modules of the crate serve the program, its tests and its benches; no version promises
+//! them.
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
@@ -87,61 +91,104 @@ pub mod store;
 #[doc(hidden)]
 pub mod train;
 
-// Read a manifest.
-pub use manifest::{
-    Evaluation, Fault, Faults, Manifest, load as load_manifest, parse as parse_manifest,
-    schema as manifest_schema,
-};
+/// Experiments: read a manifest, expand it into jobs, and run them against a store.
+pub mod experiment {
+    pub use crate::manifest::{
+        Analysis, AnalysisKind, Condition, Contrast, CurveAxis, DataPart, DeclaredAgent, Described,
+        Evaluation, Exclusion, Fault, Faults, Manifest, Pairing, Parameters, Position, Published,
+        PublishedCurve, PublishedErrors, PublishedHeatMap, PublishedTest, Section, SelectionRule,
+        Sides, TestActions, Zip, load, parse, schema,
+    };
+    pub use crate::plan::{
+        CanonicalForm, Filter, FilterError, Job, JobError, JobKey, PlannedJob, Scalar, Versions,
+        count, expand, jobs,
+    };
+    pub use crate::record::{CurvePoint, Metric, Outcome, Results, TestEpisode};
+    pub use crate::schedule::{
+        CheckpointNote, Event, EventSink, Found, OnFailure, Options, Queued, SweepError, Tally,
+        run_manifests as run,
+    };
+    pub use crate::store::{RetryFailed, Store, StoreError};
+    pub use crate::train::{CheckpointError, TrainingProgress};
+}
 
-// Expand it.
-pub use plan::{Filter, FilterError, Job, JobKey, PlannedJob, count as count_jobs, expand, jobs};
+/// Results: read them from a store, summarise arms, ask in SQL, make a report.
+pub mod results {
+    pub use crate::analyse::declared::{
+        AgentSummary, Arm, ArmId, ArmSummary, summarise_agents, summarise_arms,
+    };
+    pub use crate::manifest::Setting;
+    pub use crate::record::{
+        ActionCount, CURVE_METRICS, CompletedRun, DataSet, Failure, FailureKind, JobRecord,
+        JobStatus, METRICS, Provenance,
+    };
+    pub use crate::report::{
+        AssembleError, ReportFile, ReportedExperiment, Work, assemble, report,
+    };
+    pub use crate::store::{
+        Answer, ExperimentCounts, FailedJob, Interrupter, JobState, Pace, Parts, QueryError,
+        Reader, StoredWeights, Value as SqlValue,
+    };
+}
 
-// Run it against a store.
-pub use schedule::{
-    Event, EventSink, OnFailure, Options, Queued, SweepError, Tally, run_manifests,
-};
-pub use store::{RetryFailed, Store, StoreError};
+/// Environments: the contract, the check of it, and the simulation of the paper.
+pub mod environment {
+    pub use crate::env::contract::{Clause, Violation, check};
+    pub use crate::env::{
+        Action, ActionSpec, ContextDraw, Environment, EpisodeStatus, Feature, FeatureSpec,
+        FirstContext, LaneSet, LaneStreams, ObservationSpec, Observations, PhysicalActivity,
+        Scenario, ScenarioError, TimeIndicator, VectorEnvironment,
+    };
+    pub use crate::rng::{Purpose, Stream};
+    pub use crate::state::{Number, Resumable, StateError, StateReader, StateWriter};
+}
 
-// Read results.
-pub use analyse::declared::{ArmSummary, summarise_arms};
-pub use analyse::{Sample, Undefined};
-pub use record::{
-    ActionCount, CURVE_METRICS, CompletedRun, DataSet, Failure, FailureKind, JobRecord, JobStatus,
-    METRICS, Provenance,
-};
-pub use store::{
-    Answer, JobState, Parts as DataParts, QueryError, Reader, StoredWeights, Value as SqlValue,
-};
+/// Policies: actors, decision rules, and the episodes that they play.
+pub mod policy {
+    pub use crate::agent::{
+        ActionNetwork, Actions, Actor, DecisionRule, EpsilonGreedy, RuleParameters, RulePolicy,
+        SoftmaxPolicy,
+    };
+    pub use crate::optimum::NoOptimum;
+    pub use crate::train::{Recording, RollStreams, StepObserver, begin, play, roll};
+}
 
-// Make a report.
-pub use manifest::Published;
-pub use report::{ReportFile, ReportedExperiment, Work, assemble, report};
+/// Algorithms: train those of the library in any environment, or register one; the keys that they
+/// declare.
+pub mod algorithm {
+    pub use crate::agent::{
+        Activation, Agent, Algorithm, AlgorithmParameters, AutodiffPolicy, Chosen, Constraint,
+        Diverged, DuelingDqn, Engine, Learner, LearnerError, NameTaken, OutOfMemory,
+        PolicyGradient, Reinforce, ReinforceEngine, ReinforceLearner, Setting, Span, Start,
+        StartError, TerminalTarget, Trained, TrainedEpisode, Trajectories, Trunk, Violation,
+        WeightTensor, Weights, WeightsError, action_tensor, dueling_dqn_learner, inference_device,
+        observation_tensor, register, reinforce_learner, trained_dueling_dqn, trained_reinforce,
+        training_device,
+    };
+    pub use crate::kernel::Isa;
+    pub use crate::key::{
+        CanonicalError, Key, KeyType, Keyed, Kind, Parameter, SettingError, Value,
+    };
+}
 
-// Simulate an environment, or write one.
-pub use env::contract::{Clause, Violation as ContractViolation, check as check_environment};
-pub use env::{
-    Action, ActionSpec, Environment, EpisodeStatus, FeatureSpec, LaneSet, LaneStreams,
-    ObservationSpec, Observations, PhysicalActivity, Scenario, VectorEnvironment,
-};
-pub use rng::{Purpose, Stream};
-pub use state::{Resumable, StateError, StateReader, StateWriter};
+/// Findings: what declared analyses compute from results, as reports draw it.
+pub mod findings {
+    pub use crate::analyse::declared::{
+        ActionPanel, BinShares, Candidate, Comparison, Content, ContrastRow, CurveFigure,
+        CurveLine, CurvePoint, Distance, ErrorFigure, ErrorPoint, Finding, HeatFigure, HeatTile,
+        JobCounts, LearningFigure, LearningLine, LearningPanel, Ranking, Reproduction, Scale,
+        Subject,
+    };
+}
 
-// Roll a policy.
-pub use agent::{Actor, DecisionRule, RuleParameters, RulePolicy};
-pub use train::{Recording, RollStreams, StepObserver, begin, play, roll};
-
-// Train an agent in any environment.
-pub use agent::{
-    DuelingDqn, Reinforce, TerminalTarget, dueling_dqn_learner, reinforce_learner,
-    trained_dueling_dqn, trained_reinforce,
-};
-
-// Declare keys and register an algorithm; the macros `keys!` and `choices!` belong here.
-pub use agent::{
-    ActionNetwork, Actions, Agent, Algorithm, AlgorithmParameters, AutodiffPolicy, Chosen,
-    Constraint, Diverged, EpsilonGreedy, Learner, LearnerError, NameTaken, PolicyGradient,
-    ReinforceEngine, ReinforceLearner, Setting, SoftmaxPolicy, Span, Start, StartError, Trained,
-    TrainedEpisode, Trajectories, Violation, WeightTensor, Weights, WeightsError, action_tensor,
-    inference_device, observation_tensor, register, training_device,
-};
-pub use key::{Key, KeyType, Keyed, Kind, Parameter, Value};
+/// Statistics over seeds: pure functions of samples.
+pub mod statistics {
+    pub use crate::analyse::{
+        Aggregate, Agreement, Contrast, Corrected, Design, DuplicateSeed, Estimate, FEW_SEEDS,
+        HedgesG, Improvement, Interval, LEVEL, Likeness, Lost, MOST_ARRANGEMENTS, Moments, POWER,
+        RESAMPLES, Sample, TTest, Tests, Undefined, Verdict, agreement, correct, detectable,
+        hedges_g, improvement, interquartile_mean, lower_quartile, mean_and_sd, mean_interval,
+        moving_mean, paired_detectable, paired_hedges_g, paired_improvement, paired_permutation_p,
+        paired_t_test, permutation_p, quantile, student_t_test, welch_t_test,
+    };
+}

@@ -6,8 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::cli::counting::Counting;
 use crate::cli::{Error, Exit, StoreArgument, check, folder};
-use crate::manifest::Published;
-use crate::report::{ReportFile, Work, assemble, report};
+use crate::report::{AssembleError, ReportFile, Work, assemble, report};
 use crate::store::Reader;
 
 /// Write tables, figures and a page about the results that there are
@@ -25,12 +24,6 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let manifests = check::load_all(&arguments.manifests)?;
-    let with_published = manifests.into_iter().map(|manifest| {
-        let published =
-            Published::of(&manifest).map_err(|faults| Error::Manifests(vec![faults]))?;
-        Ok((manifest, published))
-    });
-    let manifests = with_published.collect::<Result<Vec<_>, Error>>()?;
     let reader = Reader::open(&arguments.store.store)?;
     folder::make(&arguments.out)?;
     let mut shown: Option<(Work, Counting)> = None;
@@ -44,6 +37,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
             shown = Some((work, Counting::new(of, what)));
         }
         shown.iter_mut().for_each(|(_, shown)| shown.one_more());
+    })
+    .map_err(|error| match error {
+        AssembleError::Published(faults) => Error::Manifests(vec![faults]),
+        AssembleError::Store(error) => error.into(),
     })?;
     drop(shown);
     let store = arguments.store.store.file_name().unwrap_or_default().to_string_lossy();

@@ -21,7 +21,7 @@ pub(super) fn print(reader: &Reader, manifests: &[Manifest]) -> Result<Option<Jo
         let mut kept = swept.names();
         kept.push("environment.sigma".to_owned());
         let jobs = plan::jobs(manifest);
-        let data = reader.data_set(&manifest.name, jobs, Parts::default(), |job| {
+        let data = reader.data_set_of(&manifest.name, jobs, Parts::default(), |job| {
             // Of a million jobs, all settings would fill the memory.
             job.settings.retain(|(name, _)| kept.contains(name));
         })?;

@@ -19,7 +19,7 @@ pub struct Analysis {
     pub name: String,
     /// What a reader sees above it; the name stands in where there is none.
     pub title: Option<String>,
-    /// The metric of a run that it is about, one of [`ANALYSED_METRICS`].
+    /// The metric of a run that it is about, one of [`super::ANALYSED_METRICS`].
     pub metric: &'static str,
     /// Which jobs it is about: those that meet every condition.
     pub conditions: Vec<Condition>,

@@ -3,7 +3,7 @@
 use super::optima;
 use super::section::ReportedExperiment;
 use crate::analyse::declared::{carry_out, reproduce, summarise_arms, varying};
-use crate::manifest::{Analysis, Condition, DataPart, Manifest, Parameters, Published};
+use crate::manifest::{Analysis, Condition, DataPart, Faults, Manifest, Parameters, Published};
 use crate::plan::{self, PlannedJob};
 use crate::record::{DataSet, JobRecord};
 use crate::store::{DataQuery, Parts, Reader, StoreError};
@@ -17,17 +17,30 @@ pub enum Work {
     Optima,
 }
 
-/// The experiments of manifests, each with its published numbers, if it names some. `watch` is told
-/// how many of how many are done of some work.
+/// Why a report cannot be assembled.
+#[derive(Debug, thiserror::Error)]
+pub enum AssembleError {
+    /// The file of published numbers that a manifest names cannot be read.
+    #[error(transparent)]
+    Published(#[from] Faults),
+    /// The store cannot be read.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+}
+
+/// The experiments of manifests with what their analyses find, and the published numbers beside them.
+/// `on_progress` gets a kind of work, how much of it is done, and how much there is.
 ///
-/// **Errors**: the store cannot be read.
+/// **Errors**: the store, or a file of published numbers, cannot be read.
 pub fn assemble(
     reader: &Reader,
-    manifests: &[(Manifest, Option<Published>)],
-    mut watch: impl FnMut(Work, usize, usize),
-) -> Result<Vec<ReportedExperiment>, StoreError> {
-    let experiment = |(manifest, published): &(Manifest, Option<Published>)| {
-        let data = data_set(reader, manifest, &mut watch)?;
+    manifests: &[Manifest],
+    mut on_progress: impl FnMut(Work, usize, usize),
+) -> Result<Vec<ReportedExperiment>, AssembleError> {
+    // A fault in any of these files is found before the long work.
+    let published = manifests.iter().map(Published::of).collect::<Result<Vec<_>, _>>()?;
+    let experiment = |(manifest, published): (&Manifest, Option<Published>)| {
+        let data = data_set(reader, manifest, &mut on_progress)?;
         let queries: Vec<DataQuery> =
             manifest.analyses.iter().map(|analysis| query(manifest, &data, analysis)).collect();
         let concerned = queries.iter().map(|query| -> Vec<&JobRecord> {
@@ -46,14 +59,14 @@ pub fn assemble(
             jobs: data.jobs,
         })
     };
-    manifests.iter().map(experiment).collect()
+    manifests.iter().zip(published).map(experiment).collect()
 }
 
 /// The jobs of a manifest with what the store knows of them, and the optimum of completed ones.
 fn data_set(
     reader: &Reader,
     manifest: &Manifest,
-    mut watch: impl FnMut(Work, usize, usize),
+    mut on_progress: impl FnMut(Work, usize, usize),
 ) -> Result<DataSet, StoreError> {
     let reads = |part| manifest.analyses.iter().any(|analysis| analysis.part() == part);
     let parts = Parts {
@@ -63,13 +76,13 @@ fn data_set(
     };
     let planned: Vec<PlannedJob> = plan::expand(manifest);
     let mut read = 0;
-    let mut data = reader.data_set(&manifest.name, planned.iter().cloned(), parts, |_| {
+    let mut data = reader.data_set_of(&manifest.name, planned.iter().cloned(), parts, |_| {
         read += 1;
-        watch(Work::Jobs, read, planned.len());
+        on_progress(Work::Jobs, read, planned.len());
     })?;
     let completed = data.jobs.iter().zip(&planned).filter(|(job, _)| job.completed().is_some());
     let optima = optima::of_jobs(completed.map(|(_, planned)| &planned.job), |done, of| {
-        watch(Work::Optima, done, of);
+        on_progress(Work::Optima, done, of);
     });
     for (job, planned) in data.jobs.iter_mut().zip(&planned) {
         job.optimum = optima.get(&optima::place_of(&planned.job)).copied();

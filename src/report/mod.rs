@@ -17,7 +17,7 @@ mod table;
 mod tables;
 mod words;
 
-pub use assemble::{Work, assemble};
+pub use assemble::{AssembleError, Work, assemble};
 pub use document::{ReportFile, report};
 pub use escape::defused;
 pub use section::ReportedExperiment;

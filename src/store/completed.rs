@@ -4,7 +4,8 @@ use std::collections::HashMap;
 
 use rusqlite::Connection;
 
-use crate::plan::{JobKey, PlannedJob};
+use crate::manifest::Manifest;
+use crate::plan::{self, JobKey, PlannedJob};
 use crate::record::{
     ActionCount, CompletedRun, DataSet, Failure, JobRecord, JobStatus, Provenance,
 };
@@ -27,9 +28,14 @@ pub struct Parts {
 const JOBS_PER_QUESTION: usize = 1000;
 
 impl Reader {
-    /// The planned jobs of an experiment with what the store knows of them. `see` is shown each as
-    /// it is read, and may drop what is not needed.
-    pub fn data_set(
+    /// The jobs of a manifest with their status and results, in the manifest's order.
+    pub fn data_set(&self, manifest: &Manifest, parts: Parts) -> Result<DataSet, StoreError> {
+        self.data_set_of(&manifest.name, plan::jobs(manifest), parts, |_| {})
+    }
+
+    /// These jobs of an experiment with their status and results. `see` gets each as it is read, and
+    /// may drop what is not needed.
+    pub fn data_set_of(
         &self,
         experiment: &str,
         planned: impl IntoIterator<Item = PlannedJob>,

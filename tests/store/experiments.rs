@@ -247,7 +247,7 @@ fn a_data_set_has_the_planned_jobs_with_what_became_of_them() {
     let parts = Parts { curve: true, actions: true, returns: true };
     let mut seen = 0;
     let reader = Reader::open(&sample.path).unwrap();
-    let data = reader.data_set("sweep", planned, parts, |_| seen += 1).unwrap();
+    let data = reader.data_set_of("sweep", planned, parts, |_| seen += 1).unwrap();
     let [first, second, third, fourth] = data.jobs.as_slice() else { panic!("{data:?}") };
     assert_eq!((data.experiment.as_str(), seen), ("sweep", 4));
     assert_eq!((first.job_key, first.seed, first.scenario.as_str()), (jobs[0].key(), 1, "P-H-D"));
