@@ -48,7 +48,7 @@ const MANIFEST: &str = "format = 1\nname = 'own'\nscenarios = ['P-H-D']\nseeds =
     environment.sigma = 0.4\n[[agent]]\nname = 'own'\nalgorithm = 'entropy_bonus'\n";
 
 pub fn main() -> Result<(), Box<dyn std::error::Error>> {
-    register::<EntropyBonus>()?;
+    register_algorithm::<EntropyBonus>()?;
     let manifests = [experiment::parse("own.toml", MANIFEST.as_bytes())?];
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("own.sqlite");

@@ -162,8 +162,8 @@ pub mod algorithm {
         PolicyGradient, Reinforce, ReinforceEngine, ReinforceLearner, Setting, Span, Start,
         StartError, TerminalTarget, Trained, TrainedEpisode, Trajectories, Trunk, Violation,
         WeightTensor, Weights, WeightsError, action_tensor, dueling_dqn_learner, inference_device,
-        observation_tensor, register, reinforce_learner, trained_dueling_dqn, trained_reinforce,
-        training_device,
+        observation_tensor, register_algorithm, reinforce_learner, trained_dueling_dqn,
+        trained_reinforce, training_device,
     };
     pub use crate::kernel::Isa;
     pub use crate::key::{

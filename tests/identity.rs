@@ -4,7 +4,7 @@ use std::path::Path;
 
 use jitai::agent::{
     Actions, Actor, Agent, AlgorithmParameters, Constraint, RulePolicy, Setting, Start, StartError,
-    Weights, WeightsError, register,
+    Weights, WeightsError, register_algorithm,
 };
 use jitai::env::{Action, Environment};
 use jitai::key::{Key, Keyed, Kind, Value, canonical_object, read_object};
@@ -88,7 +88,7 @@ fn later(rest: f64) -> Job {
 /// Registers the later algorithm, as a newer release of a program would.
 fn newer_release() {
     // Another test may have been the first.
-    let _ = register::<Later>();
+    let _ = register_algorithm::<Later>();
 }
 
 #[test]

@@ -45,7 +45,8 @@ pub use network::{Activation, Engine};
 pub use policy::{ActionNetwork, EpsilonGreedy, SoftmaxPolicy};
 pub use registry::{
     Agent, Algorithm, AlgorithmParameters, NameTaken, Setting, Start, StartError, Trained,
-    dueling_dqn_learner, register, reinforce_learner, trained_dueling_dqn, trained_reinforce,
+    dueling_dqn_learner, register_algorithm, reinforce_learner, trained_dueling_dqn,
+    trained_reinforce,
 };
 pub use reinforce::{Reinforce, ReinforceEngine, ReinforceLearner, Trajectories};
 pub use replay::{Batch, Replay, TerminalTarget, Transition};

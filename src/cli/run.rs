@@ -86,7 +86,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let wanted = Selection::new(&manifests, arguments.filter.as_ref())?.queue();
     let mut store = Store::open(&arguments.store.store)?;
     for manifest in &manifests {
-        if register(&mut store, manifest, &stop)?.is_break() {
+        if register_experiment(&mut store, manifest, &stop)?.is_break() {
             let _ =
                 writeln!(io::stderr(), "stopped before the first job; the same command goes on");
             return Ok(Exit::Interrupted);
@@ -165,12 +165,12 @@ fn seconds(text: &str) -> Result<Duration, String> {
 }
 
 /// Registers a manifest, and says so if that drops jobs; breaks off if `stop` is set.
-fn register(
+fn register_experiment(
     store: &mut Store,
     manifest: &Manifest,
     stop: &AtomicBool,
 ) -> Result<ControlFlow<()>, Error> {
-    let Some(registered) = schedule::register(store, manifest, stop)? else {
+    let Some(registered) = schedule::register_experiment(store, manifest, stop)? else {
         return Ok(ControlFlow::Break(()));
     };
     if registered.dropped > 0 {

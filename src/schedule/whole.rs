@@ -14,7 +14,7 @@ use crate::train;
 /// Registers a manifest with its jobs, until that is done or `stop` is set; `None` if it was stopped.
 ///
 /// **Errors**: the store fails.
-pub fn register(
+pub fn register_experiment(
     store: &mut Store,
     manifest: &Manifest,
     stop: &AtomicBool,
@@ -37,18 +37,18 @@ pub fn run_manifests(
     store: &mut Store,
     manifests: &[Manifest],
     options: Options,
-    mut hear: impl FnMut(Event<'_>),
+    mut on_event: impl FnMut(Event<'_>),
 ) -> Result<Tally, SweepError> {
     let stop = AtomicBool::new(false);
     for manifest in manifests {
-        register(store, manifest, &stop)?;
+        register_experiment(store, manifest, &stop)?;
     }
     CheckpointFolder::beside(store.path()).clear(&Reader::open(store.path())?)?;
     store.clear_crash_marks()?;
     let queue = Selection::new(manifests, None).expect("no filter refuses").queue();
     let session = store.begin_session(&super::of_this_process())?;
     let context = Context { options, train: &train::run, stop: &stop };
-    let swept = super::run(store, session, queue, context, &mut hear);
+    let swept = super::run(store, session, queue, context, &mut on_event);
     let ended = store.end_session(session);
     let tally = swept?;
     ended?;

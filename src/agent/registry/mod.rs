@@ -1,7 +1,7 @@
 //! The registry: every algorithm that a manifest can name, in one list.
 //!
 //! In: types that implement [`AlgorithmParameters`]. Out: [`Algorithm`]s by name. A program that uses
-//! the library adds its own with [`register`]; nothing else in the library lists algorithms.
+//! the library adds its own with [`register_algorithm`]; nothing else in the library lists algorithms.
 
 mod algorithm;
 mod dueling_dqn;
@@ -36,7 +36,7 @@ pub struct NameTaken(pub &'static str);
 /// Adds an algorithm, so that manifests and stores that name it can be read.
 ///
 /// **Errors**: its name is taken.
-pub fn register<P: AlgorithmParameters>() -> Result<(), NameTaken> {
+pub fn register_algorithm<P: AlgorithmParameters>() -> Result<(), NameTaken> {
     let mut registered = REGISTERED.write().unwrap_or_else(PoisonError::into_inner);
     let is_taken = |algorithm: &Algorithm| algorithm.name() == P::NAME;
     if BUILT_IN.iter().any(is_taken) || registered.iter().any(|algorithm| is_taken(algorithm)) {
