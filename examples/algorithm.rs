@@ -32,13 +32,13 @@ impl AlgorithmParameters for EntropyBonus {
     fn episodes(&self) -> u32 {
         self.episodes
     }
-    fn start(&self, at: &Setting) -> Result<Start, StartError> {
+    fn start(&self, at: &Task) -> Result<Start, StartError> {
         let policy = AutodiffPolicy::new(self.clone(), at.observations().inputs(), 0.01, at.seed);
         let reinforce = Reinforce::default();
         let learner = ReinforceLearner::new(policy, &reinforce, at.simulation(1), at.seed);
         Ok(Start::Learner(Box::new(learner)))
     }
-    fn trained(&self, at: &Setting, weights: &Weights, by: Actions) -> Trained {
+    fn trained(&self, at: &Task, weights: &Weights, by: Actions) -> Trained {
         let spec = at.observations();
         let policy = AutodiffPolicy::trained(self.clone(), spec.inputs(), weights)?;
         Ok(Box::new(SoftmaxPolicy::new(policy, by, spec.observations())))

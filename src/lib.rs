@@ -159,8 +159,8 @@ pub mod algorithm {
     pub use crate::agent::{
         Activation, Agent, Algorithm, AlgorithmParameters, AutodiffPolicy, Chosen, Constraint,
         Diverged, DuelingDqn, Engine, Learner, LearnerError, NameTaken, OutOfMemory,
-        PolicyGradient, Reinforce, ReinforceEngine, ReinforceLearner, Setting, Span, Start,
-        StartError, TerminalTarget, Trained, TrainedEpisode, Trajectories, Trunk, Violation,
+        PolicyGradient, Reinforce, ReinforceEngine, ReinforceLearner, Span, Start, StartError,
+        Task, TerminalTarget, Trained, TrainedEpisode, Trajectories, Trunk, Violation,
         WeightTensor, Weights, WeightsError, action_tensor, dueling_dqn_learner, inference_device,
         observation_tensor, register_algorithm, reinforce_learner, trained_dueling_dqn,
         trained_reinforce, training_device,

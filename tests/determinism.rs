@@ -161,7 +161,7 @@ fn the_tested_policy_is_the_one_whose_weights_are_kept() {
         let job = job(agent, 1);
         let results = results(&job);
         let weights = Weights::from_bytes(&results.weights.unwrap()).unwrap();
-        let mut policy = job.agent.trained(&job.setting(), &weights, Actions::AsTrained).unwrap();
+        let mut policy = job.agent.trained(&job.task(), &weights, Actions::AsTrained).unwrap();
         let mut streams = RollStreams::of_test(job.seed);
         let mut lanes = PhysicalActivity::new(&job.environment, &job.scenario, 30);
         let mut total = Total(0.0);

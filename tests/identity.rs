@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use jitai::agent::{
-    Actions, Actor, Agent, AlgorithmParameters, Constraint, RulePolicy, Setting, Start, StartError,
+    Actions, Actor, Agent, AlgorithmParameters, Constraint, RulePolicy, Start, StartError, Task,
     Weights, WeightsError, register_algorithm,
 };
 use jitai::env::{Action, Environment};
@@ -47,14 +47,14 @@ macro_rules! algorithm {
                 0
             }
 
-            fn start(&self, _: &Setting) -> Result<Start, StartError> {
+            fn start(&self, _: &Task) -> Result<Start, StartError> {
                 let action = Action::from_index(self.action as usize).expect("an action");
                 Ok(Start::Actor(Box::new(RulePolicy::fixed(action))))
             }
 
             fn trained(
                 &self,
-                _: &Setting,
+                _: &Task,
                 _: &Weights,
                 _: Actions,
             ) -> Result<Box<dyn Actor>, WeightsError> {

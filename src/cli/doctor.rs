@@ -65,7 +65,7 @@ fn check_weights(job: &Job, safetensors: Option<&[u8]>) -> Result<(), String> {
         return Err("a weight is infinite or not a number".to_owned());
     }
     job.agent
-        .trained(&job.setting(), &weights, Actions::AsTrained)
+        .trained(&job.task(), &weights, Actions::AsTrained)
         .map(|_| ())
         .map_err(|error| error.to_string())
 }

@@ -8,8 +8,8 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use crate::agent::{
-    self, Actions, Actor, DecisionRuleError, RuleParameters, RulePolicy, Setting, Start,
-    StartError, Weights,
+    self, Actions, Actor, DecisionRuleError, RuleParameters, RulePolicy, Start, StartError, Task,
+    Weights,
 };
 use crate::cli::output::{Field, Format, Rows};
 use crate::cli::setting::adjusted;
@@ -144,10 +144,10 @@ fn of_run(key: &str, arguments: &Arguments) -> Result<Rolled, Error> {
         }
     }
     let environment = adjusted(job.environment, &arguments.settings)?;
-    let setting = Setting { environment: &environment, scenario: &job.scenario, seed: job.seed };
+    let task = Task { environment: &environment, scenario: &job.scenario, seed: job.seed };
     let Some(safetensors) = stored.safetensors else {
         // A rule needs no training, and acts as it would in a job with this environment.
-        return match job.agent.start(&setting) {
+        return match job.agent.start(&task) {
             Ok(Start::Actor(_)) if arguments.greedy => Err(Error::Usage(GREEDY_RULE.to_owned())),
             Ok(Start::Actor(rule)) => Ok(Rolled::new(&environment, &job.scenario, rule, arguments)),
             Err(error @ StartError::NoOptimum(_)) => Err(Error::Usage(error.to_string())),
@@ -161,7 +161,7 @@ fn of_run(key: &str, arguments: &Arguments) -> Result<Rolled, Error> {
         Error::Usage(format!("the policy of job {key} cannot be used: {error}"))
     };
     let weights = Weights::from_bytes(&safetensors).map_err(unusable)?;
-    let policy = job.agent.trained(&setting, &weights, actions).map_err(unusable)?;
+    let policy = job.agent.trained(&task, &weights, actions).map_err(unusable)?;
     Ok(Rolled::new(&environment, &job.scenario, policy, arguments))
 }
 

@@ -6,7 +6,7 @@ use data_encoding::HEXLOWER;
 use serde_json::{Map, Value as Json};
 use sha2::{Digest, Sha256};
 
-use crate::agent::{Agent, Algorithm, Setting};
+use crate::agent::{Agent, Algorithm, Task};
 use crate::env::{self, Environment, Scenario};
 use crate::key::{CanonicalError, Key, Keyed, Parameter, Value, canonical_object, read_object};
 use crate::manifest::Evaluation;
@@ -90,9 +90,9 @@ impl Job {
         Versions { environment: env::VERSION, algorithm: self.agent.version() }
     }
 
-    /// Where the agent learns.
-    pub fn setting(&self) -> Setting<'_> {
-        Setting { environment: &self.environment, scenario: &self.scenario, seed: self.seed }
+    /// The task that the agent learns.
+    pub fn task(&self) -> Task<'_> {
+        Task { environment: &self.environment, scenario: &self.scenario, seed: self.seed }
     }
 
     /// The canonical form, from which the key follows.

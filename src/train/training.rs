@@ -45,7 +45,7 @@ impl<'j> Training<'j> {
     ///
     /// **Errors**: there is no memory for what learns.
     pub(super) fn new(job: &'j Job) -> Result<Self, OutOfMemory> {
-        let start = match job.agent.start(&job.setting()) {
+        let start = match job.agent.start(&job.task()) {
             Err(StartError::OutOfMemory(error)) => return Err(error),
             start => start.expect("a manifest has the optimal rule only where it is computed"),
         };

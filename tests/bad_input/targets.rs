@@ -352,7 +352,7 @@ fn check_weights(job: &Job, safetensors: Option<&[u8]>) -> Result<(), String> {
     let safetensors = safetensors.ok_or("no weights are stored")?;
     let weights = Weights::from_bytes(safetensors).map_err(|error| error.to_string())?;
     job.agent
-        .trained(&job.setting(), &weights, Actions::AsTrained)
+        .trained(&job.task(), &weights, Actions::AsTrained)
         .map(|_| ())
         .map_err(|error| error.to_string())
 }

@@ -13,9 +13,9 @@ use crate::env::{
 use crate::key::{Key, Keyed, Value};
 use crate::optimum::NoOptimum;
 
-/// Where an agent is to learn or to act.
+/// What an agent is to learn or to act in: an environment, what it observes of it, and a seed.
 #[derive(Clone, Copy, Debug)]
-pub struct Setting<'s> {
+pub struct Task<'s> {
     /// Parameters of the simulation.
     pub environment: &'s Environment,
     /// What the agent observes.
@@ -24,7 +24,7 @@ pub struct Setting<'s> {
     pub seed: u64,
 }
 
-impl Setting<'_> {
+impl Task<'_> {
     /// What an agent observes.
     pub fn observations(&self) -> ObservationSpec {
         Observer::new(self.environment, self.scenario).spec()
@@ -111,14 +111,14 @@ pub trait AlgorithmParameters: Keyed + 'static {
     /// An agent at the start of its job.
     ///
     /// **Errors**: there is no memory for what it needs, or it is a rule that cannot be computed.
-    fn start(&self, setting: &Setting) -> Result<Start, StartError>;
+    fn start(&self, task: &Task) -> Result<Start, StartError>;
 
     /// The actor of an agent that was trained before, on the engine that trained it.
     ///
     /// **Errors**: the weights do not fit the agent; an algorithm that does not train has none.
     fn trained(
         &self,
-        setting: &Setting,
+        task: &Task,
         weights: &Weights,
         actions: Actions,
     ) -> Result<Box<dyn Actor>, WeightsError>;
@@ -133,12 +133,12 @@ pub struct Algorithm {
     are_values: fn(&[Value]) -> bool,
     version: fn(&[Value]) -> u32,
     episodes: fn(&[Value]) -> u32,
-    start: fn(&[Value], &Setting) -> Result<Start, StartError>,
+    start: fn(&[Value], &Task) -> Result<Start, StartError>,
     trained: TrainedBy,
 }
 
 /// [`AlgorithmParameters::trained`] of the parameters with these values.
-type TrainedBy = fn(&[Value], &Setting, &Weights, Actions) -> Trained;
+type TrainedBy = fn(&[Value], &Task, &Weights, Actions) -> Trained;
 
 impl Algorithm {
     /// The algorithm of these hyper-parameters.
@@ -151,9 +151,9 @@ impl Algorithm {
             are_values: |values| P::from_values(values).is_some(),
             version: |values| typed::<P>(values).version(),
             episodes: |values| typed::<P>(values).episodes(),
-            start: |values, setting| typed::<P>(values).start(setting),
-            trained: |values, setting, weights, actions| {
-                typed::<P>(values).trained(setting, weights, actions)
+            start: |values, task| typed::<P>(values).start(task),
+            trained: |values, task, weights, actions| {
+                typed::<P>(values).trained(task, weights, actions)
             },
         }
     }
@@ -245,8 +245,8 @@ impl Agent {
     /// The agent at the start of its job.
     ///
     /// **Errors**: there is no memory for what it needs, or it is a rule that cannot be computed.
-    pub fn start(&self, setting: &Setting) -> Result<Start, StartError> {
-        (self.algorithm.start)(&self.values, setting)
+    pub fn start(&self, task: &Task) -> Result<Start, StartError> {
+        (self.algorithm.start)(&self.values, task)
     }
 
     /// The actor of an agent that was trained before; see [`AlgorithmParameters::trained`].
@@ -254,10 +254,10 @@ impl Agent {
     /// **Errors**: the weights do not fit the agent; an algorithm that does not train has none.
     pub fn trained(
         &self,
-        setting: &Setting,
+        task: &Task,
         weights: &Weights,
         actions: Actions,
     ) -> Result<Box<dyn Actor>, WeightsError> {
-        (self.algorithm.trained)(&self.values, setting, weights, actions)
+        (self.algorithm.trained)(&self.values, task, weights, actions)
     }
 }

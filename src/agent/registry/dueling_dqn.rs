@@ -18,7 +18,7 @@ use crate::env::{ObservationSpec, VectorEnvironment};
 use crate::kernel::Isa;
 use crate::key::Parameter;
 
-use super::algorithm::{AlgorithmParameters, Setting, Start, StartError, unless_fit};
+use super::algorithm::{AlgorithmParameters, Start, StartError, Task, unless_fit};
 
 const TRUNK: Parameter = Parameter::Agent("trunk");
 const BATCH: Parameter = Parameter::Agent("batch");
@@ -78,17 +78,17 @@ impl AlgorithmParameters for DuelingDqn {
         self.episodes
     }
 
-    fn start(&self, setting: &Setting) -> Result<Start, StartError> {
-        Ok(Start::Learner(learner_in(self, setting.simulation(LANES), setting.seed)?))
+    fn start(&self, task: &Task) -> Result<Start, StartError> {
+        Ok(Start::Learner(learner_in(self, task.simulation(LANES), task.seed)?))
     }
 
     fn trained(
         &self,
-        setting: &Setting,
+        task: &Task,
         weights: &Weights,
         actions: Actions,
     ) -> Result<Box<dyn Actor>, WeightsError> {
-        trained(self, &setting.observations(), weights, actions)
+        trained(self, &task.observations(), weights, actions)
     }
 }
 

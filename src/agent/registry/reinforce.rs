@@ -17,7 +17,7 @@ use crate::env::{ObservationSpec, VectorEnvironment};
 use crate::kernel::Isa;
 use crate::key::Parameter;
 
-use super::algorithm::{AlgorithmParameters, Setting, Start, StartError, unless_fit};
+use super::algorithm::{AlgorithmParameters, Start, StartError, Task, unless_fit};
 
 const TRAJECTORIES_PER_UPDATE: Parameter = Parameter::Agent("trajectories_per_update");
 
@@ -57,18 +57,18 @@ impl AlgorithmParameters for Reinforce {
         self.episodes
     }
 
-    fn start(&self, setting: &Setting) -> Result<Start, StartError> {
+    fn start(&self, task: &Task) -> Result<Start, StartError> {
         let lanes = self.trajectories_per_update as usize;
-        Ok(Start::Learner(learner_in(self, setting.simulation(lanes), setting.seed)?))
+        Ok(Start::Learner(learner_in(self, task.simulation(lanes), task.seed)?))
     }
 
     fn trained(
         &self,
-        setting: &Setting,
+        task: &Task,
         weights: &Weights,
         actions: Actions,
     ) -> Result<Box<dyn Actor>, WeightsError> {
-        trained(self, &setting.observations(), weights, actions)
+        trained(self, &task.observations(), weights, actions)
     }
 }
 

@@ -8,7 +8,7 @@ use crate::agent::weights::{Weights, WeightsError};
 use crate::key::Parameter;
 use crate::optimum::LONGEST_OPTIMUM;
 
-use super::algorithm::{AlgorithmParameters, Setting, Start, StartError};
+use super::algorithm::{AlgorithmParameters, Start, StartError, Task};
 
 const RULE: Parameter = Parameter::Agent("rule");
 
@@ -63,16 +63,11 @@ impl AlgorithmParameters for RuleParameters {
         0
     }
 
-    fn start(&self, setting: &Setting) -> Result<Start, StartError> {
-        Ok(Start::Actor(Box::new(RulePolicy::new(self, setting.environment, setting.scenario)?)))
+    fn start(&self, task: &Task) -> Result<Start, StartError> {
+        Ok(Start::Actor(Box::new(RulePolicy::new(self, task.environment, task.scenario)?)))
     }
 
-    fn trained(
-        &self,
-        _: &Setting,
-        _: &Weights,
-        _: Actions,
-    ) -> Result<Box<dyn Actor>, WeightsError> {
+    fn trained(&self, _: &Task, _: &Weights, _: Actions) -> Result<Box<dyn Actor>, WeightsError> {
         Err(WeightsError::NoNetwork)
     }
 }
