@@ -157,7 +157,7 @@ pub mod policy {
 /// declare.
 pub mod algorithm {
     pub use crate::agent::{
-        Activation, Agent, Algorithm, AlgorithmParameters, AutodiffPolicy, Chosen, Constraint,
+        Activation, Agent, Algorithm, AlgorithmParameters, Assignment, AutodiffPolicy, Constraint,
         Diverged, DuelingDqn, Engine, Learner, LearnerError, NameTaken, OutOfMemory,
         PolicyGradient, Reinforce, ReinforceEngine, ReinforceLearner, Span, Start, StartError,
         Task, TerminalTarget, Trained, TrainedEpisode, Trajectories, Trunk, Violation,

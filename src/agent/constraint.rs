@@ -27,7 +27,7 @@ pub struct Constraint {
     /// The parameters that it is about.
     pub parameters: &'static [Parameter],
     /// How their values violate it, if they do.
-    pub violation: fn(&Chosen) -> Option<Violation>,
+    pub violation: fn(&Assignment) -> Option<Violation>,
 }
 
 /// How values violate a constraint.
@@ -55,9 +55,9 @@ pub enum Violation {
     },
 }
 
-/// The values that a cell gives the parameters of a constraint.
+/// The values that a cell assigns to the parameters of a constraint.
 #[derive(Debug)]
-pub struct Chosen<'v> {
+pub struct Assignment<'v> {
     /// The cell's scenario.
     pub scenario: &'v Scenario,
     /// The constraint's keys with their values.
@@ -78,8 +78,8 @@ pub const CURVE_STRIDE: Parameter = Parameter::Evaluation("curve_stride");
 /// The learning curve has no more points than a store should hold.
 pub const CURVE_FITS: Constraint = Constraint {
     parameters: &[EPISODES, CURVE_STRIDE],
-    violation: |chosen| {
-        let size = chosen.whole(EPISODES).div_ceil(chosen.whole(CURVE_STRIDE));
+    violation: |assignment| {
+        let size = assignment.whole(EPISODES).div_ceil(assignment.whole(CURVE_STRIDE));
         too_large("the learning curve has", "points", size, MOST_CURVE_POINTS)
     },
 };
@@ -107,7 +107,7 @@ pub fn replay_fits(transitions: u64) -> Option<Violation> {
     too_large("the replay buffer comes to hold", "numbers of 4 bytes", numbers, MOST_BUFFER_NUMBERS)
 }
 
-impl Chosen<'_> {
+impl Assignment<'_> {
     fn value(&self, parameter: Parameter) -> Option<&Value> {
         self.keys.iter().find(|(known, _)| *known == parameter).map(|(_, value)| *value)
     }
@@ -180,14 +180,14 @@ mod tests {
     fn parameters_of_a_network_are_counted_by_hand() {
         let (layers, one_hot, horizon) =
             (Value::Widths(vec![128, 64]), Value::Flag(true), Value::Integer(50));
-        let chosen = Chosen {
+        let assignment = Assignment {
             scenario: &Scenario::of(Feature::Context),
             keys: vec![(LAYERS, &layers), (ONE_HOT, &one_hot), (HORIZON, &horizon)],
         };
         // Six letters and fifty entries of the one-hot; a bias for each unit.
-        assert_eq!(chosen.inputs(), 56);
-        assert_eq!(chosen.network_parameters(1, 4), 57 * 128 + 129 * 64 + 65 * 4);
-        assert_eq!(chosen.network_parameters(2, 5), 2 * (57 * 128 + 129 * 64) + 65 * 5);
-        assert_eq!(chosen.row_numbers(), 56 + 128 + 64);
+        assert_eq!(assignment.inputs(), 56);
+        assert_eq!(assignment.network_parameters(1, 4), 57 * 128 + 129 * 64 + 65 * 4);
+        assert_eq!(assignment.network_parameters(2, 5), 2 * (57 * 128 + 129 * 64) + 65 * 5);
+        assert_eq!(assignment.row_numbers(), 56 + 128 + 64);
     }
 }

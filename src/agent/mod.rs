@@ -36,7 +36,7 @@ pub use burn::{
     AutodiffPolicy, BurnDuelingDqn, BurnReinforce, DuelingQNetwork, PolicyGradient, PolicyNetwork,
 };
 pub use burn::{column as action_tensor, input as observation_tensor};
-pub use constraint::{Chosen, Constraint, Violation};
+pub use constraint::{Assignment, Constraint, Violation};
 pub use dueling_dqn::{DuelingDqn, DuelingDqnEngine, DuelingDqnLearner, Trunk};
 pub use fused::{FusedDuelingDqn, FusedDuelingNetwork, FusedPolicyNetwork, FusedReinforce};
 pub use learner::{Actions, Diverged, Learner, LearnerError, Span, TrainedEpisode};

@@ -12,7 +12,7 @@ use super::condition::Condition;
 use super::declared::{DeclaredAgent, Exclusion, Manifest};
 use super::parameter::Parameters;
 use super::section::Section;
-use crate::agent::{Agent, Algorithm, Chosen, Constraint, Violation};
+use crate::agent::{Agent, Algorithm, Assignment, Constraint, Violation};
 use crate::env::{Environment, Scenario};
 use crate::key::{Keyed, Parameter};
 
@@ -80,7 +80,7 @@ impl<'m> Grid<'m> {
 
     /// How a cell that is not excluded violates a constraint, with the values that it gives the
     /// constraint's parameters.
-    pub(super) fn violation(&self, constraint: &Constraint) -> Option<(Chosen<'m>, Violation)> {
+    pub(super) fn violation(&self, constraint: &Constraint) -> Option<(Assignment<'m>, Violation)> {
         let parameters = constraint.parameters;
         let axes: Vec<_> = parameters.iter().map(|name| axis_of(&self.axes, *name)).collect();
         let concerned = self.concerned(&axes);
@@ -89,8 +89,8 @@ impl<'m> Grid<'m> {
                 let values = self.manifest.values(self.agent, *name)?;
                 Some((*name, values.get(self.place(&cell, *name))?))
             });
-            let chosen = Chosen { scenario: self.scenario(&cell), keys: values.collect() };
-            (constraint.violation)(&chosen).map(|violation| (chosen, violation))
+            let assignment = Assignment { scenario: self.scenario(&cell), keys: values.collect() };
+            (constraint.violation)(&assignment).map(|violation| (assignment, violation))
         })
     }
 

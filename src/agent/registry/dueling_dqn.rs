@@ -4,8 +4,8 @@ use crate::agent::actor::Actor;
 use crate::agent::burn::device::inference;
 use crate::agent::burn::{BurnDuelingDqn, DuelingQNetwork};
 use crate::agent::constraint::{
-    CURVE_FITS, Chosen, Constraint, EPISODES, HORIZON, LAYERS, ONE_HOT, batch_fits, network_fits,
-    replay_fits,
+    Assignment, CURVE_FITS, Constraint, EPISODES, HORIZON, LAYERS, ONE_HOT, batch_fits,
+    network_fits, replay_fits,
 };
 use crate::agent::dueling_dqn::{DuelingDqn, DuelingDqnLearner};
 use crate::agent::fused::{FusedDuelingDqn, FusedDuelingNetwork};
@@ -27,8 +27,8 @@ const EPSILON_START: Parameter = Parameter::Agent("epsilon_start");
 const EPSILON_FLOOR: Parameter = Parameter::Agent("epsilon_floor");
 
 /// Stacks of hidden layers.
-fn stacks(chosen: &Chosen) -> u64 {
-    if chosen.is_word(TRUNK, "separate") { 2 } else { 1 }
+fn stacks(assignment: &Assignment) -> u64 {
+    if assignment.is_word(TRUNK, "separate") { 2 } else { 1 }
 }
 
 impl AlgorithmParameters for DuelingDqn {
@@ -36,35 +36,38 @@ impl AlgorithmParameters for DuelingDqn {
     const CONSTRAINTS: &'static [Constraint] = &[
         Constraint {
             parameters: &[BATCH, BUFFER],
-            violation: |chosen| {
-                let violated = chosen.whole(BATCH) > chosen.whole(BUFFER);
-                violated.then(|| chosen.contradiction(BATCH, "must not exceed", BUFFER))
+            violation: |assignment| {
+                let violated = assignment.whole(BATCH) > assignment.whole(BUFFER);
+                violated.then(|| assignment.contradiction(BATCH, "must not exceed", BUFFER))
             },
         },
         Constraint {
             parameters: &[EPSILON_FLOOR, EPSILON_START],
-            violation: |chosen| {
-                let violated = chosen.real(EPSILON_FLOOR) > chosen.real(EPSILON_START);
-                violated
-                    .then(|| chosen.contradiction(EPSILON_FLOOR, "must not exceed", EPSILON_START))
+            violation: |assignment| {
+                let violated = assignment.real(EPSILON_FLOOR) > assignment.real(EPSILON_START);
+                violated.then(|| {
+                    assignment.contradiction(EPSILON_FLOOR, "must not exceed", EPSILON_START)
+                })
             },
         },
         Constraint {
             parameters: &[LAYERS, TRUNK, HORIZON, ONE_HOT],
-            violation: |chosen| network_fits(chosen.network_parameters(stacks(chosen), 5)),
+            violation: |assignment| {
+                network_fits(assignment.network_parameters(stacks(assignment), 5))
+            },
         },
         Constraint {
             parameters: &[BATCH, LAYERS, TRUNK, HORIZON, ONE_HOT],
-            violation: |chosen| {
-                let each = stacks(chosen) * chosen.row_numbers();
-                batch_fits(chosen.whole(BATCH).saturating_mul(each))
+            violation: |assignment| {
+                let each = stacks(assignment) * assignment.row_numbers();
+                batch_fits(assignment.whole(BATCH).saturating_mul(each))
             },
         },
         Constraint {
             parameters: &[BUFFER, EPISODES, HORIZON, ONE_HOT],
-            violation: |chosen| {
-                let steps = chosen.whole(EPISODES).saturating_mul(chosen.whole(HORIZON));
-                replay_fits(chosen.whole(BUFFER).min(steps))
+            violation: |assignment| {
+                let steps = assignment.whole(EPISODES).saturating_mul(assignment.whole(HORIZON));
+                replay_fits(assignment.whole(BUFFER).min(steps))
             },
         },
         CURVE_FITS,

@@ -26,24 +26,28 @@ impl AlgorithmParameters for Reinforce {
     const CONSTRAINTS: &'static [Constraint] = &[
         Constraint {
             parameters: &[EPISODES, TRAJECTORIES_PER_UPDATE],
-            violation: |chosen| {
-                let each = chosen.whole(TRAJECTORIES_PER_UPDATE);
-                let violated = !chosen.whole(EPISODES).is_multiple_of(each);
+            violation: |assignment| {
+                let each = assignment.whole(TRAJECTORIES_PER_UPDATE);
+                let violated = !assignment.whole(EPISODES).is_multiple_of(each);
                 violated.then(|| {
-                    chosen.contradiction(EPISODES, "must be a multiple of", TRAJECTORIES_PER_UPDATE)
+                    assignment.contradiction(
+                        EPISODES,
+                        "must be a multiple of",
+                        TRAJECTORIES_PER_UPDATE,
+                    )
                 })
             },
         },
         Constraint {
             parameters: &[LAYERS, HORIZON, ONE_HOT],
-            violation: |chosen| network_fits(chosen.network_parameters(1, 4)),
+            violation: |assignment| network_fits(assignment.network_parameters(1, 4)),
         },
         Constraint {
             parameters: &[TRAJECTORIES_PER_UPDATE, LAYERS, HORIZON, ONE_HOT],
-            violation: |chosen| {
-                let each = chosen.whole(TRAJECTORIES_PER_UPDATE);
-                let rows = each.saturating_mul(chosen.whole(HORIZON));
-                batch_fits(rows.saturating_mul(chosen.row_numbers()))
+            violation: |assignment| {
+                let each = assignment.whole(TRAJECTORIES_PER_UPDATE);
+                let rows = each.saturating_mul(assignment.whole(HORIZON));
+                batch_fits(rows.saturating_mul(assignment.row_numbers()))
             },
         },
         CURVE_FITS,

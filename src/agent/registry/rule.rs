@@ -1,7 +1,7 @@
 //! The registration of decision rules.
 
 use crate::agent::actor::Actor;
-use crate::agent::constraint::{Chosen, Constraint, HORIZON, Violation};
+use crate::agent::constraint::{Assignment, Constraint, HORIZON, Violation};
 use crate::agent::learner::Actions;
 use crate::agent::rule::{DecisionRule, RuleParameters, RulePolicy};
 use crate::agent::weights::{Weights, WeightsError};
@@ -12,8 +12,8 @@ use super::algorithm::{AlgorithmParameters, Start, StartError, Task};
 
 const RULE: Parameter = Parameter::Agent("rule");
 
-fn is_optimal(chosen: &Chosen) -> bool {
-    chosen.is_word(RULE, DecisionRule::Optimal.word())
+fn is_optimal(assignment: &Assignment) -> bool {
+    assignment.is_word(RULE, DecisionRule::Optimal.word())
 }
 
 impl AlgorithmParameters for RuleParameters {
@@ -22,9 +22,9 @@ impl AlgorithmParameters for RuleParameters {
     const CONSTRAINTS: &'static [Constraint] = &[
         Constraint {
             parameters: &[Parameter::Scenario, RULE],
-            violation: |chosen| {
-                let scenario = chosen.scenario;
-                let hidden = is_optimal(chosen) && !scenario.shows_state();
+            violation: |assignment| {
+                let scenario = assignment.scenario;
+                let hidden = is_optimal(assignment) && !scenario.shows_state();
                 hidden.then(|| Violation::Impossible {
                     says: format!(
                         "rule = \"optimal\" needs scenarios with H and D, found {scenario}"
@@ -38,10 +38,10 @@ impl AlgorithmParameters for RuleParameters {
         },
         Constraint {
             parameters: &[RULE, HORIZON],
-            violation: |chosen| {
-                let (size, most) = (chosen.whole(HORIZON), u64::from(LONGEST_OPTIMUM));
+            violation: |assignment| {
+                let (size, most) = (assignment.whole(HORIZON), u64::from(LONGEST_OPTIMUM));
                 let (what, unit) = ("rule = \"optimal\" plans for a horizon of", "steps");
-                let violated = is_optimal(chosen) && size > most;
+                let violated = is_optimal(assignment) && size > most;
                 violated.then_some(Violation::TooLarge { what, unit, size, most })
             },
         },
