@@ -150,7 +150,7 @@ pub mod policy {
         SoftmaxPolicy,
     };
     pub use crate::optimum::NoOptimum;
-    pub use crate::train::{Recording, RollStreams, StepObserver, begin, play, roll};
+    pub use crate::train::{RollStreams, Rollout, StepObserver, begin, play, roll};
 }
 
 /// Algorithms: train those of the library in any environment, or register one; the keys that they

@@ -20,5 +20,5 @@ pub use checkpoint::{
 };
 pub use control::{TrainingControl, Uncontrolled};
 pub use progress::TrainingProgress;
-pub use roll::{Recording, RollStreams, StepObserver, begin, play, roll};
+pub use roll::{RollStreams, Rollout, StepObserver, begin, play, roll};
 pub use run::run;

@@ -97,7 +97,7 @@ pub fn roll<Env: VectorEnvironment + ?Sized>(
 /// What happened in rolled episodes. Row t · lanes + l of every array belongs to step t of lane l; the
 /// rewards of lanes that had ended are 0.
 #[derive(Clone, Debug)]
-pub struct Recording {
+pub struct Rollout {
     /// The observations before each step.
     pub observations: Observations,
     /// The actions, \[rows\].
@@ -108,14 +108,14 @@ pub struct Recording {
     present: Observations,
 }
 
-impl Recording {
+impl Rollout {
     /// The mean of the lanes' undiscounted returns.
     pub fn mean_return(&self) -> f64 {
         self.rewards.iter().sum::<f64>() / self.lanes as f64
     }
 }
 
-impl<Env: VectorEnvironment + ?Sized> StepObserver<Env> for Recording {
+impl<Env: VectorEnvironment + ?Sized> StepObserver<Env> for Rollout {
     fn chosen(&mut self, environment: &Env, actions: &[Action], _: &[f64]) {
         environment.observe(&mut self.present);
         self.observations.extend(&self.present, 0..self.lanes);
@@ -132,13 +132,13 @@ pub fn play<Env: VectorEnvironment + ?Sized>(
     environment: &mut Env,
     actor: &mut (impl Actor<Env> + ?Sized),
     streams: &mut RollStreams,
-) -> Recording {
+) -> Rollout {
     let none = environment.observation_spec().observations();
     let lanes = environment.lanes();
     let (actions, rewards) = (Vec::new(), Vec::new());
-    let mut recording =
-        Recording { observations: none.clone(), actions, rewards, lanes, present: none };
+    let mut rollout =
+        Rollout { observations: none.clone(), actions, rewards, lanes, present: none };
     begin(environment, actor, streams);
-    roll(environment, actor, streams, &mut recording);
-    recording
+    roll(environment, actor, streams, &mut rollout);
+    rollout
 }
