@@ -58,8 +58,8 @@ pub fn figure(window: u32, jobs: &[&JobRecord]) -> LearningFigure {
     let mut panels: Vec<LearningPanel> = Vec::new();
     let is_rule = |job: &JobRecord| matches!(job.setting("agent.algorithm"), Some(Setting::Text(name)) if name == "rule");
     let learners: Vec<&JobRecord> = jobs.iter().filter(|job| !is_rule(job)).copied().collect();
-    for group in arms(&learners, &[]) {
-        let curves: Vec<Vec<(u32, f64)>> = group
+    for arm in arms(&learners, &[]) {
+        let curves: Vec<Vec<(u32, f64)>> = arm
             .jobs
             .iter()
             .filter_map(|job| {
@@ -68,10 +68,10 @@ pub fn figure(window: u32, jobs: &[&JobRecord]) -> LearningFigure {
             })
             .collect();
         let line = LearningLine {
-            seeds: (curves.len(), group.jobs.len()),
-            optimum: group.optimum(),
+            seeds: (curves.len(), arm.jobs.len()),
+            optimum: arm.optimum(),
             points: over_seeds(&curves),
-            name: group.name,
+            name: arm.name,
         };
         match panels.iter_mut().find(|panel| panel.scenario == line.name.scenario) {
             Some(panel) => panel.lines.push(line),
