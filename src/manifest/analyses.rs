@@ -4,8 +4,8 @@ use std::collections::HashSet;
 
 use toml::de::DeTable;
 
-use super::analysis::{Analysis, AnalysisDraft, AnalysisKind, CurveAxis, Sides};
-use super::analysis_kind::{ANALYSED_METRICS, ERROR_AXIS, KindName};
+use super::analysis::{Analysis, AnalysisDraft};
+use super::analysis_kind::{ANALYSED_METRICS, AnalysisKind, CurveAxis, ERROR_AXIS, KindName};
 use super::condition::Condition;
 use super::declared::Manifest;
 use super::draft::Draft;
@@ -15,6 +15,7 @@ use super::parameter::{parameter, parameters};
 use super::presence::absent;
 use super::read::shortened;
 use super::section::Section;
+use super::sides::Sides;
 use super::source::{Located, Span};
 use super::sweep::{Node, Reader};
 use crate::key::{Kind, Parameter};

@@ -34,13 +34,17 @@ mod read;
 mod resolved;
 mod schema;
 mod section;
+mod sides;
 mod source;
 mod sweep;
 mod varying;
 mod written;
 
-pub use analysis::{Analysis, AnalysisKind, Contrast, CurveAxis, DataPart, Sides};
-pub use analysis_kind::{ANALYSED_METRICS, ERROR_AXIS, Pairing, SelectionRule};
+pub use analysis::Analysis;
+pub use analysis_kind::{
+    ANALYSED_METRICS, AnalysisKind, Contrast, CurveAxis, DataPart, ERROR_AXIS, Pairing,
+    SelectionRule,
+};
 pub use condition::{Condition, Described, Setting, short_name};
 pub use declared::{DeclaredAgent, Exclusion, Manifest, Zip};
 pub use evaluation::{Evaluation, TestActions};
@@ -52,5 +56,6 @@ pub use parameter::{Parameters, parameter, parameters};
 pub use published::{Published, PublishedCurve, PublishedErrors, PublishedHeatMap, PublishedTest};
 pub use schema::schema;
 pub use section::Section;
+pub use sides::Sides;
 pub use source::{Position, hidden, printable};
 pub use varying::Varying;

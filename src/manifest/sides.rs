@@ -1,0 +1,35 @@
+//! The two sides of a difference.
+
+use super::condition::Condition;
+use super::written::quoted;
+
+/// Two sides of a difference: each a condition on the same parameter with one value.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sides {
+    /// What is diminished.
+    pub first: Condition,
+    /// What is taken away.
+    pub second: Condition,
+}
+
+impl Sides {
+    /// `by` and `between`, as a manifest writes them.
+    pub(super) fn written(&self) -> Vec<(&'static str, String)> {
+        let value = |condition: &Condition| match condition {
+            Condition::Scenario(list) => quoted(&list[0]),
+            Condition::AgentName(list) => quoted(&list[0]),
+            Condition::Seed(list) => list[0].to_string(),
+            Condition::Key { values, .. } => values[0].to_string(),
+        };
+        let between = format!("[{}, {}]", value(&self.first), value(&self.second));
+        vec![("by", quoted(&self.first.name())), ("between", between)]
+    }
+
+    /// The dotted name of the key that tells the sides apart; empty where no key does.
+    pub fn key(&self) -> String {
+        match &self.first {
+            Condition::Key { parameter, .. } => parameter.to_string(),
+            Condition::Scenario(_) | Condition::Seed(_) | Condition::AgentName(_) => String::new(),
+        }
+    }
+}
