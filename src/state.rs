@@ -17,7 +17,7 @@ const FEW: usize = 64;
 /// Bytes of the widest number.
 const WIDEST: usize = 8;
 
-/// Something that can be written down and gone on with.
+/// Something whose state can be saved and restored.
 pub trait Resumable {
     /// Writes everything that what comes next depends on, parameters aside.
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()>;
@@ -40,7 +40,7 @@ pub enum StateError {
     Misfit(&'static str),
 }
 
-/// A number that takes so many bytes.
+/// A number of a fixed width.
 pub trait Number: Copy + Default {
     /// Writes it into as many bytes as it takes.
     fn put(self, bytes: &mut [u8]);
@@ -146,7 +146,7 @@ impl<'a> StateReader<'a> {
         self.get(places)
     }
 
-    /// Reads numbers, at most so many.
+    /// Reads numbers, at most `most`.
     pub fn many<T: Number>(
         &mut self,
         most: usize,
@@ -165,7 +165,7 @@ impl<'a> StateReader<'a> {
         Ok(numbers)
     }
 
-    /// Reads items, at most so many.
+    /// Reads items, at most `most`.
     pub fn each<T>(
         &mut self,
         most: usize,

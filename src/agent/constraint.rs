@@ -89,17 +89,17 @@ fn too_large(what: &'static str, unit: &'static str, size: u64, most: u64) -> Op
     (size > most).then_some(Violation::TooLarge { what, unit, size, most })
 }
 
-/// The violation of a network of so many parameters, if it is too large to train.
+/// The violation of a network with this number of parameters, if it is too large to train.
 pub fn network_fits(parameters: u64) -> Option<Violation> {
     too_large("the network has", "parameters", parameters, MOST_NETWORK_PARAMETERS)
 }
 
-/// The violation of a batch whose inputs and hidden layers hold so many numbers, if that is too many.
+/// The violation of a batch whose inputs and hidden layers hold `numbers`, if these are too many.
 pub fn batch_fits(numbers: u64) -> Option<Violation> {
     too_large("the batch of an update holds", "numbers of 4 bytes", numbers, MOST_BATCH_NUMBERS)
 }
 
-/// The violation of a replay buffer of so many transitions, if it is too large.
+/// The violation of a replay buffer of `transitions`, if it is too large.
 pub fn replay_fits(transitions: u64) -> Option<Violation> {
     // The features of a state; reward, target, and moment, action and ending together. What
     // follows a truncation may be kept as well.

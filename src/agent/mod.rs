@@ -3,9 +3,11 @@
 //! In: hyper-parameters, a [`crate::env::VectorEnvironment`], named random streams. Out: trained episodes, actors
 //! and weights. There is one file per algorithm, written against a trait for the engine that computes
 //! its network: `fused` with kernels, `burn` with Burn modules and automatic differentiation. A
-//! [`Learner`] is an algorithm on an engine in training. An [`Actor`] chooses the actions of episodes: trained networks and decision rules are actors, and
-//! rollouts know nothing else. The registry holds every [`Algorithm`]: name, version, keys,
-//! constraints and constructor; an [`Agent`] is one of them with values of its keys. The module knows no job key, no store and no file.
+//! [`Learner`] is an algorithm on an engine in training. An [`Actor`] chooses the actions of
+//! episodes: trained networks and decision rules are actors, and rollouts know nothing else. The
+//! registry holds every [`Algorithm`]: name, version, keys, constraints and constructor; an
+//! [`Agent`] is one of them with values of its keys. The module knows no job key, no store and no
+//! file.
 //!
 //! Burn's own random generator is global to the process, so nothing here may draw from it: weights
 //! are drawn from the job's stream and set.

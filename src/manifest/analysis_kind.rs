@@ -164,7 +164,7 @@ const METRIC: AnalysisKey = key(
 
 const BY: AnalysisKey = key(
     "by",
-    "what tells the two sides of a difference apart",
+    "the parameter in which the two sides of a difference differ",
     || json!({ "anyOf": [{ "const": "agent.name" }, parameter()] }),
 );
 

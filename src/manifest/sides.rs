@@ -25,7 +25,7 @@ impl Sides {
         vec![("by", quoted(&self.first.name())), ("between", between)]
     }
 
-    /// The dotted name of the key that tells the sides apart; empty where no key does.
+    /// The dotted name of the key in which the sides differ; empty where they differ in no key.
     pub fn key(&self) -> String {
         match &self.first {
             Condition::Key { parameter, .. } => parameter.to_string(),

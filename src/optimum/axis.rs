@@ -171,7 +171,7 @@ mod tests {
         }
     }
 
-    /// So that two grids tell of the error of habituation.
+    /// So that the difference of two grids shows the error of habituation.
     #[test]
     fn twice_as_many_steps_are_always_more_nodes() {
         for thousandths in 0..=1000 {

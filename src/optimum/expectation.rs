@@ -90,7 +90,7 @@ pub(super) struct BetterOf {
 }
 
 impl BetterOf {
-    /// Bits of a double that tell places within a piece.
+    /// Bits of a double that give the place within a piece.
     const WITHIN: u32 = f64::MANTISSA_DIGITS - 1 - PIECES_LOG2;
     /// Where the table begins.
     const LEAST: f64 = 0.5 / (1_u32 << HALVINGS) as f64;

@@ -1,4 +1,4 @@
-//! What happens in a sweep, and whoever hears of it.
+//! The events of a sweep, and their receiver.
 
 use std::io;
 use std::time::Duration;

@@ -30,7 +30,7 @@ impl Task<'_> {
         Observer::new(self.environment, self.scenario).spec()
     }
 
-    /// The simulation with so many lanes.
+    /// The simulation with this number of lanes.
     pub fn simulation(&self, lanes: usize) -> PhysicalActivity {
         PhysicalActivity::new(self.environment, self.scenario, lanes)
     }
@@ -64,7 +64,7 @@ pub enum StartError {
     },
 }
 
-/// Fails unless an environment has so many lanes, and as many actions as agents have.
+/// Fails unless an environment has the expected lanes, and as many actions as agents have.
 pub(super) fn unless_fit(
     environment: &impl VectorEnvironment,
     expected: usize,

@@ -1,4 +1,4 @@
-//! Jobs that differ in their seed alone, and what tells them from others.
+//! Arms: jobs that differ in their seed alone, and the parameters that distinguish them.
 
 use std::collections::{HashMap, HashSet};
 
@@ -6,7 +6,7 @@ use crate::analyse::{Sample, lower_quartile};
 use crate::manifest::{Condition, Setting, Varying};
 use crate::record::{JobRecord, JobStatus};
 
-/// What tells an arm from the others of its analysis.
+/// What distinguishes an arm from the others of its analysis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ArmId {
     /// Agent's name in the manifest.
@@ -20,7 +20,7 @@ pub struct ArmId {
 /// The jobs of an arm.
 #[derive(Clone, Debug)]
 pub struct Arm<'j> {
-    /// What tells it from the others.
+    /// What distinguishes it from the others.
     pub name: ArmId,
     /// Its jobs, in the manifest's order.
     pub jobs: Vec<&'j JobRecord>,
@@ -76,7 +76,7 @@ pub fn shared(side: &Condition, name: ArmId) -> ArmId {
     }
 }
 
-/// Whether a job is at the place that a row's name tells; an empty word is any.
+/// Whether a job matches a row's name; an empty word matches any.
 pub fn is_at(job: &JobRecord, name: &ArmId) -> bool {
     let is = |wanted: &str, found: &str| wanted.is_empty() || wanted == found;
     let set = |(key, value): &(String, Setting)| job.setting(key) == Some(value);

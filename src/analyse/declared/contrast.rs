@@ -129,7 +129,7 @@ fn only<'j>(name: &str, jobs: &[&'j JobRecord]) -> Option<&'j Setting> {
     jobs.iter().all(|job| job.setting(name) == Some(value)).then_some(value)
 }
 
-/// Takes from the rows' names the settings that all rows share: they tell none from another.
+/// Removes from the rows' names the settings that all rows share, which distinguish no row.
 fn name_apart(rows: &mut [ContrastRow]) {
     let settings = rows.iter().map(|row| &row.name.settings);
     let Some(mut everywhere) = settings.clone().next().cloned() else { return };

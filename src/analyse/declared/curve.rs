@@ -55,7 +55,7 @@ pub enum Apart {
 }
 
 impl Apart {
-    /// Whether two means differ, as one of so many pairs: by Welch's t, with Bonferroni's
+    /// Whether two means differ, as one of `pairs` comparisons: by Welch's t, with Bonferroni's
     /// correction. Means of seeds that are all alike differ if they are not the same.
     fn of(one: &Sample, other: &Sample, pairs: usize) -> Apart {
         match welch_t_test(one.values(), other.values()) {
@@ -90,7 +90,7 @@ pub struct Ends<'l> {
 }
 
 impl CurveLine {
-    /// The first and the last point that have a mean, as one of so many pairs.
+    /// The first and the last point that have a mean, as one of `pairs` comparisons.
     pub fn ends(&self, pairs: usize) -> Option<Ends<'_>> {
         let mut seen =
             self.points.iter().filter_map(|point| Some((point, point.sample.mean().ok()?)));

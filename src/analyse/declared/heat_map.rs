@@ -12,7 +12,7 @@ use crate::record::JobRecord;
 pub struct HeatFigure {
     /// The agent; empty where agents are the sides.
     pub agent: String,
-    /// The scenario, or both sides as `first - second`, and what else tells the map from others.
+    /// The scenario, or both sides as `first - second`, and what else distinguishes the map.
     pub subject: String,
     /// Whether its values are differences.
     pub scale: Scale,

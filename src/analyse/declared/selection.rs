@@ -9,7 +9,7 @@ use crate::record::JobRecord;
 /// setting that met an easier one is no better by that.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ranking {
-    /// The agent, its scenario, and what tells the environment from others.
+    /// The agent, its scenario, and what distinguishes the environment.
     pub place: ArmId,
     /// The rule's word.
     pub rule: &'static str,

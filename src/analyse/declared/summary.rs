@@ -7,7 +7,7 @@ use crate::record::JobRecord;
 /// What an arm came to.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ArmSummary {
-    /// What tells it from the others.
+    /// What distinguishes it from the others.
     pub name: ArmId,
     /// Mean returns of its seeds.
     pub returns: Sample,
