@@ -36,7 +36,7 @@ pub enum Reach {
 /// Why a published number is missing. A column of nothing else is not shown to readers.
 const NOT_PUBLISHED: &str = "not published";
 
-/// A entry.
+/// An entry of a table.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Entry {
     /// Text.
