@@ -5,7 +5,6 @@ use jitai::environment::Action;
 use jitai::experiment::{self, Options, Store};
 use jitai::policy::{Actions, SoftmaxPolicy};
 use jitai::results::{Parts, Reader, summarise_arms};
-
 jitai::keys! {
     /// A policy gradient with an entropy bonus.
     struct EntropyBonus {
