@@ -1,6 +1,7 @@
 //! An algorithm of your own on Burn: REINFORCE with an entropy bonus, registered and run.
 use burn::tensor::Tensor;
 use jitai::*;
+use std::sync::atomic::AtomicBool;
 
 keys! {
     /// A policy gradient with an entropy bonus.
@@ -48,9 +49,10 @@ pub fn main() -> Result<(), Box<dyn std::error::Error>> {
     let manifests = [parse_manifest("own.toml", MANIFEST.as_bytes())?];
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("own.sqlite");
-    run_manifests(&mut Store::open(&path)?, &manifests, Options::default(), |_| {})?;
-    let planned = jobs(&manifests[0]);
-    let data = Reader::open(&path)?.data_set("own", planned, DataParts::default(), |_| {})?;
+    let (mut store, stop) = (Store::open(&path)?, AtomicBool::new(false));
+    run_manifests(&mut store, &manifests, Options::default(), &stop, |_| {})?;
+    let (reader, planned) = (Reader::open(&path)?, jobs(&manifests[0]));
+    let data = reader.data_set("own", planned, DataParts::default(), |_| {})?;
     let returns = &summarise_arms(&data.jobs)[0].returns;
     assert!(returns.mean()? > 1000.0, "mean return: {}", returns.mean()?);
     Ok(())

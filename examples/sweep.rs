@@ -1,6 +1,7 @@
 //! A sweep from Rust: two decision rules at two noise levels, and the mean return of every arm.
 
 use std::error::Error;
+use std::sync::atomic::AtomicBool;
 
 use jitai::{
     DataParts, Options, Reader, Store, jobs, parse_manifest, run_manifests, summarise_arms,
@@ -36,7 +37,9 @@ pub fn main() -> Result<(), Box<dyn Error>> {
     let path = folder.path().join("rules.sqlite");
 
     let mut store = Store::open(&path)?;
-    let tally = run_manifests(&mut store, &manifests, Options::default(), |_| {})?;
+    // Set it from a signal handler or another thread: the sweep stops within two seconds.
+    let stop = AtomicBool::new(false);
+    let tally = run_manifests(&mut store, &manifests, Options::default(), &stop, |_| {})?;
     println!("{} jobs run", tally.completed);
 
     let reader = Reader::open(&path)?;

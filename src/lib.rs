@@ -18,6 +18,8 @@
 //! # Example
 //!
 //! ```
+//! use std::sync::atomic::AtomicBool;
+//!
 //! use jitai::{DataParts, Options, Reader, Store, jobs, parse_manifest, run_manifests, summarise_arms};
 //!
 //! let text = r#"
@@ -36,7 +38,9 @@
 //! let folder = tempfile::tempdir()?;
 //! let path = folder.path().join("results.sqlite");
 //! let manifests = [manifest];
-//! let tally = run_manifests(&mut Store::open(&path)?, &manifests, Options::default(), |_| {})?;
+//! let mut store = Store::open(&path)?;
+//! let stop = AtomicBool::new(false);
+//! let tally = run_manifests(&mut store, &manifests, Options::default(), &stop, |_| {})?;
 //! assert_eq!(tally.completed, 2);
 //!
 //! let [manifest] = &manifests;
@@ -139,7 +143,7 @@ pub use agent::{
 // Declare keys and register an algorithm; the macros `keys!` and `choices!` belong here.
 pub use agent::{
     ActionNetwork, Actions, Agent, Algorithm, AlgorithmParameters, AutodiffPolicy, Chosen,
-    Constraint, Diverged, EpsilonGreedy, Learner, LearnerError, NameTaken, PolicyGradient,
+    Constraint, Diverged, EpsilonGreedy, Learner, LearnerError, PolicyGradient, RegistrationError,
     ReinforceEngine, ReinforceLearner, Setting, SoftmaxPolicy, Span, Start, StartError, Trained,
     TrainedEpisode, Trajectories, Violation, WeightTensor, Weights, WeightsError, action_tensor,
     inference_device, observation_tensor, register, training_device,
