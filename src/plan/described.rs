@@ -20,7 +20,10 @@ impl Described for PlannedJob {
     }
 
     fn key(&self, parameter: Parameter) -> Option<Setting> {
-        self.job.value(parameter).as_ref().map(Setting::from)
+        match parameter {
+            Parameter::Agent("algorithm") => Some(Setting::Text(self.job.algorithm().to_owned())),
+            _ => self.job.value(parameter).as_ref().map(Setting::from),
+        }
     }
 }
 
