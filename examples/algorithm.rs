@@ -45,13 +45,13 @@ impl AlgorithmParameters for EntropyBonus {
 }
 const MANIFEST: &str = "format = 1\nname = 'own'\nscenarios = ['P-H-D']\nseeds = 2\n\
     environment.sigma = 0.4\n[[agent]]\nname = 'own'\nalgorithm = 'entropy_bonus'\n";
-
 pub fn main() -> Result<(), Box<dyn std::error::Error>> {
     register_algorithm::<EntropyBonus>()?;
     let manifests = [experiment::parse("own.toml", MANIFEST.as_bytes())?];
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("own.sqlite");
-    experiment::run(&mut Store::open(&path)?, &manifests, Options::default(), |_| {})?;
+    let (mut store, stop) = (Store::open(&path)?, false.into());
+    experiment::run(&mut store, &manifests, Options::default(), &stop, |_| {})?;
     let data = Reader::open(&path)?.data_set(&manifests[0], Parts::default())?;
     let mean = summarise_arms(&data.jobs)[0].returns.mean()?;
     assert!(mean > 1000.0, "mean return: {mean}");

@@ -1,6 +1,7 @@
 //! A sweep from Rust: two decision rules at two noise levels, and the mean return of every arm.
 
 use std::error::Error;
+use std::sync::atomic::AtomicBool;
 
 use jitai::experiment::{self, Options, Store};
 use jitai::results::{Parts, Reader, summarise_arms};
@@ -35,7 +36,9 @@ pub fn main() -> Result<(), Box<dyn Error>> {
     let path = folder.path().join("rules.sqlite");
 
     let mut store = Store::open(&path)?;
-    let tally = experiment::run(&mut store, &manifests, Options::default(), |_| {})?;
+    // Set it from a signal handler or another thread: the sweep stops within two seconds.
+    let stop = AtomicBool::new(false);
+    let tally = experiment::run(&mut store, &manifests, Options::default(), &stop, |_| {})?;
     println!("{} jobs run", tally.completed);
 
     let data = Reader::open(&path)?.data_set(&manifests[0], Parts::default())?;

@@ -18,6 +18,8 @@
 //! # Example
 //!
 //! ```
+//! use std::sync::atomic::AtomicBool;
+//!
 //! use jitai::experiment::{self, Options, Store};
 //! use jitai::results::{Parts, Reader, summarise_arms};
 //!
@@ -37,7 +39,8 @@
 //! let folder = tempfile::tempdir()?;
 //! let path = folder.path().join("results.sqlite");
 //! let mut store = Store::open(&path)?;
-//! let tally = experiment::run(&mut store, &manifests, Options::default(), |_| {})?;
+//! let stop = AtomicBool::new(false);
+//! let tally = experiment::run(&mut store, &manifests, Options::default(), &stop, |_| {})?;
 //! assert_eq!(tally.completed, 2);
 //!
 //! let data = Reader::open(&path)?.data_set(&manifests[0], Parts::default())?;
@@ -158,8 +161,8 @@ pub mod policy {
 pub mod algorithm {
     pub use crate::agent::{
         Activation, Agent, Algorithm, AlgorithmParameters, Assignment, AutodiffPolicy, Constraint,
-        Diverged, DuelingDqn, Engine, Learner, LearnerError, NameTaken, OutOfMemory,
-        PolicyGradient, Reinforce, ReinforceEngine, ReinforceLearner, Span, Start, StartError,
+        Diverged, DuelingDqn, Engine, Learner, LearnerError, OutOfMemory, PolicyGradient,
+        RegistrationError, Reinforce, ReinforceEngine, ReinforceLearner, Span, Start, StartError,
         Task, TerminalTarget, Trained, TrainedEpisode, Trajectories, Trunk, Violation,
         WeightTensor, Weights, WeightsError, action_tensor, dueling_dqn_learner, inference_device,
         observation_tensor, register_algorithm, reinforce_learner, trained_dueling_dqn,

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use jitai::agent::{
-    Actions, Actor, Agent, AlgorithmParameters, Constraint, RulePolicy, Start, StartError, Task,
-    Weights, WeightsError, register_algorithm,
+    self, Actions, Actor, Agent, AlgorithmParameters, Constraint, RulePolicy, Start, StartError,
+    Task, Weights, WeightsError, register_algorithm,
 };
 use jitai::env::{Action, Environment};
 use jitai::key::{Key, Keyed, Kind, Value, canonical_object, read_object};
@@ -172,4 +172,66 @@ fn rows(path: &Path) -> Vec<(String, f64)> {
         .unwrap();
     let rows = statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?))).unwrap();
     rows.collect::<rusqlite::Result<_>>().unwrap()
+}
+
+/// An algorithm with one key of a given name, which starts an actor whatever it declares.
+macro_rules! odd_algorithm {
+    ($Parameters:ident, $key:ident, $name:literal, $learns:literal) => {
+        keys! {
+            /// An algorithm that no program should register.
+            struct $Parameters {
+                /// episodes of training
+                $key: u32 = 1, in Kind::EPISODES;
+            }
+        }
+
+        impl AlgorithmParameters for $Parameters {
+            const NAME: &'static str = $name;
+            const LEARNS: bool = $learns;
+
+            fn episodes(&self) -> u32 {
+                self.$key
+            }
+
+            fn start(&self, _: &Task) -> Result<Start, StartError> {
+                Ok(Start::Actor(Box::new(RulePolicy::fixed(Action::NONE))))
+            }
+
+            fn trained(
+                &self,
+                _: &Task,
+                _: &Weights,
+                _: Actions,
+            ) -> Result<Box<dyn Actor>, WeightsError> {
+                Err(WeightsError::NoNetwork)
+            }
+        }
+    };
+}
+
+odd_algorithm!(Reserved, algorithm, "reserved", true);
+odd_algorithm!(Reinforce, episodes, "reinforce", true);
+odd_algorithm!(Untrained, episodes, "untrained", false);
+
+#[test]
+fn names_that_mean_something_else_cannot_be_registered() {
+    let refused = register_algorithm::<Reserved>().unwrap_err();
+    assert!(refused.to_string().starts_with("`algorithm` cannot be the name of a key"));
+    let refused = register_algorithm::<Reinforce>().unwrap_err();
+    assert_eq!(refused.to_string(), "there is an algorithm called `reinforce` already");
+    let namesake = Agent::of(&Reinforce { episodes: 1 });
+    assert_ne!(namesake.algorithm(), Agent::of(&agent::Reinforce::default()).algorithm());
+    assert_eq!(namesake.parameters::<agent::Reinforce>(), None);
+}
+
+#[test]
+fn an_algorithm_that_does_not_start_what_it_declares_is_an_error() {
+    for (agent, declared) in [
+        (Agent::of(&Reinforce { episodes: 1 }), "LEARNS = true"),
+        (Agent::of(&Untrained { episodes: 1 }), "LEARNS = false"),
+    ] {
+        let job = job(agent);
+        let refused = job.agent.start(&job.task()).err().unwrap().to_string();
+        assert!(refused.contains(declared), "{refused}");
+    }
 }

@@ -46,7 +46,7 @@ pub use memory::{OutOfMemory, reserve, reserve_exact};
 pub use network::{Activation, Engine};
 pub use policy::{ActionNetwork, EpsilonGreedy, SoftmaxPolicy};
 pub use registry::{
-    Agent, Algorithm, AlgorithmParameters, NameTaken, Start, StartError, Task, Trained,
+    Agent, Algorithm, AlgorithmParameters, RegistrationError, Start, StartError, Task, Trained,
     dueling_dqn_learner, register_algorithm, reinforce_learner, trained_dueling_dqn,
     trained_reinforce,
 };

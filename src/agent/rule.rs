@@ -3,7 +3,9 @@
 use std::io;
 
 use crate::agent::actor::Actor;
-use crate::env::{Action, Belief, Environment, PhysicalActivity, Scenario};
+use crate::env::{
+    Action, Belief, Environment, EpisodeStatus, PhysicalActivity, Scenario, VectorEnvironment,
+};
 use crate::key::{KeyType, Keyed, Kind};
 use crate::optimum::{NoOptimum, OptimalPolicy};
 use crate::rng::Stream;
@@ -101,6 +103,8 @@ impl RulePolicy {
             Choice::Threshold(least) if zero.max(1.0 - zero) >= *least => tailored,
             Choice::Threshold(_) => Action::NONE,
             Choice::Random => Action::from_low_bits(stream.bits()),
+            // There is nothing to plan for after the end of an episode.
+            Choice::Optimal(_) if lanes.statuses()[lane] != EpisodeStatus::Running => Action::NONE,
             Choice::Optimal(policy) => {
                 let (habituation, disengagement) =
                     (lanes.habituation()[lane], lanes.disengagement()[lane]);
@@ -183,7 +187,7 @@ pub fn read_rule(text: &str) -> Result<RuleParameters, DecisionRuleError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::env::{ContextDraw, LaneSet, LaneStreams, VectorEnvironment};
+    use crate::env::{ContextDraw, LaneSet, LaneStreams};
     use crate::rng::Purpose;
 
     #[test]
@@ -211,6 +215,32 @@ mod tests {
             (0..100).map(|_| choose("random", "P", 0.5)).collect();
         assert_eq!(seen.len(), 4);
         assert_eq!(choose("optimal", "P-H-D", 0.5), 2);
+    }
+
+    #[test]
+    fn rules_act_in_lanes_that_have_ended_while_others_go_on() {
+        let environment = Environment { horizon: 3, ..Environment::paper(1.0) };
+        for rule in ["never", "untailored", "tailored", "threshold:0.75", "random", "optimal"] {
+            let (rule, scenario) = (read_rule(rule).unwrap(), "P-H-D".parse().unwrap());
+            let mut lanes = PhysicalActivity::new(&environment, &scenario, 2);
+            let mut streams = LaneStreams::Shared(Stream::new(1, Purpose::TestEnvironment));
+            let mut actions_stream = Stream::new(1, Purpose::TestActions);
+            let mut policy = RulePolicy::new(&rule, &environment, &scenario).unwrap();
+            let (mut actions, mut rewards) = ([Action::NONE; 2], [0.0; 2]);
+            let mut probabilities = [0.0; 2];
+            lanes.reset(LaneSet::All, &mut streams);
+            for step in 0..6 {
+                policy.act(&lanes, &mut actions_stream, &mut actions, Some(&mut probabilities));
+                assert!(probabilities.iter().all(|p| (0.25..=1.0).contains(p)), "{rule:?}");
+                lanes.step(&actions, &mut rewards, &mut streams);
+                policy.observe(&lanes, &rewards);
+                if step == 1 {
+                    lanes.reset(LaneSet::Masked(&[false, true]), &mut streams);
+                }
+            }
+            assert!(!lanes.statuses().contains(&EpisodeStatus::Running));
+            assert_eq!(rewards, [0.0, 0.0], "both ended before the last step");
+        }
     }
 
     #[test]

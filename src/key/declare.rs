@@ -116,6 +116,9 @@ pub fn json_object(keys: &[Key], values: &[Value]) -> Map<String, Json> {
 /// A Rust type that a key's values can have.
 pub trait KeyType: Sized {
     /// The value as keys hold it.
+    ///
+    /// # Panics
+    /// If a number is infinite or not a number.
     fn to_value(&self) -> Value;
 
     /// The reverse of [`KeyType::to_value`]; `None` for a value of another type or too large.
@@ -128,9 +131,18 @@ pub trait FixedKind: KeyType {
     const KIND: Kind;
 }
 
+/// The number with 0 in place of -0, so that equal values have one spelling.
+///
+/// # Panics
+/// If it is infinite or not a number, which no key can be.
+fn finite(number: f64) -> f64 {
+    assert!(number.is_finite(), "the value of a key is a finite number, not {number}");
+    number + 0.0
+}
+
 impl KeyType for f64 {
     fn to_value(&self) -> Value {
-        Value::Real(*self)
+        Value::Real(finite(*self))
     }
 
     fn from_value(value: &Value) -> Option<Self> {
@@ -140,7 +152,7 @@ impl KeyType for f64 {
 
 impl KeyType for [f64; 2] {
     fn to_value(&self) -> Value {
-        Value::RealPair(*self)
+        Value::RealPair(self.map(finite))
     }
 
     fn from_value(value: &Value) -> Option<Self> {

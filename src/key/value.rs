@@ -153,7 +153,8 @@ impl Kind {
 
     /// The value that a canonical form writes as this JSON; `None` if it is of another type.
     pub(super) fn value(self, json: &serde_json::Value) -> Option<Value> {
-        let real = |json: &serde_json::Value| json.as_f64();
+        // Adding 0 turns -0 into 0.
+        let real = |json: &serde_json::Value| json.as_f64().map(|real| real + 0.0);
         match self {
             Kind::Real { .. } | Kind::PositiveReal { .. } => real(json).map(Value::Real),
             Kind::Integer { .. } => json.as_u64().map(Value::Integer),

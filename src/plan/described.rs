@@ -20,13 +20,10 @@ impl Described for PlannedJob {
     }
 
     fn key(&self, parameter: Parameter) -> Option<Setting> {
-        let value = value_of(&self.agent, &self.job, &parameter.to_string())?;
-        Some(match value {
-            Value::Number(number) => Setting::Number(number.as_f64()?),
-            Value::Bool(flag) => Setting::Number(f64::from(u8::from(flag))),
-            Value::String(text) => Setting::Text(text),
-            Value::Null | Value::Array(_) | Value::Object(_) => Setting::Text(value.to_string()),
-        })
+        match parameter {
+            Parameter::Agent("algorithm") => Some(Setting::Text(self.job.algorithm().to_owned())),
+            _ => self.job.value(parameter).as_ref().map(Setting::from),
+        }
     }
 }
 

@@ -50,6 +50,9 @@ pub enum JobError {
         /// What is wrong.
         error: CanonicalError,
     },
+    /// The text means a job, but is not the one spelling that its key is taken from.
+    #[error("its canonical form is {0}")]
+    Spelling(String),
 }
 
 /// Versions of the code that a job's results depend on. One is raised whenever a change makes the
@@ -135,14 +138,18 @@ impl Job {
         let Some(algorithm) = Algorithm::named(&algorithm) else {
             return Err(JobError::Algorithm(algorithm));
         };
-        Ok(Job {
+        let job = Job {
             environment: read("environment", &environment)?,
             scenario: scenario.ok_or_else(|| part("scenario"))?,
             agent: Agent::with_values(algorithm, values("agent", algorithm.keys(), &agent)?)
                 .ok_or_else(|| part("agent"))?,
             evaluation: read("evaluation", &evaluation)?,
             seed: seed.ok_or_else(|| part("seed"))?,
-        })
+        };
+        match job.canonical() {
+            canonical if canonical == text => Ok(job),
+            canonical => Err(JobError::Spelling(canonical)),
+        }
     }
 
     /// The sections of the job: name, keys and their values.
@@ -368,9 +375,24 @@ mod tests {
             "`a` is missing, unknown or of another type"
         );
         assert!(refused("}", "").starts_with("it is not JSON"));
+        // Numbers that mean the same.
+        let sigma = |text: &str| refused("\"sigma\":0.6", &format!("\"sigma\":{text}"));
+        for spelling in ["6e-1", "0.60"] {
+            assert!(sigma(spelling).starts_with("its canonical form is {\"agent\""), "{spelling}");
+        }
+        assert!(sigma("1").contains("\"sigma\":1.0"));
+        assert!(sigma("-0.0").contains("\"sigma\":0.0"));
         // A layer that is wider than any number of the struct.
         let wide = refused("[128]", "[4294967296]");
         assert_eq!(wide, "in `agent`: key `layers` has a value of another type");
+    }
+
+    #[test]
+    fn zero_has_one_sign_and_no_key_is_infinite() {
+        let with = |sigma| Job { environment: Environment::paper(sigma), ..jobs().remove(0) };
+        assert_eq!(with(-0.0).key(), with(0.0).key());
+        let infinite = std::panic::catch_unwind(|| with(f64::INFINITY).key());
+        assert!(infinite.is_err());
     }
 
     #[test]

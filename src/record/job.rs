@@ -16,6 +16,8 @@ pub struct JobRecord {
     pub scenario: String,
     /// Seed.
     pub seed: u64,
+    /// Whether its algorithm learns, so that a completed run has a learning curve.
+    pub learns: bool,
     /// Every other parameter: dotted name and value, by name.
     pub settings: Vec<(String, Setting)>,
     /// The best mean return that any policy can reach in its environment and scenario, in steps
@@ -33,6 +35,7 @@ impl JobRecord {
             agent: planned.agent.to_string(),
             scenario: planned.job.scenario.to_string(),
             seed: planned.job.seed,
+            learns: planned.job.agent.algorithm().learns(),
             settings: settings(planned),
             optimum: None,
             status,

@@ -1,5 +1,7 @@
 //! What a report is about: the experiments of manifests, from the store to their findings.
 
+use std::collections::HashSet;
+
 use super::optima;
 use super::section::ReportedExperiment;
 use crate::analyse::declared::{carry_out, reproduce, summarise_arms, varying};
@@ -43,6 +45,11 @@ pub fn assemble(
         let data = data_set(reader, manifest, &mut on_progress)?;
         let queries: Vec<DataQuery> =
             manifest.analyses.iter().map(|analysis| query(manifest, &data, analysis)).collect();
+        let is_registered = is_registered(reader, &data)?;
+        let sql = |query: &DataQuery| match is_registered {
+            true => query.sql(),
+            false => format!("{OTHER_JOBS}{}", query.sql()),
+        };
         let concerned = queries.iter().map(|query| -> Vec<&JobRecord> {
             data.jobs.iter().filter(|job| query.asks_for(job)).collect()
         });
@@ -53,13 +60,26 @@ pub fn assemble(
             question: manifest.question.clone(),
             hypothesis: manifest.hypothesis.clone(),
             manifest: manifest.source.clone(),
-            findings: findings.into_iter().zip(queries.iter().map(DataQuery::sql)).collect(),
+            findings: findings.into_iter().zip(queries.iter().map(sql)).collect(),
             reproduction: published.as_ref().map(|published| reproduce(published, &data.jobs)),
             arms: summarise_arms(&data.jobs),
             jobs: data.jobs,
         })
     };
     manifests.iter().zip(published).map(experiment).collect()
+}
+
+/// What stands above the SQL where it finds other jobs than the figure shows.
+const OTHER_JOBS: &str = "-- The manifest has other jobs than when `jitai run` last read it. The figure \
+     shows\n-- those of the manifest as it is now, and this finds those of the last run.\n";
+
+/// Whether the jobs of the experiment in the store are those of the data set.
+fn is_registered(reader: &Reader, data: &DataSet) -> Result<bool, StoreError> {
+    let mut registered = HashSet::new();
+    reader.jobs_of(&data.experiment, |key| {
+        registered.insert(key);
+    })?;
+    Ok(registered == data.jobs.iter().map(|job| job.job_key).collect())
 }
 
 /// The jobs of a manifest with what the store knows of them, and the optimum of completed ones.

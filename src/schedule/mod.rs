@@ -35,5 +35,5 @@ pub use provenance::of_this_process;
 pub use queued::Queued;
 pub use selection::Selection;
 pub use sweep::{Context, MOST_WORKERS, OnFailure, Options, SweepError, Tally, one_per_core, run};
-pub use whole::{register_experiment, run_manifests};
+pub use whole::{Remaining, register_experiment, run_manifests, run_queue};
 pub use worker::Train;

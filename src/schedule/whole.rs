@@ -1,14 +1,16 @@
 //! Manifests from their registration to their stored runs, in one call.
 
+use std::fs::File;
 use std::sync::atomic::AtomicBool;
 
 use super::checkpoint::CheckpointFolder;
-use super::event::Event;
+use super::event::{Event, EventSink};
+use super::queued::Queued;
 use super::selection::Selection;
 use super::sweep::{Context, Options, SweepError, Tally};
 use crate::manifest::Manifest;
 use crate::plan;
-use crate::store::{Experiment, Reader, Registered, Store, StoreError};
+use crate::store::{Experiment, JobState, Reader, Registered, RetryFailed, Store, StoreError};
 use crate::train;
 
 /// Registers a manifest with its jobs, until that is done or `stop` is set; `None` if it was stopped.
@@ -29,28 +31,93 @@ pub fn register_experiment(
     store.register_until(stop, &experiment, jobs)
 }
 
-/// Registers manifests and runs all of their jobs that have no completed run yet. A later call
-/// continues what another call or process left unfinished.
+/// What is left to run of the jobs that a command is about.
+pub struct Remaining {
+    /// The jobs that need a run, in their order.
+    pub queue: Vec<Queued>,
+    /// Jobs that have a completed run.
+    pub completed: usize,
+    /// Jobs that failed, and are not to be run again.
+    pub failed: usize,
+}
+
+impl Remaining {
+    /// What is left of these jobs. Checkpoints and crash marks that no job needs are removed.
+    ///
+    /// **Errors**: the store or the folder of its checkpoints fails.
+    pub fn of(
+        store: &Store,
+        jobs: Vec<Queued>,
+        retry_failed: RetryFailed,
+    ) -> Result<Remaining, StoreError> {
+        let reader = Reader::open(store.path())?;
+        CheckpointFolder::beside(store.path()).clear(&reader)?;
+        store.clear_crash_marks()?;
+        let states = reader.job_states(jobs.iter().map(|job| &job.key))?;
+        let mut remaining = Remaining { queue: Vec::new(), completed: 0, failed: 0 };
+        for (job, state) in jobs.into_iter().zip(states) {
+            match (state, retry_failed) {
+                (JobState::Completed, _) => remaining.completed += 1,
+                (JobState::Failed, RetryFailed::No) => remaining.failed += 1,
+                (JobState::Failed, RetryFailed::Yes)
+                | (JobState::Pending | JobState::Interrupted | JobState::Running, _) => {
+                    remaining.queue.push(job);
+                }
+            }
+        }
+        Ok(remaining)
+    }
+}
+
+/// Runs a queue in a session of its own, until all jobs have ended or `stop` is set. `mark_crash`
+/// is handed the file into which a process that crashes writes a byte; a process that does not
+/// write one counts as killed.
+///
+/// **Errors**: the store fails, or no worker can be started.
+pub fn run_queue(
+    store: &mut Store,
+    queue: Vec<Queued>,
+    options: Options,
+    stop: &AtomicBool,
+    mark_crash: impl FnOnce(File),
+    sink: &mut dyn EventSink,
+) -> Result<Tally, SweepError> {
+    let session = store.begin_session(&super::of_this_process())?;
+    mark_crash(store.crash_mark(session)?);
+    let context = Context { options, train: &train::run, stop };
+    let swept = super::run(store, session, queue, context, sink);
+    let ended = store.end_session(session);
+    let tally = swept?;
+    ended?;
+    Ok(tally)
+}
+
+/// Registers manifests and runs all of their jobs that have no completed run yet, until all have
+/// ended or `stop` is set; then jobs that are under way leave a checkpoint. A later call continues
+/// what another call or process left unfinished.
 ///
 /// **Errors**: the store fails, or no worker can be started.
 pub fn run_manifests(
     store: &mut Store,
     manifests: &[Manifest],
     options: Options,
+    stop: &AtomicBool,
     mut on_event: impl FnMut(Event<'_>),
 ) -> Result<Tally, SweepError> {
-    let stop = AtomicBool::new(false);
     for manifest in manifests {
-        register_experiment(store, manifest, &stop)?;
+        if register_experiment(store, manifest, stop)?.is_none() {
+            return Ok(Tally::default());
+        }
     }
-    CheckpointFolder::beside(store.path()).clear(&Reader::open(store.path())?)?;
-    store.clear_crash_marks()?;
-    let queue = Selection::new(manifests, None).expect("no filter refuses").queue();
-    let session = store.begin_session(&super::of_this_process())?;
-    let context = Context { options, train: &train::run, stop: &stop };
-    let swept = super::run(store, session, queue, context, &mut on_event);
-    let ended = store.end_session(session);
-    let tally = swept?;
-    ended?;
-    Ok(tally)
+    let jobs = Selection::new(manifests, None).expect("no filter refuses").queue();
+    let remaining = Remaining::of(store, jobs, options.retry_failed)?;
+    let tally = match remaining.queue.is_empty() {
+        true => Tally::default(),
+        false => run_queue(store, remaining.queue, options, stop, |_| {}, &mut on_event)?,
+    };
+    Ok(Tally {
+        already_completed: tally.already_completed + remaining.completed,
+        already_failed: tally.already_failed + remaining.failed,
+        ..tally
+    })
 }

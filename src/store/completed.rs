@@ -42,9 +42,6 @@ impl Reader {
         parts: Parts,
         mut see: impl FnMut(&mut JobRecord),
     ) -> Result<DataSet, StoreError> {
-        let failed = self.failed_jobs()?.into_iter();
-        let failures: HashMap<JobKey, Failure> =
-            failed.map(|failed| (failed.job_key, failed.failure)).collect();
         let mut planned = planned.into_iter();
         let mut jobs = Vec::new();
         loop {
@@ -59,30 +56,47 @@ impl Reader {
             if batch.is_empty() {
                 return Ok(DataSet { experiment: experiment.to_owned(), jobs });
             }
-            let states = self.job_states(batch.iter().map(|(_, key)| key))?;
-            let completed = batch.iter().zip(&states);
-            let completed = completed.filter(|(_, state)| **state == JobState::Completed);
-            let runs = self.completed_runs(completed.map(|((_, key), _)| *key), parts)?;
-            for ((planned, key), state) in batch.into_iter().zip(states) {
-                let status = match state {
-                    JobState::Pending => JobStatus::Pending,
-                    JobState::Interrupted => JobStatus::Interrupted,
-                    JobState::Running => JobStatus::Running,
-                    JobState::Failed => match failures.get(&key) {
-                        Some(failure) => JobStatus::Failed(failure.clone()),
-                        None => JobStatus::Interrupted,
-                    },
-                    // Two agents of equal content share a job.
-                    JobState::Completed => match runs.get(&key) {
-                        Some(run) => JobStatus::Completed(Box::new(run.clone())),
-                        None => JobStatus::Pending,
-                    },
-                };
+            let statuses = self.statuses(batch.iter().map(|(_, key)| key), parts)?;
+            for ((planned, key), status) in batch.into_iter().zip(statuses) {
                 let mut job = JobRecord::new(&planned, key, status);
                 see(&mut job);
                 jobs.push(job);
             }
         }
+    }
+
+    /// The statuses of jobs with their results, in the order of `keys`.
+    fn statuses<'k>(
+        &self,
+        keys: impl Iterator<Item = &'k JobKey> + Clone,
+        parts: Parts,
+    ) -> Result<Vec<JobStatus>, StoreError> {
+        let states = self.job_states(keys.clone())?;
+        let completed = keys.clone().zip(&states);
+        let completed = completed.filter(|(_, state)| **state == JobState::Completed);
+        let runs = self.completed_runs(completed.map(|(key, _)| *key), parts)?;
+        // After the states: a job that is found failed has its failure by now.
+        let failed = match states.contains(&JobState::Failed) {
+            true => self.failed_jobs()?,
+            false => Vec::new(),
+        };
+        let failures: HashMap<JobKey, Failure> =
+            failed.into_iter().map(|failed| (failed.job_key, failed.failure)).collect();
+        let status = |key: &JobKey, state| match state {
+            JobState::Pending => JobStatus::Pending,
+            JobState::Interrupted => JobStatus::Interrupted,
+            JobState::Running => JobStatus::Running,
+            // Without a failure, another process has begun to run it again.
+            JobState::Failed => {
+                failures.get(key).cloned().map_or(JobStatus::Running, JobStatus::Failed)
+            }
+            // Two agents of equal content share a job.
+            JobState::Completed => match runs.get(key) {
+                Some(run) => JobStatus::Completed(Box::new(run.clone())),
+                None => JobStatus::Pending,
+            },
+        };
+        Ok(keys.zip(states).map(|(key, state)| status(key, state)).collect())
     }
 
     /// The completed runs of jobs, by job; jobs without one are left out.

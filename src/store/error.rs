@@ -74,6 +74,20 @@ pub enum StoreError {
         /// The newest version known here.
         known: u32,
     },
+    /// A key has another value `before` than the program declared that wrote the store.
+    #[error(
+        "in `{}` a job without `{parameter}` stands for {stored}, and this jitai declares another \
+         value; it is left untouched, use the jitai that wrote it",
+        .path.display()
+    )]
+    Reinterpreted {
+        /// The path.
+        path: PathBuf,
+        /// The parameter's dotted name.
+        parameter: String,
+        /// The value in the store, as SQL writes it.
+        stored: String,
+    },
     /// The store was written by an older release, and is opened for reading only.
     #[error(
         "`{}` has schema version {found}, and this jitai reads version {known}; `jitai run` \

@@ -64,8 +64,7 @@ pub(super) fn open_writer(path: &Path) -> Result<(Connection, PathBuf), StoreErr
     }
     migrate::migrate(&mut connection, &path, migrate::MIGRATIONS)?;
     schema::require(&connection, &path)?;
-    implied::declare(&mut connection, &plan::implied_parameters())
-        .map_err(|source| StoreError::sqlite(&path, action, source))?;
+    implied::declare(&mut connection, &path, &plan::implied_parameters())?;
     Ok((connection, path))
 }
 

@@ -1,10 +1,13 @@
 //! The values of parameters that canonical forms leave out, for the view `parameter`.
 
+use std::path::Path;
+
 use rusqlite::types::{ToSqlOutput, Value as SqlValue};
-use rusqlite::{Connection, TransactionBehavior, params};
+use rusqlite::{Connection, OptionalExtension, TransactionBehavior, params};
 
 use crate::plan::{ImpliedParameter, Scalar};
 
+use super::error::StoreError;
 use super::transaction::commit;
 
 impl rusqlite::ToSql for Scalar {
@@ -17,26 +20,56 @@ impl rusqlite::ToSql for Scalar {
     }
 }
 
-/// Adds the parameters that the file does not have yet, or has with another value. Others stay: a
-/// newer release may have added them.
+/// What the file says of a parameter.
+enum Known {
+    Not,
+    Same,
+    /// Another value, as SQL writes it.
+    Other(String),
+}
+
+/// Adds the parameters that the file does not have yet. Others stay: a newer release may have added
+/// them.
+///
+/// **Errors**: the file has another value for one of them, which would change the meaning of every
+/// job that does not mention it.
 pub(super) fn declare(
     connection: &mut Connection,
+    path: &Path,
     parameters: &[ImpliedParameter],
-) -> rusqlite::Result<()> {
-    let is_new = |connection: &Connection, parameter: &&ImpliedParameter| {
-        connection.query_row(
-            "SELECT NOT EXISTS (SELECT 1 FROM implied_parameter
-                WHERE name = ?1 AND algorithm = ?2 AND value IS ?3)",
-            params![parameter.name, parameter.algorithm.unwrap_or(""), parameter.value],
-            |row| row.get::<_, bool>(0),
-        )
-    };
+) -> Result<(), StoreError> {
+    let failure = |source| StoreError::sqlite(path, "open the store", source);
     let mut new = Vec::new();
     for parameter in parameters {
-        if is_new(connection, &parameter)? {
-            new.push(parameter);
+        match known(connection, parameter).map_err(failure)? {
+            Known::Not => new.push(parameter),
+            Known::Same => {}
+            Known::Other(stored) => {
+                let (path, parameter) = (path.to_owned(), parameter.name.clone());
+                return Err(StoreError::Reinterpreted { path, parameter, stored });
+            }
         }
     }
+    add(connection, &new).map_err(failure)
+}
+
+fn known(connection: &Connection, parameter: &ImpliedParameter) -> rusqlite::Result<Known> {
+    let found: Option<(bool, String)> = connection
+        .query_row(
+            "SELECT value IS ?3, quote(value) FROM implied_parameter
+             WHERE name = ?1 AND algorithm = ?2",
+            params![parameter.name, parameter.algorithm.unwrap_or(""), parameter.value],
+            |row| Ok((row.get(0)?, row.get(1)?)),
+        )
+        .optional()?;
+    Ok(match found {
+        None => Known::Not,
+        Some((true, _)) => Known::Same,
+        Some((false, stored)) => Known::Other(stored),
+    })
+}
+
+fn add(connection: &mut Connection, new: &[&ImpliedParameter]) -> rusqlite::Result<()> {
     if new.is_empty() {
         return Ok(());
     }
@@ -44,7 +77,7 @@ pub(super) fn declare(
     for ImpliedParameter { name, algorithm, value } in new {
         transaction.execute(
             "INSERT INTO implied_parameter (name, algorithm, value) VALUES (?1, ?2, ?3)
-             ON CONFLICT (name, algorithm) DO UPDATE SET value = excluded.value",
+             ON CONFLICT (name, algorithm) DO NOTHING",
             params![name, algorithm.unwrap_or(""), value],
         )?;
     }
@@ -78,8 +111,13 @@ mod tests {
             algorithm: None,
             value: Scalar::Real(9.0),
         };
-        declare(&mut store.connection, &[noise(Scalar::Real(1.5)), of_others, known]).unwrap();
-        declare(&mut store.connection, &[noise(Scalar::Real(0.0))]).unwrap();
+        let none = noise(Scalar::Real(0.0));
+        let declared = [none.clone(), of_others, known];
+        declare(&mut store.connection, &path, &declared).unwrap();
+        declare(&mut store.connection, &path, &[none]).unwrap();
+        let other = declare(&mut store.connection, &path, &[noise(Scalar::Real(1.5))]);
+        let message = other.unwrap_err().to_string();
+        assert!(message.contains("without `environment.noise` stands for 0.0"), "{message}");
         claim(&mut store, session, &job());
         let values = |name: &str| -> Vec<f64> {
             let mut statement = store

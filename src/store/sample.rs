@@ -18,7 +18,7 @@ pub(super) fn job() -> Job {
         "rho_2":200.0,"sigma":0.4,"time_indicator":"lagged","time_indicator_period":2,
         "time_one_hot":false},"evaluation":{"curve_stride":10,"test_actions":"as_trained",
         "test_episodes":1},"scenario":"P-H-D","seed":1}"#;
-    Job::from_canonical(canonical).unwrap()
+    Job::from_canonical(&canonical.split_whitespace().collect::<String>()).unwrap()
 }
 
 /// Results of it, as small as they can be.

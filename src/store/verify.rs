@@ -96,9 +96,10 @@ pub(super) fn job_fault(
             Some("its key is not that of its parameters".to_owned())
         }
         Ok(_) => match Job::from_canonical(&canonical) {
-            Err(JobError::Keys { error: error @ CanonicalError::Redundant(_), .. }) => {
-                Some(format!("its parameters have another spelling: {error}"))
-            }
+            Err(
+                error @ (JobError::Spelling(_)
+                | JobError::Keys { error: CanonicalError::Redundant(_), .. }),
+            ) => Some(format!("its parameters have another spelling: {error}")),
             // The jobs of another release may mean nothing to this one.
             Ok(_) | Err(_) => None,
         },

@@ -17,14 +17,6 @@ pub struct RollStreams {
 }
 
 impl RollStreams {
-    /// A seed's streams of training at their start; all lanes share one of them.
-    pub fn of_training(seed: u64) -> Self {
-        RollStreams {
-            environment: LaneStreams::Shared(Stream::new(seed, Purpose::Environment)),
-            actions: Stream::new(seed, Purpose::Exploration),
-        }
-    }
-
     /// A seed's streams of the test at their start; all lanes share one of them.
     pub fn of_test(seed: u64) -> Self {
         RollStreams {

@@ -44,10 +44,15 @@ impl<'j> Training<'j> {
     /// A job at its beginning.
     ///
     /// **Errors**: there is no memory for what learns.
+    ///
+    /// # Panics
+    /// If the agent cannot start for another reason.
     pub(super) fn new(job: &'j Job) -> Result<Self, OutOfMemory> {
         let start = match job.agent.start(&job.task()) {
+            Ok(start) => start,
             Err(StartError::OutOfMemory(error)) => return Err(error),
-            start => start.expect("a manifest has the optimal rule only where it is computed"),
+            // A manifest with this agent is refused, so that the fault is the algorithm's.
+            Err(error) => panic!("the agent cannot start: {error}"),
         };
         let (learner, actor) = match start {
             Start::Learner(learner) => (Some(learner), None),

@@ -201,6 +201,12 @@ fn the_query_beside_a_difference_reads_its_sides_alone() {
         let answer = folder.jitai(["query", &sql, "--format", "csv"]).succeeded();
         assert_eq!(answer.stdout.lines().count() - 1, rows, "{name}: {sql}");
     }
+    // The store has the jobs of the manifest as it was.
+    folder.write("sweep.toml", &SIDES.replace("seeds = 2", "seeds = 1"));
+    folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
+    let sql = folder.read("report/sql/sides-map.sql");
+    assert!(sql.starts_with("-- The manifest has other jobs than when"), "{sql}");
+    folder.jitai(["query", &sql]).succeeded();
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! What an algorithm declares of itself, and the agent that a job holds.
 
+use std::any::TypeId;
 use std::fmt;
 
 use crate::agent::actor::Actor;
@@ -61,6 +62,21 @@ pub enum StartError {
         lanes: usize,
         /// The lanes that the agent trains on.
         expected: usize,
+    },
+    /// What starts is not what the algorithm declares.
+    #[error(
+        "the algorithm `{algorithm}` declares {}",
+        if *learns {
+            "LEARNS = true, so that it starts a learner and has training episodes"
+        } else {
+            "LEARNS = false, so that it starts an actor and has no training episodes"
+        }
+    )]
+    Inconsistent {
+        /// The algorithm.
+        algorithm: &'static str,
+        /// What it declares.
+        learns: bool,
     },
 }
 
@@ -127,6 +143,7 @@ pub trait AlgorithmParameters: Keyed + 'static {
 /// A registered algorithm: what [`AlgorithmParameters`] declare, for all types alike.
 pub struct Algorithm {
     name: &'static str,
+    parameters: TypeId,
     keys: &'static [Key],
     learns: bool,
     constraints: &'static [Constraint],
@@ -145,6 +162,7 @@ impl Algorithm {
     pub const fn of<P: AlgorithmParameters>() -> Algorithm {
         Algorithm {
             name: P::NAME,
+            parameters: TypeId::of::<P>(),
             keys: P::KEYS,
             learns: P::LEARNS,
             constraints: P::CONSTRAINTS,
@@ -183,10 +201,10 @@ fn typed<P: Keyed>(values: &[Value]) -> P {
     P::from_values(values).expect("an agent's values are of the types of its keys")
 }
 
-// A name is registered once, so it identifies the algorithm.
+// An algorithm is the type that declares it: two that are not registered may have one name.
 impl PartialEq for Algorithm {
     fn eq(&self, other: &Self) -> bool {
-        self.name == other.name
+        self.parameters == other.parameters
     }
 }
 
@@ -229,7 +247,8 @@ impl Agent {
 
     /// The hyper-parameters, if they are of this type.
     pub fn parameters<P: AlgorithmParameters>(&self) -> Option<P> {
-        if self.algorithm.name == P::NAME { P::from_values(&self.values) } else { None }
+        let is_of_type = self.algorithm.parameters == TypeId::of::<P>();
+        if is_of_type { P::from_values(&self.values) } else { None }
     }
 
     /// The version of the algorithm's code; see [`AlgorithmParameters::version`].
@@ -244,9 +263,16 @@ impl Agent {
 
     /// The agent at the start of its job.
     ///
-    /// **Errors**: there is no memory for what it needs, or it is a rule that cannot be computed.
+    /// **Errors**: there is no memory for what it needs, it is a rule that cannot be computed, or its
+    /// algorithm does not start what it declares.
     pub fn start(&self, task: &Task) -> Result<Start, StartError> {
-        (self.algorithm.start)(&self.values, task)
+        let start = (self.algorithm.start)(&self.values, task)?;
+        let (algorithm, learns) = (self.algorithm.name, self.algorithm.learns);
+        let consistent = match start {
+            Start::Learner(_) => learns && self.episodes() > 0,
+            Start::Actor(_) => !learns && self.episodes() == 0,
+        };
+        if consistent { Ok(start) } else { Err(StartError::Inconsistent { algorithm, learns }) }
     }
 
     /// The actor of an agent that was trained before; see [`AlgorithmParameters::trained`].

@@ -28,19 +28,31 @@ static BUILT_IN: [Algorithm; 3] = [
 /// The algorithms that programs have added, in their order.
 static REGISTERED: RwLock<Vec<&'static Algorithm>> = RwLock::new(Vec::new());
 
-/// A name that another algorithm has.
+/// Why an algorithm cannot be registered.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("there is an algorithm called `{0}` already")]
-pub struct NameTaken(pub &'static str);
+pub enum RegistrationError {
+    /// Another algorithm has its name.
+    #[error("there is an algorithm called `{0}` already")]
+    NameTaken(&'static str),
+    /// One of its keys has a name that manifests use for something else.
+    #[error("`{0}` cannot be the name of a key of an algorithm; manifests use it for every agent")]
+    ReservedKey(&'static str),
+}
+
+/// Names that the table of an agent in a manifest uses beside the keys of its algorithm.
+const RESERVED: [&str; 2] = ["algorithm", "name"];
 
 /// Adds an algorithm, so that manifests and stores that name it can be read.
 ///
-/// **Errors**: its name is taken.
-pub fn register_algorithm<P: AlgorithmParameters>() -> Result<(), NameTaken> {
+/// **Errors**: its name is taken, or a key has a reserved name.
+pub fn register_algorithm<P: AlgorithmParameters>() -> Result<(), RegistrationError> {
+    if let Some(key) = P::KEYS.iter().find(|key| RESERVED.contains(&key.name)) {
+        return Err(RegistrationError::ReservedKey(key.name));
+    }
     let mut registered = REGISTERED.write().unwrap_or_else(PoisonError::into_inner);
     let is_taken = |algorithm: &Algorithm| algorithm.name() == P::NAME;
     if BUILT_IN.iter().any(is_taken) || registered.iter().any(|algorithm| is_taken(algorithm)) {
-        return Err(NameTaken(P::NAME));
+        return Err(RegistrationError::NameTaken(P::NAME));
     }
     registered.push(const { &Algorithm::of::<P>() });
     Ok(())

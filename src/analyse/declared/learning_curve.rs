@@ -2,7 +2,6 @@
 
 use super::arm::{ArmId, arms};
 use crate::analyse::{Interval, mean_interval, moving_mean};
-use crate::manifest::Setting;
 use crate::record::JobRecord;
 
 /// Learning curves, a panel a scenario.
@@ -53,11 +52,10 @@ pub struct LearningLine {
 }
 
 /// The learning curves of the jobs. Where seeds end at different episodes, a line goes
-/// as far as all of them do. Rules, which learn nothing, have none.
+/// as far as all of them do. Agents that do not learn have none.
 pub fn figure(window: u32, jobs: &[&JobRecord]) -> LearningFigure {
     let mut panels: Vec<LearningPanel> = Vec::new();
-    let is_rule = |job: &JobRecord| matches!(job.setting("agent.algorithm"), Some(Setting::Text(name)) if name == "rule");
-    let learners: Vec<&JobRecord> = jobs.iter().filter(|job| !is_rule(job)).copied().collect();
+    let learners: Vec<&JobRecord> = jobs.iter().filter(|job| job.learns).copied().collect();
     for arm in arms(&learners, &[]) {
         let curves: Vec<Vec<(u32, f64)>> = arm
             .jobs
