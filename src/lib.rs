@@ -60,6 +60,8 @@ pub mod analyse;
 #[doc(hidden)]
 pub mod cli;
 #[doc(hidden)]
+pub mod cluster;
+#[doc(hidden)]
 pub mod env;
 #[doc(hidden)]
 pub mod kernel;

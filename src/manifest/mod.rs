@@ -44,12 +44,15 @@ pub use analysis::{
 pub use condition::{Condition, Described, Setting, short_name};
 pub use declared::{DeclaredAgent, Exclusion, MOST_JOBS, Manifest, Zip};
 pub use evaluation::{Evaluation, TestActions};
+pub(crate) use fault::FaultList;
 pub use fault::{Fault, Faults, nearest};
 pub use grid::{Cell, Grid};
+pub(crate) use load::{Document, document};
 pub use load::{load, parse};
 pub use parameter::{Parameters, parameter, parameters};
 pub use published::{Published, PublishedCurve, PublishedErrors, PublishedHeatMap, PublishedTest};
 pub use schema::schema;
 pub use section::Section;
 pub use source::{Position, hidden, printable};
+pub(crate) use source::{Source, Span};
 pub use varying::Varying;
