@@ -15,7 +15,7 @@ pub(crate) enum Exit {
     Done,
     /// Some jobs failed.
     JobsFailed,
-    /// A simulation differs from its recording.
+    /// A simulation differs from its recording, or a run from that of another store or its digest.
     Differs,
     /// The arguments or a manifest are wrong.
     Usage,

@@ -1,0 +1,63 @@
+//! Opening a source of a merge, which is only read.
+
+use std::path::Path;
+use std::time::Duration;
+
+use rusqlite::Connection;
+use rusqlite::backup::Backup;
+
+use crate::store::error::StoreError;
+use crate::store::migrate::{self, SCHEMA_VERSION};
+use crate::store::{file, schema};
+
+/// Pages that are copied between two looks at the source.
+const PAGES_AT_A_TIME: i32 = 1024;
+
+/// A connection to the store at `path` with the schema of this program, in a transaction: every
+/// statement sees the store as it was at one moment, whoever writes to it meanwhile. A store of an
+/// earlier release is migrated in a temporary copy, which nobody else sees.
+///
+/// **Errors**: nothing is at `path`, or no store, or a store of a newer release.
+pub(super) fn open(path: &Path) -> Result<Connection, StoreError> {
+    let (connection, path) = file::open_reader(path).map_err(in_words_of_a_merge)?;
+    let failed = |source| StoreError::sqlite(&path, "read the store", source);
+    connection.execute_batch("BEGIN").map_err(failed)?;
+    let version: u32 = connection
+        .query_row("SELECT user_version FROM pragma_user_version", [], |row| row.get(0))
+        .map_err(failed)?;
+    schema::require(&connection, &path)?;
+    if version == SCHEMA_VERSION {
+        return Ok(connection);
+    }
+    // A file without a name, which goes with its connection.
+    let mut copy = Connection::open("").map_err(failed)?;
+    let copied = Backup::new(&connection, &mut copy)
+        .and_then(|backup| backup.run_to_completion(PAGES_AT_A_TIME, Duration::ZERO, None));
+    copied.map_err(failed)?;
+    migrate::migrate_copy(&mut copy, &path)?;
+    copy.execute_batch("PRAGMA query_only = ON; BEGIN").map_err(failed)?;
+    Ok(copy)
+}
+
+/// The number of runs of a source that a merge copies.
+pub(super) fn count(connection: &Connection) -> usize {
+    let count = "SELECT count(*) FROM run WHERE status IN ('completed', 'failed')";
+    // What cannot be counted is met again when it is read.
+    connection.query_row(count, [], |row| row.get(0)).unwrap_or(0)
+}
+
+/// An error of opening, without the advice to name another target.
+fn in_words_of_a_merge(error: StoreError) -> StoreError {
+    let not_mergeable =
+        |path, reason: &str| StoreError::NotMergeable { path, reason: reason.to_owned() };
+    match error {
+        StoreError::Missing { path } => not_mergeable(path, "no store is there"),
+        StoreError::MissingFolder { path, .. } => not_mergeable(path, "no store is there"),
+        StoreError::Empty { path } => not_mergeable(path, "it is an empty file"),
+        StoreError::NotAStore { path, what } => not_mergeable(path, &format!("it is {what}")),
+        StoreError::Foreign { path } => {
+            not_mergeable(path, "it is a SQLite file that jitai did not make")
+        }
+        other => other,
+    }
+}
