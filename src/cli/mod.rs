@@ -4,6 +4,7 @@
 //! jobs failed, or results differ, 2 bad usage or manifest, 3 store or system error, 130 interrupted.
 
 mod answer;
+mod cancel;
 mod check;
 mod counting;
 mod counts;
@@ -30,7 +31,10 @@ mod simulate;
 mod status;
 mod steps;
 mod store_argument;
+mod submissions;
+mod submit;
 mod summary;
+mod task;
 mod verb;
 mod workers;
 

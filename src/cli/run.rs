@@ -165,7 +165,7 @@ fn seconds(text: &str) -> Result<Duration, String> {
 }
 
 /// Registers a manifest, and says so if that drops jobs; breaks off if `stop` is set.
-fn register(
+pub(super) fn register(
     store: &mut Store,
     manifest: &Manifest,
     stop: &AtomicBool,

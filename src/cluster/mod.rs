@@ -13,6 +13,7 @@
 //! - An engine is four calls (`engine.rs`). It knows neither jobs nor folders.
 
 mod attempt;
+mod collect;
 mod duration;
 mod engine;
 mod error;
@@ -25,11 +26,12 @@ mod submit;
 mod survey;
 mod task;
 
+pub use collect::collect;
 pub use engine::{Alive, Engine, EngineError, EngineKind, Limits, Phase};
 pub use error::ClusterError;
 pub use folder::{Stop, Submission, Submissions};
 pub use profile::{Profile, schema};
 pub use script::RUN_AGAIN;
-pub use submit::{Cluster, Draft, Filled, Request};
+pub use submit::{Cluster, Draft, Filled, Look, Request};
 pub use survey::{Chunk, ChunkCounts, ChunkState, Loss, Survey};
 pub use task::{Assignment, TaskEnd, run_chunk};

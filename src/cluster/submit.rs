@@ -300,6 +300,13 @@ impl<'a> Cluster<'a> {
         Ok(draft)
     }
 
+    /// The script of a draft as its submission would have it; `None` if no job is missing.
+    pub fn script(&self, draft: &Draft, request: Request<'_>) -> Option<String> {
+        let name = folder::new_name();
+        let folder = self.submissions.place(&name);
+        (!draft.chunks.is_empty()).then(|| script(&name, &folder, draft, request))
+    }
+
     /// Writes a submission and gives it to the engine.
     ///
     /// **Errors**: a file cannot be written; the engine refuses, which leaves no submission; or it is
@@ -337,14 +344,7 @@ impl<'a> Cluster<'a> {
             let text: String = chunk.keys.iter().map(|key| format!("{key}\n")).collect();
             write(&chunk_file(&path, number as u32), &text)?;
         }
-        let order = Order {
-            name: &array_name(&name),
-            chunks: draft.chunks.len() as u32,
-            folder: &path,
-            program: request.program,
-            profile: request.profile,
-        };
-        write(&path.join("script.sh"), &request.profile.engine.script(&order))?;
+        write(&path.join("script.sh"), &script(&name, &path, draft, request))?;
         Submission::intend(&path, intent(draft, request.profile, manifests))
     }
 
@@ -404,6 +404,17 @@ fn record_found(submission: &Submission, alive: &[Alive]) -> Result<(), ClusterE
         Some(task) if submission.array().is_none() => submission.record_array(&task.array),
         _ => Ok(()),
     }
+}
+
+fn script(name: &str, folder: &Path, draft: &Draft, request: Request<'_>) -> String {
+    let order = Order {
+        name: &array_name(name),
+        chunks: draft.chunks.len() as u32,
+        folder,
+        program: request.program,
+        profile: request.profile,
+    };
+    request.profile.engine.script(&order)
 }
 
 fn intent(draft: &Draft, profile: &Profile, manifests: &[Manifest]) -> Intent {
