@@ -23,6 +23,8 @@ mod profile;
 mod script;
 mod slurm;
 mod submit;
+#[cfg(test)]
+mod submit_tests;
 mod survey;
 mod task;
 

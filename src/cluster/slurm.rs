@@ -287,3 +287,83 @@ fn sbatch_word(option: &str) -> String {
         option.to_owned()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cluster::engine::EngineKind;
+    use crate::cluster::profile::Profile;
+
+    fn script_of(profile: &Profile) -> String {
+        super::script(&Order {
+            name: "jitai-20260131-120000-1a2b3c",
+            chunks: 42,
+            folder: Path::new("/shared/my lab/jitai.sqlite.submissions/one"),
+            program: Path::new("/home/o'neil/jitai"),
+            profile,
+        })
+    }
+
+    #[test]
+    fn a_line_of_squeue_is_a_task_whatever_the_name_holds() {
+        let task = |line| task(line).map(|task| (task.name, task.array, task.chunk, task.phase));
+        let name = |name: &str, array: &str| (name.to_owned(), array.to_owned());
+        let (n, a) = name("jitai-1", "17");
+        assert_eq!(task("jitai-1|17|3|RUNNING"), Some((n, a, 3, Phase::Running)));
+        let (n, a) = name("a|b", "17");
+        assert_eq!(task("a|b|17|3|PENDING"), Some((n, a, 3, Phase::Waiting)));
+        let (n, a) = name("jitai-1", "17");
+        assert_eq!(task("jitai-1|17|0|COMPLETING"), Some((n, a, 0, Phase::Running)));
+        for line in ["", "slurm_load_jobs error", "jitai-1|17|N/A|RUNNING"] {
+            assert_eq!(task(line), None, "{line}");
+        }
+    }
+
+    #[test]
+    fn a_script_has_the_options_of_the_profile_and_quotes_its_paths() {
+        let profile = Profile {
+            partition: Some("short".to_owned()),
+            time_limit: Some("2:00:00".to_owned()),
+            memory: Some("4G".to_owned()),
+            cpus_per_task: 4,
+            max_running: Some(20),
+            setup: vec!["module load gcc".to_owned()],
+            options: vec![
+                ("exclusive".to_owned(), None),
+                ("comment".to_owned(), Some("a \"b\"".to_owned())),
+            ],
+            ..Profile::of(EngineKind::Slurm)
+        };
+        let script = script_of(&profile);
+        for line in [
+            "#SBATCH --job-name=jitai-20260131-120000-1a2b3c",
+            "#SBATCH --array=0-41%20",
+            "#SBATCH \"--chdir=/shared/my lab/jitai.sqlite.submissions/one\"",
+            "#SBATCH --output=logs/%a.log",
+            "#SBATCH --requeue",
+            "#SBATCH --cpus-per-task=4",
+            "#SBATCH --signal=B:TERM@60",
+            "#SBATCH --partition=short",
+            "#SBATCH --time=2:00:00",
+            "#SBATCH --mem=4G",
+            "#SBATCH --exclusive",
+            "#SBATCH \"--comment=a \\\"b\\\"\"",
+            "module load gcc",
+        ] {
+            assert!(script.lines().any(|of_script| of_script == line), "{line}\n{script}");
+        }
+        assert!(script.contains("'/home/o'\\''neil/jitai' task '/shared/my lab/"), "{script}");
+        let options = script.lines().filter(|line| line.starts_with("#SBATCH")).count();
+        let first = script.lines().nth(options + 1);
+        assert_eq!(first, Some("module load gcc"), "options come before any command");
+    }
+
+    #[test]
+    fn the_signal_of_a_profile_replaces_the_usual_one() {
+        let signal = ("signal".to_owned(), Some("B:TERM@300".to_owned()));
+        let profile = Profile { options: vec![signal], ..Profile::of(EngineKind::Slurm) };
+        let script = script_of(&profile);
+        assert!(script.contains("#SBATCH --signal=B:TERM@300\n"), "{script}");
+        assert!(!script.contains("@60"), "{script}");
+    }
+}
