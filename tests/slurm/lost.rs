@@ -8,7 +8,7 @@ use crate::cluster::{Lab, parent, signal, until};
 use crate::support::{Effort, manifest};
 
 /// One chunk of six jobs.
-const ONE_CHUNK: &str = "chunk_minutes = 1000\nhand_in_minutes = 0.02";
+const ONE_CHUNK: &str = "chunk_minutes = 1000\nhand_in_minutes = 0.1";
 
 fn six_jobs() -> String {
     manifest("lost", "0.6", "3", Effort::Long)
