@@ -5,7 +5,7 @@ use std::fmt;
 use serde_json::{Map, Value as Json};
 use sha2::{Digest, Sha256};
 
-use crate::agent::{Agent, Algorithm, Setting};
+use crate::agent::{Agent, Algorithm, Setting, Work};
 use crate::env::{self, Environment, Scenario};
 use crate::key::{CanonicalError, Key, Keyed, Parameter, Value, canonical_object, read_object};
 use crate::manifest::Evaluation;
@@ -51,6 +51,13 @@ pub enum JobError {
     },
 }
 
+/// Multiply-adds that take as long as a step of the simulation in training, where an episode or a
+/// few are under way.
+const PER_STEP: u64 = 4000;
+
+/// The same in a test, where hundreds of episodes are under way.
+const PER_TESTED_STEP: u64 = 1000;
+
 /// Versions of the code that a job's results depend on. One is raised whenever a change makes the
 /// same job end in other bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -92,6 +99,16 @@ impl Job {
     /// Where the agent learns.
     pub fn setting(&self) -> Setting<'_> {
         Setting { environment: &self.environment, scenario: &self.scenario, seed: self.seed }
+    }
+
+    /// How much arithmetic it takes where no episode ends early, in multiply-adds.
+    pub fn work(&self) -> u64 {
+        let setting = self.setting();
+        let Work { training, choice } = self.agent.work(&setting);
+        let trained = setting.steps(self.agent.episodes()).saturating_mul(PER_STEP);
+        let tested = setting.steps(self.evaluation.test_episodes);
+        let tested = tested.saturating_mul(choice.saturating_add(PER_TESTED_STEP));
+        training.saturating_add(trained).saturating_add(tested)
     }
 
     /// The canonical form, from which the key follows.

@@ -18,7 +18,7 @@ use crate::env::{ObservationSpec, VectorEnvironment};
 use crate::kernel::Isa;
 use crate::key::Parameter;
 
-use super::algorithm::{AlgorithmParameters, Setting, Start, StartError, unless_fit};
+use super::algorithm::{AlgorithmParameters, Setting, Start, StartError, Work, unless_fit};
 
 const TRUNK: Parameter = Parameter::Agent("trunk");
 const BATCH: Parameter = Parameter::Agent("batch");
@@ -76,6 +76,17 @@ impl AlgorithmParameters for DuelingDqn {
 
     fn episodes(&self) -> u32 {
         self.episodes
+    }
+
+    /// One update a step. A row of its batch goes through the target network, too, unless its target
+    /// is known from an earlier update.
+    fn work(&self, setting: &Setting) -> Work {
+        let weights =
+            layers::weights(&layers::dueling(self, setting.observations().inputs())) as u64;
+        let steps = setting.steps(self.episodes);
+        let Work { training, choice } =
+            Work::of_network(weights, steps.saturating_mul(u64::from(self.batch)), steps);
+        Work { training: training.saturating_add(steps.saturating_mul(weights)), choice }
     }
 
     fn start(&self, setting: &Setting) -> Result<Start, StartError> {

@@ -17,7 +17,7 @@ use crate::env::{ObservationSpec, VectorEnvironment};
 use crate::kernel::Isa;
 use crate::key::Parameter;
 
-use super::algorithm::{AlgorithmParameters, Setting, Start, StartError, unless_fit};
+use super::algorithm::{AlgorithmParameters, Setting, Start, StartError, Work, unless_fit};
 
 const TRAJECTORIES_PER_UPDATE: Parameter = Parameter::Agent("trajectories_per_update");
 
@@ -55,6 +55,16 @@ impl AlgorithmParameters for Reinforce {
 
     fn episodes(&self) -> u32 {
         self.episodes
+    }
+
+    /// One update for so many trajectories. Every step is seen twice, to choose and to learn.
+    fn work(&self, setting: &Setting) -> Work {
+        let weights =
+            layers::weights(&[layers::policy(self, setting.observations().inputs())]) as u64;
+        let steps = setting.steps(self.episodes);
+        let updates = self.episodes.div_ceil(self.trajectories_per_update.max(1));
+        let Work { training, choice } = Work::of_network(weights, steps, updates.into());
+        Work { training: training.saturating_add(steps.saturating_mul(weights)), choice }
     }
 
     fn start(&self, setting: &Setting) -> Result<Start, StartError> {

@@ -94,7 +94,8 @@ fn read_all(tasks: &Mutex<Receiver<Task<'_>>>, target: &Path) {
         let Ok(Task { path, to }) = task else { return };
         let read = || -> Result<Result<bool, _>, StoreError> {
             let source = snapshot::open(path)?;
-            let (known, _) = file::open_reader(target)?;
+            let known = file::connect_reader(target)
+                .map_err(|source| StoreError::sqlite(target, "read the store", source))?;
             let source = Source::new(&source, Extent::Results(&known));
             Ok(source.read(|batch| to.send(Message::Batch(batch))))
         };
