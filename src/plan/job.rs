@@ -51,12 +51,8 @@ pub enum JobError {
     },
 }
 
-/// Multiply-adds that take as long as a step of the simulation in training, where an episode or a
-/// few are under way.
-const PER_STEP: u64 = 4000;
-
-/// The same in a test, where hundreds of episodes are under way.
-const PER_TESTED_STEP: u64 = 1000;
+/// Multiply-adds that take as long as a step of the simulation.
+const PER_SIMULATED_STEP: u64 = 500;
 
 /// Versions of the code that a job's results depend on. One is raised whenever a change makes the
 /// same job end in other bits.
@@ -105,10 +101,10 @@ impl Job {
     pub fn work(&self) -> u64 {
         let setting = self.setting();
         let Work { training, choice } = self.agent.work(&setting);
-        let trained = setting.steps(self.agent.episodes()).saturating_mul(PER_STEP);
-        let tested = setting.steps(self.evaluation.test_episodes);
-        let tested = tested.saturating_mul(choice.saturating_add(PER_TESTED_STEP));
-        training.saturating_add(trained).saturating_add(tested)
+        let (trained, tested) = (self.agent.episodes(), self.evaluation.test_episodes);
+        let simulated = (setting.steps(trained) + setting.steps(tested)) * PER_SIMULATED_STEP;
+        let chosen = setting.steps(tested).saturating_mul(choice);
+        training.saturating_add(simulated).saturating_add(chosen)
     }
 
     /// The canonical form, from which the key follows.

@@ -106,15 +106,12 @@ mod tests {
     /// Jobs with keys from a stream, whose works are spread over so many powers of two.
     fn jobs(stream: &mut Stream, count: usize, powers: u32) -> Vec<(JobKey, u64)> {
         let mut number = |below: f64| (stream.unit() * below) as u64;
-        (0..count)
-            .map(|_| {
-                let key = u128::from(number(1e18)) << 64 | u128::from(number(1e18));
-                (
-                    JobKey(key.to_be_bytes()),
-                    1 + number(2_f64.powi(number(f64::from(powers)) as i32)),
-                )
-            })
-            .collect()
+        let mut one = || {
+            let key = u128::from(number(1e18)) << 64 | u128::from(number(1e18));
+            let power = number(f64::from(powers)) as i32;
+            (JobKey(key.to_be_bytes()), 1 + number(2_f64.powi(power)))
+        };
+        (0..count).map(|_| one()).collect()
     }
 
     #[test]

@@ -104,6 +104,10 @@ pub struct Work {
     pub choice: u64,
 }
 
+/// Multiply-adds that take as long as what a step of training costs, however few lanes take it
+/// together.
+pub(super) const PER_STEP: u64 = 3500;
+
 /// Multiply-adds that take as long as an optimiser's update of one weight.
 const PER_UPDATED_WEIGHT: u64 = 14;
 
@@ -115,6 +119,11 @@ impl Work {
         let passes = rows.saturating_mul(3).saturating_mul(weights);
         let steps = updates.saturating_mul(PER_UPDATED_WEIGHT).saturating_mul(weights);
         Work { training: passes.saturating_add(steps), choice: weights }
+    }
+
+    /// This with so much more training.
+    pub fn plus(self, training: u64) -> Work {
+        Work { training: self.training.saturating_add(training), ..self }
     }
 }
 
@@ -144,7 +153,7 @@ pub trait AlgorithmParameters: Keyed + 'static {
     /// declared, that of a network with two hidden layers of 128 units, updated at every step.
     fn work(&self, setting: &Setting) -> Work {
         let steps = setting.steps(self.episodes());
-        Work::of_network(USUAL_WEIGHTS, steps, steps)
+        Work::of_network(USUAL_WEIGHTS, steps, steps).plus(steps.saturating_mul(PER_STEP))
     }
 
     /// An agent at the start of its job.

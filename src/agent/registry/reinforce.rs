@@ -17,7 +17,9 @@ use crate::env::{ObservationSpec, VectorEnvironment};
 use crate::kernel::Isa;
 use crate::key::Parameter;
 
-use super::algorithm::{AlgorithmParameters, Setting, Start, StartError, Work, unless_fit};
+use super::algorithm::{
+    AlgorithmParameters, PER_STEP, Setting, Start, StartError, Work, unless_fit,
+};
 
 const TRAJECTORIES_PER_UPDATE: Parameter = Parameter::Agent("trajectories_per_update");
 
@@ -63,8 +65,9 @@ impl AlgorithmParameters for Reinforce {
             layers::weights(&[layers::policy(self, setting.observations().inputs())]) as u64;
         let steps = setting.steps(self.episodes);
         let updates = self.episodes.div_ceil(self.trajectories_per_update.max(1));
-        let Work { training, choice } = Work::of_network(weights, steps, updates.into());
-        Work { training: training.saturating_add(steps.saturating_mul(weights)), choice }
+        Work::of_network(weights, steps, updates.into())
+            .plus(steps.saturating_mul(weights))
+            .plus(setting.steps(updates).saturating_mul(PER_STEP))
     }
 
     fn start(&self, setting: &Setting) -> Result<Start, StartError> {

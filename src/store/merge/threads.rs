@@ -49,10 +49,9 @@ pub fn merge(
 ) -> Result<Merged, StoreError> {
     let mut progress = MergeProgress { done: 0, of: 0 };
     for path in sources {
-        progress.of += match snapshot::open(path) {
-            Ok(connection) => snapshot::count(&connection),
+        progress.of += match snapshot::count(path) {
             Err(StoreError::Damaged { .. }) => 0,
-            Err(error) => return Err(error),
+            counted => counted?,
         };
     }
     into.release_all_dead_sessions()?;
