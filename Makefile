@@ -71,8 +71,8 @@ test-features: ## lints and tests with all features: the other tensor backend, a
 	$(CARGO) clippy --release --all-targets --features $(FEATURES) --quiet -- -D warnings
 	$(CARGO) test --release --quiet --features $(FEATURES)
 
-test-kill: ## sweeps killed 500 times, compared with undisturbed ones (minutes; KILLS=n, SEED=n)
-	$(CARGO) test --release --quiet --test kill -- --nocapture
+test-kill: ## sweeps killed 500 times, and merges, compared with undisturbed ones (minutes; KILLS=n, SEED=n)
+	$(CARGO) test --release --quiet --test kill --test kill_merge -- --nocapture
 
 test-damage: ## a byte changed at 500 places of a store, and every command on what is left (a minute)
 	JITAI_DAMAGED_PLACES=500 $(CARGO) test --release --quiet --test cli changed_byte -- --nocapture

@@ -96,13 +96,22 @@ pub use manifest::{
 };
 
 // Expand it.
-pub use plan::{Filter, FilterError, Job, JobKey, PlannedJob, count as count_jobs, expand, jobs};
+pub use plan::{
+    Filter, FilterError, Job, JobKey, PlannedJob, Shard, ShardError, count as count_jobs, expand,
+    jobs,
+};
 
 // Run it against a store.
 pub use schedule::{
     Event, EventSink, OnFailure, Options, Queued, SweepError, Tally, run_manifests,
 };
 pub use store::{RetryFailed, Store, StoreError};
+
+// Bring stores together.
+pub use store::{
+    Conflict, Damage, MergeProgress, Merged, Origin, OtherManifest, merge as merge_stores,
+    stores_of,
+};
 
 // Read results.
 pub use analyse::declared::{ArmSummary, summarise_arms};
@@ -143,7 +152,8 @@ pub use agent::{
     ActionNetwork, Actions, Agent, Algorithm, AlgorithmParameters, AutodiffPolicy, Chosen,
     Constraint, Diverged, EpsilonGreedy, Learner, LearnerError, NameTaken, PolicyGradient,
     ReinforceEngine, ReinforceLearner, Setting, SoftmaxPolicy, Span, Start, StartError, Trained,
-    TrainedEpisode, Trajectories, Violation, WeightTensor, Weights, WeightsError, action_tensor,
-    inference_device, observation_tensor, register, training_device,
+    TrainedEpisode, Trajectories, Violation, WeightTensor, Weights, WeightsError,
+    Work as AgentWork, action_tensor, inference_device, observation_tensor, register,
+    training_device,
 };
 pub use key::{Key, KeyType, Keyed, Kind, Parameter, Value};

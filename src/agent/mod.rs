@@ -45,7 +45,7 @@ pub use memory::{OutOfMemory, reserve, reserve_exact};
 pub use network::{Activation, Engine};
 pub use policy::{ActionNetwork, EpsilonGreedy, SoftmaxPolicy};
 pub use registry::{
-    Agent, Algorithm, AlgorithmParameters, NameTaken, Setting, Start, StartError, Trained,
+    Agent, Algorithm, AlgorithmParameters, NameTaken, Setting, Start, StartError, Trained, Work,
     dueling_dqn_learner, register, reinforce_learner, trained_dueling_dqn, trained_reinforce,
 };
 pub use reinforce::{Reinforce, ReinforceEngine, ReinforceLearner, Trajectories};

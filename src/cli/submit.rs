@@ -87,7 +87,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     }
     let mut store = Store::open(&arguments.store.store)?;
     for manifest in &manifests {
-        if run::register(&mut store, manifest, &stop)?.is_break() {
+        if run::register(&mut store, manifest, &selection, &stop)?.is_break() {
             return Ok(Exit::Interrupted);
         }
     }

@@ -3,8 +3,8 @@
 use crate::plan::Job;
 use crate::schedule::{Episodes, Speeds};
 
-/// Time of an episode of an algorithm that has not been timed, in seconds.
-const SECONDS_PER_EPISODE: f64 = 0.005;
+/// Speed of a core that has not been timed, in multiply-adds per second.
+const MULTIPLY_ADDS_PER_SECOND: f64 = 2e9;
 /// Time that any job takes, in seconds.
 const LEAST_SECONDS: f64 = 0.005;
 
@@ -12,6 +12,6 @@ const LEAST_SECONDS: f64 = 0.005;
 pub fn seconds(speeds: &Speeds, job: &Job) -> f64 {
     let mut episodes = Episodes::default();
     episodes.add(job.algorithm(), u64::from(job.agent.episodes()));
-    let timed = speeds.seconds(&episodes);
-    timed.unwrap_or_else(|| SECONDS_PER_EPISODE * f64::from(job.agent.episodes())) + LEAST_SECONDS
+    let timed = speeds.seconds(&episodes).filter(|seconds| *seconds > 0.0);
+    timed.unwrap_or_else(|| job.work() as f64 / MULTIPLY_ADDS_PER_SECOND) + LEAST_SECONDS
 }

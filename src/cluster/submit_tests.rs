@@ -111,7 +111,7 @@ impl Lab {
         let store = folder.path().join("s.sqlite");
         let never = std::sync::atomic::AtomicBool::new(false);
         let mut opened = Store::open(&store).unwrap();
-        crate::schedule::register(&mut opened, &manifests[0], &never).unwrap();
+        crate::schedule::register(&mut opened, &manifests[0], None, &never).unwrap();
         // Four jobs a chunk, if each is taken for 5 ms.
         let profile = Profile { chunk_minutes: 0.02 / 60.0, ..Profile::of(EngineKind::Slurm) };
         Lab { manifests, profile, store, engine: Fake::new(), _folder: folder }

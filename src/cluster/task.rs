@@ -19,10 +19,12 @@ use super::attempt::{Attempt, AttemptEnd};
 use super::error::ClusterError;
 use super::folder::{HandedIn, Submission, copy_whole, now, random};
 use crate::manifest::{self, Manifest};
-use crate::plan::{self, JobKey, PlannedJob};
+use crate::plan::JobKey;
 use crate::record::Outcome;
-use crate::schedule::{self, CheckpointFolder, CheckpointNote, Context, Event, Options, Queued};
-use crate::store::{self, Experiment, RetryFailed, Store};
+use crate::schedule::{
+    self, CheckpointFolder, CheckpointNote, Context, Event, Options, Queued, Selection,
+};
+use crate::store::{self, RetryFailed, Store};
 use crate::train;
 
 /// How often an attempt says that it is alive.
@@ -362,28 +364,22 @@ impl Drop for Scratch {
 /// The jobs of a chunk, as the frozen manifests have them.
 struct Plan {
     manifests: Vec<Manifest>,
-    /// Of each manifest, in its order.
-    jobs: Vec<Vec<PlannedJob>>,
+    jobs: HashMap<JobKey, Queued>,
 }
 
 impl Plan {
     /// The jobs of these keys.
     ///
-    /// **Errors**: this program makes no such job of the manifests.
+    /// **Errors**: a manifest cannot be read, or this program makes no such job of them.
     fn read(submission: &Submission, keys: &[JobKey]) -> Result<Plan, ClusterError> {
-        let wanted: HashSet<&JobKey> = keys.iter().collect();
-        let mut found: HashSet<JobKey> = HashSet::new();
-        let (mut manifests, mut jobs) = (Vec::new(), Vec::new());
-        for path in submission.manifests() {
-            let manifest = manifest::load(&path)?;
-            let ours: Vec<PlannedJob> = plan::jobs(&manifest)
-                .filter(|planned| wanted.contains(&planned.form.key()))
-                .collect();
-            found.extend(ours.iter().map(|planned| planned.form.key()));
-            jobs.push(ours);
-            manifests.push(manifest);
-        }
-        match keys.len() - found.len() {
+        let paths = submission.manifests();
+        let manifests: Vec<Manifest> =
+            paths.iter().map(|path| manifest::load(path)).collect::<Result<_, _>>()?;
+        let selection = Selection::new(&manifests, None).expect("no filter refuses");
+        let queue = selection.part(keys.iter().copied().collect()).queue();
+        let jobs: HashMap<JobKey, Queued> =
+            queue.into_iter().map(|queued| (queued.key, queued)).collect();
+        match keys.len() - jobs.len() {
             0 => Ok(Plan { manifests, jobs }),
             missing => {
                 let code_version = submission.intent.code_version.clone();
@@ -394,38 +390,16 @@ impl Plan {
 
     /// Registers the jobs that are left, under their experiments.
     fn register(&self, store: &mut Store, left: &[JobKey]) -> Result<(), ClusterError> {
-        let left: HashSet<&JobKey> = left.iter().collect();
-        for (manifest, jobs) in self.manifests.iter().zip(&self.jobs) {
-            let ours = jobs.iter().filter(|planned| left.contains(&planned.form.key()));
-            let ours: Vec<_> = ours.map(|planned| (&*planned.agent, &planned.job)).collect();
-            if ours.is_empty() {
-                continue;
-            }
-            let experiment = Experiment {
-                name: &manifest.name,
-                question: manifest.question.as_deref(),
-                hypothesis: manifest.hypothesis.as_deref(),
-                manifest: &manifest.source,
-            };
-            store.register(&experiment, ours)?;
+        let left: HashSet<JobKey> = left.iter().copied().collect();
+        let never = AtomicBool::new(false);
+        for manifest in &self.manifests {
+            schedule::register(store, manifest, Some(&left), &never)?;
         }
         Ok(())
     }
 
     /// The queue of the jobs of these keys, in their order.
     fn queue(&self, keys: &[JobKey]) -> Vec<Queued> {
-        let mut queued: HashMap<JobKey, Queued> = HashMap::new();
-        for (manifest, jobs) in self.manifests.iter().zip(&self.jobs) {
-            let time_limit = manifest.time_limit_seconds.map(Duration::from_secs);
-            for planned in jobs {
-                let (key, job) = (planned.form.key(), planned.job.clone());
-                let agent = planned.agent.to_string();
-                let ours = Queued { key, agent, job, time_limit };
-                let found = queued.entry(key).or_insert(ours);
-                // Of several limits, that of the most patient manifest holds.
-                found.time_limit = found.time_limit.zip(time_limit).map(|(a, b)| a.max(b));
-            }
-        }
-        keys.iter().filter_map(|key| queued.remove(key)).collect()
+        keys.iter().filter_map(|key| self.jobs.get(key).cloned()).collect()
     }
 }

@@ -5,7 +5,7 @@ use std::fmt;
 use serde_json::{Map, Value as Json};
 use sha2::{Digest, Sha256};
 
-use crate::agent::{Agent, Algorithm, Setting};
+use crate::agent::{Agent, Algorithm, Setting, Work};
 use crate::env::{self, Environment, Scenario};
 use crate::key::{CanonicalError, Key, Keyed, Parameter, Value, canonical_object, read_object};
 use crate::manifest::Evaluation;
@@ -51,6 +51,9 @@ pub enum JobError {
     },
 }
 
+/// Multiply-adds that take as long as a step of the simulation.
+const PER_SIMULATED_STEP: u64 = 500;
+
 /// Versions of the code that a job's results depend on. One is raised whenever a change makes the
 /// same job end in other bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -92,6 +95,16 @@ impl Job {
     /// Where the agent learns.
     pub fn setting(&self) -> Setting<'_> {
         Setting { environment: &self.environment, scenario: &self.scenario, seed: self.seed }
+    }
+
+    /// How much arithmetic it takes where no episode ends early, in multiply-adds.
+    pub fn work(&self) -> u64 {
+        let setting = self.setting();
+        let Work { training, choice } = self.agent.work(&setting);
+        let (trained, tested) = (self.agent.episodes(), self.evaluation.test_episodes);
+        let simulated = (setting.steps(trained) + setting.steps(tested)) * PER_SIMULATED_STEP;
+        let chosen = setting.steps(tested).saturating_mul(choice);
+        training.saturating_add(simulated).saturating_add(chosen)
     }
 
     /// The canonical form, from which the key follows.

@@ -1,5 +1,6 @@
 //! Manifests from their registration to their stored runs, in one call.
 
+use std::collections::HashSet;
 use std::sync::atomic::AtomicBool;
 
 use super::checkpoint::CheckpointFolder;
@@ -7,16 +8,18 @@ use super::event::Event;
 use super::selection::Selection;
 use super::sweep::{Context, Options, SweepError, Tally};
 use crate::manifest::Manifest;
-use crate::plan;
+use crate::plan::{self, JobKey};
 use crate::store::{Experiment, Reader, Registered, Store, StoreError};
 use crate::train;
 
-/// Registers a manifest with its jobs, until that is done or `stop` is set; `None` if it was stopped.
+/// Registers a manifest with its jobs, or with those of them that are in `part`, until that is done
+/// or `stop` is set; `None` if it was stopped.
 ///
 /// **Errors**: the store fails.
 pub fn register(
     store: &mut Store,
     manifest: &Manifest,
+    part: Option<&HashSet<JobKey>>,
     stop: &AtomicBool,
 ) -> Result<Option<Registered>, StoreError> {
     let experiment = Experiment {
@@ -26,7 +29,10 @@ pub fn register(
         manifest: &manifest.source,
     };
     let jobs = plan::jobs(manifest).map(|planned| (planned.agent, planned.job));
-    store.register_until(stop, &experiment, jobs)
+    match part {
+        None => store.register_until(stop, &experiment, jobs),
+        Some(part) => store.register_part_until(stop, &experiment, jobs, part),
+    }
 }
 
 /// Registers manifests and runs all of their jobs that have no completed run yet. A later call
@@ -41,7 +47,7 @@ pub fn run_manifests(
 ) -> Result<Tally, SweepError> {
     let stop = AtomicBool::new(false);
     for manifest in manifests {
-        register(store, manifest, &stop)?;
+        register(store, manifest, None, &stop)?;
     }
     CheckpointFolder::beside(store.path()).clear(&Reader::open(store.path())?)?;
     store.clear_crash_marks()?;

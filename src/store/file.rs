@@ -297,7 +297,8 @@ fn configure_writer(connection: &Connection) -> rusqlite::Result<()> {
     )
 }
 
-fn connect_reader(path: &Path) -> rusqlite::Result<Connection> {
+/// A reading connection to a store that this process has open already.
+pub(super) fn connect_reader(path: &Path) -> rusqlite::Result<Connection> {
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let connection = Connection::open_with_flags(path, flags)?;
     configure_reader(&connection)?;

@@ -17,7 +17,9 @@ use crate::env::{ObservationSpec, VectorEnvironment};
 use crate::kernel::Isa;
 use crate::key::Parameter;
 
-use super::algorithm::{AlgorithmParameters, Setting, Start, StartError, unless_fit};
+use super::algorithm::{
+    AlgorithmParameters, PER_STEP, Setting, Start, StartError, Work, unless_fit,
+};
 
 const TRAJECTORIES_PER_UPDATE: Parameter = Parameter::Agent("trajectories_per_update");
 
@@ -55,6 +57,17 @@ impl AlgorithmParameters for Reinforce {
 
     fn episodes(&self) -> u32 {
         self.episodes
+    }
+
+    /// One update for so many trajectories. Every step is seen twice, to choose and to learn.
+    fn work(&self, setting: &Setting) -> Work {
+        let weights =
+            layers::weights(&[layers::policy(self, setting.observations().inputs())]) as u64;
+        let steps = setting.steps(self.episodes);
+        let updates = self.episodes.div_ceil(self.trajectories_per_update.max(1));
+        Work::of_network(weights, steps, updates.into())
+            .plus(steps.saturating_mul(weights))
+            .plus(setting.steps(updates).saturating_mul(PER_STEP))
     }
 
     fn start(&self, setting: &Setting) -> Result<Start, StartError> {

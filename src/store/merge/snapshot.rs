@@ -1,6 +1,6 @@
 //! Opening a source of a merge, which is only read.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use rusqlite::Connection;
@@ -19,13 +19,11 @@ const PAGES_AT_A_TIME: i32 = 1024;
 ///
 /// **Errors**: nothing is at `path`, or no store, or a store of a newer release.
 pub(super) fn open(path: &Path) -> Result<Connection, StoreError> {
-    let (connection, path) = file::open_reader(path).map_err(in_words_of_a_merge)?;
+    let (connection, path) = open_as_it_is(path)?;
     let failed = |source| StoreError::sqlite(&path, "read the store", source);
-    connection.execute_batch("BEGIN").map_err(failed)?;
     let version: u32 = connection
         .query_row("SELECT user_version FROM pragma_user_version", [], |row| row.get(0))
         .map_err(failed)?;
-    schema::require(&connection, &path)?;
     if version == SCHEMA_VERSION {
         return Ok(connection);
     }
@@ -39,11 +37,24 @@ pub(super) fn open(path: &Path) -> Result<Connection, StoreError> {
     Ok(copy)
 }
 
-/// The number of runs of a source that a merge copies.
-pub(super) fn count(connection: &Connection) -> usize {
+/// The number of runs that a merge copies from the store at `path`.
+///
+/// **Errors**: as [`open`].
+pub(super) fn count(path: &Path) -> Result<usize, StoreError> {
+    let (connection, _) = open_as_it_is(path)?;
     let count = "SELECT count(*) FROM run WHERE status IN ('completed', 'failed')";
     // What cannot be counted is met again when it is read.
-    connection.query_row(count, [], |row| row.get(0)).unwrap_or(0)
+    Ok(connection.query_row(count, [], |row| row.get(0)).unwrap_or(0))
+}
+
+/// A connection to the store with the schema that it has, in a transaction, and the absolute path.
+fn open_as_it_is(path: &Path) -> Result<(Connection, PathBuf), StoreError> {
+    let (connection, path) = file::open_reader(path).map_err(in_words_of_a_merge)?;
+    connection
+        .execute_batch("BEGIN")
+        .map_err(|source| StoreError::sqlite(&path, "read the store", source))?;
+    schema::require(&connection, &path)?;
+    Ok((connection, path))
 }
 
 /// An error of opening, without the advice to name another target.

@@ -49,10 +49,9 @@ pub fn merge(
 ) -> Result<Merged, StoreError> {
     let mut progress = MergeProgress { done: 0, of: 0 };
     for path in sources {
-        progress.of += match snapshot::open(path) {
-            Ok(connection) => snapshot::count(&connection),
+        progress.of += match snapshot::count(path) {
             Err(StoreError::Damaged { .. }) => 0,
-            Err(error) => return Err(error),
+            counted => counted?,
         };
     }
     into.release_all_dead_sessions()?;
@@ -94,7 +93,8 @@ fn read_all(tasks: &Mutex<Receiver<Task<'_>>>, target: &Path) {
         let Ok(Task { path, to }) = task else { return };
         let read = || -> Result<Result<bool, _>, StoreError> {
             let source = snapshot::open(path)?;
-            let (known, _) = file::open_reader(target)?;
+            let known = file::connect_reader(target)
+                .map_err(|source| StoreError::sqlite(target, "read the store", source))?;
             let source = Source::new(&source, Extent::Results(&known));
             Ok(source.read(|batch| to.send(Message::Batch(batch))))
         };
