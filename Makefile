@@ -4,7 +4,7 @@ CARGO ?= cargo
 JITAI := $(CARGO) run --release --quiet --
 
 .PHONY: help run paper readings bench bench-burn bench-readers bench-optima bench-coverage test test-slow
-.PHONY: test-features
+.PHONY: test-features test-slurm slurm
 .PHONY: test-kill test-damage test-bad-input fuzz deny miri test-browser browser test-analysis analysis doc clean
 
 help: ## these targets
@@ -71,8 +71,8 @@ test-features: ## lints and tests with all features: the other tensor backend, a
 	$(CARGO) clippy --release --all-targets --features $(FEATURES) --quiet -- -D warnings
 	$(CARGO) test --release --quiet --features $(FEATURES)
 
-test-kill: ## sweeps killed 500 times, compared with undisturbed ones (minutes; KILLS=n, SEED=n)
-	$(CARGO) test --release --quiet --test kill -- --nocapture
+test-kill: ## sweeps killed 500 times, and merges, compared with undisturbed ones (minutes; KILLS=n, SEED=n)
+	$(CARGO) test --release --quiet --test kill --test kill_merge -- --nocapture
 
 test-damage: ## a byte changed at 500 places of a store, and every command on what is left (a minute)
 	JITAI_DAMAGED_PLACES=500 $(CARGO) test --release --quiet --test cli changed_byte -- --nocapture
@@ -120,6 +120,15 @@ analysis: ## install what test-analysis uses, on Debian: R, and pandas in target
 	.ci/install r-base-core r-cran-dbi r-cran-rsqlite python3-venv
 	[ -x target/analysis/bin/pip ] || python3 -m venv target/analysis
 	target/analysis/bin/pip install --quiet --disable-pip-version-check pandas pyarrow
+
+# Every test brings up three nodes on loopback; most of its time it waits for them.
+test-slurm: ## submissions on real Slurm clusters with faults, as root (minutes; TEST=name for some)
+	@command -v slurmctld >/dev/null || { echo "Slurm is missing: run \`make slurm\`" >&2; exit 1; }
+	JITAI_TEST_SLURM=1 RUST_TEST_THREADS=$(or $(RUST_TEST_THREADS),6) \
+		$(CARGO) test --release --quiet --test slurm -- $(TEST)
+
+slurm: ## install what test-slurm needs, on Debian: Slurm, without starting its services
+	.ci/install slurmctld slurmd slurm-client munge
 
 doc: ## the library's documentation, warnings as errors
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --release --no-deps

@@ -67,6 +67,8 @@ pub mod analyse;
 #[doc(hidden)]
 pub mod cli;
 #[doc(hidden)]
+pub mod cluster;
+#[doc(hidden)]
 pub mod env;
 #[doc(hidden)]
 pub mod kernel;
@@ -103,15 +105,18 @@ pub mod experiment {
         Sides, TestActions, Zip, load, parse, schema,
     };
     pub use crate::plan::{
-        CanonicalForm, Filter, FilterError, Job, JobError, JobKey, PlannedJob, Scalar, Versions,
-        count, expand, jobs,
+        CanonicalForm, Filter, FilterError, Job, JobError, JobKey, PlannedJob, Scalar, Shard,
+        ShardError, Versions, count, expand, jobs,
     };
     pub use crate::record::{CurvePoint, Metric, Outcome, Results, TestEpisode};
     pub use crate::schedule::{
         CheckpointNote, Event, EventSink, Found, OnFailure, Options, Queued, SweepError, Tally,
         run_manifests as run,
     };
-    pub use crate::store::{RetryFailed, Store, StoreError};
+    pub use crate::store::{
+        Conflict, Damage, MergeProgress, Merged, Origin, OtherManifest, RetryFailed, Store,
+        StoreError, merge, stores_of,
+    };
     pub use crate::train::{CheckpointError, TrainingProgress};
 }
 
@@ -164,9 +169,9 @@ pub mod algorithm {
         Diverged, DuelingDqn, Engine, Learner, LearnerError, OutOfMemory, PolicyGradient,
         RegistrationError, Reinforce, ReinforceEngine, ReinforceLearner, Span, Start, StartError,
         Task, TerminalTarget, Trained, TrainedEpisode, Trajectories, Trunk, Violation,
-        WeightTensor, Weights, WeightsError, action_tensor, dueling_dqn_learner, inference_device,
-        observation_tensor, register_algorithm, reinforce_learner, trained_dueling_dqn,
-        trained_reinforce, training_device,
+        WeightTensor, Weights, WeightsError, Work, action_tensor, dueling_dqn_learner,
+        inference_device, observation_tensor, register_algorithm, reinforce_learner,
+        trained_dueling_dqn, trained_reinforce, training_device,
     };
     pub use crate::kernel::Isa;
     pub use crate::key::{

@@ -14,7 +14,7 @@ mod examples;
 
 use examples::{cell, fill_store, jitai, run};
 
-const DOCUMENTS: [&str; 11] = [
+const DOCUMENTS: [&str; 12] = [
     "README.md",
     "CONTRIBUTING.md",
     "docs/architecture.md",
@@ -26,6 +26,7 @@ const DOCUMENTS: [&str; 11] = [
     "docs/fidelity.md",
     "docs/performance.md",
     "docs/reliability.md",
+    "docs/cluster.md",
 ];
 
 /// The job key that the documents show where a reader puts one of their own.

@@ -25,6 +25,7 @@ const TABLE: &[(&str, &[&str])] = &[
     ("train", &["rng", "state", "env", "agent", "plan", "record"]),
     ("store", &["kill_point", "key", "manifest", "plan", "record"]),
     ("schedule", &["kill_point", "key", "agent", "manifest", "plan", "record", "train", "store"]),
+    ("cluster", &["manifest", "plan", "record", "train", "store", "schedule"]),
     // The bootstrap draws from a stream of its own.
     ("analyse", &["rng", "key", "env", "manifest", "record"]),
     ("report", &["key", "env", "optimum", "manifest", "plan", "record", "store", "analyse"]),
@@ -45,6 +46,7 @@ const TABLE: &[(&str, &[&str])] = &[
             "train",
             "store",
             "schedule",
+            "cluster",
             "analyse",
             "report",
         ],

@@ -70,7 +70,7 @@ pub(super) fn policy(parameters: &Reinforce, inputs: usize) -> Stack {
 }
 
 /// Numbers that the layers of stacks have, weights and biases.
-fn weights(stacks: &[Stack]) -> usize {
+pub(super) fn weights(stacks: &[Stack]) -> usize {
     let layers = stacks.iter().flat_map(|stack| stack.hidden.iter().chain(&stack.heads));
     layers.map(|layer| (layer.inputs + 1) * layer.outputs).sum()
 }

@@ -47,7 +47,7 @@ pub use network::{Activation, Engine};
 pub use policy::{ActionNetwork, EpsilonGreedy, SoftmaxPolicy};
 pub use registry::{
     Agent, Algorithm, AlgorithmParameters, RegistrationError, Start, StartError, Task, Trained,
-    dueling_dqn_learner, register_algorithm, reinforce_learner, trained_dueling_dqn,
+    Work, dueling_dqn_learner, register_algorithm, reinforce_learner, trained_dueling_dqn,
     trained_reinforce,
 };
 pub use reinforce::{Reinforce, ReinforceEngine, ReinforceLearner, Trajectories};

@@ -37,8 +37,14 @@ impl Counting {
 
     /// One more is done.
     pub(super) fn one_more(&mut self) {
-        self.done += 1;
-        self.bar.inc(1);
+        self.advance(self.done + 1, self.of);
+    }
+
+    /// So many are done, of so many.
+    pub(super) fn advance(&mut self, done: usize, of: usize) {
+        (self.done, self.of) = (done, of);
+        self.bar.set_length(of as u64);
+        self.bar.set_position(done as u64);
         // Who was told of the beginning is told of the end.
         let ends = self.said && self.done == self.of;
         if Instant::now() < self.due && !ends {

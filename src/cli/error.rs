@@ -3,6 +3,7 @@
 use std::io::{self, Write};
 use std::process::ExitCode;
 
+use crate::cluster::{ClusterError, RUN_AGAIN};
 use crate::manifest::Faults;
 use crate::plan::FilterError;
 use crate::schedule::SweepError;
@@ -15,7 +16,7 @@ pub(crate) enum Exit {
     Done,
     /// Some jobs failed.
     JobsFailed,
-    /// A simulation differs from its recording.
+    /// A simulation differs from its recording, or a run from that of another store or its digest.
     Differs,
     /// The arguments or a manifest are wrong.
     Usage,
@@ -23,6 +24,8 @@ pub(crate) enum Exit {
     System,
     /// Stopped by a signal; the same command goes on.
     Interrupted,
+    /// A task of a cluster was stopped by a signal; the next attempt goes on.
+    RunAgain,
 }
 
 impl From<Exit> for ExitCode {
@@ -32,6 +35,7 @@ impl From<Exit> for ExitCode {
             Exit::JobsFailed | Exit::Differs => 1,
             Exit::Usage => 2,
             Exit::System => 3,
+            Exit::RunAgain => RUN_AGAIN,
             Exit::Interrupted => 130,
         })
     }
@@ -55,6 +59,9 @@ pub(crate) enum Error {
     /// A sweep.
     #[error(transparent)]
     Sweep(#[from] SweepError),
+    /// A submission.
+    #[error(transparent)]
+    Cluster(#[from] ClusterError),
     /// A query.
     #[error("{0}")]
     Query(QueryError),
@@ -94,7 +101,10 @@ impl Error {
             Error::Usage(_) | Error::Filter(_) | Error::Manifests(_) | Error::Query(_) => {
                 Exit::Usage
             }
-            Error::Store(_) | Error::Sweep(_) | Error::Io { .. } => Exit::System,
+            Error::Cluster(ClusterError::NoSuchSubmission { .. }) => Exit::Usage,
+            Error::Store(_) | Error::Sweep(_) | Error::Cluster(_) | Error::Io { .. } => {
+                Exit::System
+            }
         }
     }
 }

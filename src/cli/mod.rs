@@ -1,9 +1,10 @@
 //! The command line: one file a verb. Reads arguments, calls the library, prints.
 //!
 //! Standard output is data; standard error is progress and messages. Exit codes: 0 done, 1 some
-//! jobs failed or a replay differs, 2 bad usage or manifest, 3 store or system error, 130 interrupted.
+//! jobs failed, or results differ, 2 bad usage or manifest, 3 store or system error, 130 interrupted.
 
 mod answer;
+mod cancel;
 mod check;
 mod counting;
 mod counts;
@@ -12,6 +13,7 @@ mod error;
 mod export;
 mod folder;
 pub mod input;
+mod merge;
 mod optimum;
 mod output;
 #[cfg(feature = "parquet")]
@@ -29,7 +31,10 @@ mod simulate;
 mod status;
 mod steps;
 mod store_argument;
+mod submissions;
+mod submit;
 mod summary;
+mod task;
 mod verb;
 mod workers;
 

@@ -14,7 +14,7 @@ use crate::cli::output::{Field, Format, Rows, counted};
 use crate::cli::workers::workers;
 use crate::cli::{Error, Exit, StoreArgument, check, counts};
 use crate::manifest::printable;
-use crate::plan::{self, Filter, JobKey, PlannedJob, Swept, Versions};
+use crate::plan::{self, Filter, JobKey, PlannedJob, Shard, Swept, Versions};
 use crate::schedule::{self, Episodes, Estimate, Selection, Speeds};
 use crate::store::{Counts, JobState, Reader, StoreError};
 
@@ -39,6 +39,9 @@ pub(super) struct Arguments {
     /// Only jobs with these parameters, such as agent=dqn,sigma=0.4|0.6
     #[arg(long, value_name = "NAME=VALUE,...")]
     filter: Option<Filter>,
+    /// Only one of several parts of the jobs, such as 3/40, as for `run`
+    #[arg(long, value_name = "I/N", conflicts_with = "resolved")]
+    shard: Option<Shard>,
     /// Workers that the time left is estimated for [default: one a core, as for `run`]
     #[arg(long, value_name = "N", value_parser = workers)]
     workers: Option<NonZeroUsize>,
@@ -57,7 +60,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         }
         return Ok(Exit::Done);
     }
-    let selection = Selection::new(&manifests, arguments.filter.as_ref())?;
+    let mut selection = Selection::new(&manifests, arguments.filter.as_ref())?;
+    if let Some(shard) = arguments.shard {
+        selection = selection.shard(shard);
+    }
     let survey = Survey::new(selection, &arguments.store.store)?;
     if arguments.jobs {
         list_jobs(survey, arguments.format)?;

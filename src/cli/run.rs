@@ -14,7 +14,7 @@ use crate::cli::progress::{Shown, Style};
 use crate::cli::workers::workers;
 use crate::cli::{Error, Exit, StoreArgument, check, signals, summary};
 use crate::manifest::{Manifest, printable, short_name};
-use crate::plan::{Filter, JobKey, Swept};
+use crate::plan::{Filter, JobKey, Shard, Swept};
 use crate::schedule::{self, OnFailure, Options, Queued, Remaining, Selection, Speeds, Tally};
 use crate::store::{FailedJob, Reader, RetryFailed, Store};
 
@@ -34,6 +34,12 @@ pub(super) struct Arguments {
     /// Run only jobs with these parameters, such as agent=dqn,sigma=0.4|0.6
     #[arg(long, value_name = "NAME=VALUE,...")]
     filter: Option<Filter>,
+    /// Run only one of several parts of the jobs, such as 3/40 for the third of forty
+    ///
+    /// Every job is in one part, the same on every machine; the parts take about as long. Only the
+    /// jobs of the part are entered in the store. With --filter, the jobs that meet it are parted.
+    #[arg(long, value_name = "I/N")]
+    shard: Option<Shard>,
     /// Run jobs again that failed before; the failed runs stay in the store
     #[arg(long)]
     retry_failed: bool,
@@ -79,10 +85,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         .and_then(|stop| signals::end_in_time(stop.clone()).map(|()| stop))
         .map_err(|source| Error::Io { what: "listen for signals".to_owned(), source })?;
     let manifests = check::load_all(&arguments.manifests)?;
-    let wanted = Selection::new(&manifests, arguments.filter.as_ref())?.queue();
+    let mut selection = Selection::new(&manifests, arguments.filter.as_ref())?;
+    if let Some(shard) = arguments.shard {
+        selection = selection.shard(shard);
+    }
+    let wanted = selection.queue();
     let mut store = Store::open(&arguments.store.store)?;
     for manifest in &manifests {
-        if register_experiment(&mut store, manifest, &stop)?.is_break() {
+        if register_experiment(&mut store, manifest, &selection, &stop)?.is_break() {
             let _ =
                 writeln!(io::stderr(), "stopped before the first job; the same command goes on");
             return Ok(Exit::Interrupted);
@@ -109,7 +119,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
             OnFailure::Continue => Cause::NothingLeft,
         };
     }
-    match end.show(arguments, &reader, &manifests) {
+    match end.show(arguments, &reader, &selection) {
         // Who closed the pipe has read enough; the exit code still says what became of the jobs.
         Err(Error::Io { source, .. }) if source.kind() == io::ErrorKind::BrokenPipe => {}
         shown => shown?,
@@ -151,12 +161,14 @@ fn seconds(text: &str) -> Result<Duration, String> {
 }
 
 /// Registers a manifest, and says so if that drops jobs; breaks off if `stop` is set.
-fn register_experiment(
+pub(super) fn register_experiment(
     store: &mut Store,
     manifest: &Manifest,
+    selection: &Selection<'_>,
     stop: &AtomicBool,
 ) -> Result<ControlFlow<()>, Error> {
-    let Some(registered) = schedule::register_experiment(store, manifest, stop)? else {
+    let registered = schedule::register_experiment(store, manifest, selection.keys(), stop)?;
+    let Some(registered) = registered else {
         return Ok(ControlFlow::Break(()));
     };
     if registered.dropped > 0 {
@@ -232,14 +244,15 @@ impl End {
         &self,
         arguments: &Arguments,
         reader: &Reader,
-        manifests: &[Manifest],
+        selection: &Selection<'_>,
     ) -> Result<(), Error> {
+        let manifests = selection.manifests();
         self.tell(arguments)?;
         // Summarising a large experiment takes longer than a stop may.
         if arguments.format == Format::Json || self.cause == Cause::Signal {
             return Ok(());
         }
-        let example = summary::print(reader, manifests)?;
+        let example = summary::print(reader, selection)?;
         if arguments.quiet {
             return Ok(());
         }
@@ -278,6 +291,7 @@ impl End {
                 format!("{ran}; halted after the first failure; {} left", counted(left, "job"))
             }
             Cause::NothingLeft if self.queued == 0 && failed == 0 => match completed {
+                0 => "nothing to run: no job is in this shard".to_owned(),
                 1 => "nothing to run: the job is completed".to_owned(),
                 _ => format!("nothing to run: all {completed} jobs are completed"),
             },

@@ -39,6 +39,16 @@ pub(super) fn stop_flag() -> io::Result<Arc<AtomicBool>> {
     Ok(stop)
 }
 
+/// A flag that SIGTERM, SIGINT and SIGHUP set, however often they come: whoever sends them ends the
+/// process otherwise if it takes too long.
+pub(super) fn lasting_stop_flag() -> io::Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGTERM, SIGINT, SIGHUP] {
+        flag::register(signal, Arc::clone(&stop))?;
+    }
+    Ok(stop)
+}
+
 /// Ends the process with exit code 130, whatever its threads are at.
 pub(super) fn end_now() -> ! {
     low_level::exit(INTERRUPTED)

@@ -9,11 +9,12 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use crate::cli::output::{Field, Format, Rows, counted};
-use crate::cli::{Error, Exit, StoreArgument, counts, summary};
+use crate::cli::{Error, Exit, StoreArgument, counts, submissions, summary};
+use crate::cluster::{Cluster, Look};
 use crate::manifest;
 use crate::plan::Swept;
 use crate::schedule::{self, Episodes, Speeds};
-use crate::store::{ExperimentCounts, FailedJob, Reader};
+use crate::store::{ExperimentCounts, FailedJob, Reader, Store};
 
 /// Show the experiments of a store: jobs by state, failures with their reasons
 ///
@@ -26,12 +27,28 @@ pub(super) struct Arguments {
     /// How rows are written
     #[arg(long, value_enum, default_value = "table")]
     format: Format,
+    /// Merge first what submissions to a cluster have handed in
+    #[arg(long)]
+    merge: bool,
+    /// Show the submissions to a cluster only: chunks by state, jobs done and left, core-hours
+    #[arg(long, conflicts_with = "watch")]
+    submissions: bool,
     #[command(flatten)]
     store: StoreArgument,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let mut rested = false;
+    if arguments.merge {
+        let look = look(arguments)?;
+        submissions::collect(&look, &mut Store::open(&arguments.store.store)?)?;
+    }
+    if arguments.submissions {
+        let look = look(arguments)?;
+        let reader = Reader::open(&arguments.store.store)?;
+        submissions::show(&look, &submissions::ended(&reader)?, arguments.format)?;
+        return Ok(Exit::Done);
+    }
     loop {
         let reader = Reader::open(&arguments.store.store)?;
         if arguments.watch && io::stdout().is_terminal() {
@@ -39,6 +56,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
             write!(io::stdout(), "\u{1b}[2J\u{1b}[H")?;
         }
         let Unfinished { running, waiting } = show(&reader, arguments.format)?;
+        if arguments.format == Format::Table {
+            show_submissions(arguments, &reader)?;
+        }
         if !arguments.watch || running + waiting == 0 {
             return Ok(Exit::Done);
         }
@@ -52,6 +72,22 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         drop(reader);
         thread::sleep(Duration::from_secs(2));
     }
+}
+
+/// The submissions of the store, and what the cluster says of them.
+fn look(arguments: &Arguments) -> Result<Look, Error> {
+    let engine = submissions::engine();
+    Ok(Cluster::of(&arguments.store.store, &*engine)?.look()?)
+}
+
+/// Prints the submissions of the store below its experiments, if there are any.
+fn show_submissions(arguments: &Arguments, reader: &Reader) -> Result<(), Error> {
+    let look = look(arguments)?;
+    if look.surveys.is_empty() {
+        return Ok(());
+    }
+    writeln!(io::stdout(), "\nsubmissions:")?;
+    submissions::show(&look, &submissions::ended(reader)?, Format::Table)
 }
 
 /// Jobs that have still to end.

@@ -6,21 +6,23 @@ use crate::analyse::declared::summarise_arms;
 use crate::cli::Error;
 use crate::cli::output::{Field, Format, Rows};
 use crate::env;
-use crate::manifest::{Manifest, printable};
+use crate::manifest::printable;
 use crate::plan::{self, JobKey, Swept};
 use crate::report::{self, Line};
+use crate::schedule::Selection;
 use crate::store::{FailedJob, Parts, Reader};
 
-/// Prints mean return ± standard deviation over seeds, an arm a line, for each manifest; returns a
-/// completed job, if there is any, for examples.
-pub(super) fn print(reader: &Reader, manifests: &[Manifest]) -> Result<Option<JobKey>, Error> {
+/// Prints mean return ± standard deviation over seeds, an arm a line, for each manifest, of the
+/// jobs that a shard does not leave out; returns a completed job, if there is any, for examples.
+pub(super) fn print(reader: &Reader, selection: &Selection<'_>) -> Result<Option<JobKey>, Error> {
     let mut out = io::stdout().lock();
     let mut example = None;
-    for manifest in manifests {
+    for manifest in selection.manifests() {
         let swept = Swept::of(std::slice::from_ref(manifest));
         let mut kept = swept.names();
         kept.push("environment.sigma".to_owned());
-        let jobs = plan::jobs(manifest);
+        let jobs = plan::jobs(manifest)
+            .filter(|job| selection.keys().is_none_or(|keys| keys.contains(&job.form.key())));
         let data = reader.data_set_of(&manifest.name, jobs, Parts::default(), |job| {
             // Of a million jobs, all settings would fill the memory.
             job.settings.retain(|(name, _)| kept.contains(name));

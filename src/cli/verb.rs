@@ -5,8 +5,8 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::cli::{
-    Error, check, doctor, export, optimum, plan, query, report, run, schema, signals, simulate,
-    status,
+    Error, cancel, check, doctor, export, merge, optimum, plan, query, report, run, schema,
+    signals, simulate, status, submit, task,
 };
 use crate::kernel::Isa;
 use crate::kill_point;
@@ -28,6 +28,11 @@ enum Verb {
     Query(query::Arguments),
     Report(report::Arguments),
     Export(export::Arguments),
+    Merge(merge::Arguments),
+    Submit(submit::Arguments),
+    Cancel(cancel::Arguments),
+    #[command(hide = true)]
+    Task(task::Arguments),
     Doctor(doctor::Arguments),
     Simulate(Box<simulate::Arguments>),
     Optimum(optimum::Arguments),
@@ -56,6 +61,10 @@ pub fn main() -> ExitCode {
         Verb::Query(arguments) => query::run(&arguments),
         Verb::Report(arguments) => report::run(&arguments),
         Verb::Export(arguments) => export::run(&arguments),
+        Verb::Merge(arguments) => merge::run(&arguments),
+        Verb::Submit(arguments) => submit::run(&arguments),
+        Verb::Cancel(arguments) => cancel::run(&arguments),
+        Verb::Task(arguments) => task::run(&arguments),
         Verb::Doctor(arguments) => doctor::run(&arguments),
         Verb::Simulate(arguments) => simulate::run(&arguments),
         Verb::Optimum(arguments) => optimum::run(&arguments),

@@ -18,21 +18,21 @@ pub struct Fault {
 }
 
 impl Fault {
-    pub(super) fn at(span: Span, message: impl Into<String>) -> Fault {
+    pub(crate) fn at(span: Span, message: impl Into<String>) -> Fault {
         Fault { span: Some(span), message: message.into(), help: None }
     }
 
     /// A fault of the manifest as a whole.
-    pub(super) fn whole(message: impl Into<String>) -> Fault {
+    pub(crate) fn whole(message: impl Into<String>) -> Fault {
         Fault { span: None, message: message.into(), help: None }
     }
 
-    pub(super) fn help(self, help: impl Into<String>) -> Fault {
+    pub(crate) fn help(self, help: impl Into<String>) -> Fault {
         Fault { help: Some(help.into()), ..self }
     }
 
     /// Points to the nearest of `words`, if one is near enough to be meant.
-    pub(super) fn nearest<'w>(
+    pub(crate) fn nearest<'w>(
         self,
         found: &str,
         words: impl IntoIterator<Item = &'w str>,
@@ -44,7 +44,7 @@ impl Fault {
     }
 
     /// Points to the nearest of the keys of `owner`, or else names them all.
-    pub(super) fn one_of(self, owner: &str, keys: &[&str], found: &str) -> Fault {
+    pub(crate) fn one_of(self, owner: &str, keys: &[&str], found: &str) -> Fault {
         let all = self.help(format!("{owner} keys are {}", keys.join(", ")));
         all.nearest(found, keys.iter().copied())
     }
@@ -96,7 +96,7 @@ pub fn nearest<'w>(found: &str, words: impl IntoIterator<Item = &'w str>) -> Opt
 
 /// Collects faults while a manifest is read.
 #[derive(Debug, Default)]
-pub(super) struct FaultList {
+pub(crate) struct FaultList {
     list: Vec<Fault>,
     dropped: usize,
 }
@@ -160,12 +160,12 @@ pub struct Faults {
 
 impl Faults {
     /// A single fault of the file as a whole.
-    pub(super) fn of_file(file: &str, fault: Fault) -> Faults {
+    pub(crate) fn of_file(file: &str, fault: Fault) -> Faults {
         Faults::of_text(file, "", fault)
     }
 
     /// A single fault of a text.
-    pub(super) fn of_text(file: &str, text: &str, fault: Fault) -> Faults {
+    pub(crate) fn of_text(file: &str, text: &str, fault: Fault) -> Faults {
         let mut faults = FaultList::default();
         faults.add(fault);
         faults.of(file, Source::new(text))

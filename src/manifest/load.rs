@@ -109,16 +109,17 @@ fn decode<'b>(path: &str, bytes: &'b [u8]) -> Result<&'b str, Faults> {
 }
 
 /// A TOML text as far as it could be read.
-struct Document<'t> {
-    root: Spanned<DeTable<'t>>,
+pub(crate) struct Document<'t> {
+    pub(crate) root: Spanned<DeTable<'t>>,
     /// Keys set a second time, which leave the rest readable.
-    repeats: FaultList,
-    syntax: FaultList,
+    pub(crate) repeats: FaultList,
+    pub(crate) syntax: FaultList,
     /// From here on, lines may have been read as part of something that was not closed.
     broken_at: usize,
 }
 
-fn document(text: &str) -> Document<'_> {
+/// Reads a TOML text, and on behind a fault of its syntax.
+pub(crate) fn document(text: &str) -> Document<'_> {
     let (root, errors) = DeTable::parse_recoverable(text);
     let span = |error: &toml::de::Error| error.span().map_or(Span { start: 0, end: 0 }, Span::from);
     let mut errors: Vec<(Span, &str)> =

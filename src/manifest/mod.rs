@@ -48,9 +48,11 @@ pub use analysis_kind::{
 pub use condition::{Condition, Described, Setting, short_name};
 pub use declared::{DeclaredAgent, Exclusion, Manifest, Zip};
 pub use evaluation::{Evaluation, TestActions};
+pub(crate) use fault::FaultList;
 pub use fault::{Fault, Faults, nearest};
 pub use grid::{Cell, Grid};
 pub use limits::MOST_JOBS;
+pub(crate) use load::{Document, document};
 pub use load::{load, parse};
 pub use parameter::{Parameters, parameter, parameters};
 pub use published::{Published, PublishedCurve, PublishedErrors, PublishedHeatMap, PublishedTest};
@@ -58,4 +60,5 @@ pub use schema::schema;
 pub use section::Section;
 pub use sides::Sides;
 pub use source::{Position, hidden, printable};
+pub(crate) use source::{Source, Span};
 pub use varying::Varying;

@@ -5,7 +5,7 @@
 
 /// A stretch of the text, in bytes; the end is excluded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Span {
+pub(crate) struct Span {
     pub start: usize,
     pub end: usize,
 }
@@ -34,7 +34,7 @@ pub struct Position {
 
 /// A text with its lines found.
 #[derive(Clone, Debug)]
-pub(super) struct Source {
+pub(crate) struct Source {
     text: String,
     line_starts: Vec<usize>,
 }
@@ -77,7 +77,7 @@ impl Source {
     }
 
     /// The first line of `span`, cut around it if long, and where its carets go.
-    pub fn excerpt(&self, span: Span) -> Excerpt {
+    pub(super) fn excerpt(&self, span: Span) -> Excerpt {
         let start = self.text.floor_char_boundary(span.start);
         let index = self.line_index(start);
         let line = self.line(index);

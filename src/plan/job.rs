@@ -6,7 +6,7 @@ use data_encoding::HEXLOWER;
 use serde_json::{Map, Value as Json};
 use sha2::{Digest, Sha256};
 
-use crate::agent::{Agent, Algorithm, Task};
+use crate::agent::{Agent, Algorithm, Task, Work};
 use crate::env::{self, Environment, Scenario};
 use crate::key::{CanonicalError, Key, Keyed, Parameter, Value, canonical_object, read_object};
 use crate::manifest::Evaluation;
@@ -55,6 +55,9 @@ pub enum JobError {
     Spelling(String),
 }
 
+/// Multiply-adds that take as long as a step of the simulation.
+const PER_SIMULATED_STEP: u64 = 500;
+
 /// Versions of the code that a job's results depend on. One is raised whenever a change makes the
 /// same job end in other bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -96,6 +99,16 @@ impl Job {
     /// The task that the agent learns.
     pub fn task(&self) -> Task<'_> {
         Task { environment: &self.environment, scenario: &self.scenario, seed: self.seed }
+    }
+
+    /// How much arithmetic it takes where no episode ends early, in multiply-adds.
+    pub fn work(&self) -> u64 {
+        let task = self.task();
+        let Work { training, choice } = self.agent.work(&task);
+        let (trained, tested) = (self.agent.episodes(), self.evaluation.test_episodes);
+        let simulated = (task.steps(trained) + task.steps(tested)) * PER_SIMULATED_STEP;
+        let chosen = task.steps(tested).saturating_mul(choice);
+        training.saturating_add(simulated).saturating_add(chosen)
     }
 
     /// The canonical form, from which the key follows.

@@ -8,10 +8,12 @@ mod expand;
 mod filter;
 mod implied;
 mod job;
+mod shard;
 mod swept;
 
 pub use expand::{PlannedJob, count, expand, jobs};
 pub use filter::{Filter, FilterError};
 pub use implied::{ImpliedParameter, implied_parameters};
 pub use job::{CanonicalForm, Job, JobError, JobKey, Scalar, Versions};
+pub use shard::{Shard, ShardError};
 pub use swept::Swept;

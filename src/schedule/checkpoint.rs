@@ -10,6 +10,7 @@
 //! - A checkpoint that cannot be read or written costs time, never a job: trainings go on.
 
 use std::cell::Cell;
+use std::collections::HashMap;
 use std::fs::{self, File};
 use std::io::{self, ErrorKind};
 use std::mem;
@@ -127,6 +128,27 @@ impl CheckpointFolder {
         }
         self.remove_if_empty();
         Ok(())
+    }
+
+    /// The whole checkpoints: of each job the file of its latest attempt.
+    pub fn latest(&self) -> Vec<(JobKey, PathBuf)> {
+        let mut latest: HashMap<JobKey, Entry> = HashMap::new();
+        for entry in self.entries().into_iter().filter(|entry| entry.form == Form::Whole) {
+            match latest.get(&entry.key) {
+                Some(other) if other.attempt > entry.attempt => {}
+                _ => drop(latest.insert(entry.key, entry)),
+            }
+        }
+        latest.into_iter().map(|(key, entry)| (key, self.file(&entry))).collect()
+    }
+
+    /// Copies a checkpoint of a job that was made beside another store, for the job's next run.
+    ///
+    /// **Errors**: it cannot be copied.
+    pub fn adopt(&self, key: &JobKey, checkpoint: &Path) -> io::Result<()> {
+        // Attempts count from 1, so that any checkpoint made beside this store is later.
+        let entry = Entry { key: *key, attempt: 0, form: Form::Whole };
+        self.write(&entry, &mut |out| io::copy(&mut File::open(checkpoint)?, out).map(drop))
     }
 
     /// Removes the files of a job's runs up to an attempt.

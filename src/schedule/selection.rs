@@ -1,17 +1,19 @@
 //! The jobs that a command is about: those of its manifests that a filter lets through.
 
-use std::collections::HashMap;
 use std::collections::hash_map::Entry;
+use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
 use std::time::Duration;
 
 use super::Queued;
 use crate::manifest::Manifest;
-use crate::plan::{self, Filter, FilterError, PlannedJob};
+use crate::plan::{self, Filter, FilterError, JobKey, PlannedJob, Shard};
 
 /// Jobs of manifests, at least one.
 pub struct Selection<'a> {
     manifests: &'a [Manifest],
     filter: Option<&'a Filter>,
+    part: Option<Arc<HashSet<JobKey>>>,
 }
 
 impl<'a> Selection<'a> {
@@ -29,7 +31,24 @@ impl<'a> Selection<'a> {
                 return Err(unmet);
             }
         }
-        Ok(Selection { manifests, filter })
+        Ok(Selection { manifests, filter, part: None })
+    }
+
+    /// Of these jobs only those in a shard of them.
+    pub fn shard(self, shard: Shard) -> Self {
+        let jobs = self.manifests.iter().flat_map(|manifest| self.jobs(manifest));
+        let keys = shard.keys(jobs.map(|planned| (planned.form.key(), planned.job.work())));
+        self.part(keys)
+    }
+
+    /// Of these jobs only those with these keys.
+    pub fn part(self, keys: HashSet<JobKey>) -> Self {
+        Selection { part: Some(Arc::new(keys)), ..self }
+    }
+
+    /// The keys that [`Selection::shard`] or [`Selection::part`] confine the jobs to.
+    pub fn keys(&self) -> Option<&HashSet<JobKey>> {
+        self.part.as_deref()
     }
 
     /// The manifests.
@@ -39,13 +58,16 @@ impl<'a> Selection<'a> {
 
     /// Whether some jobs may have been left out.
     pub fn is_filtered(&self) -> bool {
-        self.filter.is_some()
+        self.filter.is_some() || self.part.is_some()
     }
 
     /// The jobs of one of the manifests, one at a time; agents of equal content repeat theirs.
-    pub fn jobs(&self, manifest: &'a Manifest) -> impl Iterator<Item = PlannedJob> + 'a {
-        let filter = self.filter;
-        plan::jobs(manifest).filter(move |job| filter.is_none_or(|filter| filter.meets(job)))
+    pub fn jobs(&self, manifest: &'a Manifest) -> impl Iterator<Item = PlannedJob> + use<'a> {
+        let (filter, part) = (self.filter, self.part.clone());
+        plan::jobs(manifest).filter(move |job| {
+            filter.is_none_or(|filter| filter.meets(job))
+                && part.as_ref().is_none_or(|keys| keys.contains(&job.form.key()))
+        })
     }
 
     /// The jobs of all the manifests, none twice. Of several time limits of a job, that of the most

@@ -1,5 +1,6 @@
 //! Manifests from their registration to their stored runs, in one call.
 
+use std::collections::HashSet;
 use std::fs::File;
 use std::sync::atomic::AtomicBool;
 
@@ -9,16 +10,18 @@ use super::queued::Queued;
 use super::selection::Selection;
 use super::sweep::{Context, Options, SweepError, Tally};
 use crate::manifest::Manifest;
-use crate::plan;
+use crate::plan::{self, JobKey};
 use crate::store::{Experiment, JobState, Reader, Registered, RetryFailed, Store, StoreError};
 use crate::train;
 
-/// Registers a manifest with its jobs, until that is done or `stop` is set; `None` if it was stopped.
+/// Registers a manifest with its jobs, or with those of them that are in `part`, until that is done
+/// or `stop` is set; `None` if it was stopped.
 ///
 /// **Errors**: the store fails.
 pub fn register_experiment(
     store: &mut Store,
     manifest: &Manifest,
+    part: Option<&HashSet<JobKey>>,
     stop: &AtomicBool,
 ) -> Result<Option<Registered>, StoreError> {
     let experiment = Experiment {
@@ -28,7 +31,10 @@ pub fn register_experiment(
         manifest: &manifest.source,
     };
     let jobs = plan::jobs(manifest).map(|planned| (planned.agent, planned.job));
-    store.register_until(stop, &experiment, jobs)
+    match part {
+        None => store.register_until(stop, &experiment, jobs),
+        Some(part) => store.register_part_until(stop, &experiment, jobs, part),
+    }
 }
 
 /// What is left to run of the jobs that a command is about.
@@ -105,7 +111,7 @@ pub fn run_manifests(
     mut on_event: impl FnMut(Event<'_>),
 ) -> Result<Tally, SweepError> {
     for manifest in manifests {
-        if register_experiment(store, manifest, stop)?.is_none() {
+        if register_experiment(store, manifest, None, stop)?.is_none() {
             return Ok(Tally::default());
         }
     }

@@ -31,21 +31,55 @@ const OTHERS: [&str; 3] = [
 /// The digest of a run's results, with the key of its job. The same results of the same job have
 /// the same digest in every store.
 pub(super) fn of_run(connection: &Connection, run: i64) -> rusqlite::Result<[u8; 32]> {
-    let mut hasher = Sha256::new();
-    hasher.update("jitai results 1\n");
-    hasher.update(key_of(connection, run)?);
-    hasher.update("\n");
-    add_rows(&mut hasher, connection, METRICS, [run])?;
-    hasher.update("\n");
+    let mut digest = ResultsDigest::new(&key_of(connection, run)?);
+    digest.begin_table();
+    add_rows(&mut digest, connection, METRICS, [run])?;
+    digest.begin_table();
     let mut metrics = connection.prepare_cached(METRIC_IDS)?;
     for metric in metrics.query_map([], |row| row.get::<_, i64>(0))? {
-        add_rows(&mut hasher, connection, CURVE, [run, metric?])?;
+        add_rows(&mut digest, connection, CURVE, [run, metric?])?;
     }
     for sql in OTHERS {
-        hasher.update("\n");
-        add_rows(&mut hasher, connection, sql, [run])?;
+        digest.begin_table();
+        add_rows(&mut digest, connection, sql, [run])?;
     }
-    Ok(hasher.finalize().into())
+    Ok(digest.finish())
+}
+
+/// The digest of a run's results in the making. The tables and their rows are added in the order of
+/// [`of_run`].
+pub(super) struct ResultsDigest(Sha256);
+
+impl ResultsDigest {
+    /// The digest of a run of the job with this key, before its first table.
+    pub(super) fn new(key: &str) -> Self {
+        let mut hasher = Sha256::new();
+        hasher.update("jitai results 1\n");
+        hasher.update(key);
+        ResultsDigest(hasher)
+    }
+
+    /// Begins the next table.
+    pub(super) fn begin_table(&mut self) {
+        self.0.update("\n");
+    }
+
+    /// Adds a value, with its type and its length, so that no two answers are the same bytes.
+    pub(super) fn add(&mut self, value: ValueRef<'_>) {
+        let hasher = &mut self.0;
+        match value {
+            ValueRef::Null => hasher.update("n"),
+            ValueRef::Integer(whole) => add(hasher, "i", &whole.to_le_bytes()),
+            ValueRef::Real(real) => add(hasher, "r", &real.to_bits().to_le_bytes()),
+            ValueRef::Text(bytes) => add_sized(hasher, "t", bytes),
+            ValueRef::Blob(bytes) => add_sized(hasher, "b", bytes),
+        }
+    }
+
+    /// The digest.
+    pub(super) fn finish(self) -> [u8; 32] {
+        self.0.finalize().into()
+    }
 }
 
 /// The digest of the failure of a run, with the key of its job.
@@ -70,10 +104,9 @@ fn key_of(connection: &Connection, run: i64) -> rusqlite::Result<String> {
         .query_row([run], |row| row.get(0))
 }
 
-/// Adds the rows of a statement; every value says its type and its length, so that no two answers
-/// are the same bytes.
+/// Adds the rows of a statement.
 fn add_rows(
-    hasher: &mut Sha256,
+    digest: &mut ResultsDigest,
     connection: &Connection,
     sql: &str,
     parameters: impl Params,
@@ -83,13 +116,7 @@ fn add_rows(
     let mut rows = statement.query(parameters)?;
     while let Some(row) = rows.next()? {
         for column in 0..columns {
-            match row.get_ref(column)? {
-                ValueRef::Null => hasher.update("n"),
-                ValueRef::Integer(whole) => add(hasher, "i", &whole.to_le_bytes()),
-                ValueRef::Real(real) => add(hasher, "r", &real.to_bits().to_le_bytes()),
-                ValueRef::Text(bytes) => add_sized(hasher, "t", bytes),
-                ValueRef::Blob(bytes) => add_sized(hasher, "b", bytes),
-            }
+            digest.add(row.get_ref(column)?);
         }
     }
     Ok(())
@@ -117,8 +144,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(&folder.path().join("jitai.sqlite")).unwrap();
         for run in 0..3 {
-            add_rows(&mut Sha256::new(), &store.connection, METRICS, [run]).unwrap();
-            add_rows(&mut Sha256::new(), &store.connection, CURVE, [run, 1]).unwrap();
+            add_rows(&mut ResultsDigest::new(""), &store.connection, METRICS, [run]).unwrap();
+            add_rows(&mut ResultsDigest::new(""), &store.connection, CURVE, [run, 1]).unwrap();
         }
         for sql in [METRICS, CURVE] {
             let statement = store.connection.prepare_cached(sql).unwrap();

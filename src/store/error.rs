@@ -284,6 +284,23 @@ pub enum StoreError {
         /// The path.
         path: PathBuf,
     },
+    /// A path that names no store to merge.
+    #[error("cannot merge `{}`: {reason}; nothing was merged", .path.display())]
+    NotMergeable {
+        /// The path.
+        path: PathBuf,
+        /// What is there.
+        reason: String,
+    },
+    /// A store was to be merged into itself.
+    #[error(
+        "`{}` is the store that --store names; name other stores to merge into it",
+        .path.display()
+    )]
+    MergeIntoItself {
+        /// The store.
+        path: PathBuf,
+    },
     /// A salvage found nothing.
     #[error("nothing in `{}` can be read as a store, so nothing was written", .path.display())]
     NothingToSave {

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rusqlite::{CachedStatement, Connection, OptionalExtension, params};
 
-use crate::plan::{CanonicalForm, Job, Versions};
+use crate::plan::{CanonicalForm, Job, JobKey, Versions};
 
 use super::error::{Fault, StoreError};
 use super::transaction::NOW;
@@ -66,6 +66,28 @@ impl Store {
         experiment: &Experiment<'_>,
         jobs: impl IntoIterator<Item = (A, J)>,
     ) -> Result<Option<Registered>, StoreError> {
+        self.register_where(stop, experiment, jobs, |_| true)
+    }
+
+    /// As [`Store::register_until`], with those of the jobs that are in `part`, each in its place in
+    /// the whole order. Of the others the experiment keeps those that it holds already, and gets none.
+    pub fn register_part_until<A: AsRef<str>, J: Borrow<Job>>(
+        &mut self,
+        stop: &AtomicBool,
+        experiment: &Experiment<'_>,
+        jobs: impl IntoIterator<Item = (A, J)>,
+        part: &HashSet<JobKey>,
+    ) -> Result<Option<Registered>, StoreError> {
+        self.register_where(stop, experiment, jobs, |key| part.contains(key))
+    }
+
+    fn register_where<A: AsRef<str>, J: Borrow<Job>>(
+        &mut self,
+        stop: &AtomicBool,
+        experiment: &Experiment<'_>,
+        jobs: impl IntoIterator<Item = (A, J)>,
+        is_held: impl Fn(&JobKey) -> bool,
+    ) -> Result<Option<Registered>, StoreError> {
         let action = "register an experiment";
         let id =
             self.write(action, |transaction| Ok(upsert_experiment(transaction, experiment)?))?;
@@ -76,17 +98,23 @@ impl Store {
                 return Ok(None);
             }
             // Hashed before the lock is taken, which others wait for.
-            let batch: Vec<(A, CanonicalForm)> = jobs
+            let batch: Vec<Member> = jobs
                 .by_ref()
                 .take(BATCH)
-                .map(|(agent, job)| (agent, job.borrow().form()))
+                .filter_map(|(agent, job)| {
+                    let form = job.borrow().form();
+                    let key = form.key();
+                    let (agent, position) = held.meet(agent.as_ref(), key)?;
+                    is_held(&key).then_some(Member { form, agent, position })
+                })
                 .collect();
+            if batch.is_empty() {
+                continue;
+            }
             self.write(action, |transaction| {
                 require_manifest(transaction, id, experiment)?;
                 let mut registration = Registration::new(transaction, id, &mut held)?;
-                for (agent, form) in &batch {
-                    registration.hold(agent.as_ref(), form)?;
-                }
+                batch.iter().try_for_each(|member| registration.hold(member))?;
                 Ok(())
             })?;
         }
@@ -94,7 +122,7 @@ impl Store {
             require_manifest(transaction, id, experiment)?;
             Ok(held.drop_others(transaction, id)?)
         })?;
-        Ok(Some(Registered { jobs: held.jobs.len(), added: held.added, dropped }))
+        Ok(Some(Registered { jobs: held.held, added: held.added, dropped }))
     }
 }
 
@@ -138,13 +166,31 @@ fn upsert_experiment(
 struct Held {
     /// Names of agents, by the number that `jobs` knows them by.
     agents: Vec<String>,
-    /// Row id and agent of every job met so far.
-    jobs: HashSet<(i64, usize)>,
+    /// Key and agent of every job met so far.
+    jobs: HashSet<(JobKey, usize)>,
+    /// Of these, how many the experiment holds as part of the registration.
+    held: usize,
     /// Of these, how many the experiment did not hold before.
     added: usize,
 }
 
+/// A job that an experiment is to hold.
+struct Member {
+    form: CanonicalForm,
+    /// The agent's number.
+    agent: usize,
+    /// The job's place in the manifest's order.
+    position: usize,
+}
+
 impl Held {
+    /// The agent's number and the job's place in the manifest's order; `None` if the job was met
+    /// before.
+    fn meet(&mut self, agent: &str, key: JobKey) -> Option<(usize, usize)> {
+        let (agent, position) = (self.number(agent), self.jobs.len());
+        self.jobs.insert((key, agent)).then_some((agent, position))
+    }
+
     fn number(&mut self, agent: &str) -> usize {
         self.agents.iter().position(|name| name == agent).unwrap_or_else(|| {
             self.agents.push(agent.to_owned());
@@ -160,17 +206,23 @@ impl Held {
             [experiment],
             |row| row.get(0),
         )?;
-        if stored == self.jobs.len() {
+        if stored == self.held {
             return Ok(0);
         }
         let mut others = Vec::new();
-        let mut statement =
-            connection.prepare("SELECT job, agent FROM experiment_job WHERE experiment = ?1")?;
+        let mut kept = HashSet::new();
+        let mut statement = connection.prepare(
+            "SELECT unhex(key), job, agent FROM experiment_job JOIN job ON job.id = job
+             WHERE experiment = ?1",
+        )?;
         let mut rows = statement.query([experiment])?;
         while let Some(row) = rows.next()? {
-            let (job, agent): (i64, String) = (row.get(0)?, row.get(1)?);
+            let (key, job, agent): (_, i64, String) =
+                (JobKey(row.get(0)?), row.get(1)?, row.get(2)?);
             let number = self.agents.iter().position(|name| *name == agent);
-            if number.is_none_or(|number| !self.jobs.contains(&(job, number))) {
+            if number.is_some_and(|number| self.jobs.contains(&(key, number))) {
+                kept.insert(job);
+            } else {
                 others.push((job, agent));
             }
         }
@@ -180,7 +232,6 @@ impl Held {
         for (job, agent) in &others {
             delete.execute(params![experiment, job, agent])?;
         }
-        let kept: HashSet<i64> = self.jobs.iter().map(|(job, _)| *job).collect();
         let dropped: HashSet<i64> = others.into_iter().map(|(job, _)| job).collect();
         Ok(dropped.difference(&kept).count())
     }
@@ -231,15 +282,12 @@ impl<'a> Registration<'a> {
         })
     }
 
-    fn hold(&mut self, agent: &str, form: &CanonicalForm) -> rusqlite::Result<()> {
-        let number = self.held.number(agent);
+    fn hold(&mut self, member: &Member) -> rusqlite::Result<()> {
+        let Member { form, agent, position } = member;
         let row = self.row(form)?;
+        let agent = &self.held.agents[*agent];
         let (JobRow::Known(id) | JobRow::New(id)) = row;
-        // Its place in the manifest's order.
-        let position = self.held.jobs.len();
-        if !self.held.jobs.insert((id, number)) {
-            return Ok(());
-        }
+        self.held.held += 1;
         let before: Option<usize> = match row {
             JobRow::Known(_) => self
                 .find_position
@@ -247,7 +295,7 @@ impl<'a> Registration<'a> {
                 .optional()?,
             JobRow::New(_) => None,
         };
-        if before == Some(position) {
+        if before == Some(*position) {
             return Ok(());
         }
         self.held.added += usize::from(before.is_none());

@@ -83,14 +83,16 @@ pub(super) fn open_reader(path: &Path) -> Result<(Connection, PathBuf), StoreErr
         }
     }
     let action = "open the store";
-    let connection = connect_reader(&path)
-        .or_else(|error| match error.sqlite_error_code() {
+    let connection = match is_sealed(&path) {
+        true => connect_immutable(&path),
+        false => connect_reader(&path).or_else(|error| match error.sqlite_error_code() {
             Some(ErrorCode::CannotOpen | ErrorCode::ReadOnly) if at_rest(&path) => {
                 connect_immutable(&path)
             }
             _ => Err(error),
-        })
-        .map_err(|source| StoreError::sqlite(&path, action, source))?;
+        }),
+    };
+    let connection = connection.map_err(|source| StoreError::sqlite(&path, action, source))?;
     let mut found = identify(&connection, &path)?;
     // Its tables come with the first transaction.
     while found == 0 && asked.elapsed() < BEING_MADE {
@@ -294,11 +296,18 @@ fn configure_writer(connection: &Connection) -> rusqlite::Result<()> {
     )
 }
 
-fn connect_reader(path: &Path) -> rusqlite::Result<Connection> {
+/// A reading connection to a store that this process has open already.
+pub(super) fn connect_reader(path: &Path) -> rusqlite::Result<Connection> {
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let connection = Connection::open_with_flags(path, flags)?;
     configure_reader(&connection)?;
     Ok(connection)
+}
+
+/// Whether a store never changes again: no process may write to its file, and all of it is in the
+/// file. It is read without a lock and without a file beside it, even from a shared folder.
+fn is_sealed(path: &Path) -> bool {
+    fs::metadata(path).is_ok_and(|metadata| metadata.permissions().readonly()) && at_rest(path)
 }
 
 /// Whether no log of changes lies beside the store: then all of it is in its one file.

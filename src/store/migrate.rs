@@ -64,15 +64,26 @@ pub(super) fn migrate(
     // A migration may rebuild a table that others refer to; the references are checked at its end.
     // The setting has no effect inside a transaction.
     connection.execute_batch("PRAGMA foreign_keys = OFF").map_err(failed)?;
-    let result = migrate_locked(connection, (path, action), migrations);
+    let result = migrate_locked(connection, (path, action), migrations, back_up);
     connection.execute_batch("PRAGMA foreign_keys = ON").map_err(failed)?;
     result
 }
 
+/// Applies the migrations that a copy of the store at `path` lacks, which nobody else reads or
+/// writes.
+pub(super) fn migrate_copy(copy: &mut Connection, path: &Path) -> Result<(), StoreError> {
+    let action = "migrate a copy of the store";
+    copy.execute_batch("PRAGMA foreign_keys = OFF")
+        .map_err(|source| StoreError::sqlite(path, action, source))?;
+    migrate_locked(copy, (path, action), MIGRATIONS, |_, _| Ok(()))
+}
+
+/// `back_up` is called with the version of a file that is about to be migrated.
 fn migrate_locked(
     connection: &mut Connection,
     (path, action): (&Path, &'static str),
     migrations: &'static [Migration],
+    back_up: impl FnOnce(&Path, usize) -> Result<(), StoreError>,
 ) -> Result<(), StoreError> {
     let failed = |source| StoreError::sqlite(path, action, source);
     let transaction =

@@ -1,7 +1,7 @@
 //! A new store from what a damaged one still holds.
 //!
 //! In: the paths of the damaged and of the new store, and a check of weights. Out: a store that
-//! passes [`super::examine`], with everything that `copy.rs` could read and verify; and [`Salvaged`],
+//! passes [`super::examine`], with everything that `copy` could read and verify; and [`Salvaged`],
 //! which counts it. The damaged file is only read, past its header and schema if these are lost.
 
 use std::fs;
@@ -72,8 +72,8 @@ fn write_new(
     let mut store = Store::open(new)?;
     let source = Source::open(damaged, &store)?;
     let mut salvaged = Salvaged::default();
-    let copied = copy(&source.connection, &mut store, check_weights, |_, ended, became| {
-        let count = match (ended, became) {
+    let copied = copy(&source.connection, &mut store, check_weights, |run, became| {
+        let count = match (run.ended, became) {
             (Ended::Completed, RunCopy::Copied) => &mut salvaged.completed,
             // The new store was empty, so it has another run of the job only if the damaged one
             // has two.
@@ -87,7 +87,7 @@ fn write_new(
     if source.repaired.is_some() && copied.jobs == 0 {
         return Err(StoreError::NothingToSave { path: damaged.to_owned() });
     }
-    let Copied { experiments, jobs, runs_unreadable } = copied;
+    let Copied { experiments, jobs, runs_unreadable, .. } = copied;
     Ok(Salvaged { experiments, jobs, lost_more: runs_unreadable, ..salvaged })
 }
 

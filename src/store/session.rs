@@ -18,6 +18,8 @@ use super::writer::Store;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct SessionId(pub(super) i64);
 
+const RELEASE: &str = "release the runs of dead sessions";
+
 impl Store {
     /// Begins a session of this process.
     ///
@@ -103,9 +105,20 @@ impl Store {
     /// `session` is the caller's, from whose process the others are judged. Writes nothing if no
     /// session died.
     pub fn release_dead_sessions(&mut self, session: SessionId) -> Result<usize, StoreError> {
-        let action = "release the runs of dead sessions";
-        let dead = process_of(&self.connection, session)
-            .and_then(|this| holders(&self.connection, &this))
+        let this = process_of(&self.connection, session)
+            .map_err(|source| StoreError::sqlite(&self.path, RELEASE, source))?;
+        self.release_dead_of(&this)
+    }
+
+    /// As [`Store::release_dead_sessions`], for a process without a session.
+    pub(super) fn release_all_dead_sessions(&mut self) -> Result<usize, StoreError> {
+        self.release_dead_of(&ProcessTable::of_this_system().this_process())
+    }
+
+    /// Interrupts the runs of sessions that are dead as seen from a process.
+    fn release_dead_of(&mut self, this: &Process) -> Result<usize, StoreError> {
+        let action = RELEASE;
+        let dead = holders(&self.connection, this)
             .map_err(|source| StoreError::sqlite(&self.path, action, source))?
             .dead;
         if dead.is_empty() {

@@ -10,6 +10,7 @@ use super::digest;
 /// Says what is wrong with the weights of a completed run of a job, if anything is: they make no
 /// policy for the job, or its algorithm has weights and the run has none. The store knows neither.
 pub type CheckWeights<'a> = &'a dyn Fn(&Job, Option<&[u8]>) -> Result<(), String>;
+
 /// What is wrong with the results of a completed run, if anything is.
 pub(super) fn run_fault(
     connection: &Connection,
@@ -60,6 +61,15 @@ fn fault_of(
     if let (_, Some(fault)) = job_fault(connection, job)? {
         return Ok(Some(fault));
     }
+    weights_fault(connection, run, check_weights)
+}
+
+/// What is wrong with the weights of a completed run, if anything is.
+pub(super) fn weights_fault(
+    connection: &Connection,
+    run: i64,
+    check_weights: CheckWeights<'_>,
+) -> rusqlite::Result<Option<String>> {
     let (canonical, weights): (String, Option<Vec<u8>>) = connection
         .prepare_cached(
             "SELECT canonical, safetensors FROM run JOIN job ON job.id = run.job

@@ -8,6 +8,7 @@ mod events;
 mod exits;
 mod failures;
 mod memory;
+mod merging;
 mod names;
 mod old_stores;
 mod optimum;

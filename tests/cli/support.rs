@@ -117,11 +117,7 @@ impl Folder {
 
     /// Starts the program.
     pub fn start<'a>(&self, arguments: impl IntoIterator<Item = &'a str>) -> Running {
-        let streams = tempfile::tempdir().unwrap();
-        let stream = |name: &str| File::create(streams.path().join(name)).unwrap();
-        let (stdout, stderr) = (stream("stdout"), stream("stderr"));
-        let child = self.command(arguments).stdout(stdout).stderr(stderr).spawn().unwrap();
-        Running { child, streams }
+        Running::of(self.command(arguments))
     }
 
     /// The store, past the program.
@@ -243,6 +239,15 @@ pub struct Running {
 }
 
 impl Running {
+    /// Starts a command.
+    pub fn of(mut command: Command) -> Running {
+        let streams = tempfile::tempdir().unwrap();
+        let stream = |name: &str| File::create(streams.path().join(name)).unwrap();
+        let (stdout, stderr) = (stream("stdout"), stream("stderr"));
+        let child = command.stdout(stdout).stderr(stderr).spawn().unwrap();
+        Running { child, streams }
+    }
+
     /// What it has written to standard error so far.
     pub fn stderr(&self) -> String {
         self.stream("stderr")
@@ -280,12 +285,22 @@ impl Running {
 
     /// Waits for its end.
     #[track_caller]
-    pub fn wait(mut self) -> Finished {
+    pub fn wait(self) -> Finished {
+        self.wait_for(PATIENCE)
+    }
+
+    /// Waits for its end so long at most.
+    #[track_caller]
+    pub fn wait_for(mut self, patience: Duration) -> Finished {
         let mut status: Option<ExitStatus> = None;
-        until("the program ends", || {
+        let begun = Instant::now();
+        while status.is_none() {
+            if begun.elapsed() >= patience {
+                panic!("waited in vain for the program's end: {}{}", self.stdout(), self.stderr());
+            }
+            thread::sleep(GLANCE);
             status = self.child.try_wait().unwrap();
-            status.is_some()
-        });
+        }
         Finished {
             code: status.and_then(|status| status.code()),
             stdout: self.stdout(),

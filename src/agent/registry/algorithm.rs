@@ -31,6 +31,11 @@ impl Task<'_> {
         Observer::new(self.environment, self.scenario).spec()
     }
 
+    /// Steps of this number of episodes, if none ends early.
+    pub fn steps(&self, episodes: u32) -> u64 {
+        u64::from(episodes) * u64::from(self.environment.horizon)
+    }
+
     /// The simulation with this number of lanes.
     pub fn simulation(&self, lanes: usize) -> PhysicalActivity {
         PhysicalActivity::new(self.environment, self.scenario, lanes)
@@ -105,6 +110,42 @@ pub enum Start {
 /// **Errors**: the weights do not fit the agent; an algorithm that does not train has none.
 pub type Trained = Result<Box<dyn Actor>, WeightsError>;
 
+/// How much arithmetic an agent takes where no episode ends early, in multiply-adds. What is no
+/// multiply-add counts as the multiply-adds that take as long.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Work {
+    /// The whole training, the simulation aside.
+    pub training: u64,
+    /// A choice of an action by the trained agent.
+    pub choice: u64,
+}
+
+/// Multiply-adds that take as long as what a step of training costs, however few lanes take it
+/// together.
+pub(super) const PER_STEP: u64 = 3500;
+
+/// Multiply-adds that take as long as an optimiser's update of one weight.
+const PER_UPDATED_WEIGHT: u64 = 14;
+
+impl Work {
+    /// That of an agent which trains a network of so many weights: `rows` rows of a batch in all,
+    /// `updates` times.
+    pub fn of_network(weights: u64, rows: u64, updates: u64) -> Work {
+        // Forward; and backward once for the weights and once for the layer before.
+        let passes = rows.saturating_mul(3).saturating_mul(weights);
+        let steps = updates.saturating_mul(PER_UPDATED_WEIGHT).saturating_mul(weights);
+        Work { training: passes.saturating_add(steps), choice: weights }
+    }
+
+    /// This with so much more training.
+    pub fn plus(self, training: u64) -> Work {
+        Work { training: self.training.saturating_add(training), ..self }
+    }
+}
+
+/// Weights of a network of two hidden layers of 128 units.
+const USUAL_WEIGHTS: u64 = 128 * 128;
+
 /// The hyper-parameters of an algorithm, and with them everything that the program has to know of
 /// it.
 pub trait AlgorithmParameters: Keyed + 'static {
@@ -123,6 +164,13 @@ pub trait AlgorithmParameters: Keyed + 'static {
 
     /// Episodes of training: the job's budget. 0 for an algorithm that does not train.
     fn episodes(&self) -> u32;
+
+    /// How much arithmetic it takes, from which times are estimated and shards are cut. Unless
+    /// declared, that of a network with two hidden layers of 128 units, updated at every step.
+    fn work(&self, task: &Task) -> Work {
+        let steps = task.steps(self.episodes());
+        Work::of_network(USUAL_WEIGHTS, steps, steps).plus(steps.saturating_mul(PER_STEP))
+    }
 
     /// An agent at the start of its job.
     ///
@@ -150,6 +198,7 @@ pub struct Algorithm {
     are_values: fn(&[Value]) -> bool,
     version: fn(&[Value]) -> u32,
     episodes: fn(&[Value]) -> u32,
+    work: fn(&[Value], &Task) -> Work,
     start: fn(&[Value], &Task) -> Result<Start, StartError>,
     trained: TrainedBy,
 }
@@ -169,6 +218,7 @@ impl Algorithm {
             are_values: |values| P::from_values(values).is_some(),
             version: |values| typed::<P>(values).version(),
             episodes: |values| typed::<P>(values).episodes(),
+            work: |values, task| typed::<P>(values).work(task),
             start: |values, task| typed::<P>(values).start(task),
             trained: |values, task, weights, actions| {
                 typed::<P>(values).trained(task, weights, actions)
@@ -259,6 +309,11 @@ impl Agent {
     /// Episodes of training; see [`AlgorithmParameters::episodes`].
     pub fn episodes(&self) -> u32 {
         (self.algorithm.episodes)(&self.values)
+    }
+
+    /// How much arithmetic it takes; see [`AlgorithmParameters::work`].
+    pub fn work(&self, task: &Task) -> Work {
+        (self.algorithm.work)(&self.values, task)
     }
 
     /// The agent at the start of its job.

@@ -18,7 +18,7 @@ use crate::env::{ObservationSpec, VectorEnvironment};
 use crate::kernel::Isa;
 use crate::key::Parameter;
 
-use super::algorithm::{AlgorithmParameters, Start, StartError, Task, unless_fit};
+use super::algorithm::{AlgorithmParameters, PER_STEP, Start, StartError, Task, Work, unless_fit};
 
 const TRUNK: Parameter = Parameter::Agent("trunk");
 const BATCH: Parameter = Parameter::Agent("batch");
@@ -79,6 +79,15 @@ impl AlgorithmParameters for DuelingDqn {
 
     fn episodes(&self) -> u32 {
         self.episodes
+    }
+
+    /// One update a step, and one row to choose its action. The target network sees a transition once
+    /// in a period, which counts as nothing.
+    fn work(&self, task: &Task) -> Work {
+        let weights = layers::weights(&layers::dueling(self, task.observations().inputs())) as u64;
+        let steps = task.steps(self.episodes);
+        Work::of_network(weights, steps.saturating_mul(u64::from(self.batch)), steps)
+            .plus(steps.saturating_mul(weights + PER_STEP))
     }
 
     fn start(&self, task: &Task) -> Result<Start, StartError> {

@@ -14,7 +14,9 @@ use crate::agent::dueling_dqn::DuelingDqn;
 use crate::agent::reinforce::Reinforce;
 use crate::agent::rule::RuleParameters;
 
-pub use algorithm::{Agent, Algorithm, AlgorithmParameters, Start, StartError, Task, Trained};
+pub use algorithm::{
+    Agent, Algorithm, AlgorithmParameters, Start, StartError, Task, Trained, Work,
+};
 pub use dueling_dqn::{learner_in as dueling_dqn_learner, trained as trained_dueling_dqn};
 pub use reinforce::{learner_in as reinforce_learner, trained as trained_reinforce};
 

@@ -17,7 +17,7 @@ use crate::env::{ObservationSpec, VectorEnvironment};
 use crate::kernel::Isa;
 use crate::key::Parameter;
 
-use super::algorithm::{AlgorithmParameters, Start, StartError, Task, unless_fit};
+use super::algorithm::{AlgorithmParameters, PER_STEP, Start, StartError, Task, Work, unless_fit};
 
 const TRAJECTORIES_PER_UPDATE: Parameter = Parameter::Agent("trajectories_per_update");
 
@@ -59,6 +59,16 @@ impl AlgorithmParameters for Reinforce {
 
     fn episodes(&self) -> u32 {
         self.episodes
+    }
+
+    /// One update for so many trajectories. Every step is seen twice, to choose and to learn.
+    fn work(&self, task: &Task) -> Work {
+        let weights = layers::weights(&[layers::policy(self, task.observations().inputs())]) as u64;
+        let steps = task.steps(self.episodes);
+        let updates = self.episodes.div_ceil(self.trajectories_per_update.max(1));
+        Work::of_network(weights, steps, updates.into())
+            .plus(steps.saturating_mul(weights))
+            .plus(task.steps(updates).saturating_mul(PER_STEP))
     }
 
     fn start(&self, task: &Task) -> Result<Start, StartError> {

@@ -8,9 +8,12 @@ use crate::agent::weights::{Weights, WeightsError};
 use crate::key::Parameter;
 use crate::optimum::LONGEST_OPTIMUM;
 
-use super::algorithm::{AlgorithmParameters, Start, StartError, Task};
+use super::algorithm::{AlgorithmParameters, Start, StartError, Task, Work};
 
 const RULE: Parameter = Parameter::Agent("rule");
+
+/// Multiply-adds that take as long as computing an optimum does per step of its horizon.
+const OPTIMUM_PER_STEP: u64 = 100_000_000;
 
 fn is_optimal(assignment: &Assignment) -> bool {
     assignment.is_word(RULE, DecisionRule::Optimal.word())
@@ -61,6 +64,19 @@ impl AlgorithmParameters for RuleParameters {
     /// None: a rule learns nothing.
     fn episodes(&self) -> u32 {
         0
+    }
+
+    /// A rule looks at a number or two; the optimal one is computed before its first episode.
+    fn work(&self, task: &Task) -> Work {
+        let training = match self.rule {
+            DecisionRule::Optimal => task.steps(1).saturating_mul(OPTIMUM_PER_STEP),
+            DecisionRule::Never
+            | DecisionRule::Untailored
+            | DecisionRule::Tailored
+            | DecisionRule::Threshold
+            | DecisionRule::Random => 0,
+        };
+        Work { training, choice: 1 }
     }
 
     fn start(&self, task: &Task) -> Result<Start, StartError> {

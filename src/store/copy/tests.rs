@@ -9,9 +9,10 @@ use crate::record::{
     CURVE_METRICS, CurvePoint, Failure, FailureKind, Outcome, Results, TestEpisode,
 };
 
-use super::copy::{Copied, Ended, RunCopy, copy};
-use super::sample::{begin_session, claim, job, results};
-use super::{Experiment, SessionId, Store};
+use crate::store::sample::{begin_session, claim, job, results};
+use crate::store::{Experiment, SessionId, Store};
+
+use super::{Copied, Ended, RunCopy, copy};
 
 /// A store with a session of its own, in a folder that lives as long.
 struct Sample {
@@ -44,18 +45,25 @@ impl Sample {
     }
 
     /// Copies the runs of another store; what was copied, and what became of each run.
-    fn copy(&mut self, from: &Path) -> (Copied, Vec<(i64, Ended, RunCopy)>) {
+    fn copy(&mut self, from: &Path) -> (Copied, Vec<(Ended, RunCopy)>) {
         let from = Connection::open(from).unwrap();
         let mut heard = Vec::new();
-        let copied = copy(&from, &mut self.store, &|_, _| Ok(()), |run, ended, became| {
-            heard.push((run, ended, became));
+        let copied = copy(&from, &mut self.store, &|_, _| Ok(()), |run, became| {
+            heard.push((run.ended, became));
         });
         (copied.unwrap(), heard)
     }
 
     /// As [`Sample::copy`], what became of each run alone.
-    fn became(&mut self, from: &Path) -> Vec<RunCopy> {
-        self.copy(from).1.into_iter().map(|(_, _, became)| became).collect()
+    fn became(&mut self, from: &Path) -> Vec<&'static str> {
+        let word = |(_, became)| match became {
+            RunCopy::Copied => "copied",
+            RunCopy::AlreadyThere => "already there",
+            RunCopy::Conflict { .. } => "conflict",
+            RunCopy::InProgress => "in progress",
+            RunCopy::Damaged(_) => "damaged",
+        };
+        self.copy(from).1.into_iter().map(word).collect()
     }
 
     /// Every row that does not depend on the ids and times of one store.
@@ -115,16 +123,15 @@ fn a_copy_has_every_row_and_a_second_one_inserts_nothing() {
     let source = source();
     let mut target = Sample::new();
     let (copied, runs) = target.copy(&source.path);
-    assert_eq!(copied, Copied { experiments: 3, jobs: 3, runs_unreadable: false });
+    assert_eq!(copied, Copied { experiments: 3, jobs: 3, ..Copied::default() });
     let ended = [Ended::Completed, Ended::Interrupted, Ended::Completed, Ended::Failed];
-    let expected: Vec<_> = (1..).zip(ended).map(|(id, e)| (id, e, RunCopy::Copied)).collect();
-    assert_eq!(runs, expected);
+    assert_eq!(runs, ended.map(|ended| (ended, RunCopy::Copied)));
     assert_eq!(target.rows(), source.rows());
 
     let changes = target.store.connection.total_changes();
     let (copied, runs) = target.copy(&source.path);
     assert_eq!(copied, Copied::default());
-    assert!(runs.iter().all(|(_, _, became)| *became == RunCopy::AlreadyThere), "{runs:?}");
+    assert!(runs.iter().all(|(_, became)| *became == RunCopy::AlreadyThere), "{runs:?}");
     assert_eq!(target.store.connection.total_changes(), changes);
 }
 
@@ -134,8 +141,13 @@ fn a_conflict_is_reported_and_the_run_of_the_target_is_kept() {
     let mut target = Sample::new();
     target.run(&seed(1), &otherwise_completed());
     let before = target.text("SELECT hex(results_sha256) FROM run");
-    let became = target.became(&source.path);
-    assert_eq!(became, [RunCopy::Conflict, RunCopy::Copied, RunCopy::Copied, RunCopy::Copied]);
+    let (_, runs) = target.copy(&source.path);
+    let (_, RunCopy::Conflict { theirs, ours }) = &runs[0] else { panic!("{runs:?}") };
+    assert!(runs[1..].iter().all(|(_, became)| *became == RunCopy::Copied), "{runs:?}");
+    assert_eq!(ours.results_sha256.to_uppercase(), before);
+    let digest = source.text("SELECT hex(results_sha256) FROM run");
+    assert_eq!(theirs.results_sha256.to_uppercase(), digest);
+    assert_eq!((&*theirs.host, &*theirs.processor, &*theirs.code_version), ("4", "5", "1"));
     assert_eq!(target.text("SELECT hex(results_sha256) FROM run WHERE id = 1"), before);
     assert_eq!(target.number("SELECT total_reward = 51 FROM test_episode WHERE run = 1"), 1);
 }
@@ -149,7 +161,7 @@ fn a_damaged_run_is_left_out_and_is_no_conflict() {
          UPDATE run_metric SET value = 2.0 WHERE run = 1 AND metric = 1",
     )
     .unwrap();
-    let expected = [RunCopy::Damaged, RunCopy::Copied, RunCopy::Copied, RunCopy::Copied];
+    let expected = ["damaged", "copied", "copied", "copied"];
     let mut target = Sample::new();
     assert_eq!(target.became(&source.path), expected);
     for table in ["run_metric", "curve_point", "test_episode", "trained_weights"] {
@@ -170,14 +182,10 @@ fn a_run_whose_weights_are_found_wrong_is_left_out() {
         (_, Some(_)) => Ok(()),
         (_, None) => Err("none".to_owned()),
     };
-    let mut copied = Vec::new();
-    copy(&from, &mut target.store, &check, |run, _, became| {
-        if became == RunCopy::Copied {
-            copied.push(run);
-        }
-    })
-    .unwrap();
-    assert_eq!(copied, [2, 3, 4]);
+    let mut became = Vec::new();
+    copy(&from, &mut target.store, &check, |_, run| became.push(run)).unwrap();
+    let damaged = RunCopy::Damaged("its weights do not load: too few".to_owned());
+    assert_eq!(became, [damaged, RunCopy::Copied, RunCopy::Copied, RunCopy::Copied]);
 }
 
 #[test]
@@ -190,11 +198,11 @@ fn attempts_of_two_stores_are_numbered_on() {
     let first = CurvePoint { episode: 10, metric: "epsilon", value: 0.5 };
     target.run(&seed(7), &Outcome::Completed(Results { curve: vec![first], ..results() }));
     target.run(&seed(1), &Outcome::Interrupted);
-    assert_eq!(target.became(&source.path), [RunCopy::Copied; 2]);
+    assert_eq!(target.became(&source.path), ["copied"; 2]);
     let attempts = "SELECT group_concat(attempt || ' ' || status, ', ' ORDER BY attempt) FROM run
         WHERE job = (SELECT job FROM run WHERE attempt = 3)";
     assert_eq!(target.text(attempts), "1 interrupted, 2 interrupted, 3 completed");
-    assert_eq!(target.became(&source.path), [RunCopy::AlreadyThere; 2]);
+    assert_eq!(target.became(&source.path), ["already there"; 2]);
 }
 
 #[test]
@@ -202,9 +210,9 @@ fn a_job_that_runs_in_the_target_is_left_to_it() {
     let source = source();
     let mut target = Sample::new();
     let claim = claim(&mut target.store, target.session, &seed(1));
-    assert_eq!(target.became(&source.path)[0], RunCopy::InProgress);
+    assert_eq!(target.became(&source.path)[0], "in progress");
     target.store.finish(&claim, &Outcome::Interrupted, 1.0).unwrap();
-    assert_eq!(target.became(&source.path)[0], RunCopy::Copied);
+    assert_eq!(target.became(&source.path)[0], "copied");
 }
 
 #[test]
@@ -254,7 +262,7 @@ fn many_results_are_copied_in_several_transactions() {
     let raw = Connection::open(&target.path).unwrap();
     let from = Connection::open(&source.path).unwrap();
     let mut seen: Vec<i64> = Vec::new();
-    copy(&from, &mut target.store, &|_, _| Ok(()), |_, _, _| {
+    copy(&from, &mut target.store, &|_, _| Ok(()), |_, _| {
         seen.push(raw.query_row("SELECT count(*) FROM run", [], |row| row.get(0)).unwrap());
     })
     .unwrap();

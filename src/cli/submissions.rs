@@ -1,0 +1,175 @@
+//! Submissions as `status`, `submit` and `cancel` show and collect them.
+
+use std::collections::HashSet;
+use std::io::{self, Write};
+
+use crate::cli::Error;
+use crate::cli::counting::Counting;
+use crate::cli::output::{Field, Format, Rows, counted};
+use crate::cluster::{
+    self, Chunk, ChunkState, Engine, EngineKind, Look, Loss, Stop, Submission, Survey,
+};
+use crate::manifest::printable;
+use crate::plan::JobKey;
+use crate::store::{Conflict, Damage, JobState, Merged, Reader, Store};
+
+/// Lost chunks that are listed of a submission.
+const LOST_SHOWN: usize = 10;
+
+/// What runs submissions, as far as a store's submissions say.
+pub(super) fn engine() -> Box<dyn Engine> {
+    // Every submission so far is of the one engine that there is.
+    EngineKind::Slurm.connect()
+}
+
+/// Whether tasks of a submission may still hand something in.
+pub(super) fn is_open(survey: &Survey) -> bool {
+    survey.stopped.is_none() && survey.counts().open() > 0
+}
+
+/// The word for what has become of a submission.
+fn state(survey: &Survey, left: usize) -> &'static str {
+    let counts = survey.counts();
+    match survey.stopped {
+        Some(Stop::Cancelled) => "cancelled",
+        Some(Stop::Abandoned) => "abandoned",
+        None if counts.unknown > 0 => "unknown",
+        None if counts.open() > 0 => "open",
+        None if left > 0 => "lost",
+        None => "finished",
+    }
+}
+
+/// The jobs of a chunk that have ended neither in a part nor in the store.
+fn left_of<'c>(chunk: &'c Chunk, ended: &HashSet<JobKey>) -> impl Iterator<Item = &'c JobKey> {
+    chunk.left.iter().filter(|key| !ended.contains(key))
+}
+
+/// The jobs that have ended in the store.
+pub(super) fn ended(reader: &Reader) -> Result<HashSet<JobKey>, Error> {
+    let mut ended = HashSet::new();
+    reader.tried(|key, state| match state {
+        JobState::Completed | JobState::Failed => {
+            ended.insert(key);
+        }
+        JobState::Pending | JobState::Interrupted | JobState::Running => {}
+    })?;
+    Ok(ended)
+}
+
+const COLUMNS: [&str; 12] = [
+    "submission",
+    "state",
+    "chunks",
+    "waiting",
+    "running",
+    "finished",
+    "lost",
+    "unknown",
+    "jobs",
+    "done",
+    "left",
+    "core_hours",
+];
+
+/// Prints the submissions of a store.
+pub(super) fn show(look: &Look, ended: &HashSet<JobKey>, format: Format) -> Result<(), Error> {
+    let integer = |count: usize| Field::Integer(count as i64);
+    let mut rows = Rows::new(format, &COLUMNS.map(str::to_owned), io::stdout().lock())?;
+    for (submission, survey) in &look.surveys {
+        let counts = survey.counts();
+        let jobs: usize = survey.chunks.iter().map(|chunk| chunk.jobs).sum();
+        let left = survey.chunks.iter().flat_map(|chunk| left_of(chunk, ended)).count();
+        rows.row(&[
+            Field::text(submission.name()),
+            Field::text(state(survey, left)),
+            integer(survey.chunks.len()),
+            integer(counts.waiting),
+            integer(counts.running),
+            integer(counts.finished),
+            integer(counts.lost),
+            integer(counts.unknown),
+            integer(jobs),
+            integer(jobs - left),
+            integer(left),
+            Field::Rounded(survey.core_hours, 2),
+        ])?;
+    }
+    rows.finish()?;
+    if let Some(silence) = &look.silence {
+        writeln!(io::stderr(), "what the cluster holds is unknown: {silence}")?;
+    }
+    for (submission, survey) in &look.surveys {
+        if survey.stopped.is_none() {
+            list_lost(submission, survey, ended)?;
+        }
+    }
+    Ok(())
+}
+
+/// Lists the lost chunks of a submission that have jobs left, with reasons and logs.
+pub(super) fn list_lost(
+    submission: &Submission,
+    survey: &Survey,
+    ended: &HashSet<JobKey>,
+) -> Result<(), Error> {
+    let lost: Vec<(&Chunk, &Loss)> = survey
+        .chunks
+        .iter()
+        .filter(|chunk| left_of(chunk, ended).next().is_some())
+        .filter_map(|chunk| match &chunk.state {
+            ChunkState::Lost(loss) => Some((chunk, loss)),
+            ChunkState::Waiting
+            | ChunkState::Running
+            | ChunkState::Finished
+            | ChunkState::Unknown => None,
+        })
+        .collect();
+    let mut err = io::stderr();
+    for (chunk, loss) in lost.iter().take(LOST_SHOWN) {
+        let reason = match loss {
+            Loss::NotBegun => "its task has not begun".to_owned(),
+            Loss::Stopped => "its task was stopped and not queued again".to_owned(),
+            Loss::Failed(reason) => format!("its task failed: {reason}"),
+            Loss::Died => "its task died".to_owned(),
+        };
+        let (name, number) = (submission.name(), chunk.number);
+        let log = submission.log(number).display().to_string();
+        writeln!(
+            err,
+            "lost: chunk {number} of {name}, {} left: {}; log: {}",
+            counted(left_of(chunk, ended).count(), "job"),
+            printable(&reason),
+            printable(&log)
+        )?;
+    }
+    if lost.len() > LOST_SHOWN {
+        writeln!(err, "and {} more lost chunks", lost.len() - LOST_SHOWN)?;
+    }
+    Ok(())
+}
+
+/// Merges the new parts of the submissions, and says what is unusual.
+pub(super) fn collect(look: &Look, store: &mut Store) -> Result<Merged, Error> {
+    let mut counting = Counting::new(0, "runs");
+    let submissions = look.surveys.iter().map(|(submission, _)| submission);
+    let merged = cluster::collect(submissions, store, |progress| {
+        counting.advance(progress.done, progress.of);
+    });
+    drop(counting);
+    let merged = merged?;
+    let mut err = io::stderr();
+    for Conflict { source, job_key, .. } in &merged.conflicts {
+        let part = printable(&source.display().to_string());
+        writeln!(
+            err,
+            "conflict: job {job_key} has other results in {part}; the store keeps its own, and \
+             `jitai merge` of that file shows both"
+        )?;
+    }
+    for Damage { source, what, .. } in &merged.damaged {
+        let part = printable(&source.display().to_string());
+        writeln!(err, "left out of {part}, which is damaged: {}", printable(what))?;
+    }
+    Ok(merged)
+}

@@ -1,0 +1,346 @@
+//! `jitai submit`: gives missing jobs to a cluster.
+
+use std::io::{self, Write};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use clap::ValueEnum;
+use serde_json::json;
+
+use crate::cli::output::counted;
+use crate::cli::{Error, Exit, StoreArgument, check, run, signals, submissions};
+use crate::cluster::{
+    ChunkState, Cluster, ClusterError, Draft, EngineKind, Limits, Look, Loss, Profile, Request,
+    Submission,
+};
+use crate::plan::Filter;
+use crate::schedule::Selection;
+use crate::store::{Reader, RetryFailed, Store, StoreError};
+
+/// Tasks of an array where no cluster can be asked: Slurm's default.
+const USUAL_TASKS: u32 = 1001;
+/// Time between two looks at a submission that is waited for, at first and at most.
+const LOOK: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(15));
+/// Time between two lines of progress.
+const SAY: Duration = Duration::from_secs(10);
+
+/// Give the jobs of manifests that have no completed run yet to a Slurm cluster
+///
+/// Jobs are packed into chunks, one for each task of a job array. Tasks hand in stores, which are
+/// merged by this command the next time, by `jitai status --merge`, or by --wait. Submitting again
+/// submits what is neither completed nor held by the cluster.
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// Manifests (TOML files)
+    #[arg(required = true, value_name = "MANIFEST")]
+    manifests: Vec<PathBuf>,
+    /// Profile of the cluster (TOML file) [default: Slurm with its own defaults]
+    #[arg(long, value_name = "FILE")]
+    cluster: Option<PathBuf>,
+    /// Print script, chunks and core-hours; submit nothing
+    #[arg(long)]
+    dry_run: bool,
+    /// Follow the submission to its end, merge what it hands in, and submit again what its tasks died
+    /// with
+    #[arg(long, conflicts_with = "dry_run")]
+    wait: bool,
+    /// Only jobs with these parameters, such as agent=dqn,sigma=0.4|0.6
+    #[arg(long, value_name = "NAME=VALUE,...")]
+    filter: Option<Filter>,
+    /// Submit jobs again that failed before; the failed runs stay in the store
+    #[arg(long)]
+    retry_failed: bool,
+    /// How the answer is written
+    #[arg(long, value_enum, default_value = "text")]
+    format: Format,
+    #[command(flatten)]
+    store: StoreArgument,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Format {
+    /// Lines, for reading.
+    Text,
+    /// One object.
+    Json,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
+    let stop = signals::stop_flag()
+        .map_err(|source| Error::Io { what: "listen for signals".to_owned(), source })?;
+    let profile = match &arguments.cluster {
+        Some(path) => Profile::load(path).map_err(|faults| Error::Manifests(vec![faults]))?,
+        None => Profile::of(EngineKind::Slurm),
+    };
+    let manifests = check::load_all(&arguments.manifests)?;
+    let selection = Selection::new(&manifests, arguments.filter.as_ref())?;
+    let program = this_program()?;
+    let retry = if arguments.retry_failed { RetryFailed::Yes } else { RetryFailed::No };
+    let request = Request { selection: &selection, retry, profile: &profile, program: &program };
+    let engine = profile.engine.connect();
+    let cluster = Cluster::of(&arguments.store.store, &*engine)?;
+    if arguments.dry_run {
+        return dry_run(arguments, &cluster, request);
+    }
+    let mut store = Store::open(&arguments.store.store)?;
+    for manifest in &manifests {
+        if run::register_experiment(&mut store, manifest, &selection, &stop)?.is_break() {
+            return Ok(Exit::Interrupted);
+        }
+    }
+    let mut submitting = Submitting { arguments, cluster, request, store, stop };
+    let (draft, submitted) = submitting.round()?;
+    submitting.tell(&draft, submitted.as_ref())?;
+    if arguments.wait {
+        return submitting.follow();
+    }
+    Ok(Exit::Done)
+}
+
+/// The path of this program, which nodes are to run.
+fn this_program() -> Result<PathBuf, Error> {
+    std::env::current_exe()
+        .map_err(|source| Error::Io { what: "find the path of this program".to_owned(), source })
+}
+
+/// A command that submits, and perhaps waits.
+struct Submitting<'a> {
+    arguments: &'a Arguments,
+    cluster: Cluster<'a>,
+    request: Request<'a>,
+    store: Store,
+    stop: Arc<AtomicBool>,
+}
+
+impl Submitting<'_> {
+    /// Merges what is there, and submits what is missing.
+    fn round(&mut self) -> Result<(Draft, Option<Submission>), Error> {
+        // The cluster's own words come first where there is none.
+        let limits = self.cluster.limits().map_err(ClusterError::from)?;
+        let submissions = self.cluster.submissions();
+        submissions.make(self.request.profile.folder.as_deref())?;
+        let _lock = submissions.lock()?;
+        let mut look = self.cluster.look()?;
+        if let Some(silence) = look.silence {
+            return Err(ClusterError::from(silence).into());
+        }
+        for name in self.cluster.abandon_unknown(&mut look)? {
+            writeln!(io::stderr(), "{name} was never given to the cluster; its jobs are free")?;
+        }
+        self.collect(&look)?;
+        let reader = Reader::open(self.store.path())?;
+        let draft = self.cluster.draft(self.request, Some(&reader), &look, limits)?;
+        let submitted = match draft.chunks.is_empty() {
+            true => None,
+            false => Some(self.cluster.launch(&draft, self.request)?),
+        };
+        Ok((draft, submitted))
+    }
+
+    /// Merges new parts and records jobs that have brought down their tasks.
+    fn collect(&mut self, look: &Look) -> Result<(), Error> {
+        let merged = submissions::collect(look, &mut self.store)?;
+        if merged.completed + merged.failed > 0 && !self.arguments.wait {
+            let runs = counted(merged.completed + merged.failed, "run");
+            writeln!(io::stderr(), "{runs} merged that were handed in")?;
+        }
+        for key in self.cluster.record_crashes(look, &mut self.store)? {
+            writeln!(io::stderr(), "{key} has failed: three tasks died with it (crashed)")?;
+        }
+        Ok(())
+    }
+
+    fn tell(&self, draft: &Draft, submitted: Option<&Submission>) -> Result<(), Error> {
+        let mut out = io::stdout();
+        if self.arguments.format == Format::Json {
+            let object = json!({
+                "submission": submitted.map(Submission::name),
+                "array": submitted.and_then(Submission::array),
+                "folder": submitted.map(|submission| submission.path().display().to_string()),
+                "chunks": draft.chunks.len(), "jobs": draft.jobs(),
+                "core_hours": draft.core_hours(), "completed": draft.completed,
+                "failed": draft.failed, "running": draft.running, "held": draft.held,
+                "deferred": draft.deferred,
+            });
+            return Ok(writeln!(out, "{object}")?);
+        }
+        match submitted {
+            Some(submission) => writeln!(
+                out,
+                "submitted {}: {} in {}, about {:.2} core-hours; array {}\n{}",
+                submission.name(),
+                counted(draft.jobs(), "job"),
+                counted(draft.chunks.len(), "chunk"),
+                draft.core_hours(),
+                submission.array().unwrap_or_default(),
+                submission.path().display(),
+            )?,
+            None => writeln!(out, "nothing to submit")?,
+        }
+        Ok(writeln!(io::stderr(), "{}", others(draft))?)
+    }
+
+    /// Follows submissions until the cluster holds nothing more and nothing can be submitted again.
+    fn follow(&mut self) -> Result<Exit, Error> {
+        let (mut pause, most) = LOOK;
+        let (mut said_at, mut said) = (None::<Instant>, String::new());
+        loop {
+            if self.stop.load(Ordering::Relaxed) {
+                writeln!(io::stderr(), "stopped waiting; the cluster goes on with its tasks")?;
+                return Ok(Exit::Interrupted);
+            }
+            thread::sleep(pause);
+            pause = (pause * 2).min(most);
+            let look = self.cluster.look()?;
+            let line = progress(&look);
+            if line != said && said_at.is_none_or(|at| at.elapsed() >= SAY) {
+                writeln!(io::stderr(), "{line}")?;
+                (said_at, said) = (Some(Instant::now()), line);
+            }
+            if look.silence.is_some() {
+                continue;
+            }
+            self.collect(&look)?;
+            if look.surveys.iter().any(|(_, survey)| submissions::is_open(survey)) {
+                continue;
+            }
+            let reader = Reader::open(self.store.path())?;
+            let limits = Limits { most_tasks: USUAL_TASKS };
+            let draft = self.cluster.draft(self.request, Some(&reader), &look, limits)?;
+            if draft.chunks.is_empty() {
+                return Ok(self.end(&draft));
+            }
+            if !may_submit_again(&look) {
+                return self.give_up(&look, &reader);
+            }
+            let (draft, submitted) = self.round()?;
+            if let Some(submission) = submitted {
+                let (name, jobs) = (submission.name(), counted(draft.jobs(), "job"));
+                let chunks = counted(draft.chunks.len(), "chunk");
+                writeln!(io::stderr(), "submitted again as {name}: {jobs} in {chunks}")?;
+            }
+            pause = LOOK.0;
+        }
+    }
+
+    fn end(&self, draft: &Draft) -> Exit {
+        let _ = writeln!(io::stderr(), "{} completed, {} failed", draft.completed, draft.failed);
+        if draft.failed > 0 { Exit::JobsFailed } else { Exit::Done }
+    }
+
+    /// Says which chunks are lost for reasons that submitting again does not mend.
+    fn give_up(&self, look: &Look, reader: &Reader) -> Result<Exit, Error> {
+        let ended = submissions::ended(reader)?;
+        for (submission, survey) in &look.surveys {
+            if survey.stopped.is_none() {
+                submissions::list_lost(submission, survey, &ended)?;
+            }
+        }
+        writeln!(io::stderr(), "jobs are left; `jitai submit` submits them again")?;
+        Ok(Exit::System)
+    }
+}
+
+/// Whether the latest submission lost its chunks in ways that another try may mend: tasks that died.
+/// A task that says why it cannot go on would say it again.
+fn may_submit_again(look: &Look) -> bool {
+    look.surveys.last().is_some_and(|(_, survey)| {
+        survey.stopped.is_none()
+            && survey.chunks.iter().all(|chunk| match chunk.state {
+                ChunkState::Lost(Loss::NotBegun | Loss::Stopped | Loss::Failed(_)) => false,
+                ChunkState::Lost(Loss::Died)
+                | ChunkState::Waiting
+                | ChunkState::Running
+                | ChunkState::Finished
+                | ChunkState::Unknown => true,
+            })
+    })
+}
+
+/// A line about open submissions.
+fn progress(look: &Look) -> String {
+    let (mut waiting, mut running, mut unknown, mut left) = (0, 0, 0, 0);
+    for (_, survey) in look.surveys.iter().filter(|(_, survey)| submissions::is_open(survey)) {
+        let counts = survey.counts();
+        waiting += counts.waiting;
+        running += counts.running;
+        unknown += counts.unknown;
+        left += survey.chunks.iter().map(|chunk| chunk.left.len()).sum::<usize>();
+    }
+    match &look.silence {
+        Some(silence) => format!("{} unknown: {silence}", counted(unknown, "chunk")),
+        None => format!(
+            "{} running, {waiting} waiting, {} left",
+            counted(running, "chunk"),
+            counted(left, "job")
+        ),
+    }
+}
+
+/// What became of the jobs that are not submitted.
+fn others(draft: &Draft) -> String {
+    let Draft { completed, failed, running, held, deferred, .. } = draft;
+    let mut line = format!("{completed} completed, {failed} failed, {held} held by the cluster");
+    if *running > 0 {
+        line.push_str(&format!(", {running} running beside this store"));
+    }
+    if *deferred > 0 {
+        line.push_str(&format!(", {deferred} deferred to the next submission"));
+    }
+    line
+}
+
+fn dry_run(
+    arguments: &Arguments,
+    cluster: &Cluster<'_>,
+    request: Request<'_>,
+) -> Result<Exit, Error> {
+    let reader = match Reader::open(&arguments.store.store) {
+        Ok(reader) => Some(reader),
+        Err(StoreError::Missing { .. } | StoreError::Empty { .. }) => None,
+        Err(error) => return Err(error.into()),
+    };
+    let limits = cluster.limits().or_else(|error| {
+        writeln!(io::stderr(), "{error}; assuming arrays of at most {USUAL_TASKS} tasks")?;
+        Ok::<_, Error>(Limits { most_tasks: USUAL_TASKS })
+    })?;
+    let look = cluster.look()?;
+    let draft = cluster.draft(request, reader.as_ref(), &look, limits)?;
+    let script = cluster.script(&draft, request);
+    let mut out = io::stdout().lock();
+    if arguments.format == Format::Json {
+        let chunks: Vec<_> = draft
+            .chunks
+            .iter()
+            .map(|chunk| json!({ "jobs": chunk.keys.len(), "seconds": chunk.seconds }))
+            .collect();
+        let object = json!({
+            "script": script, "chunks": chunks, "jobs": draft.jobs(),
+            "core_hours": draft.core_hours(),
+        });
+        writeln!(out, "{object}")?;
+        return Ok(Exit::Done);
+    }
+    let Some(script) = script else {
+        writeln!(out, "nothing to submit")?;
+        writeln!(io::stderr(), "{}", others(&draft))?;
+        return Ok(Exit::Done);
+    };
+    writeln!(out, "{script}")?;
+    show_chunks(&mut out, &draft)?;
+    writeln!(io::stderr(), "{}", others(&draft))?;
+    Ok(Exit::Done)
+}
+
+/// A line for each chunk, with its jobs and minutes; the sum last.
+fn show_chunks(out: &mut impl Write, draft: &Draft) -> io::Result<()> {
+    for (number, chunk) in draft.chunks.iter().enumerate() {
+        let (jobs, minutes) = (counted(chunk.keys.len(), "job"), chunk.seconds / 60.0);
+        writeln!(out, "# chunk {number}: {jobs}, about {minutes:.1} min of one core")?;
+    }
+    let (jobs, chunks) = (counted(draft.jobs(), "job"), counted(draft.chunks.len(), "chunk"));
+    writeln!(out, "# {jobs} in {chunks}, about {:.2} core-hours", draft.core_hours())
+}

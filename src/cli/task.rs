@@ -1,0 +1,46 @@
+//! `jitai task`: one attempt at a chunk of a submission, as the script of its array calls it.
+
+use std::io;
+use std::path::PathBuf;
+
+use crate::cli::{Error, Exit, signals};
+use crate::cluster::{Assignment, Submission, TaskEnd, run_chunk};
+
+/// Run one chunk of a submission, on a node of the cluster
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// The submission's folder
+    folder: PathBuf,
+    /// Number of the chunk
+    #[arg(long)]
+    chunk: u32,
+    /// The cluster's name for this attempt, which no other has
+    #[arg(long)]
+    attempt: String,
+    /// A folder on a disk of this node
+    #[arg(long)]
+    scratch: PathBuf,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
+    let stop = signals::lasting_stop_flag()
+        .map_err(|source| Error::Io { what: "listen for signals".to_owned(), source })?;
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
+    if arguments.attempt.is_empty() || !arguments.attempt.chars().all(is_plain) {
+        return Err(Error::Usage(
+            "--attempt: expected letters, digits, `.`, `_` or `-`".to_owned(),
+        ));
+    }
+    let submission = Submission::open(&arguments.folder)?;
+    let assignment = Assignment {
+        submission: &submission,
+        chunk: arguments.chunk,
+        attempt: &arguments.attempt,
+        scratch: &arguments.scratch,
+        stop: &stop,
+    };
+    match run_chunk(assignment, &mut io::stdout())? {
+        TaskEnd::Finished | TaskEnd::NotWanted => Ok(Exit::Done),
+        TaskEnd::Stopped => Ok(Exit::RunAgain),
+    }
+}

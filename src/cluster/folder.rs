@@ -1,0 +1,505 @@
+//! The folder of a submission: which file is where, and how files come there whole.
+//!
+//! ```text
+//! jitai.sqlite.submissions/
+//!   20260131-120000-1a2b3c/    one submission
+//!     submission.json          what was intended; written last before the engine is called
+//!     plan/1.toml ...          the manifests as they were
+//!     chunks/0 ...             keys of the jobs of each task, the longest first
+//!     script.sh                what the engine was given
+//!     array                    the engine's name for the array, once it is known
+//!     logs/0.log ...           output of each task, all its attempts
+//!     attempts/0.17.0.json ... what each attempt says of itself
+//!     parts/0.17.0-1.sqlite    sealed stores; beside each, the list of its jobs (.jobs)
+//!     checkpoints/             of jobs that were stopped
+//!     cancelled or abandoned   its tasks are not to run
+//! ```
+//!
+//! Files are written under another name, synced and renamed. A sealed part never changes.
+
+use std::collections::HashMap;
+use std::fs::{self, File};
+use std::io::{self, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use serde::{Deserialize, Serialize};
+
+use super::attempt::Attempt;
+use super::error::ClusterError;
+use crate::plan::JobKey;
+
+/// Version of the files of a submission; another one is refused.
+const FORMAT: u32 = 1;
+
+/// Names of arrays begin with this.
+const PREFIX: &str = "jitai-";
+
+/// What a submission is meant to do.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Intent {
+    /// Version of the files.
+    pub format: u32,
+    /// Release and revision that made it.
+    pub code_version: String,
+    /// The engine, as a profile names it.
+    pub engine: String,
+    /// When, in seconds since 1970.
+    pub created_at: f64,
+    /// Number of its chunks.
+    pub chunks: u32,
+    /// Number of its jobs.
+    pub jobs: u64,
+    /// Workers of a task.
+    pub cpus_per_task: u32,
+    /// Longest time between two hand-ins of a task, in seconds.
+    pub hand_in_seconds: f64,
+    /// Experiments of its jobs.
+    pub experiments: Vec<String>,
+}
+
+impl Intent {
+    /// The version of the files that this program writes.
+    pub fn format() -> u32 {
+        FORMAT
+    }
+}
+
+/// How a job that was handed in ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HandedIn {
+    /// With results.
+    Completed,
+    /// With a failure.
+    Failed,
+}
+
+/// Why the tasks of a submission are not to run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stop {
+    /// It was cancelled.
+    Cancelled,
+    /// Its array was not found, and its jobs were submitted again.
+    Abandoned,
+}
+
+impl Stop {
+    fn file(self) -> &'static str {
+        match self {
+            Stop::Cancelled => "cancelled",
+            Stop::Abandoned => "abandoned",
+        }
+    }
+}
+
+/// The folder of all submissions of a store.
+#[derive(Clone, Debug)]
+pub struct Submissions {
+    path: PathBuf,
+}
+
+impl Submissions {
+    /// The folder beside a store, which need not exist.
+    pub fn beside(store: &Path) -> io::Result<Submissions> {
+        let mut path = std::path::absolute(store)?.into_os_string();
+        path.push(".submissions");
+        Ok(Submissions { path: path.into() })
+    }
+
+    /// Makes the folder: beside the store, or in `elsewhere` with a link beside the store.
+    pub fn make(&self, elsewhere: Option<&Path>) -> Result<(), ClusterError> {
+        if let Some(elsewhere) = elsewhere
+            && fs::symlink_metadata(&self.path).is_err()
+        {
+            let name = self.path.file_name().expect("it ends in .submissions");
+            let target = elsewhere.join(name);
+            fs::create_dir_all(&target).map_err(ClusterError::io("make", &target))?;
+            std::os::unix::fs::symlink(&target, &self.path)
+                .map_err(ClusterError::io("link", &self.path))?;
+        }
+        fs::create_dir_all(&self.path).map_err(ClusterError::io("make", &self.path))
+    }
+
+    /// Its path.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Waits until no other process submits for this store; holds the others off until the file is
+    /// closed.
+    pub fn lock(&self) -> Result<File, ClusterError> {
+        let path = self.path.join("lock");
+        let file = File::create(&path).map_err(ClusterError::io("make", &path))?;
+        match file.lock() {
+            // Some shared disks have no locks.
+            Err(error) if error.kind() != ErrorKind::Unsupported => {
+                Err(ClusterError::io("lock", &path)(error))
+            }
+            _ => Ok(file),
+        }
+    }
+
+    /// The submissions, the earliest first; without those of which no intent was written.
+    pub fn list(&self) -> Result<Vec<Submission>, ClusterError> {
+        let mut found = Vec::new();
+        for name in names(&self.path)? {
+            let path = self.path.join(&name);
+            if path.join("submission.json").is_file() {
+                found.push(Submission::open(&path)?);
+            }
+        }
+        found.sort_by(|one, other| {
+            let order = one.intent.created_at.total_cmp(&other.intent.created_at);
+            order.then_with(|| one.name().cmp(other.name()))
+        });
+        Ok(found)
+    }
+
+    /// The submission of this name.
+    pub fn named(&self, name: &str) -> Result<Submission, ClusterError> {
+        let name = name.strip_prefix(PREFIX).unwrap_or(name);
+        self.list()?.into_iter().find(|submission| submission.name() == name).ok_or_else(|| {
+            ClusterError::NoSuchSubmission { name: name.to_owned(), folder: self.path.clone() }
+        })
+    }
+
+    /// Where a new submission of this name is to be written.
+    pub fn place(&self, name: &str) -> PathBuf {
+        self.path.join(name)
+    }
+}
+
+/// One submission, as its folder has it.
+#[derive(Clone, Debug)]
+pub struct Submission {
+    path: PathBuf,
+    /// What it is meant to do.
+    pub intent: Intent,
+}
+
+/// The subfolders of a submission.
+const SUBFOLDERS: [&str; 6] = ["plan", "chunks", "logs", "attempts", "parts", "checkpoints"];
+
+impl Submission {
+    /// The submission at a path.
+    pub fn open(path: &Path) -> Result<Submission, ClusterError> {
+        let file = path.join("submission.json");
+        let text = fs::read(&file).map_err(ClusterError::io("read", &file))?;
+        let damaged = |reason: String| ClusterError::Damaged { path: file.clone(), reason };
+        let intent: Intent = serde_json::from_slice(&text).map_err(|e| damaged(e.to_string()))?;
+        if intent.format != FORMAT {
+            let found = intent.format;
+            return Err(damaged(format!("its format is {found}, and this release reads {FORMAT}")));
+        }
+        Ok(Submission { path: path.to_owned(), intent })
+    }
+
+    /// Makes the empty folders of a submission that has no intent yet.
+    pub fn make_folders(path: &Path) -> Result<(), ClusterError> {
+        for folder in SUBFOLDERS {
+            let folder = path.join(folder);
+            fs::create_dir_all(&folder).map_err(ClusterError::io("make", &folder))?;
+        }
+        Ok(())
+    }
+
+    /// Writes the intent, which makes the folder a submission.
+    pub fn intend(path: &Path, intent: Intent) -> Result<Submission, ClusterError> {
+        let file = path.join("submission.json");
+        let mut text = serde_json::to_string_pretty(&intent).expect("it has only plain fields");
+        text.push('\n');
+        write_whole(&file, text.as_bytes()).map_err(ClusterError::io("write", &file))?;
+        Ok(Submission { path: path.to_owned(), intent })
+    }
+
+    /// Its path.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Its name: that of its folder.
+    pub fn name(&self) -> &str {
+        self.path.file_name().and_then(|name| name.to_str()).unwrap_or_default()
+    }
+
+    /// The name of its array.
+    pub fn array_name(&self) -> String {
+        array_name(self.name())
+    }
+
+    /// The engine's own name for its array, once it is known.
+    pub fn array(&self) -> Option<String> {
+        let text = fs::read_to_string(self.path.join("array")).ok()?;
+        Some(text.trim().to_owned()).filter(|id| !id.is_empty())
+    }
+
+    /// Records the engine's own name for its array.
+    pub fn record_array(&self, array: &str) -> Result<(), ClusterError> {
+        let file = self.path.join("array");
+        write_whole(&file, format!("{array}\n").as_bytes())
+            .map_err(ClusterError::io("write", &file))
+    }
+
+    /// Why its tasks are not to run, if so.
+    pub fn stopped(&self) -> Option<Stop> {
+        let is_there = |stop: &Stop| self.path.join(stop.file()).exists();
+        [Stop::Cancelled, Stop::Abandoned].into_iter().find(is_there)
+    }
+
+    /// Makes its tasks end as soon as they begin.
+    pub fn stop(&self, stop: Stop) -> Result<(), ClusterError> {
+        let file = self.path.join(stop.file());
+        write_whole(&file, b"").map_err(ClusterError::io("write", &file))
+    }
+
+    /// The frozen manifests.
+    pub fn manifests(&self) -> Vec<PathBuf> {
+        (1..=self.intent.experiments.len()).map(|n| plan_file(&self.path, n)).collect()
+    }
+
+    /// The keys of a chunk's jobs.
+    pub fn chunk(&self, chunk: u32) -> Result<Vec<JobKey>, ClusterError> {
+        let file = chunk_file(&self.path, chunk);
+        let text = fs::read_to_string(&file).map_err(ClusterError::io("read", &file))?;
+        let key = |line: &str| {
+            parse_key(line).ok_or_else(|| ClusterError::Damaged {
+                path: file.clone(),
+                reason: format!("{line:?} is not the key of a job"),
+            })
+        };
+        text.lines().map(key).collect()
+    }
+
+    /// The log of a chunk's task.
+    pub fn log(&self, chunk: u32) -> PathBuf {
+        self.path.join("logs").join(format!("{chunk}.log"))
+    }
+
+    /// What the attempts at all chunks say of themselves, by chunk, the earliest first.
+    pub fn attempts(&self) -> Result<HashMap<u32, Vec<Attempt>>, ClusterError> {
+        let folder = self.path.join("attempts");
+        let mut attempts: HashMap<u32, Vec<Attempt>> = HashMap::new();
+        for name in names(&folder)?.iter().filter(|name| name.ends_with(".json")) {
+            let file = folder.join(name);
+            let text = fs::read(&file).map_err(ClusterError::io("read", &file))?;
+            let attempt: Attempt = serde_json::from_slice(&text).map_err(|error| {
+                ClusterError::Damaged { path: file.clone(), reason: error.to_string() }
+            })?;
+            attempts.entry(attempt.chunk).or_default().push(attempt);
+        }
+        for of_chunk in attempts.values_mut() {
+            of_chunk.sort_by(|one, other| one.started_at.total_cmp(&other.started_at));
+        }
+        Ok(attempts)
+    }
+
+    /// Writes what an attempt says of itself.
+    pub fn record_attempt(&self, attempt: &Attempt) -> io::Result<()> {
+        let name = format!("{}.{}.json", attempt.chunk, attempt.attempt);
+        let text = serde_json::to_vec(attempt).expect("it has only plain fields");
+        write_whole(&self.path.join("attempts").join(name), &text)
+    }
+
+    /// The sealed parts.
+    pub fn parts(&self) -> Result<Vec<Part>, ClusterError> {
+        let folder = self.path.join("parts");
+        let mut parts = Vec::new();
+        for name in names(&folder)? {
+            let Some(stem) = name.strip_suffix(".sqlite") else { continue };
+            let chunk = stem.split('.').next().and_then(|chunk| chunk.parse().ok());
+            parts.push(Part {
+                chunk,
+                path: folder.join(&name),
+                jobs: folder.join(format!("{stem}.jobs")),
+            });
+        }
+        parts.sort_by(|one, other| one.path.cmp(&other.path));
+        Ok(parts)
+    }
+
+    /// Hands in a sealed store: its list of jobs first, so that a part never lacks it.
+    pub fn hand_in(
+        &self,
+        stem: &str,
+        store: &Path,
+        jobs: &[(JobKey, HandedIn)],
+    ) -> io::Result<PathBuf> {
+        let folder = self.path.join("parts");
+        let list: String = jobs
+            .iter()
+            .map(|(key, how)| match how {
+                HandedIn::Completed => format!("{key} completed\n"),
+                HandedIn::Failed => format!("{key} failed\n"),
+            })
+            .collect();
+        write_whole(&folder.join(format!("{stem}.jobs")), list.as_bytes())?;
+        let part = folder.join(format!("{stem}.sqlite"));
+        copy_whole(store, &part)?;
+        Ok(part)
+    }
+
+    /// Where the checkpoint of a job is handed in.
+    pub fn checkpoint(&self, key: &JobKey) -> PathBuf {
+        self.path.join("checkpoints").join(format!("{key}.checkpoint"))
+    }
+}
+
+/// A sealed part.
+#[derive(Clone, Debug)]
+pub struct Part {
+    /// The chunk it is of, if its name says so.
+    pub chunk: Option<u32>,
+    /// The store.
+    pub path: PathBuf,
+    jobs: PathBuf,
+}
+
+impl Part {
+    /// Its jobs and how they ended; `None` if there is no list.
+    pub fn jobs(&self) -> Option<Vec<(JobKey, HandedIn)>> {
+        let text = fs::read_to_string(&self.jobs).ok()?;
+        let job = |line: &str| {
+            let (key, how) = line.split_once(' ')?;
+            let how = match how {
+                "completed" => HandedIn::Completed,
+                "failed" => HandedIn::Failed,
+                _ => return None,
+            };
+            Some((parse_key(key)?, how))
+        };
+        text.lines().map(job).collect()
+    }
+}
+
+/// The name of the array of a submission.
+pub fn array_name(submission: &str) -> String {
+    format!("{PREFIX}{submission}")
+}
+
+/// The file of the keys of a chunk.
+pub fn chunk_file(submission: &Path, chunk: u32) -> PathBuf {
+    submission.join("chunks").join(chunk.to_string())
+}
+
+/// The file of a frozen manifest, from 1.
+pub fn plan_file(submission: &Path, number: usize) -> PathBuf {
+    submission.join("plan").join(format!("{number}.toml"))
+}
+
+fn parse_key(text: &str) -> Option<JobKey> {
+    let is_key = text.len() == 32 && text.bytes().all(|b| b.is_ascii_hexdigit());
+    is_key.then(|| u128::from_str_radix(text, 16).ok()).flatten().map(|n| JobKey(n.to_be_bytes()))
+}
+
+/// Names of the files of a folder, sorted; without those that are being written.
+fn names(folder: &Path) -> Result<Vec<String>, ClusterError> {
+    let entries = match fs::read_dir(folder) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
+        entries => entries.map_err(ClusterError::io("list", folder))?,
+    };
+    let mut names = Vec::new();
+    for entry in entries {
+        let name = entry.map_err(ClusterError::io("list", folder))?.file_name();
+        if let Some(name) = name.to_str().filter(|name| !name.starts_with('.')) {
+            names.push(name.to_owned());
+        }
+    }
+    names.sort();
+    Ok(names)
+}
+
+/// Writes a file that is whole or not there, and is on the disk when this returns.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    whole(path, |file| file.write_all(bytes))
+}
+
+/// Copies a file as [`write_whole`] writes one.
+pub fn copy_whole(from: &Path, to: &Path) -> io::Result<()> {
+    let mut source = File::open(from)?;
+    whole(to, |file| io::copy(&mut source, file).map(drop))
+}
+
+fn whole(path: &Path, write: impl FnOnce(&mut File) -> io::Result<()>) -> io::Result<()> {
+    let folder = path.parent().expect("a file is in a folder");
+    let name = path.file_name().and_then(|name| name.to_str()).expect("names are text here");
+    // Two machines may write the same file at the same time.
+    let unfinished = folder.join(format!(".{name}.{:08x}", random() as u32));
+    let written = File::create(&unfinished).and_then(|mut file| {
+        write(&mut file)?;
+        file.sync_all()?;
+        fs::rename(&unfinished, path)?;
+        File::open(folder)?.sync_all()
+    });
+    if written.is_err() {
+        // What stays behind has a name that nobody reads.
+        let _ = fs::remove_file(&unfinished);
+    }
+    written
+}
+
+/// A number that no other process draws.
+pub fn random() -> u64 {
+    use std::hash::{BuildHasher, RandomState};
+    RandomState::new().hash_one(std::process::id())
+}
+
+/// Seconds since 1970.
+pub fn now() -> f64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64())
+}
+
+/// A name for a submission that begins now: the time in UTC, and six digits that no other has.
+pub fn new_name() -> String {
+    let seconds = now() as u64;
+    let (year, month, day) = civil(seconds / 86_400);
+    let (hour, minute, second) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
+    let digits = random() & 0xff_ffff;
+    format!("{year:04}{month:02}{day:02}-{hour:02}{minute:02}{second:02}-{digits:06x}")
+}
+
+/// Year, month and day of a day since 1970-01-01.
+///
+/// **Source**: `civil_from_days` in Howard Hinnant, chrono-Compatible Low-Level Date Algorithms (2013).
+fn civil(days: u64) -> (u64, u64, u64) {
+    let days = days + 719_468;
+    let (era, of_era) = (days / 146_097, days % 146_097);
+    let year_of_era = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
+    let of_year = of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let shifted = (5 * of_year + 2) / 153;
+    let day = of_year - (153 * shifted + 2) / 5 + 1;
+    let month = if shifted < 10 { shifted + 3 } else { shifted - 9 };
+    (year_of_era + 400 * era + u64::from(month <= 2), month, day)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn days_are_those_of_the_calendar() {
+        // Counted by GNU date.
+        for (days, date) in [(0, (1970, 1, 1)), (11_016, (2000, 2, 29)), (20_819, (2027, 1, 1))] {
+            assert_eq!(civil(days), date);
+        }
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_written_leaves_the_one_before_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file");
+        write_whole(&path, b"one").unwrap();
+        whole(&path, |_| Err(ErrorKind::StorageFull.into())).unwrap_err();
+        assert_eq!(fs::read(&path).unwrap(), b"one");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_submission_without_an_intent_is_none() {
+        let place = tempfile::tempdir().unwrap();
+        let submissions = Submissions::beside(&place.path().join("s.sqlite")).unwrap();
+        assert!(submissions.list().unwrap().is_empty());
+        submissions.make(None).unwrap();
+        Submission::make_folders(&submissions.place("20260131-120000-000000")).unwrap();
+        assert!(submissions.list().unwrap().is_empty());
+    }
+}

@@ -1,0 +1,433 @@
+//! Submitting: which jobs are missing, how they are packed, and how an engine gets them.
+
+use std::collections::{HashMap, HashSet};
+use std::fs;
+use std::path::Path;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use super::duration;
+use super::engine::{Alive, Engine, EngineError, Limits};
+use super::error::ClusterError;
+use super::folder::{
+    self, Intent, Stop, Submission, Submissions, array_name, chunk_file, plan_file, write_whole,
+};
+use super::pack::{Load, Packed, pack};
+use super::profile::Profile;
+use super::script::Order;
+use super::survey::{ChunkState, Deaths, Loss, Survey};
+use crate::manifest::Manifest;
+use crate::plan::JobKey;
+use crate::record::{Failure, FailureKind, Outcome};
+use crate::schedule::{self, Selection, Speeds};
+use crate::store::{Claimed, Isolation, JobState, Reader, RetryFailed, RunEnd, Store};
+
+/// How long an engine that does not answer is asked whether it has accepted an array.
+const PATIENCE: Duration = Duration::from_secs(120);
+/// Time between two such questions.
+const ASK_AGAIN: Duration = Duration::from_secs(2);
+
+/// The submissions of a store, and the engine that runs them.
+pub struct Cluster<'a> {
+    submissions: Submissions,
+    engine: &'a dyn Engine,
+}
+
+/// What has become of all submissions of a store.
+pub struct Look {
+    /// Each submission with its survey, the earliest first.
+    pub surveys: Vec<(Submission, Survey)>,
+    /// Why the engine did not answer, if it did not.
+    pub silence: Option<EngineError>,
+}
+
+/// Jobs to be submitted.
+#[derive(Clone, Copy)]
+pub struct Request<'a> {
+    /// The jobs.
+    pub selection: &'a Selection<'a>,
+    /// Whether those that failed are among them.
+    pub retry: RetryFailed,
+    /// Where and how tasks run.
+    pub profile: &'a Profile,
+    /// This program, an absolute path that the nodes share.
+    pub program: &'a Path,
+}
+
+/// Jobs that are missing, packed.
+#[derive(Clone, Debug, Default)]
+pub struct Draft {
+    /// The chunks.
+    pub chunks: Vec<Filled>,
+    /// Jobs that are completed.
+    pub completed: usize,
+    /// Jobs that failed and are not tried again.
+    pub failed: usize,
+    /// Jobs that a process beside this one runs.
+    pub running: usize,
+    /// Jobs that the engine holds.
+    pub held: usize,
+    /// Jobs that wait for the next submission, because their tasks died and chunks are short.
+    pub deferred: usize,
+}
+
+/// A chunk of a draft.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Filled {
+    /// Its jobs, the longest first.
+    pub keys: Vec<JobKey>,
+    /// Their estimated time on one core.
+    pub seconds: f64,
+}
+
+impl Draft {
+    /// Number of the jobs in its chunks.
+    pub fn jobs(&self) -> usize {
+        self.chunks.iter().map(|chunk| chunk.keys.len()).sum()
+    }
+
+    /// Estimated core-hours of its chunks.
+    pub fn core_hours(&self) -> f64 {
+        self.chunks.iter().map(|chunk| chunk.seconds).sum::<f64>() / 3600.0
+    }
+}
+
+impl Look {
+    /// The jobs that tasks may still complete.
+    fn held(&self) -> HashSet<JobKey> {
+        self.surveys.iter().flat_map(|(_, survey)| survey.held()).copied().collect()
+    }
+}
+
+impl<'a> Cluster<'a> {
+    /// The submissions of the store at a path.
+    ///
+    /// **Errors**: the working folder cannot be found.
+    pub fn of(store: &Path, engine: &'a dyn Engine) -> Result<Cluster<'a>, ClusterError> {
+        let submissions =
+            Submissions::beside(store).map_err(ClusterError::io("find the folder of", store))?;
+        Ok(Cluster { submissions, engine })
+    }
+
+    /// The folder of the submissions.
+    pub fn submissions(&self) -> &Submissions {
+        &self.submissions
+    }
+
+    /// What the engine accepts.
+    pub fn limits(&self) -> Result<Limits, EngineError> {
+        self.engine.limits()
+    }
+
+    /// Reads all submissions, and asks the engine about those that are open. Records the engine's
+    /// name of an array that a process did not live to record.
+    ///
+    /// **Errors**: a submission cannot be read. That the engine does not answer is no error.
+    pub fn look(&self) -> Result<Look, ClusterError> {
+        let submissions = self.submissions.list()?;
+        let mut surveys = Vec::new();
+        for submission in submissions {
+            let survey = Survey::of(&submission, None)?;
+            surveys.push((submission, survey));
+        }
+        let is_open = |survey: &Survey| survey.counts().open() > 0;
+        let names: Vec<String> = surveys
+            .iter()
+            .filter(|(_, survey)| is_open(survey))
+            .map(|(submission, _)| submission.array_name())
+            .collect();
+        if names.is_empty() {
+            return Ok(Look { surveys, silence: None });
+        }
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        let alive = match self.engine.alive(&names) {
+            Ok(alive) => alive,
+            Err(silence) => return Ok(Look { surveys, silence: Some(silence) }),
+        };
+        // The folder is read after the engine was asked.
+        for (submission, survey) in surveys.iter_mut().filter(|(_, survey)| is_open(survey)) {
+            record_found(submission, &alive)?;
+            *survey = Survey::of(submission, Some(&alive))?;
+        }
+        Ok(Look { surveys, silence: None })
+    }
+
+    /// Marks submissions that the engine never got: the process that wrote their intent was killed
+    /// before it called the engine.
+    ///
+    /// **Errors**: the mark cannot be written.
+    pub fn abandon_unknown(&self, look: &mut Look) -> Result<Vec<String>, ClusterError> {
+        let mut abandoned = Vec::new();
+        for (submission, survey) in &mut look.surveys {
+            let begun = |state: &ChunkState| *state != ChunkState::Lost(Loss::NotBegun);
+            let unknown = survey.stopped.is_none() && submission.array().is_none();
+            if unknown && !survey.chunks.iter().any(|chunk| begun(&chunk.state)) {
+                submission.stop(Stop::Abandoned)?;
+                survey.stopped = Some(Stop::Abandoned);
+                abandoned.push(submission.name().to_owned());
+            }
+        }
+        Ok(abandoned)
+    }
+
+    /// Records jobs as failed that have brought down too many tasks; returns them.
+    ///
+    /// **Errors**: the store or a mark cannot be written.
+    pub fn record_crashes(
+        &self,
+        look: &Look,
+        store: &mut Store,
+    ) -> Result<Vec<JobKey>, ClusterError> {
+        let guilty = self.deaths(look)?.guilty();
+        if guilty.is_empty() {
+            return Ok(Vec::new());
+        }
+        let session = store.begin_session(&schedule::of_this_process())?;
+        let mut recorded = Vec::new();
+        for key in guilty {
+            let claimed = store.claim(session, &key, RetryFailed::Yes, Isolation::Alone)?;
+            if let Claimed::Claimed(claim) = claimed {
+                let outcome = Outcome::Failed(Failure {
+                    kind: FailureKind::Crashed,
+                    message: "three tasks of the cluster died with this job, the last with no \
+                              other job beside it; their logs are in the folders of the submissions"
+                        .to_owned(),
+                    episode: 0,
+                });
+                store.finish_all(&[RunEnd {
+                    claim: &claim,
+                    outcome: &outcome,
+                    wall_seconds: 0.0,
+                }])?;
+                recorded.push(key);
+            }
+            self.mark_crash(&key)?;
+        }
+        store.end_session(session)?;
+        Ok(recorded)
+    }
+
+    /// The deaths of jobs since each was last recorded as crashed.
+    fn deaths(&self, look: &Look) -> Result<Deaths, ClusterError> {
+        let mut deaths = Deaths::default();
+        let crashed = self.crash_marks()?;
+        for (submission, survey) in &look.surveys {
+            let created_at = submission.intent.created_at;
+            let counts = |key: &JobKey| crashed.get(key).is_none_or(|at| *at < created_at);
+            deaths.add(survey, counts);
+        }
+        Ok(deaths)
+    }
+
+    fn mark_crash(&self, key: &JobKey) -> Result<(), ClusterError> {
+        let folder = self.submissions.path().join("crashed");
+        fs::create_dir_all(&folder).map_err(ClusterError::io("make", &folder))?;
+        let file = folder.join(key.to_string());
+        let text = format!("{}\n", folder::now());
+        write_whole(&file, text.as_bytes()).map_err(ClusterError::io("write", &file))
+    }
+
+    /// When jobs were recorded as crashed.
+    fn crash_marks(&self) -> Result<HashMap<JobKey, f64>, ClusterError> {
+        let folder = self.submissions.path().join("crashed");
+        let mut marks = HashMap::new();
+        for entry in fs::read_dir(&folder).into_iter().flatten().flatten() {
+            let path = entry.path();
+            let text = fs::read_to_string(&path).map_err(ClusterError::io("read", &path))?;
+            let key = entry.file_name().to_str().and_then(|k| u128::from_str_radix(k, 16).ok());
+            if let (Some(key), Ok(at)) = (key, text.trim().parse()) {
+                marks.insert(JobKey(key.to_be_bytes()), at);
+            }
+        }
+        Ok(marks)
+    }
+
+    /// Packs the jobs that are missing: neither completed, nor failed, nor held by the engine.
+    ///
+    /// **Errors**: the store or a submission cannot be read.
+    pub fn draft(
+        &self,
+        request: Request<'_>,
+        reader: Option<&Reader>,
+        look: &Look,
+        limits: Limits,
+    ) -> Result<Draft, ClusterError> {
+        let mut states = HashMap::new();
+        let mut speeds = Speeds::default();
+        if let Some(reader) = reader {
+            reader.tried(|key, state| {
+                states.insert(key, state);
+            })?;
+            speeds = Speeds::of(reader)?;
+        }
+        let (held, deaths) = (look.held(), self.deaths(look)?);
+        let mut draft = Draft::default();
+        let (mut keys, mut loads, mut met) = (Vec::new(), Vec::new(), HashSet::new());
+        for manifest in request.selection.manifests() {
+            for planned in request.selection.jobs(manifest) {
+                let key = planned.form.key();
+                if !met.insert(key) {
+                    continue;
+                }
+                match (states.get(&key), request.retry) {
+                    (Some(JobState::Completed), _) => draft.completed += 1,
+                    (Some(JobState::Failed), RetryFailed::No) => draft.failed += 1,
+                    (Some(JobState::Running), _) => draft.running += 1,
+                    _ if held.contains(&key) => draft.held += 1,
+                    _ => {
+                        let dead = deaths.of(&key);
+                        keys.push(key);
+                        loads.push(Load {
+                            seconds: duration::seconds(&speeds, &planned.job),
+                            deaths: dead.map_or(0, |dead| dead.tasks),
+                            died_in: dead.map_or(0, |dead| dead.last),
+                        });
+                    }
+                }
+            }
+        }
+        let Profile { chunk_minutes, cpus_per_task, .. } = request.profile;
+        let seconds = chunk_minutes * 60.0 * f64::from(*cpus_per_task);
+        let Packed { chunks, deferred } = pack(&loads, seconds, limits.most_tasks as usize);
+        draft.deferred = deferred;
+        draft.chunks = chunks
+            .into_iter()
+            .map(|jobs| Filled {
+                keys: jobs.iter().map(|&job| keys[job]).collect(),
+                seconds: jobs.iter().map(|&job| loads[job].seconds).sum(),
+            })
+            .collect();
+        Ok(draft)
+    }
+
+    /// The script of a draft as its submission would have it; `None` if no job is missing.
+    pub fn script(&self, draft: &Draft, request: Request<'_>) -> Option<String> {
+        let name = folder::new_name();
+        let folder = self.submissions.place(&name);
+        (!draft.chunks.is_empty()).then(|| script(&name, &folder, draft, request))
+    }
+
+    /// Writes a submission and gives it to the engine.
+    ///
+    /// **Errors**: a file cannot be written; the engine refuses, which leaves no submission; or it is
+    /// unknown whether it accepted.
+    pub fn launch(&self, draft: &Draft, request: Request<'_>) -> Result<Submission, ClusterError> {
+        let submission = self.write(draft, request)?;
+        let script = submission.path().join("script.sh");
+        match self.hand_over(&submission, &script) {
+            Ok(array) => {
+                submission.record_array(&array)?;
+                Ok(submission)
+            }
+            Err(error @ ClusterError::Uncertain { .. }) => Err(error),
+            Err(error) => {
+                // Refused, it was never a submission.
+                let _ = fs::remove_dir_all(submission.path());
+                Err(error)
+            }
+        }
+    }
+
+    /// Writes everything of a submission, the intent last.
+    fn write(&self, draft: &Draft, request: Request<'_>) -> Result<Submission, ClusterError> {
+        let name = folder::new_name();
+        let path = self.submissions.place(&name);
+        Submission::make_folders(&path)?;
+        let write = |file: &Path, text: &str| {
+            fs::write(file, text).map_err(ClusterError::io("write", file))
+        };
+        let manifests = request.selection.manifests();
+        for (place, manifest) in manifests.iter().enumerate() {
+            write(&plan_file(&path, place + 1), &manifest.source)?;
+        }
+        for (number, chunk) in draft.chunks.iter().enumerate() {
+            let text: String = chunk.keys.iter().map(|key| format!("{key}\n")).collect();
+            write(&chunk_file(&path, number as u32), &text)?;
+        }
+        write(&path.join("script.sh"), &script(&name, &path, draft, request))?;
+        Submission::intend(&path, intent(draft, request.profile, manifests))
+    }
+
+    /// Gives an array to the engine; if that fails, finds out whether it was accepted.
+    fn hand_over(&self, submission: &Submission, script: &Path) -> Result<String, ClusterError> {
+        let name = submission.array_name();
+        let begun = Instant::now();
+        loop {
+            let error = match self.engine.submit(script) {
+                Ok(array) => return Ok(array),
+                Err(error @ EngineError::Missing { .. }) => return Err(error.into()),
+                Err(error) => error,
+            };
+            let mut was_silent = matches!(error, EngineError::Silent { .. });
+            let alive = loop {
+                match self.engine.alive(&[&name]) {
+                    Ok(alive) => break alive,
+                    Err(reason) if begun.elapsed() >= PATIENCE => {
+                        return Err(ClusterError::Uncertain { name, reason });
+                    }
+                    Err(_) => {
+                        was_silent = true;
+                        thread::sleep(ASK_AGAIN);
+                    }
+                }
+            };
+            match alive.into_iter().find(|task| task.name == name) {
+                Some(task) => return Ok(task.array),
+                // It was not down and does not have it: a refusal.
+                None if !was_silent || begun.elapsed() >= PATIENCE => return Err(error.into()),
+                None => {}
+            }
+        }
+    }
+
+    /// Ends what the engine holds of a submission. Its tasks hand in what they have completed.
+    ///
+    /// **Errors**: the mark cannot be written; the engine refuses or does not answer.
+    pub fn cancel(&self, submission: &Submission) -> Result<(), ClusterError> {
+        // Before the engine is called: tasks that begin meanwhile see it.
+        submission.stop(Stop::Cancelled)?;
+        let name = submission.array_name();
+        let alive = self.engine.alive(&[&name])?;
+        let arrays: HashSet<&String> =
+            alive.iter().filter(|task| task.name == name).map(|task| &task.array).collect();
+        for array in arrays {
+            self.engine.cancel(array)?;
+        }
+        Ok(())
+    }
+}
+
+/// Records the engine's name of an array that is alive.
+fn record_found(submission: &Submission, alive: &[Alive]) -> Result<(), ClusterError> {
+    let name = submission.array_name();
+    match alive.iter().find(|task| task.name == name) {
+        Some(task) if submission.array().is_none() => submission.record_array(&task.array),
+        _ => Ok(()),
+    }
+}
+
+fn script(name: &str, folder: &Path, draft: &Draft, request: Request<'_>) -> String {
+    let order = Order {
+        name: &array_name(name),
+        chunks: draft.chunks.len() as u32,
+        folder,
+        program: request.program,
+        profile: request.profile,
+    };
+    request.profile.engine.script(&order)
+}
+
+fn intent(draft: &Draft, profile: &Profile, manifests: &[Manifest]) -> Intent {
+    let made_by = schedule::of_this_process();
+    Intent {
+        format: Intent::format(),
+        code_version: format!("{} ({})", made_by.code_version, made_by.git_revision),
+        engine: profile.engine.name().to_owned(),
+        created_at: folder::now(),
+        chunks: draft.chunks.len() as u32,
+        jobs: draft.jobs() as u64,
+        cpus_per_task: profile.cpus_per_task,
+        hand_in_seconds: profile.hand_in_minutes * 60.0,
+        experiments: manifests.iter().map(|manifest| manifest.name.clone()).collect(),
+    }
+}

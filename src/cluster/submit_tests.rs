@@ -1,0 +1,298 @@
+//! Submitting with an engine that only says what it is told to.
+
+use std::cell::RefCell;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use super::attempt::{Attempt, AttemptEnd};
+use super::engine::{Alive, Engine, EngineError, EngineKind, Limits, Phase};
+use super::error::ClusterError;
+use super::folder::{HandedIn, Stop, Submission};
+use super::profile::Profile;
+use super::submit::{Cluster, Draft, Request};
+use crate::manifest::{self, Manifest};
+use crate::plan::JobKey;
+use crate::schedule::Selection;
+use crate::store::{JobState, Reader, RetryFailed, Store};
+
+/// What the engine does when it is given an array.
+#[derive(Clone, Copy, PartialEq)]
+enum Answer {
+    Accepts,
+    Refuses,
+    /// It accepts, and says that it has not.
+    Loses,
+    /// The process is killed before it is called.
+    IsNotCalled,
+}
+
+/// An engine that holds what it is told to hold.
+struct Fake {
+    answer: RefCell<Answer>,
+    alive: RefCell<Result<Vec<Alive>, ()>>,
+    submitted: RefCell<Vec<String>>,
+}
+
+impl Fake {
+    fn new() -> Fake {
+        Fake {
+            answer: RefCell::new(Answer::Accepts),
+            alive: RefCell::new(Ok(Vec::new())),
+            submitted: RefCell::new(Vec::new()),
+        }
+    }
+
+    /// Holds the first chunks of the array that it got last.
+    fn hold(&self, chunks: u32, phase: Phase) {
+        let name = self.submitted.borrow().last().unwrap().clone();
+        let task = |chunk| Alive { name: name.clone(), array: "17".to_owned(), chunk, phase };
+        *self.alive.borrow_mut() = Ok((0..chunks).map(task).collect());
+    }
+
+    fn refused() -> EngineError {
+        EngineError::Refused { program: "sbatch", words: "no".to_owned() }
+    }
+}
+
+impl Engine for Fake {
+    fn submit(&self, script: &Path) -> Result<String, EngineError> {
+        let text = fs::read_to_string(script).unwrap();
+        let name = text.lines().find_map(|line| line.strip_prefix("#SBATCH --job-name="));
+        let name = name.unwrap().to_owned();
+        let answer = *self.answer.borrow();
+        match answer {
+            Answer::Accepts | Answer::Loses => {
+                self.submitted.borrow_mut().push(name);
+                self.hold(1000, Phase::Waiting);
+            }
+            Answer::Refuses => {}
+            Answer::IsNotCalled => {
+                return Err(EngineError::Missing {
+                    program: "sbatch",
+                    source: io::Error::other(""),
+                });
+            }
+        }
+        if answer == Answer::Accepts { Ok("17".to_owned()) } else { Err(Fake::refused()) }
+    }
+
+    fn alive(&self, names: &[&str]) -> Result<Vec<Alive>, EngineError> {
+        let alive = self.alive.borrow().clone().map_err(|()| Fake::refused())?;
+        Ok(alive.into_iter().filter(|task| names.contains(&task.name.as_str())).collect())
+    }
+
+    fn cancel(&self, _: &str) -> Result<(), EngineError> {
+        *self.alive.borrow_mut() = Ok(Vec::new());
+        Ok(())
+    }
+
+    fn limits(&self) -> Result<Limits, EngineError> {
+        Ok(Limits { most_tasks: 1001 })
+    }
+}
+
+/// A store in which the 20 jobs of a manifest are registered, and none has run.
+struct Lab {
+    manifests: Vec<Manifest>,
+    profile: Profile,
+    store: PathBuf,
+    engine: Fake,
+    _folder: tempfile::TempDir,
+}
+
+impl Lab {
+    fn new() -> Lab {
+        let text = "format = 1\nname = \"t\"\nscenarios = [\"P\"]\nseeds = 20\n\
+                    environment.sigma = 0.6\n[[agent]]\nname = \"never\"\nalgorithm = \"rule\"\n\
+                    rule = \"never\"\n";
+        let manifests = vec![manifest::parse("t.toml", text.as_bytes()).unwrap()];
+        let folder = tempfile::tempdir().unwrap();
+        let store = folder.path().join("s.sqlite");
+        let never = std::sync::atomic::AtomicBool::new(false);
+        let mut opened = Store::open(&store).unwrap();
+        crate::schedule::register_experiment(&mut opened, &manifests[0], None, &never).unwrap();
+        // Four jobs a chunk, if each is taken for 5 ms.
+        let profile = Profile { chunk_minutes: 0.02 / 60.0, ..Profile::of(EngineKind::Slurm) };
+        Lab { manifests, profile, store, engine: Fake::new(), _folder: folder }
+    }
+
+    fn cluster(&self) -> Cluster<'_> {
+        let cluster = Cluster::of(&self.store, &self.engine).unwrap();
+        cluster.submissions().make(None).unwrap();
+        cluster
+    }
+
+    fn with_request<T>(&self, act: impl FnOnce(Request<'_>) -> T) -> T {
+        let selection = Selection::new(&self.manifests, None).unwrap();
+        let program = Path::new("/bin/jitai");
+        let (retry, profile) = (RetryFailed::No, &self.profile);
+        act(Request { selection: &selection, retry, profile, program })
+    }
+
+    /// What would be submitted now.
+    fn draft(&self) -> Draft {
+        let cluster = self.cluster();
+        let look = cluster.look().unwrap();
+        let reader = Reader::open(&self.store).unwrap();
+        let limits = cluster.limits().unwrap();
+        self.with_request(|request| cluster.draft(request, Some(&reader), &look, limits).unwrap())
+    }
+
+    fn launch(&self) -> Result<Submission, ClusterError> {
+        let draft = self.draft();
+        self.with_request(|request| self.cluster().launch(&draft, request))
+    }
+
+    /// Lets an attempt at a chunk end in some way, or not at all.
+    fn attempt(&self, submission: &Submission, chunk: u32, end: Option<AttemptEnd>) {
+        let name = format!("1.{}", submission.attempts().unwrap().len());
+        let attempt = Attempt { end, ..Attempt::begin(chunk, name, "n1".to_owned(), 1) };
+        submission.record_attempt(&attempt).unwrap();
+    }
+}
+
+fn sizes(draft: &Draft) -> Vec<usize> {
+    draft.chunks.iter().map(|chunk| chunk.keys.len()).collect()
+}
+
+#[test]
+fn what_the_engine_holds_is_not_submitted_again() {
+    let lab = Lab::new();
+    assert_eq!(sizes(&lab.draft()), [4; 5]);
+    let submission = lab.launch().unwrap();
+    assert_eq!(submission.array().as_deref(), Some("17"));
+    let draft = lab.draft();
+    assert_eq!((draft.jobs(), draft.held), (0, 20));
+    lab.engine.hold(2, Phase::Running);
+    let draft = lab.draft();
+    assert_eq!((draft.jobs(), draft.held), (12, 8));
+}
+
+#[test]
+fn silence_holds_every_job_that_was_not_handed_in() {
+    let lab = Lab::new();
+    lab.launch().unwrap();
+    *lab.engine.alive.borrow_mut() = Err(());
+    let draft = lab.draft();
+    assert_eq!((draft.jobs(), draft.held), (0, 20));
+    let look = lab.cluster().look().unwrap();
+    assert!(look.silence.is_some());
+    assert_eq!(look.surveys[0].1.counts().unknown, 5);
+}
+
+#[test]
+fn a_refused_array_leaves_no_submission() {
+    let lab = Lab::new();
+    *lab.engine.answer.borrow_mut() = Answer::Refuses;
+    let error = lab.launch().unwrap_err();
+    assert_eq!(error.to_string(), "`sbatch` says: no");
+    assert!(lab.cluster().submissions().list().unwrap().is_empty());
+}
+
+#[test]
+fn an_array_that_was_accepted_without_an_answer_is_found_by_its_name() {
+    let lab = Lab::new();
+    *lab.engine.answer.borrow_mut() = Answer::Loses;
+    assert_eq!(lab.launch().unwrap().array().as_deref(), Some("17"));
+    assert_eq!(lab.engine.submitted.borrow().len(), 1);
+}
+
+#[test]
+fn an_intent_whose_array_is_alive_is_completed_and_one_without_is_abandoned() {
+    let lab = Lab::new();
+    let submission = lab.launch().unwrap();
+    fs::remove_file(submission.path().join("array")).unwrap();
+    let mut look = lab.cluster().look().unwrap();
+    assert_eq!(submission.array().as_deref(), Some("17"));
+    assert!(lab.cluster().abandon_unknown(&mut look).unwrap().is_empty());
+
+    fs::remove_file(submission.path().join("array")).unwrap();
+    *lab.engine.alive.borrow_mut() = Ok(Vec::new());
+    let mut look = lab.cluster().look().unwrap();
+    assert_eq!(lab.cluster().abandon_unknown(&mut look).unwrap(), [submission.name()]);
+    assert_eq!(submission.stopped(), Some(Stop::Abandoned));
+    assert_eq!(lab.draft().jobs(), 20);
+}
+
+#[test]
+fn an_intent_whose_tasks_have_run_is_not_abandoned() {
+    let lab = Lab::new();
+    let submission = lab.launch().unwrap();
+    fs::remove_file(submission.path().join("array")).unwrap();
+    lab.attempt(&submission, 0, Some(AttemptEnd::Stopped));
+    *lab.engine.alive.borrow_mut() = Ok(Vec::new());
+    let mut look = lab.cluster().look().unwrap();
+    assert!(lab.cluster().abandon_unknown(&mut look).unwrap().is_empty());
+}
+
+#[test]
+fn jobs_that_were_handed_in_are_not_left() {
+    let lab = Lab::new();
+    let submission = lab.launch().unwrap();
+    let keys = submission.chunk(0).unwrap();
+    let jobs: Vec<(JobKey, HandedIn)> =
+        keys[..3].iter().map(|key| (*key, HandedIn::Completed)).collect();
+    submission.hand_in("0.1.0-1", &lab.store, &jobs).unwrap();
+    lab.engine.hold(5, Phase::Running);
+    let look = lab.cluster().look().unwrap();
+    assert_eq!(look.surveys[0].1.chunks[0].left, &keys[3..]);
+    assert_eq!(look.surveys[0].1.held().count(), 17);
+}
+
+#[test]
+fn a_job_that_brings_down_three_tasks_fails_and_can_be_tried_again() {
+    let lab = Lab::new();
+    let mut killer: Option<JobKey> = None;
+    for sizes_expected in [&[4, 4, 4, 4, 4][..], &[16, 1, 1, 1, 1], &[16, 1, 1, 1, 1]] {
+        let submission = lab.launch().unwrap();
+        let chunks: Vec<Vec<JobKey>> =
+            (0..submission.intent.chunks).map(|chunk| submission.chunk(chunk).unwrap()).collect();
+        let killer = *killer.get_or_insert(chunks[0][0]);
+        let place = chunks.iter().position(|chunk| chunk.contains(&killer)).unwrap();
+        lab.attempt(&submission, place as u32, None);
+        // Only the task of the killer began, and died.
+        *lab.engine.alive.borrow_mut() = Ok(Vec::new());
+        let largest = chunks.iter().map(Vec::len).max().unwrap();
+        assert!(largest <= sizes_expected[0].max(4), "{chunks:?}");
+    }
+    let killer = killer.unwrap();
+    let mut store = Store::open(&lab.store).unwrap();
+    let look = lab.cluster().look().unwrap();
+    assert_eq!(lab.cluster().record_crashes(&look, &mut store).unwrap(), [killer]);
+    let reader = Reader::open(&lab.store).unwrap();
+    assert_eq!(reader.job_states([&killer]).unwrap(), [JobState::Failed]);
+    let draft = lab.draft();
+    assert_eq!((draft.failed, draft.jobs()), (1, 19));
+    // What was recorded is not recorded again.
+    assert!(lab.cluster().record_crashes(&look, &mut store).unwrap().is_empty());
+}
+
+#[test]
+fn tasks_that_are_stopped_or_say_why_they_fail_are_no_deaths() {
+    let lab = Lab::new();
+    for end in [AttemptEnd::Stopped, AttemptEnd::Failed("full".to_owned()), AttemptEnd::Stopped] {
+        let submission = lab.launch().unwrap();
+        lab.attempt(&submission, 0, Some(end));
+        *lab.engine.alive.borrow_mut() = Ok(Vec::new());
+    }
+    assert_eq!(sizes(&lab.draft()), [4; 5]);
+}
+
+#[test]
+fn a_cancelled_submission_holds_nothing() {
+    let lab = Lab::new();
+    let submission = lab.launch().unwrap();
+    lab.attempt(&submission, 0, None);
+    lab.cluster().cancel(&submission).unwrap();
+    assert_eq!(submission.stopped(), Some(Stop::Cancelled));
+    assert_eq!(sizes(&lab.draft()), [4; 5]);
+}
+
+#[test]
+fn a_missing_program_leaves_no_submission() {
+    let lab = Lab::new();
+    *lab.engine.answer.borrow_mut() = Answer::IsNotCalled;
+    assert!(lab.launch().unwrap_err().to_string().contains("is Slurm installed"));
+    assert!(lab.cluster().submissions().list().unwrap().is_empty());
+}

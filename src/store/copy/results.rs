@@ -1,0 +1,263 @@
+//! The rows of a run's results on their way from one store to another: read, hashed, inserted.
+
+use std::collections::HashMap;
+use std::ops::Range;
+use std::sync::{Arc, LazyLock};
+
+use rusqlite::types::Value;
+use rusqlite::{CachedStatement, Connection};
+
+use crate::record::{CURVE_METRICS, METRICS};
+use crate::store::digest::ResultsDigest;
+use crate::store::results::metric_id;
+
+use super::sql::{Written, read_rows, read_values, written};
+
+/// A table of results.
+struct ResultTable {
+    name: &'static str,
+    /// Its columns beside the run, the rest of its key first.
+    columns: &'static [&'static str],
+    /// How many of them belong to the key.
+    in_key: usize,
+    /// Whether the first is a metric, which has another id in every store.
+    by_metric: bool,
+}
+
+impl ResultTable {
+    const fn new(name: &'static str, columns: &'static [&'static str], in_key: usize) -> Self {
+        ResultTable { name, columns, in_key, by_metric: false }
+    }
+
+    const fn by_metric(self) -> Self {
+        ResultTable { by_metric: true, ..self }
+    }
+}
+
+/// Every table of results, in the order in which digests take them.
+const TABLES: [ResultTable; 5] = [
+    ResultTable::new("run_metric", &["metric", "value"], 1).by_metric(),
+    ResultTable::new("curve_point", &["metric", "episode", "value"], 2).by_metric(),
+    ResultTable::new("test_episode", &["episode", "total_reward", "length", "disengaged"], 1),
+    ResultTable::new("action_count", &["bin", "context", "action", "count"], 3),
+    ResultTable::new("trained_weights", &["safetensors"], 0),
+];
+
+/// Rows that one statement inserts. More are hardly faster.
+const ROWS: usize = 32;
+
+/// What a row counts for in a batch, in bytes.
+const BYTES_PER_ROW: usize = 32;
+
+/// The statements of a table.
+struct Statements {
+    select: String,
+    insert_one: String,
+    insert_many: String,
+}
+
+/// Those of [`TABLES`].
+static STATEMENTS: LazyLock<Vec<Statements>> =
+    LazyLock::new(|| TABLES.iter().map(Statements::of).collect());
+
+impl Statements {
+    fn of(table: &ResultTable) -> Statements {
+        let ResultTable { name, columns, in_key, .. } = table;
+        let names = columns.join(", ");
+        let order = match in_key {
+            0 => String::new(),
+            _ => format!(" ORDER BY {}", columns[..*in_key].join(", ")),
+        };
+        let row = format!("({})", vec!["?"; 1 + columns.len()].join(", "));
+        let insert = |rows: usize| {
+            let rows = vec![row.as_str(); rows].join(", ");
+            format!("INSERT INTO {name} (run, {names}) VALUES {rows}")
+        };
+        Statements {
+            select: format!("SELECT {names} FROM {name} WHERE run = ?1{order}"),
+            insert_one: insert(1),
+            insert_many: insert(ROWS),
+        }
+    }
+}
+
+/// The results of a run: of each of [`TABLES`] the values of its rows, one row after the other.
+pub(super) struct ResultRows {
+    tables: Vec<Vec<Value>>,
+    metrics: Arc<MetricNames>,
+}
+
+impl ResultRows {
+    /// Reads the results of run `run` of the source; `None` if a row cannot be read.
+    pub(super) fn read(
+        from: &Connection,
+        metrics: &Arc<MetricNames>,
+        run: i64,
+    ) -> Option<ResultRows> {
+        let table = |statements: &Statements| read_values(from, &statements.select, run);
+        let tables = STATEMENTS.iter().map(table).collect::<Option<_>>()?;
+        Some(ResultRows { tables, metrics: metrics.clone() })
+    }
+
+    /// The digest of these results of the job with this key, as [`crate::store::digest::of_run`]
+    /// takes it; `None` if the name of a metric cannot be read.
+    pub(super) fn digest(&self, job_key: &str) -> Option<[u8; 32]> {
+        let mut digest = ResultsDigest::new(job_key);
+        for (table, values) in TABLES.iter().zip(&self.tables) {
+            digest.begin_table();
+            if !table.by_metric {
+                values.iter().for_each(|value| digest.add(value.into()));
+                continue;
+            }
+            for (name, rows) in self.by_name(values, table.columns.len())? {
+                for row in values[rows].chunks(table.columns.len()) {
+                    digest.add(name.into());
+                    row[1..].iter().for_each(|value| digest.add(value.into()));
+                }
+            }
+        }
+        Some(digest.finish())
+    }
+
+    /// The names of the metrics of rows in alphabetical order, with the places of each one's values.
+    fn by_name(&self, values: &[Value], columns: usize) -> Option<Vec<(&str, Range<usize>)>> {
+        let mut found: Vec<(&str, Range<usize>)> = Vec::new();
+        let mut last = None;
+        for (row, place) in values.chunks(columns).zip((0..).step_by(columns)) {
+            let Value::Integer(metric) = row[0] else { return None };
+            let end = place + columns;
+            match found.last_mut().filter(|_| last == Some(metric)) {
+                Some((_, rows)) => rows.end = end,
+                None => found.push((self.metrics.0.get(&metric)?, place..end)),
+            }
+            last = Some(metric);
+        }
+        found.sort_by_key(|(name, _)| *name);
+        Some(found)
+    }
+
+    /// What they count for in a batch, in bytes.
+    pub(super) fn bytes(&self) -> usize {
+        let rows = TABLES.iter().zip(&self.tables);
+        let rows: usize = rows.map(|(table, values)| values.len() / table.columns.len()).sum();
+        let blobs = self.tables.iter().flatten().map(|value| match value {
+            Value::Blob(bytes) => bytes.len(),
+            Value::Null | Value::Integer(_) | Value::Real(_) | Value::Text(_) => 0,
+        });
+        rows * BYTES_PER_ROW + blobs.sum::<usize>()
+    }
+
+    /// Inserts them as the results of run `own` of the target. `metrics` are the target's ids of the
+    /// source's metrics, as far as they are known; further ones are added.
+    pub(super) fn insert(
+        &self,
+        target: &Connection,
+        own: i64,
+        metrics: &mut HashMap<i64, i64>,
+    ) -> rusqlite::Result<Written> {
+        for ((table, statements), values) in TABLES.iter().zip(&*STATEMENTS).zip(&self.tables) {
+            if values.is_empty() {
+                continue;
+            }
+            if table.by_metric
+                && let Written::Refused = self.add_metrics(target, values, table, metrics)?
+            {
+                return Ok(Written::Refused);
+            }
+            let metrics = table.by_metric.then_some(&*metrics);
+            let inserted = insert_rows(target, table, statements, own, values, metrics);
+            if let Written::Refused = written(inserted)? {
+                return Ok(Written::Refused);
+            }
+        }
+        Ok(Written::Yes)
+    }
+
+    /// Makes `metrics` have the metric of every row.
+    fn add_metrics(
+        &self,
+        target: &Connection,
+        values: &[Value],
+        table: &ResultTable,
+        metrics: &mut HashMap<i64, i64>,
+    ) -> rusqlite::Result<Written> {
+        for row in values.chunks(table.columns.len()) {
+            let Value::Integer(metric) = row[0] else { return Ok(Written::Refused) };
+            if metrics.contains_key(&metric) {
+                continue;
+            }
+            let Some(name) = self.metrics.0.get(&metric) else { return Ok(Written::Refused) };
+            let mut own = None;
+            let found = metric_id(target, name).map(|id| own = Some(id));
+            match (written(found)?, own) {
+                (Written::Yes, Some(own)) => metrics.insert(metric, own),
+                (Written::Refused, _) | (_, None) => return Ok(Written::Refused),
+            };
+        }
+        Ok(Written::Yes)
+    }
+}
+
+/// Inserts the rows of a table, [`ROWS`] per statement and the remaining ones singly.
+fn insert_rows(
+    target: &Connection,
+    table: &ResultTable,
+    statements: &Statements,
+    own: i64,
+    values: &[Value],
+    metrics: Option<&HashMap<i64, i64>>,
+) -> rusqlite::Result<()> {
+    let columns = table.columns.len();
+    let bind = |statement: &mut CachedStatement<'_>, rows: &[Value]| -> rusqlite::Result<()> {
+        let mut place = 1;
+        for row in rows.chunks(columns) {
+            statement.raw_bind_parameter(place, own)?;
+            for (column, value) in row.iter().enumerate() {
+                place += 1;
+                match (column, value, metrics) {
+                    (0, Value::Integer(metric), Some(metrics)) => {
+                        statement.raw_bind_parameter(place, metrics.get(metric))?;
+                    }
+                    _ => statement.raw_bind_parameter(place, value)?,
+                }
+            }
+            place += 1;
+        }
+        statement.raw_execute().map(drop)
+    };
+    let (many, rest) = values.split_at(values.len() - values.len() % (ROWS * columns));
+    if !many.is_empty() {
+        let mut statement = target.prepare_cached(&statements.insert_many)?;
+        many.chunks(ROWS * columns).try_for_each(|rows| bind(&mut statement, rows))?;
+    }
+    if !rest.is_empty() {
+        let mut statement = target.prepare_cached(&statements.insert_one)?;
+        rest.chunks(columns).try_for_each(|row| bind(&mut statement, row))?;
+    }
+    Ok(())
+}
+
+/// The names of the source's metrics by row id.
+pub(super) struct MetricNames(HashMap<i64, String>);
+
+impl MetricNames {
+    /// Reads them. They stand in the table and in its index; where a damaged store has two names for
+    /// one id, a name that this program gives is the right one.
+    pub(super) fn read(from: &Connection) -> MetricNames {
+        let known =
+            |name: &str| METRICS.iter().chain(CURVE_METRICS).any(|(metric, _)| *metric == name);
+        let mut names: HashMap<i64, String> = HashMap::new();
+        for sql in [
+            "SELECT id, name FROM metric_name NOT INDEXED",
+            "SELECT id, name FROM metric_name ORDER BY name",
+        ] {
+            for row in read_rows(from, sql, &[]).unwrap_or_default() {
+                let [Value::Integer(id), Value::Text(name)] = row else { continue };
+                if names.get(&id).is_none_or(|earlier| !known(earlier)) {
+                    names.insert(id, name);
+                }
+            }
+        }
+        MetricNames(names)
+    }
+}

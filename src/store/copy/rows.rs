@@ -1,0 +1,114 @@
+//! Rows on their way from one store to another. Ids are those of the source.
+
+use std::sync::Arc;
+
+use rusqlite::types::Value;
+
+use super::results::ResultRows;
+
+/// How a run of the source ended. Runs in progress are not copied: their jobs run again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::store) enum Ended {
+    /// With results.
+    Completed,
+    /// With a failure.
+    Failed,
+    /// From outside, without results.
+    Interrupted,
+}
+
+impl Ended {
+    /// The run's status in the tables.
+    pub(super) fn status(self) -> &'static str {
+        match self {
+            Ended::Completed => "completed",
+            Ended::Failed => "failed",
+            Ended::Interrupted => "interrupted",
+        }
+    }
+
+    /// How a run with this status has ended; `None` for one in progress.
+    pub(super) fn of(status: &Value) -> Option<Ended> {
+        let Value::Text(status) = status else { return None };
+        [Ended::Completed, Ended::Failed, Ended::Interrupted]
+            .into_iter()
+            .find(|ended| ended.status() == status)
+    }
+}
+
+/// A row that a unique text in its first column identifies in every store.
+pub(in crate::store) struct NamedRow<const COLUMNS: usize> {
+    pub(super) id: i64,
+    pub(super) columns: [Value; COLUMNS],
+}
+
+/// `name`, `question`, `hypothesis`, `manifest`, `created_at`, `updated_at`.
+pub(in crate::store) type ExperimentRow = NamedRow<6>;
+
+/// `key`, `environment_version`, `algorithm_version`, `canonical`.
+pub(in crate::store) type JobRow = NamedRow<4>;
+
+/// Which experiment holds which job: `experiment`, `job`, `agent`, `position`.
+pub(in crate::store) type MembershipRow = [Value; 4];
+
+/// A session of the source.
+pub(in crate::store) struct SessionRow {
+    /// The columns of [`SESSION`].
+    pub(super) identity: [Value; SESSION.len()],
+    pub(super) heartbeat_at: Value,
+    pub(super) ended_at: Value,
+}
+
+/// Columns that tell one session from another, and what made its runs.
+pub(super) const SESSION: [&str; 10] = [
+    "host",
+    "boot_id",
+    "pid_namespace",
+    "process_id",
+    "process_started",
+    "code_version",
+    "git_revision",
+    "backend",
+    "processor",
+    "started_at",
+];
+
+/// A run of the source that has ended, with what it left.
+pub(in crate::store) struct CopiedRun {
+    /// How it ended.
+    pub(in crate::store) ended: Ended,
+    /// The key of its job; `None` if the job cannot be read or is not as it was stored.
+    pub(in crate::store) job_key: Option<String>,
+    pub(super) job: i64,
+    pub(super) attempt: Value,
+    pub(super) session: i64,
+    /// `None` if it cannot be read.
+    pub(super) session_row: Option<Arc<SessionRow>>,
+    pub(super) started_at: Value,
+    /// `ended_at`, `wall_seconds`, `failure_kind`, `failure_message`, `failure_episode`, `suspects`.
+    pub(super) end: [Value; 6],
+    pub(super) digest: Value,
+    pub(super) content: Content,
+}
+
+/// What a run left, as far as it verifies.
+pub(super) enum Content {
+    /// The results of a completed run.
+    Results(ResultRows),
+    /// A failed or interrupted run has none.
+    Nothing,
+    /// Not read, because the target has this run.
+    KnownToTarget,
+    /// It does not verify.
+    Damaged(String),
+}
+
+/// What is copied in one transaction.
+pub(in crate::store) enum Batch {
+    Experiments(Vec<ExperimentRow>),
+    Jobs(Vec<JobRow>),
+    Memberships(Vec<MembershipRow>),
+    Runs(Vec<CopiedRun>),
+    /// The sessions of the source with their ends, after the last run.
+    Sessions(Vec<Arc<SessionRow>>),
+}

@@ -1,0 +1,269 @@
+//! Reading the source: what is to be copied, checked and cut into batches.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use rusqlite::Connection;
+use rusqlite::types::Value;
+
+use crate::store::verify::{self, CheckWeights, row_ids};
+
+use super::results::{MetricNames, ResultRows};
+use super::rows::{
+    Batch, Content, CopiedRun, Ended, ExperimentRow, JobRow, MembershipRow, NamedRow, SESSION,
+    SessionRow,
+};
+use super::sql::{read_row, read_rows};
+
+/// Rows of jobs and memberships that one transaction inserts.
+const ROWS_PER_BATCH: usize = 10_000;
+
+/// Bytes of runs that one transaction inserts: less than a second of work.
+const BYTES_PER_BATCH: usize = 8 << 20;
+
+/// What a run counts for in a batch before its results are counted: a small run takes as long to
+/// insert as this many bytes of results.
+const BYTES_PER_RUN: usize = 4096;
+
+/// What of a store is copied.
+#[derive(Clone, Copy)]
+pub(in crate::store) enum Extent<'a> {
+    /// Whatever can be read and whose weights pass this check.
+    Everything(CheckWeights<'a>),
+    /// Completed and failed runs and what the experiments declare. Results that the target has
+    /// already, as this connection reads it, are not read.
+    Results(&'a Connection),
+}
+
+impl Extent<'_> {
+    fn includes(self, ended: Ended) -> bool {
+        match (self, ended) {
+            (Extent::Results(_), Ended::Interrupted) => false,
+            (Extent::Results(_), Ended::Completed | Ended::Failed) | (Extent::Everything(_), _) => {
+                true
+            }
+        }
+    }
+}
+
+/// A source of which every statement sees the same snapshot.
+pub(in crate::store) struct Source<'a> {
+    connection: &'a Connection,
+    extent: Extent<'a>,
+    metrics: Arc<MetricNames>,
+    /// Keys of the jobs that are as they were stored, as numbers.
+    job_keys: HashMap<i64, u128>,
+    /// Sessions of runs; `None` for one that cannot be read.
+    sessions: HashMap<i64, Option<Arc<SessionRow>>>,
+}
+
+impl<'a> Source<'a> {
+    /// The source that a connection sees. The caller has begun a transaction on it.
+    pub(in crate::store) fn new(connection: &'a Connection, extent: Extent<'a>) -> Self {
+        let metrics = Arc::new(MetricNames::read(connection));
+        let (job_keys, sessions) = (HashMap::new(), HashMap::new());
+        Source { connection, extent, metrics, job_keys, sessions }
+    }
+
+    /// Hands every batch to `give`; returns whether part of the list of runs cannot be read.
+    ///
+    /// **Errors**: those of `give`.
+    pub(in crate::store) fn read<E>(
+        mut self,
+        mut give: impl FnMut(Batch) -> Result<(), E>,
+    ) -> Result<bool, E> {
+        let experiments = self.experiments();
+        let experiment_ids: Vec<i64> = experiments.iter().map(|row| row.id).collect();
+        give(Batch::Experiments(experiments))?;
+        for ids in self.job_ids().chunks(ROWS_PER_BATCH) {
+            let jobs = self.jobs(ids);
+            give(Batch::Jobs(jobs))?;
+        }
+        self.memberships(&experiment_ids, |rows| give(Batch::Memberships(rows)))?;
+        let (runs, whole) = row_ids(self.connection, "run");
+        let mut runs = runs.into_iter().peekable();
+        while runs.peek().is_some() {
+            let batch = self.runs(&mut runs);
+            give(Batch::Runs(batch))?;
+        }
+        give(Batch::Sessions(self.sessions.into_values().flatten().collect()))?;
+        Ok(!whole)
+    }
+
+    fn experiments(&self) -> Vec<ExperimentRow> {
+        let select = "SELECT name, question, hypothesis, manifest, created_at, updated_at
+             FROM experiment NOT INDEXED WHERE id = ?1";
+        let row =
+            |id| read_row(self.connection, select, id).map(|columns| NamedRow { id, columns });
+        row_ids(self.connection, "experiment").0.into_iter().filter_map(row).collect()
+    }
+
+    /// The jobs to be looked at.
+    fn job_ids(&self) -> Vec<i64> {
+        let needed = "SELECT id FROM job WHERE id IN (SELECT job FROM experiment_job)
+                OR id IN (SELECT job FROM run WHERE status IN ('completed', 'failed'))
+             ORDER BY id";
+        let needed = || {
+            let mut statement = self.connection.prepare_cached(needed)?;
+            statement.query_map([], |row| row.get(0))?.collect::<rusqlite::Result<_>>()
+        };
+        match self.extent {
+            Extent::Results(_) => needed().ok(),
+            Extent::Everything(_) => None,
+        }
+        .unwrap_or_else(|| row_ids(self.connection, "job").0)
+    }
+
+    /// Those of the jobs that are as they were stored.
+    fn jobs(&mut self, ids: &[i64]) -> Vec<JobRow> {
+        let select = "SELECT key, environment_version, algorithm_version, canonical
+             FROM job NOT INDEXED WHERE id = ?1";
+        let mut jobs = Vec::new();
+        for &id in ids {
+            let Ok((key, None)) = verify::job_fault(self.connection, id) else { continue };
+            let Ok(key) = u128::from_str_radix(&key, 16) else { continue };
+            let Some(columns) = read_row(self.connection, select, id) else { continue };
+            self.job_keys.insert(id, key);
+            jobs.push(NamedRow { id, columns });
+        }
+        jobs
+    }
+
+    fn job_key(&self, job: i64) -> Option<String> {
+        self.job_keys.get(&job).map(|key| format!("{key:032x}"))
+    }
+
+    /// Hands out which experiments hold which jobs, a page at a time.
+    fn memberships<E>(
+        &self,
+        experiments: &[i64],
+        mut give: impl FnMut(Vec<MembershipRow>) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let columns = "SELECT experiment, job, agent, position FROM experiment_job";
+        let next = format!(
+            "{columns} WHERE (experiment, job, agent) > (?1, ?2, ?3)
+             ORDER BY experiment, job, agent LIMIT {ROWS_PER_BATCH}"
+        );
+        let mut after = [Value::Integer(i64::MIN), Value::Null, Value::Null];
+        loop {
+            let Some(page) = read_rows::<4>(self.connection, &next, &after) else { break };
+            let Some([experiment, job, agent, _]) = page.last() else { return Ok(()) };
+            after = [experiment.clone(), job.clone(), agent.clone()];
+            give(page)?;
+        }
+        // Part of the table cannot be read; what is behind that part is found pair by pair.
+        let pair = format!("{columns} WHERE experiment = ?1 AND job = ?2");
+        let pairs =
+            self.job_keys.keys().flat_map(|job| experiments.iter().map(move |e| [*e, *job]));
+        let rows = pairs.filter_map(|pair_ids| {
+            read_rows(self.connection, &pair, &pair_ids.map(Value::Integer))
+        });
+        give(rows.flatten().collect())
+    }
+
+    /// Runs until the batch is full or none is left.
+    fn runs(&mut self, ids: &mut impl Iterator<Item = i64>) -> Vec<CopiedRun> {
+        let mut bytes = 0;
+        let mut batch = Vec::new();
+        while bytes < BYTES_PER_BATCH
+            && let Some(id) = ids.next()
+        {
+            bytes += BYTES_PER_RUN;
+            let Some(run) = self.run(id) else { continue };
+            if let Content::Results(results) = &run.content {
+                bytes += results.bytes();
+            }
+            batch.push(run);
+        }
+        batch
+    }
+
+    /// The run with its results, if it has ended and is to be copied.
+    fn run(&mut self, id: i64) -> Option<CopiedRun> {
+        let select = "SELECT status, job, attempt, session, started_at, results_sha256, ended_at,
+                wall_seconds, failure_kind, failure_message, failure_episode, suspects
+             FROM run NOT INDEXED WHERE id = ?1";
+        let [status, job, attempt, session, started_at, digest, end @ ..] =
+            read_row::<12>(self.connection, select, id)?;
+        let ended = Ended::of(&status).filter(|ended| self.extent.includes(*ended))?;
+        let (Value::Integer(job), Value::Integer(session)) = (job, session) else { return None };
+        let job_key = self.job_key(job);
+        let content = match &job_key {
+            Some(key) => self.content(id, ended, key, &digest),
+            None => Content::Damaged("its job is not as it was stored".to_owned()),
+        };
+        let session_row = self.session(session);
+        Some(CopiedRun {
+            ended,
+            job_key,
+            job,
+            attempt,
+            session,
+            session_row,
+            started_at,
+            end,
+            digest,
+            content,
+        })
+    }
+
+    fn content(&self, run: i64, ended: Ended, job_key: &str, digest: &Value) -> Content {
+        match ended {
+            Ended::Completed if self.is_known(job_key, digest) => Content::KnownToTarget,
+            Ended::Completed => {
+                let results = ResultRows::read(self.connection, &self.metrics, run);
+                let Some(results) = results else {
+                    return Content::Damaged("its results cannot be read".to_owned());
+                };
+                let taken = results.digest(job_key).map(|taken| Value::Blob(taken.into()));
+                if taken.as_ref() != Some(digest) {
+                    let fault = "its results are not those that were stored";
+                    return Content::Damaged(fault.to_owned());
+                }
+                match self.weights_fault(run) {
+                    None => Content::Results(results),
+                    Some(fault) => Content::Damaged(fault),
+                }
+            }
+            Ended::Failed => match verify::failure_fault(self.connection, run) {
+                None => Content::Nothing,
+                Some(fault) => Content::Damaged(fault),
+            },
+            Ended::Interrupted => Content::Nothing,
+        }
+    }
+
+    /// Whether the target has a completed run of the job with these results.
+    fn is_known(&self, job_key: &str, digest: &Value) -> bool {
+        let Extent::Results(target) = self.extent else { return false };
+        let same = "SELECT 1 FROM job JOIN run ON run.job = job.id AND run.status = 'completed'
+             WHERE job.key = ?1 AND run.results_sha256 = ?2";
+        // Whatever keeps the target from being read is met again when it is written.
+        let found = target.prepare_cached(same).and_then(|mut same| same.exists((job_key, digest)));
+        found.unwrap_or(false)
+    }
+
+    fn weights_fault(&self, run: i64) -> Option<String> {
+        match self.extent {
+            Extent::Everything(check) => verify::weights_fault(self.connection, run, check)
+                .unwrap_or_else(|error| Some(format!("its weights: {error}"))),
+            // They are those that were stored, and what makes a policy of them may be unknown here.
+            Extent::Results(_) => None,
+        }
+    }
+
+    fn session(&mut self, id: i64) -> Option<Arc<SessionRow>> {
+        let read = || {
+            let columns = SESSION.join(", ");
+            let select =
+                format!("SELECT {columns}, heartbeat_at, ended_at FROM session WHERE id = ?1");
+            let row = read_row::<{ SESSION.len() + 2 }>(self.connection, &select, id)?;
+            let mut row = row.into_iter();
+            let identity = std::array::from_fn(|_| row.next().unwrap_or(Value::Null));
+            let [heartbeat_at, ended_at] =
+                std::array::from_fn(|_| row.next().unwrap_or(Value::Null));
+            Some(Arc::new(SessionRow { identity, heartbeat_at, ended_at }))
+        };
+        self.sessions.entry(id).or_insert_with(read).clone()
+    }
+}

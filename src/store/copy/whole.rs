@@ -1,0 +1,88 @@
+//! Batches from a source to a target, a transaction each.
+
+use rusqlite::Connection;
+
+use crate::store::error::StoreError;
+use crate::store::verify::CheckWeights;
+use crate::store::writer::Store;
+
+use super::rows::{Batch, CopiedRun};
+use super::source::{Extent, Source};
+use super::target::{RunCopy, Target};
+
+const ACTION: &str = "copy runs to the store";
+
+/// What was copied beside the runs.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(in crate::store) struct Copied {
+    /// Experiments inserted.
+    pub(in crate::store) experiments: usize,
+    /// Names of experiments that have another manifest in the target.
+    pub(in crate::store) differing: Vec<String>,
+    /// Jobs inserted.
+    pub(in crate::store) jobs: usize,
+    /// Whether part of the source's list of runs cannot be read.
+    pub(in crate::store) runs_unreadable: bool,
+}
+
+/// Writes the batches of one source.
+#[derive(Default)]
+pub(in crate::store) struct Copier {
+    target: Target,
+    pub(in crate::store) copied: Copied,
+}
+
+impl Copier {
+    /// Writes a batch. `report` hears what became of every run, once that is on the disk.
+    ///
+    /// **Errors**: `to` cannot be written. Batches that were committed before stay.
+    pub(in crate::store) fn write(
+        &mut self,
+        to: &mut Store,
+        batch: &Batch,
+        mut report: impl FnMut(&CopiedRun, RunCopy),
+    ) -> Result<(), StoreError> {
+        let target = &mut self.target;
+        match batch {
+            Batch::Experiments(rows) => {
+                let copied = to.write(ACTION, |open| Ok(target.experiments(open, rows)?))?;
+                self.copied.experiments += copied.inserted;
+                self.copied.differing.extend(copied.differing);
+            }
+            Batch::Jobs(rows) => {
+                self.copied.jobs += to.write(ACTION, |open| Ok(target.jobs(open, rows)?))?;
+            }
+            Batch::Memberships(rows) => to.write(ACTION, |open| Ok(target.hold(open, rows)?))?,
+            Batch::Runs(runs) => {
+                let became: Vec<RunCopy> = to.write_durably(ACTION, |open| {
+                    runs.iter().map(|run| Ok(target.run(open, run)?)).collect()
+                })?;
+                runs.iter().zip(became).for_each(|(run, became)| report(run, became));
+            }
+            Batch::Sessions(rows) => {
+                to.write_durably(ACTION, |open| Ok(target.end_sessions(open, rows)?))?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Copies from `from`, which may be damaged, whatever `to` lacks. `report` hears of every run that
+/// ended and what became of it, once that is on the disk.
+///
+/// **Errors**: `to` cannot be written. Batches that were committed before stay.
+pub(in crate::store) fn copy(
+    from: &Connection,
+    to: &mut Store,
+    check_weights: CheckWeights<'_>,
+    mut report: impl FnMut(&CopiedRun, RunCopy),
+) -> Result<Copied, StoreError> {
+    // Every statement on the source sees the same snapshot.
+    let snapshot = from
+        .unchecked_transaction()
+        .map_err(|source| StoreError::sqlite(&to.path, "read the source of a copy", source))?;
+    let mut copier = Copier::default();
+    let source = Source::new(&snapshot, Extent::Everything(check_weights));
+    let unreadable = source.read(|batch| copier.write(to, &batch, &mut report))?;
+    Ok(Copied { runs_unreadable: unreadable, ..copier.copied })
+}

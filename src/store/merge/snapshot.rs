@@ -1,0 +1,74 @@
+//! Opening a source of a merge, which is only read.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use rusqlite::Connection;
+use rusqlite::backup::Backup;
+
+use crate::store::error::StoreError;
+use crate::store::migrate::{self, SCHEMA_VERSION};
+use crate::store::{file, schema};
+
+/// Pages that are copied between two looks at the source.
+const PAGES_AT_A_TIME: i32 = 1024;
+
+/// A connection to the store at `path` with the schema of this program, in a transaction: every
+/// statement sees the store as it was at one moment, whoever writes to it meanwhile. A store of an
+/// earlier release is migrated in a temporary copy, which nobody else sees.
+///
+/// **Errors**: nothing is at `path`, or no store, or a store of a newer release.
+pub(super) fn open(path: &Path) -> Result<Connection, StoreError> {
+    let (connection, path) = open_as_it_is(path)?;
+    let failed = |source| StoreError::sqlite(&path, "read the store", source);
+    let version: u32 = connection
+        .query_row("SELECT user_version FROM pragma_user_version", [], |row| row.get(0))
+        .map_err(failed)?;
+    if version == SCHEMA_VERSION {
+        return Ok(connection);
+    }
+    // A file without a name, which goes with its connection.
+    let mut copy = Connection::open("").map_err(failed)?;
+    let copied = Backup::new(&connection, &mut copy)
+        .and_then(|backup| backup.run_to_completion(PAGES_AT_A_TIME, Duration::ZERO, None));
+    copied.map_err(failed)?;
+    migrate::migrate_copy(&mut copy, &path)?;
+    copy.execute_batch("PRAGMA query_only = ON; BEGIN").map_err(failed)?;
+    Ok(copy)
+}
+
+/// The number of runs that a merge copies from the store at `path`.
+///
+/// **Errors**: as [`open`].
+pub(super) fn count(path: &Path) -> Result<usize, StoreError> {
+    let (connection, _) = open_as_it_is(path)?;
+    let count = "SELECT count(*) FROM run WHERE status IN ('completed', 'failed')";
+    // What cannot be counted is met again when it is read.
+    Ok(connection.query_row(count, [], |row| row.get(0)).unwrap_or(0))
+}
+
+/// A connection to the store with the schema that it has, in a transaction, and the absolute path.
+fn open_as_it_is(path: &Path) -> Result<(Connection, PathBuf), StoreError> {
+    let (connection, path) = file::open_reader(path).map_err(in_words_of_a_merge)?;
+    connection
+        .execute_batch("BEGIN")
+        .map_err(|source| StoreError::sqlite(&path, "read the store", source))?;
+    schema::require(&connection, &path)?;
+    Ok((connection, path))
+}
+
+/// An error of opening, without the advice to name another target.
+fn in_words_of_a_merge(error: StoreError) -> StoreError {
+    let not_mergeable =
+        |path, reason: &str| StoreError::NotMergeable { path, reason: reason.to_owned() };
+    match error {
+        StoreError::Missing { path } => not_mergeable(path, "no store is there"),
+        StoreError::MissingFolder { path, .. } => not_mergeable(path, "no store is there"),
+        StoreError::Empty { path } => not_mergeable(path, "it is an empty file"),
+        StoreError::NotAStore { path, what } => not_mergeable(path, &format!("it is {what}")),
+        StoreError::Foreign { path } => {
+            not_mergeable(path, "it is a SQLite file that jitai did not make")
+        }
+        other => other,
+    }
+}

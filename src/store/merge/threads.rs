@@ -1,0 +1,174 @@
+//! Sources read on several threads, and written on one in their order.
+
+use std::collections::VecDeque;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Mutex, PoisonError};
+use std::thread;
+
+use crate::store::copy::{Batch, Copied, Copier, Ended, Extent, RunCopy, Source};
+use crate::store::error::StoreError;
+use crate::store::file;
+use crate::store::writer::Store;
+
+use super::merged::{Conflict, Damage, MergeProgress, Merged, OtherManifest};
+use super::snapshot;
+
+/// Threads that read at most: one that writes is kept busy by two or three.
+const MOST_READERS: usize = 4;
+
+/// Batches of a source that wait to be written.
+const WAITING: usize = 1;
+
+/// Part of a source, as a reading thread hands it over.
+enum Message {
+    Batch(Batch),
+    /// The last one: whether part of the list of runs cannot be read, or why none can be.
+    End(Result<bool, StoreError>),
+}
+
+/// A source to be read.
+struct Task<'a> {
+    path: &'a Path,
+    to: SyncSender<Message>,
+}
+
+/// Copies the completed runs of the stores at `sources` whose results are as they were stored, and
+/// the failed runs, with their jobs and experiments, into `into`, where it lacks them. Merging again
+/// inserts nothing. `hear` is told after every transaction how far the merge is.
+///
+/// A source that another process is writing to is read as it was at one moment.
+///
+/// **Errors**: a source is no store, or a store of a newer release, and then nothing has been
+/// written; `into` cannot be written. Runs that were copied before stay.
+pub fn merge(
+    sources: &[PathBuf],
+    into: &mut Store,
+    mut hear: impl FnMut(MergeProgress),
+) -> Result<Merged, StoreError> {
+    let mut progress = MergeProgress { done: 0, of: 0 };
+    for path in sources {
+        progress.of += match snapshot::count(path) {
+            Err(StoreError::Damaged { .. }) => 0,
+            counted => counted?,
+        };
+    }
+    into.release_all_dead_sessions()?;
+    let target = into.path().to_owned();
+    let cores = thread::available_parallelism().map_or(1, NonZeroUsize::get);
+    let readers = cores.min(MOST_READERS).min(sources.len());
+    let (tasks, waiting) = sync_channel::<Task<'_>>(sources.len());
+    let waiting = Mutex::new(waiting);
+    thread::scope(|scope| {
+        for _ in 0..readers {
+            scope.spawn(|| read_all(&waiting, &target));
+        }
+        let tasks = tasks;
+        let mut merged = Merged { sources: sources.len(), ..Merged::default() };
+        let mut ahead = sources.iter();
+        let mut begun: VecDeque<(&Path, Receiver<Message>)> = VecDeque::new();
+        loop {
+            // No source is read long before it is written, so that few batches wait.
+            while begun.len() <= readers
+                && let Some(path) = ahead.next()
+            {
+                let (to, from) = sync_channel(WAITING);
+                tasks.send(Task { path, to }).expect("its other end is outside of the scope");
+                begun.push_back((path, from));
+            }
+            let Some((path, from)) = begun.pop_front() else { return Ok(merged) };
+            take(&mut merged, path, &from, into, |runs| {
+                progress.done += runs;
+                hear(progress);
+            })?;
+        }
+    })
+}
+
+/// Reads one source after the other until there is no more, or nobody takes what is read.
+fn read_all(tasks: &Mutex<Receiver<Task<'_>>>, target: &Path) {
+    loop {
+        let task = tasks.lock().unwrap_or_else(PoisonError::into_inner).recv();
+        let Ok(Task { path, to }) = task else { return };
+        let read = || -> Result<Result<bool, _>, StoreError> {
+            let source = snapshot::open(path)?;
+            let known = file::connect_reader(target)
+                .map_err(|source| StoreError::sqlite(target, "read the store", source))?;
+            let source = Source::new(&source, Extent::Results(&known));
+            Ok(source.read(|batch| to.send(Message::Batch(batch))))
+        };
+        let end = match read() {
+            Ok(Ok(unreadable)) => Ok(unreadable),
+            Ok(Err(_)) => return,
+            Err(error) => Err(error),
+        };
+        if to.send(Message::End(end)).is_err() {
+            return;
+        }
+    }
+}
+
+/// Writes one source; `handled` is told of how many runs after each transaction.
+fn take(
+    merged: &mut Merged,
+    path: &Path,
+    from: &Receiver<Message>,
+    into: &mut Store,
+    mut handled: impl FnMut(usize),
+) -> Result<(), StoreError> {
+    let damage = |what: String| Damage { source: path.to_owned(), job_key: None, what };
+    let mut copier = Copier::default();
+    // A thread that panicked sends no end, and the scope passes its panic on.
+    for message in from {
+        match message {
+            Message::Batch(batch) => {
+                let runs = if let Batch::Runs(runs) = &batch { runs.len() } else { 0 };
+                copier.write(into, &batch, |run, became| {
+                    merged.count(path, run.job_key.as_deref(), run.ended, became);
+                })?;
+                handled(runs);
+            }
+            Message::End(Ok(false)) => {}
+            Message::End(Ok(true)) => {
+                merged.damaged.push(damage("part of its list of runs cannot be read".to_owned()));
+            }
+            Message::End(Err(StoreError::Damaged { reason, .. })) => {
+                merged.damaged.push(damage(reason));
+            }
+            Message::End(Err(error)) => return Err(error),
+        }
+    }
+    let Copied { experiments, differing, jobs, .. } = copier.copied;
+    merged.experiments += experiments;
+    merged.jobs += jobs;
+    merged.differing.extend(
+        differing
+            .into_iter()
+            .map(|experiment| OtherManifest { source: path.to_owned(), experiment }),
+    );
+    Ok(())
+}
+
+impl Merged {
+    /// Counts a run.
+    fn count(&mut self, source: &Path, job_key: Option<&str>, ended: Ended, became: RunCopy) {
+        let source = source.to_owned();
+        match became {
+            RunCopy::Copied => match ended {
+                Ended::Completed => self.completed += 1,
+                Ended::Failed | Ended::Interrupted => self.failed += 1,
+            },
+            RunCopy::AlreadyThere => self.already_there += 1,
+            RunCopy::InProgress => self.in_progress += 1,
+            RunCopy::Conflict { theirs, ours } => {
+                let job_key = job_key.unwrap_or_default().to_owned();
+                self.conflicts.push(Conflict { source, job_key, theirs, ours });
+            }
+            RunCopy::Damaged(what) => {
+                let job_key = job_key.map(str::to_owned);
+                self.damaged.push(Damage { source, job_key, what });
+            }
+        }
+    }
+}

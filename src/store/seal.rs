@@ -1,0 +1,27 @@
+//! Sealing: a store at rest in one file, to be copied and read where no file can be beside it.
+
+use std::path::Path;
+
+use rusqlite::{Connection, OpenFlags};
+
+use super::beside::beside;
+use super::error::StoreError;
+
+/// Moves the log of a store that no process has open into its file and gives up the log, so that
+/// the file alone is the store.
+///
+/// **Errors**: the store cannot be written, or another process has it open.
+pub fn seal(path: &Path) -> Result<(), StoreError> {
+    let error = |source| StoreError::sqlite(path, "seal the store", source);
+    let connection =
+        Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_WRITE).map_err(error)?;
+    let mode: String = connection
+        .query_row("PRAGMA journal_mode = DELETE", [], |row| row.get(0))
+        .map_err(error)?;
+    drop(connection);
+    if mode == "delete" && !beside(path, "-wal").exists() {
+        return Ok(());
+    }
+    let reason = "another process has it open".to_owned();
+    Err(StoreError::CannotOpen { path: path.to_owned(), reason })
+}

@@ -1,0 +1,321 @@
+//! A cluster on loopback for one test, and a folder in which the program is used with it.
+
+use std::collections::HashMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{LazyLock, Mutex};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::support::{Finished, Folder, Running, assert_same_rows};
+
+/// Longest that a test waits for something: two cores may run all tests at the same time.
+const PATIENCE: Duration = Duration::from_secs(400);
+/// Time between two looks at it.
+const GLANCE: Duration = Duration::from_millis(100);
+
+/// The variable without which the tests are skipped: they start daemons, as root.
+const VARIABLE: &str = "JITAI_TEST_SLURM";
+
+/// A Slurm cluster with three nodes.
+pub struct Cluster {
+    folder: TempDir,
+}
+
+impl Cluster {
+    fn up(most_tasks: u32) -> Cluster {
+        static USED: AtomicU32 = AtomicU32::new(0);
+        let place = std::process::id() * 37 + USED.fetch_add(1, Ordering::Relaxed);
+        let port = 20_000 + place % 1200 * 10;
+        let cluster = Cluster { folder: tempfile::tempdir().unwrap() };
+        let most_tasks = ("SLURM_TEST_MAX_ARRAY_SIZE", most_tasks.to_string());
+        cluster.script(&["up", &port.to_string()], &[most_tasks]);
+        cluster
+    }
+
+    fn script(&self, arguments: &[&str], variables: &[(&str, String)]) {
+        let mut command = Command::new("tests/slurm/cluster.sh");
+        command.arg(arguments[0]).arg(self.folder.path()).args(&arguments[1..]);
+        command.envs(variables.iter().map(|(name, value)| (name, value)));
+        let output = command.output().unwrap();
+        assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
+    }
+
+    fn configuration(&self) -> PathBuf {
+        self.folder.path().join("slurm.conf")
+    }
+
+    /// What a program of Slurm prints.
+    pub fn slurm(&self, program: &str, arguments: &[&str]) -> String {
+        let output = self.try_slurm(program, arguments);
+        assert!(output.status.success(), "{program} {arguments:?}: {}", text(&output.stderr));
+        text(&output.stdout)
+    }
+
+    fn try_slurm(&self, program: &str, arguments: &[&str]) -> Output {
+        let mut command = Command::new(program);
+        command.args(arguments).env("SLURM_CONF", self.configuration()).output().unwrap()
+    }
+
+    /// Cuts the power of a node, which the controller notices at once.
+    pub fn kill_node(&self, node: &str) {
+        self.script(&["kill-node", node.trim_start_matches('n')], &[]);
+        self.down(node);
+    }
+
+    /// Makes the controller take a node for lost.
+    pub fn down(&self, node: &str) {
+        let node = format!("nodename={node}");
+        self.slurm("scontrol", &["update", &node, "state=down", "reason=test"]);
+    }
+
+    pub fn kill_controller(&self) {
+        self.script(&["kill-controller"], &[]);
+    }
+
+    pub fn start_controller(&self) {
+        self.script(&["start-controller"], &[]);
+        until("the controller answers", || self.try_slurm("scontrol", &["ping"]).status.success());
+    }
+}
+
+impl Drop for Cluster {
+    fn drop(&mut self) {
+        if thread::panicking() {
+            eprintln!("{}", text(&self.try_slurm("squeue", &["--array"]).stdout));
+        }
+        self.script(&["down"], &[]);
+    }
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// A folder with a manifest `sweep.toml` and a profile `cluster.toml`, and a cluster.
+pub struct Lab {
+    pub folder: Folder,
+    pub cluster: Cluster,
+    manifest: String,
+}
+
+impl Lab {
+    /// A lab for a manifest; `None`, with a message, where tests with Slurm are not wanted.
+    pub fn with(manifest: &str, profile: &str) -> Option<Lab> {
+        Lab::with_arrays_of(1001, manifest, profile)
+    }
+
+    /// The same, with arrays of so many tasks at most.
+    pub fn with_arrays_of(most_tasks: u32, manifest: &str, profile: &str) -> Option<Lab> {
+        if std::env::var_os(VARIABLE).is_none() {
+            eprintln!("skipped: no Slurm is tried; `make test-slurm` does that");
+            return None;
+        }
+        let folder = Folder::with(manifest);
+        fs::create_dir(folder.path("scratch")).unwrap();
+        let scratch = folder.path("scratch").display().to_string();
+        let profile = match profile.contains("scratch =") {
+            true => format!("engine = \"slurm\"\n{profile}\n"),
+            false => format!("engine = \"slurm\"\nscratch = \"{scratch}\"\n{profile}\n"),
+        };
+        folder.write("cluster.toml", profile);
+        let cluster = Cluster::up(most_tasks);
+        Some(Lab { folder, cluster, manifest: manifest.to_owned() })
+    }
+
+    /// The program with arguments, where it finds the cluster.
+    pub fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = self.folder.command(arguments.iter().copied());
+        command.env("SLURM_CONF", self.cluster.configuration());
+        command
+    }
+
+    /// Starts the program.
+    pub fn start(&self, arguments: &[&str]) -> Running {
+        Running::of(self.command(arguments))
+    }
+
+    /// Runs the program to its end.
+    #[track_caller]
+    pub fn jitai(&self, arguments: &[&str]) -> Finished {
+        self.start(arguments).wait_for(PATIENCE)
+    }
+
+    /// Submits, with further arguments.
+    #[track_caller]
+    pub fn submit(&self, more: &[&str]) -> Finished {
+        let arguments = [&["submit", "sweep.toml", "--cluster", "cluster.toml"], more].concat();
+        self.jitai(&arguments)
+    }
+
+    /// The program with a folder of programs before Slurm's own; `body` is the one called `name`.
+    pub fn submit_with_program(&self, name: &str, body: &str) -> Running {
+        let bin = self.folder.path("bin");
+        fs::create_dir_all(&bin).unwrap();
+        let program = bin.join(name);
+        fs::write(&program, format!("#!/bin/bash\nPATH=${{PATH#*:}}\n{body}\n")).unwrap();
+        let mode = std::os::unix::fs::PermissionsExt::from_mode(0o755);
+        fs::set_permissions(&program, mode).unwrap();
+        let mut command = self.command(&["submit", "sweep.toml", "--cluster", "cluster.toml"]);
+        let path = std::env::var("PATH").unwrap();
+        command.env("PATH", format!("{}:{path}", bin.display()));
+        Running::of(command)
+    }
+
+    /// The submissions, as `status` shows them.
+    pub fn submissions(&self) -> Vec<Value> {
+        let shown = self.jitai(&["status", "--submissions", "--format", "json"]).succeeded();
+        shown.json().as_array().unwrap().clone()
+    }
+
+    /// The folder of the latest submission.
+    pub fn submission(&self) -> PathBuf {
+        let folders = fs::read_dir(self.folder.path("jitai.sqlite.submissions")).unwrap();
+        let is_one = |path: &PathBuf| path.join("submission.json").is_file();
+        folders.map(|entry| entry.unwrap().path()).filter(is_one).max().expect("one was made")
+    }
+
+    /// What the attempts of the latest submission say of themselves, the earliest first.
+    pub fn attempts(&self) -> Vec<Value> {
+        let mut attempts: Vec<Value> = files(&self.submission().join("attempts"))
+            .iter()
+            .map(|file| serde_json::from_slice(&fs::read(file).unwrap()).unwrap())
+            .collect();
+        let at = |attempt: &Value| attempt["started_at"].as_f64().unwrap();
+        attempts.sort_by(|one, other| at(one).total_cmp(&at(other)));
+        attempts
+    }
+
+    /// The logs of the latest submission.
+    pub fn logs(&self) -> String {
+        let read = |file: &PathBuf| fs::read_to_string(file).unwrap();
+        files(&self.submission().join("logs")).iter().map(read).collect()
+    }
+
+    /// The sealed parts of the latest submission.
+    pub fn parts(&self) -> Vec<PathBuf> {
+        let mut parts = files(&self.submission().join("parts"));
+        parts.retain(|part| part.extension().is_some_and(|extension| extension == "sqlite"));
+        parts
+    }
+
+    /// Waits until a task has begun to run jobs; returns its node.
+    #[track_caller]
+    pub fn until_running(&self) -> String {
+        until("a task runs jobs", || {
+            self.task_process().is_some() && self.logs().contains("scratch: ")
+        });
+        let arguments = ["--noheader", "--states=RUNNING", "--format=%N"];
+        let nodes = self.cluster.slurm("squeue", &arguments);
+        nodes.lines().next().expect("a task runs").trim().to_owned()
+    }
+
+    /// A process of this program that runs a task of the lab.
+    pub fn task_process(&self) -> Option<u32> {
+        let folder = self.folder.path("jitai.sqlite.submissions").display().to_string();
+        processes().into_iter().find(|process| {
+            let line = fs::read(format!("/proc/{process}/cmdline")).unwrap_or_default();
+            let line = text(&line);
+            let words: Vec<&str> = line.split('\0').collect();
+            words.get(1) == Some(&"task") && words.get(2).is_some_and(|w| w.starts_with(&folder))
+        })
+    }
+
+    /// The same for a task whose chunk has a job.
+    pub fn task_process_with(&self, key: &str) -> Option<u32> {
+        let task = self.task_process()?;
+        let line = text(&fs::read(format!("/proc/{task}/cmdline")).ok()?);
+        let words: Vec<&str> = line.split('\0').collect();
+        let (folder, chunk) = (words.get(2)?, words.get(4)?);
+        let chunk = fs::read_to_string(Path::new(folder).join("chunks").join(chunk)).ok()?;
+        // It counts as a death only once the attempt is on record.
+        let begun = !files(&Path::new(folder).join("attempts")).is_empty();
+        (begun && chunk.contains(key)).then_some(task)
+    }
+
+    /// The process of a node's daemon.
+    pub fn node_daemon(&self, node: &str) -> u32 {
+        let configuration = self.cluster.configuration().display().to_string();
+        let is_daemon = |process: &u32| {
+            let line = text(&fs::read(format!("/proc/{process}/cmdline")).unwrap_or_default());
+            let words: Vec<&str> = line.split('\0').collect();
+            words.first() == Some(&"slurmd")
+                && words.contains(&node)
+                && words.contains(&configuration.as_str())
+        };
+        processes().into_iter().find(is_daemon).expect("the node is up")
+    }
+
+    /// Submits and follows until every job has ended, and compares with one machine.
+    #[track_caller]
+    pub fn finish(&self) {
+        self.submit(&["--wait"]).succeeded();
+        self.assert_as_on_one_machine();
+    }
+
+    /// Compares all that the jobs decided with a run of the manifest on this machine alone.
+    #[track_caller]
+    pub fn assert_as_on_one_machine(&self) {
+        static DUMPS: LazyLock<Mutex<HashMap<String, Vec<String>>>> = LazyLock::new(Mutex::default);
+        let mut dumps = DUMPS.lock().unwrap();
+        let expected = dumps.entry(self.manifest.clone()).or_insert_with(|| {
+            let alone = Folder::with(&self.manifest);
+            let run = Running::of(alone.command(["run", "sweep.toml", "--quiet"]));
+            run.wait_for(PATIENCE).succeeded();
+            alone.dump()
+        });
+        assert_same_rows(&self.folder.dump(), expected);
+        self.jitai(&["doctor"]).succeeded();
+    }
+}
+
+impl Drop for Lab {
+    fn drop(&mut self) {
+        let submissions = self.folder.path("jitai.sqlite.submissions");
+        if thread::panicking() && submissions.exists() {
+            eprintln!("{}\n{:#?}", self.logs(), self.attempts());
+        }
+    }
+}
+
+/// The files of a folder, sorted; without those that are being written.
+pub fn files(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let is_shown = |path: &PathBuf| !path.file_name().unwrap().to_string_lossy().starts_with('.');
+    let mut files: Vec<PathBuf> = entries.filter(is_shown).collect();
+    files.sort();
+    files
+}
+
+fn processes() -> Vec<u32> {
+    let entries = fs::read_dir("/proc").unwrap().flatten();
+    entries.filter_map(|entry| entry.file_name().to_str()?.parse().ok()).collect()
+}
+
+/// The parent of a process.
+pub fn parent(process: u32) -> u32 {
+    let stat = fs::read_to_string(format!("/proc/{process}/stat")).unwrap();
+    let behind_name = stat.rsplit_once(')').unwrap().1;
+    behind_name.split_whitespace().nth(1).unwrap().parse().unwrap()
+}
+
+/// Sends a signal to a process.
+pub fn signal(process: u32, name: &str) {
+    let kill = format!("kill -{name} {process}");
+    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success(), "{kill}");
+}
+
+/// Waits until `condition` holds.
+#[track_caller]
+pub fn until(what: &str, mut condition: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !condition() {
+        assert!(begun.elapsed() < PATIENCE, "waited in vain until {what}");
+        thread::sleep(GLANCE);
+    }
+}

@@ -1,0 +1,118 @@
+//! Tasks that die.
+
+use std::fs;
+use std::thread;
+use std::time::Duration;
+
+use crate::cluster::{Lab, parent, signal, until};
+use crate::support::{Effort, manifest};
+
+/// One chunk of six jobs.
+const ONE_CHUNK: &str = "chunk_minutes = 1000\nhand_in_minutes = 0.1";
+
+fn six_jobs() -> String {
+    manifest("lost", "0.6", "3", Effort::Long)
+}
+
+#[test]
+fn a_node_killed_in_mid_chunk() {
+    let Some(lab) = Lab::with(&six_jobs(), ONE_CHUNK) else { return };
+    lab.submit(&[]).succeeded();
+    let node = lab.until_running();
+    until("a part is handed in", || !lab.parts().is_empty());
+    lab.cluster.kill_node(&node);
+    lab.finish();
+    let attempts = lab.attempts();
+    assert!(attempts.len() > 1 || !attempts[0]["end"].is_null(), "{attempts:?}");
+}
+
+#[test]
+fn a_task_killed_by_sigkill() {
+    let Some(lab) = Lab::with(&six_jobs(), ONE_CHUNK) else { return };
+    lab.submit(&[]).succeeded();
+    lab.until_running();
+    until("a part is handed in", || !lab.parts().is_empty());
+    let task = lab.task_process().expect("six jobs take longer than the first hand-in");
+    signal(task, "KILL");
+    until("the cluster no longer holds the task", || lab.submissions()[0]["lost"] == 1);
+    let shown = lab.jitai(&["status"]).succeeded().says("its task died; log: ").prints("lost");
+    assert!(!shown.stdout.contains("finished 1"), "{}", shown.stdout);
+    assert!(lab.logs().contains("the task was killed by signal 9"), "{}", lab.logs());
+    lab.finish();
+    assert_eq!(lab.submissions().len(), 2);
+    assert!(lab.submissions()[1]["chunks"].as_u64() > Some(1), "the second time in pieces");
+}
+
+#[test]
+fn a_frozen_task_that_wakes_up_after_its_replacement_has_handed_in() {
+    let Some(lab) = Lab::with(&six_jobs(), "chunk_minutes = 1000") else { return };
+    lab.submit(&[]).succeeded();
+    let node = lab.until_running();
+    // The node freezes: its daemon and the first process of its namespace too, on which all hang.
+    let task = lab.task_process().unwrap();
+    let script = parent(task);
+    let step = parent(script);
+    let daemon = lab.node_daemon(&node);
+    let first = parent(daemon);
+    for process in [first, script, task] {
+        signal(process, "STOP");
+    }
+    // Slurm on it is gone, so that nobody ends the task when it wakes up.
+    for process in [step, daemon] {
+        signal(process, "KILL");
+    }
+    lab.cluster.down(&node);
+    lab.finish();
+    assert_eq!(lab.parts().len(), 1);
+    for process in [script, task] {
+        signal(process, "CONT");
+    }
+    until("the frozen task hands in", || lab.parts().len() == 2);
+    let lists: Vec<String> = lab
+        .parts()
+        .iter()
+        .map(|part| {
+            let list = fs::read_to_string(part.with_extension("jobs")).unwrap();
+            let mut lines: Vec<&str> = list.lines().collect();
+            lines.sort_unstable();
+            lines.join("\n")
+        })
+        .collect();
+    assert_eq!(lists[0], lists[1], "two parts with the same jobs");
+    until("the frozen task says that it has finished", || {
+        lab.attempts().iter().all(|attempt| attempt["end"] == "finished")
+    });
+    let status = lab.jitai(&["status", "--merge"]).succeeded();
+    assert!(!status.stderr.contains("conflict"), "{}", status.stderr);
+    lab.assert_as_on_one_machine();
+}
+
+#[test]
+fn a_job_that_brings_its_task_down_three_times_has_failed_and_the_others_go_on() {
+    let short = manifest("killers", "0.6", "2", Effort::Short);
+    let endless = short.replacen("seeds = 2", "seeds = [1, 2]", 1)
+        + "[[agent]]\nname = \"killer\"\nalgorithm = \"reinforce\"\nepisodes = 9000000\n\
+           layers = [64]\n[[exclude]]\nagent.name = \"killer\"\nseed = 2\n";
+    let Some(lab) = Lab::with(&endless, "chunk_minutes = 100000") else { return };
+    let listed =
+        lab.jitai(&["plan", "sweep.toml", "--jobs", "--format", "json"]).succeeded().json();
+    let is_killer = |job: &&serde_json::Value| job["agent"] == "killer";
+    let key = listed.as_array().unwrap().iter().find(is_killer).unwrap()["job_key"].clone();
+    let key = key.as_str().unwrap().to_owned();
+    let mut waiting = lab.start(&["submit", "sweep.toml", "--cluster", "cluster.toml", "--wait"]);
+    let mut killed = 0;
+    until("the submission ends", || {
+        if let Some(task) = lab.task_process_with(&key) {
+            signal(task, "KILL");
+            killed += 1;
+            thread::sleep(Duration::from_millis(500));
+        }
+        waiting.has_ended()
+    });
+    waiting.wait().ended(1).says("three tasks died with it (crashed)");
+    assert_eq!(killed, 3);
+    assert_eq!(lab.folder.number("SELECT count(*) FROM run WHERE status = 'completed'"), 4);
+    let crashed = "SELECT count(*) FROM run WHERE failure_kind = 'crashed'";
+    assert_eq!(lab.folder.number(crashed), 1);
+    lab.submit(&[]).succeeded().prints("nothing to submit");
+}
