@@ -334,7 +334,14 @@ impl Submission {
             .collect();
         write_whole(&folder.join(format!("{stem}.jobs")), list.as_bytes())?;
         let part = folder.join(format!("{stem}.sqlite"));
-        copy_whole(store, &part)?;
+        let mut source = File::open(store)?;
+        whole(&part, |file| {
+            io::copy(&mut source, file)?;
+            // Nobody writes it any more, so that it can be read without a lock.
+            let mut permissions = file.metadata()?.permissions();
+            permissions.set_readonly(true);
+            file.set_permissions(permissions)
+        })?;
         Ok(part)
     }
 

@@ -541,5 +541,8 @@ mod tests {
             assert_eq!(schema["properties"][key.name]["description"], key.doc);
         }
         assert_eq!(schema["properties"]["array"], false);
+        let renew = "run: jitai schema --cluster > docs/cluster.schema.json";
+        let written = fs::read_to_string("docs/cluster.schema.json").expect(renew);
+        assert_eq!(written, format!("{schema:#}\n"), "{renew}");
     }
 }

@@ -130,7 +130,7 @@ impl Run<'_> {
             .map(|(key, _)| key)
             .collect();
         left.retain(|key| !handed.contains(key));
-        say(self.out, &format!("{all} jobs, {} left", left.len()));
+        say(self.out, &format!("jobs: {all}, left: {}", left.len()));
         if left.is_empty() {
             return Ok(TaskEnd::Finished);
         }
@@ -250,7 +250,7 @@ impl Run<'_> {
         loop {
             match self.task.submission.hand_in(&stem, &store, ended) {
                 Ok(part) => {
-                    say(self.out, &format!("{} jobs handed in: {}", ended.len(), part.display()));
+                    say(self.out, &format!("handed in: {}, jobs: {}", part.display(), ended.len()));
                     break;
                 }
                 Err(source) => {
