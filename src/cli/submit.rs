@@ -13,8 +13,8 @@ use serde_json::json;
 use crate::cli::output::counted;
 use crate::cli::{Error, Exit, StoreArgument, check, run, signals, submissions};
 use crate::cluster::{
-    ChunkState, Cluster, ClusterError, Draft, EngineKind, Limits, Look, Loss, Profile, Request,
-    Submission, Survey,
+    self, ChunkState, Cluster, ClusterError, Draft, EngineKind, Limits, Look, Loss, Profile,
+    Request, Submission, Survey,
 };
 use crate::plan::Filter;
 use crate::schedule::Selection;
@@ -80,7 +80,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let program = this_program()?;
     let retry = if arguments.retry_failed { RetryFailed::Yes } else { RetryFailed::No };
     let request = Request { selection: &selection, retry, profile: &profile, program: &program };
-    let engine = profile.engine.connect();
+    let engine = cluster::connect(profile.engine);
     let cluster = Cluster::of(&arguments.store.store, &*engine)?;
     if arguments.dry_run {
         return dry_run(arguments, &cluster, request);

@@ -16,8 +16,9 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use super::attempt::{Attempt, AttemptEnd};
+use super::clock::{now, random};
 use super::error::ClusterError;
-use super::folder::{HandedIn, Submission, copy_whole, now, random};
+use super::folder::{HandedIn, Submission, copy_whole};
 use crate::manifest::{self, Manifest};
 use crate::plan::JobKey;
 use crate::record::Outcome;
