@@ -19,7 +19,7 @@ const LOST_SHOWN: usize = 10;
 /// What runs submissions, as far as a store's submissions say.
 pub(super) fn engine() -> Box<dyn Engine> {
     // Every submission so far is of the one engine that there is.
-    EngineKind::Slurm.connect()
+    cluster::connect(EngineKind::Slurm)
 }
 
 /// Whether tasks of a submission may still hand something in.

@@ -13,8 +13,8 @@ use serde_json::json;
 use crate::cli::output::counted;
 use crate::cli::{Error, Exit, StoreArgument, check, run, signals, submissions};
 use crate::cluster::{
-    ChunkState, Cluster, ClusterError, Draft, EngineKind, Limits, Look, Loss, Profile, Request,
-    Submission,
+    self, ChunkState, Cluster, ClusterError, Draft, EngineKind, Limits, Look, Loss, Profile,
+    Request, Submission, Survey,
 };
 use crate::plan::Filter;
 use crate::schedule::Selection;
@@ -80,7 +80,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let program = this_program()?;
     let retry = if arguments.retry_failed { RetryFailed::Yes } else { RetryFailed::No };
     let request = Request { selection: &selection, retry, profile: &profile, program: &program };
-    let engine = profile.engine.connect();
+    let engine = cluster::connect(profile.engine);
     let cluster = Cluster::of(&arguments.store.store, &*engine)?;
     if arguments.dry_run {
         return dry_run(arguments, &cluster, request);
@@ -185,6 +185,8 @@ impl Submitting<'_> {
 
     /// Follows submissions until the cluster holds nothing more and nothing can be submitted again.
     fn follow(&mut self) -> Result<Exit, Error> {
+        // What fails again is not tried for ever.
+        self.request.retry = RetryFailed::No;
         let (mut pause, most) = LOOK;
         let (mut said_at, mut said) = (None::<Instant>, String::new());
         loop {
@@ -204,16 +206,20 @@ impl Submitting<'_> {
                 continue;
             }
             self.collect(&look)?;
-            if look.surveys.iter().any(|(_, survey)| submissions::is_open(survey)) {
+            if self.ours(&look).any(|(_, survey)| submissions::is_open(survey)) {
                 continue;
             }
             let reader = Reader::open(self.store.path())?;
             let limits = Limits { most_tasks: USUAL_TASKS };
             let draft = self.cluster.draft(self.request, Some(&reader), &look, limits)?;
+            if draft.held > 0 {
+                // Tasks of a cancelled submission, which are about to end.
+                continue;
+            }
             if draft.chunks.is_empty() {
                 return Ok(self.end(&draft));
             }
-            if !may_submit_again(&look) {
+            if !self.ours(&look).last().is_some_and(|(_, survey)| may_submit_again(survey)) {
                 return self.give_up(&look, &reader);
             }
             let (draft, submitted) = self.round()?;
@@ -224,6 +230,20 @@ impl Submitting<'_> {
             }
             pause = LOOK.0;
         }
+    }
+
+    /// The submissions of these experiments; others are not waited for.
+    fn ours<'l>(
+        &self,
+        look: &'l Look,
+    ) -> impl DoubleEndedIterator<Item = &'l (Submission, Survey)> {
+        let names: Vec<&str> =
+            self.request.selection.manifests().iter().map(|m| m.name.as_str()).collect();
+        let is_ours = |submission: &Submission| {
+            submission.intent.experiments.iter().any(|name| names.contains(&name.as_str()))
+        };
+        let ours: Vec<_> = look.surveys.iter().filter(|(one, _)| is_ours(one)).collect();
+        ours.into_iter()
     }
 
     fn end(&self, draft: &Draft) -> Exit {
@@ -244,20 +264,18 @@ impl Submitting<'_> {
     }
 }
 
-/// Whether the latest submission lost its chunks in ways that another try may mend: tasks that died.
-/// A task that says why it cannot go on would say it again.
-fn may_submit_again(look: &Look) -> bool {
-    look.surveys.last().is_some_and(|(_, survey)| {
-        survey.stopped.is_none()
-            && survey.chunks.iter().all(|chunk| match chunk.state {
-                ChunkState::Lost(Loss::NotBegun | Loss::Stopped | Loss::Failed(_)) => false,
-                ChunkState::Lost(Loss::Died)
-                | ChunkState::Waiting
-                | ChunkState::Running
-                | ChunkState::Finished
-                | ChunkState::Unknown => true,
-            })
-    })
+/// Whether a submission lost its chunks in ways that another try may mend: tasks that died. A task
+/// that says why it cannot go on would say it again.
+fn may_submit_again(survey: &Survey) -> bool {
+    survey.stopped.is_none()
+        && survey.chunks.iter().all(|chunk| match chunk.state {
+            ChunkState::Lost(Loss::NotBegun | Loss::Stopped | Loss::Failed(_)) => false,
+            ChunkState::Lost(Loss::Died)
+            | ChunkState::Waiting
+            | ChunkState::Running
+            | ChunkState::Finished
+            | ChunkState::Unknown => true,
+        })
 }
 
 /// A line about open submissions.

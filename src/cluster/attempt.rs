@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::folder::now;
+use super::clock::now;
 
 /// One attempt at a chunk: a task from its start on a node to its end.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

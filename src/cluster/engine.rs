@@ -2,16 +2,13 @@
 //!
 //! A submission is one array of tasks under a name of its own. An engine knows tasks by that name and
 //! by the chunk that each runs; it does not know jobs, stores or folders. Slurm is in `slurm.rs`.
-//! Another engine is a file like it and a variant of [`EngineKind`].
+//! Another engine is a file like it, a variant of [`EngineKind`], and its line in `engines.rs`.
 
 use std::io::{self, Read};
 use std::path::Path;
 use std::process::{Command, ExitStatus, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
-
-use super::script::Order;
-use super::slurm::{self, Slurm};
 
 /// Something that runs arrays of tasks.
 pub trait Engine {
@@ -57,20 +54,6 @@ impl EngineKind {
     /// The engine of this name.
     pub fn named(name: &str) -> Option<EngineKind> {
         EngineKind::ALL.into_iter().find(|kind| kind.name() == name)
-    }
-
-    /// The engine as this machine reaches it; nothing is called yet.
-    pub fn connect(self) -> Box<dyn Engine> {
-        match self {
-            EngineKind::Slurm => Box::new(Slurm),
-        }
-    }
-
-    /// The script that the engine is given for an order.
-    pub fn script(self, order: &Order<'_>) -> String {
-        match self {
-            EngineKind::Slurm => slurm::script(order),
-        }
     }
 }
 

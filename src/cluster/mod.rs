@@ -13,13 +13,16 @@
 //! - An engine is four calls (`engine.rs`). It knows neither jobs nor folders.
 
 mod attempt;
+mod clock;
 mod collect;
 mod duration;
 mod engine;
+mod engines;
 mod error;
 mod folder;
 mod pack;
 mod profile;
+mod sbatch;
 mod script;
 mod slurm;
 mod submit;
@@ -30,6 +33,7 @@ mod task;
 
 pub use collect::collect;
 pub use engine::{Alive, Engine, EngineError, EngineKind, Limits, Phase};
+pub use engines::connect;
 pub use error::ClusterError;
 pub use folder::{Stop, Submission, Submissions};
 pub use profile::{Profile, schema};

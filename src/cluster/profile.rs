@@ -12,7 +12,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::engine::EngineKind;
-use super::slurm;
+use super::sbatch;
 use crate::manifest::{Document, Fault, FaultList, Faults, Source, Span, document, nearest};
 
 /// Most bytes of a profile.
@@ -361,15 +361,15 @@ fn option(
     value: &Spanned<DeValue<'_>>,
 ) -> Result<(), Fault> {
     let ours: Vec<&str> = KEYS.iter().map(|key| key.name).collect();
-    let known = slurm::OPTIONS.contains(&name);
-    if let Some((_, instead)) = slurm::RESERVED.iter().find(|(reserved, _)| *reserved == name) {
+    let known = sbatch::OPTIONS.contains(&name);
+    if let Some((_, instead)) = sbatch::RESERVED.iter().find(|(reserved, _)| *reserved == name) {
         let fault = Fault::at(key, format!("`{name}` is set by jitai"));
         return Err(if instead.is_empty() { fault } else { fault.help(*instead) });
     }
     let is_option = !name.is_empty()
         && name.starts_with(|c: char| c.is_ascii_lowercase())
         && name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-');
-    let words = || ours.iter().copied().chain(slurm::OPTIONS.iter().copied());
+    let words = || ours.iter().copied().chain(sbatch::OPTIONS.iter().copied());
     let misspelt = !known && nearest(name, words()).is_some();
     if !is_option || misspelt {
         let fault = Fault::at(key, format!("unknown key `{name}`"));
@@ -427,7 +427,7 @@ pub fn schema() -> Json {
         }
         properties.insert(key.name.to_owned(), property);
     }
-    for (name, _) in slurm::RESERVED {
+    for (name, _) in sbatch::RESERVED {
         properties.insert((*name).to_owned(), false.into());
     }
     json!({
@@ -541,5 +541,8 @@ mod tests {
             assert_eq!(schema["properties"][key.name]["description"], key.doc);
         }
         assert_eq!(schema["properties"]["array"], false);
+        let renew = "run: jitai schema --cluster > docs/cluster.schema.json";
+        let written = fs::read_to_string("docs/cluster.schema.json").expect(renew);
+        assert_eq!(written, format!("{schema:#}\n"), "{renew}");
     }
 }

@@ -6,11 +6,13 @@ use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
 
+use super::clock;
 use super::duration;
 use super::engine::{Alive, Engine, EngineError, Limits};
+use super::engines;
 use super::error::ClusterError;
 use super::folder::{
-    self, Intent, Stop, Submission, Submissions, array_name, chunk_file, plan_file, write_whole,
+    Intent, Stop, Submission, Submissions, array_name, chunk_file, plan_file, write_whole,
 };
 use super::pack::{Load, Packed, pack};
 use super::profile::Profile;
@@ -223,7 +225,7 @@ impl<'a> Cluster<'a> {
         let folder = self.submissions.path().join("crashed");
         fs::create_dir_all(&folder).map_err(ClusterError::io("make", &folder))?;
         let file = folder.join(key.to_string());
-        let text = format!("{}\n", folder::now());
+        let text = format!("{}\n", clock::now());
         write_whole(&file, text.as_bytes()).map_err(ClusterError::io("write", &file))
     }
 
@@ -302,7 +304,7 @@ impl<'a> Cluster<'a> {
 
     /// The script of a draft as its submission would have it; `None` if no job is missing.
     pub fn script(&self, draft: &Draft, request: Request<'_>) -> Option<String> {
-        let name = folder::new_name();
+        let name = clock::new_name();
         let folder = self.submissions.place(&name);
         (!draft.chunks.is_empty()).then(|| script(&name, &folder, draft, request))
     }
@@ -330,7 +332,7 @@ impl<'a> Cluster<'a> {
 
     /// Writes everything of a submission, the intent last.
     fn write(&self, draft: &Draft, request: Request<'_>) -> Result<Submission, ClusterError> {
-        let name = folder::new_name();
+        let name = clock::new_name();
         let path = self.submissions.place(&name);
         Submission::make_folders(&path)?;
         let write = |file: &Path, text: &str| {
@@ -414,7 +416,7 @@ fn script(name: &str, folder: &Path, draft: &Draft, request: Request<'_>) -> Str
         program: request.program,
         profile: request.profile,
     };
-    request.profile.engine.script(&order)
+    engines::script(request.profile.engine, &order)
 }
 
 fn intent(draft: &Draft, profile: &Profile, manifests: &[Manifest]) -> Intent {
@@ -423,7 +425,7 @@ fn intent(draft: &Draft, profile: &Profile, manifests: &[Manifest]) -> Intent {
         format: Intent::format(),
         code_version: format!("{} ({})", made_by.code_version, made_by.git_revision),
         engine: profile.engine.name().to_owned(),
-        created_at: folder::now(),
+        created_at: clock::now(),
         chunks: draft.chunks.len() as u32,
         jobs: draft.jobs() as u64,
         cpus_per_task: profile.cpus_per_task,

@@ -16,8 +16,9 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use super::attempt::{Attempt, AttemptEnd};
+use super::clock::{now, random};
 use super::error::ClusterError;
-use super::folder::{HandedIn, Submission, copy_whole, now, random};
+use super::folder::{HandedIn, Submission, copy_whole};
 use crate::manifest::{self, Manifest};
 use crate::plan::JobKey;
 use crate::record::Outcome;
@@ -130,7 +131,7 @@ impl Run<'_> {
             .map(|(key, _)| key)
             .collect();
         left.retain(|key| !handed.contains(key));
-        say(self.out, &format!("{all} jobs, {} left", left.len()));
+        say(self.out, &format!("jobs: {all}, left: {}", left.len()));
         if left.is_empty() {
             return Ok(TaskEnd::Finished);
         }
@@ -250,7 +251,7 @@ impl Run<'_> {
         loop {
             match self.task.submission.hand_in(&stem, &store, ended) {
                 Ok(part) => {
-                    say(self.out, &format!("{} jobs handed in: {}", ended.len(), part.display()));
+                    say(self.out, &format!("handed in: {}, jobs: {}", part.display(), ended.len()));
                     break;
                 }
                 Err(source) => {

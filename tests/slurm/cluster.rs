@@ -215,27 +215,37 @@ impl Lab {
         nodes.lines().next().expect("a task runs").trim().to_owned()
     }
 
-    /// A process of this program that runs a task of the lab.
-    pub fn task_process(&self) -> Option<u32> {
+    /// The processes of this program that run tasks of the lab, each with its arguments.
+    fn tasks(&self) -> Vec<(u32, Vec<String>)> {
         let folder = self.folder.path("jitai.sqlite.submissions").display().to_string();
-        processes().into_iter().find(|process| {
+        let words = |process: &u32| {
             let line = fs::read(format!("/proc/{process}/cmdline")).unwrap_or_default();
-            let line = text(&line);
-            let words: Vec<&str> = line.split('\0').collect();
-            words.get(1) == Some(&"task") && words.get(2).is_some_and(|w| w.starts_with(&folder))
-        })
+            text(&line).split('\0').map(str::to_owned).collect::<Vec<String>>()
+        };
+        let is_task = |words: &[String]| {
+            words.len() > 4 && words[1] == "task" && words[2].starts_with(&folder)
+        };
+        let all = processes().into_iter().map(|process| (process, words(&process)));
+        all.filter(|(_, words)| is_task(words)).collect()
     }
 
-    /// The same for a task whose chunk has a job.
+    /// A process of this program that runs a task of the lab.
+    pub fn task_process(&self) -> Option<u32> {
+        self.tasks().first().map(|(process, _)| *process)
+    }
+
+    /// The same for a task whose chunk has a job, once its attempt is on record.
     pub fn task_process_with(&self, key: &str) -> Option<u32> {
-        let task = self.task_process()?;
-        let line = text(&fs::read(format!("/proc/{task}/cmdline")).ok()?);
-        let words: Vec<&str> = line.split('\0').collect();
-        let (folder, chunk) = (words.get(2)?, words.get(4)?);
-        let chunk = fs::read_to_string(Path::new(folder).join("chunks").join(chunk)).ok()?;
-        // It counts as a death only once the attempt is on record.
-        let begun = !files(&Path::new(folder).join("attempts")).is_empty();
-        (begun && chunk.contains(key)).then_some(task)
+        let has_it = |(_, words): &(u32, Vec<String>)| {
+            let (folder, chunk) = (Path::new(&words[2]), &words[4]);
+            let keys = fs::read_to_string(folder.join("chunks").join(chunk)).unwrap_or_default();
+            let of_chunk = format!("{chunk}.");
+            keys.contains(key)
+                && files(&folder.join("attempts"))
+                    .iter()
+                    .any(|file| file.file_name().unwrap().to_string_lossy().starts_with(&of_chunk))
+        };
+        self.tasks().into_iter().find(has_it).map(|(process, _)| process)
     }
 
     /// The process of a node's daemon.
