@@ -31,7 +31,7 @@ mod rule;
 mod weights;
 
 pub use crate::state::{Resumable, StateError, StateReader, StateWriter};
-pub use actor::Actor;
+pub use actor::{Actor, StepObserver};
 pub use burn::device::{backend_name, inference as inference_device, training as training_device};
 pub use burn::{
     AutodiffPolicy, BurnDuelingDqn, BurnReinforce, DuelingQNetwork, PolicyGradient, PolicyNetwork,

@@ -9,13 +9,14 @@ use crate::cli::{Error, Exit, StoreArgument, folder};
 use crate::store::Reader;
 
 /// The public views with the order of their rows.
-const VIEWS: [(&str, &str); 6] = [
+const VIEWS: [(&str, &str); 7] = [
     ("run_summary", "experiment, job_key, agent, attempt"),
     ("parameter", "job_key, name"),
     ("metric", "job_key, name"),
     ("learning_curve", "job_key, metric, episode"),
     ("evaluation_episode", "job_key, episode"),
     ("action_choice", "job_key, p_low, context, action"),
+    ("decision", "job_key, phase, episode, step"),
 ];
 
 /// Write the public views as files, one a view

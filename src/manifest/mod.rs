@@ -43,7 +43,7 @@ pub use analysis::{
 };
 pub use condition::{Condition, Described, Setting, short_name};
 pub use declared::{DeclaredAgent, Exclusion, MOST_JOBS, Manifest, Zip};
-pub use evaluation::{Evaluation, TestActions};
+pub use evaluation::{Evaluation, RecordedDecisions, TestActions};
 pub use fault::{Fault, Faults, nearest};
 pub use grid::{Cell, Grid};
 pub use load::{load, parse};

@@ -19,6 +19,7 @@ use rusqlite::{Connection, ErrorCode, OptionalExtension, params_from_iter};
 
 use crate::record::{CURVE_METRICS, METRICS};
 
+use super::decision;
 use super::digest;
 use super::error::StoreError;
 use super::results::{insert_rows, metric_id};
@@ -75,6 +76,9 @@ const BYTES_PER_RUN: usize = 4096;
 
 /// What a row of results counts for in a batch.
 const BYTES_PER_ROW: usize = 32;
+
+/// What a row of recorded decisions counts for in a batch.
+const BYTES_PER_DECISIONS: usize = 512;
 
 const ACTION: &str = "copy runs to the store";
 
@@ -340,8 +344,16 @@ impl<'a> Copier<'a> {
             && self.metric_rows::<4>(target, "curve_point", run, own)?
             && self.rows::<5>(target, "test_episode", run, own)?
             && self.rows::<5>(target, "action_count", run, own)?
+            && self.decisions(target, run, own)?
             && self.rows::<2>(target, "trained_weights", run, own)?;
         Ok(if whole { Written::Yes } else { Written::Refused })
+    }
+
+    /// Copies the decisions of a run; whether all were.
+    fn decisions(&mut self, target: &Connection, run: i64, own: i64) -> rusqlite::Result<bool> {
+        let copied = refused_or(decision::copy(self.from, run, target, own))?.flatten();
+        self.bytes += copied.unwrap_or_default() * BYTES_PER_DECISIONS;
+        Ok(copied.is_some())
     }
 
     /// Copies the rows of a run in a table whose second column is a metric; whether all were.

@@ -30,6 +30,7 @@ mod copy_tests;
 mod counts;
 mod crash;
 mod data_query;
+mod decision;
 mod digest;
 mod doctor;
 mod ending;

@@ -4,8 +4,8 @@ use crate::agent::actor::Actor;
 use crate::agent::burn::device::inference;
 use crate::agent::burn::{BurnDuelingDqn, DuelingQNetwork};
 use crate::agent::constraint::{
-    CURVE_FITS, Chosen, Constraint, EPISODES, HORIZON, LAYERS, ONE_HOT, batch_fits, network_fits,
-    replay_fits,
+    CURVE_FITS, Chosen, Constraint, DECISIONS_FIT, EPISODES, HORIZON, LAYERS, ONE_HOT, batch_fits,
+    network_fits, replay_fits,
 };
 use crate::agent::dueling_dqn::{DuelingDqn, DuelingDqnLearner};
 use crate::agent::fused::{FusedDuelingDqn, FusedDuelingNetwork};
@@ -68,6 +68,7 @@ impl AlgorithmParameters for DuelingDqn {
             },
         },
         CURVE_FITS,
+        DECISIONS_FIT,
     ];
 
     fn version(&self) -> u32 {
