@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use jitai::agent::{Activation, Agent, DuelingDqn, Engine, Reinforce, TerminalTarget, Trunk};
 use jitai::env::{Environment, FirstContext, TimeIndicator};
-use jitai::manifest::Evaluation;
+use jitai::manifest::{Evaluation, RecordedDecisions};
 use jitai::plan::Job;
 use jitai::record::{Outcome, Results};
 use jitai::train::{
@@ -111,7 +111,12 @@ fn job(agent: Agent, change: impl FnOnce(&mut Environment)) -> Job {
         environment,
         scenario: "P-H-D".parse().unwrap(),
         agent,
-        evaluation: Evaluation { test_episodes: 3, curve_stride: 2, ..Evaluation::default() },
+        evaluation: Evaluation {
+            test_episodes: 3,
+            curve_stride: 2,
+            record_decisions: RecordedDecisions::All,
+            ..Evaluation::default()
+        },
         seed: 4,
     }
 }

@@ -14,13 +14,14 @@ mod examples;
 
 use examples::{cell, fill_store, jitai, run};
 
-const DOCUMENTS: [&str; 11] = [
+const DOCUMENTS: [&str; 12] = [
     "README.md",
     "CONTRIBUTING.md",
     "docs/architecture.md",
     "docs/manifest.md",
     "docs/store.md",
     "docs/analysis.md",
+    "docs/decisions.md",
     "docs/report.md",
     "docs/statistics.md",
     "docs/fidelity.md",

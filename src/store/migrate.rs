@@ -40,6 +40,10 @@ pub(super) const MIGRATIONS: &[Migration] = &[
         name: "0004_record_decisions",
         sql: include_str!("../../migrations/0004_record_decisions.sql"),
     },
+    Migration {
+        name: "0005_summarise_arms",
+        sql: include_str!("../../migrations/0005_summarise_arms.sql"),
+    },
 ];
 
 /// The version of the schema that this program writes.

@@ -9,13 +9,14 @@ use super::error::is_damage;
 use super::read::Reader;
 
 /// The public views, which `docs/store.md` describes.
-pub const VIEWS: [&str; 7] = [
+pub const VIEWS: [&str; 8] = [
     "run_summary",
     "parameter",
     "metric",
     "learning_curve",
     "evaluation_episode",
     "action_choice",
+    "arm_summary",
     "decision",
 ];
 

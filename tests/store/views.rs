@@ -8,13 +8,14 @@ use jitai::record::Outcome;
 
 use crate::sample::{Sample, completed, dqn, failed, number, realistic, reinforce};
 
-const VIEWS: [&str; 7] = [
+const VIEWS: [&str; 8] = [
     "run_summary",
     "parameter",
     "metric",
     "learning_curve",
     "evaluation_episode",
     "action_choice",
+    "arm_summary",
     "decision",
 ];
 
@@ -143,7 +144,8 @@ fn a_run_without_a_heartbeat_does_not_show_as_running() {
 fn one_job_is_found_in_every_view_without_reading_the_others() {
     let sample = Sample::new();
     let raw = sample.raw();
-    for view in VIEWS {
+    // Which parameters are swept is known of all jobs of an experiment together.
+    for view in VIEWS.into_iter().filter(|view| *view != "arm_summary") {
         let mut statement = raw
             .prepare(&format!("EXPLAIN QUERY PLAN SELECT * FROM {view} WHERE job_key = ?1"))
             .unwrap();
