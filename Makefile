@@ -4,7 +4,7 @@ CARGO ?= cargo
 JITAI := $(CARGO) run --release --quiet --
 
 .PHONY: help run paper readings bench bench-burn bench-readers bench-optima bench-coverage test test-slow
-.PHONY: test-features test-slurm slurm
+.PHONY: test-features test-slurm slurm test-neon neon
 .PHONY: test-kill test-damage test-bad-input fuzz deny miri test-browser browser test-analysis analysis doc clean
 
 help: ## these targets
@@ -100,6 +100,17 @@ deny: ## advisories, licences, sources and bans of the dependencies, as deny.tom
 
 miri: ## the kernels' unit tests under Miri, one number at a time; needs nightly Rust with miri
 	JITAI_SIMD=portable MIRIFLAGS=-Zmiri-disable-isolation $(CARGO) +nightly miri test --lib kernel::
+
+NEON := CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc \
+	CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER="qemu-aarch64 -L /usr/aarch64-linux-gnu"
+
+test-neon: ## the kernels' tests on an emulated ARM processor; `make neon` installs what it needs
+	$(NEON) $(CARGO) test --release --locked --manifest-path tests/neon/Cargo.toml \
+		--target-dir target/neon --target aarch64-unknown-linux-gnu
+
+neon: ## install what test-neon uses, on Debian: an emulator, a linker and a Rust target
+	.ci/install qemu-user gcc-aarch64-linux-gnu libc6-dev-arm64-cross
+	rustup target add aarch64-unknown-linux-gnu
 
 test-browser: ## a report in a headless Chromium, at 1280 and at 390 pixels, and printed
 	@[ -x $(BROWSER_PYTHON) ] || { echo "$(BROWSER_PYTHON) is missing: run \`make browser\`" >&2; exit 1; }

@@ -7,7 +7,7 @@ use divan::Bencher;
 use divan::counter::ItemsCount;
 use jitai::agent::{Agent, Reinforce};
 use jitai::env::Environment;
-use jitai::manifest::Evaluation;
+use jitai::manifest::{Evaluation, RecordedDecisions};
 use jitai::plan::Job;
 use jitai::record::{Outcome, Provenance};
 use jitai::store::{Claim, Claimed, Experiment, Isolation, RetryFailed, RunEnd, SessionId, Store};
@@ -135,4 +135,31 @@ fn ending_with_a_long_curve(bencher: Bencher<'_, '_>) {
             fresh
         },
     );
+}
+
+/// Ending a run with the 50,000 recorded decisions of a default test, synced to the disk; counted in
+/// decisions.
+#[divan::bench(sample_count = 20, sample_size = 1)]
+fn ending_with_decisions(bencher: Bencher<'_, '_>) {
+    let evaluation =
+        Evaluation { record_decisions: RecordedDecisions::Test, ..Evaluation::default() };
+    let mut job = job(1, evaluation);
+    // Nobody disengages, so that every test episode has all of its steps.
+    job.environment.epsilon_d = 0.0;
+    let outcome = train::run(&job, &Unwatched);
+    let Outcome::Completed(results) = &outcome else { panic!("{outcome:?}") };
+    assert_eq!(results.decisions.len(), 50_000);
+    let claimed = || {
+        let mut fresh = Fresh::with(slice::from_ref(&job));
+        let session = fresh.begin_session();
+        let claim = fresh.claim(session, &job);
+        (fresh, claim)
+    };
+    bencher
+        .counter(ItemsCount::new(results.decisions.len()))
+        .with_inputs(claimed)
+        .bench_local_values(|(mut fresh, claim)| {
+            fresh.store.finish(&claim, &outcome, 1.0).unwrap();
+            fresh
+        });
 }

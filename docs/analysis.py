@@ -25,10 +25,17 @@ metrics = pd.read_sql("SELECT * FROM metric", store)
 curves = pd.read_sql("SELECT * FROM learning_curve", store)
 episodes = pd.read_sql("SELECT * FROM evaluation_episode", store)
 choices = pd.read_sql("SELECT * FROM action_choice", store)
+jobs = pd.read_sql("SELECT * FROM arm_summary", store)
+decisions = pd.read_sql("SELECT * FROM decision", store)
 
-ARM = ["agent", "scenario", "sigma"]
+ARM = ["agent", "scenario", "label"]
 completed = runs[runs["status"] == "completed"]
-quickstart = completed[completed["experiment"] == "quickstart"]
+with_results = jobs[jobs["mean_return"].notna()]
+quickstart = with_results[with_results["experiment"] == "quickstart"]
+# Every environment parameter of a job, as one text.
+environment = parameters[parameters["name"].str.startswith("environment.")].sort_values("name")
+environment = environment.assign(text=environment["name"] + "=" + environment["value"].astype(str))
+environment = environment.groupby("job_key")["text"].agg(" ".join).rename("environment")
 answers = {}
 
 # %% 1. What did each arm reach, over its seeds?
@@ -36,19 +43,19 @@ answers[1] = quickstart.groupby(ARM)["mean_return"].agg(
     seeds="count", mean="mean", sd="std", lowest="min", highest="max"
 )
 
-# %% 2. How much do probabilities gain over the most likely context (P-H-D minus L-H-D), by sigma?
-means = quickstart.pivot_table("mean_return", ["agent", "sigma"], "scenario")
+# %% 2. How much do probabilities gain over the most likely context (P-H-D minus L-H-D)?
+means = quickstart.pivot_table("mean_return", ["agent", "label"], "scenario")
 answers[2] = (means["P-H-D"] - means["L-H-D"]).rename("gain")
 
 # %% 3. Is the gain there in every seed?
 by_seed = quickstart.pivot(
-    index=["agent", "sigma", "seed"], columns="scenario", values="mean_return"
+    index=["agent", "label", "seed"], columns="scenario", values="mean_return"
 )
 answers[3] = (by_seed["P-H-D"] - by_seed["L-H-D"]).rename("gain")
 
 # %% 4. Is the gain more than chance?
 # scipy.stats.ttest_ind(…, equal_var=False) is the same test, and has the p value.
-arm = quickstart.groupby(["agent", "sigma", "scenario"])["mean_return"]
+arm = quickstart.groupby(["agent", "label", "scenario"])["mean_return"]
 mean, variance, n = (table.unstack() for table in (arm.mean(), arm.var() / arm.count(), arm.count()))
 gain = mean["P-H-D"] - mean["L-H-D"]
 standard_error = (variance["P-H-D"] + variance["L-H-D"]) ** 0.5
@@ -63,9 +70,10 @@ answers[4] = pd.DataFrame(
 )
 
 # %% 5. What share of the best arm's return does each arm reach?
-mean = quickstart.groupby(["sigma", "agent", "scenario"])["mean_return"].mean().to_frame("mean")
-mean["share_of_best"] = mean["mean"] / mean.groupby("sigma")["mean"].transform("max")
-answers[5] = mean.sort_values(["sigma", "mean"], ascending=[True, False])
+arm = quickstart.join(environment, on="job_key").groupby(["environment", *ARM])
+mean = arm["mean_return"].mean().to_frame("mean")
+mean["share_of_best"] = mean["mean"] / mean.groupby("environment")["mean"].transform("max")
+answers[5] = mean.droplevel("environment").sort_values(["label", "mean"], ascending=[True, False])
 
 # %% 6. Which run was the best, which the worst?
 columns = [*ARM, "seed", "mean_return", "disengagement_rate", "job_key"]
@@ -78,10 +86,9 @@ median = lambda returns: np.quantile(returns, 0.5, method="inverted_cdf")
 answers[7] = tested.groupby(ARM)["total_reward"].agg(lower_quartile=quartile, median=median)
 
 # %% 8. How often do episodes end in disengagement, and what does that cost in messages?
-wide = metrics.pivot(index="job_key", columns="name", values="value")
-wide["messages_per_episode"] = wide["message_rate"] * wide["mean_length"]
+messages = quickstart["message_rate"] * quickstart["mean_length"]
 asked = ["disengagement_rate", "mean_length", "messages_per_episode"]
-answers[8] = quickstart[["job_key", *ARM]].join(wide[asked], on="job_key").groupby(ARM)[asked].mean()
+answers[8] = quickstart.assign(messages_per_episode=messages).groupby(ARM)[asked].mean()
 
 # %% 9. When do people disengage?
 tested = quickstart[["job_key", *ARM]].merge(episodes, on="job_key")
@@ -145,14 +152,15 @@ swept = (
     .rename(columns=lambda name: name.removeprefix("environment."))
     .astype(float)
 )
-dynamics = completed[completed["experiment"] == "disengagement"].join(swept, on="job_key")
-means = dynamics.pivot_table("mean_return", ["agent", "delta_d", "epsilon_d"], "scenario")
+dynamics = with_results[with_results["experiment"] == "disengagement"].join(swept, on="job_key")
+means = dynamics.pivot_table("mean_return", ["agent", "label", "delta_d", "epsilon_d"], "scenario")
 if {"P-H-D", "L-H-D"} <= set(means):
     answers[14] = (means["P-H-D"] - means["L-H-D"]).rename("gain")
 
 # %% 15. What were the parameters of a job?
-job = quickstart.query("agent == 'dqn' and scenario == 'P-H-D' and sigma == 0.6 and seed == 1")
-answers[15] = parameters[parameters["job_key"] == job["job_key"].item()].set_index("name")[["value"]]
+job = quickstart.query("agent == 'dqn' and scenario == 'P-H-D' and seed == 1").sort_values("label")
+job_key = job["job_key"].iloc[0]
+answers[15] = parameters[parameters["job_key"] == job_key].set_index("name")[["value"]]
 
 # %% 16. Which parameters does an experiment vary, and over which values?
 held = runs[runs["experiment"] == "disengagement"].merge(parameters, on="job_key")
@@ -162,14 +170,14 @@ varied = varied.agg(different="nunique", lowest=lambda v: min(v), highest=lambda
 answers[16] = varied[varied["different"] > 1]
 
 # %% 17. Which runs failed?
-columns = ["experiment", *ARM, "seed", "attempt", "failure_kind", "failure_message", "job_key"]
+columns = ["experiment", "agent", "scenario", "sigma", "seed", "attempt"]
+columns += ["failure_kind", "failure_message", "job_key"]
 failed = runs[runs["status"] == "failed"].sort_values("started_at")
 answers[17] = failed[columns].set_index("experiment")
 
 # %% 18. How many seeds does each arm have, and how many are missing?
-begun = runs.assign(done=runs["status"] == "completed").groupby(["experiment", *ARM])
-seeds = begun.agg(jobs_begun=("job_key", "nunique"), completed=("done", "sum"))
-seeds["without_results"] = seeds["jobs_begun"] - seeds["completed"]
+seeds = jobs.groupby(["experiment", *ARM])["mean_return"].agg(seeds="size", completed="count")
+seeds["without_results"] = seeds["seeds"] - seeds["completed"]
 answers[18] = seeds.sort_values("without_results", ascending=False, kind="stable")
 
 # %% 19. How long does a job of each algorithm take?
@@ -192,7 +200,7 @@ answers[21] = completed.groupby(["experiment", "code_version"]).agg(
 
 # %% 22. Which jobs needed more than one attempt?
 attempts = runs.drop(columns="experiment").drop_duplicates().sort_values("attempt")
-attempts = attempts.groupby(["job_key", *ARM, "seed"])["status"].agg(
+attempts = attempts.groupby(["job_key", "agent", "scenario", "sigma", "seed"])["status"].agg(
     attempts="size", what_became_of_them=", ".join
 )
 answers[22] = attempts[attempts["attempts"] > 1].reset_index("job_key", drop=True)
@@ -203,11 +211,59 @@ difference = completed["mean_return"] - completed["job_key"].map(again)
 answers[23] = difference.abs().agg(["max"]).rename("largest_difference")
 
 # %% 24. What share of the optimum does each agent reach?
-both = completed[completed["experiment"].isin(["quickstart", "reference"])]
-mean = both.groupby(ARM)["mean_return"].mean()
-if "optimal" in mean.index.get_level_values("agent"):
-    best = mean.xs("optimal", level="agent")
-    answers[24] = mean.div(best, axis=0).dropna().rename("share")
+both = with_results[with_results["experiment"].isin(["quickstart", "reference"])]
+mean = both.join(environment, on="job_key").groupby(["environment", *ARM])["mean_return"].mean()
+mean = mean.reset_index()
+best = mean[mean["agent"] == "optimal"]
+if not best.empty:
+    best = best.set_index(["environment", "scenario"])["mean_return"].rename("best")
+    shares = mean.join(best, on=["environment", "scenario"], how="inner")
+    shares["share"] = shares["mean_return"] / shares["best"]
+    answers[24] = shares.set_index(ARM)["share"]
+
+# The trial of decisions.md: what was recorded of every step, and the arm that it belongs to.
+trial = jobs.loc[jobs["experiment"] == "trial", ["job_key", *ARM, "seed"]]
+trial = trial.merge(decisions[decisions["phase"] == "test"], on="job_key")
+
+# %% 25. How many messages are sent at each level of habituation and disengagement risk?
+levels = trial.assign(
+    habituation_from=np.minimum(3, np.floor(4 * trial["habituation"])) / 4,
+    disengagement_from=np.minimum(3, np.floor(4 * trial["disengagement"])) / 4,
+    sends=trial["action"] > 0,
+)
+answers[25] = levels.groupby([*ARM, "habituation_from", "disengagement_from"])["sends"].agg(
+    steps="size", message_rate="mean"
+)
+
+# %% 26. What does a message change at once?
+randomised = trial[(trial["agent"] == "random") & (trial["available"] == 1)]
+weight = 1 / randomised["action_probability"]
+weighted = randomised[["label", "context", "action"]].assign(
+    weight=weight, reward=weight * randomised["reward"]
+)
+if not randomised.empty:
+    sums = weighted.groupby(["label", "context", "action"]).sum()
+    reward = (sums["reward"] / sums["weight"]).unstack("action")
+    answers[26] = reward[[1, 2, 3]].sub(reward[0], axis=0).stack().rename("effect")
+
+# %% 27. What would another policy have earned in the first three steps?
+first = trial[trial["step"] < 3].sort_values(["job_key", "episode", "step"])
+randomised = first[first["agent"] == "random"]
+if not randomised.empty:
+    follows = randomised["action"] == randomised["likely_context"] + 2
+    factor = follows / randomised["action_probability"]
+    weight = factor.groupby([randomised["job_key"], randomised["episode"]]).cumprod()
+    weighted = randomised.assign(value=weight * randomised["reward"])
+    estimated = weighted.groupby(["label", "job_key", "episode"])["value"].sum().groupby("label")
+    tailored = first[first["agent"] == "tailored"]
+    actual = tailored.groupby(["label", "job_key", "episode"])["reward"].sum()
+    answers[27] = pd.DataFrame(
+        {
+            "estimated": estimated.mean(),
+            "standard_error": estimated.std() / estimated.count() ** 0.5,
+            "actual": actual.groupby("label").mean(),
+        }
+    )
 
 # %% Printed, or written as files
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use jitai::agent::{Activation, Agent, DuelingDqn, Engine, Reinforce, TerminalTarget, Trunk};
 use jitai::env::{Environment, FirstContext, TimeIndicator};
-use jitai::manifest::Evaluation;
+use jitai::manifest::{Evaluation, RecordedDecisions};
 use jitai::plan::Job;
 use jitai::record::{Outcome, Results};
 use jitai::train::{
@@ -111,7 +111,12 @@ fn job(agent: Agent, change: impl FnOnce(&mut Environment)) -> Job {
         environment,
         scenario: "P-H-D".parse().unwrap(),
         agent,
-        evaluation: Evaluation { test_episodes: 3, curve_stride: 2, ..Evaluation::default() },
+        evaluation: Evaluation {
+            test_episodes: 3,
+            curve_stride: 2,
+            record_decisions: RecordedDecisions::All,
+            ..Evaluation::default()
+        },
         seed: 4,
     }
 }
@@ -257,7 +262,9 @@ fn larger_jobs_go_on_from_checkpoints_anywhere_to_the_same_bits() {
 /// A checkpoint of a small job in the middle of its training.
 fn a_checkpoint() -> (Job, Vec<u8>) {
     let agent = Reinforce { layers: vec![2], ..reinforce(Engine::Fused, 2) };
-    let job = job(Agent::of(&agent), |_| {});
+    let mut job = job(Agent::of(&agent), |_| {});
+    // None in the training: every byte is tried.
+    job.evaluation.record_decisions = RecordedDecisions::Test;
     let (kept, _) = every_checkpoint(&job);
     let checkpoint = kept[7].clone();
     assert!(checkpoint.len() < 4000, "{} bytes", checkpoint.len());

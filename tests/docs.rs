@@ -21,6 +21,7 @@ const DOCUMENTS: [&str; 12] = [
     "docs/manifest.md",
     "docs/store.md",
     "docs/analysis.md",
+    "docs/decisions.md",
     "docs/report.md",
     "docs/statistics.md",
     "docs/fidelity.md",

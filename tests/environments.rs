@@ -283,7 +283,7 @@ fn a_dueling_dqn_learns_in_an_environment_from_outside() {
     let untrained = mean_return(&mut *learner.policy(Actions::Greedy));
     let mut finished = Vec::new();
     while finished.len() < 300 {
-        learner.advance(&mut finished, &|| false).unwrap();
+        learner.advance(&mut finished, None, &|| false).unwrap();
     }
     let trained = mean_return(&mut *learner.policy(Actions::Greedy));
     assert!(untrained < 0.5 && trained > 0.95, "{untrained} before, {trained} after");

@@ -1,4 +1,5 @@
-//! The contract of actors: what chooses the actions of episodes.
+//! The contracts of actors, which choose the actions of episodes, and of observers, which see every
+//! step.
 
 use crate::env::{Action, LaneSet, PhysicalActivity, VectorEnvironment};
 use crate::rng::Stream;
@@ -35,5 +36,32 @@ pub trait Actor<Env: VectorEnvironment + ?Sized = PhysicalActivity>: Resumable +
     /// every lane. Does nothing unless implemented.
     fn observe(&mut self, environment: &Env, rewards: &[f64]) {
         let _ = (environment, rewards);
+    }
+}
+
+/// An observer for one call among several.
+pub(super) fn reborrowed<'a, Env: ?Sized>(
+    observer: &'a mut Option<&mut dyn StepObserver<Env>>,
+) -> Option<&'a mut dyn StepObserver<Env>> {
+    match observer {
+        Some(observer) => Some(&mut **observer),
+        None => None,
+    }
+}
+
+/// Sees every step of episodes. Lanes that have ended are still shown; their statuses say so.
+pub trait StepObserver<Env: ?Sized> {
+    /// Sees the state before a step, and the actions with the probabilities with which they were
+    /// chosen.
+    ///
+    /// **Shapes**: `actions` and `probabilities` are \[lanes\].
+    fn chosen(&mut self, environment: &Env, actions: &[Action], probabilities: &[f64]);
+
+    /// Sees the state after the step, and the rewards, \[lanes\]: 0 in lanes that had ended.
+    fn paid(&mut self, environment: &Env, rewards: &[f64]);
+
+    /// Whether a roll should stop before the next step.
+    fn stop_requested(&self) -> bool {
+        false
     }
 }

@@ -21,6 +21,9 @@ const MOST_BUFFER_NUMBERS: u64 = 500_000_000;
 /// Most points of a learning curve.
 const MOST_CURVE_POINTS: u64 = 1_000_000;
 
+/// Most decisions that a job records. Training holds 56 bytes for each, and the store about 50.
+const MOST_DECISIONS: u64 = 5_000_000;
+
 /// Something that the jobs of an algorithm must satisfy.
 #[derive(Debug)]
 pub struct Constraint {
@@ -83,6 +86,36 @@ pub const CURVE_FITS: Constraint = Constraint {
         too_large("the learning curve has", "points", size, MOST_CURVE_POINTS)
     },
 };
+
+/// Test episodes.
+const TEST_EPISODES: Parameter = Parameter::Evaluation("test_episodes");
+/// Which decisions are recorded.
+const RECORD_DECISIONS: Parameter = Parameter::Evaluation("record_decisions");
+
+/// The decisions of an agent that trains are no more than a job can record.
+pub const DECISIONS_FIT: Constraint = Constraint {
+    parameters: &[EPISODES, TEST_EPISODES, HORIZON, RECORD_DECISIONS],
+    violation: |assignment| decisions_fit(assignment, assignment.whole(EPISODES)),
+};
+
+/// The decisions of an agent that does not train are no more than a job can record.
+pub const TEST_DECISIONS_FIT: Constraint = Constraint {
+    parameters: &[TEST_EPISODES, HORIZON, RECORD_DECISIONS],
+    violation: |assignment| decisions_fit(assignment, 0),
+};
+
+fn decisions_fit(assignment: &Assignment, training_episodes: u64) -> Option<Violation> {
+    let test = assignment.whole(TEST_EPISODES);
+    let episodes = if assignment.is_word(RECORD_DECISIONS, "all") {
+        test.saturating_add(training_episodes)
+    } else if assignment.is_word(RECORD_DECISIONS, "test") {
+        test
+    } else {
+        0
+    };
+    let size = episodes.saturating_mul(assignment.whole(HORIZON));
+    too_large("the record of decisions can have", "steps", size, MOST_DECISIONS)
+}
 
 /// A violation if `size` is above `most`.
 fn too_large(what: &'static str, unit: &'static str, size: u64, most: u64) -> Option<Violation> {

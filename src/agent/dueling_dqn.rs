@@ -5,11 +5,13 @@
 
 use std::{io, mem};
 
-use crate::agent::actor::Actor;
+use crate::agent::actor::{Actor, StepObserver, reborrowed};
 use crate::agent::learner::{Actions, Diverged, Learner, LearnerError, Span, TrainedEpisode};
 use crate::agent::memory::OutOfMemory;
 use crate::agent::network::{Activation, Engine, LAYER_WIDTHS, LEARNING_RATE};
-use crate::agent::policy::{ActionNetwork, EpsilonGreedy, best, explore};
+use crate::agent::policy::{
+    ActionNetwork, EpsilonGreedy, best, epsilon_greedy_probability, explore,
+};
 use crate::agent::replay::{Batch, Replay, TerminalTarget, Transition};
 use crate::agent::weights::Weights;
 use crate::env::{
@@ -220,14 +222,33 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> DuelingDqnLearner<E, Env> {
         }
     }
 
+    /// The action of the highest value in the present observation.
+    fn greedy(&mut self) -> Action {
+        self.engine.values(&self.observation, &mut self.workspace.values);
+        best(&self.workspace.values)
+    }
+
     /// Takes one step in the running episode and remembers it; returns the reward.
-    fn act(&mut self) -> Result<f64, OutOfMemory> {
-        let action = explore(self.epsilon, &mut self.exploration_stream).unwrap_or_else(|| {
-            self.engine.values(&self.observation, &mut self.workspace.values);
-            best(&self.workspace.values)
-        });
+    fn act(
+        &mut self,
+        mut observer: Option<&mut dyn StepObserver<Env>>,
+    ) -> Result<f64, OutOfMemory> {
+        let explored = explore(self.epsilon, &mut self.exploration_stream);
+        let action = match &mut observer {
+            None => explored.unwrap_or_else(|| self.greedy()),
+            Some(observer) => {
+                let greedy = self.greedy();
+                let action = explored.unwrap_or(greedy);
+                let probability = epsilon_greedy_probability(self.epsilon, action == greedy);
+                observer.chosen(&self.environment, &[action], &[probability]);
+                action
+            }
+        };
         let mut reward = [0.0];
         self.environment.step(&[action], &mut reward, &mut self.environment_streams);
+        if let Some(observer) = observer {
+            observer.paid(&self.environment, &reward);
+        }
         let status = self.environment.statuses()[0];
         let transition = Transition { action, reward: reward[0] as f32, status };
         self.environment.observe(&mut self.next_observation);
@@ -247,6 +268,7 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> Learner<Env> for DuelingDqnLea
     fn advance(
         &mut self,
         finished: &mut Vec<TrainedEpisode>,
+        mut observer: Option<&mut dyn StepObserver<Env>>,
         pause: &dyn Fn() -> bool,
     ) -> Result<Span, LearnerError> {
         if !self.environment.any_running() {
@@ -257,7 +279,7 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> Learner<Env> for DuelingDqnLea
             if pause() {
                 return Ok(Span::BrokenOff);
             }
-            self.episode.total_reward += self.act()?;
+            self.episode.total_reward += self.act(reborrowed(&mut observer))?;
             self.episode.length += 1;
             if self.replay.len() >= self.parameters.batch as usize {
                 self.episode.loss_sum += f64::from(self.update()?);
@@ -446,7 +468,7 @@ mod tests {
             learner.begin();
             while learner.environment.any_running() {
                 let before = state(&learner.observation, 0);
-                let reward = learner.act();
+                let reward = learner.act(None);
                 let position = (steps % parameters.buffer) as usize;
                 let transition = learner.replay.transition(position);
                 assert_eq!(transition.reward, reward.unwrap() as f32);

@@ -2,7 +2,7 @@
 
 use std::io;
 
-use crate::agent::actor::Actor;
+use crate::agent::actor::{Actor, StepObserver};
 use crate::agent::memory::OutOfMemory;
 use crate::agent::weights::Weights;
 use crate::env::{PhysicalActivity, VectorEnvironment};
@@ -82,12 +82,14 @@ pub enum Span {
 pub trait Learner<Env: VectorEnvironment = PhysicalActivity>: Resumable {
     /// Trains for the shortest span the algorithm has (an episode, or the episodes of one update)
     /// and appends the episodes that ended. `pause` is asked at every step; once it says yes the
-    /// span is broken off, and the next call goes on with it, to the same bits.
+    /// span is broken off, and the next call goes on with it, to the same bits. An `observer` sees
+    /// every step and changes nothing.
     ///
     /// **Errors**: the loss is not finite, or memory is short; the learner is then of no further use.
     fn advance(
         &mut self,
         finished: &mut Vec<TrainedEpisode>,
+        observer: Option<&mut dyn StepObserver<Env>>,
         pause: &dyn Fn() -> bool,
     ) -> Result<Span, LearnerError>;
 
@@ -97,7 +99,7 @@ pub trait Learner<Env: VectorEnvironment = PhysicalActivity>: Resumable {
     fn train(&mut self, episodes: usize) -> Result<Vec<TrainedEpisode>, LearnerError> {
         let mut finished = Vec::new();
         while finished.len() < episodes {
-            self.advance(&mut finished, &|| false)?;
+            self.advance(&mut finished, None, &|| false)?;
         }
         Ok(finished)
     }

@@ -32,7 +32,7 @@ mod replay;
 mod rule;
 mod weights;
 
-pub use actor::Actor;
+pub use actor::{Actor, StepObserver};
 pub use burn::device::{backend_name, inference as inference_device, training as training_device};
 pub use burn::{
     AutodiffPolicy, BurnDuelingDqn, BurnReinforce, DuelingQNetwork, PolicyGradient, PolicyNetwork,

@@ -51,12 +51,10 @@ impl<N: ActionNetwork + Send, Env: VectorEnvironment> Actor<Env> for EpsilonGree
             *action = explored.unwrap_or_else(|| best(values));
         }
         if let Some(probabilities) = probabilities {
-            let any = self.epsilon / Action::COUNT as f64;
             for ((probability, action), values) in
                 probabilities.iter_mut().zip(&*actions).zip(rows())
             {
-                let is_best = *action == best(values);
-                *probability = if is_best { 1.0 - self.epsilon + any } else { any };
+                *probability = epsilon_greedy_probability(self.epsilon, *action == best(values));
             }
         }
     }
@@ -80,6 +78,13 @@ pub(super) fn explore(epsilon: f64, stream: &mut Stream) -> Option<Action> {
     }
     let bits = stream.bits();
     (unit_from_bits(bits) < epsilon).then(|| Action::from_low_bits(bits))
+}
+
+/// The probability of an action that is the best one, or is not, when one is explored at random at
+/// the rate `epsilon`.
+pub(super) fn epsilon_greedy_probability(epsilon: f64, is_best: bool) -> f64 {
+    let any = epsilon / Action::COUNT as f64;
+    if is_best { 1.0 - epsilon + any } else { any }
 }
 
 /// Draws actions with the softmax probabilities of a policy network's logits.
@@ -114,13 +119,7 @@ impl<N: ActionNetwork + Send, Env: VectorEnvironment> Actor<Env> for SoftmaxPoli
                 sample(Isa::chosen(), &mut self.logits, actions, &mut self.halves, stream);
                 if let Some(probabilities) = probabilities {
                     // The logits have become the preferences that were sampled by.
-                    let rows = self.logits.chunks_exact(Action::COUNT);
-                    for ((probability, action), row) in
-                        probabilities.iter_mut().zip(actions).zip(rows)
-                    {
-                        let total: f64 = row.iter().copied().map(f64::from).sum();
-                        *probability = f64::from(row[action.index()]) / total;
-                    }
+                    sampling_probabilities(&self.logits, actions, probabilities);
                 }
             }
             Actions::Greedy => {
@@ -173,6 +172,21 @@ pub(super) fn sample(
     let weights = logits.as_chunks().0;
     assert_eq!(weights.len(), actions.len(), "logits for every action");
     isa.run(Pick { weights, halves, actions });
+}
+
+/// The probabilities with which [`sample`] chose these actions by the exponentials that it made.
+///
+/// **Shapes**: `preferences` is \[rows, actions\], the others are \[rows\].
+pub(super) fn sampling_probabilities(
+    preferences: &[f32],
+    actions: &[Action],
+    probabilities: &mut [f64],
+) {
+    let rows = preferences.chunks_exact(Action::COUNT);
+    for ((probability, action), row) in probabilities.iter_mut().zip(actions).zip(rows) {
+        let total: f64 = row.iter().copied().map(f64::from).sum();
+        *probability = f64::from(row[action.index()]) / total;
+    }
 }
 
 /// Puts exp(logit - highest of its row) in the place of every logit.

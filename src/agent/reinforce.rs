@@ -7,11 +7,11 @@
 use std::io;
 use std::ops::Range;
 
-use crate::agent::actor::Actor;
+use crate::agent::actor::{Actor, StepObserver};
 use crate::agent::learner::{Actions, Diverged, Learner, LearnerError, Span, TrainedEpisode};
 use crate::agent::memory::{OutOfMemory, reserve};
 use crate::agent::network::{Activation, Engine, LAYER_WIDTHS, LEARNING_RATE};
-use crate::agent::policy::{ActionNetwork, SoftmaxPolicy, sample};
+use crate::agent::policy::{ActionNetwork, SoftmaxPolicy, sample, sampling_probabilities};
 use crate::agent::weights::Weights;
 use crate::env::{
     Action, EpisodeStatus, LaneSet, LaneStreams, Observations, PhysicalActivity, VectorEnvironment,
@@ -180,7 +180,11 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
     }
 
     /// Samples the trajectories of one update, all in lockstep, or the rest of them.
-    fn sample(&mut self, pause: &dyn Fn() -> bool) -> Result<Span, OutOfMemory> {
+    fn sample(
+        &mut self,
+        mut observer: Option<&mut dyn StepObserver<Env>>,
+        pause: &dyn Fn() -> bool,
+    ) -> Result<Span, OutOfMemory> {
         let Workspace {
             trajectories,
             positions,
@@ -210,6 +214,11 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
             self.environment.observe(observations);
             self.engine.logits(observations, logits);
             sample(self.engine.isa(), logits, actions, halves, &mut self.exploration_stream);
+            if let Some(observer) = &mut observer {
+                let mut probabilities = vec![0.0; lanes];
+                sampling_probabilities(logits, actions, &mut probabilities);
+                observer.chosen(&self.environment, actions, &probabilities);
+            }
             trajectories.reserve(lanes)?;
             reserve(rewards, lanes, TRAJECTORIES)?;
             reserve(positions, lanes, TRAJECTORIES)?;
@@ -232,6 +241,9 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
             }
             let paid = &mut rewards[start..];
             self.environment.step(actions, paid, &mut self.environment_streams);
+            if let Some(observer) = &mut observer {
+                observer.paid(&self.environment, paid);
+            }
             totals.iter_mut().zip(paid).for_each(|(total, reward)| *total += *reward);
         }
         Ok(Span::Whole)
@@ -255,9 +267,10 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> Learner<Env> for ReinforceLearn
     fn advance(
         &mut self,
         finished: &mut Vec<TrainedEpisode>,
+        observer: Option<&mut dyn StepObserver<Env>>,
         pause: &dyn Fn() -> bool,
     ) -> Result<Span, LearnerError> {
-        if self.sample(pause)? == Span::BrokenOff {
+        if self.sample(observer, pause)? == Span::BrokenOff {
             return Ok(Span::BrokenOff);
         }
         finished.extend(self.finished());

@@ -9,13 +9,15 @@ use crate::cli::{Error, Exit, StoreArgument, folder};
 use crate::store::Reader;
 
 /// The public views with the order of their rows.
-const VIEWS: [(&str, &str); 6] = [
+const VIEWS: [(&str, &str); 8] = [
     ("run_summary", "experiment, job_key, agent, attempt"),
     ("parameter", "job_key, name"),
     ("metric", "job_key, name"),
     ("learning_curve", "job_key, metric, episode"),
     ("evaluation_episode", "job_key, episode"),
     ("action_choice", "job_key, p_low, context, action"),
+    ("arm_summary", "experiment, job_key, agent"),
+    ("decision", "job_key, phase, episode, step"),
 ];
 
 /// Write the public views as files, one a view
@@ -55,6 +57,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     };
     folder::make(&arguments.out)?;
     for (view, order) in VIEWS {
+        if !reader.has_view(view)? {
+            let what = "left out: the store is of an earlier version, and the next run adds it";
+            writeln!(io::stderr(), "{view} {what}")?;
+            continue;
+        }
         let path = arguments.out.join(format!("{view}.{extension}"));
         // Under another name until it is whole.
         let partial = path.with_extension("partial");

@@ -13,6 +13,9 @@ keys! {
         test_actions: TestActions = TestActions::AsTrained;
         /// training episodes a point of the learning curve averages over
         curve_stride: u32 = 10, in Kind::EPISODES;
+        /// which decisions are kept, one row a step in the view `decision`: "none", those of the
+        /// test, or "all", those of the training as well
+        record_decisions: RecordedDecisions = RecordedDecisions::None, before RecordedDecisions::None;
     }
 }
 
@@ -37,6 +40,36 @@ impl From<TestActions> for Actions {
         match actions {
             TestActions::AsTrained => Actions::AsTrained,
             TestActions::Greedy => Actions::Greedy,
+        }
+    }
+}
+
+choices! {
+    /// Which decisions of a job are recorded.
+    pub enum RecordedDecisions {
+        /// None of them.
+        None = "none",
+        /// Those of the test episodes.
+        Test = "test",
+        /// Those of the training episodes and of the test episodes.
+        All = "all",
+    }
+}
+
+impl RecordedDecisions {
+    /// Whether the decisions of the training are recorded.
+    pub fn of_training(self) -> bool {
+        match self {
+            RecordedDecisions::None | RecordedDecisions::Test => false,
+            RecordedDecisions::All => true,
+        }
+    }
+
+    /// Whether the decisions of the test are recorded.
+    pub fn of_test(self) -> bool {
+        match self {
+            RecordedDecisions::None => false,
+            RecordedDecisions::Test | RecordedDecisions::All => true,
         }
     }
 }

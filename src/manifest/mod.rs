@@ -47,7 +47,7 @@ pub use analysis_kind::{
 };
 pub use condition::{Condition, Described, Setting, short_name};
 pub use declared::{DeclaredAgent, Exclusion, Manifest, Zip};
-pub use evaluation::{Evaluation, TestActions};
+pub use evaluation::{Evaluation, RecordedDecisions, TestActions};
 pub(crate) use fault::FaultList;
 pub use fault::{Fault, Faults, nearest};
 pub use grid::{Cell, Grid};

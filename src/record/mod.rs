@@ -59,6 +59,44 @@ pub struct TestEpisode {
     pub disengaged: bool,
 }
 
+/// A part of a job in which decisions are made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Phase {
+    /// The training.
+    Train,
+    /// The test of what was trained.
+    Test,
+}
+
+/// One step of an episode: what was seen, done, with which probability, and what it paid.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Decision {
+    /// Whether the episode is one of the training or of the test.
+    pub phase: Phase,
+    /// Episode of the phase, from 1.
+    pub episode: u32,
+    /// Steps taken in the episode before this one.
+    pub step: u32,
+    /// True context, 0 or 1.
+    pub context: u8,
+    /// Inferred probability as the letter P shows it, whether the agent saw it or not.
+    pub probability: f64,
+    /// Most likely context, 0 or 1.
+    pub likely_context: u8,
+    /// Habituation before the step, in [0, 1].
+    pub habituation: f64,
+    /// Disengagement risk before the step, in [0, 1].
+    pub disengagement: f64,
+    /// Whether a message could be sent.
+    pub available: bool,
+    /// Action, 0 to 3.
+    pub action: u8,
+    /// Probability with which the action was chosen, in (0, 1].
+    pub action_probability: f64,
+    /// Reward, in steps walked.
+    pub reward: f64,
+}
+
 /// Bins of the probability of context 0 in [`ActionCount`].
 pub const PROBABILITY_BINS: usize = 10;
 
@@ -87,6 +125,8 @@ pub struct Results {
     pub episodes: Vec<TestEpisode>,
     /// Choices of action in the test, counts above 0 only.
     pub actions: Vec<ActionCount>,
+    /// Decisions that the job asks to record, by phase, episode and step.
+    pub decisions: Vec<Decision>,
     /// Trained weights, in the safetensors format; `None` for an algorithm that has none.
     pub weights: Option<Vec<u8>>,
 }

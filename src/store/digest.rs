@@ -8,6 +8,8 @@ use rusqlite::types::ValueRef;
 use rusqlite::{Connection, Params};
 use sha2::{Digest, Sha256};
 
+use super::decision;
+
 /// The metrics of run `?1`. This and what follows is in orders that the row ids of one file do not
 /// decide.
 const METRICS: &str = "SELECT name, value FROM run_metric JOIN metric_name
@@ -42,6 +44,10 @@ pub(super) fn of_run(connection: &Connection, run: i64) -> rusqlite::Result<[u8;
     for sql in OTHERS {
         digest.begin_table();
         add_rows(&mut digest, connection, sql, [run])?;
+    }
+    // Runs without decisions have the digest that they had before decisions could be recorded.
+    if decision::are_known(connection)? {
+        add_rows(&mut digest, connection, &decision::SELECT, [run])?;
     }
     Ok(digest.finish())
 }

@@ -9,7 +9,7 @@ use rusqlite::Connection;
 
 use super::error::StoreError;
 use super::verify::{CheckWeights, failure_fault, job_fault, row_ids, run_fault};
-use super::{file, schema};
+use super::{decision, file, schema};
 
 /// The result of an examination.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -105,6 +105,27 @@ const INVARIANTS: [Invariant; 7] = [
     },
 ];
 
+/// The invariants of recorded decisions, which a store of an earlier version does not have.
+const OF_DECISIONS: [Invariant; 2] = [
+    Invariant {
+        violation: "a run that is not completed has recorded decisions",
+        sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
+              WHERE status <> 'completed' AND EXISTS (SELECT 1 FROM recorded_decision AS recorded
+                WHERE recorded.id BETWEEN run.id << 39 AND (run.id << 39) + 549755813887)",
+    },
+    Invariant {
+        violation: "its recorded decisions are not those that it declares: one for each step",
+        sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
+              WHERE status = 'completed' AND
+                (SELECT total(steps) FROM recorded_decision AS recorded
+                 WHERE recorded.id BETWEEN (run.id << 39) + (1 << 38)
+                    AND (run.id << 39) + 549755813887)
+                IS NOT CASE WHEN json_extract(canonical, '$.evaluation.record_decisions')
+                        IN ('test', 'all')
+                    THEN (SELECT total(length) FROM test_episode WHERE run = run.id) ELSE 0.0 END",
+    },
+];
+
 /// Examines the whole store at `path`.
 ///
 /// **Errors**: nothing is at `path`, or no store, or a store of a newer release.
@@ -184,7 +205,11 @@ impl Examination<'_> {
     }
 
     fn invariants(&mut self) {
-        for Invariant { violation, sql } in &INVARIANTS {
+        let of_decisions = match decision::are_known(self.connection) {
+            Ok(true) => &OF_DECISIONS[..],
+            Ok(false) | Err(_) => &[],
+        };
+        for Invariant { violation, sql } in INVARIANTS.iter().chain(of_decisions) {
             for key in self.texts("job", sql) {
                 self.find("job", Some(key), *violation);
             }

@@ -36,6 +36,14 @@ pub(super) const MIGRATIONS: &[Migration] = &[
         name: "0003_implied_parameters",
         sql: include_str!("../../migrations/0003_implied_parameters.sql"),
     },
+    Migration {
+        name: "0004_record_decisions",
+        sql: include_str!("../../migrations/0004_record_decisions.sql"),
+    },
+    Migration {
+        name: "0005_summarise_arms",
+        sql: include_str!("../../migrations/0005_summarise_arms.sql"),
+    },
 ];
 
 /// The version of the schema that this program writes.

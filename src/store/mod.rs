@@ -28,6 +28,7 @@ mod copy;
 mod counts;
 mod crash;
 mod data_query;
+mod decision;
 mod digest;
 mod doctor;
 mod ending;

@@ -9,8 +9,16 @@ use super::error::is_damage;
 use super::read::Reader;
 
 /// The public views, which `docs/store.md` describes.
-pub const VIEWS: [&str; 6] =
-    ["run_summary", "parameter", "metric", "learning_curve", "evaluation_episode", "action_choice"];
+pub const VIEWS: [&str; 8] = [
+    "run_summary",
+    "parameter",
+    "metric",
+    "learning_curve",
+    "evaluation_episode",
+    "action_choice",
+    "arm_summary",
+    "decision",
+];
 
 /// Why a query of the user was not answered.
 #[derive(Debug, thiserror::Error)]

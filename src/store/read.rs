@@ -65,6 +65,14 @@ impl Reader {
         Ok(Reader { connection, path })
     }
 
+    /// Whether the store has a public view; one of an earlier version may lack it.
+    pub fn has_view(&self, name: &str) -> Result<bool, StoreError> {
+        self.read("read the schema", |connection| {
+            let named = "SELECT EXISTS (SELECT 1 FROM sqlite_schema WHERE name = ?1)";
+            Ok(connection.prepare_cached(named)?.query_row([name], |row| row.get(0))?)
+        })
+    }
+
     /// The state of each job, in the order of `keys`; jobs unknown to the store are pending.
     pub fn job_states<'k>(
         &self,

@@ -8,6 +8,7 @@ use rusqlite::{Connection, OptionalExtension, params, params_from_iter};
 use crate::record::{ActionCount, Outcome, Results, TestEpisode};
 
 use super::claim::Claim;
+use super::decision;
 use super::ending::{complete_run, end_run};
 use super::error::StoreError;
 use super::writer::Store;
@@ -117,6 +118,7 @@ fn insert_results(connection: &Connection, run: i64, results: &Results) -> rusql
         [run.into(), bin.into(), context.into(), action.into(), count.cast_signed().into()]
     });
     insert_rows(connection, "action_count", actions)?;
+    decision::insert(connection, run, &results.decisions)?;
     if let Some(weights) = &results.weights {
         connection
             .prepare_cached("INSERT INTO trained_weights VALUES (?1, ?2)")?

@@ -28,6 +28,7 @@ pub(super) fn results() -> Results {
         curve: Vec::new(),
         episodes: vec![TestEpisode { total_reward: 50.0, length: 2, disengaged: true }],
         actions: Vec::new(),
+        decisions: Vec::new(),
         weights: Some(vec![8]),
     }
 }

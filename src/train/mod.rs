@@ -8,17 +8,19 @@
 mod checkpoint;
 mod control;
 mod curve;
+mod decision_log;
 mod progress;
 mod roll;
 mod run;
 mod test;
 mod training;
 
+pub use crate::agent::StepObserver;
 pub use checkpoint::{
     CheckpointError, CheckpointFile, Checkpoints, KeptNowhere, ReadCheckpoint, Resumed,
     WriteCheckpoint,
 };
 pub use control::{TrainingControl, Uncontrolled};
 pub use progress::TrainingProgress;
-pub use roll::{RollStreams, Rollout, StepObserver, begin, play, roll};
+pub use roll::{RollStreams, Rollout, begin, play, roll};
 pub use run::run;

@@ -2,7 +2,7 @@
 
 use std::io;
 
-use crate::agent::Actor;
+use crate::agent::{Actor, StepObserver};
 use crate::env::{Action, LaneSet, LaneStreams, Observations, VectorEnvironment};
 use crate::rng::{Purpose, Stream};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
@@ -35,23 +35,6 @@ impl Resumable for RollStreams {
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.environment.restore(from)?;
         self.actions.restore(from)
-    }
-}
-
-/// Sees every step of a roll. Lanes that have ended are still shown; their statuses say so.
-pub trait StepObserver<Env: ?Sized> {
-    /// Sees the state before a step, and the actions with the probabilities with which they were
-    /// chosen.
-    ///
-    /// **Shapes**: `actions` and `probabilities` are \[lanes\].
-    fn chosen(&mut self, environment: &Env, actions: &[Action], probabilities: &[f64]);
-
-    /// Sees the state after the step, and the rewards, \[lanes\]: 0 in lanes that had ended.
-    fn paid(&mut self, environment: &Env, rewards: &[f64]);
-
-    /// Whether the roll should stop before the next step.
-    fn stop_requested(&self) -> bool {
-        false
     }
 }
 

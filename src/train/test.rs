@@ -2,12 +2,13 @@
 
 use std::io;
 
-use crate::agent::{Actor, OutOfMemory, reserve_exact};
+use crate::agent::{Actor, OutOfMemory, StepObserver, reserve_exact};
 use crate::env::{Action, ContextDraw, EpisodeStatus, PhysicalActivity, VectorEnvironment};
 use crate::plan::Job;
-use crate::record::{ActionCount, Metric, PROBABILITY_BINS, TestEpisode};
+use crate::record::{ActionCount, Decision, Metric, PROBABILITY_BINS, Phase, TestEpisode};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
-use crate::train::roll::{RollStreams, StepObserver, begin, roll};
+use crate::train::decision_log::DecisionLog;
+use crate::train::roll::{RollStreams, begin, roll};
 
 /// Episodes that advance in lockstep; part of what fixes the results, because lanes share streams.
 const LANES: usize = 1000;
@@ -20,6 +21,8 @@ pub(super) struct Test {
     episodes: usize,
     streams: RollStreams,
     counts: ActionCounts,
+    /// `None` where the job does not ask for it.
+    log: Option<DecisionLog>,
     played: Vec<TestEpisode>,
     batch: Batch,
 }
@@ -28,6 +31,7 @@ pub(super) struct Test {
 pub(super) struct Tested {
     pub(super) episodes: Vec<TestEpisode>,
     pub(super) actions: Vec<ActionCount>,
+    pub(super) decisions: Vec<Decision>,
     messages: u64,
 }
 
@@ -38,6 +42,7 @@ impl Test {
             episodes: job.evaluation.test_episodes as usize,
             streams: RollStreams::of_test(job.seed),
             counts: ActionCounts::default(),
+            log: job.evaluation.record_decisions.of_test().then(|| DecisionLog::new(Phase::Test)),
             played: Vec::new(),
             batch: Batch {
                 environment: PhysicalActivity::new(&job.environment, &job.scenario, 0),
@@ -65,15 +70,16 @@ impl Test {
     ) -> Result<(), OutOfMemory> {
         let left = self.episodes - self.played.len();
         reserve_exact(&mut self.played, left, "the test episodes")?;
-        let Test { streams, counts, batch, .. } = self;
+        let Test { streams, counts, log, batch, .. } = self;
         if batch.played.is_empty() {
             let lanes = LANES.min(self.episodes - self.played.len());
             batch.environment = batch.environment.with_lanes(lanes);
             batch.played = vec![UNPLAYED; lanes];
             begin(&mut batch.environment, actor, streams);
         }
-        let mut player = Player { counts, played: &mut batch.played, pause };
+        let mut player = Player { counts, log: log.as_mut(), played: &mut batch.played, pause };
         roll(&mut batch.environment, actor, streams, &mut player);
+        log.as_ref().map_or(Ok(()), DecisionLog::check)?;
         if batch.environment.any_running() {
             return Ok(());
         }
@@ -87,7 +93,8 @@ impl Test {
     /// What the episodes were, once all are played.
     pub(super) fn finish(self) -> Tested {
         let (messages, actions) = (self.counts.messages(), self.counts.rows());
-        Tested { episodes: self.played, messages, actions }
+        let decisions = self.log.map(DecisionLog::finish).unwrap_or_default();
+        Tested { episodes: self.played, messages, actions, decisions }
     }
 }
 
@@ -100,12 +107,16 @@ struct Batch {
 /// Notes what happens in the episodes of a batch.
 struct Player<'a> {
     counts: &'a mut ActionCounts,
+    log: Option<&'a mut DecisionLog>,
     played: &'a mut [TestEpisode],
     pause: &'a dyn Fn() -> bool,
 }
 
 impl StepObserver<PhysicalActivity> for Player<'_> {
-    fn chosen(&mut self, lanes: &PhysicalActivity, actions: &[Action], _: &[f64]) {
+    fn chosen(&mut self, lanes: &PhysicalActivity, actions: &[Action], probabilities: &[f64]) {
+        if let Some(log) = &mut self.log {
+            log.chosen(lanes, actions, probabilities);
+        }
         for (lane, episode) in self.played.iter_mut().enumerate() {
             if lanes.statuses()[lane] == EpisodeStatus::Running {
                 episode.length += 1;
@@ -114,7 +125,10 @@ impl StepObserver<PhysicalActivity> for Player<'_> {
         }
     }
 
-    fn paid(&mut self, _: &PhysicalActivity, rewards: &[f64]) {
+    fn paid(&mut self, lanes: &PhysicalActivity, rewards: &[f64]) {
+        if let Some(log) = &mut self.log {
+            log.paid(lanes, rewards);
+        }
         for (episode, reward) in self.played.iter_mut().zip(rewards) {
             episode.total_reward += reward;
         }
@@ -129,6 +143,7 @@ impl Resumable for Test {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
         self.streams.save(out)?;
         out.many(self.counts.0.as_flattened().as_flattened())?;
+        self.log.iter().try_for_each(|log| log.save(out))?;
         out.each(self.played.iter(), save_episode)?;
         out.each(self.batch.played.iter(), save_episode)?;
         if self.batch.played.is_empty() { Ok(()) } else { self.batch.environment.save(out) }
@@ -138,6 +153,7 @@ impl Resumable for Test {
         const WHAT: &str = "test episodes";
         self.streams.restore(from)?;
         from.fill(self.counts.0.as_flattened_mut().as_flattened_mut(), "counts of actions")?;
+        self.log.iter_mut().try_for_each(|log| log.restore(from))?;
         self.played = from.each(self.episodes, WHAT, restore_episode)?;
         let most = LANES.min(self.episodes - self.played.len());
         self.batch.played = from.each(most, WHAT, restore_episode)?;
@@ -227,6 +243,7 @@ mod tests {
                 episode(60.0, 6, false),
             ],
             actions: Vec::new(),
+            decisions: Vec::new(),
             messages: 5,
         };
         let value = |name: &str| tested.metrics().iter().find(|m| m.name == name).unwrap().value;
@@ -245,6 +262,7 @@ mod tests {
         let tested = Tested {
             episodes: vec![TestEpisode { total_reward: 7.0, length: 2, disengaged: false }],
             actions: Vec::new(),
+            decisions: Vec::new(),
             messages: 0,
         };
         assert!(tested.metrics().iter().all(|m| m.value.is_finite()));

@@ -3,11 +3,14 @@
 use std::io;
 use std::time::Duration;
 
-use crate::agent::{Actor, Learner, LearnerError, OutOfMemory, Start, StartError, TrainedEpisode};
+use crate::agent::{
+    Actor, Learner, LearnerError, OutOfMemory, Start, StartError, StepObserver, TrainedEpisode,
+};
 use crate::plan::Job;
-use crate::record::{Failure, FailureKind, Results};
+use crate::record::{Failure, FailureKind, Phase, Results};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 use crate::train::curve::CurveRecorder;
+use crate::train::decision_log::DecisionLog;
 use crate::train::progress::TrainingProgress;
 use crate::train::test::Test;
 
@@ -20,6 +23,8 @@ pub(super) struct Training<'j> {
     /// `None` for an agent that acts without training.
     learner: Option<Box<dyn Learner>>,
     curve: CurveRecorder,
+    /// `None` where the job does not ask for it.
+    log: Option<DecisionLog>,
     test: Test,
     /// What is tested: the trained policy, once training is over, or the agent that needs none.
     actor: Option<Box<dyn Actor>>,
@@ -62,6 +67,11 @@ impl<'j> Training<'j> {
             job,
             learner,
             curve: CurveRecorder::new(job.evaluation.curve_stride),
+            log: job
+                .evaluation
+                .record_decisions
+                .of_training()
+                .then(|| DecisionLog::new(Phase::Train)),
             test: Test::new(job),
             actor,
             finished: Vec::new(),
@@ -113,8 +123,11 @@ impl<'j> Training<'j> {
         match self.stage() {
             Stage::Training => {
                 let learner = self.learner.as_mut().expect(LEARNS);
-                let learned = learner.advance(&mut self.finished, pause);
+                let observer = self.log.as_mut().map(|log| log as &mut dyn StepObserver<_>);
+                let learned = learner.advance(&mut self.finished, observer, pause);
                 learned.map_err(|error| failure(&error, self.episodes()))?;
+                let recorded = self.log.as_ref().map_or(Ok(()), DecisionLog::check);
+                recorded.map_err(|error| out_of_memory(&error, self.episodes()))?;
                 let Training { finished, curve, .. } = self;
                 let added = finished.drain(..).try_for_each(|episode| curve.add(&episode));
                 added.map_err(|error| out_of_memory(&error, curve.episodes()))?;
@@ -151,8 +164,11 @@ impl<'j> Training<'j> {
     /// What it leaves behind once it is over.
     pub(super) fn results(self) -> Results {
         let tested = self.test.finish();
+        let mut decisions = self.log.map(DecisionLog::finish).unwrap_or_default();
+        decisions.extend(tested.decisions.iter());
         Results {
             metrics: tested.metrics(),
+            decisions,
             curve: self.curve.finish(),
             episodes: tested.episodes,
             actions: tested.actions,
@@ -183,6 +199,7 @@ impl Resumable for Training<'_> {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
         self.learner.iter().try_for_each(|learner| learner.save(out))?;
         self.curve.save(out)?;
+        self.log.iter().try_for_each(|log| log.save(out))?;
         self.test.save(out)?;
         match &self.actor {
             Some(actor) if self.test.has_begun() => actor.save(out),
@@ -193,6 +210,7 @@ impl Resumable for Training<'_> {
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.learner.iter_mut().try_for_each(|learner| learner.restore(from))?;
         self.curve.restore(from)?;
+        self.log.iter_mut().try_for_each(|log| log.restore(from))?;
         self.test.restore(from)?;
         if !self.test.has_begun() {
             return Ok(());

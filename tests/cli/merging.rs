@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-use jitai::Shard;
+use jitai::plan::Shard;
 use jitai::kill_point::VARIABLE;
 use jitai::plan::Job;
 use jitai::record::Outcome;
@@ -176,8 +176,8 @@ fn shards_beyond_the_jobs_are_empty_and_faulty_ones_are_refused() {
 #[test]
 fn shards_have_about_the_same_work() {
     let text = manifest("sweep", "[0.4, 0.6]", "100", Effort::Short);
-    let manifest = jitai::parse_manifest("sweep", text.as_bytes()).unwrap();
-    let works = || jitai::jobs(&manifest).map(|planned| (planned.job.key(), planned.job.work()));
+    let manifest = jitai::manifest::parse("sweep", text.as_bytes()).unwrap();
+    let works = || jitai::plan::jobs(&manifest).map(|planned| (planned.job.key(), planned.job.work()));
     let all: u64 = works().map(|(_, work)| work).sum();
     for number in 1..=13 {
         let keys = format!("{number}/13").parse::<Shard>().unwrap().keys(works());

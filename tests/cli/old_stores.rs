@@ -5,6 +5,8 @@
 use std::fs;
 use std::path::Path;
 
+use jitai::plan::implied_parameters;
+
 use crate::support::{Folder, assert_same_rows};
 
 const STORE: &str = "v1-0.1.0.sqlite";
@@ -49,6 +51,20 @@ fn stored(name: &str) -> Vec<u8> {
     fs::read(stores.join(name)).unwrap()
 }
 
+/// Every row of a folder's store, without those that later releases add: views, and parameters that the
+/// store's jobs do not mention.
+fn rows_of(folder: &Folder) -> Vec<String> {
+    let implied = implied_parameters();
+    let is_added = |row: &String| match row.split_once(": ") {
+        Some(("decision", _)) => true,
+        Some(("parameter", row)) => {
+            implied.iter().any(|parameter| row.contains(&format!("\"{}\"", parameter.name)))
+        }
+        _ => false,
+    };
+    folder.dump().into_iter().filter(|row| !is_added(row)).collect()
+}
+
 #[test]
 fn every_reading_command_works_on_an_old_store_and_leaves_it_as_it_is() {
     let folder = old_store();
@@ -71,7 +87,8 @@ fn every_reading_command_works_on_an_old_store_and_leaves_it_as_it_is() {
     assert_eq!(means.stdout, format!("job_key,mean_return\n{MEAN_RETURNS}"));
     folder.jitai(["doctor"]).succeeded().prints("is healthy: 7 completed runs");
 
-    folder.jitai(["export", "--out", "exported"]).succeeded();
+    let exported = folder.jitai(["export", "--out", "exported"]).succeeded();
+    exported.says("decision left out: the store is of an earlier version");
     assert_eq!(folder.read("exported/run_summary.csv").lines().count(), 1 + JOBS.len());
     folder.jitai(["report", METHODS, DIVERGING, "--out", "report"]).succeeded();
     assert!(folder.read("report/index.html").contains("Is everything that the first schema"));
@@ -91,7 +108,7 @@ fn the_jobs_of_an_old_store_still_have_the_same_results() {
     let (old, fresh) = (old_store(), old_store());
     fs::remove_file(fresh.path("jitai.sqlite")).unwrap();
     fresh.jitai(["run", METHODS, DIVERGING, "--quiet"]).ended(1);
-    assert_same_rows(&fresh.dump(), &old.dump());
+    assert_same_rows(&rows_of(&fresh), &rows_of(&old));
 }
 
 #[test]
@@ -99,18 +116,18 @@ fn an_old_store_is_salvaged_whole() {
     let folder = old_store();
     let saved = folder.jitai(["doctor", "--salvage", "new.sqlite"]).succeeded();
     saved.prints("2 experiments, 8 jobs, 7 completed runs, 1 run that failed");
-    let rows = folder.dump();
+    let rows = rows_of(&folder);
     fs::rename(folder.path("new.sqlite"), folder.path("jitai.sqlite")).unwrap();
-    assert_same_rows(&folder.dump(), &rows);
+    assert_same_rows(&rows_of(&folder), &rows);
     folder.jitai(["doctor"]).succeeded().prints("is healthy: 7 completed runs");
 }
 
 #[test]
 fn a_run_migrates_an_old_store_after_a_copy_and_runs_only_what_is_new() {
     let folder = old_store();
-    let rows = folder.dump();
+    let rows = rows_of(&folder);
     folder.jitai(["run", METHODS, DIVERGING]).ended(1).says("0 jobs run, 7 completed in all");
-    assert_same_rows(&folder.dump(), &rows);
+    assert_same_rows(&rows_of(&folder), &rows);
     assert_eq!(folder.runs(), 8);
     folder.jitai(["doctor"]).succeeded().prints("is healthy: 7 completed runs");
 
@@ -128,7 +145,7 @@ fn a_run_migrates_an_old_store_after_a_copy_and_runs_only_what_is_new() {
 #[test]
 fn a_migrated_store_without_its_header_is_salvaged() {
     let folder = old_store();
-    let rows = folder.dump();
+    let rows = rows_of(&folder);
     folder.jitai(["run", METHODS, DIVERGING]).ended(1);
     let mut bytes = fs::read(folder.path("jitai.sqlite")).unwrap();
     bytes[..4096].fill(0xa5);
@@ -139,5 +156,5 @@ fn a_migrated_store_without_its_header_is_salvaged() {
     let saved = folder.jitai(["doctor", "--salvage", "new.sqlite"]).succeeded();
     saved.prints("7 completed runs");
     fs::rename(folder.path("new.sqlite"), folder.path("jitai.sqlite")).unwrap();
-    assert_same_rows(&folder.dump(), &rows);
+    assert_same_rows(&rows_of(&folder), &rows);
 }

@@ -149,11 +149,18 @@ fn a_query_writes_nothing() {
 #[test]
 fn export_writes_every_view_with_its_columns_and_rows() {
     let folder = completed();
+    let recorded = manifest("recorded", "0.6", "1", Effort::Trivial);
+    let recorded = recorded.replace(
+        "[[agent]]\nname = \"dqn\"",
+        "evaluation.record_decisions = \"all\"\n[[agent]]\nname = \"dqn\"",
+    );
+    folder.write("recorded.toml", recorded);
+    folder.jitai(["run", "recorded.toml", "--quiet"]).succeeded();
     folder.jitai(["export", "--out", "results/csv"]).succeeded().says("run_summary.csv");
     folder.jitai(["export", "--out", "results/json", "--format", "json"]).succeeded();
     let store = folder.store();
     let views = views(&store);
-    assert_eq!(views.len(), 6);
+    assert_eq!(views.len(), 8);
     for view in &views {
         let columns = columns(&store, view);
         let count = folder.number(&format!("SELECT count(*) FROM {view}"));

@@ -83,7 +83,11 @@ fn killed_sweep_stores_the_same_rows(effort: Effort, mut within: Duration) {
     let mut moments = ChaCha8Rng::seed_from_u64(2);
     let (mut kills, mut seeds) = (0, 4);
     let mut met_a_job = false;
-    let sweep = |seeds: i64| manifest("sweep", "0.6", &seeds.to_string(), effort);
+    let sweep = |seeds: i64| {
+        let recorded = "evaluation.record_decisions = \"all\"\nevaluation.test_episodes";
+        let text = manifest("sweep", "0.6", &seeds.to_string(), effort);
+        text.replace("evaluation.test_episodes", recorded)
+    };
     killed.write("sweep.toml", sweep(seeds));
     while kills < KILLS || !met_a_job {
         let moment = within.mul_f64(f64::from(moments.next_u32()) / f64::from(u32::MAX));

@@ -25,7 +25,7 @@ pub fn jitai<'a>(folder: &Path, arguments: impl IntoIterator<Item = &'a str>) ->
 }
 
 /// A manifest of short jobs under a name that the documents use.
-fn manifest_of_short_jobs(name: &str, environment: &str) -> String {
+pub fn manifest_of_short_jobs(name: &str, environment: &str) -> String {
     format!(
         "format = 1
 name = \"{name}\"
@@ -91,6 +91,12 @@ pub fn fill_with_quickstart(folder: &Path) {
     run(folder, &["run", "quickstart.toml"], 0);
 }
 
+/// A manifest of the trial of docs/decisions.md, with few episodes.
+fn manifest_of_the_trial() -> String {
+    let shipped = fs::read_to_string("experiments/trial.toml").unwrap();
+    format!("{shipped}test_episodes = 200\n")
+}
+
 /// Makes `jitai.sqlite` in a folder, with the experiments that the documents ask about: two share
 /// jobs, one fails and is tried again.
 pub fn fill_store(folder: &Path) {
@@ -103,6 +109,7 @@ pub fn fill_store(folder: &Path) {
             0,
         ),
         ("reference", manifest_of_the_optimum(), 0),
+        ("trial", manifest_of_the_trial(), 0),
         ("too-fast", manifest_that_diverges(), 1),
     ];
     for (name, text, code) in manifests {

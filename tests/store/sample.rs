@@ -138,6 +138,7 @@ pub fn results() -> Results {
             TestEpisode { total_reward: 310.0, length: 7, disengaged: true },
         ],
         actions: vec![ActionCount { bin: 9, context: 0, action: 2, count: 17 }],
+        decisions: Vec::new(),
         weights: Some(vec![8, 0, 0, 0]),
     }
 }
@@ -185,6 +186,7 @@ pub fn realistic(job: &Job) -> Results {
         actions: (0..80)
             .map(|i: u8| ActionCount { bin: i / 8, context: i / 4 % 2, action: i % 4, count: 600 })
             .collect(),
+        decisions: Vec::new(),
         weights: Some((0..weights).map(|_| (256.0 * uniform()) as u8).collect()),
     }
 }

@@ -4,8 +4,8 @@ use crate::agent::actor::Actor;
 use crate::agent::burn::device::inference;
 use crate::agent::burn::{BurnDuelingDqn, DuelingQNetwork};
 use crate::agent::constraint::{
-    Assignment, CURVE_FITS, Constraint, EPISODES, HORIZON, LAYERS, ONE_HOT, batch_fits,
-    network_fits, replay_fits,
+    Assignment, CURVE_FITS, Constraint, DECISIONS_FIT, EPISODES, HORIZON, LAYERS, ONE_HOT,
+    batch_fits, network_fits, replay_fits,
 };
 use crate::agent::dueling_dqn::{DuelingDqn, DuelingDqnLearner};
 use crate::agent::fused::{FusedDuelingDqn, FusedDuelingNetwork};
@@ -71,6 +71,7 @@ impl AlgorithmParameters for DuelingDqn {
             },
         },
         CURVE_FITS,
+        DECISIONS_FIT,
     ];
 
     fn version(&self) -> u32 {

@@ -4,7 +4,8 @@ use crate::agent::actor::Actor;
 use crate::agent::burn::device::inference;
 use crate::agent::burn::{BurnReinforce, PolicyNetwork};
 use crate::agent::constraint::{
-    CURVE_FITS, Constraint, EPISODES, HORIZON, LAYERS, ONE_HOT, batch_fits, network_fits,
+    CURVE_FITS, Constraint, DECISIONS_FIT, EPISODES, HORIZON, LAYERS, ONE_HOT, batch_fits,
+    network_fits,
 };
 use crate::agent::fused::{FusedPolicyNetwork, FusedReinforce};
 use crate::agent::layers;
@@ -51,6 +52,7 @@ impl AlgorithmParameters for Reinforce {
             },
         },
         CURVE_FITS,
+        DECISIONS_FIT,
     ];
 
     fn version(&self) -> u32 {

@@ -1,7 +1,7 @@
 //! The registration of decision rules.
 
 use crate::agent::actor::Actor;
-use crate::agent::constraint::{Assignment, Constraint, HORIZON, Violation};
+use crate::agent::constraint::{Assignment, Constraint, HORIZON, TEST_DECISIONS_FIT, Violation};
 use crate::agent::learner::Actions;
 use crate::agent::rule::{DecisionRule, RuleParameters, RulePolicy};
 use crate::agent::weights::{Weights, WeightsError};
@@ -23,6 +23,7 @@ impl AlgorithmParameters for RuleParameters {
     const NAME: &'static str = "rule";
     const LEARNS: bool = false;
     const CONSTRAINTS: &'static [Constraint] = &[
+        TEST_DECISIONS_FIT,
         Constraint {
             parameters: &[Parameter::Scenario, RULE],
             violation: |assignment| {

@@ -3,6 +3,7 @@
 use super::Numbers;
 use super::axis::{Axis, AxisScale, Frame, round_range};
 use super::look::{Look, Looks, Marker, labels};
+use super::room::{free_height, spread_out};
 use super::{FAINT, INK, NOTE, TEXT, WIDTH, fitting, text};
 use crate::analyse::declared::ArmId;
 use crate::report::data_table::shown;
@@ -336,8 +337,8 @@ fn is_crowded(chart: &Chart) -> bool {
 }
 
 /// The labels of the lines at their ends, moved apart where they would overlap: beside the frame,
-/// with a hair to their line where they were moved far; above the end of a line that ends early. If
-/// many do, all stand beside the frame, each with a sample of its line.
+/// with a hair to their line where they were moved far; above or below the end of a line that ends
+/// early. If many do, all stand beside the frame, each with a sample of its line.
 fn end_labels(chart: &Chart, frame: &Frame) -> Vec<Mark> {
     let axes = (&chart.axes.0, &chart.axes.1);
     let right = frame.left + frame.width;
@@ -348,8 +349,7 @@ fn end_labels(chart: &Chart, frame: &Frame) -> Vec<Mark> {
         if let Some(last) = line.points.last() {
             let end = frame.place(axes, (last.x, last.y));
             match end.0 < right - 40.0 && !is_crowded {
-                // Above the end, not on it.
-                true => inside.push((series, end, end.1 - 12.0)),
+                true => inside.push((series, end, inside_height(chart, frame, series, end))),
                 false => ends.push((series, end, end.1)),
             }
         }
@@ -375,8 +375,7 @@ fn end_labels(chart: &Chart, frame: &Frame) -> Vec<Mark> {
     let mut marks: Vec<Mark> = inside
         .into_iter()
         .map(|(series, end, height)| {
-            let wide = width(&chart.lines[series].label, TEXT, Weight::SemiBold);
-            let left = (end.0 - wide).max(frame.left + 3.0);
+            let (left, _) = inside_label(&chart.lines[series], frame, end);
             label(series, (left, height + TEXT * 0.35), white)
         })
         .collect();
@@ -400,18 +399,23 @@ fn end_labels(chart: &Chart, frame: &Frame) -> Vec<Mark> {
     marks
 }
 
-/// Moves heights, which ascend, at least `gap` apart and between the limits.
-fn spread_out(ends: &mut [(usize, Point, f64)], gap: f64, (top, bottom): (f64, f64)) {
-    let mut least = top;
-    for end in ends.iter_mut() {
-        end.2 = end.2.max(least);
-        least = end.2 + gap;
-    }
-    let mut most = bottom;
-    for end in ends.iter_mut().rev() {
-        end.2 = end.2.min(most);
-        most = end.2 - gap;
-    }
+/// The left and right end of the label of a line that ends early, which stands before its end.
+fn inside_label(line: &Line, frame: &Frame, end: Point) -> (f64, f64) {
+    let wide = width(&line.label, TEXT, Weight::SemiBold);
+    let left = (end.0 - wide).max(frame.left + 3.0);
+    (left, left + wide)
+}
+
+/// The height at which the label of a line that ends early lies on no other line.
+fn inside_height(chart: &Chart, frame: &Frame, series: usize, end: Point) -> f64 {
+    let axes = (&chart.axes.0, &chart.axes.1);
+    let others = chart.lines.iter().enumerate().filter(|(other, _)| *other != series);
+    let place = |line: &Line| -> Vec<Point> {
+        line.points.iter().map(|point| frame.place(axes, (point.x, point.y))).collect()
+    };
+    let others: Vec<Vec<Point>> = others.map(|(_, line)| place(line)).collect();
+    let limits = (frame.top + TEXT / 2.0, frame.top + frame.height - TEXT / 2.0);
+    free_height(&others, inside_label(&chart.lines[series], frame, end), end.1, limits)
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@
 mod axis;
 mod chart;
 mod look;
+mod room;
 
 pub use axis::{Axis, AxisScale, round_range};
 pub use chart::{Chart, Line, Place, Spread, axes, draw, marker, optimum_lines};

@@ -90,6 +90,10 @@ fn header(
                 (state) " in " code { (store) }
                 ". Every mean is over trained policies (seeds), never over test episodes."
             }
+            p.note {
+                "The links to CSV, Markdown, LaTeX, SVG and PNG files open files in the folder of this \
+                 page. To pass them on, send the whole folder; everything else is in this one file."
+            }
             @if jobs.completed != jobs.total() {
                 p.warning { "This report is partial: " (state) "." }
             }

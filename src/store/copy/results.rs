@@ -8,6 +8,7 @@ use rusqlite::types::Value;
 use rusqlite::{CachedStatement, Connection};
 
 use crate::record::{CURVE_METRICS, METRICS};
+use crate::store::decision;
 use crate::store::digest::ResultsDigest;
 use crate::store::results::metric_id;
 
@@ -49,6 +50,9 @@ const ROWS: usize = 32;
 /// What a row counts for in a batch, in bytes.
 const BYTES_PER_ROW: usize = 32;
 
+/// What a number of a recorded decision counts for in a batch, in bytes.
+const BYTES_PER_NUMBER: usize = 8;
+
 /// The statements of a table.
 struct Statements {
     select: String,
@@ -84,6 +88,8 @@ impl Statements {
 /// The results of a run: of each of [`TABLES`] the values of its rows, one row after the other.
 pub(super) struct ResultRows {
     tables: Vec<Vec<Value>>,
+    /// Recorded decisions, whose rows name the run in a way of their own.
+    decisions: Vec<Value>,
     metrics: Arc<MetricNames>,
 }
 
@@ -96,7 +102,11 @@ impl ResultRows {
     ) -> Option<ResultRows> {
         let table = |statements: &Statements| read_values(from, &statements.select, run);
         let tables = STATEMENTS.iter().map(table).collect::<Option<_>>()?;
-        Some(ResultRows { tables, metrics: metrics.clone() })
+        let decisions = match decision::are_known(from).ok()? {
+            true => read_values(from, &decision::SELECT, run)?,
+            false => Vec::new(),
+        };
+        Some(ResultRows { tables, decisions, metrics: metrics.clone() })
     }
 
     /// The digest of these results of the job with this key, as [`crate::store::digest::of_run`]
@@ -116,6 +126,7 @@ impl ResultRows {
                 }
             }
         }
+        self.decisions.iter().for_each(|value| digest.add(value.into()));
         Some(digest.finish())
     }
 
@@ -140,11 +151,12 @@ impl ResultRows {
     pub(super) fn bytes(&self) -> usize {
         let rows = TABLES.iter().zip(&self.tables);
         let rows: usize = rows.map(|(table, values)| values.len() / table.columns.len()).sum();
+        let decisions = self.decisions.len() * BYTES_PER_NUMBER;
         let blobs = self.tables.iter().flatten().map(|value| match value {
             Value::Blob(bytes) => bytes.len(),
             Value::Null | Value::Integer(_) | Value::Real(_) | Value::Text(_) => 0,
         });
-        rows * BYTES_PER_ROW + blobs.sum::<usize>()
+        rows * BYTES_PER_ROW + decisions + blobs.sum::<usize>()
     }
 
     /// Inserts them as the results of run `own` of the target. `metrics` are the target's ids of the
@@ -170,7 +182,7 @@ impl ResultRows {
                 return Ok(Written::Refused);
             }
         }
-        Ok(Written::Yes)
+        written(decision::insert_copied(target, own, &self.decisions))
     }
 
     /// Makes `metrics` have the metric of every row.

@@ -6,7 +6,7 @@ use rusqlite::Connection;
 
 use crate::plan::Job;
 use crate::record::{
-    CURVE_METRICS, CurvePoint, Failure, FailureKind, Outcome, Results, TestEpisode,
+    CURVE_METRICS, CurvePoint, Decision, Failure, FailureKind, Outcome, Phase, Results, TestEpisode,
 };
 
 use crate::store::sample::{begin_session, claim, job, results};
@@ -77,6 +77,9 @@ impl Sample {
                 FROM evaluation_episode
             UNION ALL SELECT concat_ws('|', job_key, p_low, context, action, count)
                 FROM action_choice
+            UNION ALL SELECT concat_ws('|', job_key, phase, episode, step, context, probability,
+                    habituation, available, action, action_probability, reward)
+                FROM decision
             UNION ALL SELECT concat_ws('|', hex(safetensors), hex(results_sha256))
                 FROM run LEFT JOIN trained_weights ON run.id = run
             ORDER BY 1";
@@ -93,7 +96,28 @@ fn seed(seed: u64) -> Job {
 fn completed() -> Outcome {
     let point = |episode, metric| CurvePoint { episode, metric, value: 0.5 };
     let curve = CURVE_METRICS.iter().map(|(name, _)| point(10, *name)).collect();
-    Outcome::Completed(Results { curve, ..results() })
+    Outcome::Completed(Results { curve, decisions: decisions(), ..results() })
+}
+
+/// Of two phases, and more than a row of the table holds.
+fn decisions() -> Vec<Decision> {
+    let of = |phase| {
+        (0..13).map(move |step| Decision {
+            phase,
+            episode: 1,
+            step,
+            context: 1,
+            probability: 0.25,
+            likely_context: 1,
+            habituation: 0.1 * f64::from(step % 3),
+            disengagement: 0.1,
+            available: true,
+            action: 3,
+            action_probability: 0.5,
+            reward: f64::from(step),
+        })
+    };
+    of(Phase::Train).chain(of(Phase::Test)).collect()
 }
 
 /// Results of the same job that differ in one reward.

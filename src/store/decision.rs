@@ -1,0 +1,138 @@
+//! Recorded decisions as rows: how steps are named, written and copied.
+
+use std::sync::LazyLock;
+
+use rusqlite::types::{Null, Value};
+use rusqlite::{CachedStatement, Connection, Error};
+
+use crate::record::{Decision, Phase};
+
+/// Steps in a row.
+const STEPS: usize = 10;
+/// Bits of a step.
+const BITS: usize = 5;
+/// Numbers of a step.
+const NUMBERS: usize = 5;
+/// Columns of the table.
+const COLUMNS: usize = 3 + STEPS * NUMBERS;
+
+// Where the parts of a row id begin; those below the episode are the step.
+const RUN: u32 = 39;
+const PHASE: u32 = 38;
+const EPISODE: u32 = 14;
+/// The bits of a row id that do not name the run.
+const STEP_OF_RUN: i64 = (1 << RUN) - 1;
+
+static INSERT: LazyLock<String> = LazyLock::new(|| {
+    format!("INSERT INTO recorded_decision VALUES ({})", ["?"; COLUMNS].join(", "))
+});
+
+/// The rows of run `?1` in their order. The first column is the row id without the run.
+pub(super) static SELECT: LazyLock<String> = LazyLock::new(|| {
+    let numbers = ["probability", "habituation", "disengagement", "action_probability", "reward"];
+    let columns = (0..STEPS).flat_map(|step| numbers.map(|name| format!("{name}_{step}")));
+    format!(
+        "SELECT id & {STEP_OF_RUN}, steps, bits, {} FROM recorded_decision
+         WHERE id BETWEEN ?1 << {RUN} AND (?1 << {RUN}) + {STEP_OF_RUN} ORDER BY id",
+        columns.collect::<Vec<_>>().join(", ")
+    )
+});
+
+/// Whether the file has the table; a store of an earlier version lacks it.
+pub(super) fn are_known(connection: &Connection) -> rusqlite::Result<bool> {
+    connection
+        .prepare_cached(
+            "SELECT EXISTS (SELECT 1 FROM sqlite_schema WHERE name = 'recorded_decision')",
+        )?
+        .query_row([], |row| row.get(0))
+}
+
+/// Inserts the decisions of a run in progress, which are in the order of phase, episode and step.
+///
+/// **Errors**: a number is not finite, or an episode or step is larger than any key allows.
+pub(super) fn insert(
+    connection: &Connection,
+    run: i64,
+    decisions: &[Decision],
+) -> rusqlite::Result<()> {
+    let mut insert = connection.prepare_cached(&INSERT)?;
+    for episode in
+        decisions.chunk_by(|one, next| (one.phase, one.episode) == (next.phase, next.episode))
+    {
+        episode.chunks(STEPS).try_for_each(|steps| insert_steps(&mut insert, run, steps))?;
+    }
+    Ok(())
+}
+
+/// Inserts consecutive steps of an episode as one row.
+fn insert_steps(
+    insert: &mut CachedStatement<'_>,
+    run: i64,
+    steps: &[Decision],
+) -> rusqlite::Result<()> {
+    let mut bits = 0_i64;
+    for (place, decision) in steps.iter().enumerate() {
+        let step = decision.context
+            | decision.likely_context << 1
+            | u8::from(decision.available) << 2
+            | decision.action << 3;
+        bits |= i64::from(step) << (BITS * place);
+        let numbers = [
+            decision.probability,
+            decision.habituation,
+            decision.disengagement,
+            decision.action_probability,
+            decision.reward,
+        ];
+        if !numbers.iter().all(|number| number.is_finite()) {
+            let error = format!("a decision has a number that is not finite: {decision:?}");
+            return Err(Error::ToSqlConversionFailure(error.into()));
+        }
+        for (number, column) in numbers.into_iter().zip(4 + NUMBERS * place..) {
+            insert.raw_bind_parameter(column, number)?;
+        }
+    }
+    // The statement still has the values of the row before.
+    (4 + NUMBERS * steps.len()..=COLUMNS)
+        .try_for_each(|column| insert.raw_bind_parameter(column, Null))?;
+    insert.raw_bind_parameter(1, row_id(run, &steps[0])?)?;
+    insert.raw_bind_parameter(2, steps.len())?;
+    insert.raw_bind_parameter(3, bits)?;
+    insert.raw_execute()?;
+    Ok(())
+}
+
+/// The row id of steps that begin with this one.
+fn row_id(run: i64, first: &Decision) -> rusqlite::Result<i64> {
+    let Decision { phase, episode, step, .. } = *first;
+    if run >> (63 - RUN) != 0 || episode >> (PHASE - EPISODE) != 0 || step >> EPISODE != 0 {
+        return Err(Error::IntegralValueOutOfRange(0, episode.into()));
+    }
+    let phase = match phase {
+        Phase::Train => 0,
+        Phase::Test => 1,
+    };
+    Ok(run << RUN | phase << PHASE | i64::from(episode) << EPISODE | i64::from(step))
+}
+
+/// Inserts rows that [`SELECT`] read of a run of another store, one row after the other, as the
+/// decisions of run `own`.
+///
+/// **Errors**: the target does not take them.
+pub(super) fn insert_copied(
+    target: &Connection,
+    own: i64,
+    values: &[Value],
+) -> rusqlite::Result<()> {
+    let mut insert = target.prepare_cached(&INSERT)?;
+    for row in values.chunks(COLUMNS) {
+        for (column, value) in row.iter().enumerate() {
+            match (column, value) {
+                (0, Value::Integer(id)) => insert.raw_bind_parameter(1, id | own << RUN)?,
+                _ => insert.raw_bind_parameter(column + 1, value)?,
+            }
+        }
+        insert.raw_execute()?;
+    }
+    Ok(())
+}

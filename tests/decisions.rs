@@ -1,0 +1,235 @@
+//! Recorded decisions: what they say, and that recording them changes nothing else.
+
+use std::fs;
+
+use jitai::agent::{Agent, DecisionRule, DuelingDqn, Reinforce, RuleParameters};
+use jitai::env::Environment;
+use jitai::manifest::{self, Evaluation, RecordedDecisions};
+use jitai::plan::Job;
+use jitai::record::{Decision, Outcome, Phase, Provenance, Results};
+use jitai::store::{
+    Answer, Claimed, Experiment, Isolation, Reader, RetryFailed, Store, Value, examine,
+};
+use jitai::train::{self, Unwatched};
+
+fn job(agent: Agent, recorded: RecordedDecisions) -> Job {
+    Job {
+        environment: Environment::paper(0.6),
+        scenario: "P-H-D".parse().unwrap(),
+        agent,
+        evaluation: Evaluation {
+            test_episodes: 30,
+            curve_stride: 1,
+            record_decisions: recorded,
+            ..Evaluation::default()
+        },
+        seed: 3,
+    }
+}
+
+fn agents() -> [Agent; 4] {
+    let policy = Reinforce { episodes: 9, layers: vec![8], ..Reinforce::default() };
+    [
+        Agent::of(&DuelingDqn { episodes: 9, layers: vec![8], ..DuelingDqn::default() }),
+        Agent::of(&Reinforce { trajectories_per_update: 3, ..policy.clone() }),
+        Agent::of(&policy),
+        Agent::of(&RuleParameters::new(DecisionRule::Random)),
+    ]
+}
+
+fn results(job: &Job) -> Results {
+    match train::run(job, &Unwatched) {
+        Outcome::Completed(results) => results,
+        other => panic!("the job did not complete: {other:?}"),
+    }
+}
+
+/// The episodes of a phase, each with its steps.
+fn episodes(results: &Results, phase: Phase) -> Vec<Vec<Decision>> {
+    let of_phase: Vec<Decision> =
+        results.decisions.iter().filter(|decision| decision.phase == phase).copied().collect();
+    of_phase.chunk_by(|one, next| one.episode == next.episode).map(<[Decision]>::to_vec).collect()
+}
+
+#[test]
+fn recording_changes_no_other_result() {
+    for agent in agents() {
+        let learns = agent.episodes() > 0;
+        let none = results(&job(agent.clone(), RecordedDecisions::None));
+        assert!(none.decisions.is_empty());
+        let test = results(&job(agent.clone(), RecordedDecisions::Test));
+        let all = results(&job(agent, RecordedDecisions::All));
+        assert!(episodes(&test, Phase::Train).is_empty());
+        assert_eq!(episodes(&all, Phase::Train).is_empty(), !learns);
+        assert_eq!(episodes(&all, Phase::Test), episodes(&test, Phase::Test));
+        for recorded in [test, all] {
+            assert_eq!(Results { decisions: Vec::new(), ..recorded }, none);
+        }
+    }
+}
+
+#[test]
+fn decisions_are_the_steps_of_the_episodes_that_the_other_results_count() {
+    for agent in agents() {
+        let results = results(&job(agent, RecordedDecisions::All));
+        let tested = episodes(&results, Phase::Test);
+        assert_eq!(tested.len(), results.episodes.len());
+        for ((number, steps), episode) in (1..).zip(&tested).zip(&results.episodes) {
+            assert!(steps.iter().all(|step| step.episode == number));
+            assert!(steps.iter().map(|step| step.step).eq(0..episode.length));
+            assert_eq!(steps.iter().map(|step| step.reward).sum::<f64>(), episode.total_reward);
+        }
+        // With a stride of one the curve has the return of every training episode.
+        let returns = results.curve.iter().filter(|point| point.metric == "mean_return");
+        let recorded = episodes(&results, Phase::Train);
+        let totals = recorded.iter().map(|steps| steps.iter().map(|s| s.reward).sum::<f64>());
+        assert!(totals.eq(returns.map(|point| point.value)));
+        for count in &results.actions {
+            let is_counted = |step: &&Decision| {
+                let bin = ((step.probability * 10.0) as u8).min(9);
+                (bin, step.context, step.action) == (count.bin, count.context, count.action)
+            };
+            let found = tested.iter().flatten().filter(is_counted).count();
+            assert_eq!(found as u64, count.count);
+        }
+    }
+}
+
+#[test]
+fn a_decision_says_what_was_seen_before_the_step_and_what_it_paid() {
+    let agent = Agent::of(&RuleParameters::new(DecisionRule::Random));
+    let mut shown_zero = job(agent, RecordedDecisions::Test);
+    shown_zero.environment.horizon = 12;
+    let mut shown_one = shown_zero.clone();
+    shown_one.environment.observed_probability = 1;
+    let (zero, one) = (results(&shown_zero), results(&shown_one));
+    for (zero, one) in zero.decisions.iter().zip(&one.decisions) {
+        assert_eq!(one.probability, 1.0 - zero.probability);
+        assert_eq!(Decision { probability: zero.probability, ..*one }, *zero);
+    }
+    for steps in episodes(&zero, Phase::Test) {
+        let first = steps[0];
+        assert_eq!((first.habituation, first.disengagement), (0.1, 0.1));
+        for step in &steps {
+            assert_eq!((step.action_probability, step.available), (0.25, true));
+            assert_eq!(step.likely_context, u8::from(step.probability < 0.5));
+        }
+        for pair in steps.windows(2) {
+            let sends = pair[0].action > 0;
+            let rises = pair[1].habituation > pair[0].habituation;
+            assert_eq!(sends, rises, "{pair:?}");
+            let base = match pair[0].action {
+                1 => 50.0,
+                action if action == pair[0].context + 2 => 200.0,
+                _ => 0.0,
+            };
+            let reward = 0.1 + (1.0 - pair[1].habituation) * base;
+            assert!((pair[0].reward - reward).abs() < 1e-9, "{pair:?}");
+        }
+    }
+}
+
+#[test]
+fn training_decisions_have_the_probabilities_of_exploration() {
+    let dqn = DuelingDqn {
+        episodes: 9,
+        layers: vec![8],
+        epsilon_start: 0.4,
+        epsilon_decrement: 0.0,
+        ..DuelingDqn::default()
+    };
+    let results = results(&job(Agent::of(&dqn), RecordedDecisions::All));
+    let training = episodes(&results, Phase::Train).concat();
+    let share = |probability: f64| {
+        let close = |step: &&Decision| (step.action_probability - probability).abs() < 1e-12;
+        training.iter().filter(close).count() as f64 / training.len() as f64
+    };
+    // The best action, and each of the three others.
+    assert_eq!(share(0.7) + share(0.1), 1.0);
+    assert!((share(0.7) - 0.7).abs() < 0.1, "{}", share(0.7));
+}
+
+#[test]
+fn the_store_shows_every_decision_to_the_bit_and_counts_them_as_results() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("jitai.sqlite");
+    let job = job(agents()[1].clone(), RecordedDecisions::All);
+    let outcome = train::run(&job, &Unwatched);
+    let mut store = Store::open(&path).unwrap();
+    let experiment = Experiment { name: "e", question: None, hypothesis: None, manifest: "" };
+    store.register(&experiment, [("a", &job)]).unwrap();
+    let [code_version, git_revision, backend, host, processor] = [(); 5].map(|()| String::new());
+    let provenance = Provenance { code_version, git_revision, backend, host, processor };
+    let session = store.begin_session(&provenance).unwrap();
+    let claimed = store.claim(session, &job.key(), RetryFailed::No, Isolation::Shared).unwrap();
+    let Claimed::Claimed(claim) = claimed else { panic!("{claimed:?}") };
+    store.finish(&claim, &outcome, 1.0).unwrap();
+    store.end_session(session).unwrap();
+    drop(store);
+
+    let reader = Reader::open(&path).unwrap();
+    let mut stored = Vec::new();
+    let sql = "SELECT phase = 'test', episode, step, context, probability, likely_context,
+            habituation, disengagement, available, action, action_probability, reward
+        FROM decision ORDER BY phase = 'test', episode, step";
+    let number = |value: &Value<'_>| match value {
+        Value::Integer(number) => *number as f64,
+        Value::Real(number) => *number,
+        other => panic!("{other:?}"),
+    };
+    let hear = |answer: Answer<'_>| {
+        if let Answer::Row(row) = answer {
+            stored.push(row.iter().map(number).collect::<Vec<f64>>());
+        }
+        std::ops::ControlFlow::Continue(())
+    };
+    reader.query(sql, hear).unwrap();
+    let Outcome::Completed(results) = outcome else { unreachable!() };
+    let expected = results.decisions.iter().map(|d| {
+        vec![
+            f64::from(u8::from(d.phase == Phase::Test)),
+            f64::from(d.episode),
+            f64::from(d.step),
+            f64::from(d.context),
+            d.probability,
+            f64::from(d.likely_context),
+            d.habituation,
+            d.disengagement,
+            f64::from(u8::from(d.available)),
+            f64::from(d.action),
+            d.action_probability,
+            d.reward,
+        ]
+    });
+    assert!(expected.eq(stored));
+    drop(reader);
+    let examined = examine(&path, &|_, _| Ok(())).unwrap();
+    assert_eq!((examined.findings, examined.intact), (Vec::new(), 1));
+
+    // One bit of one of them is noticed.
+    let bytes = fs::read(&path).unwrap();
+    let drawn = results.decisions.iter().find(|decision| decision.step == 3).unwrap();
+    let pattern = drawn.probability.to_be_bytes();
+    let at = bytes.windows(8).position(|window| window == pattern).unwrap();
+    let mut changed = bytes;
+    changed[at + 7] ^= 1;
+    fs::write(&path, changed).unwrap();
+    let examined = examine(&path, &|_, _| Ok(())).unwrap();
+    assert_eq!(examined.intact, 0);
+}
+
+#[test]
+fn a_record_that_would_be_too_large_is_a_fault_of_the_manifest() {
+    let check = |recorded: &str| {
+        let text = format!(
+            "format = 1\nname = 'e'\nscenarios = ['P-H-D']\nseeds = 1\n\
+             environment.sigma = 0.4\nenvironment.horizon = 500\n\
+             evaluation.record_decisions = '{recorded}'\n\
+             [[agent]]\nname = 'a'\nalgorithm = 'reinforce'\n"
+        );
+        manifest::parse("e.toml", text.as_bytes())
+    };
+    assert!(check("none").is_ok() && check("test").is_ok());
+    let error = check("all").unwrap_err().to_string();
+    assert!(error.contains("the record of decisions can have 8000000 steps"), "{error}");
+}
