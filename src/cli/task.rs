@@ -14,7 +14,7 @@ pub(super) struct Arguments {
     /// Number of the chunk
     #[arg(long)]
     chunk: u32,
-    /// The cluster's name for this attempt, which no other has
+    /// The cluster's name for this attempt
     #[arg(long)]
     attempt: String,
     /// A folder on a disk of this node

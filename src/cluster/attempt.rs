@@ -9,7 +9,7 @@ use super::clock::now;
 pub struct Attempt {
     /// The chunk.
     pub chunk: u32,
-    /// The engine's name for the attempt, which no other has.
+    /// A name that no other attempt has: the engine's, and eight digits.
     pub attempt: String,
     /// The node.
     pub host: String,

@@ -9,8 +9,8 @@
 //!     script.sh                what the engine was given
 //!     array                    the engine's name for the array, once it is known
 //!     logs/0.log ...           output of each task, all its attempts
-//!     attempts/0.17.0.json ... what each attempt says of itself
-//!     parts/0.17.0-1.sqlite    sealed stores; beside each, the list of its jobs (.jobs)
+//!     attempts/0.17.0-1a2b3c4d.json ... what each attempt says of itself
+//!     parts/0.17.0-1a2b3c4d-1.sqlite    sealed stores; beside each, the list of its jobs (.jobs)
 //!     checkpoints/             of jobs that were stopped
 //!     cancelled or abandoned   its tasks are not to run
 //! ```

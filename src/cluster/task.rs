@@ -44,7 +44,7 @@ pub struct Assignment<'a> {
     pub submission: &'a Submission,
     /// The chunk.
     pub chunk: u32,
-    /// The engine's name for this attempt.
+    /// The engine's name for this attempt; two attempts may share it.
     pub attempt: &'a str,
     /// A node-local folder.
     pub scratch: &'a Path,
@@ -81,7 +81,9 @@ pub fn run_chunk(task: Assignment<'_>, out: &mut dyn Write) -> Result<TaskEnd, C
     }
     let host = store::host_name();
     let cpus = submission.intent.cpus_per_task;
-    let attempt = Attempt::begin(chunk, attempt.to_owned(), host, cpus);
+    // A controller that was killed may start a task again under the same name, while it runs.
+    let attempt = format!("{attempt}-{:08x}", random() as u32);
+    let attempt = Attempt::begin(chunk, attempt, host, cpus);
     say(out, &format!("attempt {} at chunk {chunk} on {}", attempt.attempt, attempt.host));
     let mut run = Run { task, attempt, said_at: Instant::now(), out };
     run.record();

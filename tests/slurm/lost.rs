@@ -11,7 +11,7 @@ use crate::support::{Effort, manifest};
 const ONE_CHUNK: &str = "chunk_minutes = 1000\nhand_in_minutes = 0.1";
 
 fn six_jobs() -> String {
-    manifest("lost", "0.6", "3", Effort::Long)
+    manifest("lost", "0.6", "3", Effort::Long).replace("episodes = 4000\n", "episodes = 1000\n")
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use crate::cluster::{Lab, until};
 use crate::support::{Effort, manifest};
 
-/// Two jobs of which each takes longer than the cluster lets a task run.
+/// Two jobs, of which one trains so many episodes: some 500 a second.
 fn long_jobs(episodes: u32) -> String {
     manifest("stopped", "0.6", "1", Effort::Long)
         .replace("episodes = 4000\n", &format!("episodes = {episodes}\n"))
@@ -13,7 +13,7 @@ fn long_jobs(episodes: u32) -> String {
 fn the_time_limit_reached() {
     // The signal comes between five and about forty seconds after the start.
     let profile = "chunk_minutes = 1000\ntime_limit = 1\nsignal = \"B:TERM@55\"";
-    let Some(lab) = Lab::with(&long_jobs(60_000), profile) else { return };
+    let Some(lab) = Lab::with(&long_jobs(12_000), profile) else { return };
     lab.submit(&["--wait"]).succeeded();
     let attempts = lab.attempts();
     assert!(attempts.len() > 1, "{attempts:#?}");
@@ -25,7 +25,7 @@ fn the_time_limit_reached() {
 
 #[test]
 fn preempted_by_scontrol_requeue() {
-    let Some(lab) = Lab::with(&long_jobs(20_000), "chunk_minutes = 1000") else { return };
+    let Some(lab) = Lab::with(&long_jobs(3_000), "chunk_minutes = 1000") else { return };
     lab.submit(&[]).succeeded();
     lab.until_running();
     let array = std::fs::read_to_string(lab.submission().join("array")).unwrap();
@@ -43,7 +43,7 @@ fn preempted_by_scontrol_requeue() {
 
 #[test]
 fn cancelled_and_submitted_again() {
-    let Some(lab) = Lab::with(&long_jobs(20_000), "chunk_minutes = 1000") else { return };
+    let Some(lab) = Lab::with(&long_jobs(3_000), "chunk_minutes = 1000") else { return };
     lab.submit(&[]).succeeded();
     lab.until_running();
     lab.jitai(&["cancel"]).succeeded().prints("cancelled ");

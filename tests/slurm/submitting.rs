@@ -8,7 +8,7 @@ use crate::cluster::{Lab, until};
 use crate::support::{Effort, manifest};
 
 fn jobs(seeds: &str, effort: Effort) -> String {
-    manifest("submitted", "0.6", seeds, effort)
+    manifest("submitted", "0.6", seeds, effort).replace("episodes = 4000\n", "episodes = 1000\n")
 }
 
 #[test]
