@@ -10,7 +10,7 @@ use jitai::record::{Decision, Outcome, Phase, Provenance, Results};
 use jitai::store::{
     Answer, Claimed, Experiment, Isolation, Reader, RetryFailed, Store, Value, examine,
 };
-use jitai::train::{self, Unwatched};
+use jitai::train::{self, Uncontrolled};
 
 fn job(agent: Agent, recorded: RecordedDecisions) -> Job {
     Job {
@@ -38,7 +38,7 @@ fn agents() -> [Agent; 4] {
 }
 
 fn results(job: &Job) -> Results {
-    match train::run(job, &Unwatched) {
+    match train::run(job, &Uncontrolled) {
         Outcome::Completed(results) => results,
         other => panic!("the job did not complete: {other:?}"),
     }
@@ -154,7 +154,7 @@ fn the_store_shows_every_decision_to_the_bit_and_counts_them_as_results() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("jitai.sqlite");
     let job = job(agents()[1].clone(), RecordedDecisions::All);
-    let outcome = train::run(&job, &Unwatched);
+    let outcome = train::run(&job, &Uncontrolled);
     let mut store = Store::open(&path).unwrap();
     let experiment = Experiment { name: "e", question: None, hypothesis: None, manifest: "" };
     store.register(&experiment, [("a", &job)]).unwrap();
