@@ -220,7 +220,7 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> DuelingDqnLearner<E, Env> {
         }
     }
 
-    /// Takes one step in the running episode and remembers it; returns the reward.
+    /// Takes one step in the running episode and remembers it; returns what counts in the return.
     fn act(&mut self) -> Result<f64, OutOfMemory> {
         let action = explore(self.epsilon, &mut self.exploration_stream).unwrap_or_else(|| {
             self.engine.values(&self.observation, &mut self.workspace.values);
@@ -233,7 +233,7 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> DuelingDqnLearner<E, Env> {
         self.environment.observe(&mut self.next_observation);
         self.replay.push(&self.observation, transition, &self.next_observation)?;
         mem::swap(&mut self.observation, &mut self.next_observation);
-        Ok(reward[0])
+        Ok(self.environment.outcomes(&reward)[0])
     }
 
     /// Begins an episode.

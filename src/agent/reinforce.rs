@@ -232,7 +232,8 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
             }
             let paid = &mut rewards[start..];
             self.environment.step(actions, paid, &mut self.environment_streams);
-            totals.iter_mut().zip(paid).for_each(|(total, reward)| *total += *reward);
+            let outcomes = self.environment.outcomes(paid);
+            totals.iter_mut().zip(outcomes).for_each(|(total, outcome)| *total += *outcome);
         }
         Ok(Span::Whole)
     }

@@ -277,6 +277,19 @@ impl AnalysisKind {
         }
     }
 
+    /// Whether it shows the rate at which the most likely context is wrong.
+    pub(super) fn shows_inference_error(&self) -> bool {
+        match self {
+            AnalysisKind::InferenceError => true,
+            AnalysisKind::Curve { axis } => *axis == CurveAxis::ContextInferenceError,
+            AnalysisKind::Contrast(_)
+            | AnalysisKind::LearningCurve { .. }
+            | AnalysisKind::HeatMap { .. }
+            | AnalysisKind::ActionChoice { .. }
+            | AnalysisKind::Selection { .. } => false,
+        }
+    }
+
     /// The keys of the kind with their values, as a manifest writes them; not the metric.
     pub(super) fn written(&self) -> Vec<(&'static str, String)> {
         let mut written = self.sides().map_or_else(Vec::new, Sides::written);

@@ -23,6 +23,7 @@ mod evaluation;
 mod fault;
 mod grid;
 mod load;
+mod noise;
 mod parameter;
 mod presence;
 mod preset;

@@ -27,7 +27,7 @@ pub fn assemble(
     mut watch: impl FnMut(Work, usize, usize),
 ) -> Result<Vec<ReportedExperiment>, StoreError> {
     let experiment = |(manifest, published): &(Manifest, Option<Published>)| {
-        let data = data_set(reader, manifest, &mut watch)?;
+        let (data, unknown_optima) = data_set(reader, manifest, &mut watch)?;
         let queries: Vec<DataQuery> =
             manifest.analyses.iter().map(|analysis| query(manifest, &data, analysis)).collect();
         let concerned = queries.iter().map(|query| -> Vec<&JobRecord> {
@@ -43,18 +43,20 @@ pub fn assemble(
             findings: findings.into_iter().zip(queries.iter().map(DataQuery::sql)).collect(),
             reproduction: published.as_ref().map(|published| reproduce(published, &data.jobs)),
             arms: summarise_arms(&data.jobs),
+            unknown_optima,
             jobs: data.jobs,
         })
     };
     manifests.iter().map(experiment).collect()
 }
 
-/// The jobs of a manifest with what the store knows of them, and the optimum of completed ones.
+/// The jobs of a manifest with what the store knows of them and the optimum of completed ones, and why some
+/// optima are not known.
 fn data_set(
     reader: &Reader,
     manifest: &Manifest,
     mut watch: impl FnMut(Work, usize, usize),
-) -> Result<DataSet, StoreError> {
+) -> Result<(DataSet, Vec<String>), StoreError> {
     let reads = |part| manifest.analyses.iter().any(|analysis| analysis.part() == part);
     let parts = Parts {
         curve: reads(DataPart::LearningCurve),
@@ -68,13 +70,15 @@ fn data_set(
         watch(Work::Jobs, read, planned.len());
     })?;
     let completed = data.jobs.iter().zip(&planned).filter(|(job, _)| job.completed().is_some());
-    let optima = optima::of_jobs(completed.map(|(_, planned)| &planned.job), |done, of| {
+    let completed = completed.map(|(_, planned)| &planned.job);
+    let unknown = optima::unknown(completed.clone());
+    let optima = optima::of_jobs(completed, |done, of| {
         watch(Work::Optima, done, of);
     });
     for (job, planned) in data.jobs.iter_mut().zip(&planned) {
         job.optimum = optima.get(&optima::place_of(&planned.job)).copied();
     }
-    Ok(data)
+    Ok((data, unknown))
 }
 
 /// The query that reads the data of an analysis: what the analysis and its sides ask for, of what

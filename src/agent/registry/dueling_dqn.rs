@@ -50,21 +50,21 @@ impl AlgorithmParameters for DuelingDqn {
             },
         },
         Constraint {
-            parameters: &[LAYERS, TRUNK, HORIZON, ONE_HOT],
+            parameters: &[Parameter::Scenario, LAYERS, TRUNK, HORIZON, ONE_HOT],
             violation: |chosen| network_fits(chosen.network_parameters(stacks(chosen), 5)),
         },
         Constraint {
-            parameters: &[BATCH, LAYERS, TRUNK, HORIZON, ONE_HOT],
+            parameters: &[Parameter::Scenario, BATCH, LAYERS, TRUNK, HORIZON, ONE_HOT],
             violation: |chosen| {
                 let each = stacks(chosen) * chosen.row_numbers();
                 batch_fits(chosen.whole(BATCH).saturating_mul(each))
             },
         },
         Constraint {
-            parameters: &[BUFFER, EPISODES, HORIZON, ONE_HOT],
+            parameters: &[Parameter::Scenario, BUFFER, EPISODES, HORIZON, ONE_HOT],
             violation: |chosen| {
                 let steps = chosen.whole(EPISODES).saturating_mul(chosen.whole(HORIZON));
-                replay_fits(chosen.whole(BUFFER).min(steps))
+                replay_fits(chosen, chosen.whole(BUFFER).min(steps))
             },
         },
         CURVE_FITS,

@@ -35,11 +35,11 @@ impl AlgorithmParameters for Reinforce {
             },
         },
         Constraint {
-            parameters: &[LAYERS, HORIZON, ONE_HOT],
+            parameters: &[Parameter::Scenario, LAYERS, HORIZON, ONE_HOT],
             violation: |chosen| network_fits(chosen.network_parameters(1, 4)),
         },
         Constraint {
-            parameters: &[TRAJECTORIES_PER_UPDATE, LAYERS, HORIZON, ONE_HOT],
+            parameters: &[Parameter::Scenario, TRAJECTORIES_PER_UPDATE, LAYERS, HORIZON, ONE_HOT],
             violation: |chosen| {
                 let each = chosen.whole(TRAJECTORIES_PER_UPDATE);
                 let rows = each.saturating_mul(chosen.whole(HORIZON));

@@ -5,12 +5,35 @@ use crate::agent::constraint::{Chosen, Constraint, HORIZON, Violation};
 use crate::agent::learner::Actions;
 use crate::agent::rule::{DecisionRule, RuleParameters, RulePolicy};
 use crate::agent::weights::{Weights, WeightsError};
-use crate::key::Parameter;
-use crate::optimum::LONGEST_OPTIMUM;
+use crate::env::Environment;
+use crate::key::{Key, Keyed, Parameter, Value};
+use crate::optimum::{LONGEST_OPTIMUM, NoOptimum, check};
 
 use super::algorithm::{AlgorithmParameters, Setting, Start, StartError};
 
 const RULE: Parameter = Parameter::Agent("rule");
+
+/// Keys of the environment.
+const KEYS: &[Key] = Environment::KEYS;
+
+/// The rule, and every key of the environment in their order.
+const RULE_AND_ENVIRONMENT: [Parameter; KEYS.len() + 1] = {
+    let mut all = [RULE; KEYS.len() + 1];
+    let mut place = 0;
+    while place < KEYS.len() {
+        all[place + 1] = Parameter::Environment(KEYS[place].name);
+        place += 1;
+    }
+    all
+};
+
+/// The environment of the values of [`RULE_AND_ENVIRONMENT`].
+fn environment(chosen: &Chosen) -> Option<Environment> {
+    let is_of_environment = |key: &Parameter| matches!(key, Parameter::Environment(_));
+    let of_environment = chosen.keys.iter().filter(|(key, _)| is_of_environment(key));
+    let values: Vec<Value> = of_environment.map(|(_, value)| (*value).clone()).collect();
+    Environment::from_values(&values)
+}
 
 fn is_optimal(chosen: &Chosen) -> bool {
     chosen.is_word(RULE, DecisionRule::Optimal.word())
@@ -43,6 +66,18 @@ impl AlgorithmParameters for RuleParameters {
                 let (what, unit) = ("rule = \"optimal\" plans for a horizon of", "steps");
                 let violated = is_optimal(chosen) && size > most;
                 violated.then_some(Violation::TooLarge { what, unit, size, most })
+            },
+        },
+        Constraint {
+            parameters: &RULE_AND_ENVIRONMENT,
+            violation: |chosen| {
+                let not_known = |error: &NoOptimum| matches!(error, NoOptimum::NotKnown { .. });
+                let environment = environment(chosen).filter(|_| is_optimal(chosen))?;
+                let error = check(&environment, chosen.scenario).err().filter(not_known)?;
+                Some(Violation::Impossible {
+                    says: format!("rule = \"optimal\" is not possible: {error}"),
+                    help: "take another rule, or leave such cells out with [[exclude]]".to_owned(),
+                })
             },
         },
     ];
