@@ -2,7 +2,10 @@
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
-use jitai::env::{Action, Environment, LaneSet, LaneStreams, PhysicalActivity, VectorEnvironment};
+use jitai::env::{
+    Action, Environment, EpisodeStatus, LaneSet, LaneStreams, PhysicalActivity, StateNoise,
+    StepNoise, VectorEnvironment,
+};
 use jitai::kernel::{Adam, Aligned, Isa, Product, Shallow, ShallowGradient, Start, dot};
 use jitai::rng::{Purpose, Stream};
 
@@ -105,5 +108,45 @@ fn simulation_step(bencher: Bencher<'_, '_>, lanes: usize) {
     let (actions, mut rewards) = (vec![Action::UNTAILORED; lanes], vec![0.0; lanes]);
     bencher.counter(ItemsCount::new(lanes)).bench_local(|| {
         simulation.step(&actions, &mut rewards, &mut streams);
+    });
+}
+
+/// Versions of the dynamics.
+fn version(name: &str) -> Environment {
+    let paper = Environment::paper(0.6);
+    match name {
+        "uniform" => Environment { state_noise: StateNoise::Uniform, state_spread: 0.2, ..paper },
+        "uniform, gamma" => {
+            Environment { step_noise: StepNoise::Gamma, sigma_s: 10.0, ..version("uniform") }
+        }
+        "beta, gamma" => Environment {
+            state_noise: StateNoise::Beta,
+            kappa_h: 10.0,
+            kappa_d: 10.0,
+            step_noise: StepNoise::Gamma,
+            sigma_s: 10.0,
+            ..paper
+        },
+        _ => paper,
+    }
+}
+
+/// Steps of whole episodes with every action, 1024 lanes, lanes that have ended reset; counted in lanes.
+#[divan::bench(args = ["none", "uniform", "uniform, gamma", "beta, gamma"])]
+fn noisy_step(bencher: Bencher<'_, '_>, name: &str) {
+    const LANES: usize = 1024;
+    let mut streams = LaneStreams::Shared(Stream::new(1, Purpose::Environment));
+    let scenario = "P-H-D".parse().unwrap();
+    let mut simulation = PhysicalActivity::new(&version(name), &scenario, LANES);
+    simulation.reset(LaneSet::All, &mut streams);
+    let mut choices = Stream::new(1, Purpose::Exploration);
+    let actions: Vec<Action> = (0..LANES).map(|_| Action::from_low_bits(choices.bits())).collect();
+    let (mut rewards, mut ended) = (vec![0.0; LANES], vec![false; LANES]);
+    bencher.counter(ItemsCount::new(LANES)).bench_local(|| {
+        simulation.step(&actions, &mut rewards, &mut streams);
+        for (ended, status) in ended.iter_mut().zip(simulation.statuses()) {
+            *ended = *status != EpisodeStatus::Running;
+        }
+        simulation.reset(LaneSet::Masked(&ended), &mut streams);
     });
 }

@@ -32,6 +32,36 @@ pub enum Purpose {
     Optimum = 8,
 }
 
+/// Words beside those of a stream: for each word of it, a fixed number that is independent of it.
+///
+/// What is drawn from one companion moves nothing in the stream or in another companion, and the place
+/// in a companion follows from the place in the stream.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u64)]
+pub enum Companion {
+    /// The next context, where contexts persist or are not equally likely.
+    Context = 1,
+    /// Whether a message can be sent.
+    Availability = 2,
+    /// Noise of habituation and disengagement risk.
+    StateNoise = 3,
+    /// Noise of the steps walked.
+    StepNoise = 4,
+    /// Noise of the parameters of habituation and disengagement risk.
+    ParameterNoise = 5,
+}
+
+impl Companion {
+    /// Words for each word of the stream.
+    pub const fn width(self) -> usize {
+        match self {
+            Companion::Context | Companion::Availability | Companion::StepNoise => 1,
+            Companion::StateNoise => 2,
+            Companion::ParameterNoise => 4,
+        }
+    }
+}
+
 /// A stream of random numbers (ChaCha with 8 rounds).
 #[derive(Clone, Debug)]
 pub struct Stream(ChaCha8Rng);
@@ -52,6 +82,16 @@ impl Stream {
     /// Goes to where `position` calls of [`Stream::bits`] lead from the start.
     pub fn go_to(&mut self, position: u64) {
         self.0.set_word_pos(u128::from(position) * 2);
+    }
+
+    /// A companion at the words that belong to the next word of this stream.
+    pub fn companion(&self, companion: Companion) -> Stream {
+        let mut generator = ChaCha8Rng::from_seed(self.0.get_seed());
+        // Purposes are small numbers, so that no companion is the stream of a purpose.
+        generator.set_stream(self.0.get_stream() | (companion as u64) << 32);
+        let mut stream = Stream(generator);
+        stream.go_to(self.position().wrapping_mul(companion.width() as u64));
+        stream
     }
 
     /// 64 random bits.
@@ -120,6 +160,7 @@ mod tests {
     // What `rand_chacha` 0.10.0 gave when these streams were first used.
     const STREAM_1_ENVIRONMENT: u64 = 15715005604373573095;
     const STREAM_1_TEST_ACTIONS: u64 = 9345421689931614251;
+    const STATE_NOISE_1_ENVIRONMENT: u64 = 0;
     const STREAM_MAX_REPLAY: u64 = 10223169959992702069;
 
     #[test]
@@ -136,6 +177,32 @@ mod tests {
         }
         stream.go_to(u64::MAX);
         assert_eq!(stream.position(), u64::MAX);
+    }
+
+    #[test]
+    fn companions_stand_beside_the_words_of_their_stream() {
+        let all = [
+            Companion::Context,
+            Companion::Availability,
+            Companion::StateNoise,
+            Companion::StepNoise,
+            Companion::ParameterNoise,
+        ];
+        let mut firsts = vec![STREAM_1_ENVIRONMENT];
+        for companion in all {
+            let mut stream = Stream::new(1, Purpose::Environment);
+            let mut together = stream.companion(companion);
+            for _ in 0..100 {
+                let mut beside = stream.companion(companion);
+                (0..companion.width()).for_each(|_| assert_eq!(beside.bits(), together.bits()));
+                stream.bits();
+            }
+            firsts.push(Stream::new(1, Purpose::Environment).companion(companion).bits());
+            firsts.push(Stream::new(1, Purpose::TestEnvironment).companion(companion).bits());
+        }
+        let distinct: std::collections::HashSet<u64> = firsts.iter().copied().collect();
+        assert_eq!(distinct.len(), firsts.len());
+        assert_eq!(firsts[5], STATE_NOISE_1_ENVIRONMENT);
     }
 
     #[test]

@@ -6,7 +6,7 @@ use std::io::{Cursor, Write};
 use std::time::Duration;
 
 use jitai::agent::{Activation, Agent, DuelingDqn, Engine, Reinforce, TerminalTarget, Trunk};
-use jitai::env::{Environment, FirstContext, TimeIndicator};
+use jitai::env::{Environment, FirstContext, StateNoise, StepNoise, TimeIndicator};
 use jitai::manifest::{Evaluation, RecordedDecisions};
 use jitai::plan::Job;
 use jitai::record::{Outcome, Results};
@@ -147,6 +147,29 @@ fn reinforce(engine: Engine, trajectories_per_update: u32) -> Reinforce {
     }
 }
 
+/// Jobs with noise, and with all that lanes remember.
+fn beyond_the_paper(agent: &Agent) -> [(&'static str, Job); 2] {
+    let uniform = job(agent.clone(), |environment| {
+        environment.state_noise = StateNoise::Uniform;
+        environment.state_spread = 0.5;
+        environment.parameter_spread = 0.5;
+        environment.context_persistence = 0.5;
+        environment.unpaid_last_step = true;
+    });
+    let mut beta = job(agent.clone(), |environment| {
+        environment.state_noise = StateNoise::Beta;
+        (environment.kappa_h, environment.kappa_d) = (10.0, 10.0);
+        environment.step_noise = StepNoise::Gamma;
+        environment.sigma_s = 10.0;
+        environment.context_probability = 0.3;
+        environment.availability = 0.7;
+        environment.message_cost = 5.0;
+        environment.message_budget = 3;
+    });
+    beta.scenario = "P-M-S-A-B-D-H".parse().unwrap();
+    [("uniform", uniform), ("beta", beta)]
+}
+
 /// Short jobs of every kind of state that there is.
 fn small_jobs() -> Vec<(String, Job)> {
     let mut jobs = Vec::new();
@@ -164,12 +187,15 @@ fn small_jobs() -> Vec<(String, Job)> {
             [("shared", shared), ("separate", separate), ("one", one), ("three", three)]
         {
             jobs.push((format!("{name} {engine:?}"), job(agent.clone(), |_| {})));
-            let with_clock = job(agent, |environment| {
+            let with_clock = job(agent.clone(), |environment| {
                 environment.time_one_hot = true;
                 environment.time_indicator = TimeIndicator::Exact;
                 environment.first_context = FirstContext::Sampled;
             });
             jobs.push((format!("{name} {engine:?} with one-hot"), with_clock));
+            for (version, beyond) in beyond_the_paper(&agent) {
+                jobs.push((format!("{name} {engine:?} {version}"), beyond));
+            }
         }
     }
     jobs

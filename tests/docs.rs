@@ -6,6 +6,8 @@ use std::fs;
 use std::ops::ControlFlow;
 use std::path::Path;
 
+use jitai::env::{Environment, Feature};
+use jitai::key::Keyed;
 use jitai::manifest;
 use jitai::store::{Answer, Reader};
 
@@ -14,10 +16,11 @@ mod examples;
 
 use examples::{cell, fill_store, jitai, run};
 
-const DOCUMENTS: [&str; 12] = [
+const DOCUMENTS: [&str; 14] = [
     "README.md",
     "CONTRIBUTING.md",
     "docs/architecture.md",
+    "docs/environment.md",
     "docs/manifest.md",
     "docs/store.md",
     "docs/analysis.md",
@@ -389,6 +392,22 @@ fn the_table_of_commands_names_every_option() {
             let name = option.split_whitespace().next().unwrap();
             assert!(help.contains(name), "`jitai {verb}` has no {name}");
         }
+    }
+}
+
+#[test]
+fn the_page_of_the_environment_has_every_key_and_every_letter() {
+    let page = read("docs/environment.md");
+    let rows: Vec<&str> = page.lines().filter(|line| line.starts_with("| `")).collect();
+    let is_explained = |name: &str| {
+        let name = format!("`{name}`");
+        rows.iter().any(|row| row.split('|').nth(1).is_some_and(|cell| cell.contains(&name)))
+    };
+    for key in Environment::KEYS {
+        assert!(is_explained(key.name), "{}", key.name);
+    }
+    for feature in Feature::ALL {
+        assert!(is_explained(&feature.letter().to_string()), "{feature:?}");
     }
 }
 

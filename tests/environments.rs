@@ -8,8 +8,9 @@ use std::rc::Rc;
 use jitai::agent::{self, Actions, Actor, DuelingDqn, Reinforce, StartError, TerminalTarget};
 use jitai::env::contract::{Clause, check};
 use jitai::env::{
-    Action, ActionSpec, Environment, EpisodeStatus, FeatureSpec, FirstContext, LaneSet,
-    LaneStreams, ObservationSpec, Observations, PhysicalActivity, TimeIndicator, VectorEnvironment,
+    Action, ActionSpec, DisengagementReward, Environment, EpisodeStatus, FeatureSpec, FirstContext,
+    LaneSet, LaneStreams, ObservationSpec, Observations, PhysicalActivity, RewardHabituation,
+    StateNoise, StepNoise, TimeIndicator, VectorEnvironment,
 };
 use jitai::rng::{Purpose, Stream};
 use jitai::state::{Resumable, StateError, StateReader, StateWriter};
@@ -211,6 +212,65 @@ fn the_simulation_of_the_paper_keeps_the_contract() {
     ];
     for environment in &environments {
         for scenario in ["P-H-D", "C-L-T-P", "T"] {
+            let scenario = scenario.parse().unwrap();
+            let make = |lanes| PhysicalActivity::new(environment, &scenario, lanes);
+            check(make, STEPS).unwrap_or_else(|fault| panic!("{environment:?}: {fault}"));
+        }
+    }
+}
+
+/// Every version of the dynamics, and every key of contexts and burden.
+fn beyond_the_paper() -> Vec<Environment> {
+    let uniform = || Environment {
+        state_noise: StateNoise::Uniform,
+        state_spread: 0.6,
+        step_noise: StepNoise::Gamma,
+        sigma_s: 10.0,
+        ..Environment::paper(0.6)
+    };
+    let beta = || Environment {
+        state_noise: StateNoise::Beta,
+        kappa_h: 10.0,
+        kappa_d: 5.0,
+        reward_habituation: RewardHabituation::Drawn,
+        ..Environment::paper(0.6)
+    };
+    vec![
+        uniform(),
+        beta(),
+        Environment { step_noise: StepNoise::Gamma, sigma_s: 25.0, rho_3: -40.0, ..beta() },
+        Environment {
+            parameter_spread: 1.5,
+            disengagement_reward: DisengagementReward::Zero,
+            steps_cut_at_zero: true,
+            unpaid_last_step: true,
+            horizon: 6,
+            rho_3: -40.0,
+            ..Environment::paper(0.6)
+        },
+        Environment {
+            context_probability: 0.2,
+            context_persistence: 0.7,
+            first_context: FirstContext::Sampled,
+            ..uniform()
+        },
+        Environment { context_persistence: 0.9, availability: 0.6, horizon: 9, ..beta() },
+        Environment {
+            availability: 0.3,
+            message_cost: 7.5,
+            message_budget: 3,
+            first_context: FirstContext::Sampled,
+            horizon: 9,
+            ..Environment::paper(0.6)
+        },
+        Environment { message_budget: 0, horizon: 9, ..Environment::paper(0.6) },
+    ]
+}
+
+#[test]
+fn the_simulation_beyond_the_paper_keeps_the_contract() {
+    for environment in &beyond_the_paper() {
+        for scenario in ["P-H-D", "C-M-S", "A-B-M-L-T-S-P"] {
             let scenario = scenario.parse().unwrap();
             let make = |lanes| PhysicalActivity::new(environment, &scenario, lanes);
             check(make, STEPS).unwrap_or_else(|fault| panic!("{environment:?}: {fault}"));

@@ -16,7 +16,7 @@ const TABLE: &[(&str, &[&str])] = &[
     ("state", &["rng"]),
     ("env", &["rng", "kernel", "key", "state"]),
     // The optimal policy is tried with a stream of its own.
-    ("optimum", &["rng", "env"]),
+    ("optimum", &["rng", "key", "env"]),
     ("agent", &["rng", "kernel", "key", "state", "env", "optimum"]),
     // A manifest declares environments and agents; it neither simulates nor trains.
     ("manifest", &["key", "env", "agent"]),

@@ -90,6 +90,7 @@ fn shipped() -> Vec<(&'static str, u64)> {
         ("experiments/readings.toml", 690),
         ("experiments/reference.toml", 324),
         ("experiments/trial.toml", 6),
+        ("experiments/step_count.toml", 180),
         ("experiments/paper/context_error.toml", 144),
         ("experiments/paper/disengagement.toml", 192),
         ("experiments/paper/hyperparameters.toml", 780),

@@ -4,7 +4,7 @@
 //! In: the values that one cell of a grid gives some keys. Out: what is wrong with them, if
 //! anything. It knows neither grids nor places in a file; each algorithm lists its own constraints.
 
-use crate::env::{Feature, Scenario};
+use crate::env::Scenario;
 use crate::key::{Parameter, Value};
 
 /// Most parameters of a network. Training holds five numbers of four bytes for each: value,
@@ -132,11 +132,11 @@ pub fn batch_fits(numbers: u64) -> Option<Violation> {
     too_large("the batch of an update holds", "numbers of 4 bytes", numbers, MOST_BATCH_NUMBERS)
 }
 
-/// The violation of a replay buffer of `transitions`, if it is too large.
-pub fn replay_fits(transitions: u64) -> Option<Violation> {
+/// The violation of a replay buffer of so many transitions of the scenario, if it is too large.
+pub fn replay_fits(assignment: &Assignment, transitions: u64) -> Option<Violation> {
     // The features of a state; reward, target, and moment, action and ending together. What
     // follows a truncation may be kept as well.
-    let numbers = transitions.saturating_mul(2 * Feature::ALL.len() as u64 + 3);
+    let numbers = transitions.saturating_mul(2 * assignment.features() + 3);
     too_large("the replay buffer comes to hold", "numbers of 4 bytes", numbers, MOST_BUFFER_NUMBERS)
 }
 
@@ -168,10 +168,17 @@ impl Assignment<'_> {
         widths.iter().map(|width| u64::from(*width))
     }
 
-    /// Entries of an observation, if it has every letter.
+    /// Entries of an observation, its one-hot aside; never fewer than the paper has letters, so that short
+    /// scenarios have one limit.
+    fn features(&self) -> u64 {
+        const PAPER: u64 = 6;
+        PAPER.max(self.scenario.width() as u64)
+    }
+
+    /// Entries of an observation.
     fn inputs(&self) -> u64 {
         let one_hot = self.value(ONE_HOT) == Some(&Value::Flag(true));
-        Feature::ALL.len() as u64 + if one_hot { self.whole(HORIZON) } else { 0 }
+        self.features() + if one_hot { self.whole(HORIZON) } else { 0 }
     }
 
     /// Numbers that a network holds for one row of its input.
@@ -190,10 +197,14 @@ impl Assignment<'_> {
         parameters.saturating_add((before + 1) * outputs)
     }
 
+    /// The value of a key as a manifest writes it.
+    pub fn shown(&self, key: Parameter) -> String {
+        self.value(key).map(ToString::to_string).unwrap_or_default()
+    }
+
     /// The violation "`first` `says` `second`", with the values found.
     pub fn contradiction(&self, first: Parameter, says: &str, second: Parameter) -> Violation {
-        let shown = |key| self.value(key).map(ToString::to_string).unwrap_or_default();
-        let (one, other) = (shown(first), shown(second));
+        let (one, other) = (self.shown(first), self.shown(second));
         let (first, second) = (first.key(), second.key());
         Violation::Contradiction(format!("`{first}` {says} `{second}`, found {one} and {other}"))
     }
@@ -208,6 +219,7 @@ impl Assignment<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::env::Feature;
 
     #[test]
     fn parameters_of_a_network_are_counted_by_hand() {
@@ -222,5 +234,7 @@ mod tests {
         assert_eq!(assignment.network_parameters(1, 4), 57 * 128 + 129 * 64 + 65 * 4);
         assert_eq!(assignment.network_parameters(2, 5), 2 * (57 * 128 + 129 * 64) + 65 * 5);
         assert_eq!(assignment.row_numbers(), 56 + 128 + 64);
+        let scenario = "C-P-L-H-D-T-A-B-M-S".parse().unwrap();
+        assert_eq!(Assignment { scenario: &scenario, ..assignment }.inputs(), 63);
     }
 }

@@ -228,7 +228,7 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> DuelingDqnLearner<E, Env> {
         best(&self.workspace.values)
     }
 
-    /// Takes one step in the running episode and remembers it; returns the reward.
+    /// Takes one step in the running episode and remembers it; returns what counts in the return.
     fn act(
         &mut self,
         mut observer: Option<&mut dyn StepObserver<Env>>,
@@ -254,7 +254,7 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> DuelingDqnLearner<E, Env> {
         self.environment.observe(&mut self.next_observation);
         self.replay.push(&self.observation, transition, &self.next_observation)?;
         mem::swap(&mut self.observation, &mut self.next_observation);
-        Ok(reward[0])
+        Ok(self.environment.outcomes(&reward)[0])
     }
 
     /// Begins an episode.

@@ -241,10 +241,11 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
             }
             let paid = &mut rewards[start..];
             self.environment.step(actions, paid, &mut self.environment_streams);
+            let outcomes = self.environment.outcomes(paid);
+            totals.iter_mut().zip(outcomes).for_each(|(total, outcome)| *total += *outcome);
             if let Some(observer) = &mut observer {
                 observer.paid(&self.environment, paid);
             }
-            totals.iter_mut().zip(paid).for_each(|(total, reward)| *total += *reward);
         }
         Ok(Span::Whole)
     }

@@ -90,7 +90,7 @@ impl RulePolicy {
 
     /// The rule that always takes one action.
     pub fn fixed(action: Action) -> Self {
-        RulePolicy { choice: Choice::Always(action), belief: Belief::Ignorant }
+        RulePolicy { choice: Choice::Always(action), belief: Belief::Certain }
     }
 
     /// The action in a lane; draws from the stream once if the rule is random.

@@ -10,11 +10,12 @@ use serde::Deserialize;
 
 use crate::agent::Actor;
 use crate::cli::output::Format;
+use crate::cli::setting::preset;
 use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit};
 use crate::env::{
-    Action, ContextDraw, Environment, EpisodeStatus, Feature, LaneSet, LaneStreams,
-    PhysicalActivity, Scenario, VectorEnvironment,
+    Action, ContextDraw, Environment, EpisodeStatus, Feature, ForcedNoise, LaneSet, LaneStreams,
+    PhysicalActivity, Scenario, StateNoise, StepNoise, VectorEnvironment,
 };
 use crate::key::Keyed;
 use crate::rng::{Purpose, Stream};
@@ -40,6 +41,8 @@ pub(super) struct TrajectoryFile {
 /// One episode.
 #[derive(Deserialize)]
 struct Case {
+    /// The preset that `parameters` are laid over; the paper's if none is named.
+    extends: Option<String>,
     sigma: f64,
     parameters: serde_json::Map<String, serde_json::Value>,
     horizon: u32,
@@ -57,6 +60,8 @@ struct Recorded {
     context: u8,
     p0: f64,
     action: usize,
+    /// Whether a message could be sent; true unless recorded.
+    available: Option<bool>,
     #[serde(alias = "inferred")]
     likely: Option<u8>,
     habituation: Option<f64>,
@@ -122,8 +127,11 @@ impl TrajectoryFile {
 fn environment(case: &Case) -> Result<Environment, String> {
     let mut settings = case.parameters.clone();
     settings.entry("horizon").or_insert_with(|| case.horizon.into());
-    let paper = Environment::paper(case.sigma);
-    paper.with_settings(&settings).map_err(|error| format!("parameters: {error}"))
+    let extended = match &case.extends {
+        Some(name) => preset(name, case.sigma)?,
+        None => Environment::paper(case.sigma),
+    };
+    extended.with_settings(&settings).map_err(|error| format!("parameters: {error}"))
 }
 
 /// Takes the actions of a recorded episode, one after the other.
@@ -188,15 +196,51 @@ fn replay(case: &Case) -> Result<(Vec<Step>, PhysicalActivity), String> {
             return Err(format!("step {t}: the context is 0 or 1, and p0 from 0 to 1"));
         }
         lane.set_context(0, ContextDraw::new(recorded.context, recorded.p0));
+        lane.set_available(0, recorded.available.unwrap_or(true));
         let (mut actions, mut reward) = ([Action::NONE], [0.0]);
         actor.act(&lane, &mut stream, &mut actions, None);
         let mut step = Step::chosen(&lane, actions[0]);
-        lane.apply_actions(&actions, &mut reward);
+        match forced(&environment, case, t)? {
+            Some(noise) => lane.force_step(&noise, &actions, &mut reward),
+            None => lane.apply_actions(&actions, &mut reward),
+        }
         actor.observe(&lane, &reward);
-        step.pay(&lane, reward[0]);
+        step.pay(&lane, lane.outcomes(&reward)[0]);
         steps.push(step);
     }
     Ok((steps, lane))
+}
+
+/// The noise of a step, as far as the environment has noise: what the recording says the step led to.
+fn forced(environment: &Environment, case: &Case, t: usize) -> Result<Option<ForcedNoise>, String> {
+    let is_noisy =
+        environment.state_noise != StateNoise::None || environment.parameter_spread > 0.0;
+    let has_noisy_steps = environment.step_noise != StepNoise::None;
+    if !is_noisy && !has_noisy_steps {
+        return Ok(None);
+    }
+    let next = match case.steps.get(t + 1) {
+        Some(next) => (next.habituation, next.disengagement),
+        None => {
+            case.last.as_ref().map_or((None, None), |last| (last.habituation, last.disengagement))
+        }
+    };
+    let inside = |x: &f64| (0.0..=1.0).contains(x);
+    let state = match next {
+        _ if !is_noisy => None,
+        (Some(h), Some(d)) if inside(&h) && inside(&d) => Some([h, d]),
+        _ => {
+            return Err(format!(
+                "step {t}: with noise of the state, `habituation` and `disengagement` after it, in \
+                 the next step or in `final`, are needed, from 0 to 1"
+            ));
+        }
+    };
+    let steps = case.steps[t].reward.filter(|_| has_noisy_steps);
+    if has_noisy_steps && !steps.is_some_and(f64::is_finite) {
+        return Err(format!("step {t}: with noise of the steps walked, `reward` is needed"));
+    }
+    Ok(Some(ForcedNoise { state, steps }))
 }
 
 /// Where the simulation differs from the recording.

@@ -3,23 +3,31 @@
 use crate::cli::Error;
 use crate::env::Environment;
 use crate::key::Keyed;
-use crate::manifest;
-use crate::manifest::printable;
+use crate::manifest::{self, Fault, Manifest, printable};
 use crate::plan;
+
+/// A parameter as an option sets it.
+struct Given<'a> {
+    name: &'a str,
+    value: &'a str,
+    /// The option, for messages.
+    option: String,
+}
 
 /// The environment with settings as a manifest would make them, and with a manifest's checks.
 pub(super) fn adjusted(
-    mut environment: Environment,
+    environment: Environment,
     settings: &[String],
 ) -> Result<Environment, Error> {
+    let mut given = Vec::new();
     for (i, setting) in settings.iter().enumerate() {
         let (name, value) = name_and_value(setting)?;
         if settings[..i].iter().any(|earlier| sets(earlier, name)) {
             return Err(Error::Usage(format!("--set {setting}: `{name}` is set a second time")));
         }
-        environment = with_parameter(environment, name, value, &format!("--set {setting}"))?;
+        given.push(Given { name, value, option: format!("--set {setting}") });
     }
-    Ok(environment)
+    with_all(environment, &given)
 }
 
 /// The environment with another value of a parameter, given by an option that messages name.
@@ -29,35 +37,74 @@ pub(super) fn with_parameter(
     value: &str,
     option: &str,
 ) -> Result<Environment, Error> {
-    let refused = |why: &str| Error::Usage(format!("{}: {why}", printable(option)));
-    // It becomes a line of TOML.
-    if value.contains(char::is_control) {
-        return Err(refused("a value is one line, without control characters"));
-    }
+    with_all(environment, &[Given { name, value, option: option.to_owned() }])
+}
+
+/// The environment of a preset.
+pub(super) fn preset(name: &str, sigma: f64) -> Result<Environment, String> {
     let text = format!(
-        "format = 1\nextends = \"paper\"\nname = \"simulate\"\nscenarios = [\"C\"]\nseeds = 1\n\
-         [environment]\n{}{name} = {}\n",
-        if name == "sigma" { "" } else { "sigma = 1\n" },
-        quoted(value),
+        "format = 1\nextends = {name:?}\nname = \"simulate\"\nscenarios = [\"C\"]\nseeds = 1\n\
+         environment.sigma = {sigma:?}\n"
     );
-    let manifest = manifest::parse(option, text.as_bytes()).map_err(|faults| {
-        let said = faults.list().iter().map(|fault| match fault.hint() {
-            Some(hint) => format!("{} ({hint})", fault.message()),
-            None => fault.message().to_owned(),
-        });
-        refused(&said.collect::<Vec<_>>().join("; "))
-    })?;
-    if manifest.environment.iter().any(|(_, values)| values.len() > 1) {
-        return Err(refused("expected one value, not a sweep"));
+    let manifest = manifest::parse(name, text.as_bytes()).map_err(|faults| said(faults.list()))?;
+    Ok(of_first_job(&manifest))
+}
+
+fn with_all(environment: Environment, given: &[Given]) -> Result<Environment, Error> {
+    let refused = |option: &str, why: &str| Error::Usage(format!("{}: {why}", printable(option)));
+    if given.is_empty() {
+        return Ok(environment);
     }
-    let set = plan::jobs(&manifest).next().map(|planned| planned.job.environment);
-    let mut values = environment.to_values();
-    for (place, key) in Environment::KEYS.iter().enumerate() {
-        if let Some(set) = set.as_ref().filter(|_| key.name == name) {
-            values[place] = set.to_values()[place].clone();
+    // Each becomes a line of TOML.
+    if let Some(Given { option, .. }) = given.iter().find(|g| g.value.contains(char::is_control)) {
+        return Err(refused(option, "a value is one line, without control characters"));
+    }
+    let (text, first_line) = manifest_of(&environment, given);
+    let manifest = manifest::parse("options", text.as_bytes()).map_err(|faults| {
+        // A fault that begins behind the options is one of the last.
+        let option_of = |fault: &Fault| {
+            let line = faults.position(fault).map_or(usize::MAX, |position| position.line);
+            line.saturating_sub(first_line).min(given.len() - 1)
+        };
+        let place = faults.list().iter().map(option_of).min().unwrap_or_default();
+        let of_option = faults.list().iter().filter(|fault| option_of(fault) == place);
+        refused(&given[place].option, &said(of_option))
+    })?;
+    for (key, _) in manifest.environment.iter().filter(|(_, values)| values.len() > 1) {
+        if let Some(Given { option, .. }) = given.iter().find(|given| given.name == key.name) {
+            return Err(refused(option, "expected one value, not a sweep"));
         }
     }
-    Ok(Environment::from_values(&values).expect("every value was checked as a manifest's"))
+    Ok(of_first_job(&manifest))
+}
+
+/// A manifest with the values of an environment, those that are given in the last lines; and the number of
+/// the first of these lines, from 1.
+fn manifest_of(environment: &Environment, given: &[Given]) -> (String, usize) {
+    let mut lines = ["format = 1", "extends = \"paper\"", "name = \"simulate\"", "seeds = 1"]
+        .map(str::to_owned)
+        .to_vec();
+    lines.extend(["scenarios = [\"C\"]".to_owned(), "[environment]".to_owned()]);
+    for (key, value) in Environment::KEYS.iter().zip(environment.to_values()) {
+        if given.iter().all(|given| given.name != key.name) {
+            lines.push(format!("{} = {value}", key.name));
+        }
+    }
+    let first_line = lines.len() + 1;
+    lines.extend(given.iter().map(|given| format!("{} = {}", given.name, quoted(given.value))));
+    (lines.join("\n") + "\n", first_line)
+}
+
+fn said<'f>(faults: impl IntoIterator<Item = &'f Fault>) -> String {
+    let said = faults.into_iter().map(|fault| match fault.hint() {
+        Some(hint) => format!("{} ({hint})", fault.message()),
+        None => fault.message().to_owned(),
+    });
+    said.collect::<Vec<_>>().join("; ")
+}
+
+fn of_first_job(manifest: &Manifest) -> Environment {
+    plan::jobs(manifest).next().expect("a manifest without a sweep has a job").job.environment
 }
 
 /// Whether a setting is one of this parameter.

@@ -15,7 +15,9 @@ use crate::cli::output::{Field, Format, Rows};
 use crate::cli::setting::adjusted;
 use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit, StoreArgument, replay};
-use crate::env::{Action, Environment, EpisodeStatus, Observer, PhysicalActivity, Scenario};
+use crate::env::{
+    Action, Environment, EpisodeStatus, Observer, PhysicalActivity, Scenario, VectorEnvironment,
+};
 use crate::store::{Reader, StoreError};
 use crate::train::{self, RollStreams, StepObserver};
 
@@ -215,7 +217,7 @@ impl StepObserver<PhysicalActivity> for Steps {
 
     fn paid(&mut self, lanes: &PhysicalActivity, rewards: &[f64]) {
         if let Some(step) = self.0.last_mut() {
-            step.pay(lanes, rewards[0]);
+            step.pay(lanes, lanes.outcomes(rewards)[0]);
         }
     }
 }

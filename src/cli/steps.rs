@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use crate::cli::output::{Field, Format, Rows};
 use crate::env::{Action, ContextDraw, EpisodeStatus, PhysicalActivity, VectorEnvironment};
 
-const COLUMNS: [&str; 12] = [
+const COLUMNS: [&str; 13] = [
     "episode",
     "step",
     "context",
@@ -13,6 +13,7 @@ const COLUMNS: [&str; 12] = [
     "likely",
     "habituation",
     "disengagement",
+    "available",
     "action",
     "action_probability",
     "reward",
@@ -30,11 +31,13 @@ pub(super) struct Step {
     pub(super) habituation: f64,
     /// Disengagement risk before the step.
     pub(super) disengagement: f64,
-    /// What was chosen.
+    /// Whether a message could be sent.
+    pub(super) available: bool,
+    /// What was taken.
     pub(super) action: Action,
     /// The probability with which it was chosen; `None` where it was forced.
     pub(super) probability: Option<f64>,
-    /// What was paid for it, in steps walked.
+    /// The steps walked.
     pub(super) reward: f64,
     /// Status of the episode after it.
     pub(super) status: EpisodeStatus,
@@ -48,14 +51,15 @@ impl Step {
             draw: lanes.context(0),
             habituation: lanes.habituation()[0],
             disengagement: lanes.disengagement()[0],
-            action,
+            available: lanes.is_available(0),
+            action: lanes.taken(0, action),
             probability: None,
             reward: 0.0,
             status: EpisodeStatus::Running,
         }
     }
 
-    /// Adds the reward of the first lane and its status after the step.
+    /// Adds the steps walked in the first lane and its status after the step.
     pub(super) fn pay(&mut self, lanes: &PhysicalActivity, reward: f64) {
         self.reward = reward;
         self.status = lanes.statuses()[0];
@@ -92,6 +96,7 @@ impl<W: Write> StepRows<W> {
                 Field::Integer(i64::from(step.draw.likely)),
                 Field::Rounded(step.habituation, 4),
                 Field::Rounded(step.disengagement, 4),
+                Field::Integer(i64::from(step.available)),
                 Field::Integer(step.action.index() as i64),
                 step.probability.map_or(Field::Empty, |p| Field::Rounded(p, 4)),
                 Field::Rounded(step.reward, 2),

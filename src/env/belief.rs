@@ -1,6 +1,6 @@
 //! What a scenario lets an agent know of the context.
 
-use crate::env::{ContextDraw, inference_error};
+use crate::env::context::{ContextDraw, errors_by_context};
 use crate::env::{Environment, Feature, Scenario};
 
 /// The most that the letters of a scenario tell of the context.
@@ -15,11 +15,14 @@ pub enum Belief {
     },
     /// `L`: the most likely one, which is wrong now and then.
     Likely {
-        /// How often: the context inference error, in (0, 0.5].
-        error: f64,
+        /// How often, where it is context 0 and where it is context 1.
+        errors: [f64; 2],
     },
-    /// None of the letters: both contexts are equally likely.
-    Ignorant,
+    /// None of the letters: the share of context 0 in all steps.
+    Ignorant {
+        /// That share.
+        zero: f64,
+    },
 }
 
 impl Belief {
@@ -27,15 +30,16 @@ impl Belief {
     pub fn new(environment: &Environment, scenario: &Scenario) -> Belief {
         let shows = |feature| scenario.features().contains(&feature);
         let (probability, likely) = (shows(Feature::Probability), shows(Feature::Likely));
-        let error = inference_error(environment.sigma);
-        if shows(Feature::Context) || ((probability || likely) && error == 0.0) {
+        let certain = errors_by_context(environment) == [0.0; 2];
+        let zero = 1.0 - environment.context_probability;
+        if shows(Feature::Context) || ((probability || likely) && certain) {
             Belief::Certain
         } else if probability {
             Belief::Inferred { sigma: environment.sigma }
         } else if likely {
-            Belief::Likely { error }
+            Belief::Likely { errors: errors_by_likely(environment) }
         } else {
-            Belief::Ignorant
+            Belief::Ignorant { zero }
         }
     }
 
@@ -44,11 +48,28 @@ impl Belief {
         match self {
             Belief::Certain => f64::from(1 - draw.context),
             Belief::Inferred { .. } => draw.probability_of_zero,
-            Belief::Likely { error } if draw.likely == 0 => 1.0 - error,
-            Belief::Likely { error } => error,
-            Belief::Ignorant => 0.5,
+            Belief::Likely { errors: [error, _] } if draw.likely == 0 => 1.0 - error,
+            Belief::Likely { errors: [_, error] } => error,
+            Belief::Ignorant { zero } => zero,
         }
     }
+}
+
+/// How often the most likely context is wrong where it is context 0, and where it is context 1. A context
+/// that is never the most likely one counts as wrong by its share.
+fn errors_by_likely(environment: &Environment) -> [f64; 2] {
+    let one = environment.context_probability;
+    let [false_one, false_zero] = errors_by_context(environment);
+    if one == 0.5 {
+        return [false_zero, false_one];
+    }
+    let share = |wrong: f64, right: f64, unseen: f64| {
+        if wrong + right > 0.0 { wrong / (wrong + right) } else { unseen }
+    };
+    [
+        share(one * false_zero, (1.0 - one) * (1.0 - false_one), one),
+        share((1.0 - one) * false_one, one * (1.0 - false_zero), 1.0 - one),
+    ]
 }
 
 #[cfg(test)]

@@ -4,8 +4,9 @@ use std::hint::select_unpredictable;
 
 use pulp::{Simd, WithSimd};
 
+use crate::env::parameters::Environment;
 use crate::kernel::{Isa, math};
-use crate::rng::Stream;
+use crate::rng::{Stream, unit_from_bits};
 
 /// The context of a step with its inference.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,7 +34,7 @@ impl ContextDraw {
     pub fn draw(sigma: f64, stream: &mut Stream) -> Self {
         let bits = stream.bits();
         let deviate = deviate(squared_radius(bits), bits);
-        ContextDraw::new(context(bits), probability_of_zero(context(bits), deviate, sigma))
+        ContextDraw::new(context(bits), probability_of_zero(context(bits), deviate, sigma, 1.0))
     }
 }
 
@@ -45,7 +46,7 @@ fn context(bits: u64) -> u8 {
 
 /// Minus twice the logarithm of the uniform number that bits 1 to 31 make; see [`deviate`].
 #[inline(always)]
-fn squared_radius(bits: u64) -> f64 {
+pub(super) fn squared_radius(bits: u64) -> f64 {
     // Halfway between multiples of 2^-31: never 0, which the logarithm could not take.
     let uniform = (f64::from((bits >> 1) as i32 & i32::MAX) + 0.5) * (1.0 / 2_147_483_648.0);
     -2.0 * math::ln(uniform)
@@ -54,7 +55,7 @@ fn squared_radius(bits: u64) -> f64 {
 /// The standard normal deviate, at most 6.7 in size, that 64 random bits make by the method of Box
 /// and Muller (1958): the angle comes from bits 32 to 63.
 #[inline(always)]
-fn deviate(squared_radius: f64, bits: u64) -> f64 {
+pub(super) fn deviate(squared_radius: f64, bits: u64) -> f64 {
     // In [-1/2, 1/2).
     let turns = f64::from((bits >> 32) as i32) * (1.0 / 4_294_967_296.0);
     math::root(squared_radius) * math::cos_turns(turns)
@@ -62,16 +63,52 @@ fn deviate(squared_radius: f64, bits: u64) -> f64 {
 
 /// P(C = 0 | x) for the feature x = context + sigma * deviate.
 ///
-/// With equal priors, p_0 = 1 / (1 + N(x; 1, s^2) / N(x; 0, s^2)) = 1 / (1 + exp((2x - 1) / 2s^2)).
-/// `sigma = 0` is exact: 1 in context 0 and 0 in context 1.
+/// With prior odds o of context 1, p_0 = 1 / (1 + o N(x; 1, s^2) / N(x; 0, s^2))
+/// = 1 / (1 + o exp((2x - 1) / 2s^2)). `sigma = 0` is exact: 1 in context 0 and 0 in context 1.
 #[inline(always)]
-pub fn probability_of_zero(context: u8, deviate: f64, sigma: f64) -> f64 {
+pub fn probability_of_zero(context: u8, deviate: f64, sigma: f64, odds: f64) -> f64 {
     if sigma == 0.0 {
         return f64::from(1 - context);
     }
     let feature = f64::from(context) + sigma * deviate;
     let steepness = 1.0 / (2.0 * sigma * sigma);
-    1.0 / (1.0 + math::exp((2.0 * feature - 1.0) * steepness))
+    1.0 / (1.0 + odds * math::exp((2.0 * feature - 1.0) * steepness))
+}
+
+/// How contexts follow each other: a Markov chain of two states.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct ContextChain {
+    /// Probability of context 1 over all steps.
+    probability: f64,
+    /// Probability that a context is kept instead of drawn anew.
+    persistence: f64,
+}
+
+impl ContextChain {
+    /// The chain of an environment; `None` where both contexts are equally likely in every step.
+    pub(super) fn of(environment: &Environment) -> Option<Self> {
+        let chain = ContextChain {
+            probability: environment.context_probability,
+            persistence: environment.context_persistence,
+        };
+        (!environment.has_independent_fair_contexts()).then_some(chain)
+    }
+
+    /// A word of the stream that makes the context after `before`, or the first one, according to a
+    /// word of [`Companion::Context`](crate::rng::Companion::Context). The feature's bits stay.
+    pub(super) fn word(self, word: u64, companion: u64, before: Option<u8>) -> u64 {
+        let anew = (1.0 - self.persistence) * self.probability;
+        let probability = match before {
+            None => self.probability,
+            Some(context) => self.persistence.mul_add(f64::from(context), anew),
+        };
+        (word & !1) | u64::from(unit_from_bits(companion) < probability)
+    }
+}
+
+/// Prior odds of context 1: those of its probability over all steps. 1 where both are equally likely.
+pub(super) fn prior_odds(environment: &Environment) -> f64 {
+    environment.context_probability / (1.0 - environment.context_probability)
 }
 
 /// Draws of many contexts at once, each as [`ContextDraw::draw`] makes it.
@@ -81,6 +118,8 @@ pub(super) struct Draws<'a> {
     /// Where draws are written; other entries stay as they are.
     pub(super) drawn: &'a [bool],
     pub(super) sigma: f64,
+    /// Prior odds of context 1.
+    pub(super) odds: f64,
     pub(super) words: &'a [u64],
     pub(super) contexts: &'a mut [u8],
     pub(super) probabilities: &'a mut [f64],
@@ -106,7 +145,7 @@ impl WithSimd for Draws<'_> {
                 *number = deviate(*number, *word);
             }
             for (number, word) in numbers.iter_mut().zip(words) {
-                *number = probability_of_zero(context(*word), *number, self.sigma);
+                *number = probability_of_zero(context(*word), *number, self.sigma, self.odds);
             }
             for ((shown, word), drawn) in contexts.iter_mut().zip(words).zip(drawn) {
                 *shown = select_unpredictable(*drawn, context(*word), *shown);
@@ -124,7 +163,8 @@ impl WithSimd for Draws<'_> {
 /// Draws per round of the loops of [`Draws`].
 const BLOCK: usize = 64;
 
-/// Context draws of the words that come next in a stream, for callers that take one at a time:
+/// Context draws of the words that come next in a stream, both contexts equally likely, for callers that
+/// take one at a time:
 /// computing two registers of draws takes hardly longer than computing one draw.
 #[derive(Clone, Debug)]
 pub struct ContextDrawsAhead {
@@ -164,6 +204,7 @@ impl ContextDrawsAhead {
             isa.run(Draws {
                 drawn: &[true; AHEAD],
                 sigma: self.sigma,
+                odds: 1.0,
                 words: &self.words,
                 contexts: &mut self.contexts,
                 probabilities: &mut self.probabilities,
@@ -181,13 +222,28 @@ impl ContextDrawsAhead {
     }
 }
 
-/// The exact rate at which the most likely context is wrong: Phi(-1 / (2 sigma)).
+/// The exact rate at which the most likely context is wrong where both are equally likely:
+/// Phi(-1 / (2 sigma)).
 pub fn inference_error(sigma: f64) -> f64 {
     if sigma == 0.0 {
         return 0.0;
     }
     // Phi(-z) = erfc(z / sqrt 2) / 2.
     0.5 * libm::erfc(std::f64::consts::FRAC_1_SQRT_2 / (2.0 * sigma))
+}
+
+/// The exact rates at which context 1 is the most likely one in context 0, and context 0 in context 1.
+///
+/// With prior odds o of context 1, it is the most likely one for features above 1/2 - sigma^2 ln o.
+pub(super) fn errors_by_context(environment: &Environment) -> [f64; 2] {
+    let sigma = environment.sigma;
+    if environment.context_probability == 0.5 || sigma == 0.0 {
+        return [inference_error(sigma); 2];
+    }
+    let cut = 0.5 - sigma * sigma * libm::log(prior_odds(environment));
+    // Phi(-z) = erfc(z / sqrt 2) / 2.
+    let above = |z: f64| 0.5 * libm::erfc(std::f64::consts::FRAC_1_SQRT_2 * z);
+    [above(cut / sigma), above((1.0 - cut) / sigma)]
 }
 
 #[cfg(test)]
@@ -205,7 +261,7 @@ mod tests {
                     let x = f64::from(context) + sigma * deviate;
                     let density = |mean| Normal::new(mean, sigma).unwrap().pdf(x);
                     let expected = density(0.0) / (density(0.0) + density(1.0));
-                    let ours = probability_of_zero(context, deviate, sigma);
+                    let ours = probability_of_zero(context, deviate, sigma, 1.0);
                     assert!((ours - expected).abs() < 1e-14, "{ours} {expected}");
                 }
             }

@@ -3,6 +3,7 @@
 use crate::env::observation::{FeatureSpec, ObservationSpec, Observations};
 use crate::env::parameters::{Environment, TimeIndicator};
 use crate::env::scenario::{Feature, Scenario};
+use crate::env::vector::Action;
 
 /// The states of the lanes of the simulation; every array is \[lanes\].
 #[derive(Clone, Copy, Debug)]
@@ -19,15 +20,47 @@ pub struct LaneStates<'a> {
     pub habituation: &'a [f64],
     /// Disengagement risk, in [0, 1].
     pub disengagement: &'a [f64],
+    /// Whether a message can be sent.
+    pub available: &'a [bool],
+    /// Messages sent in the episode.
+    pub messages: &'a [u32],
+    /// The action taken in the last step; `None` in the first.
+    pub actions: &'a [Option<Action>],
+    /// The steps walked in the last step.
+    pub steps: &'a [f64],
+}
+
+/// What the letter S divides steps by.
+const STEPS_UNIT: f64 = 100.0;
+
+/// One entry of an observation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Entry {
+    /// A feature that has one entry.
+    Of(Feature),
+    /// Whether this action was taken in the last step.
+    PreviousAction(Action),
+}
+
+/// The entries of a scenario, in its order.
+fn entries(scenario: &Scenario) -> Vec<Entry> {
+    let of = |feature: &Feature| match feature {
+        Feature::PreviousAction => {
+            (0..Action::COUNT).filter_map(Action::from_index).map(Entry::PreviousAction).collect()
+        }
+        feature => vec![Entry::Of(*feature)],
+    };
+    scenario.features().iter().flat_map(of).collect()
 }
 
 /// Turns the states of lanes into the observations of a scenario.
 #[derive(Clone, Debug)]
 pub struct Observer {
-    features: Vec<Feature>,
+    entries: Vec<Entry>,
     observed_probability: u8,
     time_indicator: TimeIndicator,
     period: u32,
+    budget: u32,
     /// Entries of the one-hot of time behind the features; 0 without one.
     one_hot: usize,
 }
@@ -36,43 +69,58 @@ impl Observer {
     /// The observer of a scenario in an environment.
     pub fn new(environment: &Environment, scenario: &Scenario) -> Self {
         Observer {
-            features: scenario.features().to_vec(),
+            entries: entries(scenario),
             observed_probability: environment.observed_probability,
             time_indicator: environment.time_indicator,
             period: environment.time_indicator_period,
+            budget: environment.message_budget,
             one_hot: if environment.time_one_hot { environment.horizon as usize } else { 0 },
         }
     }
 
     /// What its observations consist of.
     pub fn spec(&self) -> ObservationSpec {
-        let spec = |feature: &Feature| FeatureSpec {
-            name: feature.letter().to_string(),
-            low: 0.0,
-            high: match feature {
-                Feature::Time => self.period.saturating_sub(1) as f32,
-                Feature::Context
-                | Feature::Probability
-                | Feature::Likely
-                | Feature::Habituation
-                | Feature::Disengagement => 1.0,
+        let spec = |entry: &Entry| match entry {
+            Entry::Of(feature) => {
+                let name = feature.letter().to_string();
+                let (low, high) = self.bounds(*feature);
+                FeatureSpec { name, low, high }
+            }
+            Entry::PreviousAction(action) => FeatureSpec {
+                name: format!("{}{}", Feature::PreviousAction.letter(), action.index()),
+                low: 0.0,
+                high: 1.0,
             },
         };
-        ObservationSpec {
-            features: self.features.iter().map(spec).collect(),
-            one_hot: self.one_hot,
+        ObservationSpec { features: self.entries.iter().map(spec).collect(), one_hot: self.one_hot }
+    }
+
+    /// The smallest and the largest value of a feature.
+    fn bounds(&self, feature: Feature) -> (f32, f32) {
+        match feature {
+            Feature::Time => (0.0, self.period.saturating_sub(1) as f32),
+            Feature::PreviousSteps => (f32::NEG_INFINITY, f32::INFINITY),
+            Feature::Context
+            | Feature::Probability
+            | Feature::Likely
+            | Feature::Habituation
+            | Feature::Disengagement
+            | Feature::Available
+            | Feature::Budget
+            | Feature::PreviousAction => (0.0, 1.0),
         }
     }
 
     /// Whether the same state gives the same observation here and there, entry by entry.
     pub fn shows_the_same_as(&self, other: &Observer) -> bool {
-        let has = |feature| self.features.contains(&feature);
+        let has = |feature| self.entries.contains(&Entry::Of(feature));
         let has_clock = has(Feature::Time) || self.one_hot > 0;
-        self.features == other.features
+        self.entries == other.entries
             && self.one_hot == other.one_hot
             && (self.observed_probability == other.observed_probability
                 || !has(Feature::Probability))
             && (self.period == other.period || !has(Feature::Time))
+            && (self.budget == other.budget || !has(Feature::Budget))
             && (self.time_indicator == other.time_indicator || !has_clock)
     }
 
@@ -85,51 +133,86 @@ impl Observer {
         }
     }
 
+    /// The share of the budget that is left after some messages.
+    #[inline]
+    fn budget_left(&self, messages: u32) -> f64 {
+        if self.budget == 0 {
+            return 0.0;
+        }
+        f64::from(self.budget.saturating_sub(messages)) / f64::from(self.budget)
+    }
+
     /// Replaces the rows of `out` by the observation of every lane.
     ///
     /// The last entry of the one-hot of time also stands for the horizon itself.
     #[inline]
     pub fn observe(&self, lanes: LaneStates<'_>, out: &mut Observations) {
-        let LaneStates { times, contexts, probabilities, likely, habituation, disengagement } =
-            lanes;
-        let width = self.features.len();
-        if let [time] = times {
+        if lanes.times.len() == 1 {
             // Columns of one entry are not worth the strides.
             out.features.clear();
-            out.features.extend(self.features.iter().map(|feature| match feature {
-                Feature::Context => f32::from(contexts[0]),
-                Feature::Probability if self.observed_probability == 0 => probabilities[0] as f32,
-                Feature::Probability => (1.0 - probabilities[0]) as f32,
-                Feature::Likely => f32::from(likely[0]),
-                Feature::Habituation => habituation[0] as f32,
-                Feature::Disengagement => disengagement[0] as f32,
-                Feature::Time => (self.shown(*time) % self.period) as f32,
-            }));
-            out.moments.clear();
-            if let Some(last) = self.one_hot.checked_sub(1) {
-                out.moments.push(self.shown(*time).min(last as u32));
-            }
-            return;
-        }
-        let shown = times.iter().map(|time| self.shown(*time));
-        out.features.resize(times.len() * width, 0.0);
-        for (column, feature) in self.features.iter().enumerate() {
-            let entries = out.features.chunks_exact_mut(width).map(|row| &mut row[column]);
-            match feature {
-                Feature::Context => fill(entries, contexts.iter().map(|&c| c.into())),
-                Feature::Probability if self.observed_probability == 0 => {
-                    fill(entries, probabilities.iter().copied());
-                }
-                Feature::Probability => fill(entries, probabilities.iter().map(|p| 1.0 - p)),
-                Feature::Likely => fill(entries, likely.iter().map(|&l| l.into())),
-                Feature::Habituation => fill(entries, habituation.iter().copied()),
-                Feature::Disengagement => fill(entries, disengagement.iter().copied()),
-                Feature::Time => fill(entries, shown.clone().map(|t| (t % self.period).into())),
-            }
+            out.features.extend(self.entries.iter().map(|entry| self.value(&lanes, *entry, 0)));
+        } else {
+            self.fill_columns(&lanes, &mut out.features);
         }
         out.moments.clear();
         if let Some(last) = self.one_hot.checked_sub(1) {
+            let shown = lanes.times.iter().map(|time| self.shown(*time));
             out.moments.extend(shown.map(|time| time.min(last as u32)));
+        }
+    }
+
+    /// An entry of the observation of a lane.
+    #[inline(always)]
+    fn value(&self, lanes: &LaneStates<'_>, entry: Entry, lane: usize) -> f32 {
+        match entry {
+            Entry::Of(Feature::Context) => f32::from(lanes.contexts[lane]),
+            Entry::Of(Feature::Probability) if self.observed_probability == 0 => {
+                lanes.probabilities[lane] as f32
+            }
+            Entry::Of(Feature::Probability) => (1.0 - lanes.probabilities[lane]) as f32,
+            Entry::Of(Feature::Likely) => f32::from(lanes.likely[lane]),
+            Entry::Of(Feature::Habituation) => lanes.habituation[lane] as f32,
+            Entry::Of(Feature::Disengagement) => lanes.disengagement[lane] as f32,
+            Entry::Of(Feature::Time) => (self.shown(lanes.times[lane]) % self.period) as f32,
+            Entry::Of(Feature::Available) => f32::from(u8::from(lanes.available[lane])),
+            Entry::Of(Feature::Budget) => self.budget_left(lanes.messages[lane]) as f32,
+            Entry::Of(Feature::PreviousSteps) => (lanes.steps[lane] / STEPS_UNIT) as f32,
+            Entry::Of(Feature::PreviousAction) => unreachable!("it has four entries of its own"),
+            Entry::PreviousAction(action) => {
+                f32::from(u8::from(lanes.actions[lane] == Some(action)))
+            }
+        }
+    }
+
+    /// Replaces `features`, \[lanes, entries\], column by column.
+    #[inline]
+    fn fill_columns(&self, lanes: &LaneStates<'_>, features: &mut Vec<f32>) {
+        let width = self.entries.len();
+        features.resize(lanes.times.len() * width, 0.0);
+        for (column, entry) in self.entries.iter().enumerate() {
+            let entries = features.chunks_exact_mut(width).map(|row| &mut row[column]);
+            match entry {
+                Entry::Of(Feature::Context) => {
+                    fill(entries, lanes.contexts.iter().map(|&c| c.into()));
+                }
+                Entry::Of(Feature::Probability) if self.observed_probability == 0 => {
+                    fill(entries, lanes.probabilities.iter().copied());
+                }
+                Entry::Of(Feature::Probability) => {
+                    fill(entries, lanes.probabilities.iter().map(|p| 1.0 - p));
+                }
+                Entry::Of(Feature::Likely) => fill(entries, lanes.likely.iter().map(|&l| l.into())),
+                Entry::Of(Feature::Habituation) => {
+                    fill(entries, lanes.habituation.iter().copied());
+                }
+                Entry::Of(Feature::Disengagement) => {
+                    fill(entries, lanes.disengagement.iter().copied());
+                }
+                entry => {
+                    let entries = entries.enumerate();
+                    entries.for_each(|(lane, value)| *value = self.value(lanes, *entry, lane));
+                }
+            }
         }
     }
 }
@@ -147,21 +230,36 @@ mod tests {
         let paper = Environment::paper(0.6);
         let one_hot = Environment { time_one_hot: true, ..paper.clone() };
         type Change = fn(&mut Environment);
-        let changes: [(&str, Change, [bool; 4]); 6] = [
-            // Of P-H-D, L-T, H with and D without the one-hot of time.
-            ("sigma", |e| e.sigma = 2.0, [true, true, true, true]),
-            ("observed_probability", |e| e.observed_probability = 1, [false, true, true, true]),
-            ("time_indicator_period", |e| e.time_indicator_period = 3, [true, false, true, true]),
+        let changes: [(&str, Change, [bool; 5]); 7] = [
+            // Of P-H-D, L-T, H with and D without the one-hot of time, and the letters of messages.
+            ("sigma", |e| e.sigma = 2.0, [true, true, true, true, true]),
+            (
+                "observed_probability",
+                |e| e.observed_probability = 1,
+                [false, true, true, true, true],
+            ),
+            (
+                "time_indicator_period",
+                |e| e.time_indicator_period = 3,
+                [true, false, true, true, true],
+            ),
             (
                 "time_indicator",
                 |e| e.time_indicator = TimeIndicator::Exact,
-                [true, false, false, true],
+                [true, false, false, true, true],
             ),
-            ("time_one_hot", |e| e.time_one_hot ^= true, [false, false, false, false]),
-            ("horizon", |e| e.horizon = 40, [true, true, false, true]),
+            ("time_one_hot", |e| e.time_one_hot ^= true, [false, false, false, false, false]),
+            ("horizon", |e| e.horizon = 40, [true, true, false, true, true]),
+            ("message_budget", |e| e.message_budget = 5, [true, true, true, true, false]),
         ];
         for (key, change, expected) in changes {
-            let cases = [(&paper, "P-H-D"), (&paper, "L-T"), (&one_hot, "H"), (&paper, "D")];
+            let cases = [
+                (&paper, "P-H-D"),
+                (&paper, "L-T"),
+                (&one_hot, "H"),
+                (&paper, "D"),
+                (&paper, "A-B-M-S"),
+            ];
             for ((environment, scenario), same) in cases.into_iter().zip(expected) {
                 let mut changed = environment.clone();
                 change(&mut changed);

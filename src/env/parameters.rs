@@ -46,8 +46,59 @@ keys! {
         time_one_hot: bool = false;
         /// the context whose probability the letter P shows
         observed_probability: u8 = 0, in Kind::Integer { min: 0, max: 1 };
+        /// noise of habituation and disengagement risk: "uniform" around their next values, or "beta"
+        /// with these as means
+        state_noise: StateNoise = StateNoise::None, before StateNoise::None;
+        /// width of the uniform noise, relative to the value (the official code's chosen_a); read with
+        /// state_noise = "uniform"
+        state_spread: f64 = SPREAD, before SPREAD, in SPREADS;
+        /// concentration of the beta noise of habituation: alpha + beta; required with state_noise =
+        /// "beta", 0 without
+        kappa_h: f64 = 0.0, before 0.0, in Kind::NON_NEGATIVE;
+        /// concentration of the beta noise of disengagement risk: alpha + beta; required with
+        /// state_noise = "beta", 0 without
+        kappa_d: f64 = 0.0, before 0.0, in Kind::NON_NEGATIVE;
+        /// noise of the steps walked: "gamma" with the noise-free steps as mean
+        step_noise: StepNoise = StepNoise::None, before StepNoise::None;
+        /// standard deviation of the steps walked; required with step_noise = "gamma", 0 without
+        sigma_s: f64 = 0.0, before 0.0, in Kind::NON_NEGATIVE;
+        /// width of uniform noise of delta_h, epsilon_h, delta_d and epsilon_d, relative to their
+        /// values, drawn anew in each step
+        parameter_spread: f64 = 0.0, before 0.0, in SPREADS;
+        /// habituation that the reward depends on: the next one without its noise (the official code)
+        /// or as drawn (its text)
+        reward_habituation: RewardHabituation = RewardHabituation::Expected,
+            before RewardHabituation::Expected;
+        /// base reward of a wrongly tailored message, in steps
+        rho_3: f64 = 0.0, before 0.0, in Kind::ANY_REAL;
+        /// reward of the step that disengages: as of any step, or 0
+        disengagement_reward: DisengagementReward = DisengagementReward::Paid,
+            before DisengagementReward::Paid;
+        /// whether fewer than 0 steps count as 0
+        steps_cut_at_zero: bool = false, before false;
+        /// whether an episode that reaches the horizon ends one step later, with a step that pays 0
+        unpaid_last_step: bool = false, before false;
+        /// probability of context 1
+        context_probability: f64 = 0.5, before 0.5, in Kind::PROBABILITY;
+        /// correlation of a context with the one before: the probability that it is kept instead of
+        /// drawn anew
+        context_persistence: f64 = 0.0, before 0.0, in Kind::PROBABILITY;
+        /// probability that a message can be sent at a step; otherwise action 0 is taken
+        availability: f64 = 1.0, before 1.0, in Kind::PROBABILITY;
+        /// what a message takes off the reward that agents learn from, in steps
+        message_cost: f64 = 0.0, before 0.0, in Kind::NON_NEGATIVE;
+        /// most messages of an episode; after them action 0 is taken
+        message_budget: u32 = MOST_MESSAGES, before MOST_MESSAGES,
+            in Kind::Integer { min: 0, max: MOST_MESSAGES as u64 };
     }
 }
+
+/// Width of the uniform noise, unless set otherwise.
+const SPREAD: f64 = 0.01;
+/// Widths of relative noise: at 2, it reaches down to 0.
+const SPREADS: Kind = Kind::Real { min: 0.0, max: 2.0 };
+/// Messages of an episode without a budget: the longest horizon.
+const MOST_MESSAGES: u32 = 10_000;
 
 /// The version of the simulation and its random streams; it is raised whenever a change makes the
 /// same job end in other bits.
@@ -57,6 +108,21 @@ impl Environment {
     /// The published settings at a feature noise of `sigma`.
     pub fn paper(sigma: f64) -> Self {
         Environment::with_required(&[Value::Real(sigma)])
+    }
+
+    /// Whether contexts are drawn as in the paper: both equally likely, whatever the one before.
+    pub fn has_independent_fair_contexts(&self) -> bool {
+        self.context_probability == 0.5 && self.context_persistence == 0.0
+    }
+
+    /// Whether a step can be paid nothing, whatever is walked.
+    pub(super) fn can_pay_nothing(&self) -> bool {
+        self.unpaid_last_step || self.disengagement_reward == DisengagementReward::Zero
+    }
+
+    /// The calls that an episode takes which does not end in disengagement.
+    pub(super) fn longest_episode(&self) -> u32 {
+        self.horizon + u32::from(self.unpaid_last_step)
     }
 }
 
@@ -78,5 +144,47 @@ choices! {
         Lagged = "lagged",
         /// The time of the step itself, as the paper's text says.
         Exact = "exact",
+    }
+}
+
+choices! {
+    /// The noise of habituation and disengagement risk.
+    pub enum StateNoise {
+        /// None: both follow from the action.
+        None = "none",
+        /// Uniform within a share of the noise-free value.
+        Uniform = "uniform",
+        /// Beta with the noise-free value as mean.
+        Beta = "beta",
+    }
+}
+
+choices! {
+    /// The noise of the steps walked.
+    pub enum StepNoise {
+        /// None: they follow from the action and the state.
+        None = "none",
+        /// Gamma with the noise-free steps as mean.
+        Gamma = "gamma",
+    }
+}
+
+choices! {
+    /// Which habituation after the step the reward depends on.
+    pub enum RewardHabituation {
+        /// Without its noise.
+        Expected = "expected",
+        /// As drawn.
+        Drawn = "drawn",
+    }
+}
+
+choices! {
+    /// What the step that disengages pays.
+    pub enum DisengagementReward {
+        /// The reward of any other step.
+        Paid = "paid",
+        /// Nothing.
+        Zero = "zero",
     }
 }

@@ -5,6 +5,8 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
+use crate::env::vector::Action;
+
 /// One entry of an observation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Feature {
@@ -20,17 +22,29 @@ pub enum Feature {
     Disengagement,
     /// `T`: the time indicator i_t = mod(t, period).
     Time,
+    /// `A`: whether a message can be sent, 0 or 1.
+    Available,
+    /// `B`: the share of the message budget that is left, in [0, 1].
+    Budget,
+    /// `M`: the action taken in the last step, as one entry for each action; all 0 in the first.
+    PreviousAction,
+    /// `S`: the steps walked in the last step, in hundreds.
+    PreviousSteps,
 }
 
 impl Feature {
     /// Every feature, in the order the documentation lists them.
-    pub const ALL: [Feature; 6] = [
+    pub const ALL: [Feature; 10] = [
         Feature::Context,
         Feature::Probability,
         Feature::Likely,
         Feature::Habituation,
         Feature::Disengagement,
         Feature::Time,
+        Feature::Available,
+        Feature::Budget,
+        Feature::PreviousAction,
+        Feature::PreviousSteps,
     ];
 
     /// The letter a scenario writes for this feature.
@@ -42,6 +56,26 @@ impl Feature {
             Feature::Habituation => 'H',
             Feature::Disengagement => 'D',
             Feature::Time => 'T',
+            Feature::Available => 'A',
+            Feature::Budget => 'B',
+            Feature::PreviousAction => 'M',
+            Feature::PreviousSteps => 'S',
+        }
+    }
+
+    /// Entries of an observation that it takes.
+    pub fn width(self) -> usize {
+        match self {
+            Feature::PreviousAction => Action::COUNT,
+            Feature::Context
+            | Feature::Probability
+            | Feature::Likely
+            | Feature::Habituation
+            | Feature::Disengagement
+            | Feature::Time
+            | Feature::Available
+            | Feature::Budget
+            | Feature::PreviousSteps => 1,
         }
     }
 
@@ -64,6 +98,11 @@ impl Scenario {
     /// The features, in the order of the observation's entries; never empty, none twice.
     pub fn features(&self) -> &[Feature] {
         &self.0
+    }
+
+    /// Entries of an observation, a one-hot of time aside.
+    pub fn width(&self) -> usize {
+        self.0.iter().map(|feature| feature.width()).sum()
     }
 
     /// Whether it shows both habituation and disengagement risk.
@@ -144,7 +183,7 @@ mod tests {
 
     #[test]
     fn scenarios_read_back_as_written() {
-        for text in ["C-H-D", "L-H-D", "P-H-D", "C-T", "L-T", "P-T", "T-D-P", "C"] {
+        for text in ["C-H-D", "L-H-D", "P-H-D", "C-T", "L-T", "P-T", "T-D-P", "C", "P-M-S-A-B"] {
             assert_eq!(text.parse::<Scenario>().unwrap().to_string(), text);
         }
     }

@@ -4,7 +4,7 @@
 //! is one implementation. [`crate::env::contract`] tests any implementation.
 
 use crate::env::observation::{ObservationSpec, Observations};
-use crate::rng::Stream;
+use crate::rng::{Companion, Stream};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// An action, by its number, 0 to 3; 0 by default.
@@ -122,6 +122,52 @@ impl LaneStreams {
             LaneStreams::PerLane(streams) => &mut streams[lane],
         }
     }
+
+    /// Fills the entries of lanes in `words` with a companion's words beside the next words of the
+    /// streams. From a shared stream, all of `lanes` take theirs; from streams of their own, the lanes
+    /// that are `drawn`.
+    ///
+    /// **Shapes**: `words` is \[lanes, width of the companion\], row by row; `drawn` is \[lanes\] or longer.
+    pub(super) fn fill_companion(
+        &self,
+        companion: Companion,
+        lanes: LaneSet<'_>,
+        drawn: &[bool],
+        words: &mut [u64],
+    ) {
+        let rows = words.chunks_exact_mut(companion.width()).enumerate();
+        match self {
+            LaneStreams::Shared(stream) if lanes == LaneSet::All => {
+                stream.companion(companion).fill(words);
+            }
+            LaneStreams::Shared(stream) => {
+                let mut beside = stream.companion(companion);
+                rows.filter(|(lane, _)| lanes.contains(*lane))
+                    .for_each(|(_, row)| beside.fill(row));
+            }
+            LaneStreams::PerLane(streams) => {
+                let drawn = rows.filter(|(lane, _)| drawn[*lane]);
+                drawn.for_each(|(lane, row)| streams[lane].companion(companion).fill(row));
+            }
+        }
+    }
+
+    /// Fills the entries of lanes in `words`, \[lanes\], with the next words of the streams; which lanes
+    /// take one is as in [`LaneStreams::fill_companion`].
+    pub(super) fn fill(&mut self, lanes: LaneSet<'_>, drawn: &[bool], words: &mut [u64]) {
+        let entries = words.iter_mut().enumerate();
+        match self {
+            LaneStreams::Shared(stream) if lanes == LaneSet::All => stream.fill(words),
+            LaneStreams::Shared(stream) => {
+                let takers = entries.filter(|(lane, _)| lanes.contains(*lane));
+                takers.for_each(|(_, word)| *word = stream.bits());
+            }
+            LaneStreams::PerLane(streams) => {
+                let takers = entries.filter(|(lane, _)| drawn[*lane]);
+                takers.for_each(|(lane, word)| *word = streams[lane].bits());
+            }
+        }
+    }
 }
 
 impl Resumable for LaneStreams {
@@ -188,6 +234,12 @@ pub trait VectorEnvironment: Resumable {
     /// Replaces the rows of `out` by the present observation of every lane. The rows of `out` are as
     /// wide as the observation specification says.
     fn observe(&self, out: &mut Observations);
+
+    /// What a step counts in the return of an episode, \[lanes\]: `rewards`, the rewards of the last
+    /// step, unless agents learn from something else.
+    fn outcomes<'a>(&'a self, rewards: &'a [f64]) -> &'a [f64] {
+        rewards
+    }
 
     /// Whether any lane is running.
     fn any_running(&self) -> bool {

@@ -18,7 +18,10 @@ use super::section::Section;
 use super::sides::Sides;
 use super::source::{Located, Span};
 use super::sweep::{Node, Reader};
-use crate::key::{Kind, Parameter};
+use crate::key::{Kind, Parameter, Value};
+
+/// The probability of context 1.
+const CONTEXT_PROBABILITY: Parameter = Parameter::Environment("context_probability");
 
 impl Reader<'_> {
     /// Reads `[[analysis]]`.
@@ -261,11 +264,32 @@ pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
                 false => fault.help(format!("its values here: {present}")),
             });
         }
+        let odds = manifest.environment.get(CONTEXT_PROBABILITY.key()).unwrap_or_default();
+        let unequal = odds.iter().find(|value| **value != Value::Real(0.5));
+        if let Some(value) = unequal.filter(|_| analysis.analysis.kind.shows_inference_error()) {
+            let message = format!(
+                "the context inference error is of equally likely contexts, found \
+                 `{CONTEXT_PROBABILITY}` = {value}"
+            );
+            let help = "take another analysis, or a curve with x = \"environment.sigma\"";
+            faults.add(Fault::at(analysis.span, message).help(help));
+        }
         for axis in &analysis.axes {
             let lengths = manifest.agents.iter().map(|agent| manifest.length(agent, axis.value));
             if lengths.max().is_some_and(|most| most < 2) && !draft.is_invalid(axis.value) {
                 let message = format!("`{}` has one value, it is not swept", axis.value);
                 let help = "an axis shows a parameter that the manifest gives several values";
+                faults.add(Fault::at(axis.span, message).help(help));
+            }
+            let repeats = |values: &&[Value]| {
+                let mut seen = HashSet::new();
+                !values.iter().all(|value| seen.insert(value))
+            };
+            let mut lists =
+                manifest.agents.iter().filter_map(|agent| manifest.values(agent, axis.value));
+            if lists.any(|list| repeats(&list)) && !draft.is_invalid(axis.value) {
+                let message = format!("`{}` has a value twice", axis.value);
+                let help = "an axis needs a parameter whose values differ; take another of its zip";
                 faults.add(Fault::at(axis.span, message).help(help));
             }
         }

@@ -316,6 +316,19 @@ impl AnalysisKind {
         }
     }
 
+    /// Whether it shows the rate at which the most likely context is wrong.
+    pub(super) fn shows_inference_error(&self) -> bool {
+        match self {
+            AnalysisKind::InferenceError => true,
+            AnalysisKind::Curve { axis } => *axis == CurveAxis::ContextInferenceError,
+            AnalysisKind::Contrast(_)
+            | AnalysisKind::LearningCurve { .. }
+            | AnalysisKind::HeatMap { .. }
+            | AnalysisKind::ActionChoice { .. }
+            | AnalysisKind::Selection { .. } => false,
+        }
+    }
+
     /// The part of the results that an analysis of this kind is computed from.
     pub(super) fn part(&self, metric: &'static str) -> DataPart {
         match self {

@@ -11,7 +11,7 @@ use super::parameter::{parameter, parameters};
 use super::read::{MOST_ENTRIES, shortened};
 use super::section::Section;
 use super::source::{Located, Span};
-use super::sweep::{Node, Reader};
+use super::sweep::{Node, Reader, Repeats};
 use crate::key::{Key, Parameter};
 
 /// What an exclusion's conditions can be on, beside the keys of the sections.
@@ -149,7 +149,7 @@ impl Reader<'_> {
                 continue;
             };
             let parameter = section.parameter(known.name);
-            let values = self.sweep(&parameter.to_string(), known.kind, node);
+            let values = self.sweep(&parameter.to_string(), known.kind, Repeats::Refused, node);
             out.push(Located { value: Condition::Key { parameter, values }, span });
         }
     }

@@ -1,19 +1,20 @@
 //! The rules that no key can be held to alone: zips, exclusions, the size of the grid, and keys of
 //! an agent that depend on each other (its algorithm's constraints).
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
 use super::analyses;
 use super::condition::Condition;
-use super::declared::{Exclusion, Manifest};
+use super::declared::{DeclaredAgent, Exclusion, Manifest};
 use super::draft::Draft;
 use super::fault::{Fault, FaultList};
 use super::grid::{Axis, Grid, axes, size, zipped};
 use super::limits::{MOST_COMPARISONS, MOST_JOBS};
+use super::noise;
 use super::presence::absent;
 use super::source::Span;
 use crate::agent::{Constraint, Violation};
-use crate::key::Parameter;
+use crate::key::{Parameter, Value};
 
 /// Notes what is wrong between the keys of `manifest`, which was completed from `draft`.
 pub(super) fn check(draft: &Draft, mut manifest: Manifest, faults: &mut FaultList) -> Manifest {
@@ -26,11 +27,21 @@ pub(super) fn check(draft: &Draft, mut manifest: Manifest, faults: &mut FaultLis
     let exclusions_hold = exclusions(draft, &manifest, faults);
     let grids: Vec<Grid> =
         (0..manifest.agents.len()).map(|agent| Grid::of(&manifest, agent)).collect();
+    for constraint in noise::CONSTRAINTS {
+        let certain = grids.iter().enumerate();
+        let mut certain =
+            certain.filter(|(place, grid)| is_certain(draft, *place, grid, constraint, &broken));
+        // What one agent's cells violate the others' do, too.
+        if let Some((place, grid)) = certain.find(|(_, grid)| grid.violation(constraint).is_some())
+        {
+            hold(draft, Concerned::Environment(place), grid, constraint, faults);
+        }
+    }
     let agents = manifest.agents.iter().zip(&grids).enumerate();
     for (place, (declared, grid)) in agents {
         for constraint in declared.algorithm.constraints() {
             if is_certain(draft, place, grid, constraint, &broken) {
-                hold(draft, place, grid, constraint, faults);
+                hold(draft, Concerned::Agent(place), grid, constraint, faults);
             }
         }
     }
@@ -77,8 +88,28 @@ fn zip_fault(manifest: &Manifest, parameters: &[Parameter]) -> Option<String> {
                 each.map(|(parameter, length)| format!("`{parameter}` has {length}")).collect();
             return Some(format!("`zip`: the lists differ in length: {}", each.join(", ")));
         }
+        if let Some([first, second]) = same_places(manifest, agent, parameters) {
+            return Some(format!("`zip`: places {first} and {second} are the same"));
+        }
     }
     None
+}
+
+/// Two places of a zip, counted from 1, at which all of its lists have the same value. Scenarios and seeds
+/// stand only once.
+fn same_places(
+    manifest: &Manifest,
+    agent: &DeclaredAgent,
+    parameters: &[Parameter],
+) -> Option<[usize; 2]> {
+    let lists: Option<Vec<_>> =
+        parameters.iter().map(|parameter| manifest.values(agent, *parameter)).collect();
+    let lists = lists?;
+    let mut seen = HashMap::new();
+    (0..lists[0].len()).find_map(|place| {
+        let values: Vec<&Value> = lists.iter().map(|list| &list[place]).collect();
+        seen.insert(values, place).map(|earlier| [earlier + 1, place + 1])
+    })
 }
 
 /// Notes conditions on values that nothing in the manifest has; whether there are none.
@@ -163,21 +194,40 @@ fn is_certain(
     !swept || !(draft.invalid_cells || parameters.iter().any(|name| broken.contains(name)))
 }
 
-/// Notes a combination of an agent's keys that violates a constraint, unless it is excluded.
-fn hold(draft: &Draft, agent: usize, grid: &Grid, constraint: &Constraint, faults: &mut FaultList) {
+/// What a constraint is about, with the place of an agent whose grid is looked at.
+#[derive(Clone, Copy)]
+enum Concerned {
+    /// The environment alone.
+    Environment(usize),
+    /// Keys of the agent, perhaps with others.
+    Agent(usize),
+}
+
+/// Notes a combination of keys that violates a constraint, unless it is excluded.
+fn hold(
+    draft: &Draft,
+    concerned: Concerned,
+    grid: &Grid,
+    constraint: &Constraint,
+    faults: &mut FaultList,
+) {
     let Some((chosen, violation)) = grid.violation(constraint) else { return };
+    let (Concerned::Environment(agent) | Concerned::Agent(agent)) = concerned;
     // The last of them is the author's own where others are a preset's.
     let keys = chosen.keys.iter().map(|(key, _)| *key);
     let span = keys.filter_map(|key| draft.span_of(agent, key)).max();
     let name = &draft.agents[agent].name;
     let fault = |message| Fault::at(span.unwrap_or(name.span), message);
-    let name = &name.value;
+    let of = match concerned {
+        Concerned::Environment(_) => String::new(),
+        Concerned::Agent(_) => format!("agent `{}`: ", name.value),
+    };
     faults.add(match violation {
-        Violation::Contradiction(says) => fault(format!("agent `{name}`: {says}")),
-        Violation::Impossible { says, help } => fault(format!("agent `{name}`: {says}")).help(help),
+        Violation::Contradiction(says) => fault(format!("{of}{says}")),
+        Violation::Impossible { says, help } => fault(format!("{of}{says}")).help(help),
         Violation::TooLarge { what, unit, size, most } => {
             let says = format!("{what} {size} {unit}, at most {most} are possible");
-            fault(format!("agent `{name}`: {says}")).help(format!("with {}", chosen.listed()))
+            fault(format!("{of}{says}")).help(format!("with {}", chosen.listed()))
         }
     });
 }

@@ -25,6 +25,7 @@ mod fault;
 mod grid;
 mod limits;
 mod load;
+mod noise;
 mod parameter;
 mod presence;
 mod preset;

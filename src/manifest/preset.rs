@@ -5,9 +5,10 @@ use toml::de::DeTable;
 use super::draft::Draft;
 use super::sweep::Reader;
 
-const PRESETS: [(&str, &str); 2] = [
+const PRESETS: [(&str, &str); 3] = [
     ("paper", include_str!("presets/paper.toml")),
     ("paper_text", include_str!("presets/paper_text.toml")),
+    ("step_count_jitai", include_str!("presets/step_count_jitai.toml")),
 ];
 
 /// The presets' names.
@@ -25,6 +26,8 @@ pub(super) fn draft(name: &str) -> Draft {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::key::Value;
+    use crate::manifest::draft::Settings;
 
     #[test]
     fn every_preset_reads_without_a_fault_and_extends_nothing() {
@@ -36,6 +39,21 @@ mod tests {
             assert!(reader.faults.is_empty(), "{name}: {:?}", reader.faults);
             assert_eq!(draft.agents.len(), 2, "{name}");
         }
+    }
+
+    #[test]
+    fn the_agents_of_the_simulators_preset_are_those_of_the_papers() {
+        let settings = |name| {
+            let agents = draft(name).agents.into_iter();
+            agents.map(|agent| format!("{:?}", given(&agent.settings))).collect::<Vec<_>>()
+        };
+        fn given(settings: &Settings) -> Vec<(usize, &[Value])> {
+            let values = settings.given.iter().map(|(place, values)| (*place, &values.value[..]));
+            let mut values: Vec<_> = values.collect();
+            values.sort_by_key(|(place, _)| *place);
+            values
+        }
+        assert_eq!(settings("step_count_jitai"), settings("paper"));
     }
 
     #[test]

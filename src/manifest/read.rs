@@ -8,7 +8,7 @@ use super::limits::MOST_JOBS;
 use super::preset;
 use super::section::Section;
 use super::source::{Located, Span, hidden};
-use super::sweep::{Node, Reader, whole};
+use super::sweep::{Node, Reader, Repeats, whole, zipped};
 use crate::agent::Algorithm;
 use crate::env::{Feature, Scenario};
 use crate::key::{Kind, Value};
@@ -58,6 +58,7 @@ impl Reader<'_> {
     /// What the document says, laid over the preset that it extends.
     pub fn draft(&mut self, root: &DeTable) -> Draft {
         let inherited = self.inherited(root);
+        self.zipped = zipped(root);
         let mut draft = Draft::new();
         let mut astray = Vec::new();
         for (key, node) in root {
@@ -315,7 +316,11 @@ impl Reader<'_> {
                 }
                 continue;
             };
-            let value = self.sweep(found, known.kind, node);
+            let repeats = match self.zipped.contains(&section.parameter(known.name)) {
+                true => Repeats::Zipped,
+                false => Repeats::Refused,
+            };
+            let value = self.sweep(found, known.kind, repeats, node);
             settings.given.insert(place, Located { value, span: node.span().into() });
         }
     }

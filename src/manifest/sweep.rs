@@ -6,8 +6,9 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::fault::{Fault, FaultList};
+use super::parameter::parameter;
 use super::range::{self, MOST_VALUES, MOST_VALUES_IN_ALL, RangeError, Spacing};
-use crate::key::{Kind, Value};
+use crate::key::{Kind, Parameter, Value};
 
 /// A value of the TOML tree with its place in the text.
 pub(super) type Node<'t> = Spanned<DeValue<'t>>;
@@ -17,17 +18,40 @@ pub(super) type Node<'t> = Spanned<DeValue<'t>>;
 pub(super) struct Reader<'t> {
     pub text: &'t str,
     pub faults: FaultList,
+    /// Parameters that zips name: places of a zip differ, but one list of it may repeat a value.
+    pub zipped: HashSet<Parameter>,
     /// Values that lists and ranges may still have.
     values_left: u64,
 }
 
+/// Whether the list of a sweep may have a value twice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Repeats {
+    /// It is a fault.
+    Refused,
+    /// Another list of its zip tells the places apart.
+    Zipped,
+}
+
+/// The parameters that the zips of a document name, as far as they can be read.
+pub(super) fn zipped(root: &DeTable) -> HashSet<Parameter> {
+    let lists = root.get("zip").and_then(|node| node.get_ref().as_array());
+    let lists = lists.into_iter().flatten().filter_map(|list| list.get_ref().as_array());
+    lists.flatten().filter_map(|name| parameter(name.get_ref().as_str()?)).collect()
+}
+
 impl<'t> Reader<'t> {
     pub fn new(text: &'t str) -> Reader<'t> {
-        Reader { text, faults: FaultList::default(), values_left: MOST_VALUES_IN_ALL }
+        Reader {
+            text,
+            faults: FaultList::default(),
+            zipped: HashSet::new(),
+            values_left: MOST_VALUES_IN_ALL,
+        }
     }
 
     /// The values that `node` gives the key `name`; empty, with faults noted, if any is faulty.
-    pub fn sweep(&mut self, name: &str, kind: Kind, node: &Node) -> Vec<Value> {
+    pub fn sweep(&mut self, name: &str, kind: Kind, repeats: Repeats, node: &Node) -> Vec<Value> {
         let takes_list = matches!(kind, Kind::RealPair { .. } | Kind::Widths { .. });
         match node.get_ref() {
             DeValue::Array(items) => {
@@ -45,11 +69,25 @@ impl<'t> Reader<'t> {
                     return Vec::new();
                 }
                 let read = |reader: &mut Self, item: &Node| reader.value(name, kind, item);
-                self.distinct(name, items.iter(), read)
+                match repeats {
+                    Repeats::Refused => self.distinct(name, items.iter(), read),
+                    Repeats::Zipped => self.all(items.iter(), read),
+                }
             }
             DeValue::Table(table) => self.range(name, kind, node, table),
             _ => self.value(name, kind, node).into_iter().collect(),
         }
+    }
+
+    /// What `read` makes of the items; empty if it fails on one.
+    fn all<'n, T>(
+        &mut self,
+        items: impl Iterator<Item = &'n Node<'n>>,
+        read: impl Fn(&mut Self, &Node) -> Option<T>,
+    ) -> Vec<T> {
+        let before = self.faults.len();
+        let values: Vec<T> = items.filter_map(|item| read(self, item)).collect();
+        if self.faults.len() > before { Vec::new() } else { values }
     }
 
     /// What `read` makes of the items; empty if it fails on one or two are the same.

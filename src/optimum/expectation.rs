@@ -42,8 +42,9 @@ impl Expectation {
         match belief {
             Belief::Certain => Expectation::Certain,
             Belief::Inferred { sigma } => Expectation::Inferred(BetterOf::new(sigma)),
-            Belief::Likely { error } => Expectation::Likely { error },
-            Belief::Ignorant => Expectation::Ignorant,
+            // Both contexts are equally likely, so both errors are the same.
+            Belief::Likely { errors: [error, _] } => Expectation::Likely { error },
+            Belief::Ignorant { .. } => Expectation::Ignorant,
         }
     }
 
@@ -236,8 +237,8 @@ mod tests {
             Belief::Inferred { sigma: 0.8 },
             Belief::Inferred { sigma: 1e-3 },
             Belief::Inferred { sigma: 1e6 },
-            Belief::Likely { error: 0.2 },
-            Belief::Ignorant,
+            Belief::Likely { errors: [0.2; 2] },
+            Belief::Ignorant { zero: 0.5 },
         ];
         // Among them all equal, and tailoring that is as good either way, or hardly better than none.
         for (nothing, untailored, suitable, unsuitable) in [

@@ -1,6 +1,9 @@
 //! Which optima can be computed.
 
-use crate::env::{Environment, Feature, Scenario};
+use crate::env::{
+    DisengagementReward, Environment, Feature, Scenario, StateNoise, StepNoise, fewest_steps,
+};
+use crate::key::Keyed;
 
 /// Longest horizon, in steps, for which an optimum is computed.
 pub const LONGEST_OPTIMUM: u32 = 200;
@@ -19,6 +22,14 @@ pub enum NoOptimum {
         /// The scenario with the features that it lacks.
         shown: String,
     },
+    /// A key of the environment has a value that the recursion does not describe.
+    #[error("the optimum is not known with `{key}` = {value}")]
+    NotKnown {
+        /// The key.
+        key: &'static str,
+        /// Its value, as a manifest writes it.
+        value: String,
+    },
     /// Episodes are too long.
     #[error(
         "no optimum is computed for a horizon of {horizon} steps; {LONGEST_OPTIMUM} are the most"
@@ -31,7 +42,8 @@ pub enum NoOptimum {
 
 /// Whether an optimum can be computed.
 ///
-/// **Errors**: the scenario hides a part of the state, or the horizon is too long.
+/// **Errors**: the scenario hides a part of the state, the environment goes beyond what the recursion
+/// describes, or the horizon is too long.
 pub fn check(environment: &Environment, scenario: &Scenario) -> Result<(), NoOptimum> {
     if !scenario.shows_state() {
         let hidden = |feature: &Feature| !scenario.features().contains(feature);
@@ -40,6 +52,36 @@ pub fn check(environment: &Environment, scenario: &Scenario) -> Result<(), NoOpt
         let shown = format!("{scenario}{lacking}");
         return Err(NoOptimum::StateHidden { scenario: scenario.clone(), shown });
     }
+    if let Some(key) = unsolved(environment) {
+        let value = environment.to_json()[key].to_string();
+        return Err(NoOptimum::NotKnown { key, value });
+    }
     let horizon = environment.horizon;
     if horizon > LONGEST_OPTIMUM { Err(NoOptimum::TooLong { horizon }) } else { Ok(()) }
+}
+
+/// Smallest mean of gamma-distributed steps; a smaller one is raised to it.
+const LEAST_MEAN: f64 = 1e-5;
+
+/// A key whose value the recursion does not describe, if there is one.
+///
+/// Gamma-distributed steps have the mean of the noise-free ones, and nothing else depends on them. The cost
+/// of messages and an unpaid last step are not part of the mean return.
+fn unsolved(e: &Environment) -> Option<&'static str> {
+    let least = fewest_steps(e);
+    let ends_at_once = e.initial_disengagement >= e.disengagement_threshold;
+    let zero = e.disengagement_reward == DisengagementReward::Zero;
+    let unsolved = [
+        ("state_noise", e.state_noise != StateNoise::None),
+        ("step_noise", e.step_noise == StepNoise::Gamma && least < LEAST_MEAN),
+        ("parameter_spread", e.parameter_spread > 0.0),
+        // Which baseline is lost depends on the context, unless there is one.
+        ("disengagement_reward", zero && (e.mu[0] != e.mu[1] || ends_at_once)),
+        ("steps_cut_at_zero", e.steps_cut_at_zero && least < 0.0),
+        ("context_probability", e.context_probability != 0.5),
+        ("context_persistence", e.context_persistence > 0.0),
+        ("availability", e.availability < 1.0),
+        ("message_budget", e.message_budget < e.horizon),
+    ];
+    unsolved.into_iter().find_map(|(key, is_unsolved)| is_unsolved.then_some(key))
 }

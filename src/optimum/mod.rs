@@ -17,9 +17,13 @@
 //! nothing      N = V(n-1, (1 - delta_h) h, d)
 //! untailored   U = (1 - h') rho_1 + V(n-1, h', (1 - delta_d) d)
 //! suitable     S = (1 - h') rho_2 + V(n-1, h', (1 - delta_d) d)
-//! unsuitable   F = V(n-1, h', d + epsilon_d)
+//! unsuitable   F = (1 - h') rho_3 + V(n-1, h', d + epsilon_d)
 //! V(n, h, d) = (mu_0 + mu_1) / 2 + E_p max(N, U, p S + (1 - p) F, (1 - p) S + p F)
 //! ```
+//!
+//! With `disengagement_reward = "zero"`, F is minus the baseline where d + epsilon_d ends the episode.
+//! Gamma-distributed steps have the noise-free mean and change nothing. Noise of the state, persistent or
+//! unequal contexts, availability and budgets are not in the recursion, so [`check`] refuses them.
 //!
 //! The mean over p has a closed form (`expectation.rs`). The policy takes the action that attains the
 //! maximum. It knows the first context where `first_context` is fixed.

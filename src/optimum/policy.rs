@@ -21,7 +21,7 @@ impl OptimalPolicy {
     }
 
     /// The best action in a state where context 0 has the probability `believed`, in [0, 1]; the lowest
-    /// numbered of equals. `time` counts from 0 and is below the horizon.
+    /// numbered of equals. `time` counts from 0.
     pub fn choose(&self, time: u32, believed: f64, habituation: f64, disengagement: f64) -> Action {
         self.0.choose(time, believed, habituation, disengagement)
     }

@@ -1,6 +1,6 @@
 //! Values of all states on a grid, by backward induction, and the policy that follows from them.
 
-use crate::env::{Action, Belief, apply_action};
+use crate::env::{Action, Belief, DisengagementReward, apply_action};
 use crate::env::{Environment, FirstContext};
 
 use super::action_values::ActionValues;
@@ -69,6 +69,9 @@ struct Row {
     untailored: f64,
     /// Reward of a suitable message, the baseline aside.
     suitable: f64,
+    /// Reward of an unsuitable message, the baseline aside; and where it ends the episode.
+    unsuitable: f64,
+    disengaging: f64,
 }
 
 /// Where the actions lead from the nodes of one disengagement risk.
@@ -108,12 +111,15 @@ impl Solution {
                 interpolate(row.messaged, &later, &mut messaged);
                 for (column, now) in columns.iter().zip(now) {
                     let calm = column.after_suitable.of(&messaged);
-                    let annoyed = column.after_unsuitable.map_or(0.0, |at| at.of(&messaged));
+                    let unsuitable = match column.after_unsuitable {
+                        Some(at) => row.unsuitable + at.of(&messaged),
+                        None => row.disengaging,
+                    };
                     *now = self.mean_of_best(&ActionValues {
                         nothing: *now,
                         untailored: row.untailored + calm,
                         suitable: row.suitable + calm,
-                        unsuitable: annoyed,
+                        unsuitable,
                     });
                 }
             }
@@ -126,11 +132,14 @@ impl Solution {
         let row = |h: &f64| {
             let after = |action| apply_action(&self.environment, 0, action, *h, 0.0);
             let suitable = after(Action::tailored_to(0));
+            let unsuitable = after(Action::tailored_to(1)).reward;
             Row {
                 rested: self.habituation.cubic(after(Action::NONE).habituation),
                 messaged: self.habituation.cubic(suitable.habituation),
                 untailored: after(Action::UNTAILORED).reward,
                 suitable: suitable.reward,
+                unsuitable,
+                disengaging: self.disengaging(unsuitable),
             }
         };
         self.habituation.nodes().iter().map(row).collect()
@@ -189,7 +198,8 @@ impl Solution {
 
     /// The action values of a state, given the value of the states after it.
     fn values_before(&self, h: f64, d: f64, later: impl Fn(f64, f64) -> f64) -> ActionValues {
-        let effect = |action| apply_action(&self.environment, 0, action, h, d);
+        let e = &self.environment;
+        let effect = |action| apply_action(e, 0, action, h, d);
         let [nothing, untailored, suitable, unsuitable] =
             [Action::NONE, Action::UNTAILORED, Action::tailored_to(0), Action::tailored_to(1)]
                 .map(effect);
@@ -199,7 +209,20 @@ impl Solution {
             nothing: rested,
             untailored: untailored.reward + calm,
             suitable: suitable.reward + calm,
-            unsuitable: annoyed,
+            unsuitable: match unsuitable.disengagement >= e.disengagement_threshold {
+                true => self.disengaging(unsuitable.reward) + annoyed,
+                false => unsuitable.reward + annoyed,
+            },
+        }
+    }
+
+    /// The reward, baselines aside, of a wrong message that ends the episode and would otherwise pay
+    /// `reward`.
+    fn disengaging(&self, reward: f64) -> f64 {
+        match self.environment.disengagement_reward {
+            DisengagementReward::Paid => reward,
+            // Both baselines are the same.
+            DisengagementReward::Zero => -self.baseline[0],
         }
     }
 
@@ -225,7 +248,11 @@ impl Solution {
     pub fn choose(&self, time: u32, believed: f64, habituation: f64, disengagement: f64) -> Action {
         let e = &self.environment;
         let is_known = time == 0 && e.first_context == FirstContext::Fixed;
-        let values = self.action_values(e.horizon - 1 - time, habituation, disengagement);
+        let Some(left) = (e.horizon - 1).checked_sub(time) else {
+            // The unpaid last step: no action makes a difference.
+            return Action::NONE;
+        };
+        let values = self.action_values(left, habituation, disengagement);
         values.best(if is_known { 1.0 } else { believed })
     }
 }

@@ -8,7 +8,8 @@ use super::solution::{Resolution, Solution};
 use super::two_grids::better_of;
 use super::{OptimalPolicy, Optimum, optimum};
 use crate::env::{
-    Action, Belief, ContextDraw, Environment, FirstContext, apply_action, inference_error,
+    Action, Belief, ContextDraw, DisengagementReward, Environment, FirstContext, StepNoise,
+    apply_action, inference_error,
 };
 use crate::rng::{Purpose, Stream};
 
@@ -72,7 +73,11 @@ fn by_every_course(e: &Environment, belief: &Expectation, time: u32, state: [f64
         let effect = apply_action(&unbiased, 0, action, state[0], state[1]);
         let ends = effect.disengagement >= e.disengagement_threshold;
         let state = [effect.habituation, effect.disengagement];
-        effect.reward + if ends { 0.0 } else { by_every_course(e, belief, time + 1, state) }
+        match e.disengagement_reward {
+            DisengagementReward::Zero if ends => -e.mu[0],
+            _ if ends => effect.reward,
+            _ => effect.reward + by_every_course(e, belief, time + 1, state),
+        }
     };
     let values = ActionValues {
         nothing: after(Action::NONE),
@@ -108,6 +113,18 @@ fn odd_environments() -> Vec<Environment> {
         // Three mistakes make 0.8999999999999999.
         Environment { disengagement_threshold: 0.9, ..without_decay(0.3, 7) },
         Environment { rho_1: -50.0, rho_2: -200.0, mu: [-1e5, -1e5], ..paper() },
+        Environment { rho_3: 150.0, epsilon_d: 0.2, ..paper() },
+        Environment { rho_3: -70.0, ..paper() },
+        Environment {
+            mu: [60.0, 60.0],
+            rho_3: 90.0,
+            disengagement_reward: DisengagementReward::Zero,
+            step_noise: StepNoise::Gamma,
+            steps_cut_at_zero: true,
+            unpaid_last_step: true,
+            message_cost: 40.0,
+            ..paper()
+        },
         Environment { sigma: 0.0, epsilon_d: 0.3, ..paper() },
         Environment { sigma: 1e6, delta_d: 0.5, epsilon_d: 0.25, ..paper() },
         Environment { horizon: 1, ..paper() },

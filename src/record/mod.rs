@@ -25,6 +25,10 @@ pub const METRICS: &[(&str, &str)] = &[
     ("mean_length", "mean episode length, in steps of the simulation"),
     ("disengagement_rate", "share of episodes that ended in disengagement"),
     ("message_rate", "share of steps on which a message was sent (actions 1 to 3)"),
+    (
+        "mean_net_return",
+        "mean undiscounted return less the cost of messages, in steps walked; absent where they cost nothing",
+    ),
 ];
 
 /// Names and meanings of what a learning curve records; each is over the training episodes since
@@ -100,7 +104,7 @@ pub struct Decision {
 /// Bins of the probability of context 0 in [`ActionCount`].
 pub const PROBABILITY_BINS: usize = 10;
 
-/// How often an action was chosen in the test episodes, by the inferred probability of context 0
+/// How often an action was taken in the test episodes, by the inferred probability of context 0
 /// (whether the agent saw it or not) and the true context.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ActionCount {
@@ -110,14 +114,14 @@ pub struct ActionCount {
     pub context: u8,
     /// Action, 0 to 3.
     pub action: u8,
-    /// Times chosen; never 0.
+    /// Times taken; never 0.
     pub count: u64,
 }
 
 /// Everything a completed training leaves behind. The same job always makes the same bits.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Results {
-    /// Summary numbers, each of [`METRICS`] once.
+    /// Summary numbers, each of [`METRICS`] at most once.
     pub metrics: Vec<Metric>,
     /// Learning curve, by episode; empty for an algorithm that does not train.
     pub curve: Vec<CurvePoint>,

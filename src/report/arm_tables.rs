@@ -11,7 +11,8 @@ const NARROW: &str = "; bootstrap intervals of fewer than ten seeds an arm are t
                       three, they hold the true value in three quarters to nine tenths of cases";
 
 /// A row an arm: return in four ways, what the policies do, and how far they are from the optimum.
-pub fn arms(rows: &[ArmSummary]) -> DataTable {
+/// `unknown_optima` says why some optima are not known.
+pub fn arms(rows: &[ArmSummary], unknown_optima: &[String]) -> DataTable {
     let has_lost = rows.iter().any(|row| row.returns.lost().ended() > 0);
     let columns = [
         ("arm", "Arm"),
@@ -36,7 +37,9 @@ pub fn arms(rows: &[ArmSummary]) -> DataTable {
     let caption = "Arms: mean over seeds of the return, of its lower quartile over test episodes, of \
                    episodes ended by disengagement and of messages sent an episode";
     let is_few = rows.iter().any(|row| (1..FEW_SEEDS).contains(&row.returns.n()));
-    let mut table = DataTable::new(warned(caption, is_few), &columns);
+    let unknown: String = unknown_optima.iter().map(|reason| format!("; {reason}")).collect();
+    let caption = format!("{}{unknown}", warned(caption, is_few));
+    let mut table = DataTable::new(caption, &columns);
     table.rows = rows.iter().map(arm).collect();
     table
 }
@@ -178,10 +181,10 @@ mod tests {
     #[test]
     fn lost_seeds_have_a_column_where_there_are_any() {
         let has_column = |table: &DataTable| table.markdown().contains("| Lost |");
-        let whole = arms(&[row(&[1.0, 2.0], 0)]);
+        let whole = arms(&[row(&[1.0, 2.0], 0)], &[]);
         assert!(!has_column(&whole));
         // One failed, and one is no number.
-        let lost = arms(&[row(&[1.0, 2.0], 0), row(&[1.0, f64::NAN], 1)]);
+        let lost = arms(&[row(&[1.0, 2.0], 0), row(&[1.0, f64::NAN], 1)], &[]);
         assert!(has_column(&lost));
         assert_eq!([lost.rows[0][2].shown(), lost.rows[1][2].shown()], ["0", "2"]);
         assert_eq!(lost.columns[2].name, "lost");
@@ -201,7 +204,7 @@ mod tests {
                 returns: Err(Undefined::NoSeeds),
                 shares: None,
             };
-            [arms(&[row(&values, 0)]), agents(&[agent])]
+            [arms(&[row(&values, 0)], &[]), agents(&[agent])]
         };
         for (n, is_warned) in [(9, true), (10, false)] {
             for table in of(n) {

@@ -42,7 +42,7 @@ pub fn assemble(
     // A fault in any of these files is found before the long work.
     let published = manifests.iter().map(Published::of).collect::<Result<Vec<_>, _>>()?;
     let experiment = |(manifest, published): (&Manifest, Option<Published>)| {
-        let data = data_set(reader, manifest, &mut on_progress)?;
+        let (data, unknown_optima) = data_set(reader, manifest, &mut on_progress)?;
         let queries: Vec<DataQuery> =
             manifest.analyses.iter().map(|analysis| query(manifest, &data, analysis)).collect();
         let is_registered = is_registered(reader, &data)?;
@@ -63,6 +63,7 @@ pub fn assemble(
             findings: findings.into_iter().zip(queries.iter().map(sql)).collect(),
             reproduction: published.as_ref().map(|published| reproduce(published, &data.jobs)),
             arms: summarise_arms(&data.jobs),
+            unknown_optima,
             jobs: data.jobs,
         })
     };
@@ -82,12 +83,13 @@ fn is_registered(reader: &Reader, data: &DataSet) -> Result<bool, StoreError> {
     Ok(registered == data.jobs.iter().map(|job| job.job_key).collect())
 }
 
-/// The jobs of a manifest with what the store knows of them, and the optimum of completed ones.
+/// The jobs of a manifest with what the store knows of them and the optimum of completed ones, and why some
+/// optima are not known.
 fn data_set(
     reader: &Reader,
     manifest: &Manifest,
     mut on_progress: impl FnMut(Work, usize, usize),
-) -> Result<DataSet, StoreError> {
+) -> Result<(DataSet, Vec<String>), StoreError> {
     let reads = |part| manifest.analyses.iter().any(|analysis| analysis.part() == part);
     let parts = Parts {
         curve: reads(DataPart::LearningCurve),
@@ -101,13 +103,15 @@ fn data_set(
         on_progress(Work::Jobs, read, planned.len());
     })?;
     let completed = data.jobs.iter().zip(&planned).filter(|(job, _)| job.completed().is_some());
-    let optima = optima::of_jobs(completed.map(|(_, planned)| &planned.job), |done, of| {
+    let completed = completed.map(|(_, planned)| &planned.job);
+    let unknown = optima::unknown(completed.clone());
+    let optima = optima::of_jobs(completed, |done, of| {
         on_progress(Work::Optima, done, of);
     });
     for (job, planned) in data.jobs.iter_mut().zip(&planned) {
         job.optimum = optima.get(&optima::place_of(&planned.job)).copied();
     }
-    Ok(data)
+    Ok((data, unknown))
 }
 
 /// The query that reads the data of an analysis: what the analysis and its sides ask for, of what

@@ -51,7 +51,7 @@ pub fn report(experiments: &[ReportedExperiment], store: &str) -> Vec<ReportFile
         let shown: Vec<Shown<'_>> = shown.collect();
         shown.iter().for_each(|finding| write_finding(finding, &mut files));
         let tables = ArmTables {
-            arms: (arms, arm_tables::arms(&experiment.arms)),
+            arms: (arms, arm_tables::arms(&experiment.arms, &experiment.unknown_optima)),
             agents: (agents, arm_tables::agents(&summarise_agents(&experiment.arms))),
         };
         for (stem, table) in [&tables.arms, &tables.agents] {

@@ -3,7 +3,7 @@
 use std::collections::{HashMap, HashSet};
 
 use crate::env::{Environment, Scenario};
-use crate::optimum;
+use crate::optimum::{self, NoOptimum};
 use crate::plan::Job;
 
 /// An environment and a scenario, as text that identifies them.
@@ -12,6 +12,23 @@ pub(super) type Place = (String, String);
 /// The place of a job.
 pub(super) fn place_of(job: &Job) -> Place {
     (format!("{:?}", job.environment), job.scenario.to_string())
+}
+
+/// Why the optimum of jobs is not known although their scenarios show the state, each reason once.
+pub(super) fn unknown<'j>(jobs: impl Iterator<Item = &'j Job>) -> Vec<String> {
+    let mut reasons: Vec<String> = Vec::new();
+    for job in jobs {
+        let error = optimum::check(&job.environment, &job.scenario).err();
+        let reason = match error {
+            Some(error @ (NoOptimum::NotKnown { .. } | NoOptimum::TooLong { .. })) => error,
+            Some(NoOptimum::StateHidden { .. }) | None => continue,
+        };
+        let reason = reason.to_string();
+        if !reasons.contains(&reason) {
+            reasons.push(reason);
+        }
+    }
+    reasons
 }
 
 /// The highest mean return of any policy, by place; without the places whose optimum is not computed.

@@ -24,6 +24,8 @@ pub struct ReportedExperiment {
     pub reproduction: Option<Reproduction>,
     /// What every arm came to, whatever is analysed.
     pub arms: Vec<ArmSummary>,
+    /// Why the optimum of some completed jobs is not known, each reason once.
+    pub unknown_optima: Vec<String>,
 }
 
 /// A finding as the page shows it.

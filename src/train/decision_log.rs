@@ -75,6 +75,9 @@ impl StepObserver<PhysicalActivity> for DecisionLog {
             let draw = lanes.context(lane);
             let shown = lanes.parameters().observed_probability;
             let zero = draw.probability_of_zero;
+            // Without availability or budget every choice comes to no message.
+            let taken = lanes.taken(lane, actions[lane]);
+            let is_free = lanes.taken(lane, Action::UNTAILORED) == Action::UNTAILORED;
             let decision = Decision {
                 phase: self.phase,
                 episode: self.episode(lane, step),
@@ -84,9 +87,9 @@ impl StepObserver<PhysicalActivity> for DecisionLog {
                 likely_context: draw.likely,
                 habituation: lanes.habituation()[lane],
                 disengagement: lanes.disengagement()[lane],
-                available: true,
-                action: actions[lane].index() as u8,
-                action_probability: probabilities[lane],
+                available: lanes.is_available(lane),
+                action: taken.index() as u8,
+                action_probability: if is_free { probabilities[lane] } else { 1.0 },
                 reward: 0.0,
             };
             self.decisions.push(decision);
@@ -94,10 +97,11 @@ impl StepObserver<PhysicalActivity> for DecisionLog {
         }
     }
 
-    fn paid(&mut self, _: &PhysicalActivity, rewards: &[f64]) {
+    fn paid(&mut self, lanes: &PhysicalActivity, rewards: &[f64]) {
+        let walked = lanes.outcomes(rewards);
         let first = self.decisions.len() - self.acting.len();
         for (decision, lane) in self.decisions[first..].iter_mut().zip(&self.acting) {
-            decision.reward = rewards[*lane];
+            decision.reward = walked[*lane];
         }
     }
 }

@@ -79,6 +79,8 @@ pub struct Rollout {
     pub actions: Vec<Action>,
     /// The rewards, \[rows\].
     pub rewards: Vec<f64>,
+    /// The sum of all returns.
+    returns: f64,
     lanes: usize,
     present: Observations,
 }
@@ -86,7 +88,7 @@ pub struct Rollout {
 impl Rollout {
     /// The mean of the lanes' undiscounted returns.
     pub fn mean_return(&self) -> f64 {
-        self.rewards.iter().sum::<f64>() / self.lanes as f64
+        self.returns / self.lanes as f64
     }
 }
 
@@ -97,8 +99,9 @@ impl<Env: VectorEnvironment + ?Sized> StepObserver<Env> for Rollout {
         self.actions.extend_from_slice(actions);
     }
 
-    fn paid(&mut self, _: &Env, rewards: &[f64]) {
+    fn paid(&mut self, environment: &Env, rewards: &[f64]) {
         self.rewards.extend_from_slice(rewards);
+        self.returns += environment.outcomes(rewards).iter().sum::<f64>();
     }
 }
 
@@ -111,8 +114,14 @@ pub fn play<Env: VectorEnvironment + ?Sized>(
     let none = environment.observation_spec().observations();
     let lanes = environment.lanes();
     let (actions, rewards) = (Vec::new(), Vec::new());
-    let mut rollout =
-        Rollout { observations: none.clone(), actions, rewards, lanes, present: none };
+    let mut rollout = Rollout {
+        observations: none.clone(),
+        actions,
+        rewards,
+        returns: 0.0,
+        lanes,
+        present: none,
+    };
     begin(environment, actor, streams);
     roll(environment, actor, streams, &mut rollout);
     rollout

@@ -33,6 +33,7 @@ pub(super) struct Tested {
     pub(super) actions: Vec<ActionCount>,
     pub(super) decisions: Vec<Decision>,
     messages: u64,
+    message_cost: f64,
 }
 
 impl Test {
@@ -93,8 +94,9 @@ impl Test {
     /// What the episodes were, once all are played.
     pub(super) fn finish(self) -> Tested {
         let (messages, actions) = (self.counts.messages(), self.counts.rows());
+        let message_cost = self.batch.environment.parameters().message_cost;
         let decisions = self.log.map(DecisionLog::finish).unwrap_or_default();
-        Tested { episodes: self.played, messages, actions, decisions }
+        Tested { episodes: self.played, messages, message_cost, actions, decisions }
     }
 }
 
@@ -120,7 +122,7 @@ impl StepObserver<PhysicalActivity> for Player<'_> {
         for (lane, episode) in self.played.iter_mut().enumerate() {
             if lanes.statuses()[lane] == EpisodeStatus::Running {
                 episode.length += 1;
-                self.counts.add(&lanes.context(lane), actions[lane]);
+                self.counts.add(&lanes.context(lane), lanes.taken(lane, actions[lane]));
             }
         }
     }
@@ -129,8 +131,8 @@ impl StepObserver<PhysicalActivity> for Player<'_> {
         if let Some(log) = &mut self.log {
             log.paid(lanes, rewards);
         }
-        for (episode, reward) in self.played.iter_mut().zip(rewards) {
-            episode.total_reward += reward;
+        for (episode, outcome) in self.played.iter_mut().zip(lanes.outcomes(rewards)) {
+            episode.total_reward += outcome;
         }
     }
 
@@ -180,7 +182,7 @@ fn restore_episode(from: &mut StateReader<'_>) -> Result<TestEpisode, StateError
 }
 
 impl Tested {
-    /// The metrics of the run, each once; see [`crate::record::METRICS`].
+    /// The metrics of the run, each at most once; see [`crate::record::METRICS`].
     pub(super) fn metrics(&self) -> Vec<Metric> {
         let n = self.episodes.len() as f64;
         let mean = self.episodes.iter().map(|e| e.total_reward).sum::<f64>() / n;
@@ -188,13 +190,18 @@ impl Tested {
             self.episodes.iter().map(|e| (e.total_reward - mean) * (e.total_reward - mean)).sum();
         let steps: u64 = self.episodes.iter().map(|e| u64::from(e.length)).sum();
         let disengaged = self.episodes.iter().filter(|e| e.disengaged).count();
-        vec![
+        let mut metrics = vec![
             Metric { name: "mean_return", value: mean },
             Metric { name: "sd_return", value: (squares / (n - 1.0).max(1.0)).sqrt() },
             Metric { name: "mean_length", value: steps as f64 / n },
             Metric { name: "disengagement_rate", value: disengaged as f64 / n },
             Metric { name: "message_rate", value: self.messages as f64 / steps as f64 },
-        ]
+        ];
+        if self.message_cost > 0.0 {
+            let value = mean - self.message_cost * self.messages as f64 / n;
+            metrics.push(Metric { name: "mean_net_return", value });
+        }
+        metrics
     }
 }
 
@@ -245,6 +252,7 @@ mod tests {
             actions: Vec::new(),
             decisions: Vec::new(),
             messages: 5,
+            message_cost: 1.5,
         };
         let value = |name: &str| tested.metrics().iter().find(|m| m.name == name).unwrap().value;
         assert_eq!(value("mean_return"), 30.0);
@@ -252,6 +260,7 @@ mod tests {
         assert!((value("mean_length") - 20.0 / 3.0).abs() < 1e-12);
         assert!((value("disengagement_rate") - 1.0 / 3.0).abs() < 1e-12);
         assert_eq!(value("message_rate"), 0.25);
+        assert_eq!(value("mean_net_return"), 30.0 - 1.5 * 5.0 / 3.0);
         let names: Vec<&str> = tested.metrics().iter().map(|m| m.name).collect();
         let declared: Vec<&str> = crate::record::METRICS.iter().map(|(name, _)| *name).collect();
         assert_eq!(names, declared);
@@ -264,7 +273,9 @@ mod tests {
             actions: Vec::new(),
             decisions: Vec::new(),
             messages: 0,
+            message_cost: 0.0,
         };
+        assert!(tested.metrics().iter().all(|m| m.name != "mean_net_return"));
         assert!(tested.metrics().iter().all(|m| m.value.is_finite()));
     }
 }

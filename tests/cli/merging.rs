@@ -4,9 +4,9 @@ use std::fs;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-use jitai::plan::Shard;
 use jitai::kill_point::VARIABLE;
 use jitai::plan::Job;
+use jitai::plan::Shard;
 use jitai::record::Outcome;
 use jitai::schedule::{self, Context, Event};
 use jitai::train::{self, TrainingControl};
@@ -177,7 +177,8 @@ fn shards_beyond_the_jobs_are_empty_and_faulty_ones_are_refused() {
 fn shards_have_about_the_same_work() {
     let text = manifest("sweep", "[0.4, 0.6]", "100", Effort::Short);
     let manifest = jitai::manifest::parse("sweep", text.as_bytes()).unwrap();
-    let works = || jitai::plan::jobs(&manifest).map(|planned| (planned.job.key(), planned.job.work()));
+    let works =
+        || jitai::plan::jobs(&manifest).map(|planned| (planned.job.key(), planned.job.work()));
     let all: u64 = works().map(|(_, work)| work).sum();
     for number in 1..=13 {
         let keys = format!("{number}/13").parse::<Shard>().unwrap().keys(works());

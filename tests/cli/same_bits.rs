@@ -12,15 +12,34 @@ use crate::support::{Effort, Folder, assert_same_rows, manifest};
 /// Kills that a sweep has to survive.
 const KILLS: u32 = 20;
 
+/// The manifest in the beta version with all that messages are subject to, and every letter of theirs.
+fn noisy(manifest: &str) -> String {
+    let keys = "environment.state_noise = \"beta\"
+environment.kappa_h = 10
+environment.kappa_d = 10
+environment.step_noise = \"gamma\"
+environment.sigma_s = 10
+environment.parameter_spread = 0.2
+environment.context_persistence = 0.5
+environment.availability = 0.8
+environment.message_cost = 5
+environment.message_budget = 20
+environment.sigma";
+    let noisy = manifest.replace("environment.sigma", keys);
+    noisy.replace("\"P-H-D\"", "\"P-H-D-A-B-M-S\"")
+}
+
 #[test]
 fn three_workers_store_the_same_rows_as_one() {
     let text = manifest("sweep", "[0, 0.6]", "2", Effort::Short);
-    let one = Folder::with(&text);
-    one.jitai(["run", "sweep.toml", "--workers", "1"]).succeeded();
-    let three = Folder::with(&text);
-    three.jitai(["run", "sweep.toml", "--workers", "3"]).succeeded();
-    assert_eq!(one.number("SELECT count(*) FROM run_summary WHERE status = 'completed'"), 8);
-    assert_same_rows(&one.dump(), &three.dump());
+    for text in [noisy(&text), text] {
+        let one = Folder::with(&text);
+        one.jitai(["run", "sweep.toml", "--workers", "1"]).succeeded();
+        let three = Folder::with(&text);
+        three.jitai(["run", "sweep.toml", "--workers", "3"]).succeeded();
+        assert_eq!(one.number("SELECT count(*) FROM run_summary WHERE status = 'completed'"), 8);
+        assert_same_rows(&one.dump(), &three.dump());
+    }
 }
 
 #[test]
@@ -34,7 +53,7 @@ fn every_instruction_set_stores_the_same_rows() {
 target_period = 50\nbuffer = 200",
     );
     assert_ne!(far, one_hot);
-    for text in [text, one_hot, far] {
+    for text in [noisy(&text), text, one_hot, far] {
         let fastest = Folder::completed(&text);
         for isa in Isa::available() {
             let forced = Folder::with(&text);
@@ -69,23 +88,32 @@ fn a_job_alone_stores_the_same_rows_as_in_a_sweep() {
 
 #[test]
 fn a_sweep_killed_in_its_trainings_stores_the_rows_of_an_undisturbed_one() {
-    killed_sweep_stores_the_same_rows(Effort::Short, Duration::from_millis(250));
+    killed_sweep_stores_the_same_rows(str::to_owned, Effort::Short, Duration::from_millis(250));
+}
+
+#[test]
+fn a_noisy_sweep_killed_in_its_trainings_stores_the_rows_of_an_undisturbed_one() {
+    killed_sweep_stores_the_same_rows(noisy, Effort::Short, Duration::from_millis(250));
 }
 
 #[test]
 fn a_sweep_killed_while_it_opens_and_writes_stores_the_rows_of_an_undisturbed_one() {
-    killed_sweep_stores_the_same_rows(Effort::Trivial, Duration::from_millis(25));
+    killed_sweep_stores_the_same_rows(str::to_owned, Effort::Trivial, Duration::from_millis(25));
 }
 
 /// Kills a sweep again and again, each time `within` a time from its start, and then lets it end.
-fn killed_sweep_stores_the_same_rows(effort: Effort, mut within: Duration) {
+fn killed_sweep_stores_the_same_rows(
+    changed: fn(&str) -> String,
+    effort: Effort,
+    mut within: Duration,
+) {
     let killed = Folder::new();
     let mut moments = ChaCha8Rng::seed_from_u64(2);
     let (mut kills, mut seeds) = (0, 4);
     let mut met_a_job = false;
     let sweep = |seeds: i64| {
         let recorded = "evaluation.record_decisions = \"all\"\nevaluation.test_episodes";
-        let text = manifest("sweep", "0.6", &seeds.to_string(), effort);
+        let text = changed(&manifest("sweep", "0.6", &seeds.to_string(), effort));
         text.replace("evaluation.test_episodes", recorded)
     };
     killed.write("sweep.toml", sweep(seeds));

@@ -278,6 +278,92 @@ fn recorded_trajectories_are_repeated_step_by_step() {
 }
 
 #[test]
+fn official_trajectories_are_repeated_with_the_preset_that_they_extend() {
+    const OFFICIAL: &str =
+        concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/step_count/golden.json");
+    let folder = Folder::new();
+    let replay = folder.jitai(["simulate", "--replay", OFFICIAL, "--format", "json"]).succeeded();
+    replay
+        .says("9 episodes, 383 steps; 0 recorded values differ; largest difference of a number: 0");
+    let unknown = r#"{"cases": [{"extends": "step_count", "sigma": 1, "parameters": {}, "horizon": 1,
+        "steps": []}]}"#;
+    folder.write("unknown.json", unknown);
+    refused(&folder, &["--replay", "unknown.json"])
+        .says("episode 1, `extends`: expected \"paper\" or")
+        .says("did you mean `step_count_jitai`?");
+}
+
+#[test]
+fn noise_is_set_with_its_size_and_forced_in_a_replay() {
+    let folder = Folder::new();
+    let noise = ["state_noise=beta", "kappa_h=10", "kappa_d=20", "step_noise=gamma", "sigma_s=10"];
+    let settings: Vec<&str> = noise.iter().flat_map(|setting| ["--set", setting]).collect();
+    let rolled = steps(&folder, &[&["--policy", "random", "--seed", "3"][..], &settings].concat());
+    let quiet = steps(&folder, &["--policy", "random", "--seed", "3"]);
+    assert_eq!(rolled[2]["context"], quiet[2]["context"], "contexts have a stream of their own");
+    assert_ne!(rolled[1]["habituation"], quiet[1]["habituation"]);
+
+    // What was rolled, its last step aside, as a recording.
+    let (last, before) = rolled.split_last().unwrap();
+    let recorded = |step: &Value| {
+        let mut step = step.clone();
+        step["p0"] = step["probability_0"].clone();
+        step
+    };
+    let case = |parameters: Value| {
+        serde_json::json!({
+            "sigma": 0.6,
+            "horizon": 50,
+            "parameters": parameters,
+            "steps": before.iter().map(recorded).collect::<Vec<_>>(),
+            "final": { "habituation": last["habituation"], "disengagement": last["disengagement"] },
+            "disengaged": false,
+        })
+    };
+    let parameters = serde_json::json!({
+        "state_noise": "beta", "kappa_h": 10, "kappa_d": 20, "step_noise": "gamma", "sigma_s": 10,
+    });
+    let mut file = serde_json::json!({ "cases": [case(parameters)] });
+    folder.write("noisy.json", file.to_string());
+    let replayed = folder.jitai(["simulate", "--replay", "noisy.json"]).succeeded();
+    replayed.says("; 0 recorded values differ;");
+    file["cases"][0]["final"] = Value::Null;
+    folder.write("open.json", file.to_string());
+    refused(&folder, &["--replay", "open.json"]).says("in the next step or in `final`, are needed");
+    folder.write(
+        "quiet.json",
+        serde_json::json!({ "cases": [case(Value::Object(Default::default()))] }).to_string(),
+    );
+    folder.jitai(["simulate", "--replay", "quiet.json"]).ended(1);
+
+    refused(&folder, &["--set", "kappa_h=10"])
+        .says("`kappa_h` = 10.0 is for `state_noise` = \"beta\"");
+    refused(&folder, &["--set", "sigma=1", "--set", "step_noise=gamma"])
+        .says("--set step_noise=gamma: `step_noise` = \"gamma\" needs `sigma_s` above 0");
+    let noisy = ["--policy", "optimal", "--set", "state_noise=uniform"];
+    refused(&folder, &noisy).says("the optimum is not known with `state_noise` = \"uniform\"");
+}
+
+#[test]
+fn messages_are_sent_where_they_can_be_and_within_their_budget() {
+    let folder = Folder::new();
+    let sent = |settings: &[&str]| {
+        let steps = steps(&folder, &[&["--policy", "untailored"][..], settings].concat());
+        for step in &steps {
+            assert!(step["available"] == 1 || step["action"] == 0, "{step}");
+        }
+        (actions(&steps).into_iter().filter(|action| *action > 0).count(), steps.len())
+    };
+    assert_eq!(sent(&["--set", "availability=0"]), (0, 50));
+    assert_eq!(sent(&["--set", "message_budget=7"]), (7, 50));
+    let (some, _) = sent(&["--set", "availability=0.5"]);
+    assert!((10..40).contains(&some), "{some}");
+    // The return counts the steps walked: a cost changes nothing that is printed.
+    let priced = steps(&folder, &["--set", "message_cost=30"]);
+    assert_eq!(priced, steps(&folder, &[]));
+}
+
+#[test]
 fn replayed_and_rolled_episodes_have_the_same_columns_and_count_from_one() {
     let folder = Folder::new();
     let header = |arguments: &[&str]| {

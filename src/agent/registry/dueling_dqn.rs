@@ -51,23 +51,23 @@ impl AlgorithmParameters for DuelingDqn {
             },
         },
         Constraint {
-            parameters: &[LAYERS, TRUNK, HORIZON, ONE_HOT],
+            parameters: &[Parameter::Scenario, LAYERS, TRUNK, HORIZON, ONE_HOT],
             violation: |assignment| {
                 network_fits(assignment.network_parameters(stacks(assignment), 5))
             },
         },
         Constraint {
-            parameters: &[BATCH, LAYERS, TRUNK, HORIZON, ONE_HOT],
+            parameters: &[Parameter::Scenario, BATCH, LAYERS, TRUNK, HORIZON, ONE_HOT],
             violation: |assignment| {
                 let each = stacks(assignment) * assignment.row_numbers();
                 batch_fits(assignment.whole(BATCH).saturating_mul(each))
             },
         },
         Constraint {
-            parameters: &[BUFFER, EPISODES, HORIZON, ONE_HOT],
+            parameters: &[Parameter::Scenario, BUFFER, EPISODES, HORIZON, ONE_HOT],
             violation: |assignment| {
                 let steps = assignment.whole(EPISODES).saturating_mul(assignment.whole(HORIZON));
-                replay_fits(assignment.whole(BUFFER).min(steps))
+                replay_fits(assignment, assignment.whole(BUFFER).min(steps))
             },
         },
         CURVE_FITS,

@@ -40,11 +40,11 @@ impl AlgorithmParameters for Reinforce {
             },
         },
         Constraint {
-            parameters: &[LAYERS, HORIZON, ONE_HOT],
+            parameters: &[Parameter::Scenario, LAYERS, HORIZON, ONE_HOT],
             violation: |assignment| network_fits(assignment.network_parameters(1, 4)),
         },
         Constraint {
-            parameters: &[TRAJECTORIES_PER_UPDATE, LAYERS, HORIZON, ONE_HOT],
+            parameters: &[Parameter::Scenario, TRAJECTORIES_PER_UPDATE, LAYERS, HORIZON, ONE_HOT],
             violation: |assignment| {
                 let each = assignment.whole(TRAJECTORIES_PER_UPDATE);
                 let rows = each.saturating_mul(assignment.whole(HORIZON));

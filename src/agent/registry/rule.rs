@@ -5,8 +5,9 @@ use crate::agent::constraint::{Assignment, Constraint, HORIZON, TEST_DECISIONS_F
 use crate::agent::learner::Actions;
 use crate::agent::rule::{DecisionRule, RuleParameters, RulePolicy};
 use crate::agent::weights::{Weights, WeightsError};
-use crate::key::Parameter;
-use crate::optimum::LONGEST_OPTIMUM;
+use crate::env::Environment;
+use crate::key::{Key, Keyed, Parameter, Value};
+use crate::optimum::{LONGEST_OPTIMUM, NoOptimum, check};
 
 use super::algorithm::{AlgorithmParameters, Start, StartError, Task, Work};
 
@@ -14,6 +15,28 @@ const RULE: Parameter = Parameter::Agent("rule");
 
 /// Multiply-adds that take as long as computing an optimum does per step of its horizon.
 const OPTIMUM_PER_STEP: u64 = 100_000_000;
+
+/// Keys of the environment.
+const KEYS: &[Key] = Environment::KEYS;
+
+/// The rule, and every key of the environment in their order.
+const RULE_AND_ENVIRONMENT: [Parameter; KEYS.len() + 1] = {
+    let mut all = [RULE; KEYS.len() + 1];
+    let mut place = 0;
+    while place < KEYS.len() {
+        all[place + 1] = Parameter::Environment(KEYS[place].name);
+        place += 1;
+    }
+    all
+};
+
+/// The environment of the values of [`RULE_AND_ENVIRONMENT`].
+fn environment(assignment: &Assignment) -> Option<Environment> {
+    let is_of_environment = |key: &Parameter| matches!(key, Parameter::Environment(_));
+    let of_environment = assignment.keys.iter().filter(|(key, _)| is_of_environment(key));
+    let values: Vec<Value> = of_environment.map(|(_, value)| (*value).clone()).collect();
+    Environment::from_values(&values)
+}
 
 fn is_optimal(assignment: &Assignment) -> bool {
     assignment.is_word(RULE, DecisionRule::Optimal.word())
@@ -47,6 +70,18 @@ impl AlgorithmParameters for RuleParameters {
                 let (what, unit) = ("rule = \"optimal\" plans for a horizon of", "steps");
                 let violated = is_optimal(assignment) && size > most;
                 violated.then_some(Violation::TooLarge { what, unit, size, most })
+            },
+        },
+        Constraint {
+            parameters: &RULE_AND_ENVIRONMENT,
+            violation: |assignment| {
+                let not_known = |error: &NoOptimum| matches!(error, NoOptimum::NotKnown { .. });
+                let environment = environment(assignment).filter(|_| is_optimal(assignment))?;
+                let error = check(&environment, assignment.scenario).err().filter(not_known)?;
+                Some(Violation::Impossible {
+                    says: format!("rule = \"optimal\" is not possible: {error}"),
+                    help: "take another rule, or leave such cells out with [[exclude]]".to_owned(),
+                })
             },
         },
     ];

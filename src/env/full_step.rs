@@ -1,0 +1,189 @@
+//! A step with everything that the manifest can ask for: noise, availability, cost and budget of
+//! messages, other endings, and the memory of the last step.
+
+use std::io;
+
+use pulp::{Simd, WithSimd};
+
+use crate::env::dynamics::{Dynamics, Effect, LaneDynamics};
+use crate::env::noise::Noise;
+use crate::env::parameters::{
+    DisengagementReward, Environment, RewardHabituation, StateNoise, StepNoise,
+};
+use crate::env::scenario::{Feature, Scenario};
+use crate::env::vector::{Action, EpisodeStatus};
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
+
+/// Steps walked before an episode, as the official code shows them.
+pub const INITIAL_STEPS: f64 = 0.1;
+
+/// Whether a step needs more than the equations of the paper and the endings of its code.
+pub(super) fn is_needed(e: &Environment, scenario: &Scenario) -> bool {
+    let remembered =
+        [Feature::Available, Feature::Budget, Feature::PreviousAction, Feature::PreviousSteps];
+    let paper = Environment::paper(e.sigma);
+    scenario.features().iter().any(|feature| remembered.contains(feature))
+        || e.state_noise != StateNoise::None
+        || e.step_noise != StepNoise::None
+        || e.parameter_spread > 0.0
+        || e.disengagement_reward != DisengagementReward::Paid
+        || e.steps_cut_at_zero
+        || e.unpaid_last_step
+        || e.availability < 1.0
+        || e.message_cost > 0.0
+        || e.message_budget != paper.message_budget
+}
+
+/// What lanes remember beyond the state of the paper's simulation; every array is \[lanes\].
+#[derive(Clone, Debug)]
+pub(super) struct Memory {
+    /// Whether a message can be sent in the present step.
+    pub(super) available: Vec<bool>,
+    /// Messages sent in the episode.
+    pub(super) messages: Vec<u32>,
+    /// The action taken in the last step; `None` in the first.
+    pub(super) actions: Vec<Option<Action>>,
+    /// The steps walked in the last step.
+    pub(super) steps: Vec<f64>,
+    /// The steps walked in the last call; unlike `steps`, 0 in lanes that had ended.
+    pub(super) walked: Vec<f64>,
+}
+
+impl Memory {
+    pub(super) fn new(lanes: usize) -> Self {
+        Memory {
+            available: vec![true; lanes],
+            messages: vec![0; lanes],
+            actions: vec![None; lanes],
+            steps: vec![INITIAL_STEPS; lanes],
+            walked: vec![0.0; lanes],
+        }
+    }
+
+    /// Forgets the episode of a lane.
+    pub(super) fn reset(&mut self, lane: usize) {
+        self.available[lane] = true;
+        self.messages[lane] = 0;
+        self.actions[lane] = None;
+        self.steps[lane] = INITIAL_STEPS;
+    }
+
+    /// The action that is taken where one is chosen: none without availability or budget.
+    #[inline(always)]
+    pub(super) fn taken(&self, budget: u32, lane: usize, action: Action) -> Action {
+        if self.available[lane] && self.messages[lane] < budget { action } else { Action::NONE }
+    }
+}
+
+impl Resumable for Memory {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        out.each(0..self.steps.len(), |out, lane| {
+            out.one(u8::from(self.available[lane]))?;
+            out.one(self.messages[lane])?;
+            out.one(self.actions[lane].map_or(Action::COUNT, Action::index) as u8)?;
+            out.one(self.steps[lane])
+        })
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        const WHAT: &str = "the memory of lanes";
+        let mut lanes = 0..self.steps.len();
+        from.each(self.steps.len(), WHAT, |from| {
+            let lane = lanes.next().ok_or(StateError::Misfit(WHAT))?;
+            self.available[lane] = from.one::<u8>()? != 0;
+            self.messages[lane] = from.one()?;
+            self.actions[lane] = Action::from_index(from.one::<u8>()?.into());
+            self.steps[lane] = from.one()?;
+            Ok(())
+        })?;
+        if lanes.is_empty() { Ok(()) } else { Err(StateError::Misfit(WHAT)) }
+    }
+}
+
+/// The full step of all lanes; every array is \[lanes\] or longer.
+pub(super) struct FullStep<'a, P, N> {
+    pub(super) environment: &'a Environment,
+    pub(super) dynamics: P,
+    pub(super) noise: &'a N,
+    pub(super) contexts: &'a [u8],
+    pub(super) actions: &'a [Action],
+    pub(super) times: &'a mut [u32],
+    pub(super) habituation: &'a mut [f64],
+    pub(super) disengagement: &'a mut [f64],
+    pub(super) statuses: &'a mut [EpisodeStatus],
+    pub(super) memory: &'a mut Memory,
+    pub(super) rewards: &'a mut [f64],
+}
+
+impl<P: LaneDynamics, N: Noise> FullStep<'_, P, N> {
+    /// The state after an action, and the steps walked.
+    #[inline(always)]
+    fn effect(&self, lane: usize, dynamics: &Dynamics, action: Action) -> Effect {
+        let context = self.contexts[lane];
+        let drawn = self.noise.dynamics(lane, dynamics);
+        let expected =
+            drawn.apply(context, action, self.habituation[lane], self.disengagement[lane]);
+        let next = [expected.habituation, expected.disengagement];
+        let [habituation, disengagement] =
+            self.noise.state(lane, dynamics, next).map(|x| cut(x, 0.0, 1.0));
+        let steps = match self.environment.reward_habituation {
+            RewardHabituation::Expected => expected.reward,
+            RewardHabituation::Drawn => drawn.reward(context, action, habituation),
+        };
+        let steps = self.noise.steps(lane, dynamics, steps);
+        Effect { habituation, disengagement, reward: steps }
+    }
+
+    #[inline(always)]
+    fn lane(&mut self, lane: usize) {
+        let e = self.environment;
+        let dynamics = *self.dynamics.of(lane);
+        let action = self.memory.taken(e.message_budget, lane, self.actions[lane]);
+        let Effect { habituation, disengagement, reward: steps } =
+            self.effect(lane, &dynamics, action);
+        let time = self.times[lane] + 1;
+        let disengaged = disengagement >= dynamics.disengagement_threshold;
+        let unpaid =
+            time > e.horizon || (disengaged && e.disengagement_reward == DisengagementReward::Zero);
+        let steps = if e.steps_cut_at_zero { cut(steps, 0.0, f64::INFINITY) } else { steps };
+        let steps = if unpaid { 0.0 } else { steps };
+        let sends = action != Action::NONE;
+        self.times[lane] = time;
+        self.habituation[lane] = habituation;
+        self.disengagement[lane] = disengagement;
+        self.statuses[lane] = if disengaged {
+            EpisodeStatus::Terminated
+        } else if time >= e.longest_episode() {
+            EpisodeStatus::Truncated
+        } else {
+            EpisodeStatus::Running
+        };
+        self.memory.messages[lane] += u32::from(sends);
+        self.memory.actions[lane] = Some(action);
+        self.memory.steps[lane] = steps;
+        self.memory.walked[lane] = steps;
+        self.rewards[lane] = if sends { steps - dynamics.message_cost } else { steps };
+    }
+}
+
+impl<P: LaneDynamics, N: Noise> WithSimd for FullStep<'_, P, N> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, _: S) {
+        for lane in 0..self.statuses.len() {
+            if self.statuses[lane] == EpisodeStatus::Running {
+                self.lane(lane);
+            } else {
+                self.rewards[lane] = 0.0;
+                self.memory.walked[lane] = 0.0;
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn cut(x: f64, low: f64, high: f64) -> f64 {
+    let x = if x > low { x } else { low };
+    if x < high { x } else { high }
+}

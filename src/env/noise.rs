@@ -1,0 +1,167 @@
+//! The noise of a step: of its parameters, of the state after it, and of the steps walked.
+
+use crate::env::dynamics::Dynamics;
+use crate::env::parameters::{Environment, StateNoise, StepNoise};
+use crate::env::variates::{beta, gamma};
+use crate::env::vector::{LaneSet, LaneStreams};
+use crate::rng::{Companion, unit_from_bits};
+
+/// What the official code takes for a parameter of a beta distribution, or a mean of steps, below it.
+const FLOOR: f64 = 1e-5;
+
+/// Where the noise of lanes comes from.
+pub(super) trait Noise {
+    /// The parameters of a lane's step.
+    fn dynamics(&self, lane: usize, dynamics: &Dynamics) -> Dynamics;
+
+    /// Habituation and disengagement risk after a lane's step, from their noise-free values; both may
+    /// be outside [0, 1].
+    fn state(&self, lane: usize, dynamics: &Dynamics, expected: [f64; 2]) -> [f64; 2];
+
+    /// The steps walked in a lane, from their noise-free number.
+    fn steps(&self, lane: usize, dynamics: &Dynamics, expected: f64) -> f64;
+}
+
+/// No noise, whatever the environment says.
+pub(super) struct Silence;
+
+impl Noise for Silence {
+    #[inline(always)]
+    fn dynamics(&self, _: usize, dynamics: &Dynamics) -> Dynamics {
+        *dynamics
+    }
+
+    #[inline(always)]
+    fn state(&self, _: usize, _: &Dynamics, expected: [f64; 2]) -> [f64; 2] {
+        expected
+    }
+
+    #[inline(always)]
+    fn steps(&self, _: usize, _: &Dynamics, expected: f64) -> f64 {
+        expected
+    }
+}
+
+/// What a step leads to, as a recording has it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ForcedNoise {
+    /// Habituation and disengagement risk after the step, both in [0, 1]; `None` for the noise-free ones.
+    pub state: Option<[f64; 2]>,
+    /// The steps walked; `None` for their noise-free number.
+    pub steps: Option<f64>,
+}
+
+impl Noise for ForcedNoise {
+    fn dynamics(&self, _: usize, dynamics: &Dynamics) -> Dynamics {
+        *dynamics
+    }
+
+    fn state(&self, _: usize, _: &Dynamics, expected: [f64; 2]) -> [f64; 2] {
+        self.state.unwrap_or(expected)
+    }
+
+    fn steps(&self, _: usize, _: &Dynamics, expected: f64) -> f64 {
+        self.steps.unwrap_or(expected)
+    }
+}
+
+/// Noise from the words of streams. Every array has the width of its companion for each lane, or is
+/// empty where there is no such noise.
+#[derive(Clone, Debug)]
+pub(super) struct DrawnNoise {
+    state_noise: StateNoise,
+    parameter_words: Vec<u64>,
+    state_words: Vec<u64>,
+    step_words: Vec<u64>,
+}
+
+impl DrawnNoise {
+    /// The noise of an environment with so many lanes, before anything is drawn.
+    pub(super) fn new(environment: &Environment, lanes: usize) -> Self {
+        let words = |is_drawn: bool, companion: Companion| {
+            vec![0; if is_drawn { lanes * companion.width() } else { 0 }]
+        };
+        let Environment { state_noise, step_noise, parameter_spread, .. } = *environment;
+        DrawnNoise {
+            state_noise,
+            parameter_words: words(parameter_spread > 0.0, Companion::ParameterNoise),
+            state_words: words(state_noise != StateNoise::None, Companion::StateNoise),
+            step_words: words(step_noise != StepNoise::None, Companion::StepNoise),
+        }
+    }
+
+    /// Draws the words of the next step.
+    pub(super) fn draw(&mut self, drawn: &[bool], streams: &LaneStreams) {
+        for (companion, words) in [
+            (Companion::ParameterNoise, &mut self.parameter_words),
+            (Companion::StateNoise, &mut self.state_words),
+            (Companion::StepNoise, &mut self.step_words),
+        ] {
+            if !words.is_empty() {
+                streams.fill_companion(companion, LaneSet::All, drawn, words);
+            }
+        }
+    }
+}
+
+impl Noise for DrawnNoise {
+    #[inline(always)]
+    fn dynamics(&self, lane: usize, dynamics: &Dynamics) -> Dynamics {
+        let Some([delta_h, epsilon_h, delta_d, epsilon_d]) =
+            self.parameter_words.as_chunks().0.get(lane)
+        else {
+            return *dynamics;
+        };
+        let near = |value: f64, word: u64| {
+            let drawn = around(value, dynamics.parameter_spread, word);
+            if drawn < 1.0 { drawn } else { 1.0 }
+        };
+        let mut drawn = *dynamics;
+        drawn.delta_h = near(dynamics.delta_h, *delta_h);
+        drawn.epsilon_h = near(dynamics.epsilon_h, *epsilon_h);
+        drawn.delta_d = near(dynamics.delta_d, *delta_d);
+        drawn.epsilon_d = near(dynamics.epsilon_d, *epsilon_d);
+        drawn
+    }
+
+    #[inline(always)]
+    fn state(&self, lane: usize, dynamics: &Dynamics, expected: [f64; 2]) -> [f64; 2] {
+        let [habituation, disengagement] = expected;
+        let words = || self.state_words.as_chunks::<2>().0[lane];
+        match self.state_noise {
+            StateNoise::None => expected,
+            StateNoise::Uniform => {
+                let (width, [h, d]) = (dynamics.state_spread, words());
+                [around(habituation, width, h), around(disengagement, width, d)]
+            }
+            StateNoise::Beta => {
+                let [h, d] = words();
+                [
+                    beta_around(habituation, dynamics.kappa_h, h),
+                    beta_around(disengagement, dynamics.kappa_d, d),
+                ]
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn steps(&self, lane: usize, dynamics: &Dynamics, expected: f64) -> f64 {
+        let mean = if expected > FLOOR { expected } else { FLOOR };
+        let word = self.step_words.get(lane);
+        word.map_or(expected, |word| gamma(mean, dynamics.sigma_s, *word))
+    }
+}
+
+/// Uniform between (1 - width / 2) and (1 + width / 2) times a value.
+#[inline(always)]
+fn around(value: f64, width: f64, word: u64) -> f64 {
+    let (low, high) = ((1.0 - 0.5 * width) * value, (1.0 + 0.5 * width) * value);
+    low + (high - low) * unit_from_bits(word)
+}
+
+/// Beta with the mean and the sum of parameters given, up to the floor of both parameters.
+#[inline(always)]
+fn beta_around(mean: f64, concentration: f64, word: u64) -> f64 {
+    let floored = |x: f64| if x > FLOOR { x } else { FLOOR };
+    beta(floored(concentration * mean), floored(concentration * (1.0 - mean)), word)
+}

@@ -1,0 +1,88 @@
+//! What keys of the environment ask of each other: the size of a noise goes with its kind.
+
+use crate::agent::{Assignment, Constraint, Violation};
+use crate::env::{StateNoise, StepNoise};
+use crate::key::Parameter;
+
+const STATE_NOISE: Parameter = Parameter::Environment("state_noise");
+const STATE_SPREAD: Parameter = Parameter::Environment("state_spread");
+const KAPPA_H: Parameter = Parameter::Environment("kappa_h");
+const KAPPA_D: Parameter = Parameter::Environment("kappa_d");
+const STEP_NOISE: Parameter = Parameter::Environment("step_noise");
+const SIGMA_S: Parameter = Parameter::Environment("sigma_s");
+
+/// What every environment must satisfy beyond the ranges of single keys.
+pub(super) const CONSTRAINTS: &[Constraint] = &[
+    Constraint {
+        parameters: &[STATE_NOISE, STATE_SPREAD],
+        violation: |assignment| {
+            let is_set = assignment.real(STATE_SPREAD) != UNIFORM_SPREAD;
+            let is_read = assignment.is_word(STATE_NOISE, StateNoise::Uniform.word());
+            let idle = || {
+                let back = format!("{} = {UNIFORM_SPREAD}, its default", STATE_SPREAD.key());
+                is_idle(assignment, STATE_SPREAD, STATE_NOISE, StateNoise::Uniform.word(), &back)
+            };
+            (is_set && !is_read).then(idle)
+        },
+    },
+    Constraint {
+        parameters: &[STATE_NOISE, KAPPA_H],
+        violation: |assignment| {
+            goes_with(assignment, KAPPA_H, STATE_NOISE, StateNoise::Beta.word())
+        },
+    },
+    Constraint {
+        parameters: &[STATE_NOISE, KAPPA_D],
+        violation: |assignment| {
+            goes_with(assignment, KAPPA_D, STATE_NOISE, StateNoise::Beta.word())
+        },
+    },
+    Constraint {
+        parameters: &[STEP_NOISE, SIGMA_S],
+        violation: |assignment| goes_with(assignment, SIGMA_S, STEP_NOISE, StepNoise::Gamma.word()),
+    },
+];
+
+/// The default of `state_spread`, which it has where it is not read.
+const UNIFORM_SPREAD: f64 = 0.01;
+
+/// The violation unless a size is above 0 exactly where the noise is of the kind that reads it.
+fn goes_with(
+    assignment: &Assignment,
+    size: Parameter,
+    noise: Parameter,
+    kind: &str,
+) -> Option<Violation> {
+    let is_set = assignment.real(size) > 0.0;
+    let is_read = assignment.shown(noise) == format!("{kind:?}");
+    match (is_set, is_read) {
+        (true, false) => {
+            Some(is_idle(assignment, size, noise, kind, &format!("{} = 0", size.key())))
+        }
+        (false, true) => Some(Violation::Impossible {
+            says: format!("`{}` = {kind:?} needs `{}` above 0", noise.key(), size.key()),
+            help: format!(
+                "{} has no default; where {} is swept, zip the two",
+                size.key(),
+                noise.key()
+            ),
+        }),
+        (true, true) | (false, false) => None,
+    }
+}
+
+/// The violation of a size that is set, but not read.
+fn is_idle(
+    assignment: &Assignment,
+    size: Parameter,
+    noise: Parameter,
+    kind: &str,
+    back: &str,
+) -> Violation {
+    let (set, found) = (assignment.shown(size), assignment.shown(noise));
+    let (size, noise) = (size.key(), noise.key());
+    Violation::Impossible {
+        says: format!("`{size}` = {set} is for `{noise}` = {kind:?}, found {found}"),
+        help: format!("write {noise} = {kind:?} or {back}; where {noise} is swept, zip the two"),
+    }
+}
