@@ -146,7 +146,7 @@ fn ending_with_decisions(bencher: Bencher<'_, '_>) {
     let mut job = job(1, evaluation);
     // Nobody disengages, so that every test episode has all of its steps.
     job.environment.epsilon_d = 0.0;
-    let outcome = train::run(&job, &Unwatched);
+    let outcome = train::run(&job, &Uncontrolled);
     let Outcome::Completed(results) = &outcome else { panic!("{outcome:?}") };
     assert_eq!(results.decisions.len(), 50_000);
     let claimed = || {
