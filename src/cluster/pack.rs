@@ -147,7 +147,7 @@ mod tests {
 
     #[test]
     fn suspects_that_find_no_room_wait() {
-        let mut loads = clean(&vec![1.0; 10]);
+        let mut loads = clean(&[1.0; 10]);
         for load in &mut loads[..8] {
             load.deaths = 2;
         }

@@ -319,7 +319,7 @@ fn a_damaged_run_is_named_and_left_out() {
 
 #[test]
 fn a_source_that_is_written_to_is_read_as_it_was_at_one_moment() {
-    let folder = Folder::with(&manifest("sweep", "[0.4, 0.6]", "20", Effort::Short));
+    let folder = Folder::with(&manifest("sweep", "[0.4, 0.6]", "15", Effort::Short));
     let source = folder.start(["run", "sweep.toml", "--store", "source.sqlite", "--workers", "2"]);
     let completed = |store: &str| -> i64 {
         let count = || {
@@ -330,21 +330,21 @@ fn a_source_that_is_written_to_is_read_as_it_was_at_one_moment() {
         count().unwrap_or(0)
     };
     let mut before = 0;
-    for _ in 0..4 {
+    for _ in 0..3 {
         until("some more are completed", || completed("source.sqlite") > before + 2);
         folder.jitai(["merge", "source.sqlite"]).succeeded();
         before = completed("jitai.sqlite");
     }
-    assert!((12..80).contains(&before), "{before}");
+    assert!((9..=60).contains(&before), "{before}");
     source.wait().succeeded();
     folder.jitai(["merge", "source.sqlite"]).succeeded().prints("were there already");
-    let whole = Folder::completed(&manifest("sweep", "[0.4, 0.6]", "20", Effort::Short));
+    let whole = Folder::completed(&manifest("sweep", "[0.4, 0.6]", "15", Effort::Short));
     assert_same_rows(&folder.dump(), &whole.dump());
 }
 
 #[test]
 fn a_merge_beside_a_sweep_and_readers_disturbs_neither() {
-    let text = manifest("sweep", "[0.4, 0.6]", "12", Effort::Short);
+    let text = manifest("sweep", "[0.4, 0.6]", "6", Effort::Short);
     let folder = Folder::with(&text);
     run_shards_of(&folder, &["1/2"], "half.sqlite");
     let sweep = folder.start(["run", "sweep.toml", "--workers", "2"]);
@@ -355,11 +355,11 @@ fn a_merge_beside_a_sweep_and_readers_disturbs_neither() {
         folder.jitai(["query", "SELECT count(*) FROM run_summary"]).succeeded();
     }
     let merged = merge.wait().succeeded();
-    sweep.wait().succeeded().says("48 completed in all, 0 failed");
+    sweep.wait().succeeded().says("24 completed in all, 0 failed");
     assert!(merged.stdout.contains("copied from 1 store"), "{}", merged.stdout);
     // Jobs that were running then are completed now, with the same results.
-    folder.jitai(["merge", "half.sqlite"]).succeeded().prints("has 24 runs of them already");
-    assert_eq!(folder.number("SELECT count(*) FROM run WHERE status = 'completed'"), 48);
+    folder.jitai(["merge", "half.sqlite"]).succeeded().prints("has 12 runs of them already");
+    assert_eq!(folder.number("SELECT count(*) FROM run WHERE status = 'completed'"), 24);
     assert_same_rows(&folder.dump(), &Folder::completed(&text).dump());
     folder.jitai(["doctor"]).succeeded();
 }

@@ -202,7 +202,7 @@ fn the_query_beside_a_difference_reads_its_sides_alone() {
         assert_eq!(answer.stdout.lines().count() - 1, rows, "{name}: {sql}");
     }
     // The store has the jobs of the manifest as it was.
-    folder.write("sweep.toml", &SIDES.replace("seeds = 2", "seeds = 1"));
+    folder.write("sweep.toml", SIDES.replace("seeds = 2", "seeds = 1"));
     folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
     let sql = folder.read("report/sql/sides-map.sql");
     assert!(sql.starts_with("-- The manifest has other jobs than when"), "{sql}");
