@@ -348,6 +348,22 @@ mod tests {
     }
 
     #[test]
+    fn the_work_of_jobs_is_that_worked_by_hand() {
+        // Three inputs, two layers of 128, and heads of 1 and 4; or one layer, and 4 logits.
+        let (dueling, policy) = (4 * 128 + 129 * 128 + 129 * 5, 4 * 128 + 129 * 4);
+        // A batch of 64 three times through the network and one row to choose; then Adam.
+        let of_dqn = 50_000 * ((64 * 3 + 1 + 14) * dueling + 3500);
+        // Every step once to choose and three times to learn; Adam after every episode.
+        let of_reinforce = 750_000 * (4 * policy + 3500) + 15_000 * 14 * policy;
+        let expected = [
+            of_dqn + 500 * 100_000 + 50_000 * dueling,
+            of_reinforce + 500 * 800_000 + 50_000 * policy,
+            500 * 50_000 + 50_000,
+        ];
+        assert_eq!(jobs().iter().map(Job::work).collect::<Vec<_>>(), expected);
+    }
+
+    #[test]
     fn the_canonical_form_is_the_whole_job_with_its_keys_in_order() {
         for job in jobs() {
             let canonical = job.canonical();

@@ -25,5 +25,5 @@ mod whole;
 pub(super) use rows::{Batch, Ended};
 pub(super) use source::{Extent, Source};
 pub use target::Origin;
-pub(super) use target::RunCopy;
+pub(super) use target::{Origins, RunCopy};
 pub(super) use whole::{Copied, Copier, copy};

@@ -145,8 +145,7 @@ impl<'a> Source<'a> {
              ORDER BY experiment, job, agent LIMIT {ROWS_PER_BATCH}"
         );
         let mut after = [Value::Integer(i64::MIN), Value::Null, Value::Null];
-        loop {
-            let Some(page) = read_rows::<4>(self.connection, &next, &after) else { break };
+        while let Some(page) = read_rows::<4>(self.connection, &next, &after) {
             let Some([experiment, job, agent, _]) = page.last() else { return Ok(()) };
             after = [experiment.clone(), job.clone(), agent.clone()];
             give(page)?;

@@ -21,16 +21,20 @@ pub(in crate::store) enum RunCopy {
     /// The target has this run, or, for a run without results, the job's completed run.
     AlreadyThere,
     /// The target has a completed run of the same job with other results, which it keeps.
-    Conflict {
-        /// The source's run.
-        theirs: Origin,
-        /// The target's run.
-        ours: Origin,
-    },
+    Conflict(Box<Origins>),
     /// A process is running the job in the target. Copy again when it has ended.
     InProgress,
     /// It does not verify, and was left out; with the reason.
     Damaged(String),
+}
+
+/// Two runs of a job with other results.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(in crate::store) struct Origins {
+    /// Of the source's run.
+    pub(in crate::store) theirs: Origin,
+    /// Of the target's run.
+    pub(in crate::store) ours: Origin,
 }
 
 /// Which results a run has, and what made them.
@@ -181,7 +185,8 @@ impl Target {
                 Ok(RunCopy::AlreadyThere)
             }
             (Ended::Completed, Some((own, true, _))) => {
-                Ok(RunCopy::Conflict { theirs: run.origin(), ours: origin_of(target, own)? })
+                let (theirs, ours) = (run.origin(), origin_of(target, own)?);
+                Ok(RunCopy::Conflict(Box::new(Origins { theirs, ours })))
             }
             (Ended::Failed | Ended::Interrupted, Some((_, true, _))) => Ok(RunCopy::AlreadyThere),
             (Ended::Failed | Ended::Interrupted, None) if has_attempt(target, job, run)? => {

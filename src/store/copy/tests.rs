@@ -12,7 +12,7 @@ use crate::record::{
 use crate::store::sample::{begin_session, claim, job, results};
 use crate::store::{Experiment, SessionId, Store};
 
-use super::{Copied, Ended, RunCopy, copy};
+use super::{Copied, Ended, Origins, RunCopy, copy};
 
 /// A store with a session of its own, in a folder that lives as long.
 struct Sample {
@@ -59,7 +59,7 @@ impl Sample {
         let word = |(_, became)| match became {
             RunCopy::Copied => "copied",
             RunCopy::AlreadyThere => "already there",
-            RunCopy::Conflict { .. } => "conflict",
+            RunCopy::Conflict(_) => "conflict",
             RunCopy::InProgress => "in progress",
             RunCopy::Damaged(_) => "damaged",
         };
@@ -142,7 +142,8 @@ fn a_conflict_is_reported_and_the_run_of_the_target_is_kept() {
     target.run(&seed(1), &otherwise_completed());
     let before = target.text("SELECT hex(results_sha256) FROM run");
     let (_, runs) = target.copy(&source.path);
-    let (_, RunCopy::Conflict { theirs, ours }) = &runs[0] else { panic!("{runs:?}") };
+    let (_, RunCopy::Conflict(origins)) = &runs[0] else { panic!("{runs:?}") };
+    let Origins { theirs, ours } = &**origins;
     assert!(runs[1..].iter().all(|(_, became)| *became == RunCopy::Copied), "{runs:?}");
     assert_eq!(ours.results_sha256.to_uppercase(), before);
     let digest = source.text("SELECT hex(results_sha256) FROM run");

@@ -7,7 +7,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Mutex, PoisonError};
 use std::thread;
 
-use crate::store::copy::{Batch, Copied, Copier, Ended, Extent, RunCopy, Source};
+use crate::store::copy::{Batch, Copied, Copier, Ended, Extent, Origins, RunCopy, Source};
 use crate::store::error::StoreError;
 use crate::store::file;
 use crate::store::writer::Store;
@@ -161,7 +161,8 @@ impl Merged {
             },
             RunCopy::AlreadyThere => self.already_there += 1,
             RunCopy::InProgress => self.in_progress += 1,
-            RunCopy::Conflict { theirs, ours } => {
+            RunCopy::Conflict(origins) => {
+                let Origins { theirs, ours } = *origins;
                 let job_key = job_key.unwrap_or_default().to_owned();
                 self.conflicts.push(Conflict { source, job_key, theirs, ours });
             }
