@@ -210,13 +210,14 @@ impl Target {
         job: i64,
         run: &CopiedRun,
     ) -> rusqlite::Result<Written> {
-        let session = self.session(target, run)?;
         target.prepare_cached("SAVEPOINT run")?.execute([])?;
+        let session = self.session(target, run)?;
         let written = self.insert_whole(target, job, session, run)?;
         if let Written::Refused = written {
             target.prepare_cached("ROLLBACK TO run")?.execute([])?;
-            // Some of them may have been inserted with the run.
+            // Some of them may have been inserted with the run; they are looked up again.
             self.metrics.clear();
+            self.sessions.clear();
         }
         target.prepare_cached("RELEASE run")?.execute([])?;
         Ok(written)

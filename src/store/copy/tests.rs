@@ -192,6 +192,10 @@ fn a_damaged_run_is_left_out_and_is_no_conflict() {
     for table in ["run_metric", "curve_point", "test_episode", "trained_weights"] {
         assert_eq!(target.number(&format!("SELECT count(DISTINCT run) FROM {table}")), 1);
     }
+    let sessions = target.number("SELECT count(*) FROM session");
+    let again = ["damaged", "already there", "already there", "already there"];
+    assert_eq!(target.became(&source.path), again);
+    assert_eq!(target.number("SELECT count(*) FROM session"), sessions);
     let mut with_other_results = Sample::new();
     with_other_results.run(&seed(1), &otherwise_completed());
     assert_eq!(with_other_results.became(&source.path), expected);
