@@ -160,7 +160,7 @@ mod tests {
     // What `rand_chacha` 0.10.0 gave when these streams were first used.
     const STREAM_1_ENVIRONMENT: u64 = 15715005604373573095;
     const STREAM_1_TEST_ACTIONS: u64 = 9345421689931614251;
-    const STATE_NOISE_1_ENVIRONMENT: u64 = 0;
+    const STATE_NOISE_1_ENVIRONMENT: u64 = 6440870257630952131;
     const STREAM_MAX_REPLAY: u64 = 10223169959992702069;
 
     #[test]

@@ -60,8 +60,8 @@ struct Recorded {
     context: u8,
     p0: f64,
     action: usize,
-    /// Whether a message could be sent; true unless recorded.
-    available: Option<bool>,
+    /// Whether a message could be sent, 0 or 1; 1 unless recorded.
+    available: Option<u8>,
     #[serde(alias = "inferred")]
     likely: Option<u8>,
     habituation: Option<f64>,
@@ -195,8 +195,11 @@ fn replay(case: &Case) -> Result<(Vec<Step>, PhysicalActivity), String> {
         if recorded.context > 1 || !(0.0..=1.0).contains(&recorded.p0) {
             return Err(format!("step {t}: the context is 0 or 1, and p0 from 0 to 1"));
         }
+        if recorded.available.is_some_and(|available| available > 1) {
+            return Err(format!("step {t}: `available` is 0 or 1"));
+        }
         lane.set_context(0, ContextDraw::new(recorded.context, recorded.p0));
-        lane.set_available(0, recorded.available.unwrap_or(true));
+        lane.set_available(0, recorded.available != Some(0));
         let (mut actions, mut reward) = ([Action::NONE], [0.0]);
         actor.act(&lane, &mut stream, &mut actions, None);
         let mut step = Step::chosen(&lane, actions[0]);

@@ -130,6 +130,7 @@ pub(super) trait LaneDynamics {
 }
 
 /// One set of parameters for all lanes.
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Alike(pub(super) Dynamics);
 
 impl LaneDynamics for Alike {

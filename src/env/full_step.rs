@@ -103,7 +103,7 @@ impl Resumable for Memory {
 /// The full step of all lanes; every array is \[lanes\] or longer.
 pub(super) struct FullStep<'a, P, N> {
     pub(super) environment: &'a Environment,
-    pub(super) dynamics: P,
+    pub(super) dynamics: &'a P,
     pub(super) noise: &'a N,
     pub(super) contexts: &'a [u8],
     pub(super) actions: &'a [Action],

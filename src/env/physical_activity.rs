@@ -31,6 +31,7 @@ const REGISTER: usize = LINE / size_of::<f64>();
 #[derive(Clone, Debug)]
 pub struct PhysicalActivity {
     parameters: Environment,
+    dynamics: Alike,
     scenario: Scenario,
     observer: Observer,
     times: Vec<u32>,
@@ -88,6 +89,7 @@ impl PhysicalActivity {
             ahead: ContextDrawsAhead::new(parameters.sigma),
             isa: Isa::chosen(),
             parameters: parameters.clone(),
+            dynamics: Alike(Dynamics::of(parameters)),
             scenario: scenario.clone(),
         }
     }
@@ -108,7 +110,7 @@ impl PhysicalActivity {
             self.full_step(&Silence, actions, rewards);
         } else {
             self.isa.run(PlainStep {
-                dynamics: Alike(Dynamics::of(&self.parameters)),
+                dynamics: &self.dynamics,
                 horizon: self.parameters.horizon,
                 contexts: &self.contexts,
                 actions,
@@ -128,10 +130,19 @@ impl PhysicalActivity {
         self.full_step(noise, actions, rewards);
     }
 
+    /// A full step with the noise of its streams.
+    fn noisy_step(&mut self, actions: &[Action], rewards: &mut [f64], streams: &LaneStreams) {
+        if let Some(mut noise) = self.full.take() {
+            noise.draw(&self.drawn, streams);
+            self.full_step(&noise, actions, rewards);
+            self.full = Some(noise);
+        }
+    }
+
     fn full_step(&mut self, noise: &impl Noise, actions: &[Action], rewards: &mut [f64]) {
         self.isa.run(FullStep {
             environment: &self.parameters,
-            dynamics: Alike(Dynamics::of(&self.parameters)),
+            dynamics: &self.dynamics,
             noise,
             contexts: &self.contexts,
             actions,
@@ -321,10 +332,8 @@ impl VectorEnvironment for PhysicalActivity {
         for (drawn, status) in self.drawn.iter_mut().zip(&self.statuses) {
             *drawn = *status == EpisodeStatus::Running;
         }
-        if let Some(mut noise) = self.full.take() {
-            noise.draw(&self.drawn, streams);
-            self.full_step(&noise, actions, rewards);
-            self.full = Some(noise);
+        if self.full.is_some() {
+            self.noisy_step(actions, rewards, streams);
         } else {
             self.apply_actions(actions, rewards);
         }

@@ -11,7 +11,7 @@ use crate::env::vector::{Action, EpisodeStatus};
 ///
 /// The loop has no branches, because their directions could not be predicted.
 pub(super) struct PlainStep<'a, P> {
-    pub(super) dynamics: P,
+    pub(super) dynamics: &'a P,
     pub(super) horizon: u32,
     pub(super) contexts: &'a [u8],
     pub(super) actions: &'a [Action],
@@ -22,11 +22,13 @@ pub(super) struct PlainStep<'a, P> {
     pub(super) rewards: &'a mut [f64],
 }
 
-impl<P: LaneDynamics> WithSimd for PlainStep<'_, P> {
+impl<P: LaneDynamics + Copy> WithSimd for PlainStep<'_, P> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
+        // A copy, so that the compiler knows that the writes below do not change it.
+        let dynamics = *self.dynamics;
         for (time, status) in self.times.iter_mut().zip(&*self.statuses) {
             *time += u32::from(*status == EpisodeStatus::Running);
         }
@@ -36,7 +38,7 @@ impl<P: LaneDynamics> WithSimd for PlainStep<'_, P> {
         for (lane, ((((habituation, disengagement), status), time), ((context, action), reward))) in
             states.zip(given.zip(self.rewards)).enumerate()
         {
-            let dynamics = self.dynamics.of(lane);
+            let dynamics = dynamics.of(lane);
             let effect = dynamics.apply(*context, *action, *habituation, *disengagement);
             let running = *status == EpisodeStatus::Running;
             let last = *time >= self.horizon;

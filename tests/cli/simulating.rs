@@ -285,7 +285,7 @@ fn official_trajectories_are_repeated_with_the_preset_that_they_extend() {
     let replay = folder.jitai(["simulate", "--replay", OFFICIAL, "--format", "json"]).succeeded();
     replay
         .says("9 episodes, 383 steps; 0 recorded values differ; largest difference of a number: 0");
-    let unknown = r#"{"cases": [{"extends": "step_count", "sigma": 1, "parameters": {}, "horizon": 1,
+    let unknown = r#"{"cases": [{"extends": "step_count_jitay", "sigma": 1, "parameters": {}, "horizon": 1,
         "steps": []}]}"#;
     folder.write("unknown.json", unknown);
     refused(&folder, &["--replay", "unknown.json"])
