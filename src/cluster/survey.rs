@@ -250,7 +250,7 @@ mod tests {
         assert_eq!(lost(&[]), ChunkState::Lost(Loss::NotBegun));
         assert_eq!(lost(&[attempt(None)]), ChunkState::Lost(Loss::Died));
         let stopped = attempt(Some(AttemptEnd::Stopped));
-        assert_eq!(lost(&[stopped.clone()]), ChunkState::Lost(Loss::Stopped));
+        assert_eq!(lost(std::slice::from_ref(&stopped)), ChunkState::Lost(Loss::Stopped));
         let failed = attempt(Some(AttemptEnd::Failed("full".to_owned())));
         assert_eq!(lost(&[stopped, failed]), ChunkState::Lost(Loss::Failed("full".to_owned())));
         assert_eq!(state(&[attempt(None)], true, Some(None)), ChunkState::Finished);

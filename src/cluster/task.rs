@@ -244,7 +244,7 @@ impl Run<'_> {
     ) -> Result<(), ClusterError> {
         let store = scratch.store();
         if ended.is_empty() {
-            return Ok(fs::remove_file(&store).map_err(ClusterError::io("remove", &store))?);
+            return fs::remove_file(&store).map_err(ClusterError::io("remove", &store));
         }
         store::seal(&store)?;
         let Attempt { chunk, attempt, .. } = &self.attempt;
