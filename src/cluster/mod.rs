@@ -22,6 +22,8 @@ mod error;
 mod folder;
 mod pack;
 mod profile;
+#[cfg(test)]
+mod profile_tests;
 mod sbatch;
 mod script;
 mod slurm;

@@ -132,7 +132,7 @@ mod tests {
 
     #[test]
     fn jobs_of_a_dead_task_come_in_smaller_pieces_and_then_alone() {
-        let mut loads = clean(&vec![1.0; 30]);
+        let mut loads = clean(&[1.0; 30]);
         for load in &mut loads[..16] {
             *load = Load { deaths: 1, died_in: 3, ..*load };
         }

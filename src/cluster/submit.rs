@@ -354,30 +354,28 @@ impl<'a> Cluster<'a> {
     fn hand_over(&self, submission: &Submission, script: &Path) -> Result<String, ClusterError> {
         let name = submission.array_name();
         let begun = Instant::now();
+        let mut refused = false;
         loop {
             let error = match self.engine.submit(script) {
                 Ok(array) => return Ok(array),
                 Err(error @ EngineError::Missing { .. }) => return Err(error.into()),
                 Err(error) => error,
             };
-            let mut was_silent = matches!(error, EngineError::Silent { .. });
             let alive = loop {
                 match self.engine.alive(&[&name]) {
                     Ok(alive) => break alive,
                     Err(reason) if begun.elapsed() >= PATIENCE => {
                         return Err(ClusterError::Uncertain { name, reason });
                     }
-                    Err(_) => {
-                        was_silent = true;
-                        thread::sleep(ASK_AGAIN);
-                    }
+                    Err(_) => thread::sleep(ASK_AGAIN),
                 }
             };
             match alive.into_iter().find(|task| task.name == name) {
                 Some(task) => return Ok(task.array),
-                // It was not down and does not have it: a refusal.
-                None if !was_silent || begun.elapsed() >= PATIENCE => return Err(error.into()),
-                None => {}
+                // What it refuses twice while it answers is refused; the first time it may have been
+                // down for a moment.
+                None if refused || begun.elapsed() >= PATIENCE => return Err(error.into()),
+                None => refused = true,
             }
         }
     }

@@ -104,7 +104,7 @@ struct Lab {
 impl Lab {
     fn new() -> Lab {
         let text = "format = 1\nname = \"t\"\nscenarios = [\"P\"]\nseeds = 20\n\
-                    environment.sigma = 0.6\n[[agent]]\nname = \"never\"\nalgorithm = \"rule\"\n\
+                    environment.sigma = 0.6\nevaluation.test_episodes = 1\n[[agent]]\nname = \"never\"\nalgorithm = \"rule\"\n\
                     rule = \"never\"\n";
         let manifests = vec![manifest::parse("t.toml", text.as_bytes()).unwrap()];
         let folder = tempfile::tempdir().unwrap();
@@ -113,7 +113,7 @@ impl Lab {
         let mut opened = Store::open(&store).unwrap();
         crate::schedule::register_experiment(&mut opened, &manifests[0], None, &never).unwrap();
         // Four jobs a chunk, if each is taken for 5 ms.
-        let profile = Profile { chunk_minutes: 0.02 / 60.0, ..Profile::of(EngineKind::Slurm) };
+        let profile = Profile { chunk_minutes: 0.022 / 60.0, ..Profile::of(EngineKind::Slurm) };
         Lab { manifests, profile, store, engine: Fake::new(), _folder: folder }
     }
 

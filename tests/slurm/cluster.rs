@@ -173,11 +173,15 @@ impl Lab {
         shown.json().as_array().unwrap().clone()
     }
 
+    fn submissions_made(&self) -> Vec<PathBuf> {
+        let mut folders = files(&self.folder.path("jitai.sqlite.submissions"));
+        folders.retain(|path| path.join("submission.json").is_file());
+        folders
+    }
+
     /// The folder of the latest submission.
     pub fn submission(&self) -> PathBuf {
-        let folders = fs::read_dir(self.folder.path("jitai.sqlite.submissions")).unwrap();
-        let is_one = |path: &PathBuf| path.join("submission.json").is_file();
-        folders.map(|entry| entry.unwrap().path()).filter(is_one).max().expect("one was made")
+        self.submissions_made().pop().expect("one was made")
     }
 
     /// What the attempts of the latest submission say of themselves, the earliest first.
@@ -287,7 +291,8 @@ impl Lab {
 impl Drop for Lab {
     fn drop(&mut self) {
         let submissions = self.folder.path("jitai.sqlite.submissions");
-        if thread::panicking() && submissions.exists() {
+        let is_one = || !self.submissions_made().is_empty();
+        if thread::panicking() && submissions.exists() && is_one() {
             eprintln!("{}\n{:#?}", self.logs(), self.attempts());
         }
     }

@@ -1,0 +1,104 @@
+//! Profiles that are in order, and faulty ones with what is said of them.
+
+use std::fs;
+
+use super::engine::EngineKind;
+use super::profile::{KEYS, Profile, is_memory, is_time, schema};
+
+fn faults(text: &str) -> String {
+    Profile::parse("cluster.toml", text).unwrap_err().to_string()
+}
+
+#[test]
+fn a_profile_has_its_keys_and_passes_other_options_on_in_their_order() {
+    let text = "engine = \"slurm\"\npartition = \"short\"\naccount = \"lab\"\n\
+                time_limit = \"2:00:00\"\ncpus_per_task = 4\nmemory = \"4G\"\n\
+                max_running = 200\nchunk_minutes = 30\nscratch = \"/local/$USER\"\n\
+                setup = [\"module load gcc\"]\nqos = \"normal\"\nexclusive = true\n\
+                contiguous = false\nnice = 100\n";
+    let profile = Profile::parse("cluster.toml", text).unwrap();
+    let expected = Profile {
+        partition: Some("short".to_owned()),
+        account: Some("lab".to_owned()),
+        time_limit: Some("2:00:00".to_owned()),
+        cpus_per_task: 4,
+        memory: Some("4G".to_owned()),
+        max_running: Some(200),
+        chunk_minutes: 30.0,
+        scratch: "/local/$USER".to_owned(),
+        setup: vec!["module load gcc".to_owned()],
+        options: profile.options.clone(),
+        ..Profile::of(EngineKind::Slurm)
+    };
+    assert_eq!(profile, expected);
+    let mut options = profile.options;
+    options.sort();
+    let text = |text: &str| Some(text.to_owned());
+    let expected = [("exclusive", None), ("nice", text("100")), ("qos", text("normal"))];
+    assert_eq!(options, expected.map(|(name, value)| (name.to_owned(), value)));
+}
+
+#[test]
+fn every_fault_is_shown_at_once_with_its_place() {
+    let shown = faults("engine = \"slum\"\ntime_limit = \"soon\"\ncpus_per_task = 0\n");
+    for part in [
+        "cluster.toml:1:10: `engine` is not valid: expected \"slurm\"",
+        "cluster.toml:2:14: `time_limit` is not valid: expected minutes, or a text such as",
+        "cluster.toml:3:17: `cpus_per_task` is not valid: expected a whole number from 1 to 1024",
+        "3 faults in cluster.toml",
+    ] {
+        assert!(shown.contains(part), "{part:?} is not in {shown}");
+    }
+}
+
+#[test]
+fn faulty_profiles_say_what_to_do() {
+    let cases = [
+        ("", "`engine` is missing"),
+        ("partition = \"a\"", "write engine = \"slurm\""),
+        ("engine = \"slurm\"\npartiton = \"a\"", "did you mean `partition`?"),
+        ("engine = \"slurm\"\nchunk_minute = 1", "did you mean `chunk_minutes`?"),
+        ("engine = \"slurm\"\nexclusiv = true", "did you mean `exclusive`?"),
+        ("engine = \"slurm\"\narray = \"1-2\"", "`array` is set by jitai"),
+        ("engine = \"slurm\"\ntime = 5", "write `time_limit`"),
+        ("engine = \"slurm\"\nmem = \"1G\"", "write `memory`"),
+        ("engine = \"slurm\"\nmemory = \"lots\"", "`memory` is not valid"),
+        ("engine = \"slurm\"\nsignal = \"USR1@5\"", "tasks checkpoint on this signal"),
+        ("engine = \"slurm\"\nscratch = \"$(rm -r /)\"", "`scratch` is not valid"),
+        ("engine = \"slurm\"\nscratch = \"here\"", "`scratch` is not valid"),
+        ("engine = \"slurm\"\nhand_in_minutes = 11", "to 10"),
+        ("engine = \"slurm\"\nfolder = \"here\"", "an absolute path"),
+        ("engine = \"slurm\"\nsetup = \"module load gcc\"", "a list of lines of shell"),
+        ("engine = \"slurm\"\nqos = 1.5", "`qos` is not valid"),
+        ("engine = \"slurm\"\nengine = \"slurm\"", "set a second time"),
+        ("engine = \"slurm", "not valid TOML"),
+    ];
+    for (text, expected) in cases {
+        let shown = faults(text);
+        assert!(shown.contains(expected), "{text:?}: {expected:?} is not in {shown}");
+    }
+}
+
+#[test]
+fn times_and_memory_are_those_that_slurm_reads() {
+    for time in ["1", "90", "10:00", "2:00:00", "1-12", "1-12:30", "1-12:30:00"] {
+        assert!(is_time(time), "{time}");
+    }
+    for time in ["", "0", "1-", "-1", "1:2:3:4", "1h", "1-2-3", "00:00"] {
+        assert!(!is_time(time), "{time}");
+    }
+    assert!(["500", "4G", "1T"].into_iter().all(is_memory));
+    assert!(!["", "0", "G", "4g", "4GB", "-1"].into_iter().any(is_memory));
+}
+
+#[test]
+fn the_schema_names_every_key() {
+    let schema = schema();
+    for key in KEYS {
+        assert_eq!(schema["properties"][key.name]["description"], key.doc);
+    }
+    assert_eq!(schema["properties"]["array"], false);
+    let renew = "run: jitai schema --cluster > docs/cluster.schema.json";
+    let written = fs::read_to_string("docs/cluster.schema.json").expect(renew);
+    assert_eq!(written, format!("{schema:#}\n"), "{renew}");
+}
