@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::cli::counting::Counting;
 use crate::cli::{Error, Exit, StoreArgument, check, folder};
+use crate::manifest::Published;
 use crate::report::{AssembleError, ReportFile, Work, assemble, report};
 use crate::store::Reader;
 
@@ -24,6 +25,10 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let manifests = check::load_all(&arguments.manifests)?;
+    // Their faults come before a folder is made.
+    for manifest in &manifests {
+        Published::of(manifest).map_err(|faults| Error::Manifests(vec![faults]))?;
+    }
     let reader = Reader::open(&arguments.store.store)?;
     folder::make(&arguments.out)?;
     let mut shown: Option<(Work, Counting)> = None;

@@ -71,8 +71,8 @@ pub fn assemble(
 }
 
 /// What stands above the SQL where it finds other jobs than the figure shows.
-const OTHER_JOBS: &str = "-- The manifest has other jobs than when `jitai run` last read it. The figure \
-     shows\n-- those of the manifest as it is now, and this finds those of the last run.\n";
+const OTHER_JOBS: &str = "/* The manifest has other jobs than when `jitai run` last read it. The figure \
+     shows\n   those of the manifest as it is now, and this finds those of the last run. */\n";
 
 /// Whether the jobs of the experiment in the store are those of the data set.
 fn is_registered(reader: &Reader, data: &DataSet) -> Result<bool, StoreError> {

@@ -205,7 +205,7 @@ fn the_query_beside_a_difference_reads_its_sides_alone() {
     folder.write("sweep.toml", SIDES.replace("seeds = 2", "seeds = 1"));
     folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
     let sql = folder.read("report/sql/sides-map.sql");
-    assert!(sql.starts_with("-- The manifest has other jobs than when"), "{sql}");
+    assert!(sql.starts_with("/* The manifest has other jobs than when"), "{sql}");
     folder.jitai(["query", &sql]).succeeded();
 }
 

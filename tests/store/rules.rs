@@ -367,7 +367,7 @@ fn replacing_deletes_nothing() {
         refused(&raw, &sql, reason);
     }
     let kept = "SELECT count(*) FROM run JOIN run_metric ON run = run.id JOIN job ON job.id = job";
-    assert_eq!(number(&raw, kept), 5);
+    assert_eq!(number(&raw, kept), 6);
     assert_eq!(number(&raw, "SELECT count(*) FROM run"), 2);
 }
 

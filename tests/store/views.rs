@@ -81,7 +81,8 @@ fn the_views_show_what_was_stored() {
     assert_eq!(line("SELECT job_key FROM run_summary"), job.key().to_string());
     assert_eq!(
         line("SELECT group_concat(name || ' ' || value, ', ' ORDER BY value) FROM metric"),
-        "mean_return 1.0, sd_return 2.0, mean_length 3.0, disengagement_rate 4.0, message_rate 5.0"
+        "mean_return 1.0, sd_return 2.0, mean_length 3.0, disengagement_rate 4.0, message_rate 5.0, \
+         mean_net_return 6.0"
     );
     assert_eq!(
         line("SELECT concat_ws(' ', episode, metric, value) FROM learning_curve"),
