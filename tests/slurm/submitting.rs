@@ -34,7 +34,8 @@ fn the_controller_down_for_30_s_during_submit() {
 
 #[test]
 fn the_controller_down_for_30_s_during_status() {
-    let Some(lab) = Lab::with(&jobs("3", Effort::Long), "chunk_minutes = 1000") else { return };
+    // Jobs for as long as the program waits for answers, twice, and the controller is down.
+    let Some(lab) = Lab::with(&jobs("40", Effort::Long), "chunk_minutes = 1000") else { return };
     lab.submit(&[]).succeeded();
     lab.until_running();
     lab.cluster.kill_controller();
