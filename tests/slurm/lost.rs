@@ -54,12 +54,14 @@ fn a_frozen_task_that_wakes_up_after_its_replacement_has_handed_in() {
     let step = parent(script);
     let daemon = lab.node_daemon(&node);
     let first = parent(daemon);
-    for process in [first, script, task] {
-        signal(process, "STOP");
-    }
-    // Slurm on it is gone, so that nobody ends the task when it wakes up.
+    signal(first, "STOP");
+    // Slurm on it is gone, so that nobody ends the task when it wakes up. This comes before the task
+    // stops: a stopped process whose group loses its parent gets a SIGHUP and wakes up.
     for process in [step, daemon] {
         signal(process, "KILL");
+    }
+    for process in [script, task] {
+        signal(process, "STOP");
     }
     lab.cluster.down(&node);
     lab.finish();
