@@ -178,19 +178,19 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> DuelingDqnLearner<E, Env> {
     }
 
     /// One update from a batch of the buffer; returns its loss.
-    fn update(&mut self) -> Result<f32, Diverged> {
+    fn update(&mut self) -> Result<f32, LearnerError> {
         if self.updates.is_multiple_of(u64::from(self.parameters.target_period)) {
             self.engine.renew_target();
             self.replay.forget_targets();
         }
         self.replay.draw(&mut self.replay_stream, &mut self.workspace.positions);
-        self.learn_targets();
+        self.learn_targets()?;
         let Workspace { positions, batch, .. } = &mut self.workspace;
         self.replay.gather(positions, batch);
         let loss = self.engine.update(batch);
         self.updates += 1;
         if !loss.is_finite() {
-            return Err(Diverged { update: self.updates, loss });
+            return Err(Diverged { update: self.updates, loss }.into());
         }
         self.epsilon =
             (self.epsilon - self.parameters.epsilon_decrement).max(self.parameters.epsilon_floor);
@@ -199,7 +199,7 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> DuelingDqnLearner<E, Env> {
 
     /// Computes the targets of the drawn transitions that are not known: the target network stands
     /// still, so that those of its period remain.
-    fn learn_targets(&mut self) {
+    fn learn_targets(&mut self) -> Result<(), OutOfMemory> {
         let Workspace { positions, unknown, next, values, .. } = &mut self.workspace;
         unknown.clear();
         next.clear();
@@ -210,7 +210,7 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> DuelingDqnLearner<E, Env> {
             }
         }
         if unknown.is_empty() {
-            return;
+            return Ok(());
         }
         self.engine.target_values(next, values);
         let DuelingDqn { gamma, terminal_target, .. } = self.parameters;
@@ -218,8 +218,9 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> DuelingDqnLearner<E, Env> {
             let best_next = values[best(values).index()];
             let transition = self.replay.transition(position);
             let target = target(&transition, best_next, gamma, terminal_target);
-            self.replay.set_target(position, target);
+            self.replay.set_target(position, target)?;
         }
+        Ok(())
     }
 
     /// The action of the highest value in the present observation.

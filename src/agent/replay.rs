@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::io;
 
-use crate::agent::{OutOfMemory, reserve_exact};
+use crate::agent::{OutOfMemory, reserve, reserve_exact};
 use crate::choices;
 use crate::env::{Action, EpisodeStatus, Observations};
 use crate::rng::Stream;
@@ -171,9 +171,13 @@ impl Replay {
     }
 
     /// Remembers the regression target of the transition at a position.
-    pub fn set_target(&mut self, position: usize, target: f32) {
+    ///
+    /// **Errors**: there is no memory for it.
+    pub fn set_target(&mut self, position: usize, target: f32) -> Result<(), OutOfMemory> {
+        reserve(&mut self.known, 1, "the replay buffer")?;
         self.targets[position] = target;
         self.known.push(position as u32);
+        Ok(())
     }
 
     /// Forgets every regression target.
@@ -388,7 +392,7 @@ mod tests {
     fn targets_are_known_until_forgotten_or_overwritten() {
         let mut replay = filled(4, 4, TerminalTarget::Zero);
         assert_eq!(replay.target(1), None);
-        (0..4).for_each(|position| replay.set_target(position, position as f32));
+        (0..4).for_each(|position| replay.set_target(position, position as f32).unwrap());
         replay.push(&one(9.0), replay.transition(0), &one(10.0)).unwrap();
         assert_eq!(replay.target(0), None);
         assert_eq!(replay.target(1), Some(1.0));
