@@ -295,6 +295,9 @@ for path in sorted(pathlib.Path(sys.argv[1]).glob('*.parquet')):
     columns = pd.read_parquet(path)
     texts = {'value': str} if path.stem == 'parameter' else None
     lines = pd.read_csv(path.with_suffix('.csv'), dtype=texts, float_precision='round_trip')
+    if path.stem == 'arm_summary':
+        # Empty where nothing is swept, which a CSV file cannot tell from missing.
+        lines['label'] = lines['label'].fillna('')
     pd.testing.assert_frame_equal(columns, lines, check_dtype=False, check_exact=True)
     print(path.name, *columns.shape)
 ";
