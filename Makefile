@@ -1,11 +1,12 @@
-# Everything a newcomer, a developer and CI run. Needs Rust, a C compiler and make.
+# The commands of newcomers, developers and CI. They need Rust, a C compiler and make.
 
 CARGO ?= cargo
 JITAI := $(CARGO) run --release --quiet --
 
 .PHONY: help run paper readings bench bench-burn bench-readers bench-optima bench-coverage test test-slow
 .PHONY: test-features test-slurm slurm test-neon neon
-.PHONY: test-kill test-damage test-bad-input fuzz deny miri test-browser browser test-analysis analysis doc clean
+.PHONY: test-kill test-damage test-bad-input fuzz deny miri test-browser browser test-analysis analysis doc docs clean
+.PHONY: python python-sb3 test-python bench-python
 
 help: ## these targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -50,9 +51,9 @@ bench-readers: ## what eight readers that ask every second cost a sweep (minutes
 	$(CARGO) build --release
 	JITAI=$(or $(CARGO_TARGET_DIR),target)/release/jitai benches/readers.sh
 
-# Tests are built as `make run` builds, so that Burn is compiled once, and before the lints, which
-# would wait for the compilation of SQLite with one core idle.
-# Many tests wait for processes, so that more of them run at once than there are cores.
+# Tests use the build of `make run`, so that Burn is compiled once. They are compiled before the lints,
+# which would otherwise wait for the compilation of SQLite on one core. Many tests wait for processes, so
+# more tests run at once than there are cores.
 test: export RUST_TEST_THREADS ?= 4
 test: ## format, lints as errors, unit and integration tests
 	$(CARGO) fmt --check
@@ -60,16 +61,16 @@ test: ## format, lints as errors, unit and integration tests
 	$(CARGO) clippy --release --all-targets --quiet -- -D warnings
 	$(CARGO) test --release --quiet
 
-# With burn-flex: Burn's other backend is compiled for a short build, not for speed. Both targets
-# take the same features, so that Burn is compiled once for them.
-FEATURES := burn-flex,parquet
+# burn-flex is the other tensor backend of Burn. Both targets use the same features, so that Burn is
+# compiled once for both.
+FEATURES := --no-default-features --features burn-flex
 
 test-slow: ## whole trainings of ten seeds, of both engines and against an independent port (minutes)
-	$(CARGO) test --release --features $(FEATURES) --test learning -- --nocapture --test-threads 1
+	$(CARGO) test --release $(FEATURES) --test learning -- --nocapture --test-threads 1
 
-test-features: ## lints and tests with all features: the other tensor backend, and Parquet files
-	$(CARGO) clippy --release --all-targets --features $(FEATURES) --quiet -- -D warnings
-	$(CARGO) test --release --quiet --features $(FEATURES)
+test-features: ## lints and tests with the other features: the other tensor backend, and no Parquet files
+	$(CARGO) clippy --release --all-targets $(FEATURES) --quiet -- -D warnings
+	$(CARGO) test --release --quiet $(FEATURES)
 
 test-kill: ## sweeps killed 500 times, and merges, compared with undisturbed ones (minutes; KILLS=n, SEED=n)
 	$(CARGO) test --release --quiet --test kill --test kill_merge -- --nocapture
@@ -80,7 +81,7 @@ test-damage: ## a byte changed at 500 places of a store, and every command on wh
 test-bad-input: ## mutations of bad input, a minute for each of six readers
 	JITAI_BAD_INPUT_SECONDS=60 $(CARGO) test --release --test bad_input -- --nocapture --test-threads 1
 
-# Without instrumented comparisons an execution takes a quarter of the time; FUZZ_FLAGS= has them.
+# Without instrumented comparisons, an execution takes a quarter of the time; FUZZ_FLAGS= restores them.
 fuzz: ## coverage-guided fuzzing: FUZZ=query FUZZ_RUNS=10000000; needs nightly Rust and cargo-fuzz
 	@$(CARGO) fuzz --version >/dev/null 2>&1 || { \
 	  echo "cargo-fuzz is missing: cargo install cargo-fuzz, and rustup toolchain install nightly" >&2; exit 1; }
@@ -124,15 +125,66 @@ browser: ## install what test-browser needs, on Debian: Chromium, and Playwright
 	[ -x target/browser/bin/pip ] || python3 -m venv target/browser
 	target/browser/bin/pip install --quiet --disable-pip-version-check playwright
 
-test-analysis: ## the questions of docs/analysis.md: SQL, and pandas and R where they are at hand
-	$(CARGO) test --release --quiet --features $(FEATURES) --test analysis -- --nocapture
+test-analysis: ## the questions of docs/analysis.md: SQL, and pandas, R, Datasette and LaTeX where they are at hand
+	$(CARGO) test --release --quiet --test analysis -- --nocapture
 
-analysis: ## install what test-analysis uses, on Debian: R, and pandas in target/analysis
-	.ci/install r-base-core r-cran-dbi r-cran-rsqlite python3-venv
+analysis: ## install what test-analysis uses, on Debian: R, LaTeX, and pandas, Datasette and DuckDB in target/analysis
+	.ci/install r-base-core r-cran-dbi r-cran-rsqlite texlive-latex-recommended poppler-utils python3-venv
 	[ -x target/analysis/bin/pip ] || python3 -m venv target/analysis
-	target/analysis/bin/pip install --quiet --disable-pip-version-check pandas pyarrow
+	target/analysis/bin/pip install --quiet --disable-pip-version-check pandas pyarrow datasette duckdb
 
-# Every test brings up three nodes on loopback; most of its time it waits for them.
+# The module uses the profile, the features and the target folder of the program, so that Burn is compiled
+# once. pip keeps an installed wheel of the same version: hence --force-reinstall.
+PYTHON := target/python/bin/python
+PIP := target/python/bin/pip --quiet --disable-pip-version-check
+PYTHON_SB3 := target/python-sb3/bin/python
+PIP_SB3 := target/python-sb3/bin/pip --quiet --disable-pip-version-check
+
+python: ## build the Python wheel with the program, and install it into target/python
+	.ci/install python3-venv
+	[ -x $(PYTHON) ] || python3 -m venv target/python
+	$(PIP) install "maturin>=1.8,<2"
+	rm -rf target/wheels
+	PATH="$(CURDIR)/target/python/bin:$$PATH" $(PIP) wheel --no-build-isolation --no-deps --wheel-dir target/wheels ./python
+	$(PIP) install --force-reinstall --no-deps target/wheels/jitai-*.whl
+	$(PIP) install "gymnasium>=1.1" "numpy>=1.24"
+
+# target/python-sb3 has the oldest supported version of Gymnasium, Stable-Baselines3 and Debian's PyTorch, because
+# PyTorch from PyPI brings gigabytes for graphics cards. Debian's PyTorch needs the NumPy that it was built with, and
+# Stable-Baselines3 requires a newer PyTorch than these tests need: hence --no-deps.
+python-sb3:
+	.ci/install python3-torch
+	[ -x $(PYTHON_SB3) ] || /usr/bin/python3 -m venv --system-site-packages target/python-sb3
+	numpy=$$(/usr/bin/python3 -c 'import numpy; print(int(numpy.__version__.split(".")[0]) + 1)') && \
+		$(PIP_SB3) install "gymnasium==1.1.0" "numpy<$$numpy" "pandas<3" "matplotlib<3.10" cloudpickle
+	$(PIP_SB3) install --no-deps stable-baselines3
+
+# target/python has the current version of Gymnasium, target/python-sb3 the oldest supported one.
+test-python: ## tests of the Python module, with Gymnasium's current and oldest version (minutes)
+	@ls target/wheels/jitai-*.whl >/dev/null 2>&1 || { echo "no wheel: run \`make python\`" >&2; exit 1; }
+	$(CARGO) fmt --check --package jitai-python
+	PYO3_PYTHON=$(CURDIR)/$(PYTHON) $(CARGO) clippy --release --package jitai-python --quiet -- -D warnings
+	$(PIP) install hypothesis onnxruntime pandas polars pyarrow pytest safetensors
+	cd python && ../target/python/bin/pytest --quiet
+	$(MAKE) python-sb3
+	$(PIP_SB3) install "hypothesis>=6.100" pytest
+	$(PIP_SB3) install --force-reinstall --no-deps target/wheels/jitai-*.whl
+	cd python && ../target/python-sb3/bin/pytest --quiet tests/test_gymnasium.py tests/test_equality.py tests/test_sb3.py tests/test_external.py tests/test_docs.py
+	$(PIP_SB3) install --no-deps --upgrade --target target/python-sb3/current gymnasium
+	cd python && PYTHONPATH=$(CURDIR)/target/python-sb3/current ../target/python-sb3/bin/pytest --quiet tests/test_sb3.py -k "not learn"
+
+bench-python: ## time environments beside StepCountJITAI's, and PPO beside Stable-Baselines3's and JAX (minutes; BENCH_PAIRS=n)
+	$(PIP) install stepcountjitai scipy scikit-learn
+	$(PYTHON) python/bench/steps.py
+	$(CARGO) build --release
+	$(MAKE) python-sb3
+	$(PIP_SB3) install --no-deps sb3-contrib
+	JITAI=$(or $(CARGO_TARGET_DIR),target)/release/jitai $(PYTHON_SB3) python/bench/agents.py
+	[ -x target/python-jax/bin/python ] || python3 -m venv target/python-jax
+	target/python-jax/bin/pip install --quiet --disable-pip-version-check jax
+	JITAI=$(or $(CARGO_TARGET_DIR),target)/release/jitai target/python-jax/bin/python python/bench/jax_ppo.py
+
+# Every test starts three nodes on loopback, and mostly waits for them.
 test-slurm: ## submissions on real Slurm clusters with faults, as root (minutes; TEST=name for some)
 	@command -v slurmctld >/dev/null || { echo "Slurm is missing: run \`make slurm\`" >&2; exit 1; }
 	JITAI_TEST_SLURM=1 RUST_TEST_THREADS=$(or $(RUST_TEST_THREADS),6) \
@@ -140,6 +192,11 @@ test-slurm: ## submissions on real Slurm clusters with faults, as root (minutes;
 
 slurm: ## install what test-slurm needs, on Debian: Slurm, without starting its services
 	.ci/install slurmctld slurmd slurm-client munge
+
+docs: ## the documentation as a site, target/site, by mkdocs in target/docs (seconds)
+	[ -x target/docs/bin/pip ] || python3 -m venv target/docs
+	target/docs/bin/pip install --quiet --disable-pip-version-check "mkdocs-material>=9.6,<10"
+	target/docs/bin/mkdocs build --strict --config-file docs/site/mkdocs.yml
 
 doc: ## the library's documentation, warnings as errors
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --release --no-deps

@@ -1,5 +1,5 @@
-//! How often the bootstrap interval of the inter-quartile mean holds the true value, of conditions
-//! with one truth and normal seeds: the table of `docs/statistics.md`.
+//! Coverage of the bootstrap interval of the inter-quartile mean, for conditions with the same true
+//! value and normally distributed seeds: the table of `docs/statistics.md`.
 
 use std::f64::consts::TAU;
 
@@ -7,7 +7,7 @@ use jitai::analyse::{Sample, interquartile_mean};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Conditions that are drawn for each pair of numbers, or so.
+/// Approximate number of conditions drawn per row of the table.
 const DRAWN: usize = 20_000;
 
 fn normal(rng: &mut ChaCha8Rng) -> f64 {

@@ -1,5 +1,5 @@
-//! Whole jobs in the published settings, P-H-D at sigma 0.6: training and 1000 test episodes; and
-//! checkpoints of them.
+//! Whole jobs in the published settings, P-H-D at sigma 0.6 (training and 1000 test episodes), and
+//! their checkpoints.
 
 use std::cell::{Cell, RefCell};
 use std::fs::File;
@@ -7,11 +7,18 @@ use std::io::Write;
 use std::time::Duration;
 
 use divan::Bencher;
-use jitai::agent::{Agent, DuelingDqn, Engine, Reinforce};
-use jitai::env::Environment;
+use jitai::agent::{
+    Actions, Agent, DuelingDqn, Engine, LinearThompson, Ppo, Recurrent, Reinforce,
+    linear_thompson_learner,
+};
+use jitai::env::{
+    Action, Environment, LaneSet, LaneStreams, PhysicalActivity, Population, Scenario,
+    VectorEnvironment,
+};
 use jitai::manifest::Evaluation;
 use jitai::plan::Job;
 use jitai::record::Outcome;
+use jitai::rng::{Purpose, Stream};
 use jitai::train::{
     self, Checkpoints, ReadCheckpoint, TrainingControl, TrainingProgress, Uncontrolled,
     WriteCheckpoint,
@@ -24,6 +31,7 @@ fn main() {
 fn job(agent: Agent, time_one_hot: bool) -> Job {
     Job {
         environment: Environment { time_one_hot, ..Environment::paper(0.6) },
+        population: Population::default(),
         scenario: "P-H-D".parse().unwrap(),
         agent,
         evaluation: Evaluation { curve_stride: 500, ..Evaluation::default() },
@@ -54,19 +62,87 @@ fn reinforce_of_50(time_one_hot: bool) {
     run(Agent::of(&reinforce), time_one_hot);
 }
 
-/// A tenth of the budget, by Burn and by the kernels, to compare.
+/// A tenth of the budget, to compare Burn with the kernels.
 #[divan::bench(sample_count = 5, sample_size = 1, args = [Engine::Fused, Engine::Burn])]
 fn a_tenth_of_dueling_dqn(engine: Engine) {
     run(Agent::of(&DuelingDqn { episodes: 100, engine, ..DuelingDqn::default() }), false);
 }
 
-/// A tenth of the budget, by Burn and by the kernels, to compare.
+/// A tenth of the budget, to compare Burn with the kernels.
 #[divan::bench(sample_count = 5, sample_size = 1, args = [Engine::Fused, Engine::Burn])]
 fn a_tenth_of_reinforce(engine: Engine) {
     run(Agent::of(&Reinforce { episodes: 1500, engine, ..Reinforce::default() }), false);
 }
 
-/// Times the checkpoint that a training leaves after so many steps, when it is stopped.
+/// Bandits; `probabilities` is how they compute the probabilities of actions.
+fn bandit(probabilities: &str) -> LinearThompson {
+    let usual = LinearThompson::default();
+    match probabilities {
+        "draws" => LinearThompson { action_centring: true, pi_min: 0.05, ..usual },
+        _ => usual,
+    }
+}
+
+/// 1500 episodes of 50 steps in C-H-D, and one test episode.
+#[divan::bench(sample_count = 5, sample_size = 1, args = ["integral", "draws"])]
+fn linear_thompson(probabilities: &str) {
+    let mut job = job(Agent::of(&bandit(probabilities)), false);
+    job.scenario = "C-H-D".parse().unwrap();
+    job.evaluation.test_episodes = 1;
+    assert!(matches!(train::run(&job, &Uncontrolled), Outcome::Completed(_)));
+}
+
+/// A decision for each of 1000 people, in the state of their tenth step, with the posterior after 100
+/// episodes.
+#[divan::bench(sample_count = 20, sample_size = 1, args = ["integral", "draws"])]
+fn a_thousand_decisions(bencher: Bencher<'_, '_>, probabilities: &str) {
+    let scenario: Scenario = "C-H-D".parse().unwrap();
+    let simulation = PhysicalActivity::new(&Environment::paper(0.6), &scenario, 1);
+    let mut lanes = simulation.with_lanes(1000);
+    let mut learner = linear_thompson_learner(&bandit(probabilities), simulation, 1).unwrap();
+    learner.train(100).unwrap();
+    let mut policy = learner.policy(Actions::AsTrained);
+    let mut streams = LaneStreams::Shared(Stream::new(1, Purpose::TestEnvironment));
+    let mut choices = Stream::new(1, Purpose::TestActions);
+    let (mut actions, mut chances) = (vec![Action::default(); 1000], vec![0.0; 1000]);
+    lanes.reset(LaneSet::All, &mut streams);
+    for _ in 0..10 {
+        policy.act(&lanes, &mut choices, &mut actions, None);
+        lanes.step(&actions, &mut vec![0.0; 1000], &mut streams);
+    }
+    bencher.bench_local(|| policy.act(&lanes, &mut choices, &mut actions, Some(&mut chances)));
+}
+
+/// Sizes of PPO: lanes, steps per rollout, minibatches and epochs. The network has two layers of 64.
+const LARGE: [u32; 4] = [64, 50, 4, 4];
+const SMALL: [u32; 4] = [8, 256, 32, 10];
+
+fn ppo(engine: Engine, [lanes, steps, minibatches, epochs]: [u32; 4]) -> Ppo {
+    Ppo { episodes: 2000, lanes, steps, minibatches, epochs, engine, ..Ppo::default() }
+}
+
+/// 100,000 steps, 64 lanes of 50 steps in minibatches of 800, 4 epochs.
+#[divan::bench(sample_count = 5, sample_size = 1, args = [Engine::Fused, Engine::Burn])]
+fn ppo_of_64_lanes(engine: Engine) {
+    run(Agent::of(&ppo(engine, LARGE)), false);
+}
+
+/// 100,000 steps, 8 lanes of 256 steps in minibatches of 64, 10 epochs.
+#[divan::bench(sample_count = 5, sample_size = 1, args = [Engine::Fused, Engine::Burn])]
+fn ppo_of_8_lanes(engine: Engine) {
+    run(Agent::of(&ppo(engine, SMALL)), false);
+}
+
+/// 32,000 steps with a GRU of 64 units behind a layer of 64, 64 lanes of 50 steps in minibatches of
+/// 800, 4 epochs.
+#[divan::bench(sample_count = 5, sample_size = 1, args = [Engine::Fused, Engine::Burn])]
+fn ppo_with_a_gru(engine: Engine) {
+    let layers = vec![64];
+    let recurrent = Recurrent::Gru;
+    run(Agent::of(&Ppo { episodes: 640, layers, recurrent, ..ppo(engine, LARGE) }), false);
+}
+
+/// Times the checkpoint that a training writes when it is stopped after this number of steps.
 struct Timer<'a, 'b> {
     bencher: RefCell<Option<Bencher<'a, 'b>>>,
     steps_left: Cell<u32>,
@@ -107,10 +183,11 @@ impl TrainingControl for Timer<'_, '_> {
     }
 }
 
-/// Of a dueling DQN with so many transitions in its replay buffer; synced to the disk.
+/// A checkpoint of a dueling DQN with this number of transitions in its replay buffer, synced to the
+/// disk.
 #[divan::bench(sample_count = 10, sample_size = 1, args = [1_000, 50_000, 1_000_000])]
 fn checkpoint(bencher: Bencher<'_, '_>, transitions: u32) {
-    // An agent that only fills its buffer.
+    // This agent only fills its buffer.
     let dqn = DuelingDqn { episodes: transitions, batch: 1_000_000, ..DuelingDqn::default() };
     let timer = Timer {
         bencher: RefCell::new(Some(bencher)),

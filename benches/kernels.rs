@@ -20,11 +20,11 @@ fn numbers(len: usize) -> Aligned {
 }
 
 fn sets() -> impl Iterator<Item = Isa> {
-    // The portable one is there to be right, not to be fast.
+    // The portable set serves as the reference for correctness, not speed.
     Isa::available().into_iter().filter(|isa| isa.name() != "portable")
 }
 
-/// The product that most of a DQN update is made of; counted in floating-point operations.
+/// The matrix product that dominates a DQN update; counted in floating-point operations.
 #[divan::bench(args = sets().map(|isa| isa.name()))]
 fn product_64x128x128(bencher: Bencher<'_, '_>, name: &str) {
     let isa = sets().find(|isa| isa.name() == name).unwrap();
@@ -45,7 +45,7 @@ fn product_64x128x128(bencher: Bencher<'_, '_>, name: &str) {
     });
 }
 
-/// The heads of a dueling network for a batch.
+/// The heads of a dueling network for one batch.
 #[divan::bench]
 fn dot_64x128x5(bencher: Bencher<'_, '_>) {
     let (left, right, start) = (numbers(64 * 128), numbers(5 * 128), numbers(5));
@@ -62,7 +62,7 @@ fn shallow<'a>(
     Shallow { weight, bias, head, inputs, moments: &[], rows: inputs.len() / 3 }
 }
 
-/// Logits of REINFORCE's policy; counted in rows.
+/// Logits of the policy of REINFORCE; counted in rows.
 #[divan::bench(args = [1, 50, 64])]
 fn policy_forward(bencher: Bencher<'_, '_>, rows: usize) {
     let (weight, bias, head) = (numbers(3 * 128), numbers(128), numbers(4 * 128));
@@ -72,7 +72,7 @@ fn policy_forward(bencher: Bencher<'_, '_>, rows: usize) {
     });
 }
 
-/// The gradient of REINFORCE's policy; counted in rows.
+/// The gradient of the policy of REINFORCE; counted in rows.
 #[divan::bench(args = [64])]
 fn policy_backward(bencher: Bencher<'_, '_>, rows: usize) {
     let (weight, bias, head) = (numbers(3 * 128), numbers(128), numbers(4 * 128));
@@ -86,9 +86,9 @@ fn policy_backward(bencher: Bencher<'_, '_>, rows: usize) {
     });
 }
 
-/// Adam for the parameters of the published policy, of that with the one-hot, and of the published
-/// dueling network; counted in parameters. Gradients are 0 from the second update on; it takes as long
-/// with others.
+/// Adam for the parameters of three networks: the published policy, the policy with the one-hot, and
+/// the published dueling network; counted in parameters. Gradients are 0 from the second update on,
+/// which does not change the time.
 #[divan::bench(args = [1_040, 7_440, 17_680])]
 fn adam(bencher: Bencher<'_, '_>, parameters: usize) {
     let mut adam = Adam::new(5e-4, parameters);
@@ -131,7 +131,7 @@ fn version(name: &str) -> Environment {
     }
 }
 
-/// Steps of whole episodes with every action, 1024 lanes, lanes that have ended reset; counted in lanes.
+/// Steps of whole episodes with every action in 1024 lanes, with ended lanes reset; counted in lanes.
 #[divan::bench(args = ["none", "uniform", "uniform, gamma", "beta, gamma"])]
 fn noisy_step(bencher: Bencher<'_, '_>, name: &str) {
     const LANES: usize = 1024;

@@ -1,4 +1,4 @@
-//! Merging stores into a new one, every result verified.
+//! Merging of stores into a new store, with verification of every result.
 
 use std::path::PathBuf;
 use std::sync::LazyLock;
@@ -7,11 +7,11 @@ use std::sync::atomic::AtomicBool;
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use jitai::agent::{Agent, DuelingDqn, Reinforce};
-use jitai::env::Environment;
+use jitai::env::{Environment, Population};
 use jitai::manifest::Evaluation;
 use jitai::plan::Job;
 use jitai::record::{Outcome, Provenance};
-use jitai::store::{Claimed, Experiment, Isolation, RetryFailed, RunEnd, Store, merge};
+use jitai::store::{Claimed, Experiment, Isolation, RetryFailed, RunEnd, Sources, Store, merge};
 use jitai::train::{self, Uncontrolled};
 use tempfile::TempDir;
 
@@ -20,14 +20,14 @@ fn main() {
 }
 
 /// Stores with the same number of runs each.
-struct Sources {
+struct Filled {
     _folder: TempDir,
     paths: Vec<PathBuf>,
 }
 
-impl Sources {
-    /// So many stores with so many runs of a job each, every run with a seed of its own.
-    fn new(job: &Job, stores: u64, runs: u64) -> Sources {
+impl Filled {
+    /// `stores` stores with `runs` runs of a job each; every run has its own seed.
+    fn new(job: &Job, stores: u64, runs: u64) -> Filled {
         let folder = tempfile::tempdir().unwrap();
         let outcome = train::run(job, &Uncontrolled);
         let path = |number: u64| folder.path().join(format!("{number}.sqlite"));
@@ -37,11 +37,11 @@ impl Sources {
             let jobs: Vec<Job> = seeds.map(|seed| Job { seed, ..job.clone() }).collect();
             fill(&mut Store::open(path).unwrap(), &jobs, &outcome);
         }
-        Sources { _folder: folder, paths }
+        Filled { _folder: folder, paths }
     }
 }
 
-/// Stores the same outcome for all jobs.
+/// Stores the same outcome for every job.
 fn fill(store: &mut Store, jobs: &[Job], outcome: &Outcome) {
     let experiment = Experiment { name: "bench", question: None, hypothesis: None, manifest: "" };
     let named = jobs.iter().map(|job| ("agent", job));
@@ -66,20 +66,21 @@ fn fill(store: &mut Store, jobs: &[Job], outcome: &Outcome) {
 
 fn job(agent: Agent, evaluation: Evaluation) -> Job {
     let (environment, scenario) = (Environment::paper(0.6), "P-H-D".parse().unwrap());
-    Job { environment, scenario, agent, evaluation, seed: 1 }
+    let population = Population::default();
+    Job { environment, population, scenario, agent, evaluation, seed: 1 }
 }
 
-static TRIVIAL: LazyLock<Sources> = LazyLock::new(|| {
+static TRIVIAL: LazyLock<Filled> = LazyLock::new(|| {
     let agent = Agent::of(&Reinforce { episodes: 1, ..Reinforce::default() });
     let evaluation = Evaluation { test_episodes: 1, ..Evaluation::default() };
-    Sources::new(&job(agent, evaluation), 200, 500)
+    Filled::new(&job(agent, evaluation), 200, 500)
 });
 
-static DQN: LazyLock<Sources> = LazyLock::new(|| {
-    Sources::new(&job(Agent::of(&DuelingDqn::default()), Evaluation::default()), 4, 250)
+static DQN: LazyLock<Filled> = LazyLock::new(|| {
+    Filled::new(&job(Agent::of(&DuelingDqn::default()), Evaluation::default()), 4, 250)
 });
 
-fn merging(bencher: Bencher<'_, '_>, sources: &Sources, runs: usize) {
+fn merging(bencher: Bencher<'_, '_>, sources: &Filled, runs: usize) {
     let target = || {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(&folder.path().join("jitai.sqlite")).unwrap();
@@ -87,20 +88,22 @@ fn merging(bencher: Bencher<'_, '_>, sources: &Sources, runs: usize) {
     };
     bencher.counter(ItemsCount::new(runs)).with_inputs(target).bench_local_values(
         |(folder, mut store)| {
-            let merged = merge(&sources.paths, &mut store, |_| {}).unwrap();
+            let checked = Sources::open(sources.paths.clone()).unwrap();
+            let merged = merge(&checked, &mut store, |_| {}).unwrap();
             assert_eq!(merged.completed, runs);
             (folder, store)
         },
     );
 }
 
-/// 200 stores with 100,000 runs of one training and one test episode together; counted in runs.
+/// 200 stores with 100,000 runs in total, of jobs with one training and one test episode; counted in
+/// runs.
 #[divan::bench(sample_count = 3, sample_size = 1)]
 fn merging_trivial_runs(bencher: Bencher<'_, '_>) {
     merging(bencher, &TRIVIAL, 100_000);
 }
 
-/// Four stores with 1000 runs of the dueling DQN in the published settings together; counted in runs.
+/// Four stores with 1000 runs in total, of the dueling DQN in the published settings; counted in runs.
 #[divan::bench(sample_count = 3, sample_size = 1)]
 fn merging_dqn_runs(bencher: Bencher<'_, '_>) {
     merging(bencher, &DQN, 1000);

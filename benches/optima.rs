@@ -1,7 +1,7 @@
-//! Stated errors and times of the optima of environments drawn at random.
+//! Stated errors and computing times of the optima of random environments.
 //!
-//! `ENVIRONMENTS` is the number of environments, `HORIZONS` their horizons, with commas between, and
-//! `SEED` the seed of the draws.
+//! `ENVIRONMENTS` is the number of environments, `HORIZONS` is a comma-separated list of their
+//! horizons, and `SEED` is the seed of the draws.
 
 use std::env;
 use std::num::NonZeroUsize;
@@ -13,10 +13,11 @@ use rand::seq::IndexedRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// An error that is small enough, in steps walked.
+/// Error below which an optimum counts as exact, in steps walked.
 const EXACT: f64 = 0.5;
 
-/// A number between two whose logarithm is uniform, of two digits, as people write them.
+/// A log-uniform number between `least` and `most`, rounded to two significant digits, as people write
+/// them.
 fn between(rng: &mut ChaCha8Rng, least: f64, most: f64) -> f64 {
     let drawn = (least.ln() + rng.random::<f64>() * (most / least).ln()).exp();
     format!("{drawn:.1e}").parse().expect("a number")

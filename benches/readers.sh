@@ -1,14 +1,14 @@
 #!/bin/sh
-# How much eight readers slow a sweep of two workers down: the same sweep, alone and with
-# readers that ask again every so often, in turns. Prints a line a pair, and the median ratio.
+# Slowdown of a sweep of two workers by eight readers. Runs the same sweep alternately alone and with
+# readers that repeat their query at intervals. Prints a line per pair, and the median ratio.
 #
-# JITAI: the program. PAIRS: how often. READERS: how many. PAUSE: seconds between two questions of
-# a reader.
+# JITAI: the program. PAIRS: number of pairs. READERS: number of readers. PAUSE: seconds between two
+# queries of a reader.
 set -eu
 : "${JITAI:=target/release/jitai}" "${PAIRS:=5}" "${PAUSE:=1}" "${READERS:=8}"
 JITAI=$(realpath "$JITAI")
 place=$(mktemp -d)
-# Whatever ends this, the readers end first.
+# However the script ends, the readers end first.
 trap 'touch "$place/over"; wait; rm -rf "$place"' EXIT
 trap 'exit 130' INT TERM
 cd "$place"
@@ -26,8 +26,8 @@ name = "reinforce"
 algorithm = "reinforce"
 END
 
-# Asks until there is a file `over`; a dot in `asked` for each answer, a line in `failed` for each
-# question without one. Every other reader asks for the state of the sweep, as `status` shows it.
+# Queries until the file `over` exists. Writes a dot to `asked` for each answer, and a line to `failed`
+# for each query without an answer. Every other reader runs `status` instead of the query.
 reader() {
     while [ ! -e over ]; do
         if [ $(($1 % 2)) -eq 0 ]; then
@@ -43,7 +43,7 @@ quotient() {
     awk "BEGIN { printf \"%.3f\", $1 / $2 }"
 }
 
-# Seconds that the sweep takes with so many readers.
+# The duration of the sweep in seconds, with this number of readers.
 sweep() {
     rm -f jitai.sqlite* over
     begun=$(date +%s%N)

@@ -1,4 +1,4 @@
-//! Writing: the jobs of an experiment, and the ends of runs.
+//! Writes to a store: the jobs of an experiment, and the ends of runs.
 
 use std::slice;
 use std::sync::atomic::AtomicBool;
@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use jitai::agent::{Agent, Reinforce};
-use jitai::env::Environment;
+use jitai::env::{Environment, Population};
 use jitai::manifest::{Evaluation, RecordedDecisions};
 use jitai::plan::Job;
 use jitai::record::{Outcome, Provenance};
@@ -69,6 +69,7 @@ impl Fresh {
 fn job(episodes: u32, evaluation: Evaluation) -> Job {
     Job {
         environment: Environment::paper(0.6),
+        population: Population::default(),
         scenario: "P-H-D".parse().unwrap(),
         agent: Agent::of(&Reinforce { episodes, ..Reinforce::default() }),
         evaluation,
@@ -76,7 +77,7 @@ fn job(episodes: u32, evaluation: Evaluation) -> Job {
     }
 }
 
-/// Jobs of one training and one test episode.
+/// Jobs with one training and one test episode.
 fn trivial(count: u64) -> Vec<Job> {
     let job = job(1, Evaluation { test_episodes: 1, ..Evaluation::default() });
     (1..=count).map(|seed| Job { seed, ..job.clone() }).collect()
@@ -116,8 +117,8 @@ fn claiming_and_ending(bencher: Bencher<'_, '_>, count: u64) {
     );
 }
 
-/// Ending a run in the published settings with a point of the learning curve for every training
-/// episode, synced to the disk; counted in values of the curve.
+/// Ending a run in the published settings whose learning curve has a point for every training episode,
+/// synced to the disk; counted in values of the curve.
 #[divan::bench(sample_count = 10, sample_size = 1)]
 fn ending_with_a_long_curve(bencher: Bencher<'_, '_>) {
     let job = job(15_000, Evaluation { curve_stride: 1, ..Evaluation::default() });
@@ -144,7 +145,7 @@ fn ending_with_decisions(bencher: Bencher<'_, '_>) {
     let evaluation =
         Evaluation { record_decisions: RecordedDecisions::Test, ..Evaluation::default() };
     let mut job = job(1, evaluation);
-    // Nobody disengages, so that every test episode has all of its steps.
+    // Disengagement never occurs, so every test episode has all of its steps.
     job.environment.epsilon_d = 0.0;
     let outcome = train::run(&job, &Uncontrolled);
     let Outcome::Completed(results) = &outcome else { panic!("{outcome:?}") };

@@ -1,9 +1,8 @@
-//! Places at which the process kills itself when it is told to: for tests that look at what is left.
+//! Points at which the process can kill itself, for tests of recovery.
 //!
-//! In: the text of [`VARIABLE`], such as `before-commit:3`. The process then ends by SIGKILL as it
-//! passes the place for the third time, where no signal from outside could be aimed so well. It does
-//! not know what is written at these places. Unless one is chosen, passing costs the look at one
-//! variable of the process.
+//! In: the value of [`VARIABLE`], such as `before-commit:3`. The process kills itself with SIGKILL when it
+//! passes the point for the third time, which no signal from outside could time as precisely. The module
+//! does not know what is written at these points. If no point is chosen, passing one costs a single check.
 
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -11,26 +10,26 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use signal_hook::consts::SIGKILL;
 use signal_hook::low_level::raise;
 
-/// The environment variable that chooses a place: its name, a colon, and how often it is passed.
+/// The environment variable that chooses a point: its name, a colon, and the number of the pass.
 pub const VARIABLE: &str = "JITAI_KILL_AT";
 
-/// A place where the process can be killed.
+/// A point at which the process can be killed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum KillPoint {
     /// A transaction of the store is about to be committed.
     BeforeCommit,
     /// A transaction of the store has been committed.
     AfterCommit,
-    /// A checkpoint is on the disk, under the name of an unfinished one.
+    /// A checkpoint is on the disk under its temporary name.
     CheckpointWritten,
-    /// A checkpoint has its name; earlier ones are still there.
+    /// A checkpoint has its final name; earlier checkpoints still exist.
     CheckpointRenamed,
-    /// Ends of runs are stored; the checkpoints of their jobs are still there.
+    /// Ends of runs are stored; the checkpoints of their jobs still exist.
     EndsStored,
 }
 
 impl KillPoint {
-    /// Every place.
+    /// Every point.
     pub const ALL: [KillPoint; 5] = [
         KillPoint::BeforeCommit,
         KillPoint::AfterCommit,
@@ -39,7 +38,7 @@ impl KillPoint {
         KillPoint::EndsStored,
     ];
 
-    /// Its name, as [`VARIABLE`] takes it.
+    /// The name of the point in [`VARIABLE`].
     pub fn name(self) -> &'static str {
         match self {
             KillPoint::BeforeCommit => "before-commit",
@@ -51,24 +50,24 @@ impl KillPoint {
     }
 }
 
-/// A text that chooses no place.
+/// A value that does not choose a point.
 #[derive(Debug, thiserror::Error)]
 #[error("{VARIABLE} is `{0}`; expected a place and a number from 1, such as before-commit:3")]
 pub struct KillPointError(String);
 
-/// The chosen place.
+/// The chosen point.
 #[derive(Debug)]
 struct Chosen {
     point: KillPoint,
-    /// How often it is still to be passed.
+    /// Number of passes until the process is killed.
     left: AtomicU64,
 }
 
 static CHOSEN: OnceLock<Chosen> = OnceLock::new();
 
-/// Chooses the place at which this process ends; only the first choice counts.
+/// Chooses the point at which this process kills itself; only the first choice counts.
 ///
-/// **Errors**: the text names no place, or no number from 1.
+/// **Errors**: the text does not name a point, or its number is below 1.
 pub fn choose(text: &str) -> Result<(), KillPointError> {
     let (point, passes) = parse(text).ok_or_else(|| KillPointError(text.to_owned()))?;
     CHOSEN.get_or_init(|| Chosen { point, left: AtomicU64::new(passes) });
@@ -82,7 +81,7 @@ fn parse(text: &str) -> Option<(KillPoint, u64)> {
     Some((point, passes))
 }
 
-/// Ends the process if this is the place and the time.
+/// Kills the process at the chosen pass of the chosen point.
 pub(crate) fn pass(point: KillPoint) {
     let Some(chosen) = CHOSEN.get().filter(|chosen| chosen.point == point) else { return };
     if chosen.left.fetch_sub(1, Ordering::Relaxed) == 1 {
@@ -102,7 +101,7 @@ mod tests {
         for text in ["", "before-commit", "before-commit:", "before-commit:0", "commit:1", ":1"] {
             assert_eq!(parse(text), None, "{text}");
         }
-        let told = choose("before-commit:-1").unwrap_err().to_string();
-        assert!(told.starts_with("JITAI_KILL_AT is `before-commit:-1`; expected"), "{told}");
+        let message = choose("before-commit:-1").unwrap_err().to_string();
+        assert!(message.starts_with("JITAI_KILL_AT is `before-commit:-1`; expected"), "{message}");
     }
 }

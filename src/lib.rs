@@ -1,7 +1,7 @@
 //! # jitai
 //!
-//! Reinforcement-learning experiments for just-in-time adaptive interventions, from a declaration
-//! to results that can be trusted.
+//! Reinforcement-learning experiments for just-in-time adaptive interventions: declared in a manifest,
+//! run to reproducible results.
 //!
 //! ```text
 //! env, agent ──► manifest ──► plan ──► train ──► store ──► schedule ──► analyse ──► report
@@ -10,10 +10,10 @@
 //!  and learned    declares    run      content   file       when                     figures
 //! ```
 //!
-//! A **manifest** is the TOML file that an author writes. It expands into **jobs**: one
-//! (environment, scenario, agent, seed, budget, evaluation) each. The **job key** is a hash of that
-//! content and of the code's versions. A **run** is one attempt at a job; a job has at most one
-//! completed run. `docs/architecture.md` has the map of the modules, the invariants and recipes.
+//! A **manifest** is a TOML file that declares an experiment. It expands into **jobs**, each with one
+//! environment, scenario, agent, seed, budget and evaluation. The **job key** is a hash of that content
+//! and of the versions of the code. A **run** is one attempt at a job; a job has at most one completed
+//! run. `docs/architecture.md` describes the modules, invariants and recipes.
 //!
 //! # Example
 //!
@@ -50,12 +50,15 @@
 //!
 //! # Modules
 //!
-//! [`experiment`] declares and runs jobs, [`results`] reads them and makes reports; [`findings`] is
-//! what reports draw, [`statistics`] computes it. [`environment`] and [`policy`] simulate without a store.
-//! [`algorithm`] trains, declares keys (with [`keys!`] and [`choices!`]) and registers algorithms.
-//! `examples/` holds three programs that use them: a sweep, an environment and an algorithm of their
-//! own. Other modules of the crate serve the program, its tests and its benches; no version promises
-//! them.
+//! - [`experiment`] declares and runs jobs.
+//! - [`results`] reads results and makes reports.
+//! - [`findings`] holds the numbers that reports draw, and [`statistics`] the functions that compute
+//!   them.
+//! - [`environment`] and [`policy`] simulate without a store.
+//! - [`algorithm`] trains, declares keys (with [`keys!`] and [`choices!`]) and registers algorithms.
+//!
+//! Three programs in `examples/` show how to write a sweep, an environment and an algorithm. All other
+//! modules serve the program, its tests and its benchmarks; they are not part of the stable interface.
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
@@ -71,6 +74,8 @@ pub mod cluster;
 #[doc(hidden)]
 pub mod env;
 #[doc(hidden)]
+pub mod external;
+#[doc(hidden)]
 pub mod kernel;
 #[doc(hidden)]
 pub mod key;
@@ -82,6 +87,8 @@ pub mod manifest;
 pub mod optimum;
 #[doc(hidden)]
 pub mod plan;
+#[doc(hidden)]
+pub mod portable;
 #[doc(hidden)]
 pub mod record;
 mod report;
@@ -100,38 +107,40 @@ pub mod train;
 pub mod experiment {
     pub use crate::manifest::{
         Analysis, AnalysisKind, Condition, Contrast, CurveAxis, DataPart, DeclaredAgent, Described,
-        Evaluation, Exclusion, Fault, Faults, Manifest, Pairing, Parameters, Position, Published,
-        PublishedCurve, PublishedErrors, PublishedHeatMap, PublishedTest, Section, SelectionRule,
-        Sides, TestActions, Zip, load, parse, schema,
+        Evaluation, Exclusion, Fault, Faults, Manifest, Pairing, Parameters, ParticipantRange,
+        Position, Published, PublishedCurve, PublishedErrors, PublishedHeatMap, PublishedTest,
+        Recovery, Section, SelectionRule, Sides, TestActions, Zip, load, parse, schema,
     };
     pub use crate::plan::{
         CanonicalForm, Filter, FilterError, Job, JobError, JobKey, PlannedJob, Scalar, Shard,
         ShardError, Versions, count, expand, jobs,
     };
-    pub use crate::record::{CurvePoint, Metric, Outcome, Results, TestEpisode};
+    pub use crate::record::{
+        CurvePoint, Metric, Outcome, ParticipantValue, Phase, Results, TestEpisode,
+    };
     pub use crate::schedule::{
         CheckpointNote, Event, EventSink, Found, OnFailure, Options, Queued, SweepError, Tally,
         run_manifests as run,
     };
     pub use crate::store::{
-        Conflict, Damage, MergeProgress, Merged, Origin, OtherManifest, RetryFailed, Store,
-        StoreError, merge, stores_of,
+        Conflict, Damage, MergeProgress, Merged, Origin, OtherManifest, RetryFailed, Sources,
+        Store, StoreError, merge, stores_of,
     };
     pub use crate::train::{CheckpointError, TrainingProgress};
 }
 
-/// Results: read them from a store, summarise arms, ask in SQL, make a report.
+/// Results: read them from a store, summarise arms, query in SQL, make a report.
 pub mod results {
     pub use crate::analyse::declared::{
         AgentSummary, Arm, ArmId, ArmSummary, summarise_agents, summarise_arms,
     };
-    pub use crate::manifest::Setting;
+    pub use crate::manifest::{Setting, first_return};
     pub use crate::record::{
-        ActionCount, CURVE_METRICS, CompletedRun, DataSet, Failure, FailureKind, JobRecord,
-        JobStatus, METRICS, Provenance,
+        ActionCount, AmongParticipants, CURVE_METRICS, CompletedRun, DataSet, Failure, FailureKind,
+        JobRecord, JobStatus, METRICS, Provenance,
     };
     pub use crate::report::{
-        AssembleError, ReportFile, ReportedExperiment, Work, assemble, report,
+        AssembleError, Hosts, ReportFile, ReportedExperiment, Work, assemble, report,
     };
     pub use crate::store::{
         Answer, ExperimentCounts, FailedJob, Interrupter, JobState, Pace, Parts, QueryError,
@@ -139,14 +148,16 @@ pub mod results {
     };
 }
 
-/// Environments: the contract, the check of it, and the simulation of the paper.
+/// Environments: the contract and its tests, and the simulation from the paper.
 pub mod environment {
     pub use crate::env::contract::{Clause, Violation, check};
     pub use crate::env::{
         Action, ActionSpec, ContextDraw, Environment, EpisodeStatus, Feature, FeatureSpec,
-        FirstContext, LaneSet, LaneStreams, ObservationSpec, Observations, PhysicalActivity,
-        Scenario, ScenarioError, TimeIndicator, VectorEnvironment,
+        FirstContext, LaneSet, LaneStreams, ObservationSpec, Observations, ParticipantSampler,
+        PhysicalActivity, Population, PopulationPhases, Scenario, ScenarioError, TimeIndicator,
+        VectorEnvironment,
     };
+    pub use crate::key::{Column, Distribution, NumberRange, Rows};
     pub use crate::rng::{Purpose, Stream};
     pub use crate::state::{Number, Resumable, StateError, StateReader, StateWriter};
 }
@@ -154,24 +165,27 @@ pub mod environment {
 /// Policies: actors, decision rules, and the episodes that they play.
 pub mod policy {
     pub use crate::agent::{
-        ActionNetwork, Actions, Actor, DecisionRule, EpsilonGreedy, RuleParameters, RulePolicy,
-        SoftmaxPolicy,
+        ActionNetwork, Actions, Actor, Architecture, Choice, DecisionRule, EpsilonGreedy,
+        RuleParameters, RulePolicy, SoftmaxPolicy, StackNames,
     };
     pub use crate::optimum::NoOptimum;
+    pub use crate::portable::{PortableError, PortablePolicy, network_of, portable};
     pub use crate::train::{RollStreams, Rollout, StepObserver, begin, play, roll};
 }
 
-/// Algorithms: train those of the library in any environment, or register one; the keys that they
-/// declare.
+/// Algorithms: train them in any environment, declare their keys, and register new ones.
 pub mod algorithm {
     pub use crate::agent::{
-        Activation, Agent, Algorithm, AlgorithmParameters, Assignment, AutodiffPolicy, Constraint,
-        Diverged, DuelingDqn, Engine, Learner, LearnerError, OutOfMemory, PolicyGradient,
+        Activation, Agent, Algorithm, AlgorithmParameters, Assignment, AtHorizon, AutodiffPolicy,
+        BanditDraw, BanditFeatures, BanditPosterior, BanditUpdate, Constraint, Diverged,
+        DuelingDqn, Engine, Learner, LearnerError, LinearThompson, LinearThompsonLearner, Losses,
+        Minibatch, OutOfMemory, PolicyGradient, Ppo, PpoEngine, PpoLearner, Recurrent,
         RegistrationError, Reinforce, ReinforceEngine, ReinforceLearner, Span, Start, StartError,
         Task, TerminalTarget, Trained, TrainedEpisode, Trajectories, Trunk, Violation,
         WeightTensor, Weights, WeightsError, Work, action_tensor, dueling_dqn_learner,
-        inference_device, observation_tensor, register_algorithm, reinforce_learner,
-        trained_dueling_dqn, trained_reinforce, training_device,
+        inference_device, linear_thompson_learner, observation_tensor, ppo_learner,
+        register_algorithm, reinforce_learner, trained_dueling_dqn, trained_linear_thompson,
+        trained_ppo, trained_reinforce, training_device,
     };
     pub use crate::kernel::Isa;
     pub use crate::key::{
@@ -179,13 +193,13 @@ pub mod algorithm {
     };
 }
 
-/// Findings: what declared analyses compute from results, as reports draw it.
+/// Findings: the results of declared analyses, as reports draw them.
 pub mod findings {
     pub use crate::analyse::declared::{
         ActionPanel, BinShares, Candidate, Comparison, Content, ContrastRow, CurveFigure,
         CurveLine, CurvePoint, Distance, ErrorFigure, ErrorPoint, Finding, HeatFigure, HeatTile,
-        JobCounts, LearningFigure, LearningLine, LearningPanel, Ranking, Reproduction, Scale,
-        Subject,
+        JobCounts, LearningFigure, LearningLine, LearningPanel, Ranking, RecoveryRow, Reproduction,
+        Scale, Subject,
     };
 }
 
@@ -194,9 +208,10 @@ pub mod statistics {
     pub use crate::analyse::{
         Aggregate, Agreement, Contrast, Corrected, Design, DuplicateSeed, Estimate, FEW_SEEDS,
         HedgesG, Improvement, Interval, LEVEL, Likeness, Lost, MOST_ARRANGEMENTS, Moments, POWER,
-        RESAMPLES, Sample, TTest, Tests, Undefined, Verdict, agreement, correct, detectable,
-        hedges_g, improvement, interquartile_mean, lower_quartile, mean_and_sd, mean_interval,
-        moving_mean, paired_detectable, paired_hedges_g, paired_improvement, paired_permutation_p,
-        paired_t_test, permutation_p, quantile, student_t_test, welch_t_test,
+        RESAMPLES, Recovered, Sample, TTest, Tests, Undefined, Verdict, agreement, correct,
+        detectable, hedges_g, improvement, interquartile_mean, lower_quartile, mean_and_sd,
+        mean_interval, moving_mean, paired_detectable, paired_hedges_g, paired_improvement,
+        paired_permutation_p, paired_t_test, permutation_p, quantile, recovered, student_t_test,
+        welch_t_test,
     };
 }

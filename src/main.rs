@@ -1,4 +1,4 @@
-//! The `jitai` program; everything is in the library.
+//! The `jitai` program; all of its code is in the library.
 
 use std::process::ExitCode;
 

@@ -1,16 +1,16 @@
-//! Named random streams: the only place that makes generators.
+//! Named random streams. Only this module makes generators.
 //!
-//! Every source of chance in a job has a stream of its own, so that drawing more from one moves
-//! nothing in another. A stream depends on the job's seed and its own name alone; jobs with equal
-//! seeds meet the same draws (common random numbers), which narrows comparisons between them.
-//! The conversions from bits to numbers are written here and not taken from a library, because
-//! their results are part of what a job's key promises.
+//! Every source of randomness in a job has its own stream, so that additional draws from one stream do not
+//! shift another. A stream depends only on the job's seed and on its own name. Jobs with equal seeds
+//! therefore get the same draws (common random numbers), which reduces the variance of comparisons. The
+//! module converts bits to numbers itself rather than through a library, because job keys promise these
+//! results.
 
 use pulp::bytemuck;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// What a stream is for.
+/// The purpose of a stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u64)]
 pub enum Purpose {
@@ -18,28 +18,34 @@ pub enum Purpose {
     Environment = 1,
     /// The agent's choice among actions in training.
     Exploration = 2,
-    /// Which transitions a batch is made of.
+    /// The choice of transitions for a batch.
     Replay = 3,
-    /// Weights before training.
+    /// Initial weights.
     InitialWeights = 4,
     /// Contexts and their features in the test.
     TestEnvironment = 5,
     /// The agent's choice among actions in the test.
     TestActions = 6,
-    /// Which seeds a resample of an analysis is made of; no job draws from it.
+    /// The choice of seeds for a resample of an analysis; no job draws from it.
     Bootstrap = 7,
-    /// Contexts in which an optimum is tried; no job draws from it.
+    /// Contexts in the simulated episodes of an optimum; no job draws from it.
     Optimum = 8,
+    /// Standard normal deviates from which a bandit computes the probabilities that it declares.
+    ProbabilityDraws = 12,
+    /// Coefficients that a bandit draws for an episode; the seed is a word of the stream that chooses
+    /// actions.
+    EpisodeDraws = 13,
 }
 
-/// Words beside those of a stream: for each word of it, a fixed number that is independent of it.
+/// Streams that run alongside another stream: for each word of the stream, a fixed number of independent
+/// words.
 ///
-/// What is drawn from one companion moves nothing in the stream or in another companion, and the place
-/// in a companion follows from the place in the stream.
+/// Draws from one companion do not affect the stream or other companions. The position in a companion follows
+/// from the position in the stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u64)]
 pub enum Companion {
-    /// The next context, where contexts persist or are not equally likely.
+    /// The next context, if contexts persist or have unequal probabilities.
     Context = 1,
     /// Whether a message can be sent.
     Availability = 2,
@@ -51,8 +57,15 @@ pub enum Companion {
     ParameterNoise = 5,
 }
 
+/// The companion for participants. Its position does not follow from the position in the stream, because the
+/// number of words that an episode takes depends on the agent, and the next participant must not.
+const PARTICIPANTS: u64 = 6;
+
+/// The number of words per participant.
+pub const PARTICIPANT_WORDS: usize = 32;
+
 impl Companion {
-    /// Words for each word of the stream.
+    /// The number of words for each word of the stream.
     pub const fn width(self) -> usize {
         match self {
             Companion::Context | Companion::Availability | Companion::StepNoise => 1,
@@ -62,60 +75,89 @@ impl Companion {
     }
 }
 
-/// A stream of random numbers (ChaCha with 8 rounds).
+/// A stream of random numbers (ChaCha with 8 rounds), which also counts the participants drawn from it.
 #[derive(Clone, Debug)]
-pub struct Stream(ChaCha8Rng);
+pub struct Stream {
+    generator: ChaCha8Rng,
+    participants: u64,
+}
 
 impl Stream {
     /// The stream of a seed for a purpose, at its start.
     pub fn new(seed: u64, purpose: Purpose) -> Self {
         let mut generator = ChaCha8Rng::seed_from_u64(seed);
         generator.set_stream(purpose as u64);
-        Stream(generator)
+        Stream { generator, participants: 0 }
     }
 
-    /// How many times [`Stream::bits`] has been called.
+    /// The position in the stream, in calls of [`Stream::bits`] from the start.
     pub fn position(&self) -> u64 {
-        (self.0.get_word_pos() / 2) as u64
+        (self.generator.get_word_pos() / 2) as u64
     }
 
-    /// Goes to where `position` calls of [`Stream::bits`] lead from the start.
+    /// Moves to the position after `position` calls of [`Stream::bits`] from the start.
     pub fn go_to(&mut self, position: u64) {
-        self.0.set_word_pos(u128::from(position) * 2);
+        self.generator.set_word_pos(u128::from(position) * 2);
     }
 
-    /// A companion at the words that belong to the next word of this stream.
+    /// A companion, at the words that belong to the next word of this stream.
     pub fn companion(&self, companion: Companion) -> Stream {
-        let mut generator = ChaCha8Rng::from_seed(self.0.get_seed());
-        // Purposes are small numbers, so that no companion is the stream of a purpose.
-        generator.set_stream(self.0.get_stream() | (companion as u64) << 32);
-        let mut stream = Stream(generator);
+        let mut stream = self.beside(companion as u64);
         stream.go_to(self.position().wrapping_mul(companion.width() as u64));
         stream
     }
 
-    /// 64 random bits.
-    pub fn bits(&mut self) -> u64 {
-        self.0.next_u64()
+    /// The companion stream of this number, at its start.
+    fn beside(&self, number: u64) -> Stream {
+        let mut generator = ChaCha8Rng::from_seed(self.generator.get_seed());
+        // Purposes are small numbers, so that no companion is the stream of a purpose.
+        generator.set_stream(self.generator.get_stream() | number << 32);
+        Stream { generator, participants: 0 }
     }
 
-    /// Fills `words` with random bits, as so many calls of [`Stream::bits`] would.
+    /// How many times [`Stream::next_participant`] has been called.
+    pub fn participants(&self) -> u64 {
+        self.participants
+    }
+
+    /// Moves to the participant after the first `participants`.
+    pub fn go_to_participant(&mut self, participants: u64) {
+        self.participants = participants;
+    }
+
+    /// The words of the next participant. They do not depend on other draws from this stream, and other draws
+    /// do not depend on them.
+    pub fn next_participant(&mut self) -> [u64; PARTICIPANT_WORDS] {
+        let mut words = [0; PARTICIPANT_WORDS];
+        let mut stream = self.beside(PARTICIPANTS);
+        stream.go_to(self.participants.wrapping_mul(PARTICIPANT_WORDS as u64));
+        stream.fill(&mut words);
+        self.participants += 1;
+        words
+    }
+
+    /// 64 random bits.
+    pub fn bits(&mut self) -> u64 {
+        self.generator.next_u64()
+    }
+
+    /// Fills `words` with random bits, as one call of [`Stream::bits`] per word would.
     pub fn fill(&mut self, words: &mut [u64]) {
-        self.0.fill_bytes(bytemuck::cast_slice_mut(words));
+        self.generator.fill_bytes(bytemuck::cast_slice_mut(words));
         words.iter_mut().for_each(|word| *word = u64::from_le(*word));
     }
 
-    /// Fills `words` with what [`Stream::fill`] will give next.
+    /// Fills `words` with the words that [`Stream::fill`] will give next, without consuming them.
     pub fn peek(&self, words: &mut [u64]) {
         self.clone().fill(words);
     }
 
-    /// Fills `halves` with random bits, two for each call of [`Stream::bits`], the lower one first.
+    /// Fills `halves` with random bits: two per call of [`Stream::bits`], the lower half first.
     pub fn fill_halves(&mut self, halves: &mut [u32]) {
-        self.0.fill_bytes(bytemuck::cast_slice_mut(halves));
+        self.generator.fill_bytes(bytemuck::cast_slice_mut(halves));
         halves.iter_mut().for_each(|half| *half = u32::from_le(*half));
         if halves.len() % 2 == 1 {
-            self.0.next_u32();
+            self.generator.next_u32();
         }
     }
 
@@ -124,7 +166,7 @@ impl Stream {
         unit_from_bits(self.bits())
     }
 
-    /// A whole number below `bound`, which is above 0; every one equally likely.
+    /// A uniform integer below `bound`, which must be above 0.
     ///
     /// **Source**: Lemire, "Fast random integer generation in an interval", 2019.
     pub fn below(&mut self, bound: u32) -> u32 {
@@ -132,7 +174,7 @@ impl Stream {
         loop {
             let product = (self.bits() >> 32) * bound;
             let remainder = product & 0xFFFF_FFFF;
-            // Remainders below 2^32 mod bound belong to numbers that would come once too often.
+            // Remainders below 2^32 mod bound belong to integers that would occur once too often.
             if remainder >= (1 << 32) % bound {
                 return (product >> 32) as u32;
             }
@@ -140,9 +182,14 @@ impl Stream {
     }
 }
 
-/// The number in [0, 1) that the upper 53 of these bits stand for.
+/// The number in [0, 1) given by the upper 53 bits.
 pub fn unit_from_bits(bits: u64) -> f64 {
     (bits >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
+}
+
+/// The number in (0, 1) given by the upper 52 bits: halfway between multiples of 2^-52.
+pub fn open_unit_from_bits(bits: u64) -> f64 {
+    ((bits >> 12) as f64 + 0.5) * (1.0 / (1u64 << 52) as f64)
 }
 
 #[cfg(test)]
@@ -157,10 +204,11 @@ mod tests {
         assert_eq!(first(u64::MAX, Purpose::Replay), STREAM_MAX_REPLAY);
     }
 
-    // What `rand_chacha` 0.10.0 gave when these streams were first used.
+    // The output of `rand_chacha` 0.10.0 when these streams were introduced.
     const STREAM_1_ENVIRONMENT: u64 = 15715005604373573095;
     const STREAM_1_TEST_ACTIONS: u64 = 9345421689931614251;
     const STATE_NOISE_1_ENVIRONMENT: u64 = 6440870257630952131;
+    const PARTICIPANT_1_TEST_ENVIRONMENT: u64 = 360533505403389386;
     const STREAM_MAX_REPLAY: u64 = 10223169959992702069;
 
     #[test]
@@ -203,6 +251,27 @@ mod tests {
         let distinct: std::collections::HashSet<u64> = firsts.iter().copied().collect();
         assert_eq!(distinct.len(), firsts.len());
         assert_eq!(firsts[5], STATE_NOISE_1_ENVIRONMENT);
+    }
+
+    #[test]
+    fn participants_are_the_same_whatever_else_is_drawn() {
+        let stream = || Stream::new(1, Purpose::TestEnvironment);
+        let mut undisturbed = stream();
+        let all: Vec<_> = (0..100).map(|_| undisturbed.next_participant()).collect();
+        assert_eq!((undisturbed.position(), undisturbed.participants()), (0, 100));
+        assert_eq!(undisturbed.bits(), stream().bits());
+        let mut busy = stream();
+        for (i, words) in (0u64..).zip(&all) {
+            (0..i % 7).for_each(|_| _ = busy.bits());
+            assert_eq!(busy.next_participant(), *words);
+            let mut other = stream();
+            other.go_to_participant(i);
+            assert_eq!(other.next_participant(), *words);
+        }
+        let distinct: std::collections::HashSet<u64> = all.iter().flatten().copied().collect();
+        assert_eq!(distinct.len(), all.len() * PARTICIPANT_WORDS);
+        assert_ne!(Stream::new(1, Purpose::Environment).next_participant(), all[0]);
+        assert_eq!(all[0][0], PARTICIPANT_1_TEST_ENVIRONMENT);
     }
 
     #[test]

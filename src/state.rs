@@ -1,51 +1,50 @@
-//! The state of learners, actors and environments as bytes, so that another process can go on.
+//! The state of learners, actors and environments as bytes, from which another process can resume.
 //!
-//! In: numbers, or the bytes that they were written as. Out: the other of the two. Whatever a
-//! [`Resumable`] does next depends on its parameters and on what it writes here, to the bit. Numbers
-//! are little-endian, sequences begin with their length. It knows no file and no checksum: bytes
-//! that were not written by the same code are refused where they do not fit, and may else mean
-//! anything.
+//! In: numbers, or their bytes. Out: the bytes, or the numbers. A [`Resumable`] is determined, to the bit,
+//! by its parameters and the state that it writes here. Numbers are little-endian; sequences begin with
+//! their length. The module does not know files or checksums. Bytes from other code are rejected if they do
+//! not fit, and have no defined meaning if they do.
 
 use std::io::{self, Read, Write};
 
 use crate::rng::Stream;
 
-/// Bytes that are converted at a time.
+/// Size in bytes of the buffer for conversion.
 const CHUNK: usize = 16 * 1024;
-/// Numbers for which a buffer does not pay.
+/// Maximum count of numbers that are written without a buffer.
 const FEW: usize = 64;
-/// Bytes of the widest number.
+/// Width in bytes of the widest number.
 const WIDEST: usize = 8;
 
-/// Something whose state can be saved and restored.
+/// A value whose state can be saved and restored.
 pub trait Resumable {
-    /// Writes everything that what comes next depends on, parameters aside.
+    /// Writes the complete state, except parameters.
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()>;
 
-    /// Takes over what one with the same parameters has written.
+    /// Restores the state that a value with equal parameters saved.
     ///
-    /// **Errors**: it was another, or the bytes end early; this one is then of no further use.
+    /// **Errors**: the state does not fit, or the bytes end early. The value must not be used afterwards.
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError>;
 }
 
-/// Why a state cannot be taken over.
+/// Why a state cannot be restored.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StateError {
-    /// The bytes cannot be read, or there are too few.
-    #[error("read the state: {0}")]
+    /// The bytes cannot be read, or end early.
+    #[error("failed to read the state: {0}")]
     Read(#[from] io::Error),
-    /// Something is not as the parameters ask for.
+    /// A part does not fit the parameters.
     #[error("its {0} do not fit the job")]
     Misfit(&'static str),
 }
 
 /// A number of a fixed width.
 pub trait Number: Copy + Default {
-    /// Writes it into as many bytes as it takes.
+    /// Writes the number to exactly its width in bytes.
     fn put(self, bytes: &mut [u8]);
 
-    /// Reads it from as many.
+    /// Reads a number from exactly its width in bytes.
     fn get(bytes: &[u8]) -> Self;
 }
 
@@ -67,11 +66,11 @@ macro_rules! numbers {
 
 numbers!(u8, u16, u32, u64, f32, f64);
 
-/// Where a state is written to.
+/// Writes a state.
 pub struct StateWriter<'a>(&'a mut dyn Write);
 
 impl<'a> StateWriter<'a> {
-    /// A writer to `out`, which it writes to in pieces of up to 16 KiB.
+    /// A writer that writes to `out` in blocks of up to 16 KiB.
     pub fn new(out: &'a mut dyn Write) -> Self {
         StateWriter(out)
     }
@@ -84,13 +83,13 @@ impl<'a> StateWriter<'a> {
         self.0.write_all(bytes)
     }
 
-    /// Writes numbers, their count first.
+    /// Writes the count of numbers, then the numbers.
     pub fn many<T: Number>(&mut self, numbers: &[T]) -> io::Result<()> {
         self.one(numbers.len() as u64)?;
         self.put(numbers)
     }
 
-    /// Writes one row of numbers an item, the count of items first.
+    /// Writes the count of items, then each item with `write`.
     pub fn each<T>(
         &mut self,
         items: impl ExactSizeIterator<Item = T>,
@@ -117,7 +116,7 @@ impl<'a> StateWriter<'a> {
     }
 }
 
-/// Where a state is read from.
+/// Reads a state.
 pub struct StateReader<'a>(&'a mut dyn Read);
 
 impl<'a> StateReader<'a> {
@@ -134,7 +133,7 @@ impl<'a> StateReader<'a> {
         Ok(T::get(bytes))
     }
 
-    /// Reads as many numbers as there are places, and no fewer may have been written.
+    /// Fills `places`; the stored count must be equal to their number.
     pub fn fill<T: Number>(
         &mut self,
         places: &mut [T],
@@ -146,7 +145,7 @@ impl<'a> StateReader<'a> {
         self.get(places)
     }
 
-    /// Reads numbers, at most `most`.
+    /// Reads at most `most` numbers.
     pub fn many<T: Number>(
         &mut self,
         most: usize,
@@ -155,7 +154,7 @@ impl<'a> StateReader<'a> {
         let count = self.count(most, what)?;
         let mut numbers = Vec::new();
         while numbers.len() < count {
-            // Memory only for what is there, whatever the count says.
+            // Allocates in pieces as bytes arrive, because a corrupt count could be huge.
             let had = numbers.len();
             let some = (count - had).min((CHUNK / size_of::<T>()).max(had));
             numbers.try_reserve_exact(some).map_err(io::Error::from)?;
@@ -165,7 +164,7 @@ impl<'a> StateReader<'a> {
         Ok(numbers)
     }
 
-    /// Reads items, at most `most`.
+    /// Reads at most `most` items.
     pub fn each<T>(
         &mut self,
         most: usize,
@@ -201,11 +200,13 @@ impl<'a> StateReader<'a> {
 
 impl Resumable for Stream {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.one(self.position())
+        out.one(self.position())?;
+        out.one(self.participants())
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.go_to(from.one()?);
+        self.go_to_participant(from.one()?);
         Ok(())
     }
 }

@@ -1,7 +1,8 @@
-//! The questions of docs/analysis.md have one answer each: SQL, pandas and R agree on every number.
+//! SQL, pandas and R agree on every number in the answers to the questions of the documents: those of
+//! docs/analysis.md, questions.md, optimum.md and decisions.md.
 //!
-//! Python with pandas and R are looked for, and what is not at hand is left out and said to be; with
-//! `JITAI_ANALYSIS_REQUIRED=1` in the environment, that is a failure.
+//! The tests look for R and for a Python with pandas. A missing program is skipped with a message; with
+//! `JITAI_ANALYSIS_REQUIRED=1` in the environment, it is a failure.
 
 use std::env;
 use std::ffi::OsStr;
@@ -12,24 +13,23 @@ use std::process::{Command, Stdio};
 
 use jitai::store::{Answer, Reader};
 
+#[path = "documents/article.rs"]
+mod article;
 #[path = "documents/examples.rs"]
 mod examples;
+#[path = "documents/questions.rs"]
+mod questions;
 
 use examples::cell;
+use questions::{Question, questions};
 
-/// How far two numbers may be apart, as a share of the larger one: R writes 15 digits.
+/// Maximum difference of two equal numbers, relative to the larger one: R writes 15 digits.
 const TOLERANCE: f64 = 1e-9;
 
-/// Two numbers below this are both the rounding of a difference of equal numbers.
+/// Two numbers below this are equal: both are rounding errors of a difference that is 0.
 const ROUNDING: f64 = 1e-9;
 
-/// A question of the document.
-struct Question {
-    number: usize,
-    sql: String,
-}
-
-/// An answer as text, whoever gave it.
+/// An answer as text, from SQL, pandas or R.
 #[derive(Debug)]
 struct Table {
     columns: Vec<String>,
@@ -37,7 +37,7 @@ struct Table {
 }
 
 impl Table {
-    /// The table with its columns in this order, and its rows in an order of their own.
+    /// The table with its columns in this order, and its rows sorted.
     fn arranged(&self, columns: &[String]) -> Table {
         let place = |name: &String| {
             let found = self.columns.iter().position(|column| column == name);
@@ -51,7 +51,7 @@ impl Table {
     }
 }
 
-/// The cell with so few digits that roundings of one number are alike.
+/// The cell with few digits, so that different roundings of one number are equal.
 fn coarse(cell: &str) -> String {
     cell.parse::<f64>().map_or_else(|_| cell.to_owned(), |number| format!("{number:.6e}"))
 }
@@ -64,20 +64,6 @@ fn equal(one: &str, other: &str) -> bool {
         }
         _ => one == other,
     }
-}
-
-/// The questions in the order of the document, each with the SQL block below its heading.
-fn questions() -> Vec<Question> {
-    let documents = ["docs/analysis.md", "docs/decisions.md"];
-    let text = documents.map(|path| fs::read_to_string(path).unwrap()).concat();
-    let sections = text.split("\n### ").skip(1);
-    let question = |section: &str| {
-        let number = section.split_once(". ").unwrap().0.parse().unwrap();
-        let blocks: Vec<&str> = section.split("```sql\n").skip(1).collect();
-        assert_eq!(blocks.len(), 1, "question {number} has one query");
-        Question { number, sql: blocks[0].split("```").next().unwrap().to_owned() }
-    };
-    sections.map(question).collect()
 }
 
 fn answer_of_sql(reader: &Reader, sql: &str) -> Table {
@@ -102,7 +88,7 @@ fn answer_of_file(path: &Path) -> Table {
     Table { columns, rows: reader.records().map(|record| cells(&record.unwrap())).collect() }
 }
 
-/// Numbers compared between an answer and the one of SQL, or what they differ in.
+/// The number of compared cells of an answer and the answer of SQL, or the first difference.
 fn compare(number: usize, sql: &Table, other: &Table) -> Result<usize, String> {
     let (expected, found) = (sql.arranged(&sql.columns), other.arranged(&sql.columns));
     let size = (expected.rows.len(), found.rows.len());
@@ -118,14 +104,14 @@ fn compare(number: usize, sql: &Table, other: &Table) -> Result<usize, String> {
     Ok(size.0 * expected.columns.len())
 }
 
-/// Whether a program is there and does this without a fault.
+/// Whether a program exists and succeeds with these arguments.
 fn answers(program: &OsStr, arguments: &[&str]) -> bool {
     let mut command = Command::new(program);
     let run = command.args(arguments).stdout(Stdio::null()).stderr(Stdio::null()).status();
     run.is_ok_and(|status| status.success())
 }
 
-/// A Python that has pandas: the one that the environment names, or that of `make analysis`.
+/// A Python that has pandas: from `ANALYSIS_PYTHON`, from `make analysis`, or `python3`.
 fn python() -> Option<PathBuf> {
     let named = env::var_os("ANALYSIS_PYTHON").map(PathBuf::from);
     let candidates = [named, Some("target/analysis/bin/python".into()), Some("python3".into())];
@@ -135,16 +121,17 @@ fn python() -> Option<PathBuf> {
         .find(|path| answers(path.as_os_str(), &["-c", "import pandas"]))
 }
 
-/// Says that a program was left out, or fails where none may be.
+/// Prints that a program was skipped, or fails if programs are required.
 fn left_out(program: &str) {
     let required = env::var("JITAI_ANALYSIS_REQUIRED").is_ok_and(|value| value == "1");
     assert!(!required, "{program} is required and not at hand: `make analysis` installs it");
     println!("{program} is not at hand and was left out: `make analysis` installs it");
 }
 
-/// Has a script answer all questions, and compares; the cells compared.
+/// Runs a script that answers all questions, and compares its answers with those of SQL; returns the
+/// number of compared cells.
 fn agree(script: &mut Command, folder: &Path, sql: &[(usize, Table)]) -> usize {
-    // Both sort texts and print numbers by the locale.
+    // Both languages sort texts and print numbers according to the locale.
     script.env("LC_ALL", "C.UTF-8");
     let output = script.arg(folder.join("jitai.sqlite")).arg(folder.join("answers")).output();
     let output = output.unwrap();
@@ -168,7 +155,7 @@ fn agree(script: &mut Command, folder: &Path, sql: &[(usize, Table)]) -> usize {
     cells
 }
 
-/// What SQL answers about the store in a folder, and the numbers of the questions whose answer has
+/// The answers of SQL about the store in a folder, and the numbers of the questions whose answers have
 /// no rows.
 fn answers_of_sql(folder: &Path) -> (Vec<(usize, Table)>, Vec<usize>) {
     let reader = Reader::open(&folder.join("jitai.sqlite")).unwrap();
@@ -182,7 +169,7 @@ fn answers_of_sql(folder: &Path) -> (Vec<(usize, Table)>, Vec<usize>) {
     (sql, silent)
 }
 
-/// Has pandas and R answer about the store in a folder, as far as they are at hand.
+/// Compares the answers of pandas and R about the store in a folder, as far as they are installed.
 fn all_agree(folder: &Path, sql: &[(usize, Table)]) {
     match python() {
         Some(python) => {
@@ -214,12 +201,12 @@ fn questions_that_a_store_cannot_answer_stop_nobody() {
     let folder = tempfile::tempdir().unwrap();
     examples::fill_with_quickstart(folder.path());
     let (sql, silent) = answers_of_sql(folder.path());
-    // Other experiments, failures, shared jobs and second attempts are not there.
+    // The store has no other experiments, failures, shared jobs or second attempts.
     assert_eq!(silent, [14, 16, 17, 20, 22, 24, 25, 26, 27]);
     all_agree(folder.path(), &sql);
 }
 
-/// Makes `jitai.sqlite` in a folder, with a quickstart that sweeps a key of every kind: environment,
+/// Creates `jitai.sqlite` in a folder, with a quickstart that sweeps a key of every kind: environment,
 /// agent, budget and evaluation.
 fn fill_with_every_kind_of_sweep(folder: &Path) {
     let text = examples::manifest_of_short_jobs("quickstart", "sigma = 0.6\ndelta_d = [0.1, 0.2]")
@@ -244,7 +231,7 @@ fn no_recipe_pools_jobs_that_differ_in_another_parameter_than_seed() {
         let at = table.columns.iter().position(|column| column == name).unwrap();
         table.rows.iter().map(|row| row[at].clone()).collect()
     };
-    // Two scenarios; environment, agent, budget and evaluation have two values each.
+    // Two scenarios, and two values each of environment, agent, budget and evaluation.
     let cells = 2 * 2 * 2 * 2;
     for number in [1, 18] {
         assert_eq!(column(number, "seeds"), vec!["2"; 2 * 2 * cells], "question {number}");
@@ -265,7 +252,8 @@ fn no_recipe_pools_jobs_that_differ_in_another_parameter_than_seed() {
     all_agree(folder.path(), &sql);
 }
 
-/// Of the intervals of 200 trials, those of a correct method hold the truth in 95 %, give or take 1.5.
+/// With a correct method, 95 % of the intervals of 200 trials contain the true effect, with a standard
+/// error of 1.5 percentage points.
 #[test]
 fn intervals_of_excursion_effects_hold_the_exact_effect() {
     let Some(python) = python() else { return left_out("pandas") };
@@ -286,7 +274,70 @@ fn intervals_of_excursion_effects_hold_the_exact_effect() {
     print!("{said}");
 }
 
-/// What pandas is asked: that the Parquet files hold what the CSV files hold.
+/// A second experiment, which runs while the first is watched.
+const WATCHED: &str = "format = 1
+name = \"watched\"
+extends = \"paper\"
+scenarios = [\"P-H-D\"]
+seeds = 40
+environment.sigma = 0.6
+[[agent]]
+name = \"dqn\"
+episodes = 60
+layers = [8]
+[[agent]]
+name = \"reinforce\"
+episodes = 60
+layers = [8]
+";
+
+#[test]
+fn datasette_answers_every_question_as_jitai_does_while_a_sweep_runs() {
+    let python = python().filter(|path| answers(path.as_os_str(), &["-c", "import datasette"]));
+    let Some(python) = python else { return left_out("datasette") };
+    let folder = tempfile::tempdir().unwrap();
+    examples::fill_store(folder.path());
+    let (sql, _) = answers_of_sql(folder.path());
+    let experiments: Vec<String> = questions()
+        .iter()
+        .map(|question| format!("{}={}", question.slug(), question.experiment().unwrap_or("")))
+        .collect();
+    fs::write(folder.path().join("watched.toml"), WATCHED).unwrap();
+    let mut script = Command::new(python);
+    script.arg("tests/documents/ask_datasette.py").arg(env!("CARGO_BIN_EXE_jitai"));
+    script.arg(folder.path().join("watched.toml")).arg(experiments.join("\n"));
+    let cells = agree(&mut script, folder.path(), &sql);
+    println!("datasette agreed on {cells} values");
+}
+
+/// Questions that DuckDB answers only after a change, as docs/browse.md describes.
+#[cfg(feature = "parquet")]
+const OTHERWISE_IN_DUCKDB: [usize; 3] = [13, 25, 27];
+
+#[cfg(feature = "parquet")]
+#[test]
+fn duckdb_answers_from_parquet_as_jitai_does_from_the_store() {
+    let python = python().filter(|path| answers(path.as_os_str(), &["-c", "import duckdb"]));
+    let Some(python) = python else { return left_out("duckdb") };
+    let folder = tempfile::tempdir().unwrap();
+    examples::fill_store(folder.path());
+    examples::run(folder.path(), &["export", "--out", "results", "--format", "parquet"], 0);
+    let (mut sql, _) = answers_of_sql(folder.path());
+    sql.retain(|(number, _)| !OTHERWISE_IN_DUCKDB.contains(number));
+    let numbers: Vec<String> = sql.iter().map(|(number, _)| number.to_string()).collect();
+    let queries: serde_json::Map<String, serde_json::Value> = questions()
+        .into_iter()
+        .map(|question| (question.number.to_string(), question.sql.into()))
+        .collect();
+    let file = folder.path().join("queries.json");
+    fs::write(&file, serde_json::Value::from(queries).to_string()).unwrap();
+    let mut script = Command::new(python);
+    script.arg("tests/documents/ask_duckdb.py").arg(numbers.join(",")).arg(file);
+    let cells = agree(&mut script, folder.path(), &sql);
+    println!("duckdb agreed on {cells} values");
+}
+
+/// A pandas script that checks that the Parquet files contain the same data as the CSV files.
 #[cfg(feature = "parquet")]
 const SAME_FRAMES: &str = "
 import pathlib, sys
@@ -320,6 +371,6 @@ fn pandas_reads_the_same_from_parquet_as_from_csv() {
     let output = output.unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let said = String::from_utf8_lossy(&output.stdout);
-    assert_eq!(said.lines().count(), 8, "{said}");
+    assert_eq!(said.lines().count(), 10, "{said}");
     print!("pandas read from Parquet what it reads from CSV:\n{said}");
 }

@@ -1,8 +1,8 @@
-//! Bytes from outside: whatever they are, nothing panics, nothing takes longer than a second of the
-//! processor, and no more than a gigabyte of memory is needed.
+//! Arbitrary input causes no panic, takes at most one second of processor time, and needs at most a
+//! gigabyte of memory.
 //!
-//! Every target of `fuzz/` is tried on its seeds, and on mutations of them for a few seconds;
-//! `make test-bad-input` takes a minute each.
+//! Each target of `fuzz/` runs on its seeds, and on mutations of the seeds for a few seconds; `make
+//! test-bad-input` takes a minute per target.
 
 #[path = "bad_input/dictionary.rs"]
 mod dictionary;
@@ -21,11 +21,11 @@ use jitai::plan;
 use mutator::Mutator;
 use targets::{TARGETS, Target};
 
-/// Longest that an input may keep the processor.
+/// Maximum processor time of an input.
 const MOST_TIME: Duration = Duration::from_secs(1);
-/// Most memory that the process may have had at any time.
+/// Maximum of the peak memory of the process.
 const MOST_KILOBYTES: u64 = 1 << 20;
-/// Seconds of mutations a target; the environment may say otherwise.
+/// The variable that sets the seconds of mutation per target.
 const SECONDS: &str = "JITAI_BAD_INPUT_SECONDS";
 const SECONDS_IN_FAST_TESTS: u64 = 2;
 
@@ -33,7 +33,7 @@ fn fuzz() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz")
 }
 
-/// The files of a target's corpus that are kept, and those that only this program can write.
+/// The stored files of a target's corpus, and the seeds that only this program can write.
 fn seeds(name: &str) -> Vec<Vec<u8>> {
     let mut files: Vec<PathBuf> = fs::read_dir(fuzz().join("seeds").join(name))
         .unwrap()
@@ -55,21 +55,21 @@ fn seeds(name: &str) -> Vec<Vec<u8>> {
     seeds
 }
 
-/// Time that this thread has had a processor; the clock's, where the system does not say.
+/// Processor time of this thread; wall-clock time where the system does not report processor time.
 fn processor_time(begun: Instant) -> Duration {
     let told = fs::read_to_string("/proc/thread-self/schedstat").ok();
     let nanoseconds = told.and_then(|told| told.split(' ').next()?.parse().ok());
     nanoseconds.map_or_else(|| begun.elapsed(), Duration::from_nanos)
 }
 
-/// Kilobytes that the process has had at most; 0 where the system does not say.
+/// Peak memory of the process in kilobytes; 0 where the system does not report it.
 fn most_memory() -> u64 {
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
     line.and_then(|line| line.trim().trim_end_matches(" kB").parse().ok()).unwrap_or(0)
 }
 
-/// Tries one input, which is kept in a file if it breaks a promise.
+/// Tries one input, and saves it in a file if it breaks a promise.
 #[track_caller]
 fn try_one(name: &str, target: Target, bytes: &[u8]) {
     let begun = Instant::now();

@@ -1,12 +1,16 @@
-//! A training goes on from any of its checkpoints to the bits that it would have ended in, and from
-//! nothing else.
+//! A training resumes from any of its checkpoints with bit-identical results, and rejects everything
+//! else.
 
 use std::cell::{Cell, RefCell};
 use std::io::{Cursor, Write};
 use std::time::Duration;
 
-use jitai::agent::{Activation, Agent, DuelingDqn, Engine, Reinforce, TerminalTarget, Trunk};
-use jitai::env::{Environment, FirstContext, StateNoise, StepNoise, TimeIndicator};
+use jitai::agent::{
+    Activation, Agent, AtHorizon, BanditDraw, BanditPosterior, BanditUpdate, DuelingDqn, Engine,
+    LinearThompson, Ppo, Recurrent, Reinforce, TerminalTarget, Trunk,
+};
+use jitai::env::{Environment, FirstContext, Population, StateNoise, StepNoise, TimeIndicator};
+use jitai::key::Distribution;
 use jitai::manifest::{Evaluation, RecordedDecisions};
 use jitai::plan::Job;
 use jitai::record::{Outcome, Results};
@@ -18,17 +22,17 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use sha2::{Digest, Sha256};
 
-/// Bytes of the hash at the end of a checkpoint.
+/// Length of the hash at the end of a checkpoint, in bytes.
 const SEAL: usize = 32;
 
-/// A keeper in memory.
+/// A keeper of checkpoints in memory.
 #[derive(Default)]
 struct Shelf {
-    /// What it shows to a training that begins.
+    /// The checkpoint that is offered to a training at its start.
     shown: Option<Vec<u8>>,
-    /// What became of that.
+    /// The answer of the training to the offered checkpoint.
     answer: RefCell<Option<Result<Resumed, CheckpointError>>>,
-    /// What it was given to keep.
+    /// The checkpoints that the training wrote.
     kept: RefCell<Vec<Vec<u8>>>,
     /// Steps between two checkpoints, or until the training is stopped; 0 for neither.
     every: u32,
@@ -37,12 +41,12 @@ struct Shelf {
 }
 
 impl Shelf {
-    /// Asks for a checkpoint every so many steps.
+    /// Requests a checkpoint every `steps` steps.
     fn every(steps: u32) -> Self {
         Shelf { every: steps, ..Shelf::default() }
     }
 
-    /// Shows a checkpoint to a training that is stopped before its first step.
+    /// Offers a checkpoint to a training that is stopped before its first step.
     fn that_only_shows(checkpoint: Vec<u8>) -> Self {
         Shelf { every: 1, stops: true, asked: Cell::new(1), ..Shelf::showing(checkpoint) }
     }
@@ -59,7 +63,7 @@ impl Shelf {
         false
     }
 
-    /// What the training that it was shown to said.
+    /// The answer of the training to the offered checkpoint.
     #[track_caller]
     fn answer(self) -> Result<Resumed, CheckpointError> {
         self.answer.into_inner().expect("the training asked for a checkpoint")
@@ -85,7 +89,7 @@ impl Checkpoints for Shelf {
     }
 }
 
-/// Time at work on a job whenever a checkpoint of it is made.
+/// Time spent on a job, as reported in each of its checkpoints.
 const WORKED: Duration = Duration::from_secs(5);
 
 impl TrainingControl for Shelf {
@@ -109,19 +113,21 @@ fn job(agent: Agent, change: impl FnOnce(&mut Environment)) -> Job {
     change(&mut environment);
     Job {
         environment,
+        population: Population::default(),
         scenario: "P-H-D".parse().unwrap(),
         agent,
         evaluation: Evaluation {
             test_episodes: 3,
             curve_stride: 2,
             record_decisions: RecordedDecisions::All,
+            first_episodes: vec![1, 4],
             ..Evaluation::default()
         },
         seed: 4,
     }
 }
 
-/// So few transitions to a batch, a target and a buffer that all of them change within 20 steps.
+/// Batch, target period and buffer are so small that all three take effect within 20 steps.
 fn dueling_dqn(engine: Engine) -> DuelingDqn {
     DuelingDqn {
         episodes: 5,
@@ -147,7 +153,44 @@ fn reinforce(engine: Engine, trajectories_per_update: u32) -> Reinforce {
     }
 }
 
-/// Jobs with noise, and with all that lanes remember.
+/// Bandits with every kind of state: learned parameters, state from the start of an episode, and draws
+/// for an episode.
+fn bandits() -> [(&'static str, LinearThompson); 3] {
+    let usual = LinearThompson { episodes: 5, prior_sd: 100.0, ..LinearThompson::default() };
+    let centred = LinearThompson {
+        action_centring: true,
+        pi_min: 0.05,
+        warm_up: 2,
+        probability_draws: 100,
+        posterior: BanditPosterior::Reset,
+        ..usual.clone()
+    };
+    let drawn = LinearThompson {
+        draw: BanditDraw::Episode,
+        update: BanditUpdate::Episode,
+        update_interval: 2,
+        pi_min: 0.1,
+        ..usual.clone()
+    };
+    [("bandit", usual), ("centred bandit", centred), ("bandit by episode", drawn)]
+}
+
+/// Rollouts end within episodes, and some lanes are idle at the end.
+fn ppo(engine: Engine) -> Ppo {
+    Ppo {
+        episodes: 7,
+        lanes: 3,
+        steps: 4,
+        minibatches: 2,
+        epochs: 2,
+        layers: vec![5, 3],
+        learning_rate: 0.01,
+        engine,
+        ..Ppo::default()
+    }
+}
+
+/// Jobs with noise, and with everything that lanes remember.
 fn beyond_the_paper(agent: &Agent) -> [(&'static str, Job); 2] {
     let uniform = job(agent.clone(), |environment| {
         environment.state_noise = StateNoise::Uniform;
@@ -170,7 +213,21 @@ fn beyond_the_paper(agent: &Agent) -> [(&'static str, Job); 2] {
     [("uniform", uniform), ("beta", beta)]
 }
 
-/// Short jobs of every kind of state that there is.
+/// The job with participants who differ in every kind of parameter: dynamics, noise, contexts and
+/// costs.
+fn of_people(job: Job) -> Job {
+    let population = Population {
+        sigma: Distribution::Uniform([0.2, 1.0]),
+        epsilon_d: Distribution::Uniform([0.1, 0.7]),
+        context_probability: Distribution::Uniform([0.3, 0.7]),
+        state_spread: Distribution::Uniform([0.1, 0.5]),
+        message_cost: Distribution::Values { values: vec![0.0, 4.0], weights: vec![1.0, 2.0] },
+        ..Population::default()
+    };
+    Job { population, ..job }
+}
+
+/// Short jobs that cover every kind of state.
 fn small_jobs() -> Vec<(String, Job)> {
     let mut jobs = Vec::new();
     for engine in [Engine::Fused, Engine::Burn] {
@@ -183,9 +240,45 @@ fn small_jobs() -> Vec<(String, Job)> {
         });
         let one = Agent::of(&reinforce(engine, 1));
         let three = Agent::of(&reinforce(engine, 3));
-        for (name, agent) in
-            [("shared", shared), ("separate", separate), ("one", one), ("three", three)]
-        {
+        let clipped = Agent::of(&ppo(engine));
+        let cut = Agent::of(&Ppo {
+            at_horizon: AtHorizon::Truncation,
+            clip_value_loss: true,
+            target_kl: 1e-6,
+            epochs: 3,
+            layers: vec![4],
+            activation: Activation::Relu,
+            ..ppo(engine)
+        });
+        let remembering =
+            Agent::of(&Ppo { recurrent: Recurrent::Gru, units: 3, minibatches: 2, ..ppo(engine) });
+        let whole = DuelingDqn {
+            recurrent: Recurrent::Gru,
+            units: 3,
+            batch: 2,
+            buffer: 16,
+            reward_scale: 200.0,
+            update_interval: 2,
+            ..dueling_dqn(engine)
+        };
+        let burning_in = DuelingDqn {
+            sequence: 2,
+            burn_in: 1,
+            layers: vec![4],
+            terminal_target: TerminalTarget::Standard,
+            ..whole.clone()
+        };
+        for (name, agent) in [
+            ("recurrent", Agent::of(&whole)),
+            ("burning in", Agent::of(&burning_in)),
+            ("shared", shared),
+            ("separate", separate),
+            ("one", one),
+            ("three", three),
+            ("clipped", clipped),
+            ("cut", cut),
+            ("remembering", remembering),
+        ] {
             jobs.push((format!("{name} {engine:?}"), job(agent.clone(), |_| {})));
             let with_clock = job(agent.clone(), |environment| {
                 environment.time_one_hot = true;
@@ -193,10 +286,20 @@ fn small_jobs() -> Vec<(String, Job)> {
                 environment.first_context = FirstContext::Sampled;
             });
             jobs.push((format!("{name} {engine:?} with one-hot"), with_clock));
-            for (version, beyond) in beyond_the_paper(&agent) {
+            let [uniform, beta] = beyond_the_paper(&agent);
+            jobs.push((format!("{name} {engine:?} of people"), of_people(uniform.1.clone())));
+            for (version, beyond) in [uniform, beta] {
                 jobs.push((format!("{name} {engine:?} {version}"), beyond));
             }
+            let remembering = job(agent.with_history(3), |_| {});
+            jobs.push((format!("{name} {engine:?} with history"), remembering));
         }
+    }
+    for (name, bandit) in bandits() {
+        let agent = Agent::of(&bandit);
+        jobs.push((name.to_owned(), job(agent.clone(), |_| {})));
+        jobs.push((format!("{name} of people"), of_people(job(agent.clone(), |_| {}))));
+        jobs.push((format!("{name} with history"), job(agent.with_history(2), |_| {})));
     }
     jobs
 }
@@ -220,7 +323,7 @@ fn assert_same_bits(ours: &Results, theirs: &Results, what: &str) {
     assert!(ours == theirs && bits(ours) == bits(theirs), "{what}: other results");
 }
 
-/// Every checkpoint of a job, one before each step but the first, and its results.
+/// All checkpoints of a job (one before each step except the first), and its results.
 fn every_checkpoint(job: &Job) -> (Vec<Vec<u8>>, Results) {
     let shelf = Shelf::every(1);
     let results = completed(train::run(job, &shelf));
@@ -233,7 +336,7 @@ fn small_jobs_go_on_from_every_checkpoint_to_the_same_bits() {
         let undisturbed = completed(train::run(&job, &Uncontrolled));
         let (kept, interrupted) = every_checkpoint(&job);
         assert_same_bits(&interrupted, &undisturbed, &name);
-        // Some twenty steps of training and those of the test.
+        // About twenty steps of training, and the steps of the test.
         assert!(kept.len() > 10, "{name}: {} checkpoints", kept.len());
         for (step, checkpoint) in kept.into_iter().enumerate() {
             let shelf = Shelf::showing(checkpoint);
@@ -268,9 +371,10 @@ fn larger_jobs_go_on_from_checkpoints_anywhere_to_the_same_bits() {
     let mut chance = ChaCha8Rng::seed_from_u64(1);
     let dqn = DuelingDqn { episodes: 40, buffer: 700, ..DuelingDqn::default() };
     let policy = Reinforce { episodes: 600, trajectories_per_update: 20, ..Reinforce::default() };
-    for agent in [Agent::of(&dqn), Agent::of(&policy)] {
+    let ppo = Ppo { episodes: 600, lanes: 20, steps: 33, ..Ppo::default() };
+    for agent in [Agent::of(&dqn), Agent::of(&policy), Agent::of(&ppo)] {
         let mut job = job(agent, |environment| environment.horizon = 50);
-        // More than one batch of lanes.
+        // The test needs more than one batch of lanes.
         job.evaluation.test_episodes = 1500;
         let undisturbed = completed(train::run(&job, &Uncontrolled));
         let shelf = Shelf::every(17);
@@ -289,7 +393,7 @@ fn larger_jobs_go_on_from_checkpoints_anywhere_to_the_same_bits() {
 fn a_checkpoint() -> (Job, Vec<u8>) {
     let agent = Reinforce { layers: vec![2], ..reinforce(Engine::Fused, 2) };
     let mut job = job(Agent::of(&agent), |_| {});
-    // None in the training: every byte is tried.
+    // No decisions of the training are recorded, to keep the checkpoint small: every byte is tested.
     job.evaluation.record_decisions = RecordedDecisions::Test;
     let (kept, _) = every_checkpoint(&job);
     let checkpoint = kept[7].clone();
@@ -338,7 +442,7 @@ fn a_checkpoint_of_any_other_length_is_refused() {
     }
 }
 
-/// The checkpoint with its text changed and its hash made right again.
+/// The checkpoint with changed text and a recomputed hash.
 fn rewritten(checkpoint: &[u8], from: &str, to: &str) -> Vec<u8> {
     let body = &checkpoint[..checkpoint.len() - SEAL];
     let at = body.windows(from.len()).position(|text| text == from.as_bytes()).unwrap();
@@ -354,10 +458,10 @@ fn a_checkpoint_of_other_code_or_another_job_is_refused_and_says_so() {
     let says = |from: &str, to: &str| {
         shown(&job, rewritten(&checkpoint, from, to)).unwrap_err().to_string()
     };
-    assert_eq!(says("checkpoint 2", "checkpoint 1"), "another release of jitai made it");
+    assert_eq!(says("checkpoint 3", "checkpoint 2"), "written by another release of jitai");
     let release = format!("\"release\":\"{}\"", env!("CARGO_PKG_VERSION"));
     let other = says(&release, "\"release\":\"9.8.7\"");
-    assert!(other.starts_with("other code made it: jitai 9.8.7, simulation 1"), "{other}");
+    assert!(other.starts_with("written by different code: jitai 9.8.7, simulation 1"), "{other}");
     let algorithm = format!("\"algorithm\":{}", job.versions().algorithm);
     let other = says(&algorithm, "\"algorithm\":700");
     assert!(other.contains("algorithm 700"), "{other}");
@@ -367,7 +471,7 @@ fn a_checkpoint_of_other_code_or_another_job_is_refused_and_says_so() {
     let mut sibling = job.clone();
     sibling.seed += 1;
     let refused = shown(&sibling, checkpoint).unwrap_err().to_string();
-    assert_eq!(refused, format!("it is of another job, {}", job.key()));
+    assert_eq!(refused, format!("belongs to another job, {}", job.key()));
 }
 
 #[test]
@@ -385,7 +489,8 @@ fn states_that_make_no_sense_are_no_reason_to_panic() {
             changed[place] ^= 0xff;
             let seal = Sha256::digest(&changed);
             changed.extend(&seal[..]);
-            // Whether it fits or not: nothing panics, and memory is taken for what is there alone.
+            // Whether the text is accepted or not, nothing panics, and memory is allocated only for
+            // existing data.
             let _ = shown(&job, changed);
         }
     }

@@ -1,9 +1,11 @@
-//! Recorded decisions: what they say, and that recording them changes nothing else.
+//! Recorded decisions: their content, and that recording changes nothing else.
 
 use std::fs;
 
-use jitai::agent::{Agent, DecisionRule, DuelingDqn, Reinforce, RuleParameters};
-use jitai::env::Environment;
+use jitai::agent::{
+    Agent, DecisionRule, DuelingDqn, LinearThompson, Ppo, Reinforce, RuleParameters,
+};
+use jitai::env::{Environment, Population};
 use jitai::manifest::{self, Evaluation, RecordedDecisions};
 use jitai::plan::Job;
 use jitai::record::{Decision, Outcome, Phase, Provenance, Results};
@@ -15,6 +17,7 @@ use jitai::train::{self, Uncontrolled};
 fn job(agent: Agent, recorded: RecordedDecisions) -> Job {
     Job {
         environment: Environment::paper(0.6),
+        population: Population::default(),
         scenario: "P-H-D".parse().unwrap(),
         agent,
         evaluation: Evaluation {
@@ -27,14 +30,20 @@ fn job(agent: Agent, recorded: RecordedDecisions) -> Job {
     }
 }
 
-fn agents() -> [Agent; 4] {
+fn agents() -> [Agent; 6] {
     let policy = Reinforce { episodes: 9, layers: vec![8], ..Reinforce::default() };
     [
         Agent::of(&DuelingDqn { episodes: 9, layers: vec![8], ..DuelingDqn::default() }),
         Agent::of(&Reinforce { trajectories_per_update: 3, ..policy.clone() }),
         Agent::of(&policy),
         Agent::of(&RuleParameters::new(DecisionRule::Random)),
+        Agent::of(&bandit()),
+        Agent::of(&policy).with_history(4),
     ]
+}
+
+fn bandit() -> LinearThompson {
+    LinearThompson { episodes: 9, pi_min: 0.05, warm_up: 2, ..LinearThompson::default() }
 }
 
 fn results(job: &Job) -> Results {
@@ -79,7 +88,7 @@ fn decisions_are_the_steps_of_the_episodes_that_the_other_results_count() {
             assert!(steps.iter().map(|step| step.step).eq(0..episode.length));
             assert_eq!(steps.iter().map(|step| step.reward).sum::<f64>(), episode.total_reward);
         }
-        // With a stride of one the curve has the return of every training episode.
+        // With a stride of 1, the curve has the return of every training episode.
         let returns = results.curve.iter().filter(|point| point.metric == "mean_return");
         let recorded = episodes(&results, Phase::Train);
         let totals = recorded.iter().map(|steps| steps.iter().map(|s| s.reward).sum::<f64>());
@@ -92,6 +101,34 @@ fn decisions_are_the_steps_of_the_episodes_that_the_other_results_count() {
             let found = tested.iter().flatten().filter(is_counted).count();
             assert_eq!(found as u64, count.count);
         }
+    }
+}
+
+// Lanes end their episodes at different times, so a short episode may end before an episode that began
+// earlier.
+#[test]
+fn the_first_people_of_ppo_are_the_first_to_begin() {
+    let ppo = Ppo { episodes: 40, layers: vec![8], lanes: 8, ..Ppo::default() };
+    let mut job = job(Agent::of(&ppo), RecordedDecisions::All);
+    job.evaluation.first_episodes = vec![3, 9, 33];
+    let results = results(&job);
+    let returns: Vec<f64> = episodes(&results, Phase::Train)
+        .iter()
+        .map(|steps| steps.iter().map(|decision| decision.reward).sum())
+        .collect();
+    assert_eq!(returns.len(), 40);
+    let ended: Vec<f64> = results
+        .curve
+        .iter()
+        .filter(|point| point.metric == "mean_return")
+        .map(|point| point.value)
+        .collect();
+    let mean = |returns: &[f64]| returns.iter().sum::<f64>() / returns.len() as f64;
+    for first in [3, 9, 33] {
+        let name = format!("mean_return_first_{first}");
+        let metric = results.metrics.iter().find(|metric| metric.name == name).unwrap();
+        assert!((metric.value - mean(&returns[..first])).abs() < 1e-9, "{name}");
+        assert!((metric.value - mean(&ended[..first])).abs() > 1.0, "{name} of the first to end");
     }
 }
 
@@ -144,7 +181,7 @@ fn training_decisions_have_the_probabilities_of_exploration() {
         let close = |step: &&Decision| (step.action_probability - probability).abs() < 1e-12;
         training.iter().filter(close).count() as f64 / training.len() as f64
     };
-    // The best action, and each of the three others.
+    // The best action has probability 0.7, and each of the three others has 0.1.
     assert_eq!(share(0.7) + share(0.1), 1.0);
     assert!((share(0.7) - 0.7).abs() < 0.1, "{}", share(0.7));
 }
@@ -206,13 +243,13 @@ fn the_store_shows_every_decision_to_the_bit_and_counts_them_as_results() {
     let examined = examine(&path, &|_, _| Ok(())).unwrap();
     assert_eq!((examined.findings, examined.intact), (Vec::new(), 1));
 
-    // One bit of one of them is noticed.
+    // A change of one bit of a recorded probability is detected.
     let mut bytes = fs::read(&path).unwrap();
     let drawn = results.decisions.iter().find(|decision| decision.step == 3).unwrap();
     let pattern = drawn.probability.to_be_bytes();
     let places = bytes.windows(8).enumerate().filter(|(_, window)| *window == pattern);
     let places: Vec<usize> = places.map(|(place, _)| place).collect();
-    // SQLite may have left a copy where a page was split.
+    // SQLite may have left a copy where it split a page.
     assert!(!places.is_empty());
     places.iter().for_each(|place| bytes[place + 7] ^= 1);
     fs::write(&path, bytes).unwrap();
@@ -234,4 +271,22 @@ fn a_record_that_would_be_too_large_is_a_fault_of_the_manifest() {
     assert!(check("none").is_ok() && check("test").is_ok());
     let error = check("all").unwrap_err().to_string();
     assert!(error.contains("the record of decisions can have 8000000 steps"), "{error}");
+}
+
+#[test]
+fn a_bandit_records_the_probabilities_that_it_drew_by() {
+    let results = results(&job(Agent::of(&bandit()), RecordedDecisions::All));
+    let trained = episodes(&results, Phase::Train);
+    let (warm_up, rest) = trained.split_at(2);
+    assert!(warm_up.iter().flatten().all(|step| step.action_probability == 0.25));
+    let steps: Vec<&Decision> = rest.iter().flatten().collect();
+    assert!(steps.iter().all(|step| (0.05..=0.85 + 1e-12).contains(&step.action_probability)));
+    assert!(steps.iter().any(|step| step.action_probability != 0.25));
+    // If actions are drawn with the recorded probabilities p, the mean of 1 / p over the taken actions
+    // is 4.
+    let tested = episodes(&results, Phase::Test);
+    let inverse: Vec<f64> =
+        tested.iter().flatten().map(|step| 1.0 / step.action_probability).collect();
+    let mean = inverse.iter().sum::<f64>() / inverse.len() as f64;
+    assert!((mean - 4.0).abs() < 0.5, "{mean} over {} decisions", inverse.len());
 }

@@ -1,10 +1,13 @@
-//! A job's results depend on its content and the code alone.
+//! The results of a job depend on its content and the code alone.
 
 use std::thread;
 
 use burn::tensor::Device;
-use jitai::agent::{Activation, Agent, DuelingDqn, Engine, Reinforce, TerminalTarget, Trunk};
-use jitai::env::{Environment, FirstContext, TimeIndicator};
+use jitai::agent::{
+    Activation, Agent, BanditFeatures, DuelingDqn, Engine, LinearThompson, Ppo, Recurrent,
+    Reinforce, TerminalTarget, Trunk,
+};
+use jitai::env::{Environment, FirstContext, Population, TimeIndicator};
 use jitai::manifest::Evaluation;
 use jitai::plan::Job;
 use jitai::record::{Outcome, Results};
@@ -14,6 +17,7 @@ use sha2::{Digest, Sha256};
 fn job(agent: Agent, seed: u64) -> Job {
     Job {
         environment: Environment::paper(0.6),
+        population: Population::default(),
         scenario: "P-H-D".parse().unwrap(),
         agent,
         evaluation: Evaluation { test_episodes: 30, ..Evaluation::default() },
@@ -29,17 +33,63 @@ fn reinforce() -> Agent {
     Agent::of(&Reinforce { episodes: 60, trajectories_per_update: 3, ..Reinforce::default() })
 }
 
+fn ppo() -> Agent {
+    Agent::of(&Ppo { episodes: 60, lanes: 7, ..Ppo::default() })
+}
+
+fn recurrent_ppo() -> Agent {
+    let ppo: Ppo = ppo().parameters().unwrap();
+    Agent::of(&Ppo { recurrent: Recurrent::Gru, ..ppo })
+}
+
+fn recurrent_dqn(engine: Engine) -> Agent {
+    Agent::of(&DuelingDqn {
+        episodes: 20,
+        layers: vec![16],
+        recurrent: Recurrent::Gru,
+        units: 16,
+        batch: 8,
+        sequence: 20,
+        burn_in: 10,
+        update_interval: 5,
+        target_period: 40,
+        reward_scale: 200.0,
+        engine,
+        ..DuelingDqn::default()
+    })
+}
+
+fn linear_thompson() -> Agent {
+    Agent::of(&LinearThompson { episodes: 20, warm_up: 3, ..LinearThompson::default() })
+}
+
+fn centred() -> Agent {
+    let action_centring = true;
+    Agent::of(&LinearThompson {
+        episodes: 10,
+        pi_min: 0.05,
+        action_centring,
+        smoothing: 0.02,
+        features: BanditFeatures::Interactions,
+        ..LinearThompson::default()
+    })
+}
+
 /// Agents that Burn trains.
-fn burn_agents() -> [Agent; 2] {
+fn burn_agents() -> [Agent; 5] {
     let dqn: DuelingDqn = dueling_dqn().parameters().unwrap();
     let policy: Reinforce = reinforce().parameters().unwrap();
+    let ppo: Ppo = ppo().parameters().unwrap();
     [
         Agent::of(&DuelingDqn { engine: Engine::Burn, ..dqn }),
         Agent::of(&Reinforce { engine: Engine::Burn, ..policy }),
+        Agent::of(&Ppo { engine: Engine::Burn, recurrent: Recurrent::Gru, ..ppo.clone() }),
+        Agent::of(&Ppo { engine: Engine::Burn, ..ppo }),
+        recurrent_dqn(Engine::Burn),
     ]
 }
 
-/// The device that they are on.
+/// The device of these agents.
 fn device() -> Device {
     #[cfg(feature = "burn-flex")]
     return Device::flex();
@@ -67,8 +117,8 @@ fn results_do_not_depend_on_burns_global_generator() {
     }
 }
 
-/// Whoever sees this fail has changed what jobs end in, and raises the version of the simulation or
-/// of the algorithm in `plan::Job::versions`.
+/// If this test fails, the results of jobs have changed: raise the version of the simulation or of the
+/// algorithm in `plan::Job::versions`.
 #[test]
 fn results_are_what_they_were_to_the_bit() {
     let ended = |job: Job| {
@@ -93,19 +143,36 @@ fn results_are_what_they_were_to_the_bit() {
     far.environment.first_context = FirstContext::Sampled;
     far.environment.time_indicator = TimeIndicator::Exact;
     assert_eq!(
-        [job(dueling_dqn(), 1), job(reinforce(), 1), far].map(ended),
+        [
+            job(dueling_dqn(), 1),
+            job(reinforce(), 1),
+            far,
+            job(ppo(), 1),
+            job(recurrent_ppo(), 1),
+            job(recurrent_dqn(Engine::Fused), 1),
+            job(linear_thompson(), 1),
+            job(centred(), 1)
+        ]
+        .map(ended),
         [
             (4670428529652141323, 1062691346),
             (4670331052534184363, 1922289694),
-            (4668886930363693733, 1792301739)
+            (4668886930363693733, 1792301739),
+            (4671132607656521346, 3860758467),
+            (4670685639835049108, 2263627423),
+            (4669693567461683298, 252659508),
+            (4674824841433238729, 1996970840),
+            (4669645376591863430, 4266763039)
         ]
     );
 }
 
 #[test]
 fn results_do_not_depend_on_jobs_that_train_at_the_same_time() {
-    let [burn_dqn, burn_reinforce] = burn_agents();
-    let jobs = [dueling_dqn(), reinforce(), burn_dqn, burn_reinforce].map(|agent| job(agent, 1));
+    let agents = [dueling_dqn(), reinforce(), ppo(), recurrent_ppo(), recurrent_dqn(Engine::Fused)]
+        .into_iter()
+        .chain(burn_agents());
+    let jobs: Vec<Job> = agents.map(|agent| job(agent, 1)).collect();
     let alone: Vec<Results> = jobs.iter().map(results).collect();
     let together: Vec<Results> = thread::scope(|scope| {
         let handles: Vec<_> = jobs.iter().map(|job| scope.spawn(|| results(job))).collect();
@@ -136,7 +203,7 @@ fn a_stop_request_ends_a_training_without_a_result() {
 
         fn stop_requested(&self) -> bool {
             self.0.set(self.0.get() + 1);
-            // It is asked at every step, and an episode has at least three.
+            // This is called at every step, and an episode has at least three steps.
             self.0.get() > 5
         }
     }
@@ -157,7 +224,10 @@ fn the_tested_policy_is_the_one_whose_weights_are_kept() {
             self.0 += rewards.iter().sum::<f64>();
         }
     }
-    for agent in [dueling_dqn(), reinforce()].into_iter().chain(burn_agents()) {
+    for agent in [dueling_dqn(), reinforce(), ppo(), recurrent_ppo(), recurrent_dqn(Engine::Fused)]
+        .into_iter()
+        .chain(burn_agents())
+    {
         let job = job(agent, 1);
         let results = results(&job);
         let weights = Weights::from_bytes(&results.weights.unwrap()).unwrap();

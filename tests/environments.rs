@@ -1,33 +1,35 @@
-//! The contract of environments: the simulation of the paper keeps it, an environment from outside the
-//! crate keeps it and can be learned in, and the contract test finds every way to break it.
+//! The contract of environments: the simulation of the paper fulfils it, an environment outside the
+//! crate fulfils it and can be learned, and the contract test detects every kind of violation.
 
 use std::cell::Cell;
 use std::io;
 use std::rc::Rc;
 
-use jitai::agent::{self, Actions, Actor, DuelingDqn, Reinforce, StartError, TerminalTarget};
+use jitai::agent::{self, Actions, Actor, DuelingDqn, Ppo, Reinforce, StartError, TerminalTarget};
 use jitai::env::contract::{Clause, check};
 use jitai::env::{
     Action, ActionSpec, DisengagementReward, Environment, EpisodeStatus, FeatureSpec, FirstContext,
-    LaneSet, LaneStreams, ObservationSpec, Observations, PhysicalActivity, RewardHabituation,
-    StateNoise, StepNoise, TimeIndicator, VectorEnvironment,
+    LaneSet, LaneStreams, ObservationSpec, Observations, PhysicalActivity, Population,
+    RewardHabituation, StateNoise, StepNoise, TimeIndicator, VectorEnvironment,
 };
+use jitai::key::Distribution;
 use jitai::rng::{Purpose, Stream};
 use jitai::state::{Resumable, StateError, StateReader, StateWriter};
 use jitai::train::{RollStreams, StepObserver, begin, roll};
 
-/// A walk on the places 0 to 4, from place 1: action 1 goes down, action 2 up, the others stay; one
-/// step in eight goes nowhere. It terminates at place 4 with reward 1, and is truncated after 12 steps.
+/// A walk on the places 0 to 4, from place 1: action 1 goes down, action 2 goes up, and the others
+/// stay. One step in eight does not move. The walk terminates at place 4 with reward 1, and is
+/// truncated after 12 steps.
 struct Line {
     places: Vec<u32>,
     times: Vec<u32>,
     statuses: Vec<EpisodeStatus>,
     fault: Option<Fault>,
-    /// What all environments of a faulty kind share.
+    /// State that all environments of a faulty kind share.
     hidden: Rc<Cell<u32>>,
 }
 
-/// A way to break the contract.
+/// A violation of the contract.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Fault {
     OneLaneTooMany,
@@ -182,7 +184,7 @@ impl Resumable for Line {
     }
 }
 
-/// Steps of a walk: a dozen episodes of the line, four of the simulation.
+/// Steps of a walk: about a dozen episodes of the line, or four of the simulation.
 const STEPS: usize = 200;
 
 #[test]
@@ -213,13 +215,17 @@ fn the_simulation_of_the_paper_keeps_the_contract() {
     for environment in &environments {
         for scenario in ["P-H-D", "C-L-T-P", "T"] {
             let scenario = scenario.parse().unwrap();
-            let make = |lanes| PhysicalActivity::new(environment, &scenario, lanes);
-            check(make, STEPS).unwrap_or_else(|fault| panic!("{environment:?}: {fault}"));
+            for history in [1, 2, 5] {
+                let make = |lanes| {
+                    PhysicalActivity::new(environment, &scenario, lanes).with_history(history)
+                };
+                check(make, STEPS).unwrap_or_else(|fault| panic!("{environment:?}: {fault}"));
+            }
         }
     }
 }
 
-/// Every version of the dynamics, and every key of contexts and burden.
+/// Environments with every version of the dynamics, and with every key of contexts and burden.
 fn beyond_the_paper() -> Vec<Environment> {
     let uniform = || Environment {
         state_noise: StateNoise::Uniform,
@@ -279,6 +285,44 @@ fn the_simulation_beyond_the_paper_keeps_the_contract() {
 }
 
 #[test]
+fn people_who_differ_keep_the_contract() {
+    let normal = |mean, sd, bounds| Distribution::Normal { mean, sd, bounds };
+    let of_states = Population {
+        delta_h: normal(0.1, 0.1, [0.0, 1.0]),
+        epsilon_d: Distribution::Uniform([0.1, 0.9]),
+        rho_2: Distribution::LogNormal { median: 100.0, log_sd: 1.0, bounds: [1.0, 1000.0] },
+        mu_1: normal(0.0, 5.0, [-20.0, 20.0]),
+        initial_habituation: Distribution::Uniform([0.0, 1.0]),
+        disengagement_threshold: Distribution::Values { values: vec![0.5, 1.0], weights: vec![] },
+        ..Population::default()
+    };
+    let of_contexts = Population {
+        sigma: Distribution::Uniform([0.0, 2.0]),
+        context_probability: Distribution::Uniform([0.1, 0.9]),
+        context_persistence: Distribution::Uniform([0.0, 1.0]),
+        availability: Distribution::Uniform([0.2, 1.0]),
+        message_cost: Distribution::Uniform([0.0, 20.0]),
+        parameter_spread: Distribution::Uniform([0.0, 2.0]),
+        ..of_states.clone()
+    };
+    let of_sigma = Population { sigma: Distribution::Uniform([0.0, 2.0]), ..Population::default() };
+    let mut environments = beyond_the_paper();
+    environments.push(Environment { horizon: 9, ..Environment::paper(0.6) });
+    for environment in &environments {
+        for population in [&of_states, &of_contexts, &of_sigma] {
+            for scenario in ["P-H-D", "A-B-M-L-T-S-P"] {
+                let scenario = scenario.parse().unwrap();
+                let make = |lanes| {
+                    PhysicalActivity::new(environment, &scenario, lanes).with_population(population)
+                };
+                let checked = check(make, STEPS);
+                checked.unwrap_or_else(|fault| panic!("{environment:?} {population:?}: {fault}"));
+            }
+        }
+    }
+}
+
+#[test]
 fn an_environment_from_outside_keeps_the_contract() {
     check(Line::new, STEPS).unwrap();
 }
@@ -296,7 +340,7 @@ fn every_way_to_break_the_contract_is_found() {
         (Fault::DrawsForEndedLanes, Clause::EndedLanesAreInert),
         (Fault::CountsItsCalls, Clause::SameStreamSameEpisodes),
         (Fault::FeelsItsNeighbour, Clause::LanesAreIndependent),
-        // The stream of the first lane moves on after the lane has ended.
+        // The stream of the first lane advances even after the lane has ended.
         (Fault::DrawsFromTheFirstStream, Clause::EndedLanesAreInert),
         (Fault::KeepsItsClock, Clause::ResetInMidEpisode),
         (Fault::ResetsEveryLane, Clause::LanesAreIndependent),
@@ -310,7 +354,7 @@ fn every_way_to_break_the_contract_is_found() {
     }
 }
 
-/// The returns of episodes while they are rolled.
+/// The returns of episodes, collected while the episodes are rolled.
 struct Returns(Vec<f64>);
 
 impl StepObserver<Line> for Returns {
@@ -335,7 +379,7 @@ fn mean_return(actor: &mut dyn Actor<Line>) -> f64 {
 fn a_dueling_dqn_learns_in_an_environment_from_outside() {
     let parameters = DuelingDqn {
         layers: vec![32],
-        // The only reward comes with the end of an episode.
+        // The only reward comes at the end of an episode.
         terminal_target: TerminalTarget::Standard,
         ..DuelingDqn::default()
     };
@@ -410,6 +454,8 @@ fn agents_refuse_environments_that_they_cannot_act_in() {
     );
     let refused = agent::reinforce_learner(&Reinforce::default(), Line::new(2), 1);
     assert_eq!(refused.err(), Some(StartError::Lanes { lanes: 2, expected: 1 }));
+    let refused = agent::ppo_learner(&Ppo::default(), Line::new(2), 1);
+    assert_eq!(refused.err(), Some(StartError::Lanes { lanes: 2, expected: 16 }));
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! The programs in `examples/`, run as they are.
+//! Runs the programs in `examples/` unchanged.
 
 #[path = "../examples/algorithm.rs"]
 mod algorithm;

@@ -1,4 +1,4 @@
-//! Identity that can grow: a key that is added later changes no stored job.
+//! Stable identity: a key that is added later does not change the key of any stored job.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use jitai::agent::{
     self, Actions, Actor, Agent, AlgorithmParameters, Constraint, RulePolicy, Start, StartError,
     Task, Weights, WeightsError, register_algorithm,
 };
-use jitai::env::{Action, Environment};
+use jitai::env::{Action, Environment, Population};
 use jitai::key::{Key, Keyed, Kind, Value, canonical_object, read_object};
 use jitai::keys;
 use jitai::manifest::{self, Evaluation};
@@ -23,7 +23,7 @@ keys! {
 }
 
 keys! {
-    /// The same algorithm with a key more, whose default is another than what all jobs had.
+    /// The same algorithm with an additional key, whose default differs from the value of all earlier jobs.
     struct Later {
         /// action of every step
         action: u32 = 0, in Kind::Integer { min: 0, max: 3 };
@@ -70,6 +70,7 @@ algorithm!(Later);
 fn job(agent: Agent) -> Job {
     Job {
         environment: Environment::paper(0.6),
+        population: Population::default(),
         scenario: "P-H-D".parse().unwrap(),
         agent,
         evaluation: Evaluation::default(),
@@ -87,7 +88,7 @@ fn later(rest: f64) -> Job {
 
 /// Registers the later algorithm, as a newer release of a program would.
 fn newer_release() {
-    // Another test may have been the first.
+    // Another test may already have registered it.
     let _ = register_algorithm::<Later>();
 }
 
@@ -145,7 +146,7 @@ fn manifests_views_and_commands_take_an_added_key_for_what_it_was() {
     let path = folder.path().join("jitai.sqlite");
     let mut store = Store::open(&path).unwrap();
     let experiment = Experiment { name: "t", question: None, hypothesis: None, manifest: "" };
-    // What an earlier release stored.
+    // An earlier release stored this job.
     store.register(&experiment, [("a", early())]).unwrap();
     assert_eq!(rows(&path), [(early().key().to_string(), 0.0)]);
 
@@ -174,7 +175,7 @@ fn rows(path: &Path) -> Vec<(String, f64)> {
     rows.collect::<rusqlite::Result<_>>().unwrap()
 }
 
-/// An algorithm with one key of a given name, which starts an actor whatever it declares.
+/// Declares an algorithm with one key of a given name, which always starts an actor.
 macro_rules! odd_algorithm {
     ($Parameters:ident, $key:ident, $name:literal, $learns:literal) => {
         keys! {
@@ -216,9 +217,9 @@ odd_algorithm!(Untrained, episodes, "untrained", false);
 #[test]
 fn names_that_mean_something_else_cannot_be_registered() {
     let refused = register_algorithm::<Reserved>().unwrap_err();
-    assert!(refused.to_string().starts_with("`algorithm` cannot be the name of a key"));
+    assert!(refused.to_string().starts_with("`algorithm` cannot be a key of an algorithm"));
     let refused = register_algorithm::<Reinforce>().unwrap_err();
-    assert_eq!(refused.to_string(), "there is an algorithm called `reinforce` already");
+    assert_eq!(refused.to_string(), "an algorithm called `reinforce` is already registered");
     let namesake = Agent::of(&Reinforce { episodes: 1 });
     assert_ne!(namesake.algorithm(), Agent::of(&agent::Reinforce::default()).algorithm());
     assert_eq!(namesake.parameters::<agent::Reinforce>(), None);

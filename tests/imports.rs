@@ -1,4 +1,4 @@
-//! The direction of the data flow, held: which module may import which, and no circles between files.
+//! The direction of the data flow: which modules each module may import, and no cycles between files.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -7,26 +7,29 @@ use std::path::{Path, PathBuf};
 use syn::visit::{self, Visit};
 use syn::{Attribute, Item, UseTree, Visibility};
 
-/// What each module may import; the order is that of the data flow.
+/// The permitted imports of each module, in the order of the data flow.
 const TABLE: &[(&str, &[&str])] = &[
     ("rng", &[]),
     ("kernel", &[]),
     ("kill_point", &[]),
+    // It starts programs and exchanges lines with them; `train` knows the job that a line belongs to.
+    ("external", &[]),
     ("key", &[]),
     ("state", &["rng"]),
     ("env", &["rng", "kernel", "key", "state"]),
-    // The optimal policy is tried with a stream of its own.
+    // The optimal policy is simulated with a random stream of its own.
     ("optimum", &["rng", "key", "env"]),
     ("agent", &["rng", "kernel", "key", "state", "env", "optimum"]),
     // A manifest declares environments and agents; it neither simulates nor trains.
     ("manifest", &["key", "env", "agent"]),
     ("plan", &["key", "env", "agent", "manifest"]),
     ("record", &["key", "manifest", "plan"]),
-    ("train", &["rng", "state", "env", "agent", "plan", "record"]),
+    ("train", &["rng", "external", "key", "state", "env", "agent", "plan", "record"]),
     ("store", &["kill_point", "key", "manifest", "plan", "record"]),
+    ("portable", &["env", "agent", "plan", "store"]),
     ("schedule", &["kill_point", "key", "agent", "manifest", "plan", "record", "train", "store"]),
     ("cluster", &["manifest", "plan", "record", "train", "store", "schedule"]),
-    // The bootstrap draws from a stream of its own.
+    // The bootstrap has a random stream of its own.
     ("analyse", &["rng", "key", "env", "manifest", "record"]),
     ("report", &["key", "env", "optimum", "manifest", "plan", "record", "store", "analyse"]),
     (
@@ -45,6 +48,7 @@ const TABLE: &[(&str, &[&str])] = &[
             "record",
             "train",
             "store",
+            "portable",
             "schedule",
             "cluster",
             "analyse",
@@ -53,20 +57,20 @@ const TABLE: &[(&str, &[&str])] = &[
     ),
 ];
 
-/// A module by its path below the crate: `["manifest", "read"]`.
+/// The path of a module below the crate: `["manifest", "read"]`.
 type ModulePath = Vec<String>;
 
-/// A path as it is written: `["crate", "plan", "Job"]`.
+/// A path as written in the source: `["crate", "plan", "Job"]`.
 type Written = Vec<String>;
 
-/// What a file of the library says of modules.
+/// The paths and names in a file of the library.
 #[derive(Debug, Default)]
 struct File {
-    /// Paths that it names, in `use` and elsewhere, tests aside.
+    /// Paths that the file names, in `use` and elsewhere, except in tests.
     named: Vec<Written>,
-    /// What it passes on under a name: `pub use read::load` is `load` with its path.
+    /// Re-exported names, each with its path: `pub use read::load` is `load` with its path.
     passed_on: BTreeMap<String, Written>,
-    /// Names that it defines.
+    /// Names that the file defines.
     defined: BTreeSet<String>,
 }
 
@@ -77,7 +81,7 @@ impl File {
         file
     }
 
-    /// Takes the leaves of a `use`, groups in groups included.
+    /// Collects the leaves of a `use`, including nested groups.
     fn leaves(&mut self, tree: &UseTree, before: &[String], passes_on: bool) {
         let mut path = before.to_vec();
         match tree {
@@ -151,7 +155,7 @@ impl<'a> Visit<'a> for File {
     }
 
     fn visit_macro(&mut self, called: &'a syn::Macro) {
-        // Paths in the arguments of macros that are lists of expressions, such as `format!`.
+        // Paths in the arguments of macros that take lists of expressions, such as `format!`.
         let list = syn::punctuated::Punctuated::<syn::Expr, syn::Token![,]>::parse_terminated;
         if let Ok(arguments) = called.parse_body_with(list) {
             arguments.iter().for_each(|argument| visit::visit_expr(self, argument));
@@ -170,7 +174,7 @@ impl Library {
         Library(sources.into_iter().map(read).collect())
     }
 
-    /// The files under `src`, the unit tests among them and the program aside.
+    /// The files under `src`, including unit tests but without the program.
     fn of_this_crate() -> Library {
         let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
         let mut files = Vec::new();
@@ -186,7 +190,7 @@ impl Library {
         }))
     }
 
-    /// The file that a path named in a file leads to; `None` if it leads out of the library.
+    /// The file to which a path in a file leads; `None` if the path leads out of the library.
     fn target(&self, from: &ModulePath, written: &[String]) -> Option<ModulePath> {
         self.resolve(from, written, 0)
     }
@@ -218,7 +222,7 @@ impl Library {
         self.descend(std::mem::take(&mut module), rest, depth)
     }
 
-    /// Follows a path from a module down to the file that defines what it names.
+    /// Follows a path from a module down to the file that defines the named item.
     fn descend(
         &self,
         mut module: ModulePath,
@@ -238,16 +242,16 @@ impl Library {
         let file = self.0.get(&module)?;
         match rest.first().and_then(|item| file.passed_on.get(item)) {
             Some(written) => {
-                // What leads out of the library belongs to the file that passes it on.
+                // A name from outside the library belongs to the file that re-exports it.
                 self.resolve(&module, written, depth + 1).or(Some(module))
             }
             None => Some(module),
         }
     }
 
-    /// Which other files each file needs. A file that only passes on a name of its own top-level
-    /// module does not need it; a name of another module that it passes on is an import. The root of
-    /// the crate passes on names of every module.
+    /// The files on which each file depends. A re-export from the same top-level module is not a
+    /// dependency; a re-export from another module is. Re-exports in the root of the crate do not
+    /// count.
     fn edges(&self) -> BTreeMap<ModulePath, BTreeSet<ModulePath>> {
         let of = |(from, file): (&ModulePath, &File)| {
             let named = file.named.iter().filter_map(|written| self.target(from, written));
@@ -260,7 +264,7 @@ impl Library {
         self.0.iter().map(of).collect()
     }
 
-    /// Files that need themselves by way of others, with all the others of their circle.
+    /// Cycles: each lists the files that depend on each other.
     fn circles(&self) -> Vec<String> {
         let edges = self.edges();
         let reach = |from: &ModulePath| {

@@ -1,8 +1,8 @@
-//! Sweeps that are killed again and again, at random moments and at every place where something is
-//! written, end in the store of a sweep that nothing happened to.
+//! Sweeps that are killed repeatedly, at random moments and at every point at which data is written,
+//! end in the store of an undisturbed sweep.
 //!
-//! `KILLS` is how often in all, `SEED` repeats the choices of an earlier time; moments are as exact
-//! as the machine. Prints a table. Run by `make test-kill`.
+//! `KILLS` is the total number of kills, and `SEED` repeats the choices of an earlier run; the random
+//! moments are only as exact as the machine. Prints a table. Run by `make test-kill`.
 
 #[path = "cli/support.rs"]
 #[allow(dead_code, reason = "this target needs less of it than the other one")]
@@ -25,16 +25,16 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 
 use support::Folder;
 
-/// Kills, unless `KILLS` says otherwise.
+/// Default of `KILLS`.
 const KILLS: u64 = 500;
-/// After so many, a sweep is left in peace: it has to end.
+/// Number of kills after which a sweep is left undisturbed and has to end.
 const MOST_KILLS_OF_A_SWEEP: u64 = 30;
-/// How long a program may take that nobody kills.
+/// Maximum time of a program that is not killed.
 const PATIENCE: Duration = Duration::from_secs(120);
-/// Number of SIGKILL.
+/// The number of the signal SIGKILL.
 const SIGKILL: i32 = 9;
 
-/// What the jobs of a sweep are.
+/// The kind of jobs in a sweep.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Jobs {
     Trivial,
@@ -57,12 +57,12 @@ impl Jobs {
         }
     }
 
-    /// Whether they take long enough to leave checkpoints.
+    /// Whether the jobs take long enough to leave checkpoints.
     fn leave_checkpoints(self) -> bool {
         matches!(self, Jobs::Dqn | Jobs::Reinforce)
     }
 
-    /// What `jitai run` ends with when all is done.
+    /// Exit code of `jitai run` once every job has ended.
     fn exit_code(self) -> i32 {
         match self {
             Jobs::Trivial | Jobs::Dqn | Jobs::Reinforce | Jobs::Rules => 0,
@@ -117,7 +117,7 @@ enum Way {
     Process,
     /// A group of two processes that share the store, at a random moment.
     Group,
-    /// A process at one of its places.
+    /// A process at one of its kill points.
     Place(KillPoint),
 }
 
@@ -134,7 +134,7 @@ impl Way {
         }
     }
 
-    /// Whether sweeps of these jobs can be killed so.
+    /// Whether sweeps of these jobs can be killed in this way.
     fn suits(self, jobs: Jobs) -> bool {
         match self {
             Way::Place(KillPoint::CheckpointWritten | KillPoint::CheckpointRenamed) => {
@@ -148,8 +148,8 @@ impl Way {
         }
     }
 
-    /// Times that a place is passed at most before the process is killed. Short jobs are all claimed
-    /// before the first of them is stored, in a transaction each.
+    /// Maximum number of times that a point is passed before the process is killed. Short jobs are all
+    /// claimed before the first of them is stored, each in its own transaction.
     fn most_passes(place: KillPoint) -> u64 {
         match place {
             KillPoint::BeforeCommit | KillPoint::AfterCommit => 24,
@@ -159,17 +159,17 @@ impl Way {
     }
 }
 
-/// What nothing happened to.
+/// The result of an undisturbed sweep.
 struct Undisturbed {
     rows: Vec<String>,
-    /// How long it took.
+    /// Duration of the sweep.
     took: Duration,
 }
 
-/// What all sweeps share.
+/// State that all sweeps share.
 struct Harness {
     seed: u64,
-    /// A copy, so that the program may be built anew in the meantime.
+    /// A copy, so that the program may be rebuilt during the test.
     program: PathBuf,
     undisturbed: BTreeMap<Jobs, Undisturbed>,
     kills_left: AtomicU64,
@@ -178,7 +178,7 @@ struct Harness {
     differences: Mutex<Vec<(String, String)>>,
 }
 
-/// A number from 0 to 1, without 1.
+/// A number from 0 to 1, excluding 1.
 fn unit(chance: &mut ChaCha8Rng) -> f64 {
     f64::from(chance.next_u32()) / 4_294_967_296.0
 }
@@ -188,19 +188,19 @@ fn up_to(chance: &mut ChaCha8Rng, most: u64) -> u64 {
     1 + u64::from(chance.next_u32()) % most
 }
 
-/// A process of a sweep under way; killed if the harness ends before it does.
+/// A process of a running sweep; killed if the harness ends first.
 struct Process(Child);
 
 impl Drop for Process {
     fn drop(&mut self) {
-        // It may have ended, which is what is wanted.
+        // The process may already have ended.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
 }
 
 impl Process {
-    /// Waits for its end; `None` if there is none until then.
+    /// Waits for the end of the process; `None` if it does not end within `patience`.
     fn ends_within(&mut self, patience: Duration) -> Option<ExitStatus> {
         let begun = Instant::now();
         loop {
@@ -220,7 +220,7 @@ impl Process {
     }
 }
 
-/// One sweep: killed until it is done, or often enough.
+/// One sweep: killed until it is done, or until the maximum number of kills.
 struct Sweep<'a> {
     harness: &'a Harness,
     jobs: Jobs,
@@ -231,7 +231,7 @@ struct Sweep<'a> {
 }
 
 impl Sweep<'_> {
-    /// The program with a random number of workers and checkpoints as often as can be.
+    /// The command, with a random number of workers and checkpoints at the shortest interval.
     fn command(&mut self) -> Command {
         let workers = up_to(&mut self.chance, 4).to_string();
         let arguments =
@@ -242,13 +242,13 @@ impl Sweep<'_> {
         command
     }
 
-    /// A random time after which to kill, more often short than long.
+    /// A random time until the kill, more often short than long.
     fn delay(&mut self) -> Duration {
         let part = unit(&mut self.chance);
         self.harness.undisturbed[&self.jobs].took.mul_f64(1.2 * part * part)
     }
 
-    /// Runs it once; how it ended unless it was killed.
+    /// Runs the sweep once; returns how it ended, or `None` if it was killed.
     fn attempt(&mut self) -> Option<ExitStatus> {
         match self.way {
             Way::Process => {
@@ -278,13 +278,14 @@ impl Sweep<'_> {
             assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success(), "{kill}");
         }
         let (first, second) = (first.end(), second.end());
-        // Both end by themselves, or both have been killed, or one had ended before.
+        // Both processes ended by themselves, both were killed, or one ended before the other was
+        // killed.
         if second.signal() == Some(SIGKILL) { Some(second) } else { Some(first) }
     }
 
-    /// Kills it until it is done, and looks at what there is then.
+    /// Kills the sweep until it is done, and compares the store.
     ///
-    /// **Errors**: what differs from the undisturbed sweep.
+    /// **Errors**: the difference from the undisturbed sweep.
     fn run(&mut self) -> Result<(), String> {
         let ended = loop {
             if self.kills == MOST_KILLS_OF_A_SWEEP {
@@ -299,7 +300,7 @@ impl Sweep<'_> {
         if ended.code() != Some(self.jobs.exit_code()) {
             return Err(format!("it ended with {ended}: {told}"));
         }
-        if told.contains("panicked at") || told.contains("is not used") {
+        if told.contains("panicked at") || told.contains(" rejected: ") {
             return Err(told);
         }
         self.check()
@@ -360,7 +361,7 @@ impl Harness {
         }
     }
 
-    /// Sweeps until there were kills enough.
+    /// Runs sweeps until the number of kills is reached.
     fn work(&self, suits: &[(Way, Jobs)]) {
         while self.kills_left.load(Ordering::Relaxed) > 0 {
             let number = self.sweeps.fetch_add(1, Ordering::Relaxed);
@@ -382,7 +383,7 @@ impl Harness {
         }
     }
 
-    /// Kills by how and of what, and what differed after them.
+    /// A table of the kills by way and kind of jobs, with the number of differences found.
     fn table(&self) -> String {
         let (kills, differences) = (self.kills.lock().unwrap(), self.differences.lock().unwrap());
         let names = Jobs::ALL.map(Jobs::name).join(" | ");
@@ -408,7 +409,7 @@ impl Harness {
     }
 }
 
-/// A number from the environment.
+/// A whole number from an environment variable.
 fn asked(name: &str) -> Option<u64> {
     let text = env::var(name).ok().filter(|text| !text.is_empty())?;
     Some(text.parse().unwrap_or_else(|_| panic!("{name} is `{text}`; expected a whole number")))
@@ -435,7 +436,7 @@ fn killed_sweeps_end_in_the_store_of_an_undisturbed_one() {
     println!("\n{}\n{sweeps} sweeps in {took} s", harness.table());
     let differences = harness.differences.into_inner().unwrap();
     assert!(differences.is_empty(), "{} sweeps differ; SEED={seed} tries again", differences.len());
-    // So few sweeps may all have ended before the first kill.
+    // With fewer sweeps, all sweeps of a way may have ended before the first kill.
     if sweeps >= 2 * suits.len() as u64 {
         let kills = harness.kills.into_inner().unwrap();
         let has_killed =

@@ -1,8 +1,8 @@
-//! Merges that are killed, before and after each commit and at random moments, and then repeated,
-//! end in the store of a merge that nothing happened to.
+//! Merges that are killed, before and after each commit and at random moments, and then repeated, end
+//! in the store of an undisturbed merge.
 //!
-//! `KILLS` is how often at random moments, `SEED` repeats their choices; moments are as exact as the
-//! machine. Prints a table. Run by `make test-kill`.
+//! `KILLS` is the number of kills at random moments, and `SEED` repeats the choice of moments, which
+//! are only as exact as the machine. Prints a table. Run by `make test-kill`.
 
 #[path = "cli/support.rs"]
 #[allow(dead_code, reason = "this target needs less of it than the other one")]
@@ -20,12 +20,12 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 
 use support::{Effort, Folder, manifest};
 
-/// Kills at random moments, unless `KILLS` says otherwise.
+/// Default number of kills at random moments.
 const KILLS: u64 = 100;
 /// The stores that are merged.
 const SOURCES: [&str; 4] = ["1.sqlite", "2.sqlite", "3.sqlite", "4.sqlite"];
 
-/// Four stores: three with a shard each of one manifest, and one with jobs that fail.
+/// Four stores: three with one shard each of one manifest, and one with failing jobs.
 fn sources() -> Folder {
     let folder = Folder::with(&manifest("sweep", "[0.4, 0.6]", "25", Effort::Trivial));
     let layers = ["64"; 24].join(", ");
@@ -44,7 +44,7 @@ fn sources() -> Folder {
     folder
 }
 
-/// A folder with copies of the sources and no target yet.
+/// A folder with copies of the sources, without a target.
 fn copied(sources: &Folder) -> Folder {
     let folder = Folder::new();
     for store in SOURCES {
@@ -81,7 +81,7 @@ fn complete(folder: &Folder, undisturbed: &[String], what: &str) {
     folder.jitai(["doctor"]).succeeded();
 }
 
-/// Kills a merge as it passes each of its commits; returns how often.
+/// Kills a merge at each of its commits; returns the number of kills.
 fn kill_at_every_commit(sources: &Folder, undisturbed: &[String], point: KillPoint) -> u64 {
     for passes in 1.. {
         let folder = copied(sources);
@@ -96,7 +96,7 @@ fn kill_at_every_commit(sources: &Folder, undisturbed: &[String], point: KillPoi
     unreachable!("a merge has an end")
 }
 
-/// Kills merges at random moments, each again and again until it is done; returns how often.
+/// Kills merges at random moments, each repeatedly until it is done; returns the number of kills.
 fn kill_at_random(sources: &Folder, undisturbed: &[String], seed: u64, kills: u64) -> u64 {
     let begun = Instant::now();
     merge(&copied(sources)).status().unwrap();
@@ -121,7 +121,7 @@ fn kill_at_random(sources: &Folder, undisturbed: &[String], seed: u64, kills: u6
     killed
 }
 
-/// A number from the environment.
+/// A whole number from an environment variable.
 fn asked(name: &str) -> Option<u64> {
     let text = env::var(name).ok().filter(|text| !text.is_empty())?;
     Some(text.parse().unwrap_or_else(|_| panic!("{name} is `{text}`; expected a whole number")))

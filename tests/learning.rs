@@ -1,14 +1,14 @@
-//! Whether the agents learn what an independent port of the published code learns.
+//! The agents learn as well as an independent port of the published code.
 //!
-//! The port's mean ± sd over ten seeds, and the published means of three: P-H-D and L-H-D at
-//! sigma 0.6. Takes minutes on two cores; run by `make test-slow`.
+//! Reference values: the port's mean ± sd over ten seeds, and the published means of three seeds, for
+//! P-H-D and L-H-D at sigma 0.6. Takes minutes on two cores; run by `make test-slow`.
 
 use std::sync::Mutex;
 use std::thread;
 
 use jitai::agent::{Agent, DuelingDqn, Engine, Reinforce};
 use jitai::analyse;
-use jitai::env::{Environment, Scenario};
+use jitai::env::{Environment, Population, Scenario};
 use jitai::manifest::Evaluation;
 use jitai::plan::Job;
 use jitai::record::Outcome;
@@ -16,7 +16,7 @@ use jitai::train::{self, Uncontrolled};
 
 const SEEDS: std::ops::RangeInclusive<u64> = 1..=10;
 
-/// Mean test return of each seed, in seed order, trained on two threads.
+/// The mean test return of each seed, in seed order, trained on two threads.
 fn returns(agent: &Agent, scenario: &str, sigma: f64) -> Vec<f64> {
     let scenario: Scenario = scenario.parse().unwrap();
     let seeds = Mutex::new(SEEDS);
@@ -28,6 +28,7 @@ fn returns(agent: &Agent, scenario: &str, sigma: f64) -> Vec<f64> {
                     let Some(seed) = seeds.lock().unwrap().next() else { break };
                     let job = Job {
                         environment: Environment::paper(sigma),
+                        population: Population::default(),
                         scenario: scenario.clone(),
                         agent: agent.clone(),
                         evaluation: Evaluation::default(),
@@ -58,7 +59,7 @@ fn mean_and_sd(values: &[f64]) -> (f64, f64) {
     (mean, sd.unwrap())
 }
 
-/// Our ten seeds against the port's ten, in joint standard errors.
+/// Compares our ten seeds with the port's ten seeds, in joint standard errors.
 fn agrees(agent: &Agent, scenario: &str, port: (f64, f64), published: f64) {
     let returns = returns(agent, scenario, 0.6);
     let (mean, sd) = mean_and_sd(&returns);
@@ -92,7 +93,7 @@ fn reinforce_learns_l_h_d_as_the_port_does() {
     agrees(&Agent::of(&Reinforce::default()), "L-H-D", (1769.0, 77.0), 1827.0);
 }
 
-/// Two ways to train the same agent, in joint standard errors.
+/// Compares two ways to train the same agent, in joint standard errors.
 fn agree(fused: &Agent, burn: &Agent) {
     let [fused, burn] = [fused, burn].map(|agent| returns(agent, "P-H-D", 0.6));
     let ((a, sd_a), (b, sd_b)) = (mean_and_sd(&fused), mean_and_sd(&burn));

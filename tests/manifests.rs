@@ -1,5 +1,5 @@
-//! Manifests from the outside: what faulty ones are told, what the shipped ones declare, and what
-//! the reference and the schema say about both.
+//! Manifests from the outside: the messages about faulty manifests, the jobs that the shipped manifests
+//! declare, and what the reference and the schema state about both.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use jitai::key::Value;
 use jitai::manifest::{self, Manifest, Section};
 use jitai::plan::{self, PlannedJob, Versions};
 
-/// Compares with the text of the file at `expected`, and tells how to accept `actual` instead.
+/// Compares `actual` with the file at `expected`; the error says how to accept `actual` instead.
 fn assert_text(actual: &str, expected: &Path) -> Result<(), String> {
     if fs::read_to_string(expected).is_ok_and(|text| text == actual) {
         return Ok(());
@@ -75,7 +75,7 @@ fn what_is_no_file_of_text_is_refused_without_waiting() {
     let large = folder.path().join("large.toml");
     fs::write(&large, vec![b'#'; 10_000_001]).unwrap();
     let report = manifest::load(&large).unwrap_err().to_string();
-    assert!(report.contains("the file has more than 10000000 bytes"), "{report}");
+    assert!(report.contains("the file is larger than 10000000 bytes"), "{report}");
     #[cfg(unix)]
     {
         let report = manifest::load(Path::new("/dev/zero")).unwrap_err().to_string();
@@ -90,7 +90,14 @@ fn shipped() -> Vec<(&'static str, u64)> {
         ("experiments/readings.toml", 690),
         ("experiments/reference.toml", 324),
         ("experiments/trial.toml", 6),
+        ("experiments/bandits.toml", 860),
+        ("experiments/external/outside.toml", 21),
+        ("experiments/memory.toml", 1080),
+        ("experiments/bots/figure_1.toml", 140),
+        ("experiments/bots/figure_5.toml", 140),
+        ("experiments/bots/figure_5_readings.toml", 170),
         ("experiments/step_count.toml", 180),
+        ("experiments/population.toml", 40),
         ("experiments/paper/context_error.toml", 144),
         ("experiments/paper/disengagement.toml", 192),
         ("experiments/paper/hyperparameters.toml", 780),
@@ -112,10 +119,10 @@ fn every_shipped_manifest_is_valid_and_says_how_many_jobs_it_has() {
 
 #[test]
 fn every_manifest_of_experiments_is_tested_and_names_the_schema() {
-    for folder in ["experiments", "experiments/paper"] {
+    for folder in ["experiments", "experiments/paper", "experiments/bots", "experiments/external"] {
         for entry in fs::read_dir(folder).unwrap() {
             let path = entry.unwrap().path();
-            // Published numbers and queries are no manifests.
+            // Published numbers and queries are not manifests.
             let is_toml = path.extension().is_some_and(|extension| extension == "toml");
             if !is_toml || path.ends_with("published.toml") {
                 continue;
@@ -149,7 +156,7 @@ fn the_readings_differ_from_the_published_settings_in_one_thing_each() {
         assert!(from_the_text || !of_the_text, "{agent} has the environment of the text");
         published += usize::from(differences == 0);
     }
-    // Three scenarios at one sigma, and one of them at two more.
+    // Three scenarios at one sigma, and one of these scenarios at two more sigmas.
     assert_eq!(published, 2 * (3 + 2) * 10, "two agents, ten seeds");
 }
 
@@ -216,7 +223,7 @@ fn the_manifests_of_the_reference_are_valid() {
     }
 }
 
-/// Steps of a linear congruential generator (Knuth's MMIX constants): the same ones every time.
+/// A linear congruential generator (Knuth's MMIX constants): the same numbers every time.
 struct Draws(u64);
 
 impl Draws {
@@ -287,7 +294,7 @@ fn no_mutation_of_a_manifest_makes_the_reader_panic() {
     assert!(valid > 100, "only {valid} mutations were valid: the mutations are too coarse");
 }
 
-/// What `work` returns; fails if it takes so long that it may as well never end.
+/// The result of `work`; fails if the work takes unreasonably long.
 #[track_caller]
 fn within_patience<T: Send + 'static>(what: &str, work: impl FnOnce() -> T + Send + 'static) -> T {
     const PATIENCE: Duration = Duration::from_secs(60);
@@ -318,11 +325,11 @@ fn deep_or_repetitive_texts_are_refused_and_do_not_hang() {
     }
 }
 
-/// An analysis of each kind that asks for much.
+/// Analyses that demand much work.
 const CURVE: &str = "name = NAME\nkind = \"curve\"";
 const SELECTION: &str = "name = NAME\nkind = \"selection\"\nreporting_seeds = 10_000_000";
 
-/// A manifest of few bytes that asks for a great deal: of agents, and of the tables in `rest`.
+/// A small manifest that demands much work from its agents and from the tables in `rest`.
 fn small_bomb(top: &str, environment: &str, agents: usize, rest: &str) -> String {
     let agents: String = (0..agents)
         .map(|i| format!("[[agent]]\nname = \"{i}\"\nalgorithm = \"reinforce\"\n"))
@@ -347,11 +354,10 @@ fn small_manifests_that_ask_for_too_much_are_refused_before_it_is_done() {
         .map(|(section, key)| format!("\"{section}.{key}\""))
         .collect();
     let zips = vec![format!("[{}]", names.join(", ")); 1000].join(", ");
-    let (values, jobs) =
-        ("have at most 2000000 values in all", "jobs, at most 10000000 are possible");
+    let (values, jobs) = ("have at most 2000000 values in all", "jobs; the maximum is 10000000");
     let comparisons = |of: &str| format!("the {of} need ");
     let bombs = [
-        // Values of ranges: in the grid, in what exclusions list, and in what analyses list.
+        // Values of ranges: in the grid, in exclusions, and in analyses.
         (
             values.to_owned(),
             small_bomb(
@@ -377,14 +383,14 @@ fn small_manifests_that_ask_for_too_much_are_refused_before_it_is_done() {
             ),
         ),
         (values.to_owned(), small_bomb("seeds = 1", "sigma = 1", 1, &each("analysis", SELECTION))),
-        // Jobs: of one agent, and of many.
+        // Jobs: of one agent, and of many agents.
         (jobs.to_owned(), small_bomb("seeds = 10_000_000", &format!("sigma = {million}"), 1, "")),
         (
             jobs.to_owned(),
             small_bomb("seeds = 1000", "sigma = { from = 0, to = 1, count = 101 }", 1000, ""),
         ),
-        // Comparisons: cells with exclusions, places of an axis with exclusions, agents with the
-        // values that conditions list, and analyses with the values of the grid.
+        // Comparisons: cells with exclusions, places of an axis with exclusions, agents with the values
+        // in conditions, and analyses with the values of the grid.
         (
             comparisons("exclusions"),
             small_bomb(
@@ -425,11 +431,11 @@ fn small_manifests_that_ask_for_too_much_are_refused_before_it_is_done() {
             ),
         ),
         (
-            "is in another zip already".to_owned(),
+            "is already in another zip".to_owned(),
             small_bomb(&format!("seeds = 1\nzip = [{zips}]"), "sigma = 1", 1, ""),
         ),
     ];
-    // Each limit is on work that is not begun when it would be passed.
+    // Each limit is checked before the work that would exceed it begins.
     for (number, (reason, text)) in bombs.iter().enumerate() {
         assert!(text.len() < 2_000_000);
         let report = manifest::parse("bomb", text.as_bytes()).unwrap_err().to_string();
@@ -447,7 +453,8 @@ fn parsed(text: &str) -> Manifest {
     manifest::parse("test", text.as_bytes()).unwrap()
 }
 
-/// The first job of a manifest, its canonical form and its key under the first versions of the code.
+/// Asserts the canonical form and the key of a manifest's first job, under the first versions of the
+/// code.
 fn assert_first_job(text: &str, canonical: &str, key: &str) {
     let job = &jobs_of(text)[0].job;
     assert_eq!(job.canonical(), canonical);

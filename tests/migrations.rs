@@ -1,5 +1,6 @@
-//! The migrations, replayed as a store lived through them: each is followed by sample rows of its
-//! version (`tests/data/migrations/NNNN.sql`), and the next one has to cope with those.
+//! The migrations, replayed on a store with data: sample rows of each version
+//! (`tests/data/migrations/NNNN.sql`) follow its migration, and the next migration must handle these
+//! rows.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,7 +8,7 @@ use std::path::{Path, PathBuf};
 use jitai::store::{Reader, SCHEMA_VERSION, Store};
 use rusqlite::Connection;
 
-/// The migrations' files, in their order.
+/// The files of the migrations, in order.
 fn migrations() -> Vec<PathBuf> {
     let mut files: Vec<PathBuf> = fs::read_dir(root().join("migrations"))
         .unwrap()
@@ -22,8 +23,8 @@ fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// A store that began at version 1 and went through every version up to `last`, with sample rows
-/// of each.
+/// A store that began at version 1 and went through every version up to `last`, with sample rows of
+/// each version.
 fn replay(path: &Path, last: usize) -> Connection {
     let connection = Connection::open(path).unwrap();
     connection.execute_batch("PRAGMA journal_mode = WAL").unwrap();
@@ -46,7 +47,7 @@ fn replay(path: &Path, last: usize) -> Connection {
     connection
 }
 
-/// A migration that is killed at any of its writes: its journal lies beside the file, unfinished.
+/// A migration killed at any of its writes leaves an incomplete write-ahead log beside the file.
 #[test]
 fn a_migration_that_was_interrupted_is_undone_and_done_again() {
     let folder = tempfile::tempdir().unwrap();
@@ -62,7 +63,7 @@ fn a_migration_that_was_interrupted_is_undone_and_done_again() {
         )
         .unwrap();
     let log = fs::read(folder.path().join("a.sqlite-wal")).unwrap();
-    // Without its last bytes the log holds no end of the transaction.
+    // Without its last bytes, the log does not contain the end of the transaction.
     for cut in (0..log.len()).step_by(509).chain([log.len() - 1]) {
         let copy = folder.path().join(format!("cut-{cut}.sqlite"));
         fs::write(&copy, &main).unwrap();
@@ -74,8 +75,8 @@ fn a_migration_that_was_interrupted_is_undone_and_done_again() {
     }
 }
 
-/// Stores as earlier versions wrote them, `tests/data/stores/v<schema>-<release>.sqlite`, and one of
-/// this version, which is made here.
+/// Stores that earlier versions wrote, `tests/data/stores/v<schema>-<release>.sqlite`, and a store of
+/// this version, which the test creates.
 #[test]
 fn the_stores_of_all_versions_are_migrated_after_a_backup_and_read() {
     let folder = tempfile::tempdir().unwrap();

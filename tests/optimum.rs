@@ -1,16 +1,16 @@
-//! The optimum and the reference rules against simulated episodes.
+//! Compares the optimum and the reference rules with simulated episodes.
 
 use jitai::agent::RulePolicy;
 use jitai::agent::{Agent, DecisionRule, RuleParameters};
 use jitai::env::{Action, PhysicalActivity};
-use jitai::env::{Environment, FirstContext, Scenario};
+use jitai::env::{Environment, FirstContext, Population, Scenario};
 use jitai::manifest::Evaluation;
 use jitai::optimum::optimum;
 use jitai::plan::Job;
 use jitai::record::{Outcome, Results};
 use jitai::train::{self, RollStreams, StepObserver, Uncontrolled};
 
-/// Returns of episodes while they are rolled.
+/// The returns of episodes, collected while the episodes are rolled.
 struct Returns(Vec<f64>);
 
 impl StepObserver<PhysicalActivity> for Returns {
@@ -21,7 +21,7 @@ impl StepObserver<PhysicalActivity> for Returns {
     }
 }
 
-/// Mean return of a rule in so many episodes, and its standard error.
+/// The mean return of a rule in this number of episodes, and its standard error.
 fn simulated(
     rule: DecisionRule,
     environment: &Environment,
@@ -48,7 +48,7 @@ fn the_optimal_policy_reaches_the_optimum_in_a_hundred_thousand_episodes() {
             let is_certain = scenario.starts_with('C');
             let scenario: Scenario = scenario.parse().unwrap();
             let best = optimum(&environment, &scenario).unwrap().mean_return;
-            // C-H-D leaves nothing to chance.
+            // C-H-D is deterministic.
             let lanes = if is_certain { 10 } else { 100_000 };
             let [mean, error] = simulated(DecisionRule::Optimal, &environment, &scenario, lanes);
             assert!((mean - best).abs() < 4.0 * error + 0.1, "{scenario} {sigma}: {mean} {best}");
@@ -89,7 +89,7 @@ fn no_rule_is_better_than_the_optimal_one() {
         let [mean, error] = simulated(rule, &environment, &scenario, 2000);
         assert!(mean < best - 4.0 * error, "{rule:?}: {mean} {best}");
     }
-    // Nothing but the baseline of fifty steps.
+    // Without messages, each of the fifty steps pays the baseline of 0.1.
     let [mean, error] = simulated(DecisionRule::Never, &environment, &scenario, 10);
     assert!((mean - 5.0).abs() < 1e-9 && error < 1e-9, "{mean}");
 }
@@ -97,6 +97,7 @@ fn no_rule_is_better_than_the_optimal_one() {
 fn tested(rule: DecisionRule, scenario: &str) -> Results {
     let job = Job {
         environment: Environment::paper(0.6),
+        population: Population::default(),
         scenario: scenario.parse().unwrap(),
         agent: Agent::of(&RuleParameters::new(rule)),
         evaluation: Evaluation::default(),
@@ -115,7 +116,7 @@ fn a_rule_is_tested_like_any_agent_and_learns_nothing() {
     assert_eq!(results.weights, None);
     assert_eq!(tested(DecisionRule::Tailored, "P"), results, "what it goes by is the same");
     assert_ne!(tested(DecisionRule::Tailored, "C"), results);
-    // The contexts of the test are the same whoever acts: common random numbers.
+    // The contexts of the test do not depend on the policy: common random numbers.
     let contexts = |results: &Results| {
         let of_zero = results.actions.iter().filter(|choice| choice.context == 0);
         of_zero.map(|choice| choice.count).sum::<u64>()

@@ -1,4 +1,4 @@
-//! The simulation against trajectories of the authors' own simulator.
+//! Compares the simulation with trajectories of the authors' simulator.
 
 use jitai::env::{
     Action, ContextDraw, Environment, EpisodeStatus, LaneSet, LaneStreams, PhysicalActivity,

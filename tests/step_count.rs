@@ -1,5 +1,5 @@
-//! The simulation against the official simulator of StepCountJITAI: trajectories of its deterministic
-//! version, and moments of a step of its stochastic versions.
+//! Compares the simulation with the official simulator of StepCountJITAI: trajectories of its
+//! deterministic version, and moments of a step of its stochastic versions.
 
 use jitai::env::{
     Action, ContextDraw, DisengagementReward, Environment, EpisodeStatus, FirstContext, LaneSet,
@@ -9,7 +9,7 @@ use jitai::key::Keyed;
 use jitai::rng::{Purpose, Stream};
 use serde_json::{Map, Value};
 
-/// The environment of the preset `step_count_jitai`, with a recording's parameters.
+/// The environment of the preset `step_count_jitai`, with the parameters of a recording.
 fn official(sigma: f64, parameters: &Map<String, Value>) -> Environment {
     let text = format!(
         "format = 1\nextends = \"step_count_jitai\"\nname = \"t\"\nscenarios = [\"C\"]\n\
@@ -76,7 +76,7 @@ fn every_value_of_the_official_trajectories_is_repeated_exactly() {
         let disengaged = lane.statuses()[0] == EpisodeStatus::Terminated;
         assert_eq!(disengaged, case["disengaged"].as_bool().unwrap(), "case {place}");
         if !disengaged {
-            // The horizon is reached, and the call after it pays nothing and ends the episode.
+            // The horizon is reached; the next call pays nothing and ends the episode.
             assert_eq!(lane.statuses()[0], EpisodeStatus::Running, "case {place}");
             let mut reward = [f64::NAN];
             lane.apply_actions(&[Action::UNTAILORED], &mut reward);
@@ -88,7 +88,7 @@ fn every_value_of_the_official_trajectories_is_repeated_exactly() {
 const LANES: usize = 1000;
 const DRAWS: usize = 1_000_000;
 
-/// What steps from a forced state lead to.
+/// The outcomes of steps from a forced state.
 #[derive(Default)]
 struct Sample {
     habituation: Vec<f64>,
@@ -132,8 +132,8 @@ fn sample(cell: &Value, seed: u64) -> Sample {
     sample
 }
 
-/// Compares a number of ours with theirs in standard errors of the difference; ours has a share of their
-/// standard error. The file has ten digits, and numbers below 1e-200 are 0 for both.
+/// Compares our number with theirs, in standard errors of the difference. The file has ten digits, and
+/// numbers below 1e-200 count as 0.
 fn compare(what: &str, ours: f64, theirs: f64, error_of_theirs: f64, error_of_ours: f64) {
     let joint = error_of_theirs.hypot(error_of_ours);
     let close = 1e-9 * theirs.abs() + 1e-200;
@@ -144,7 +144,8 @@ fn compare(what: &str, ours: f64, theirs: f64, error_of_theirs: f64, error_of_ou
 }
 
 fn compare_all(what: &str, draws: &mut [f64], theirs: &Value, levels: &[Value]) {
-    // As sizes of samples: standard errors fall with their roots.
+    // Our standard error relative to theirs: standard errors fall with the square root of the sample
+    // size.
     let share = (20_000.0 / DRAWS as f64).sqrt();
     let law = &theirs["law"];
     let n = draws.len() as f64;
@@ -181,13 +182,13 @@ fn moments_and_quantiles_of_a_step_are_those_of_the_official_code_and_of_the_for
         let error = number(ended, "share_se");
         let ours_error = error * (20_000.0 / DRAWS as f64).sqrt();
         compare(&what("ended"), share, number(ended, "share"), error, ours_error);
-        // A share so small that none is expected has an error of its own.
+        // If the share is so small that no end is expected, the share itself serves as its error.
         let law = number(ended, "law");
         compare(&what("ended by the law"), share, law, 0.0, ours_error.max(law));
     }
 }
 
-/// Contexts and shown probabilities of context 0, \[time, lanes\], where nothing is ever sent.
+/// Contexts and shown probabilities of context 0, \[time, lanes\], if no message is ever sent.
 fn contexts(environment: &Environment, steps: usize) -> Vec<Vec<ContextDraw>> {
     let mut lanes = PhysicalActivity::new(environment, &"C".parse().unwrap(), LANES);
     let mut streams = LaneStreams::Shared(Stream::new(5, Purpose::Environment));
@@ -214,7 +215,8 @@ fn contexts_have_their_share_their_correlation_and_calibrated_probabilities() {
     let n = (400 * LANES) as f64;
     let draws = || steps.iter().flatten();
     let share = draws().map(|draw| f64::from(draw.context)).sum::<f64>() / n;
-    // Neighbours are correlated: the variance of the mean is (1 + r) / (1 - r) times as large.
+    // Neighbouring contexts are correlated: the variance of the mean is (1 + r) / (1 - r) times as
+    // large.
     let error = (0.21 / n * 1.6 / 0.4).sqrt();
     assert!((share - 0.3).abs() < 4.0 * error, "{share}");
     for apart in 1..4_usize {
@@ -228,7 +230,7 @@ fn contexts_have_their_share_their_correlation_and_calibrated_probabilities() {
         let expected = 0.6_f64.powi(apart as i32);
         assert!((correlation - expected).abs() < 0.01, "{apart}: {correlation} {expected}");
     }
-    // Among the steps at which context 1 has the probability p, it holds in a share p of them.
+    // Among the steps at which context 1 has probability p, a share p has context 1.
     for bin in 0..10 {
         let inside = |draw: &&ContextDraw| {
             ((1.0 - draw.probability_of_zero) * 10.0).floor().min(9.0) == f64::from(bin)
@@ -269,7 +271,8 @@ fn a_message_can_be_sent_with_its_probability_from_the_first_step_on() {
     }
 }
 
-/// The official code's noise of habituation tells later contexts, with an agreement of up to 1.
+/// In the official code, the noise of habituation predicts later contexts, with an agreement of up to
+/// 1. Here, the noise agrees with a context in half of the episodes, as independent values do.
 #[test]
 fn noise_tells_nothing_of_any_context() {
     const STEPS: usize = 14;
@@ -323,7 +326,7 @@ fn steps_by_hand_beyond_the_paper() {
         let mut seen = lane.observation_spec().observations();
         for action in actions {
             let mut reward = [0.0];
-            // Context 0 stays.
+            // Applying actions leaves the context at 0.
             lane.apply_actions(&[Action::from_index(*action).unwrap()], &mut reward);
             rewards.push((reward[0], lane.outcomes(&reward)[0]));
         }
@@ -331,20 +334,21 @@ fn steps_by_hand_beyond_the_paper() {
         (rewards, seen.row(0).to_vec())
     };
     let paper = || Environment::paper(0.0);
-    // The letters before the first step.
+    // The observed features before the first step.
     let (_, seen) = take(paper(), &[]);
     assert_eq!(seen, [1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.001]);
-    // A message costs 7, and counts for the return as if it did not; of a budget of 2, one is left.
+    // A message costs 7, which the return does not include; one message of a budget of 2 is left.
     let priced = Environment { message_cost: 7.0, message_budget: 2, ..paper() };
     let (rewards, seen) = take(priced.clone(), &[2]);
     close(rewards[0].0, 0.1 + 0.85 * 200.0 - 7.0);
     close(rewards[0].1, 0.1 + 0.85 * 200.0);
     assert_eq!(seen, [1.0, 0.5, 0.0, 0.0, 1.0, 0.0, 1.701]);
-    // The third message is not sent: action 0 is taken, costs nothing, and lets habituation decay.
+    // The third message exceeds the budget: action 0 is taken, costs nothing, and lets habituation
+    // decay.
     let (rewards, seen) = take(priced, &[2, 2, 2]);
     assert_eq!(rewards[2], (0.1, 0.1));
     assert_eq!(seen, [1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.001]);
-    // Three wrong messages disengage; the last pays rho_3 at habituation 0.25, or nothing.
+    // Three wrong messages disengage; the last one pays rho_3 at habituation 0.25, or nothing.
     let wrong = Environment { rho_3: -40.0, ..paper() };
     let (rewards, _) = take(wrong.clone(), &[3, 3, 3]);
     close(rewards[2].0, 0.1 - 0.75 * 40.0);
@@ -354,7 +358,7 @@ fn steps_by_hand_beyond_the_paper() {
     assert_eq!(rewards[2], (-1.0, 0.0));
     let (rewards, _) = take(Environment { steps_cut_at_zero: true, ..zero }, &[3, 3]);
     assert_eq!(rewards[1], (-1.0, 0.0));
-    // A horizon of 1 and an unpaid step after it.
+    // A horizon of 1, followed by an unpaid step.
     let unpaid = Environment { horizon: 1, unpaid_last_step: true, ..paper() };
     let (rewards, _) = take(unpaid, &[0, 1]);
     assert_eq!(rewards, [(0.1, 0.1), (0.0, 0.0)]);

@@ -5,25 +5,25 @@ use crate::env::{Action, LaneSet, PhysicalActivity, VectorEnvironment};
 use crate::rng::Stream;
 use crate::state::Resumable;
 
-/// What chooses actions in the episodes of an environment: a trained policy, a decision rule, or
-/// anything else. An actor may keep memory within an episode, such as a hidden state, or learn from
-/// what it observes, such as a posterior: [`Resumable`] saves this memory in checkpoints.
+/// Chooses actions in the episodes of an environment; for example a trained policy or a decision rule.
+/// An actor may keep memory within an episode, such as a hidden state, or learn, such as a posterior.
+/// [`Resumable`] saves this memory in checkpoints.
 ///
-/// Whoever rolls episodes calls [`Actor::reset`] for the lanes that begin an episode, then
-/// [`Actor::act`] before and [`Actor::observe`] after every step. The observations of a trained policy
-/// are those of [`VectorEnvironment::observe`]; an actor written for one environment may also read the
-/// state of that environment.
+/// The caller that rolls episodes calls [`Actor::reset`] for the lanes that start an episode, then
+/// [`Actor::act`] before and [`Actor::observe`] after every step. A trained policy reads the
+/// observations of [`VectorEnvironment::observe`]. An actor written for one environment may also read
+/// the state of that environment.
 pub trait Actor<Env: VectorEnvironment + ?Sized = PhysicalActivity>: Resumable + Send {
-    /// Forgets the episodes of these lanes, which begin new ones. Does nothing unless implemented.
+    /// Resets the memory of these lanes, which start new episodes. Does nothing by default.
     fn reset(&mut self, lanes: LaneSet<'_>) {
         let _ = lanes;
     }
 
-    /// Chooses an action for every lane, ended lanes included. If `probabilities` are asked for, they
-    /// become the probabilities with which the actions were drawn.
+    /// Chooses an action for every lane, ended lanes included. If `probabilities` are requested,
+    /// they receive the probabilities with which the actions were drawn.
     ///
-    /// **Shapes**: `actions` and `probabilities` are \[lanes\]. The stream is drawn from at most once
-    /// per lane, and never if nothing is random.
+    /// **Shapes**: `actions` and `probabilities` are \[lanes\]. Draws from the stream at most once
+    /// per lane, and not at all if nothing is random.
     fn act(
         &mut self,
         environment: &Env,
@@ -32,14 +32,14 @@ pub trait Actor<Env: VectorEnvironment + ?Sized = PhysicalActivity>: Resumable +
         probabilities: Option<&mut [f64]>,
     );
 
-    /// Sees the rewards of the step, \[lanes\], and the environment after the step with the status of
-    /// every lane. Does nothing unless implemented.
+    /// Sees the rewards of the step, \[lanes\], and the environment after the step with the status
+    /// of every lane. Does nothing by default.
     fn observe(&mut self, environment: &Env, rewards: &[f64]) {
         let _ = (environment, rewards);
     }
 }
 
-/// An observer for one call among several.
+/// Reborrows an optional observer, so that several calls can use it in turn.
 pub(super) fn reborrowed<'a, Env: ?Sized>(
     observer: &'a mut Option<&mut dyn StepObserver<Env>>,
 ) -> Option<&'a mut dyn StepObserver<Env>> {
@@ -51,13 +51,14 @@ pub(super) fn reborrowed<'a, Env: ?Sized>(
 
 /// Sees every step of episodes. Lanes that have ended are still shown; their statuses say so.
 pub trait StepObserver<Env: ?Sized> {
-    /// Sees the state before a step, and the actions with the probabilities with which they were
+    /// Sees the state before a step, the actions, and the probabilities with which they were
     /// chosen.
     ///
     /// **Shapes**: `actions` and `probabilities` are \[lanes\].
     fn chosen(&mut self, environment: &Env, actions: &[Action], probabilities: &[f64]);
 
-    /// Sees the state after the step, and the rewards, \[lanes\]: 0 in lanes that had ended.
+    /// Sees the state after the step and the rewards, \[lanes\]; lanes that had ended have reward
+    /// 0.
     fn paid(&mut self, environment: &Env, rewards: &[f64]);
 
     /// Whether a roll should stop before the next step.

@@ -1,4 +1,5 @@
-//! The kernels' engines against Burn's, and every instruction set against every other.
+//! Tests of the kernels' engines against Burn's engines, and of the instruction sets against each
+//! other.
 
 use crate::agent::burn::device;
 use crate::agent::dueling_dqn::DuelingDqnEngine;
@@ -14,7 +15,7 @@ use crate::env::{Action, Observations};
 use crate::kernel::Isa;
 use crate::rng::{Purpose, Stream};
 
-/// A case of random numbers: sizes that fill registers and sizes that do not.
+/// A random case. Some sizes fill whole registers, others do not.
 struct Case {
     layers: Vec<u32>,
     activation: Activation,
@@ -64,7 +65,7 @@ impl Case {
         (0..self.rows).map(|_| Action::from_low_bits(self.stream.bits())).collect()
     }
 
-    /// Numbers of the size of returns.
+    /// Random values of the magnitude of returns.
     fn returns(&mut self) -> Vec<f32> {
         (0..self.rows).map(|_| 100.0 * (1.0 + self.uniform())).collect()
     }
@@ -102,8 +103,8 @@ impl Case {
     }
 }
 
-/// Every array is off by at most 1e-3 of its length as a vector. Single weights may be off by more:
-/// Adam makes whole steps of gradients that are next to nothing.
+/// Asserts that every array is off by at most 1e-3 of its norm. Single weights may be off by more,
+/// because Adam makes full steps even for gradients near 0.
 fn assert_arrays_close(ours: &Weights, theirs: &Weights, what: &str) {
     for (name, tensor) in &ours.tensors {
         let expected = &theirs.tensors[name].values;

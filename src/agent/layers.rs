@@ -1,9 +1,10 @@
-//! Names, sizes and first weights of the networks' layers, whichever engine computes them.
+//! Names, sizes and initial weights of the networks' layers, independent of the engine.
 
 use crate::agent::memory::{self, OutOfMemory};
 use crate::agent::weights::{Tensor, Weights};
-use crate::agent::{DuelingDqn, Reinforce, Trunk};
+use crate::agent::{DuelingDqn, Ppo, Recurrent as Memory, Reinforce, Trunk};
 use crate::env::Action;
+use crate::kernel::GATES;
 use crate::rng::{Purpose, Stream};
 
 /// Name and size of a linear layer.
@@ -24,7 +25,7 @@ impl Layer {
     }
 }
 
-/// Hidden layers, input side first, and the linear heads on the last of them.
+/// Hidden layers, input side first, and linear heads on the last hidden layer.
 #[derive(Clone, Debug)]
 pub(super) struct Stack {
     pub(super) hidden: Vec<Layer>,
@@ -52,7 +53,8 @@ impl Stack {
     }
 }
 
-/// The stacks of a dueling network: one with both heads, or one for each, the value's first.
+/// The stacks of a dueling network: one stack with both heads, or one stack per head, the value's
+/// first.
 pub(super) fn dueling(parameters: &DuelingDqn, inputs: usize) -> Vec<Stack> {
     let (value, advantage) = (("value", 1), ("advantage", Action::COUNT));
     let stack = |name, heads: &[_]| Stack::new(name, inputs, &parameters.layers, heads);
@@ -69,18 +71,105 @@ pub(super) fn policy(parameters: &Reinforce, inputs: usize) -> Stack {
     Stack::new("trunk", inputs, &parameters.layers, &[("logits", Action::COUNT)])
 }
 
-/// Numbers that the layers of stacks have, weights and biases.
-pub(super) fn weights(stacks: &[Stack]) -> usize {
-    let layers = stacks.iter().flat_map(|stack| stack.hidden.iter().chain(&stack.heads));
-    layers.map(|layer| (layer.inputs + 1) * layer.outputs).sum()
+/// The stacks of actor and critic, which share no layers; the actor's first.
+pub(super) fn actor_critic(parameters: &Ppo, inputs: usize) -> [Stack; 2] {
+    let stack = |name, head| Stack::new(name, inputs, &parameters.layers, &[head]);
+    [stack("policy_trunk", ("logits", Action::COUNT)), stack("value_trunk", ("value", 1))]
 }
 
-/// Why engines take the weights that [`initial`] gives.
+/// Hidden layers around a GRU, and two linear heads that share all of them.
+#[derive(Clone, Debug)]
+pub(super) struct Recurrent {
+    /// Hidden layers in front of the GRU, input side first; at least one.
+    pub(super) before: Vec<Layer>,
+    /// The linear layers of the GRU's gates on the input and on the state. Each has the outputs of
+    /// the reset gate, the update gate and the candidate state side by side.
+    pub(super) gru: [Layer; 2],
+    /// Hidden layers behind the GRU.
+    pub(super) after: Vec<Layer>,
+    /// One output per action, and one for the state value.
+    pub(super) heads: [Layer; 2],
+}
+
+/// Widths of hidden layers, the number of them in front of the GRU, and the units of the GRU.
+struct Around<'p>(&'p [u32], u32, u32);
+
+impl Recurrent {
+    /// The layers of an actor-critic with a GRU.
+    pub(super) fn actor_critic(parameters: &Ppo, inputs: usize) -> Self {
+        let Ppo { layers, layers_before_gru, units, .. } = parameters;
+        Recurrent::new(Around(layers, *layers_before_gru, *units), inputs, "logits")
+    }
+
+    /// The layers of a dueling network with a GRU.
+    pub(super) fn dueling(parameters: &DuelingDqn, inputs: usize) -> Self {
+        let DuelingDqn { layers, layers_before_gru, units, .. } = parameters;
+        Recurrent::new(Around(layers, *layers_before_gru, *units), inputs, "advantage")
+    }
+
+    fn new(Around(layers, before, units): Around<'_>, inputs: usize, of_actions: &str) -> Self {
+        let (before, after) = layers.split_at(layers.len().min(before as usize));
+        let units = units as usize;
+        let before = Stack::new("trunk", inputs, before, &[]).hidden;
+        let last = before.last().map_or(inputs, |layer| layer.outputs);
+        let heads = [(of_actions, Action::COUNT), ("value", 1)];
+        let after = Stack::new("trunk_after", units, after, &heads);
+        let gate =
+            |name: &str, inputs| Layer { name: name.to_owned(), inputs, outputs: GATES * units };
+        Recurrent {
+            before,
+            gru: [gate("gru_input", last), gate("gru_hidden", units)],
+            after: after.hidden,
+            heads: after.heads.try_into().expect("two heads were given"),
+        }
+    }
+
+    /// All layers, input side first.
+    pub(super) fn layers(&self) -> impl Iterator<Item = &Layer> {
+        self.before.iter().chain(&self.gru).chain(&self.after).chain(&self.heads)
+    }
+}
+
+/// All layers of PPO's networks, in the order in which their weights are drawn.
+pub(super) fn ppo(parameters: &Ppo, inputs: usize) -> Vec<Layer> {
+    match parameters.recurrent {
+        Memory::None => {
+            let stacks = actor_critic(parameters, inputs);
+            let hidden = stacks.iter().flat_map(|stack| &stack.hidden);
+            hidden.chain(stacks.iter().flat_map(|stack| &stack.heads)).cloned().collect()
+        }
+        Memory::Gru => Recurrent::actor_critic(parameters, inputs).layers().cloned().collect(),
+    }
+}
+
+/// All layers of a dueling network, in the order in which their weights are drawn.
+pub(super) fn dueling_layers(parameters: &DuelingDqn, inputs: usize) -> Vec<Layer> {
+    match parameters.recurrent {
+        Memory::None => {
+            let stacks = dueling(parameters, inputs);
+            let hidden = stacks.iter().flat_map(|stack| &stack.hidden);
+            hidden.chain(stacks.iter().flat_map(|stack| &stack.heads)).cloned().collect()
+        }
+        Memory::Gru => Recurrent::dueling(parameters, inputs).layers().cloned().collect(),
+    }
+}
+
+/// Number of weights and biases of layers.
+pub(super) fn numbers<'l>(layers: impl IntoIterator<Item = &'l Layer>) -> usize {
+    layers.into_iter().map(|layer| (layer.inputs + 1) * layer.outputs).sum()
+}
+
+/// Number of weights and biases of the layers of stacks.
+pub(super) fn weights(stacks: &[Stack]) -> usize {
+    numbers(stacks.iter().flat_map(|stack| stack.hidden.iter().chain(&stack.heads)))
+}
+
+/// Why engines accept the weights from [`initial`].
 pub(super) const DRAWN: &str = "the weights were drawn for this network";
 
-/// The weights before training, drawn from the seed's own stream.
+/// The initial weights, drawn from the seed's own stream.
 ///
-/// **Errors**: there is no memory for so many copies of the network's weights.
+/// **Errors**: there is not enough memory for `copies` copies of the network's weights.
 pub(super) fn initial(stacks: &[Stack], copies: usize, seed: u64) -> Result<Weights, OutOfMemory> {
     memory::require(copies * size_of::<f32>() * weights(stacks), "the network")?;
     Ok(draw(stacks, &mut Stream::new(seed, Purpose::InitialWeights)))
@@ -106,8 +195,8 @@ pub(super) fn draw(stacks: &[Stack], stream: &mut Stream) -> Weights {
     weights
 }
 
-/// Matrices before training, one after the other and each row by row: uniform in ±1/sqrt(rows), from
-/// the seed's own stream.
+/// Initial matrices, concatenated in row-major order: uniform in ±1/sqrt(rows), drawn from the
+/// seed's own stream.
 pub(super) fn draw_matrices(shapes: &[[usize; 2]], seed: u64) -> Vec<f32> {
     let mut stream = Stream::new(seed, Purpose::InitialWeights);
     let mut values = Vec::new();

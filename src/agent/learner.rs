@@ -11,22 +11,27 @@ use crate::state::{Resumable, StateError, StateReader, StateWriter};
 /// A training episode that has just ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TrainedEpisode {
+    /// Number of the episode in the order in which episodes began, from 1. Episodes that began
+    /// together are numbered by lane. `None` from a learner that reports episodes in this order
+    /// anyway.
+    pub number: Option<u32>,
     /// Undiscounted return, in steps walked.
     pub total_reward: f64,
-    /// Steps of the simulation.
+    /// Number of steps of the simulation.
     pub length: u32,
-    /// Whether it ended in a terminal state.
+    /// Whether the episode ended in a terminal state.
     pub terminated: bool,
-    /// Sum of the losses of the updates since the episode before.
+    /// Sum of the losses of the updates since the previous episode.
     pub loss_sum: f64,
     /// Number of those updates.
     pub updates: u32,
-    /// Exploration rate at its end, where the algorithm has one.
+    /// Exploration rate at the end of the episode, if the algorithm has one.
     pub epsilon: Option<f64>,
 }
 
 impl Resumable for TrainedEpisode {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        out.many(self.number.as_slice())?;
         out.one(self.total_reward)?;
         out.one(self.length)?;
         out.one(u8::from(self.terminated))?;
@@ -37,6 +42,7 @@ impl Resumable for TrainedEpisode {
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         *self = TrainedEpisode {
+            number: from.many(1, "numbers of an episode")?.first().copied(),
             total_reward: from.one()?,
             length: from.one()?,
             terminated: from.one::<u8>()? != 0,
@@ -48,23 +54,32 @@ impl Resumable for TrainedEpisode {
     }
 }
 
-/// A loss that became infinite or not a number.
+/// A loss that became infinite or NaN.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("the loss of update {update} is {loss}")]
 pub struct Diverged {
-    /// Updates made, this one included.
+    /// Number of updates, this one included.
     pub update: u64,
     /// The loss.
     pub loss: f32,
 }
 
-/// Why a training cannot go on.
+/// Why a training failed.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum LearnerError {
-    /// Its loss is of no use.
+    /// The loss or a weight is not finite.
     #[error(transparent)]
     Diverged(#[from] Diverged),
-    /// There is no memory for what it has to remember.
+    /// A regression has no posterior in floating-point arithmetic.
+    #[error(
+        "after {steps} steps the precision of a regression is not positive definite; choose a \
+         prior_sd closer to noise_sd"
+    )]
+    Singular {
+        /// Number of steps learned from.
+        steps: u64,
+    },
+    /// There is not enough memory.
     #[error(transparent)]
     OutOfMemory(#[from] OutOfMemory),
 }
@@ -72,20 +87,20 @@ pub enum LearnerError {
 /// How a span of training ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Span {
-    /// At its end.
+    /// The span was completed.
     Whole,
-    /// Broken off, because a pause was asked for.
+    /// The span was suspended, because a pause was requested.
     BrokenOff,
 }
 
-/// An agent in training. Its state can be written down whenever it is not at work.
+/// An agent in training. Its state can be saved between two calls.
 pub trait Learner<Env: VectorEnvironment = PhysicalActivity>: Resumable {
     /// Trains for the shortest span the algorithm has (an episode, or the episodes of one update)
-    /// and appends the episodes that ended. `pause` is asked at every step; once it says yes the
-    /// span is broken off, and the next call goes on with it, to the same bits. An `observer` sees
-    /// every step and changes nothing.
+    /// and appends the episodes that ended. `pause` is called at every step. When it returns true,
+    /// the span is suspended, and the next call resumes it with bit-identical results. An
+    /// `observer` sees every step and changes nothing.
     ///
-    /// **Errors**: the loss is not finite, or memory is short; the learner is then of no further use.
+    /// **Errors**: as [`LearnerError`]. The learner cannot be used afterwards.
     fn advance(
         &mut self,
         finished: &mut Vec<TrainedEpisode>,
@@ -93,7 +108,7 @@ pub trait Learner<Env: VectorEnvironment = PhysicalActivity>: Resumable {
         pause: &dyn Fn() -> bool,
     ) -> Result<Span, LearnerError>;
 
-    /// Trains until at least so many more episodes have ended, and returns them.
+    /// Trains until at least `episodes` more episodes have ended, and returns them.
     ///
     /// **Errors**: as [`Learner::advance`].
     fn train(&mut self, episodes: usize) -> Result<Vec<TrainedEpisode>, LearnerError> {
@@ -104,18 +119,18 @@ pub trait Learner<Env: VectorEnvironment = PhysicalActivity>: Resumable {
         Ok(finished)
     }
 
-    /// The policy as it would act now in training, or greedily.
+    /// The current policy, with the exploration of training or greedy.
     fn policy(&self, actions: Actions) -> Box<dyn Actor<Env>>;
 
-    /// The weights as they are now.
+    /// The current weights.
     fn weights(&self) -> Weights;
 }
 
-/// How a trained agent chooses.
+/// How a trained agent chooses actions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Actions {
-    /// As in training: with its exploration.
+    /// As in training, with exploration.
     AsTrained,
-    /// The best action, always.
+    /// Always the best action.
     Greedy,
 }

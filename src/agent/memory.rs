@@ -1,25 +1,25 @@
-//! Memory that may not be there, asked for so that the answer can be no.
+//! Fallible allocation of memory.
 //!
-//! In: how much more is wanted, and for what. Out: room for it, or [`OutOfMemory`], with which one
-//! job fails. What is asked for in any other way ends the process when there is none; so what grows
-//! while a job trains, and its network, is asked for here first.
+//! In: an amount and its purpose. Out: reserved memory, or [`OutOfMemory`], which fails one job.
+//! Any other failed allocation ends the process. The network of a job and all data that grow during
+//! training are therefore reserved here first.
 
-/// Memory that a training needs and that is not there.
+/// Memory that a training needs and cannot allocate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("there is no memory for {what}: it needs at least {bytes} bytes")]
+#[error("out of memory for {what}, which needs at least {bytes} bytes")]
 pub struct OutOfMemory {
-    /// What it is for.
+    /// What the memory is for.
     pub what: &'static str,
-    /// Bytes that this would take, with what it has.
+    /// Bytes needed in total, including those already allocated.
     pub bytes: usize,
 }
 
-/// Room for so many more values, and for twice as many as there are if it has to grow.
+/// Reserves room for `more` values. A vector that has to grow at least doubles its capacity.
 pub fn reserve<T>(values: &mut Vec<T>, more: usize, what: &'static str) -> Result<(), OutOfMemory> {
     values.try_reserve(more).map_err(|_| out_of(values, more, what))
 }
 
-/// Room for so many more values.
+/// Reserves room for exactly `more` values.
 pub fn reserve_exact<T>(
     values: &mut Vec<T>,
     more: usize,
@@ -28,8 +28,8 @@ pub fn reserve_exact<T>(
     values.try_reserve_exact(more).map_err(|_| out_of(values, more, what))
 }
 
-/// Fails unless so many bytes could be had now. They are given back: it is for whoever asks for
-/// them soon, in pieces, and could not go on without one.
+/// Checks that `bytes` bytes can be allocated now, and frees them again. It serves callers that
+/// then allocate this amount in pieces and cannot handle the failure of a single piece.
 pub(super) fn require(bytes: usize, what: &'static str) -> Result<(), OutOfMemory> {
     reserve_exact(&mut Vec::<u8>::new(), bytes, what)
 }

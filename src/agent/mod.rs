@@ -1,29 +1,40 @@
 //! The algorithms: how agents learn and how they act.
 //!
-//! In: hyper-parameters, a [`crate::env::VectorEnvironment`], named random streams. Out: trained episodes, actors
-//! and weights. There is one file per algorithm, written against a trait for the engine that computes
-//! its network: `fused` with kernels, `burn` with Burn modules and automatic differentiation. A
-//! [`Learner`] is an algorithm on an engine in training. An [`Actor`] chooses the actions of
-//! episodes: trained networks and decision rules are actors, and rollouts know nothing else. The
-//! registry holds every [`Algorithm`]: name, version, keys, constraints and constructor; an
-//! [`Agent`] is one of them with values of its keys. The module knows no job key, no store and no
-//! file.
+//! In: hyper-parameters, a [`crate::env::VectorEnvironment`], named random streams. Out: trained
+//! episodes, actors and weights. Each algorithm has its own file, written against a trait for the
+//! engine that computes its network: `fused` with kernels, `burn` with Burn modules and automatic
+//! differentiation. A [`Learner`] is an algorithm in training on an engine. An [`Actor`] chooses
+//! the actions of episodes. Trained networks and decision rules are actors, and rollouts depend
+//! only on this trait. The registry holds every [`Algorithm`]: name, version, keys, constraints and
+//! constructor. An [`Agent`] is an algorithm with values of its keys. The module knows no job keys,
+//! no store and no files.
 //!
-//! Burn's own random generator is global to the process, so nothing here may draw from it: weights
-//! are drawn from the job's stream and set.
+//! Burn's own random generator is global to the process, so nothing here may draw from it. Weights
+//! are drawn from the job's stream and then set.
 
 mod actor;
+mod architecture;
 mod burn;
 mod constraint;
 mod dueling_dqn;
 #[cfg(test)]
 mod engine_tests;
+mod external;
 mod fused;
 mod layers;
 mod learner;
+mod linear_thompson;
 mod memory;
 mod network;
+mod orthogonal;
 mod policy;
+mod ppo;
+#[cfg(test)]
+mod ppo_tests;
+#[cfg(test)]
+mod recurrent_dqn_tests;
+#[cfg(test)]
+mod recurrent_tests;
 #[cfg(test)]
 mod reference_tests;
 mod registry;
@@ -33,21 +44,40 @@ mod rule;
 mod weights;
 
 pub use actor::{Actor, StepObserver};
+pub use architecture::{Architecture, Choice, StackNames};
 pub use burn::device::{backend_name, inference as inference_device, training as training_device};
 pub use burn::{
-    AutodiffPolicy, BurnDuelingDqn, BurnReinforce, DuelingQNetwork, PolicyGradient, PolicyNetwork,
+    ActorCritic, AutodiffPolicy, BurnActorCritic, BurnDuelingDqn, BurnPpo, BurnRecurrentDqn,
+    BurnReinforce, DuelingQNetwork, PolicyGradient, PolicyNetwork, RecurrentActorCritic,
+    RecurrentDuelingQNetwork,
 };
 pub use burn::{column as action_tensor, input as observation_tensor};
 pub use constraint::{Assignment, Constraint, Violation};
-pub use dueling_dqn::{DuelingDqn, DuelingDqnEngine, DuelingDqnLearner, Trunk};
-pub use fused::{FusedDuelingDqn, FusedDuelingNetwork, FusedPolicyNetwork, FusedReinforce};
+pub use dueling_dqn::{
+    DuelingDqn, DuelingDqnEngine, DuelingDqnLearner, EpisodeReplay, RecurrentDqnEngine,
+    RecurrentDqnLearner, SequenceBatch, Trunk,
+};
+pub use external::External;
+pub use fused::{
+    FusedActorCritic, FusedDuelingDqn, FusedDuelingNetwork, FusedPolicyNetwork, FusedPpo,
+    FusedRecurrentActorCritic, FusedRecurrentDqn, FusedRecurrentDuelingNetwork, FusedReinforce,
+};
 pub use learner::{Actions, Diverged, Learner, LearnerError, Span, TrainedEpisode};
+pub use linear_thompson::{
+    BanditDraw, BanditFeatures, BanditPosterior, BanditUpdate, LinearThompson,
+    LinearThompsonLearner, LinearThompsonPolicy,
+};
 pub use memory::{OutOfMemory, reserve, reserve_exact};
-pub use network::{Activation, Engine};
+pub use network::{Activation, Engine, Recurrent};
 pub use policy::{ActionNetwork, EpsilonGreedy, SoftmaxPolicy};
+pub use ppo::{
+    AtHorizon, Losses, Minibatch, Ppo, PpoEngine, PpoLearner, Sequences,
+    advantages as generalised_advantages,
+};
 pub use registry::{
     Agent, Algorithm, AlgorithmParameters, RegistrationError, Start, StartError, Task, Trained,
-    Work, dueling_dqn_learner, register_algorithm, reinforce_learner, trained_dueling_dqn,
+    Work, dueling_dqn_learner, free_key, linear_thompson_learner, ppo_learner, register_algorithm,
+    reinforce_learner, trained_dueling_dqn, trained_linear_thompson, trained_ppo,
     trained_reinforce,
 };
 pub use reinforce::{Reinforce, ReinforceEngine, ReinforceLearner, Trajectories};

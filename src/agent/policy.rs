@@ -1,4 +1,4 @@
-//! Policies made of networks: how observations become actions.
+//! Policies made from networks: the mapping from observations to actions.
 
 use std::io;
 
@@ -6,35 +6,55 @@ use pulp::{Simd, WithSimd};
 
 use crate::agent::Actions;
 use crate::agent::actor::Actor;
-use crate::env::{Action, Observations, VectorEnvironment};
+use crate::env::{Action, LaneSet, Observations, VectorEnvironment};
 use crate::kernel::{Isa, LINE, math};
 use crate::rng::{Stream, unit_from_bits};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
-/// A network that gives a number for every action: its value, or its logit.
+/// A network with one output per action: its value or its logit.
 pub trait ActionNetwork {
-    /// Replaces `out` by the numbers for every observation, \[rows, actions\], row by row.
+    /// Replaces `out` by the outputs for every observation, \[rows, actions\], row by row.
     fn evaluate(&mut self, observations: &Observations, out: &mut Vec<f32>);
+
+    /// Size of the network's memory of an episode, in numbers; 0 by default.
+    fn memory(&self) -> usize {
+        0
+    }
+
+    /// Evaluates the next observations of episodes like [`ActionNetwork::evaluate`] and updates the
+    /// memory of the episodes, \[rows, memory\], in place. The memory is zero at the first
+    /// observation of an episode.
+    fn recall(&mut self, observations: &Observations, memory: &mut [f32], out: &mut Vec<f32>) {
+        debug_assert!(memory.is_empty());
+        self.evaluate(observations, out);
+    }
 }
 
-/// Takes the action of the highest value, and explores at a fixed rate.
+/// Takes the action with the highest value, and explores at a fixed rate.
 pub struct EpsilonGreedy<N> {
     network: N,
     epsilon: f64,
     observations: Observations,
+    /// Memory of the episodes, \[lanes, memory\].
+    memory: Vec<f32>,
     values: Vec<f32>,
     explored: Vec<Option<Action>>,
 }
 
 impl<N: ActionNetwork> EpsilonGreedy<N> {
-    /// A policy that explores at the rate `epsilon`, in [0, 1]. `observations` have the shape that the
-    /// network was made for.
+    /// A policy that explores at the rate `epsilon`, in [0, 1]. `observations` must have the shape
+    /// for which the network was made.
     pub fn new(network: N, epsilon: f64, observations: Observations) -> Self {
-        EpsilonGreedy { network, epsilon, observations, values: Vec::new(), explored: Vec::new() }
+        let (memory, values, explored) = (Vec::new(), Vec::new(), Vec::new());
+        EpsilonGreedy { network, epsilon, observations, memory, values, explored }
     }
 }
 
 impl<N: ActionNetwork + Send, Env: VectorEnvironment> Actor<Env> for EpsilonGreedy<N> {
+    fn reset(&mut self, lanes: LaneSet<'_>) {
+        forget(&mut self.memory, self.network.memory(), lanes);
+    }
+
     fn act(
         &mut self,
         environment: &Env,
@@ -45,7 +65,8 @@ impl<N: ActionNetwork + Send, Env: VectorEnvironment> Actor<Env> for EpsilonGree
         environment.observe(&mut self.observations);
         self.explored.clear();
         self.explored.extend(actions.iter().map(|_| explore(self.epsilon, stream)));
-        self.network.evaluate(&self.observations, &mut self.values);
+        self.memory.resize(actions.len() * self.network.memory(), 0.0);
+        self.network.recall(&self.observations, &mut self.memory, &mut self.values);
         let rows = || self.values.chunks_exact(Action::COUNT);
         for ((action, explored), values) in actions.iter_mut().zip(&self.explored).zip(rows()) {
             *action = explored.unwrap_or_else(|| best(values));
@@ -60,18 +81,19 @@ impl<N: ActionNetwork + Send, Env: VectorEnvironment> Actor<Env> for EpsilonGree
     }
 }
 
-/// A network's policy has no memory: its weights are saved by whoever trained it.
-impl<N> Resumable for EpsilonGreedy<N> {
-    fn save(&self, _: &mut StateWriter<'_>) -> io::Result<()> {
-        Ok(())
+/// Saves the memory of the episodes; the learner saves the weights.
+impl<N: ActionNetwork> Resumable for EpsilonGreedy<N> {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        save_memory(&self.memory, self.network.memory(), out)
     }
 
-    fn restore(&mut self, _: &mut StateReader<'_>) -> Result<(), StateError> {
-        Ok(())
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        restore_memory(&mut self.memory, self.network.memory(), from)
     }
 }
 
-/// An action at random with probability `epsilon`. One draw decides both, by different bits of it.
+/// A random action with probability `epsilon`, otherwise `None`. One draw decides both, by
+/// different bits.
 pub(super) fn explore(epsilon: f64, stream: &mut Stream) -> Option<Action> {
     if epsilon == 0.0 {
         return None;
@@ -80,8 +102,8 @@ pub(super) fn explore(epsilon: f64, stream: &mut Stream) -> Option<Action> {
     (unit_from_bits(bits) < epsilon).then(|| Action::from_low_bits(bits))
 }
 
-/// The probability of an action that is the best one, or is not, when one is explored at random at
-/// the rate `epsilon`.
+/// The probability of the best action, or of any other single action, at exploration rate
+/// `epsilon`.
 pub(super) fn epsilon_greedy_probability(epsilon: f64, is_best: bool) -> f64 {
     let any = epsilon / Action::COUNT as f64;
     if is_best { 1.0 - epsilon + any } else { any }
@@ -92,19 +114,26 @@ pub struct SoftmaxPolicy<N> {
     network: N,
     choice: Actions,
     observations: Observations,
+    /// Memory of the episodes, \[lanes, memory\].
+    memory: Vec<f32>,
     logits: Vec<f32>,
     halves: Vec<u32>,
 }
 
 impl<N: ActionNetwork> SoftmaxPolicy<N> {
-    /// A policy that samples ([`Actions::AsTrained`]) or takes the most likely action. `observations`
-    /// have the shape that the network was made for.
+    /// A policy that samples ([`Actions::AsTrained`]) or takes the most likely action.
+    /// `observations` must have the shape for which the network was made.
     pub fn new(network: N, choice: Actions, observations: Observations) -> Self {
-        SoftmaxPolicy { network, choice, observations, logits: Vec::new(), halves: Vec::new() }
+        let (memory, logits, halves) = (Vec::new(), Vec::new(), Vec::new());
+        SoftmaxPolicy { network, choice, observations, memory, logits, halves }
     }
 }
 
 impl<N: ActionNetwork + Send, Env: VectorEnvironment> Actor<Env> for SoftmaxPolicy<N> {
+    fn reset(&mut self, lanes: LaneSet<'_>) {
+        forget(&mut self.memory, self.network.memory(), lanes);
+    }
+
     fn act(
         &mut self,
         environment: &Env,
@@ -113,12 +142,13 @@ impl<N: ActionNetwork + Send, Env: VectorEnvironment> Actor<Env> for SoftmaxPoli
         probabilities: Option<&mut [f64]>,
     ) {
         environment.observe(&mut self.observations);
-        self.network.evaluate(&self.observations, &mut self.logits);
+        self.memory.resize(actions.len() * self.network.memory(), 0.0);
+        self.network.recall(&self.observations, &mut self.memory, &mut self.logits);
         match self.choice {
             Actions::AsTrained => {
                 sample(Isa::chosen(), &mut self.logits, actions, &mut self.halves, stream);
                 if let Some(probabilities) = probabilities {
-                    // The logits have become the preferences that were sampled by.
+                    // [`sample`] has replaced the logits by the preferences that it sampled from.
                     sampling_probabilities(&self.logits, actions, probabilities);
                 }
             }
@@ -134,18 +164,50 @@ impl<N: ActionNetwork + Send, Env: VectorEnvironment> Actor<Env> for SoftmaxPoli
     }
 }
 
-/// A network's policy has no memory: its weights are saved by whoever trained it.
-impl<N> Resumable for SoftmaxPolicy<N> {
-    fn save(&self, _: &mut StateWriter<'_>) -> io::Result<()> {
-        Ok(())
+/// Saves the memory of the episodes; the learner saves the weights.
+impl<N: ActionNetwork> Resumable for SoftmaxPolicy<N> {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        save_memory(&self.memory, self.network.memory(), out)
     }
 
-    fn restore(&mut self, _: &mut StateReader<'_>) -> Result<(), StateError> {
-        Ok(())
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        restore_memory(&mut self.memory, self.network.memory(), from)
     }
 }
 
-/// The action of the highest value; the lowest numbered of equals.
+/// Saves the memory of lanes, `width` numbers per lane; writes nothing for a network without
+/// memory.
+fn save_memory(memory: &[f32], width: usize, out: &mut StateWriter<'_>) -> io::Result<()> {
+    if width > 0 { out.many(memory) } else { Ok(()) }
+}
+
+/// Restores memory that [`save_memory`] saved.
+fn restore_memory(
+    memory: &mut Vec<f32>,
+    width: usize,
+    from: &mut StateReader<'_>,
+) -> Result<(), StateError> {
+    const WHAT: &str = "memory";
+    if width == 0 {
+        return Ok(());
+    }
+    *memory = from.many(usize::MAX, WHAT)?;
+    if memory.len().is_multiple_of(width) { Ok(()) } else { Err(StateError::Misfit(WHAT)) }
+}
+
+/// Resets the memory of lanes that begin an episode, `width` numbers per lane.
+pub(super) fn forget(memory: &mut Vec<f32>, width: usize, lanes: LaneSet<'_>) {
+    match lanes {
+        LaneSet::All => memory.clear(),
+        LaneSet::Masked(mask) => {
+            memory.resize(mask.len() * width, 0.0);
+            let each = memory.chunks_exact_mut(width.max(1)).zip(mask);
+            each.filter(|(_, begins)| **begins).for_each(|(memory, _)| memory.fill(0.0));
+        }
+    }
+}
+
+/// The action with the highest value; ties go to the lowest number.
 pub(super) fn best(values: &[f32]) -> Action {
     let mut best = 0;
     for (index, value) in values.iter().enumerate() {
@@ -156,9 +218,9 @@ pub(super) fn best(values: &[f32]) -> Action {
     Action::from_index(best).expect("one value an action")
 }
 
-/// Samples an action for every row of logits by their softmax; the logits become their
-/// exponentials relative to the highest of the row. Takes half a word of the stream a row; `halves`
-/// is room to work in.
+/// Samples an action for every row of logits by their softmax. The logits are replaced in place by
+/// their exponentials relative to the highest logit of the row. Takes half a word of the stream per
+/// row; `halves` is a buffer.
 pub(super) fn sample(
     isa: Isa,
     logits: &mut [f32],
@@ -174,7 +236,8 @@ pub(super) fn sample(
     isa.run(Pick { weights, halves, actions });
 }
 
-/// The probabilities with which [`sample`] chose these actions by the exponentials that it made.
+/// The probabilities with which [`sample`] chose these actions, given the exponentials that it
+/// wrote.
 ///
 /// **Shapes**: `preferences` is \[rows, actions\], the others are \[rows\].
 pub(super) fn sampling_probabilities(
@@ -189,15 +252,15 @@ pub(super) fn sampling_probabilities(
     }
 }
 
-/// Puts exp(logit - highest of its row) in the place of every logit.
+/// Replaces every logit in place by exp(logit - highest of its row).
 pub(super) fn exponentials(isa: Isa, logits: &mut [f32]) {
     isa.run(Exponentials(logits.as_chunks_mut().0));
 }
 
-/// `f32`s in the widest register.
+/// Number of `f32`s in the widest register.
 const REGISTER: usize = LINE / size_of::<f32>();
 
-/// \[rows\]
+/// Logits, \[rows\].
 struct Exponentials<'a>(&'a mut [[f32; Action::COUNT]]);
 
 impl WithSimd for Exponentials<'_> {
@@ -208,7 +271,8 @@ impl WithSimd for Exponentials<'_> {
         self.0.iter_mut().for_each(relative);
         let logits = self.0.as_flattened_mut();
         if logits.len() < REGISTER {
-            // A full register, where the loop would take what does not fill one number by number.
+            // Pads to a full register; the loop would process a partial register one number at a
+            // time.
             let mut register = [0.0; REGISTER];
             register[..logits.len()].copy_from_slice(logits);
             exponential_each(&mut register);
@@ -238,13 +302,13 @@ impl WithSimd for Pick<'_> {
     fn with_simd<S: Simd>(self, _: S) {
         let given = self.weights.iter().zip(self.halves);
         for (action, (weights, half)) in self.actions.iter_mut().zip(given) {
-            // In [0, 1), a multiple of 2^-32.
+            // The number is in [0, 1), a multiple of 2^-32.
             *action = pick(weights, f64::from(*half) * (1.0 / 4_294_967_296.0));
         }
     }
 }
 
-/// Makes logits relative to the highest.
+/// Subtracts the highest logit from all logits.
 #[inline(always)]
 fn relative(logits: &mut [f32; Action::COUNT]) {
     let [a, b, c, d] = *logits;
@@ -253,13 +317,13 @@ fn relative(logits: &mut [f32; Action::COUNT]) {
     logits.iter_mut().for_each(|logit| *logit -= highest);
 }
 
-/// The action at which the cumulated weights pass `unit`, a number in [0, 1), times their sum.
+/// The action at which the cumulative weights exceed `unit`, in [0, 1), times their sum.
 #[inline(always)]
 fn pick(weights: &[f32; Action::COUNT], unit: f64) -> Action {
     let [a, b, c, d] = weights.map(f64::from);
     let (ab, abc) = (a + b, a + b + c);
     let threshold = unit * (abc + d);
-    // Without a branch: where it would go is what cannot be foreseen.
+    // Branch-free, because a branch on a random number is unpredictable.
     let passed = u8::from(a <= threshold) + u8::from(ab <= threshold) + u8::from(abc <= threshold);
     Action::from_low_bits(passed.into())
 }
@@ -267,10 +331,10 @@ fn pick(weights: &[f32; Action::COUNT], unit: f64) -> Action {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::env::{Environment, LaneSet, LaneStreams, PhysicalActivity};
+    use crate::env::{Environment, LaneStreams, PhysicalActivity};
     use crate::rng::Purpose;
 
-    /// A network of the same outputs for every observation.
+    /// A network with the same outputs for every observation.
     struct Same([f32; Action::COUNT]);
 
     impl ActionNetwork for Same {
@@ -279,8 +343,8 @@ mod tests {
         }
     }
 
-    /// Actions in 4000 lanes with their probabilities; the same actions are chosen when nobody asks for
-    /// these.
+    /// Actions in 4000 lanes with their probabilities. Asserts that the actions are the same if no
+    /// probabilities are requested.
     fn acted(actor: &mut dyn Actor) -> Vec<(usize, f64)> {
         let mut lanes =
             PhysicalActivity::new(&Environment::paper(0.6), &"P".parse().unwrap(), 4000);
@@ -300,7 +364,7 @@ mod tests {
         for (index, expected) in expected.into_iter().enumerate() {
             let of = acted.iter().filter(|(action, _)| *action == index);
             assert!(of.clone().all(|(_, p)| (p - expected).abs() < 1e-6), "{index}");
-            // Four standard deviations of a count of 4000.
+            // Four standard deviations of a binomial count of 4000.
             let deviation = (4000.0 * expected * (1.0 - expected)).sqrt();
             let off = (of.count() as f64 - 4000.0 * expected).abs();
             assert!(off <= 4.0 * deviation, "{index}: off by {off}");

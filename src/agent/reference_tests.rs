@@ -1,5 +1,5 @@
-//! Losses, gradients and updates against numbers from PyTorch (`tests/data/torch`) and against
-//! finite differences.
+//! Tests of losses, gradients and updates against numbers from PyTorch (`tests/data/torch`) and
+//! against finite differences.
 
 use burn::module::{Module, ModuleMapper, Param};
 use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
@@ -30,23 +30,23 @@ fn cases(name: &str) -> Vec<Value> {
     reference()[name].as_array().unwrap().clone()
 }
 
-/// The numbers of nested lists, in order.
-fn numbers(value: &Value) -> Vec<f32> {
+/// The numbers of nested lists, flattened in order.
+pub(super) fn numbers(value: &Value) -> Vec<f32> {
     match value.as_array() {
         Some(list) => list.iter().flat_map(numbers).collect(),
         None => vec![value.as_f64().unwrap() as f32],
     }
 }
 
-/// Observations from nested lists, one of them a row.
-fn observations(value: &Value) -> Observations {
+/// Observations from nested lists, one inner list per row.
+pub(super) fn observations(value: &Value) -> Observations {
     let mut observations = Observations::new(WIDTH, 0);
     numbers(value).chunks_exact(WIDTH).for_each(|row| observations.push(row, None));
     observations
 }
 
-/// What a network says of observations.
-fn evaluated(mut network: impl ActionNetwork, observations: &Observations) -> Vec<f32> {
+/// The outputs of a network for observations.
+pub(super) fn evaluated(mut network: impl ActionNetwork, observations: &Observations) -> Vec<f32> {
     let mut out = Vec::new();
     network.evaluate(observations, &mut out);
     out
@@ -61,8 +61,8 @@ fn tensor(value: &Value) -> WeightTensor {
     WeightTensor { shape, values: numbers(value) }
 }
 
-/// Weights from the reference's form: stacks are lists of layers, heads are layers.
-fn weights(value: &Value) -> Weights {
+/// Weights in the format of the reference data: stacks are lists of layers, heads are layers.
+pub(super) fn weights(value: &Value) -> Weights {
     let mut weights = Weights::default();
     let mut add = |name: &str, layer: &Value| {
         for kind in ["weight", "bias"] {
@@ -82,7 +82,7 @@ fn weights(value: &Value) -> Weights {
     weights
 }
 
-fn assert_close(ours: &[f32], theirs: &[f32], relative: f32, what: &str) {
+pub(super) fn assert_close(ours: &[f32], theirs: &[f32], relative: f32, what: &str) {
     assert_eq!(ours.len(), theirs.len(), "{what}");
     let scale = theirs.iter().fold(1e-3f32, |m, v| m.max(v.abs()));
     for (i, (a, b)) in ours.iter().zip(theirs).enumerate() {
@@ -188,7 +188,7 @@ impl DqnCase {
         FusedDuelingDqn::new(&self.parameters, WIDTH, &weights(&self.case[which]), isa).unwrap()
     }
 
-    /// Checks values, targets, loss and three updates of an engine against those of PyTorch.
+    /// Checks values, targets, loss and three updates of an engine against PyTorch's.
     fn check<E: DuelingDqnEngine>(&self, engine: impl Fn(&str) -> E) {
         let mut network = engine("network");
         let mut out = Vec::new();
@@ -294,7 +294,7 @@ impl ReinforceCase {
         BurnReinforce::new(&self.parameters, WIDTH, &weights(&self.case["network"])).unwrap()
     }
 
-    /// Checks probabilities, loss and three updates of an engine against those of PyTorch.
+    /// Checks probabilities, loss and three updates of an engine against PyTorch's.
     fn check(&self, mut engine: impl ReinforceEngine) {
         let mut logits = Vec::new();
         engine.logits(&self.trajectories.observations, &mut logits);
@@ -362,7 +362,7 @@ fn gradients_of_reinforce_are_those_of_pytorch() {
     }
 }
 
-/// The trajectories as if the engine's network had sampled them.
+/// The trajectories with the preferences of this engine's network, as if it had sampled them.
 pub(super) fn sampled_by(
     engine: &mut impl ReinforceEngine,
     trajectories: &Trajectories,
@@ -373,7 +373,7 @@ pub(super) fn sampled_by(
     sampled
 }
 
-/// A module of parameters alone, to test the optimiser.
+/// A module that has only parameters, to test the optimiser.
 #[derive(Module, Debug)]
 struct Numbers {
     values: Param<Tensor<1>>,
@@ -401,10 +401,11 @@ fn adam_steps_are_those_of_pytorch() {
     }
 }
 
-/// Central differences of a loss in every weight, against its gradients.
+/// Compares central differences of a loss in every weight with its gradients.
 ///
-/// In f32 the loss is good to about 1e-7, so a step of 1e-2 leaves about 1e-5 and the cubic term.
-fn assert_finite_differences(
+/// In f32 the loss is accurate to about 1e-7. A step of 1e-2 therefore leaves an error of about
+/// 1e-5, plus the cubic term.
+pub(super) fn assert_finite_differences(
     start: &Weights,
     gradients: &Weights,
     what: &str,
@@ -428,7 +429,7 @@ fn assert_finite_differences(
     }
 }
 
-// Only tanh networks: a ReLU has no derivative where a step crosses its corner.
+// Only tanh networks: a finite difference across the kink of a ReLU is not a derivative.
 #[test]
 fn gradients_are_finite_differences_of_the_losses() {
     for case in DqnCase::all().iter().filter(|case| case.name.contains("tanh")) {

@@ -1,8 +1,8 @@
-//! REINFORCE: Monte-Carlo policy gradient with the discounted reward to go, without a baseline.
+//! REINFORCE: Monte-Carlo policy gradient with discounted rewards to go, without a baseline.
 //!
 //! **Source**: Williams, "Simple statistical gradient-following algorithms for connectionist
 //! reinforcement learning", 1992; Karine et al. (2023), equations 1 to 3. Equation 3 prints the
-//! discount as gamma^(t-k); gamma^(k-t) is meant.
+//! discount as gamma^(t-k), but means gamma^(k-t).
 
 use std::io;
 use std::ops::Range;
@@ -33,14 +33,14 @@ keys! {
         activation: Activation = Activation::Relu;
         /// Adam's step size
         learning_rate: f64 = 6e-4, in LEARNING_RATE;
-        /// discount factor a step
+        /// discount factor per step
         gamma: f64 = 0.99, in Kind::PROBABILITY;
         /// episodes sampled for one update
         trajectories_per_update: u32 = 1, in Kind::Integer { min: 1, max: 10_000 };
-        /// what the summed loss of an update is divided by
+        /// divisor of the summed loss of an update
         loss_divisor: f64 = 50.0, in Kind::POSITIVE;
         /// which code performs the updates: "fused", kernels with the same results on every
-        /// processor, or "burn", Burn's own operations, many times as slow, with results that depend
+        /// processor, or "burn", Burn's own operations, many times slower, with results that depend
         /// on the processor
         engine: Engine = Engine::Fused;
     }
@@ -57,20 +57,20 @@ impl Default for Reinforce {
 pub struct Trajectories {
     /// The states.
     pub observations: Observations,
-    /// \[rows\]: the actions taken in them.
+    /// \[rows\]: the actions taken in these states.
     pub actions: Vec<Action>,
-    /// What the actions were sampled by: exp(logit) relative to the highest of the row,
-    /// \[rows, actions\].
+    /// The preferences from which the actions were sampled: exp(logit) relative to the highest of
+    /// the row, \[rows, actions\].
     pub preferences: Vec<f32>,
     /// Discounted rewards to go G_t = Σ_k≥t gamma^(k-t) r_k, \[rows\].
     pub returns_to_go: Vec<f32>,
 }
 
-/// What memory that is short was for.
+/// Name of the memory in messages.
 const TRAJECTORIES: &str = "the trajectories of an update";
 
 impl Trajectories {
-    /// Makes room for so many more rows.
+    /// Reserves room for `rows` more rows.
     fn reserve(&mut self, rows: usize) -> Result<(), OutOfMemory> {
         let bytes =
             (self.observations.rows() + rows) * self.observations.width() * size_of::<f32>();
@@ -81,34 +81,34 @@ impl Trajectories {
     }
 }
 
-/// What trains a policy network: the engine under the algorithm.
+/// The engine of REINFORCE, which trains a policy network.
 pub trait ReinforceEngine: Resumable {
-    /// The network at one moment, to choose actions with.
+    /// The network at the time of the call, which chooses actions.
     type Network: ActionNetwork + Send + 'static;
 
-    /// The instruction set for what the algorithm computes around the engine.
+    /// The instruction set for the algorithm's computations outside the engine.
     fn isa(&self) -> Isa {
         Isa::chosen()
     }
 
-    /// Replaces `out` by the logits of the actions in every observation, \[rows, actions\].
+    /// Replaces `out` by the logits of the actions for every observation, \[rows, actions\].
     fn logits(&mut self, observations: &Observations, out: &mut Vec<f32>) {
         self.network().evaluate(observations, out);
     }
 
-    /// One step of Adam on −(1/divisor) Σ G_t log π(a_t | s_t); returns that loss. The trajectories
-    /// were sampled by the network as it is; an engine may use their preferences or not. Where the
-    /// loss is not finite, the network may have been left as it was.
+    /// One step of Adam on −(1/divisor) Σ G_t log π(a_t | s_t); returns this loss. The current
+    /// network sampled the trajectories; an engine may use their preferences. If the loss is not
+    /// finite, the engine may leave the network unchanged.
     fn update(&mut self, trajectories: &Trajectories) -> f32;
 
-    /// The network as it is now.
+    /// The current network.
     fn network(&self) -> Self::Network;
 
-    /// Its weights.
+    /// The weights of the current network.
     fn weights(&self) -> Weights;
 }
 
-/// Turns rewards into discounted rewards to go.
+/// Replaces rewards in place by discounted rewards to go.
 ///
 /// **Shapes**: `rewards` is \[time, lanes\], row by row.
 pub fn returns_to_go(rewards: &mut [f64], lanes: usize, gamma: f64) {
@@ -133,7 +133,7 @@ pub struct ReinforceLearner<E, Env = PhysicalActivity> {
 /// Buffers that are reused, so that an update allocates nothing.
 struct Workspace {
     trajectories: Trajectories,
-    /// Positions \[time, lane\] of the rows: a lane that has ended has none.
+    /// Positions \[time, lane\] of the rows, as ranges. A lane that has ended has no row.
     positions: Vec<Range<usize>>,
     /// \[time, lane\].
     rewards: Vec<f64>,
@@ -149,7 +149,8 @@ struct Workspace {
 }
 
 impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
-    /// A learner before its first update, in an environment with a lane per trajectory of an update.
+    /// A learner before its first update, in an environment with one lane per trajectory of an
+    /// update.
     pub fn new(engine: E, parameters: &Reinforce, environment: Env, seed: u64) -> Self {
         let none = environment.observation_spec().observations();
         let lanes = environment.lanes();
@@ -179,7 +180,7 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
         }
     }
 
-    /// Samples the trajectories of one update, all in lockstep, or the rest of them.
+    /// Samples the trajectories of one update in lockstep, or their remaining steps after a pause.
     fn sample(
         &mut self,
         mut observer: Option<&mut dyn StepObserver<Env>>,
@@ -224,7 +225,7 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
             reserve(positions, lanes, TRAJECTORIES)?;
             let start = rewards.len();
             rewards.resize(start + lanes, 0.0);
-            // Neighbours that still run are taken together.
+            // Copies each run of adjacent running lanes at once.
             let mut lane = 0;
             for running in self.environment.statuses().chunk_by(|a, b| a == b) {
                 let lanes = lane..lane + running.len();
@@ -250,7 +251,7 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
         Ok(Span::Whole)
     }
 
-    /// The episodes just sampled.
+    /// The records of the sampled episodes.
     fn finished(&self) -> impl Iterator<Item = TrainedEpisode> {
         let Workspace { totals, lengths, .. } = &self.workspace;
         totals.iter().zip(lengths).zip(self.environment.statuses()).map(
@@ -312,7 +313,7 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> Resumable for ReinforceLearner<
         self.environment_streams.save(out)?;
         self.exploration_stream.save(out)?;
         self.environment.save(out)?;
-        // Between two updates nothing of the trajectories is needed any more.
+        // Between two updates, the trajectories are no longer needed.
         if self.environment.any_running() { self.workspace.save(out) } else { Ok(()) }
     }
 
@@ -326,7 +327,7 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> Resumable for ReinforceLearner<
     }
 }
 
-/// The trajectories sampled so far.
+/// Saves the trajectories sampled so far.
 impl Resumable for Workspace {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
         self.trajectories.observations.save(out)?;
@@ -364,12 +365,12 @@ impl Resumable for Workspace {
     }
 }
 
-/// Writes actions, their count first.
+/// Writes the number of actions, then the actions.
 fn save_actions(actions: &[Action], out: &mut StateWriter<'_>) -> io::Result<()> {
     out.each(actions.iter(), |out, action| out.one(action.index() as u8))
 }
 
-/// Reads as many actions as [`save_actions`] wrote.
+/// Reads the actions that [`save_actions`] wrote.
 fn restore_actions(from: &mut StateReader<'_>) -> Result<Vec<Action>, StateError> {
     from.each(usize::MAX, "actions", |from| {
         Action::from_index(from.one::<u8>()?.into()).ok_or(StateError::Misfit("actions"))

@@ -1,4 +1,4 @@
-//! The replay buffer, and draws from it.
+//! The replay buffer, and random draws from it.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -9,14 +9,14 @@ use crate::env::{Action, EpisodeStatus, Observations};
 use crate::rng::Stream;
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
-/// One step that the agent has taken, observations aside.
+/// One step of the agent, without observations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transition {
     /// Action taken.
     pub action: Action,
-    /// Reward received, in steps walked.
+    /// Reward received, after scaling.
     pub reward: f32,
-    /// Status of the episode after it.
+    /// Status of the episode after the step.
     pub status: EpisodeStatus,
 }
 
@@ -31,27 +31,27 @@ choices! {
     }
 }
 
-/// What an update learns from; row i of every array belongs to transition i.
+/// A batch of transitions for an update; row i of every array belongs to transition i.
 #[derive(Clone, Debug)]
 pub struct Batch {
     /// The states.
     pub observations: Observations,
-    /// \[rows\]: the actions taken in them.
+    /// \[rows\]: the actions taken in these states.
     pub actions: Vec<Action>,
-    /// \[rows\]: what the values of these actions should be.
+    /// \[rows\]: targets of the values of these actions.
     pub targets: Vec<f32>,
 }
 
-/// The latest transitions, the oldest overwritten once `capacity` is reached.
+/// The latest transitions; once `capacity` is reached, new ones overwrite the oldest.
 ///
-/// It grows as it fills. Only the state before a transition is kept: the state after it is the one
-/// before its successor, unless the episode ended. A transition takes 9 bytes, 4 for each feature,
-/// and 2 for the moment where observations have a one-hot of time: 21 bytes in `P-H-D`. One that
-/// was truncated takes some 150 more where targets are standard.
+/// The buffer grows as it fills. It stores only the state before a transition. The state after it
+/// is the state before its successor, unless the episode ended. A transition takes 9 bytes, plus 4
+/// per feature, plus 2 for the moment if observations have a one-hot of time: 21 bytes in `P-H-D`.
+/// With standard targets, a truncated transition takes about 150 bytes more.
 #[derive(Clone, Debug)]
 pub struct Replay {
     capacity: usize,
-    /// Where the next transition goes.
+    /// Position of the next transition.
     next: usize,
     width: usize,
     one_hot: usize,
@@ -60,20 +60,20 @@ pub struct Replay {
     rewards: Vec<f32>,
     /// Action and status, two bits each.
     steps: Vec<u8>,
-    /// Regression targets; not a number where they are not known.
+    /// Regression targets; NaN if unknown.
     targets: Vec<f32>,
-    /// Positions whose target was set since targets were last forgotten.
+    /// Positions whose target has been set since targets were last cleared.
     known: Vec<u32>,
     /// The state after the latest transition.
     latest: Observations,
-    /// States after truncated transitions, by position; kept only where a target asks for them.
+    /// States after truncated transitions, by position; kept only if targets need them.
     closings: BTreeMap<usize, Observations>,
     terminal_target: TerminalTarget,
     sampled: Sampled,
 }
 
 impl Replay {
-    /// An empty buffer for observations like these.
+    /// An empty buffer for observations of this shape.
     pub fn new(
         capacity: usize,
         observations: &Observations,
@@ -97,10 +97,10 @@ impl Replay {
         }
     }
 
-    /// Stores a transition between two observations of one row each. `after` is what is observed
-    /// before the next transition, unless the episode ended.
+    /// Stores a transition between two observations of one row each. `after` must equal `before` of
+    /// the next transition, unless the episode ended.
     ///
-    /// **Errors**: there is no memory for more; the buffer is then of no further use.
+    /// **Errors**: memory is short; the buffer cannot be used afterwards.
     pub fn push(
         &mut self,
         before: &Observations,
@@ -128,12 +128,22 @@ impl Replay {
         Ok(())
     }
 
-    /// How many transitions are stored.
+    /// Maximum number of stored transitions.
+    pub fn capacity(&self) -> usize {
+        self.capacity
+    }
+
+    /// The position at which the next transition is stored.
+    pub fn next_position(&self) -> usize {
+        self.next
+    }
+
+    /// Number of stored transitions.
     pub fn len(&self) -> usize {
         self.steps.len()
     }
 
-    /// Whether none is stored.
+    /// Whether no transition is stored.
     pub fn is_empty(&self) -> bool {
         self.steps.is_empty()
     }
@@ -144,15 +154,15 @@ impl Replay {
         Transition { action, reward: self.rewards[position], status }
     }
 
-    /// Adds the state before the transition at a position to `out`.
+    /// Appends the state before the transition at a position to `out`.
     pub fn push_before(&self, position: usize, out: &mut Observations) {
         let features = &self.features[position * self.width..(position + 1) * self.width];
         let moment = (self.one_hot > 0).then(|| u32::from(self.moments[position]));
         out.push(features, moment);
     }
 
-    /// Adds the state after the transition at a position to `out`. Where the episode ended, that is
-    /// the state it ended in if a target asks for it, and any state otherwise.
+    /// Appends the state after the transition at a position to `out`. If the episode ended there,
+    /// it is the final state if targets need it, and otherwise an arbitrary state.
     pub fn push_after(&self, position: usize, out: &mut Observations) {
         let successor = (position + 1) % self.capacity;
         let kept = match self.closings.get(&position) {
@@ -165,14 +175,14 @@ impl Replay {
         }
     }
 
-    /// The regression target of the transition at a position, where it is known.
+    /// The regression target of the transition at a position; `None` if unknown.
     pub fn target(&self, position: usize) -> Option<f32> {
         Some(self.targets[position]).filter(|target| !target.is_nan())
     }
 
-    /// Remembers the regression target of the transition at a position.
+    /// Stores the regression target of the transition at a position.
     ///
-    /// **Errors**: there is no memory for it.
+    /// **Errors**: memory is short.
     pub fn set_target(&mut self, position: usize, target: f32) -> Result<(), OutOfMemory> {
         reserve(&mut self.known, 1, "the replay buffer")?;
         self.targets[position] = target;
@@ -180,15 +190,15 @@ impl Replay {
         Ok(())
     }
 
-    /// Forgets every regression target.
+    /// Clears all regression targets.
     pub fn forget_targets(&mut self) {
         for position in self.known.drain(..) {
             self.targets[position as usize] = f32::NAN;
         }
     }
 
-    /// Replaces a batch by the transitions at these positions with their targets, which are not a
-    /// number where they are not known.
+    /// Replaces a batch by the transitions at these positions with their targets; unknown targets
+    /// are NaN.
     pub fn gather(&self, positions: &[usize], batch: &mut Batch) {
         batch.observations.clear();
         batch.actions.clear();
@@ -200,24 +210,10 @@ impl Replay {
         }
     }
 
-    /// Fills `positions` with different positions, every set of them equally likely, in time
-    /// proportional to their number. There must be as many transitions stored.
-    ///
-    /// **Source**: Floyd's algorithm (Bentley and Floyd, "A sample of brilliance", 1987).
+    /// Fills `positions` with distinct positions; every set of positions is equally likely. Takes
+    /// time proportional to their number. At least this number of transitions must be stored.
     pub fn draw(&mut self, stream: &mut Stream, positions: &mut [usize]) {
-        let stored = self.len();
-        assert!(positions.len() <= stored, "a draw without replacement needs enough transitions");
-        self.sampled.clear(positions.len());
-        let first = stored - positions.len();
-        for (position, last) in positions.iter_mut().zip(first..) {
-            let drawn = stream.below(last as u32 + 1);
-            *position = if self.sampled.insert(drawn) {
-                drawn as usize
-            } else {
-                self.sampled.insert(last as u32);
-                last
-            };
-        }
+        self.sampled.draw(self.steps.len(), stream, positions);
     }
 }
 
@@ -258,7 +254,7 @@ impl Resumable for Replay {
             && lengths == [moments, stored, stored]
             && self.latest.rows() == stored.min(1)
             && closings.iter().all(|(position, closing)| *position < stored && closing.rows() == 1);
-        // Until it is full, the next transition goes behind the last.
+        // Until the buffer is full, the next transition is appended.
         let fits = if stored < self.capacity { next == stored } else { next < stored };
         if !(whole && fits) {
             return Err(StateError::Misfit(WHAT));
@@ -271,7 +267,8 @@ impl Resumable for Replay {
     }
 }
 
-/// Writes at a position, or at the end; grows by an eighth, so that little lies idle.
+/// Writes at a position or at the end. Capacity grows by an eighth, so that little memory is
+/// unused.
 fn put<T: Copy>(values: &mut Vec<T>, at: usize, new: &[T]) -> Result<(), OutOfMemory> {
     if at < values.len() {
         values[at..at + new.len()].copy_from_slice(new);
@@ -290,30 +287,48 @@ fn pack(action: Action, status: EpisodeStatus) -> u8 {
 }
 
 fn unpack(step: u8) -> (Action, EpisodeStatus) {
-    // A number above 2 can only come from a damaged state.
+    // A status above 2 can only come from a damaged state.
     let status = EpisodeStatus::from_number(step >> 2).unwrap_or(EpisodeStatus::Truncated);
     (Action::from_low_bits(step.into()), status)
 }
 
-/// The positions sampled in a draw: a table of a few slots for each, searched from a slot that the
-/// position gives.
+/// The positions of a draw: a hash table with linear probing and at least four slots per position.
 #[derive(Clone, Debug, Default)]
-struct Sampled(Vec<u32>);
+pub(super) struct Sampled(Vec<u32>);
 
 impl Sampled {
-    /// Marks a free slot; no buffer is as large.
+    /// Marks a free slot; buffers are smaller than this number.
     const FREE: u32 = u32::MAX;
 
-    /// Empties the table and makes room for so many.
+    /// Fills `positions` with distinct numbers below `stored`; every set of numbers is equally
+    /// likely.
+    ///
+    /// **Source**: Floyd's algorithm (Bentley and Floyd, "A sample of brilliance", 1987).
+    pub(super) fn draw(&mut self, stored: usize, stream: &mut Stream, positions: &mut [usize]) {
+        assert!(positions.len() <= stored, "a draw without replacement needs enough to draw from");
+        self.clear(positions.len());
+        let first = stored - positions.len();
+        for (position, last) in positions.iter_mut().zip(first..) {
+            let drawn = stream.below(last as u32 + 1);
+            *position = if self.insert(drawn) {
+                drawn as usize
+            } else {
+                self.insert(last as u32);
+                last
+            };
+        }
+    }
+
+    /// Empties the table and makes room for `count` positions.
     fn clear(&mut self, count: usize) {
         self.0.clear();
         self.0.resize((4 * count).next_power_of_two(), Sampled::FREE);
     }
 
-    /// Whether the position is new; it is in the table then.
+    /// Inserts a position; returns whether it was new.
     fn insert(&mut self, position: u32) -> bool {
-        // The upper bits of a product with the golden ratio (Fibonacci hashing): neighbours go far
-        // apart.
+        // Fibonacci hashing: the upper bits of the product with the golden ratio spread
+        // neighbouring positions.
         let bits = self.0.len().trailing_zeros();
         let mut slot = (position.wrapping_mul(0x9E37_79B9) >> (32 - bits)) as usize;
         loop {
@@ -335,15 +350,15 @@ mod tests {
     use super::*;
     use crate::rng::Purpose;
 
-    /// Observations of one row.
+    /// An observation of one row.
     fn one(value: f32) -> Observations {
         let mut observations = Observations::new(2, 3);
         observations.push(&[value, value + 0.5], Some(value as u32 % 3));
         observations
     }
 
-    /// A buffer after transitions of which each goes from its number to the next, and every third
-    /// ends an episode at the horizon, at its number and 100.
+    /// A buffer after `pushes` transitions. Transition i leads from state i to state i + 1. Every
+    /// third transition ends an episode at the horizon, in state i + 100.
     fn filled(capacity: usize, pushes: usize, terminal_target: TerminalTarget) -> Replay {
         let mut replay = Replay::new(capacity, &Observations::new(2, 3), terminal_target);
         for i in 0..pushes {
@@ -435,7 +450,7 @@ mod tests {
                 }
             }
         }
-        // Nine degrees of freedom: 27.9 is the 99.9 % point.
+        // The 99.9 % quantile of chi-squared with nine degrees of freedom is 27.9.
         assert!(chi_squared < 27.9, "chi-squared {chi_squared} of {counts:?}");
     }
 

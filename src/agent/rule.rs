@@ -1,4 +1,4 @@
-//! Decision rules that need no training: what researchers compare with.
+//! Decision rules that need no training, with which researchers compare agents.
 
 use std::io;
 
@@ -16,9 +16,9 @@ keys! {
     /// A decision rule that needs no training.
     pub struct RuleParameters {
         /// the rule: "never" sends nothing, "tailored" tailors to the likelier context, "threshold"
-        /// only where that is probable enough, "optimal" maximises the mean return
+        /// does so only if that context is probable enough, "optimal" maximises the mean return
         rule: DecisionRule;
-        /// the least probability of the likelier context at which "threshold" sends a message
+        /// minimum probability of the likelier context at which "threshold" sends a message
         threshold: f64 = 0.8, in Kind::Real { min: 0.5, max: 1.0 };
     }
 }
@@ -31,26 +31,26 @@ impl RuleParameters {
 }
 
 choices! {
-    /// The decision rules. What they know of the context is what the scenario shows of it.
+    /// The decision rules. They know the context only as the scenario shows it.
     pub enum DecisionRule {
-        /// No message, ever.
+        /// Never sends a message.
         Never = "never",
-        /// A message that is not tailored, always.
+        /// Always sends a message that is not tailored.
         Untailored = "untailored",
-        /// A message tailored to the likelier context, always.
+        /// Always sends a message tailored to the likelier context.
         Tailored = "tailored",
-        /// As `Tailored` where the likelier context is probable enough, else nothing.
+        /// As `Tailored` if the likelier context is probable enough; otherwise sends nothing.
         Threshold = "threshold",
-        /// Any action, each equally likely: a micro-randomised trial.
+        /// Chooses among all actions with equal probability, as in a micro-randomised trial.
         Random = "random",
-        /// What maximises the mean return; the scenario must show habituation and disengagement
+        /// Maximises the mean return; the scenario must show habituation and disengagement
         /// risk.
         Optimal = "optimal",
     }
 }
 
-/// The actor of a decision rule. It knows of the context what a scenario shows; only the optimal rule
-/// also uses habituation, disengagement risk and time.
+/// The actor of a decision rule. A rule sees the context as its scenario shows it; only the optimal
+/// rule also uses habituation, disengagement risk and time.
 #[derive(Clone, Debug)]
 pub struct RulePolicy {
     choice: Choice,
@@ -67,9 +67,9 @@ enum Choice {
 }
 
 impl RulePolicy {
-    /// The rule in an environment, for a scenario. The optimal one takes a moment to be computed.
+    /// The rule in an environment, for a scenario. Computing the optimal rule takes a moment.
     ///
-    /// **Errors**: the optimal rule, and the optimum is not computed.
+    /// **Errors**: the rule is the optimal one, and the optimum cannot be computed.
     pub fn new(
         rule: &RuleParameters,
         environment: &Environment,
@@ -88,12 +88,21 @@ impl RulePolicy {
         Ok(RulePolicy { choice, belief: Belief::new(environment, scenario) })
     }
 
+    /// This rule for a population in which `widest` has the most noise. If contexts are certain for
+    /// the environment's own parameters, the rule uses the belief under `widest` instead.
+    pub fn among(self, widest: &Environment, scenario: &Scenario) -> Self {
+        match self.belief {
+            Belief::Certain => RulePolicy { belief: Belief::new(widest, scenario), ..self },
+            _ => self,
+        }
+    }
+
     /// The rule that always takes one action.
     pub fn fixed(action: Action) -> Self {
         RulePolicy { choice: Choice::Always(action), belief: Belief::Certain }
     }
 
-    /// The action in a lane; draws from the stream once if the rule is random.
+    /// The action in a lane. The random rule draws from the stream once.
     fn choose(&self, lanes: &PhysicalActivity, lane: usize, stream: &mut Stream) -> Action {
         let zero = self.belief.probability_of_zero(&lanes.context(lane));
         let tailored = Action::tailored_to(u8::from(zero < 0.5));
@@ -103,7 +112,7 @@ impl RulePolicy {
             Choice::Threshold(least) if zero.max(1.0 - zero) >= *least => tailored,
             Choice::Threshold(_) => Action::NONE,
             Choice::Random => Action::from_low_bits(stream.bits()),
-            // There is nothing to plan for after the end of an episode.
+            // After the end of an episode, nothing remains to plan.
             Choice::Optimal(_) if lanes.statuses()[lane] != EpisodeStatus::Running => Action::NONE,
             Choice::Optimal(policy) => {
                 let (habituation, disengagement) =
@@ -113,7 +122,7 @@ impl RulePolicy {
         }
     }
 
-    /// The probability with which it takes the actions that it takes.
+    /// The probability of the actions that the rule chooses.
     fn probability(&self) -> f64 {
         match self.choice {
             Choice::Random => 1.0 / Action::COUNT as f64,
@@ -122,7 +131,7 @@ impl RulePolicy {
     }
 }
 
-/// A rule reads the state of the simulation in f64. It sees of the context what its scenario shows.
+/// A rule reads the state of the simulation in f64, but the context only as its scenario shows it.
 impl Actor for RulePolicy {
     fn act(
         &mut self,
@@ -151,25 +160,25 @@ impl Resumable for RulePolicy {
     }
 }
 
-/// A text that names no rule.
+/// Why a text is not a rule.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DecisionRuleError {
-    /// The threshold is no probability of the likelier of two contexts.
+    /// The threshold cannot be a probability of the likelier of two contexts.
     #[error(
         "the threshold must lie in [0.5, 1], not `{0}`: it is a probability of the likelier of \
          two contexts"
     )]
     Threshold(String),
-    /// There is no such rule.
+    /// The name is not a rule.
     #[error(
         "`{0}` is not a rule; the rules are never, untailored, tailored, threshold:<0.5-1>, random, optimal"
     )]
     Unknown(String),
 }
 
-/// The rule of this name; the threshold stands behind a colon, as in `threshold:0.9`.
+/// The rule with this name; a threshold follows a colon, as in `threshold:0.9`.
 ///
-/// **Errors**: there is none.
+/// **Errors**: the text is not a rule.
 pub fn read_rule(text: &str) -> Result<RuleParameters, DecisionRuleError> {
     if let Some(("threshold", number)) = text.split_once(':') {
         let threshold = number.parse().ok().filter(|p| (0.5..=1.0).contains(p));

@@ -1,4 +1,4 @@
-//! Weights as plain numbers, and as a safetensors file.
+//! Weights as plain numbers, with conversion to and from safetensors files.
 
 use std::collections::BTreeMap;
 use std::collections::HashMap;
@@ -8,36 +8,38 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 
 /// A named array of weights.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Tensor {
+pub struct Tensor<Number = f32> {
     /// Lengths of the axes: \[inputs, outputs\] of a weight matrix, \[outputs\] of a bias.
     pub shape: Vec<usize>,
     /// Values, row by row.
-    pub values: Vec<f32>,
+    pub values: Vec<Number>,
 }
 
 impl Tensor {
-    /// The values of a tensor of Burn.
+    /// Copies a tensor of Burn.
     pub fn of_burn<const AXES: usize>(tensor: BurnTensor<AXES>) -> Tensor {
         let data = tensor.into_data();
         let shape = data.shape().as_slice().to_vec();
         Tensor { shape, values: data.try_to_vec().expect("networks compute in f32") }
     }
 
-    /// The same values as a tensor of Burn.
+    /// The same array as a tensor of Burn.
     ///
     /// # Panics
-    /// If the number of axes is another.
+    /// Panics if the number of axes differs.
     pub fn to_burn<const AXES: usize>(&self, device: &Device) -> BurnTensor<AXES> {
         BurnTensor::from_data(TensorData::new(self.values.clone(), self.shape.clone()), device)
     }
 }
 
-/// The weights of a network by name (`trunk.0.weight`), with the numbers a policy needs beside
-/// them (`epsilon`).
+/// The weights of a network by name (`trunk.0.weight`), with additional numbers that a policy needs
+/// (`epsilon`).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Weights {
     /// Arrays by name.
     pub tensors: BTreeMap<String, Tensor>,
+    /// Arrays in double precision; their names differ from those in `tensors`.
+    pub doubles: BTreeMap<String, Tensor<f64>>,
     /// Numbers by name.
     pub numbers: BTreeMap<String, f64>,
 }
@@ -48,26 +50,35 @@ pub enum WeightsError {
     /// The bytes are not a safetensors file.
     #[error("read weights: {0}")]
     Format(#[from] safetensors::SafeTensorError),
-    /// An array is missing or of another shape or type.
-    #[error("the weights have no f32 array `{name}` of shape {shape:?}")]
+    /// An array is missing, or its shape or type is different.
+    #[error("the weights lack an array `{name}` of shape {shape:?} and the right type")]
     Missing {
-        /// Its name.
+        /// The name of the array.
         name: String,
-        /// The shape the network needs.
+        /// The shape that the network needs.
         shape: Vec<usize>,
     },
     /// A number is missing.
-    #[error("the weights have no number `{0}`")]
+    #[error("the weights lack the number `{0}`")]
     MissingNumber(String),
-    /// The agent is a rule.
-    #[error("a rule has no network to put weights into")]
+    /// The weights are not a posterior of a regression.
+    #[error("the precision of a regression is not positive definite")]
+    NotPositiveDefinite,
+    /// The agent is a rule or has no network for another reason.
+    #[error("the agent has no network")]
     NoNetwork,
+    /// The agent is a user's program.
+    #[error("the policy of an outside program is not stored")]
+    Outside,
+    /// The network has a memory, so that an observation alone does not determine its outputs.
+    #[error("the network has a memory of the episode")]
+    HasMemory,
 }
 
 impl Weights {
-    /// The array of this name and shape.
+    /// The array with this name and shape.
     ///
-    /// **Errors**: there is none.
+    /// **Errors**: there is no such array.
     pub fn tensor(&self, name: &str, shape: &[usize]) -> Result<&Tensor, WeightsError> {
         self.tensors
             .get(name)
@@ -75,9 +86,19 @@ impl Weights {
             .ok_or_else(|| WeightsError::Missing { name: name.to_owned(), shape: shape.to_vec() })
     }
 
-    /// The number of this name.
+    /// The array with this name and shape in double precision.
     ///
-    /// **Errors**: there is none.
+    /// **Errors**: there is no such array.
+    pub fn double(&self, name: &str, shape: &[usize]) -> Result<&Tensor<f64>, WeightsError> {
+        self.doubles
+            .get(name)
+            .filter(|tensor| tensor.shape == shape)
+            .ok_or_else(|| WeightsError::Missing { name: name.to_owned(), shape: shape.to_vec() })
+    }
+
+    /// The number with this name.
+    ///
+    /// **Errors**: there is no such number.
     pub fn number(&self, name: &str) -> Result<f64, WeightsError> {
         let number = self.numbers.get(name).copied();
         number.ok_or_else(|| WeightsError::MissingNumber(name.to_owned()))
@@ -86,44 +107,54 @@ impl Weights {
     /// Whether every weight is finite.
     pub fn are_finite(&self) -> bool {
         self.tensors.values().all(|tensor| tensor.values.iter().all(|v| v.is_finite()))
+            && self.doubles.values().all(|tensor| tensor.values.iter().all(|v| v.is_finite()))
     }
 
-    /// The weights as a safetensors file; numbers go into its metadata. Equal weights make equal
+    /// The weights as a safetensors file, with numbers in its metadata. Equal weights give equal
     /// bytes.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let bytes: Vec<Vec<u8>> = self
-            .tensors
-            .values()
-            .map(|tensor| tensor.values.iter().flat_map(|v| v.to_le_bytes()).collect())
-            .collect();
-        let views = self.tensors.iter().zip(&bytes).map(|((name, tensor), bytes)| {
-            let view = TensorView::new(Dtype::F32, tensor.shape.clone(), bytes)
+        let singles = self.tensors.iter().map(|(name, tensor)| {
+            let bytes: Vec<u8> = tensor.values.iter().flat_map(|v| v.to_le_bytes()).collect();
+            (name, Dtype::F32, &tensor.shape, bytes)
+        });
+        let doubles = self.doubles.iter().map(|(name, tensor)| {
+            let bytes: Vec<u8> = tensor.values.iter().flat_map(|v| v.to_le_bytes()).collect();
+            (name, Dtype::F64, &tensor.shape, bytes)
+        });
+        let arrays: Vec<_> = singles.chain(doubles).collect();
+        let views = arrays.iter().map(|(name, dtype, shape, bytes)| {
+            let view = TensorView::new(*dtype, (*shape).clone(), bytes)
                 .expect("the bytes were made from the values, and the shape is theirs");
             (name.as_str(), view)
         });
-        // One entry only: a hash map of several would be written in an order of its own.
+        // A single entry, because the order of several entries in a hash map would vary.
         let numbers = serde_json::to_string(&self.numbers).expect("a map of finite numbers");
         let metadata = HashMap::from([("numbers".to_owned(), numbers)]);
         safetensors::serialize(views, Some(metadata)).expect("names are distinct")
     }
 
-    /// Reads what [`Weights::to_bytes`] wrote.
+    /// The weights that [`Weights::to_bytes`] wrote.
     ///
-    /// **Errors**: the bytes are no safetensors file, or hold other types than f32.
+    /// **Errors**: the bytes are not a safetensors file, or hold types other than f32 and f64.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, WeightsError> {
         let file = SafeTensors::deserialize(bytes)?;
         let mut weights = Weights::default();
         for (name, view) in file.tensors() {
             let shape = view.shape().to_vec();
-            if view.dtype() != Dtype::F32 {
-                return Err(WeightsError::Missing { name, shape });
+            let data = view.data();
+            match view.dtype() {
+                Dtype::F32 => {
+                    let values =
+                        data.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
+                    weights.tensors.insert(name, Tensor { shape, values });
+                }
+                Dtype::F64 => {
+                    let values =
+                        data.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect();
+                    weights.doubles.insert(name, Tensor { shape, values });
+                }
+                _ => return Err(WeightsError::Missing { name, shape }),
             }
-            let values = view
-                .data()
-                .chunks_exact(4)
-                .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
-                .collect();
-            weights.tensors.insert(name, Tensor { shape, values });
         }
         let (_, header) = SafeTensors::read_metadata(bytes)?;
         if let Some(numbers) = header.metadata().as_ref().and_then(|m| m.get("numbers")) {
@@ -148,6 +179,10 @@ mod tests {
                 ("b".to_owned(), tensor(&[2, 1], &[1.5, f32::MIN_POSITIVE])),
                 ("a".to_owned(), tensor(&[3], &[-0.0, 0.1, 3e38])),
             ]),
+            doubles: BTreeMap::from([(
+                "c".to_owned(),
+                Tensor { shape: vec![2], values: vec![0.1, f64::MIN_POSITIVE] },
+            )]),
             numbers: BTreeMap::from([("epsilon".to_owned(), 0.01), ("other".to_owned(), 1.0)]),
         }
     }

@@ -1,4 +1,4 @@
-//! Whether two numbers with their uncertainties agree: ours and a published one.
+//! Agreement of our numbers with published ones, given the uncertainty of both.
 
 use super::interval::Interval;
 use super::moments::{Moments, vary};
@@ -6,7 +6,7 @@ use super::student::t_of_p;
 use super::t_test::TTest;
 use super::undefined::{Undefined, finite};
 
-/// A number and how uncertain it is.
+/// A number with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// The number.
@@ -20,7 +20,7 @@ pub struct Estimate {
 impl Estimate {
     /// The mean of some values.
     ///
-    /// **Errors**: fewer than two values, or values that do not differ.
+    /// **Errors**: fewer than two values, or values without variance.
     pub fn of_mean(values: &[f64]) -> Result<Estimate, Undefined> {
         let Moments { n, mean, sd } = Moments::of(values)?;
         let standard_error = sd? / (n as f64).sqrt();
@@ -28,19 +28,18 @@ impl Estimate {
         Ok(Estimate { value: mean, standard_error, df: n as f64 - 1.0 })
     }
 
-    /// A difference that a t test was made of.
+    /// The difference that a t test compares with 0.
     pub fn of_test(test: &TTest) -> Estimate {
         let TTest { difference: value, standard_error, df, .. } = *test;
         Estimate { value, standard_error, df }
     }
 
-    /// A difference that is published with the p value of its two-sided t test alone: the standard
-    /// error is what makes that p.
+    /// The estimate of a difference that is published with only the p value of its two-sided t
+    /// test. The standard error is the value that yields this p.
     ///
-    /// A p printed as 0.00000 is to be given as the largest number that is printed so.
+    /// For a p printed as 0.00000, pass the upper bound of the values that are printed so.
     ///
-    /// **Errors**: a difference of 0, a p that is not between 0 and 1, fewer than one degree of
-    /// freedom.
+    /// **Errors**: the difference is 0, `p` is not strictly between 0 and 1, or `df` is below 1.
     pub fn of_published(difference: f64, p: f64, df: f64) -> Result<Estimate, Undefined> {
         if difference == 0.0 || !(p > 0.0 && p < 1.0) || !(df >= 1.0 && df.is_finite()) {
             return Err(Undefined::OutOfRange);
@@ -50,28 +49,28 @@ impl Estimate {
     }
 }
 
-/// Whether the difference of two estimates can be chance.
+/// Whether chance can explain the difference between two estimates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// 0 lies in the joint interval.
+    /// The joint interval contains 0.
     Inside,
-    /// It does not.
+    /// The joint interval excludes 0.
     Outside,
 }
 
-/// Two estimates of one quantity, compared.
+/// The comparison of two estimates of one quantity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Agreement {
     /// The first minus the second.
     pub difference: f64,
     /// Joint interval of the difference.
     pub interval: Interval,
-    /// What it says.
+    /// The verdict.
     pub verdict: Verdict,
 }
 
-/// Compares two independent estimates: the joint standard error is the root of the sum of squares,
-/// its degrees of freedom Welch and Satterthwaite's.
+/// Compares two independent estimates. The joint standard error is the root of the sum of squares;
+/// its degrees of freedom follow Welch and Satterthwaite.
 ///
 /// **Errors**: numbers out of range.
 ///
@@ -84,7 +83,7 @@ pub fn agreement(first: &Estimate, second: &Estimate) -> Result<Agreement, Undef
     judged(first.value - second.value, (part_1 + part_2).sqrt(), df)
 }
 
-/// A difference with its joint standard error.
+/// The agreement for a difference with its joint standard error.
 fn judged(difference: f64, standard_error: f64, df: f64) -> Result<Agreement, Undefined> {
     let difference = finite(difference)?;
     let interval = Interval::around(difference, finite(standard_error)?, df);
@@ -92,30 +91,31 @@ fn judged(difference: f64, standard_error: f64, df: f64) -> Result<Agreement, Un
     Ok(Agreement { difference, interval, verdict })
 }
 
-/// How uncertain a number is that is published without any uncertainty: its seeds are taken to vary
-/// as ours do.
+/// The uncertainty of a number that is published without one, on the assumption that its seeds vary
+/// as much as ours.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Likeness {
     /// Standard error of the published number.
     pub published_error: f64,
-    /// Standard error of ours minus the published.
+    /// Standard error of our number minus the published one.
     pub joint_error: f64,
     /// Degrees of freedom of the joint standard error.
     pub df: f64,
 }
 
 impl Likeness {
-    /// That of a mean (of one arm) or of a difference of means (of two arms), given our values of
-    /// each arm. Behind every published mean are so many seeds, and the published number was read
-    /// with an error of this standard deviation.
+    /// The likeness of a mean (one arm) or of a difference of means (two arms). `arms` holds our
+    /// values of each arm, `seeds` is the number of seeds behind each published mean, and
+    /// `reading_sd` is the standard deviation of the error in reading the published number.
     ///
-    /// The variance of an arm's seeds is in both numbers but estimated once, from our n: the joint
-    /// variance is the sum over arms of sd² (1/n + 1/seeds), and has the n - 1 degrees of freedom of
-    /// sd² alone, over two arms Satterthwaite's. The reading error adds a known variance. It could
-    /// only raise the degrees of freedom, and is not let to: with few seeds, intervals that let it
-    /// are too narrow wherever both are of like size.
+    /// The variance of an arm affects both numbers but is estimated once, from our n values. The
+    /// joint variance is therefore the sum over arms of sd² (1/n + 1/seeds). Its degrees of freedom
+    /// are those of sd², n - 1; two arms are combined by Satterthwaite's formula. The reading error
+    /// adds a known variance, which the degrees of freedom ignore. Including it would raise the
+    /// degrees of freedom, and with few seeds the intervals would be too narrow where the reading
+    /// error is about as large as the standard error.
     ///
-    /// **Errors**: fewer than two values in an arm, or values that differ in none.
+    /// **Errors**: fewer than two values in an arm, or no arm with variance.
     pub fn new(arms: &[&[f64]], seeds: f64, reading_sd: f64) -> Result<Likeness, Undefined> {
         let (mut joint, mut published, mut squares) = (0.0, 0.0, 0.0);
         let mut size = 0.0_f64;
@@ -136,7 +136,7 @@ impl Likeness {
         })
     }
 
-    /// Whether our number and the published one, which differ by so much, agree.
+    /// The agreement of our number with the published one, given our number minus the published one.
     ///
     /// **Errors**: numbers out of range.
     pub fn agreement(&self, difference: f64) -> Result<Agreement, Undefined> {
@@ -150,7 +150,7 @@ mod tests {
 
     #[test]
     fn a_variance_that_is_estimated_once_counts_its_degrees_of_freedom_once() {
-        // The deviation is 4: 16 (1/3 + 1/3) = 32/3, of two degrees of freedom.
+        // The standard deviation is 4: 16 (1/3 + 1/3) = 32/3, with two degrees of freedom.
         let of_one = Likeness::new(&[&[96.0, 100.0, 104.0]], 3.0, 0.0).unwrap();
         assert!((of_one.published_error - (16f64 / 3.0).sqrt()).abs() < 1e-12);
         assert!((of_one.joint_error - (32f64 / 3.0).sqrt()).abs() < 1e-12);
@@ -160,7 +160,7 @@ mod tests {
         assert!((read.published_error - (28f64 / 3.0).sqrt()).abs() < 1e-12);
         assert!((read.joint_error - (44f64 / 3.0).sqrt()).abs() < 1e-12);
         assert!((read.df - 2.0).abs() < 1e-12);
-        // Of equal variance the degrees of freedom of two arms add up.
+        // With equal variances, the degrees of freedom of two arms add up.
         let of_two = Likeness::new(&[&[96.0, 100.0, 104.0], &[1.0, 5.0, 9.0]], 3.0, 0.0).unwrap();
         assert!((of_two.joint_error - (64f64 / 3.0).sqrt()).abs() < 1e-12);
         assert!((of_two.df - 4.0).abs() < 1e-12);
@@ -175,7 +175,7 @@ mod tests {
         assert_eq!(of(&[&[5.0; 3]]), Err(Undefined::NoVariance));
         assert_eq!(of(&[&[5.0]]), Err(Undefined::TooFewSeeds { have: 1, need: 2 }));
         assert_eq!(of(&[&[5.0, 6.0], &[]]), Err(Undefined::NoSeeds));
-        // One arm that varies is enough, as of a t test.
+        // One arm with variance is enough, as for a t test.
         assert!((of(&[&[5.0; 3], &[5.0, 6.0]]).unwrap().df - 1.0).abs() < 1e-12);
     }
 }

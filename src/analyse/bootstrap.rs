@@ -1,7 +1,7 @@
 //! Stratified bootstrap: intervals for statistics over several conditions.
 //!
-//! Seeds are drawn anew within each condition, conditions stay. The stream of draws is always the
-//! same, so that an interval depends on the values alone, and not on where in a report it stands.
+//! Seeds are resampled within each condition; the conditions are fixed. Every bootstrap uses the same
+//! random stream, so an interval depends on the values alone and not on its position in a report.
 
 use super::interval::{Interval, LEVEL};
 use super::quantile::quantile_of_sorted;
@@ -9,31 +9,31 @@ use super::sample::Sample;
 use super::undefined::{Undefined, at_least, finite};
 use crate::rng::{Purpose, Stream};
 
-/// Times that the seeds are drawn anew.
+/// Number of bootstrap resamples.
 pub const RESAMPLES: usize = 10_000;
 
-/// Which stream of [`Purpose::Bootstrap`] is drawn from.
+/// Number of the stream of [`Purpose::Bootstrap`] that resampling uses.
 const STREAM: u64 = 0;
 
-/// A statistic over conditions.
+/// A statistic over several conditions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Aggregate {
-    /// The statistic of the values themselves.
+    /// The statistic of the original values.
     pub value: f64,
     /// Percentile interval of the statistic over [`RESAMPLES`] resamples.
     pub interval: Result<Interval, Undefined>,
 }
 
-/// Inter-quartile mean: the mean of all values, of all conditions and seeds, without the lowest and
-/// the highest quarter (rounded down to whole values).
+/// Inter-quartile mean: the mean of the values of all conditions and seeds, without the lowest and
+/// the highest quarter (each rounded down to whole values).
 ///
-/// Conditions count by their number of seeds.
+/// Each condition is weighted by its number of seeds.
 ///
-/// With few seeds a condition the interval is too narrow, over however many conditions: drawing
-/// anew from n values has (n - 1)/n of their variance. `docs/statistics.md` has its coverage.
+/// With few seeds per condition the interval is too narrow, however many conditions there are:
+/// resamples of n values have (n - 1)/n of their variance. `docs/statistics.md` has the coverage.
 ///
-/// **Errors**: no condition, or one without values. The interval: fewer than two seeds in a
-/// condition, or no variance.
+/// **Errors**: no condition, or a condition without values. For the interval: fewer than two seeds
+/// in a condition, or no variance.
 ///
 /// **Source**: Agarwal et al., "Deep reinforcement learning at the edge of the statistical
 /// precipice", 2021; Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13.
@@ -44,7 +44,7 @@ pub fn interquartile_mean(conditions: &[&Sample]) -> Result<Aggregate, Undefined
     Ok(Aggregate { value, interval: percentile_interval(&strata, middle_mean) })
 }
 
-/// The mean without the lowest and the highest quarter; sorts the values.
+/// The mean without the lowest and the highest quarter; sorts the values in place.
 fn middle_mean(values: &mut [f64]) -> f64 {
     values.sort_unstable_by(f64::total_cmp);
     let cut = values.len() / 4;
@@ -52,16 +52,15 @@ fn middle_mean(values: &mut [f64]) -> f64 {
     middle.iter().sum::<f64>() / middle.len() as f64
 }
 
-/// Percentile interval of a statistic under drawing anew within strata.
+/// Percentile interval of a statistic, with resampling within strata.
 ///
-/// The statistic is given the values of all strata, one stratum behind the other, and may reorder
-/// them.
+/// `statistic` receives the concatenated values of all strata and may reorder them.
 fn percentile_interval(
     strata: &[&[f64]],
     statistic: impl Fn(&mut [f64]) -> f64,
 ) -> Result<Interval, Undefined> {
     at_least(2, strata.iter().map(|values| values.len()).min().unwrap_or(0))?;
-    // By size, so that it does not matter which seed had which value.
+    // Sorted, so that the interval does not depend on which seed had which value.
     let sorted = strata.iter().map(|values| {
         let mut values = values.to_vec();
         values.sort_unstable_by(f64::total_cmp);
@@ -83,7 +82,7 @@ fn percentile_interval(
     }
     seen.sort_unstable_by(f64::total_cmp);
     if seen[0] == seen[RESAMPLES - 1] {
-        // Resampling that changes nothing says nothing about the width.
+        // Equal resamples carry no information about the width.
         return Err(Undefined::NoVariance);
     }
     let tail = (1.0 - LEVEL) / 2.0;
@@ -95,10 +94,10 @@ fn percentile_interval(
 mod tests {
     use super::*;
 
-    /// How often the interval holds the true value, 0, of conditions with one truth and so many
-    /// normal seeds each.
+    /// The coverage of the interval: the share of intervals that contain the true value 0, for
+    /// conditions with equal true means and `seeds` normally distributed seeds each.
     fn coverage(conditions: usize, seeds: usize, rounds: usize) -> f64 {
-        // A stream that no resample is drawn from.
+        // Resampling uses another stream.
         let mut stream = Stream::new(STREAM + 1, Purpose::Bootstrap);
         let mut normal = || {
             let (radius, angle) = (1.0 - stream.unit(), stream.unit());
@@ -119,7 +118,8 @@ mod tests {
         let arm = Sample::new([(1, 1.0), (2, 5.0), (3, 2.0)], 0, 0).unwrap();
         let interval = interquartile_mean(&[&arm]).unwrap().interval.unwrap();
         assert_eq!((interval.low, interval.high), (1.0, 5.0));
-        // All three are on one side of the middle with probability 2/8; chance moves this by 2 %.
+        // All three seeds are on one side of the true value with probability 2/8. The standard
+        // deviation of the coverage is 2 %.
         let covered = coverage(1, 3, 500);
         assert!((0.69..0.81).contains(&covered), "{covered}");
     }

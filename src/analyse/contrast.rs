@@ -1,4 +1,4 @@
-//! One arm against another: everything a table tells of it.
+//! One arm against another: every statistic that a table of contrasts shows.
 
 use super::effect_size::{HedgesG, hedges_g, paired_hedges_g};
 use super::improvement::{Improvement, improvement, paired_improvement};
@@ -9,58 +9,58 @@ use super::sample::Sample;
 use super::t_test::{TTest, paired_t_test, pooled_sd, student_t_test, welch_t_test};
 use super::undefined::{Undefined, finite};
 
-/// How the seeds of two arms belong together.
+/// How the seeds of two arms are paired.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Design {
-    /// They do not.
+    /// Seeds are not paired.
     Independent,
-    /// Equal seeds are a pair; seeds that only one arm has are left out.
+    /// Equal seeds form a pair; seeds that only one arm has are left out.
     Matched,
 }
 
 /// The t tests of a design.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Tests {
-    /// Of independent arms.
+    /// Tests of independent arms.
     Independent {
-        /// Variances may differ: the test to report.
+        /// Welch's test, which allows different variances: the test to report.
         welch: Result<TTest, Undefined>,
-        /// Variances taken to be equal, as the paper does.
+        /// Student's test, which assumes equal variances, as in the paper.
         student: Result<TTest, Undefined>,
     },
-    /// Of matched seeds.
+    /// The test of matched seeds.
     Matched {
-        /// Of the differences.
+        /// The t test of the differences.
         paired: Result<TTest, Undefined>,
     },
 }
 
-/// The first arm against the second: differences are the first minus the second.
+/// The comparison of two arms. Differences are the first minus the second.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Contrast {
-    /// How the seeds were taken to belong together.
+    /// How the seeds are paired.
     pub design: Design,
-    /// Seeds of each arm that are compared.
+    /// Numbers of compared seeds of each arm.
     pub seeds: (usize, usize),
-    /// Means of the seeds compared.
+    /// Means of the compared seeds of each arm.
     pub means: Result<(f64, f64), Undefined>,
     /// Difference of the means.
     pub difference: Result<f64, Undefined>,
     /// The t tests, with the interval of the difference.
     pub tests: Tests,
-    /// Difference in standard deviations.
+    /// Hedges' g: the difference in standard deviations.
     pub hedges_g: Result<HedgesG, Undefined>,
-    /// Probability that the first arm's policy is the better one, if larger values are better.
+    /// Probability that the first arm's policy is better, if larger values are better.
     pub improvement: Result<Improvement, Undefined>,
     /// Exact p value of the difference over all arrangements of the seeds.
     pub permutation_p: Result<f64, Undefined>,
-    /// Smallest difference that so many seeds, varying so much, detect with probability
-    /// [`POWER`](super::POWER).
+    /// Smallest difference that a test with these numbers of seeds and this spread detects with
+    /// probability [`POWER`](super::POWER).
     pub detectable: Result<f64, Undefined>,
 }
 
 impl Contrast {
-    /// The first sample against the second.
+    /// Compares the first sample with the second.
     pub fn new(first: &Sample, second: &Sample, design: Design) -> Contrast {
         match design {
             Design::Independent => independent(first.values(), second.values()),
@@ -71,7 +71,7 @@ impl Contrast {
         }
     }
 
-    /// The test to report: Welch's of independent arms, the paired one of matched seeds.
+    /// The test to report: Welch's for independent arms, the paired t test for matched seeds.
     pub fn test(&self) -> Result<TTest, Undefined> {
         match self.tests {
             Tests::Independent { welch, .. } => welch,
@@ -83,7 +83,7 @@ impl Contrast {
 fn independent(first: &[f64], second: &[f64]) -> Contrast {
     let means = means(first, second);
     let student = student_t_test(first, second);
-    // Only a variance that a test could be made with tells what such a test detects.
+    // The detectable difference is defined only where the test is.
     let shared_sd = student.and_then(|_| pooled_sd(first, second));
     let in_units = || Ok(shared_sd? * detectable(first.len(), second.len())?);
     Contrast {

@@ -8,7 +8,7 @@ use super::undefined::{Undefined, at_least};
 /// A standardised difference of means.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HedgesG {
-    /// Difference over standard deviation, times the correction that makes it unbiased.
+    /// Difference divided by the standard deviation, times the bias correction.
     pub g: f64,
     /// Interval of the standardised difference; exact for normal values.
     pub interval: Interval,
@@ -16,11 +16,11 @@ pub struct HedgesG {
 
 /// Hedges' g of two independent arms: (mean 1 - mean 2) / pooled sd, times J(n1 + n2 - 2).
 ///
-/// The interval asks with which standardised differences the t seen is no surprise (the noncentral
-/// t distribution). No formula for a variance of g is used: with three to ten seeds and
-/// differences of many standard deviations they are far off.
+/// The interval contains the standardised differences that are compatible with the observed t, by
+/// the noncentral t distribution. Approximate formulas for the variance of g are not used: they are
+/// far off with three to ten seeds and differences of many standard deviations.
 ///
-/// **Errors**: fewer than two values in an arm, or no variance in both.
+/// **Errors**: fewer than two values in an arm, or no variance in either arm.
 ///
 /// **Source**: Hedges, "Distribution theory for Glass's estimator of effect size and related
 /// estimators", 1981; the interval: Steiger and Fouladi, 1997.
@@ -29,11 +29,11 @@ pub fn hedges_g(first: &[f64], second: &[f64]) -> Result<HedgesG, Undefined> {
     standardise(test.t, test.df, (1.0 / first.len() as f64 + 1.0 / second.len() as f64).sqrt())
 }
 
-/// Hedges' g of pairs: mean difference / sd of the differences, times J(n - 1). It counts in
-/// another unit than that of independent arms, and is not to be compared with it.
+/// Hedges' g of pairs: mean difference / sd of the differences, times J(n - 1). Its unit is the
+/// standard deviation of the differences, so it is not comparable with the g of independent arms.
 ///
-/// **Errors**: fewer than three pairs (of two, the expectation is infinite), or differences that do
-/// not vary.
+/// **Errors**: fewer than three pairs (with two pairs, the expectation of g is infinite), or
+/// differences without variance.
 ///
 /// **Source**: as [`hedges_g`].
 pub fn paired_hedges_g(pairs: &[(f64, f64)]) -> Result<HedgesG, Undefined> {
@@ -42,7 +42,7 @@ pub fn paired_hedges_g(pairs: &[(f64, f64)]) -> Result<HedgesG, Undefined> {
     standardise(test.t, test.df, 1.0 / (pairs.len() as f64).sqrt())
 }
 
-/// `scale` is what turns t into a difference in standard deviations.
+/// Hedges' g from t; `scale` converts t to a difference in standard deviations.
 fn standardise(t: f64, df: f64, scale: f64) -> Result<HedgesG, Undefined> {
     let Interval { low, high } = shift_interval(t, df)?;
     let interval = Interval { low: low * scale, high: high * scale };

@@ -1,10 +1,10 @@
-//! Probability of improvement: how likely a policy of one arm beats one of another.
+//! Probability of improvement: the probability that a policy of one arm beats a policy of another.
 
 use super::interval::{Interval, NORMAL_CRITICAL};
 use super::root::root;
 use super::undefined::{Undefined, at_least};
 
-/// Probability that a policy of the first arm has the larger value, a tie counting half.
+/// Probability that a policy of the first arm has the larger value; a tie counts half.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Improvement {
     /// Probability, 0 to 1.
@@ -14,9 +14,10 @@ pub struct Improvement {
 }
 
 /// Probability of improvement of two independent arms: P(X > Y) + P(X = Y) / 2 over all pairs of
-/// seeds, which is the Mann-Whitney statistic over its largest value.
+/// seeds, which is the Mann-Whitney statistic divided by its maximum.
 ///
-/// The interval is that of a score; unlike a bootstrap it keeps a width where arms do not overlap.
+/// The interval is a score interval. Unlike a bootstrap interval, it has a positive width when the
+/// arms do not overlap.
 ///
 /// **Errors**: an arm without values.
 ///
@@ -30,8 +31,8 @@ pub fn improvement(first: &[f64], second: &[f64]) -> Result<Improvement, Undefin
     Ok(Improvement { probability, interval })
 }
 
-/// Probability of improvement of pairs: the share of pairs in which the first is larger, a tie
-/// counting half.
+/// Probability of improvement of pairs: the share of pairs in which the first value is larger; a
+/// tie counts half.
 ///
 /// **Errors**: no pairs.
 ///
@@ -58,15 +59,16 @@ fn win(x: f64, y: f64) -> f64 {
     (f64::from(u8::from(x > y)) + f64::from(u8::from(x >= y))) / 2.0
 }
 
-/// The probabilities from which the one seen is not further than z of their standard deviations,
-/// that of exponential values (Hanley and McNeil) with the mean of both arms' numbers in it.
+/// The range of probabilities p that differ from `seen` by at most z standard deviations at p. The
+/// standard deviation is Hanley and McNeil's for exponential values, with the mean of both arms'
+/// numbers of seeds in place of each in its numerator.
 fn score_interval(seen: f64, n_1: f64, n_2: f64) -> Interval {
     let variance = |p: f64| {
         let balance = (1.0 - p) / (2.0 - p) + p / (1.0 + p);
         p * (1.0 - p) * (1.0 + ((n_1 + n_2) / 2.0 - 1.0) * balance) / (n_1 * n_2)
     };
     let excess = |p: f64| (p - seen).abs() - NORMAL_CRITICAL * variance(p).sqrt();
-    // Where 0 or 1 was seen, that is a solution of its own; the other one is looked for.
+    // An observed 0 or 1 is itself an end of the interval; only the other end is searched for.
     let inside = seen.clamp(1e-12, 1.0 - 1e-12);
     let low = if seen == 0.0 { 0.0 } else { root(excess, (0.0, inside)) };
     let high = if seen == 1.0 { 1.0 } else { root(excess, (inside, 1.0)) };

@@ -1,4 +1,4 @@
-//! Intervals, all of the same level.
+//! Confidence intervals, all of the same level.
 
 use super::moments::{Moments, vary};
 use super::student::t_of_p;
@@ -7,11 +7,11 @@ use super::undefined::Undefined;
 /// Confidence level of every interval.
 pub const LEVEL: f64 = 0.95;
 
-/// The number that bounds the middle [`LEVEL`] of the standard normal distribution: what
-/// [`critical`] tends to.
+/// The z that bounds the central [`LEVEL`] of the standard normal distribution: the limit of
+/// [`critical`] for many degrees of freedom.
 pub(super) const NORMAL_CRITICAL: f64 = 1.959963984540054;
 
-/// The t that bounds the middle [`LEVEL`] of Student's distribution with `df` degrees of freedom.
+/// The t that bounds the central [`LEVEL`] of Student's distribution with `df` degrees of freedom.
 pub(super) fn critical(df: f64) -> f64 {
     t_of_p(1.0 - LEVEL, df)
 }
@@ -21,7 +21,7 @@ pub(super) fn critical(df: f64) -> f64 {
 pub struct Interval {
     /// Lower end.
     pub low: f64,
-    /// Upper end, not below the lower.
+    /// Upper end, at least the lower end.
     pub high: f64,
 }
 
@@ -40,7 +40,7 @@ impl Interval {
 
 /// Interval of the mean: mean ± t(0.975, n - 1) sd / sqrt(n).
 ///
-/// **Errors**: fewer than two values, or values that do not differ.
+/// **Errors**: fewer than two values, or values without variance.
 ///
 /// **Source**: Student, "The probable error of a mean", 1908.
 pub fn mean_interval(values: &[f64]) -> Result<Interval, Undefined> {

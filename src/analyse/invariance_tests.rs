@@ -1,11 +1,11 @@
-//! What must not change a statistic, and what must change it in a known way; on random samples.
+//! Transformations that must leave a statistic unchanged or change it in a known way, on random samples.
 
 use super::*;
 use crate::rng::{Purpose, Stream};
 
 const ROUNDS: u64 = 60;
 
-/// Values in quarters, so that shifts and doublings are exact and ties happen.
+/// Multiples of 1/4, so that shifts and scalings by powers of two are exact and ties occur.
 fn draw(stream: &mut Stream, n: usize) -> Vec<f64> {
     (0..n).map(|_| f64::from(stream.below(80)) / 4.0 - 10.0).collect()
 }
@@ -30,7 +30,7 @@ fn contrasts(first: &[f64], second: &[f64]) -> [Contrast; 2] {
     [Design::Independent, Design::Matched].map(|design| Contrast::new(&first, &second, design))
 }
 
-/// Numbers of a contrast; those in units of the metric are divided by `unit`.
+/// The numbers of a contrast. Numbers in units of the metric are divided by `unit`.
 fn numbers(contrast: &Contrast, unit: f64) -> Vec<Result<f64, Undefined>> {
     let student = match contrast.tests {
         Tests::Independent { student, .. } => student,
@@ -89,7 +89,7 @@ fn swapped_arms_change_the_sign_and_keep_the_p_values() {
     for seed in 0..ROUNDS {
         let (first, second) = arms(seed);
         let swapped = contrasts(&second, &first);
-        // Mirrored values are the swapped contrast by another way: x - y = (-y) - (-x).
+        // Negated values give the swapped contrast: y - x = (-x) - (-y).
         let mirrored = contrasts(&map(&first, |x| -x), &map(&second, |x| -x));
         for (place, plain) in contrasts(&first, &second).iter().enumerate() {
             let swapped = &swapped[place];
@@ -192,7 +192,7 @@ fn corrections_keep_the_order_and_are_never_below_the_raw_p() {
     }
 }
 
-/// Samples that something is wrong with, and one that is in order.
+/// Degenerate samples, and one ordinary sample.
 fn odd_samples() -> Vec<Sample> {
     let of = |values: &[f64]| sample(values);
     vec![

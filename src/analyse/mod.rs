@@ -1,8 +1,9 @@
-//! From records to summaries: pure functions, no database, no output.
+//! Statistics and findings from records: pure functions without database or output.
 //!
 //! The unit of analysis is the trained policy (a seed), never the test episode. Statistics take
-//! [`Sample`]s, one value a seed, or their values; what is not defined is an [`Undefined`] with the
-//! reason that a table prints, never a NaN. `docs/statistics.md` lists them with their sources.
+//! [`Sample`]s, with one value per seed, or the values of samples. An undefined statistic is an
+//! [`Undefined`] with the reason that a table prints, never a NaN. `docs/statistics.md` lists all
+//! statistics with their sources.
 
 mod agreement;
 mod bootstrap;
@@ -17,6 +18,7 @@ mod noncentral;
 mod permutation;
 mod power;
 mod quantile;
+mod recovery;
 mod root;
 mod sample;
 mod smooth;
@@ -40,6 +42,7 @@ pub use multiplicity::{Corrected, correct};
 pub use permutation::{MOST_ARRANGEMENTS, paired_permutation_p, permutation_p};
 pub use power::{FEW_SEEDS, POWER, detectable, paired_detectable};
 pub use quantile::{lower_quartile, quantile};
+pub use recovery::{Recovered, recovered};
 pub use sample::{DuplicateSeed, Lost, Sample};
 pub use smooth::moving_mean;
 pub use t_test::{TTest, paired_t_test, student_t_test, welch_t_test};

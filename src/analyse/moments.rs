@@ -9,7 +9,7 @@ pub struct Moments {
     pub n: usize,
     /// Mean.
     pub mean: f64,
-    /// Standard deviation (n - 1), 0 where all values are equal; undefined for one value.
+    /// Standard deviation (divisor n - 1), 0 if all values are equal; undefined for one value.
     pub sd: Result<f64, Undefined>,
 }
 
@@ -25,8 +25,8 @@ impl Moments {
     }
 }
 
-/// Mean and standard deviation (n - 1) of at least one value; no deviation of a single one. Equal
-/// values have exactly their value as mean, and deviation 0.
+/// Mean and standard deviation (divisor n - 1) of at least one value. A single value has no
+/// standard deviation. Equal values have exactly their value as mean, and standard deviation 0.
 pub fn mean_and_sd(values: &[f64]) -> (f64, Option<f64>) {
     let n = values.len() as f64;
     let sd = |squares: f64| (values.len() > 1).then(|| (squares / (n - 1.0)).sqrt());
@@ -37,9 +37,9 @@ pub fn mean_and_sd(values: &[f64]) -> (f64, Option<f64>) {
     (mean, sd(values.iter().map(|value| (value - mean).powi(2)).sum()))
 }
 
-/// Checks that a standard error is more than the rounding of values of this size.
+/// Checks that a standard error exceeds the rounding error of values of this size.
 ///
-/// **Source**: the rule of R's `t.test` ("data are essentially constant"), ten units of rounding.
+/// **Source**: the rule of R's `t.test` ("data are essentially constant"), ten times the machine epsilon.
 pub(super) fn vary(standard_error: f64, size: f64) -> Result<(), Undefined> {
     if finite(standard_error)? > 10.0 * f64::EPSILON * finite(size)?.abs() {
         Ok(())

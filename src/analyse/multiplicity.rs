@@ -5,16 +5,16 @@ use super::undefined::Undefined;
 /// Corrected p values of one test.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corrected {
-    /// Holm's: keeps the chance of any false finding in the family at its level.
+    /// Holm's p value, which controls the family-wise error rate.
     pub holm: f64,
-    /// Benjamini and Hochberg's: keeps the expected share of false findings at its level.
+    /// Benjamini and Hochberg's p value, which controls the false discovery rate.
     pub benjamini_hochberg: f64,
 }
 
 /// Corrects the p values of a family, in the order given.
 ///
-/// A test without a p value stays without one, and counts as a member of the family all the same
-/// (as if its p were 1): an arm that failed does not make the other findings stronger.
+/// A test without a p value stays undefined but counts as a member of the family, as if its p were
+/// 1. A failed arm therefore does not strengthen the other findings.
 ///
 /// **Source**: Holm, "A simple sequentially rejective multiple test procedure", 1979; Benjamini and
 /// Hochberg, "Controlling the false discovery rate", 1995.

@@ -1,4 +1,4 @@
-//! The noncentral t distribution, and intervals for what it is centred on.
+//! The noncentral t distribution, and intervals for its noncentrality, here called the shift.
 
 use statrs::function::gamma::gamma_ur;
 
@@ -6,7 +6,7 @@ use super::interval::{Interval, LEVEL};
 use super::root::root;
 use super::undefined::{Undefined, finite};
 
-/// Nodes above 0 and weights of Gauss and Legendre's rule of 16 points on [-1, 1].
+/// Positive nodes and weights of the 16-point Gauss-Legendre rule on [-1, 1].
 const RULE: [(f64, f64); 8] = [
     (0.09501250983763744, 0.1894506104550685),
     (0.2816035507792589, 0.1826034150449236),
@@ -18,14 +18,14 @@ const RULE: [(f64, f64); 8] = [
     (0.9894009349916499, 0.027152459411754096),
 ];
 
-/// Beyond this many standard deviations lies nothing that a double can add.
+/// Number of standard deviations beyond which the density is negligible in double precision.
 const REACH: f64 = 9.0;
 
-/// Probability that (Z + shift) / S is at most `t`, where Z is standard normal and S² an
-/// independent chi-squared over its `df` degrees of freedom (whole, at least 1). Its error is
-/// below 1e-12.
+/// Probability that (Z + shift) / S is at most `t`, where Z is standard normal and S² is an
+/// independent chi-squared variable divided by its `df` degrees of freedom (a whole number, at
+/// least 1). The absolute error is below 1e-12.
 ///
-/// Integrates over S or over Z, whichever leaves the other's distribution function the smoother.
+/// Integrates over S or over Z, whichever makes the integrand smoother.
 ///
 /// **Source**: the definition, as in Johnson, Kotz and Balakrishnan, "Continuous Univariate
 /// Distributions", volume 2, 1995, chapter 31.
@@ -39,7 +39,7 @@ pub(super) fn noncentral_t(t: f64, df: f64, shift: f64) -> f64 {
     }
 }
 
-/// The integral over U = S sqrt(df), which is within [`REACH`] of sqrt(df).
+/// The integral over U = S sqrt(df), whose density is negligible beyond [`REACH`] of sqrt(df).
 fn over_chi(t: f64, df: f64, shift: f64) -> f64 {
     let centre = df.sqrt();
     let constant = (1.0 - df / 2.0) * std::f64::consts::LN_2 - libm::lgamma(df / 2.0);
@@ -48,11 +48,11 @@ fn over_chi(t: f64, df: f64, shift: f64) -> f64 {
     integral(|u| density(u) * normal(t * u / centre - shift), ends)
 }
 
-/// The integral over Z: S is at least (Z + shift) / t.
+/// The integral over Z of the probability that S is at least (Z + shift) / t.
 fn over_normal(t: f64, df: f64, shift: f64) -> f64 {
     let density = |z: f64| (-z * z / 2.0).exp() / (2.0 * std::f64::consts::PI).sqrt();
     let beyond = |s: f64| gamma_ur(df / 2.0, (s * s * df / 2.0).max(f64::MIN_POSITIVE));
-    // The integrand has a kink where S would be 0; below, S is always larger.
+    // The integrand has a kink where the bound of S is 0. Below the kink, S always exceeds the bound.
     let kink = (-shift).clamp(-REACH, REACH);
     let above = integral(|z| density(z) * beyond((z + shift) / t), (kink, REACH));
     normal(kink) + above
@@ -63,7 +63,7 @@ fn normal(z: f64) -> f64 {
     0.5 * libm::erfc(-z * std::f64::consts::FRAC_1_SQRT_2)
 }
 
-/// The integral between two ends, in panels no longer than 1.
+/// The integral between two ends, in panels of length at most 1.
 fn integral(function: impl Fn(f64) -> f64, (from, to): (f64, f64)) -> f64 {
     let panels = (to - from).ceil().max(1.0);
     let half = (to - from) / panels / 2.0;
@@ -87,7 +87,7 @@ pub(super) fn shift_interval(t: f64, df: f64) -> Result<Interval, Undefined> {
     Ok(Interval { low, high: shift_of_probability(tail, t, df) })
 }
 
-/// The shift with which a noncentral t is at most `t` with this probability.
+/// The shift at which a noncentral t is at most `t` with this probability.
 fn shift_of_probability(probability: f64, t: f64, df: f64) -> f64 {
     let excess = |shift: f64| noncentral_t(t, df, shift) - probability;
     let mut reach = 4.0 + t.abs();

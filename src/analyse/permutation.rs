@@ -1,17 +1,19 @@
-//! Exact permutation tests: every arrangement is counted, none is drawn.
+//! Exact permutation tests, which enumerate all arrangements.
 
 use super::undefined::{Undefined, at_least, finite};
 
-/// Most arrangements that are counted (a fraction of a second): two arms of 13 seeds, or 24 pairs.
+/// Largest number of arrangements that is enumerated, in a fraction of a second. It admits two arms
+/// of 13 seeds, or 24 pairs.
 pub const MOST_ARRANGEMENTS: u64 = 1 << 24;
 
-/// Sums that differ by less than this share of the sum of all sizes differ by rounding.
+/// Sums that differ by less than this share of the sum of absolute values count as ties.
 const ROUNDING: f64 = 1e-12;
 
-/// Two-sided p value of the difference of means of two independent arms: the share of all ways to
-/// deal the values to arms of these sizes whose difference is at least as far from 0.
+/// Two-sided p value of the difference of means of two independent arms: the share of all
+/// assignments of the values to arms of these sizes whose difference is at least as far from 0 as
+/// the observed difference.
 ///
-/// **Errors**: an arm without values; more than [`MOST_ARRANGEMENTS`] ways.
+/// **Errors**: an arm without values; more than [`MOST_ARRANGEMENTS`] arrangements.
 ///
 /// **Source**: Fisher, "The Design of Experiments", 1935; Pitman, "Significance tests which may be
 /// applied to samples from any populations", 1937.
@@ -22,7 +24,8 @@ pub fn permutation_p(first: &[f64], second: &[f64]) -> Result<f64, Undefined> {
     let mean = finite(all.iter().sum::<f64>())? / all.len() as f64;
     let from_mean: Vec<f64> = all.iter().map(|value| value - mean).collect();
     let size: f64 = finite(from_mean.iter().map(|value| value.abs()).sum())?;
-    // Around the common mean, the sums of the arms are opposite: the smaller arm's tells both.
+    // The deviations from the common mean sum to opposite numbers in the two arms, so the smaller
+    // arm suffices.
     let (smaller, seen) = if first.len() <= second.len() {
         (first.len(), &from_mean[..first.len()])
     } else {
@@ -32,10 +35,10 @@ pub fn permutation_p(first: &[f64], second: &[f64]) -> Result<f64, Undefined> {
     Ok(choices_beyond(bound, &from_mean, smaller, 0.0) as f64 / ways as f64)
 }
 
-/// Two-sided p value of the mean difference of pairs: the share of all ways to swap within pairs
-/// whose mean difference is at least as far from 0.
+/// Two-sided p value of the mean difference of pairs: the share of all ways to swap values within
+/// pairs whose mean difference is at least as far from 0 as the observed one.
 ///
-/// **Errors**: no pairs; more than [`MOST_ARRANGEMENTS`] ways.
+/// **Errors**: no pairs; more than [`MOST_ARRANGEMENTS`] arrangements.
 ///
 /// **Source**: Fisher, "The Design of Experiments", 1935.
 pub fn paired_permutation_p(pairs: &[(f64, f64)]) -> Result<f64, Undefined> {
@@ -50,7 +53,7 @@ pub fn paired_permutation_p(pairs: &[(f64, f64)]) -> Result<f64, Undefined> {
     Ok(signs_beyond(bound, &differences, 0.0) as f64 / ways)
 }
 
-/// How many ways there are to choose `some` of `all`, if they can be counted.
+/// The number of ways to choose `some` of `all`, if they are few enough to enumerate.
 fn ways_to_choose(some: usize, all: usize) -> Result<u64, Undefined> {
     let mut ways = 1u64;
     for k in 1..=some as u64 {
@@ -62,7 +65,8 @@ fn ways_to_choose(some: usize, all: usize) -> Result<u64, Undefined> {
     Ok(ways)
 }
 
-/// How many choices of `some` of these values have, with `sum`, a sum as far from 0 as `bound`.
+/// The number of choices of `some` of the values whose total, `sum` included, is at least as far
+/// from 0 as `bound`.
 fn choices_beyond(bound: f64, values: &[f64], some: usize, sum: f64) -> u64 {
     match some {
         0 => u64::from(sum.abs() >= bound),
@@ -73,7 +77,8 @@ fn choices_beyond(bound: f64, values: &[f64], some: usize, sum: f64) -> u64 {
     }
 }
 
-/// How many choices of signs give these values, with `sum`, a sum as far from 0 as `bound`.
+/// The number of choices of signs of the values whose total, `sum` included, is at least as far
+/// from 0 as `bound`.
 fn signs_beyond(bound: f64, values: &[f64], sum: f64) -> u64 {
     match values {
         [] => u64::from(sum.abs() >= bound),
@@ -91,7 +96,7 @@ mod tests {
     fn arrangements_by_hand() {
         // Of 20 ways to choose three of six, {1, 2, 3} and {4, 5, 6} are the furthest apart.
         assert_eq!(permutation_p(&[1.0, 2.0, 3.0], &[4.0, 5.0, 6.0]), Ok(2.0 / 20.0));
-        // Sums of one of {0, 0, 1, 7} from the mean 2: -2, -2, -1, 5.
+        // Deviations of 0, 0, 1 and 7 from their mean 2: -2, -2, -1, 5.
         assert_eq!(permutation_p(&[0.0], &[0.0, 1.0, 7.0]), Ok(3.0 / 4.0));
         assert_eq!(permutation_p(&[0.0, 1.0, 7.0], &[0.0]), Ok(3.0 / 4.0));
         // ±1 ±2 ±4 is as far from 0 as 7 in two of eight ways, and as 1 + 2 - 4 = -1 in all.

@@ -2,7 +2,7 @@
 
 use super::undefined::{Undefined, at_least};
 
-/// A quantile, `share` from 0 to 1, by linear interpolation between the ordered values.
+/// The quantile at `share`, from 0 to 1, by linear interpolation between the ordered values.
 ///
 /// **Errors**: no values, or a value or share that is out of range.
 ///
@@ -18,8 +18,8 @@ pub fn quantile(values: &[f64], share: f64) -> Result<f64, Undefined> {
     Ok(quantile_of_sorted(&sorted, share))
 }
 
-/// Lower quartile of the returns of a policy's test episodes: what a quarter of the people it
-/// serves stay below. It is a metric of one policy; intervals and tests go over seeds.
+/// Lower quartile of the returns of a policy's test episodes: a quarter of the participants have a
+/// lower return. It is a metric of one policy; intervals and tests are over seeds.
 ///
 /// **Errors**: no values, or values that are not finite.
 pub fn lower_quartile(returns: &[f64]) -> Result<f64, Undefined> {

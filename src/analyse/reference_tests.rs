@@ -7,7 +7,7 @@ use super::noncentral::noncentral_t;
 use super::student::{t_of_p, two_sided_p};
 use super::*;
 
-/// Relative tolerance of what is computed to the end.
+/// Relative tolerance of statistics that are computed to full precision.
 const TOLERANCE: f64 = 1e-9;
 
 fn reference() -> Value {
@@ -38,7 +38,7 @@ fn assert_near(ours: f64, theirs: f64, what: &str) {
     assert!(off <= TOLERANCE * theirs.abs().max(1e-300), "{what}: {ours}, not {theirs}");
 }
 
-/// Ends near 0 are compared by the interval's width.
+/// The tolerance is relative to the largest of the width and the two ends, because an end may be near 0.
 fn assert_interval(ours: Interval, theirs: &Value, tolerance: f64, what: &str) {
     let [low, high] = numbers(theirs)[..] else { panic!("{theirs} is no interval") };
     let most = tolerance * (high - low).max(low.abs()).max(high.abs());
@@ -149,7 +149,7 @@ fn corrections_for_families_with_ties_and_with_undefined_tests() {
 
 #[test]
 fn minimum_detectable_differences_are_those_of_statsmodels() {
-    // statsmodels stops looking at some 1e-6; the last column goes on.
+    // The root search of statsmodels stops at a tolerance of about 1e-6; the last column is exact.
     let near = |ours: f64, row: &[f64]| {
         let [.., theirs, exact] = row else { panic!("{row:?}") };
         assert!((ours - theirs).abs() <= 1e-5 * theirs, "{ours}, not {theirs}");
@@ -171,8 +171,8 @@ fn quantiles_are_those_of_numpy() {
     }
 }
 
-/// Both sides draw: theirs 200,000 times, ours 10,000 times, which leaves ends uncertain by some
-/// 2 % of the width (three standard errors).
+/// Both sides resample, the reference 200,000 times and ours 10,000 times, so the ends are
+/// uncertain by about 2 % of the width (three standard errors).
 const DRAWN: f64 = 0.02;
 
 fn assert_drawn(ours: Interval, theirs: &Value) {

@@ -1,7 +1,7 @@
 //! Roots of functions of one variable.
 
-/// Where a continuous function is 0, between two places at which its signs differ; to within a
-/// few units of rounding. If they do not differ, the end where it is nearer to 0.
+/// The root of a continuous function between two ends at which its signs differ, to within a few units
+/// in the last place. If the signs are equal, returns the end at which the function is nearer to 0.
 ///
 /// **Source**: Chandrupatla, "A new hybrid quadratic/bisection algorithm for finding the zero of a
 /// nonlinear function without using derivatives", 1997.
@@ -11,7 +11,7 @@ pub(super) fn root(function: impl Fn(f64) -> f64, ends: (f64, f64)) -> f64 {
     if at_a.signum() == at_b.signum() {
         return if at_a.abs() < at_b.abs() { a } else { b };
     }
-    // Bisection alone would be done by then.
+    // Bisection alone would converge within this many steps.
     for _ in 0..200 {
         let x = a + part * (b - a);
         let at_x = function(x);
@@ -33,8 +33,8 @@ pub(super) fn root(function: impl Fn(f64) -> f64, ends: (f64, f64)) -> f64 {
     b
 }
 
-/// How far to go from `a` to `b`: inverse quadratic interpolation where it is to be trusted, else
-/// the middle.
+/// The next step as a share of the way from `a` to `b`: by inverse quadratic interpolation where
+/// Chandrupatla's criterion admits it, else one half.
 fn next_part((a, at_a): (f64, f64), (b, at_b): (f64, f64), (c, at_c): (f64, f64)) -> f64 {
     let xi = (a - b) / (c - b);
     let phi = (at_a - at_b) / (at_c - at_b);

@@ -1,12 +1,12 @@
-//! What goes into every statistic: one value a trained policy.
+//! Samples, the input of every statistic: one value per trained policy.
 //!
-//! A sample knows its seeds, so that arms can be matched, and counts the seeds that have no value,
-//! so that no table can forget them. It does not know which arm or metric it is of.
+//! A sample keeps its seeds, so that arms can be matched, and counts the seeds without a value, so
+//! that tables can report them. It does not know its arm or its metric.
 
 use super::undefined::Undefined;
 use super::{Interval, Moments, mean_interval};
 
-/// One metric of the seeds of an arm, by seed.
+/// The values of one metric of an arm, by seed.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sample {
     seeds: Vec<u64>,
@@ -14,37 +14,37 @@ pub struct Sample {
     lost: Lost,
 }
 
-/// Seeds of an arm that have no value.
+/// Numbers of seeds of an arm without a value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Lost {
     /// Seeds whose last run failed.
     pub failed: u32,
-    /// Seeds that have not ended.
+    /// Seeds whose job has not ended.
     pub open: u32,
-    /// Seeds that completed, and whose value is infinite, not a number or not there.
+    /// Seeds that completed with an infinite, NaN or missing value.
     pub not_finite: u32,
 }
 
 impl Lost {
-    /// Seeds that ended without a value; those that have not ended may still get one.
+    /// Seeds that ended without a value. Open seeds may still get one.
     pub fn ended(self) -> u32 {
         self.failed + self.not_finite
     }
 }
 
-/// Two values of one seed: what is put together is not one arm.
+/// A seed with two values, which means that the jobs belong to more than one arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("seed {seed} comes twice in one arm; tell its jobs apart by the parameter that differs")]
+#[error("seed {seed} occurs twice in one arm; distinguish its jobs by the parameter that differs")]
 pub struct DuplicateSeed {
     /// The seed.
     pub seed: u64,
 }
 
 impl Sample {
-    /// The sample of these seeds and values, in any order. Values that are not finite are set
-    /// aside and counted.
+    /// The sample of these seeds and values, in any order. Values that are not finite are left out
+    /// and counted.
     ///
-    /// **Errors**: a seed that comes twice.
+    /// **Errors**: a seed occurs twice.
     pub fn new(
         values: impl IntoIterator<Item = (u64, f64)>,
         failed: u32,
@@ -62,7 +62,7 @@ impl Sample {
         Ok(Sample { seeds, values, lost: Lost { failed, open, not_finite } })
     }
 
-    /// Values by seed, all of them finite.
+    /// Values in ascending order of seed, all finite.
     pub fn values(&self) -> &[f64] {
         &self.values
     }
@@ -98,14 +98,14 @@ impl Sample {
         mean_interval(&self.values)
     }
 
-    /// Seeds that have none.
+    /// Seeds without a value.
     pub fn lost(&self) -> Lost {
         self.lost
     }
 
-    /// Values of the seeds that both samples have, by seed.
+    /// Pairs of values of the seeds that both samples have, in ascending order of seed.
     ///
-    /// **Errors**: there are none.
+    /// **Errors**: a sample is empty, or the samples have no seed in common.
     pub fn matched(&self, other: &Sample) -> Result<Vec<(f64, f64)>, Undefined> {
         let of_other = |seed| other.seeds.binary_search(seed).ok().map(|at| other.values[at]);
         let both = self.seeds.iter().zip(&self.values);

@@ -1,16 +1,17 @@
-//! Learning curves, smoothed.
+//! Smoothing of learning curves.
 
 /// Moving mean of a learning curve over the last `window` episodes.
 ///
-/// The curve's points, by episode, are means over the `stride` episodes up to theirs; the last may
-/// be over fewer. A point counts by those of its episodes that lie in the window. Where the curve
-/// has no point for some episodes (no loss before the first update), the mean is over the rest.
-/// Points before `window` episodes have passed are left out; so is all of a shorter curve.
+/// `points` are sorted by episode. Each point is a mean over the `stride` episodes that end with
+/// its own; the last point may be over fewer. A point is weighted by the number of its episodes
+/// that lie in the window. Where the curve has no point for some episodes (no loss before the first
+/// update), the mean is over the rest. The result starts once `window` episodes have passed, so it
+/// is empty for a shorter curve.
 ///
-/// `stride` is at least 1. Values that are not finite count as absent.
+/// A `stride` of 0 counts as 1. Values that are not finite count as absent.
 pub fn moving_mean(points: &[(u32, f64)], stride: u32, window: u32) -> Vec<(u32, f64)> {
     let stride = stride.max(1);
-    // The first episode, counted from 0, that a point averages.
+    // The first episode, counted from 0, that a point covers.
     let start = |episode: u32| episode.saturating_sub(1) / stride * stride;
     let mut smooth = Vec::new();
     let mut oldest = 0;
@@ -43,9 +44,9 @@ mod tests {
     fn windows_of_whole_and_of_parts_of_points() {
         let points = [(2, 1.0), (4, 2.0), (6, 6.0), (7, 9.0)];
         assert_eq!(moving_mean(&points, 2, 2)[..3], points[..3]);
-        // Episodes 4 to 6 are one of the second point and two of the third.
+        // Episodes 4 to 6 comprise one episode of the second point and two of the third.
         assert_eq!(moving_mean(&points, 2, 3)[1], (6, (2.0 + 2.0 * 6.0) / 3.0));
-        // The last point is one episode: 4 to 7 are 2, 6, 6, 9.
+        // The last point covers one episode: episodes 4 to 7 have the values 2, 6, 6, 9.
         assert_eq!(moving_mean(&points, 2, 4), [(4, 1.5), (6, 4.0), (7, 23.0 / 4.0)]);
         assert_eq!(moving_mean(&points, 2, 7), [(7, 27.0 / 7.0)]);
         assert!(moving_mean(&points, 2, 8).is_empty());

@@ -12,18 +12,18 @@ pub struct TTest {
     pub difference: f64,
     /// Its standard error, above 0.
     pub standard_error: f64,
-    /// Degrees of freedom, at least 1; Welch's are no whole number.
+    /// Degrees of freedom, at least 1; for Welch's test not necessarily a whole number.
     pub df: f64,
     /// Difference over standard error.
     pub t: f64,
-    /// Two-sided p value, not corrected for other tests; 0 only below 1e-307.
+    /// Two-sided p value, not corrected for multiple tests; 0 only below 1e-307.
     pub p: f64,
     /// Interval of the difference.
     pub interval: Interval,
 }
 
 impl TTest {
-    /// `size` is that of the values, which tells rounding from variance.
+    /// `size` is the magnitude of the values, by which the test separates variance from rounding error.
     fn new(difference: f64, standard_error: f64, df: f64, size: f64) -> Result<TTest, Undefined> {
         vary(standard_error, size)?;
         let difference = finite(difference)?;
@@ -33,9 +33,9 @@ impl TTest {
     }
 }
 
-/// Student's t test of two independent arms, whose variances are taken to be equal.
+/// Student's t test of two independent arms, which assumes equal variances.
 ///
-/// **Errors**: fewer than two values in an arm, or no variance in both.
+/// **Errors**: fewer than two values in an arm, or no variance in either arm.
 ///
 /// **Source**: Student, "The probable error of a mean", 1908; Fisher, 1925.
 pub fn student_t_test(first: &[f64], second: &[f64]) -> Result<TTest, Undefined> {
@@ -48,7 +48,7 @@ pub fn student_t_test(first: &[f64], second: &[f64]) -> Result<TTest, Undefined>
 
 /// Welch's t test of two independent arms, whose variances may differ.
 ///
-/// **Errors**: fewer than two values in an arm, or no variance in both.
+/// **Errors**: fewer than two values in an arm, or no variance in either arm.
 ///
 /// **Source**: Welch, "The generalization of 'Student's' problem when several different population
 /// variances are involved", 1947.
@@ -58,7 +58,7 @@ pub fn welch_t_test(first: &[f64], second: &[f64]) -> Result<TTest, Undefined> {
     let standard_error = (part_1 + part_2).sqrt();
     let size = one.mean.abs().max(two.mean.abs());
     vary(standard_error, size)?;
-    // By shares, so that no fourth power of a deviation over- or underflows.
+    // Shares of the variance avoid fourth powers of deviations, which could overflow or underflow.
     let share = part_1 / (part_1 + part_2);
     let df =
         1.0 / (share.powi(2) / (one.n as f64 - 1.0) + (1.0 - share).powi(2) / (two.n as f64 - 1.0));
@@ -67,19 +67,19 @@ pub fn welch_t_test(first: &[f64], second: &[f64]) -> Result<TTest, Undefined> {
 
 /// Student's t test of the differences of pairs.
 ///
-/// **Errors**: fewer than two pairs, or differences that do not vary.
+/// **Errors**: fewer than two pairs, or differences without variance.
 ///
 /// **Source**: Student, "The probable error of a mean", 1908.
 pub fn paired_t_test(pairs: &[(f64, f64)]) -> Result<TTest, Undefined> {
     at_least(2, pairs.len())?;
     let differences: Vec<f64> = pairs.iter().map(|(a, b)| a - b).collect();
     let Moments { n, mean, sd } = Moments::of(&differences)?;
-    // A difference is rounded as the numbers it is between.
+    // The rounding error of a difference depends on the size of its operands.
     let size = pairs.iter().map(|(a, b)| a.abs().max(b.abs())).fold(0.0, f64::max);
     TTest::new(mean, sd? / (n as f64).sqrt(), n as f64 - 1.0, size)
 }
 
-/// Standard deviation that two arms share: what Student's test estimates it by.
+/// Pooled standard deviation of two arms, as in Student's t test.
 ///
 /// **Errors**: fewer than two values in an arm.
 pub(super) fn pooled_sd(first: &[f64], second: &[f64]) -> Result<f64, Undefined> {

@@ -1,34 +1,40 @@
-//! Why a statistic has no answer: the reasons that a table prints in its place.
+//! The reasons for undefined statistics, which tables print in place of a number.
 
-/// Why a statistic is not defined for what it was given.
+/// Why a statistic is undefined.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Undefined {
     /// No seed of an arm has a value.
     #[error("no seed completed")]
     NoSeeds,
     /// The statistic needs more seeds.
-    #[error("too few seeds: {have}, and {need} are needed")]
+    #[error("too few seeds: {have} of at least {need}")]
     TooFewSeeds {
-        /// Seeds there are in the smaller arm, or in common.
+        /// Number of seeds in the smaller arm, or in common.
         have: usize,
-        /// Seeds the statistic needs there.
+        /// Number of seeds that the statistic needs.
         need: usize,
     },
-    /// The arms have no seed in common that completed in both.
+    /// No seed completed in both arms.
     #[error("no seed in common")]
     NoMatchedSeeds,
     /// The values do not differ between seeds by more than rounding.
     #[error("no variance between seeds")]
     NoVariance,
+    /// The optimum of the arms' environment is not known.
+    #[error("no optimum known: the analysis needs jobs of a scenario that shows H and D")]
+    NoOptimum,
+    /// The loss is not known to be above 0, so that a share of it has no bounds.
+    #[error("loss not significantly above 0")]
+    NoLoss,
     /// An exact answer would take too long.
-    #[error("too many arrangements to count")]
+    #[error("too many permutations to enumerate")]
     Infeasible,
-    /// A number on the way is too large, not a number, or outside of where it has a meaning.
+    /// An intermediate number is infinite, NaN or outside its domain.
     #[error("numbers out of range")]
     OutOfRange,
 }
 
-/// The number itself if it is finite.
+/// Returns the number if it is finite.
 pub(super) fn finite(number: f64) -> Result<f64, Undefined> {
     if number.is_finite() { Ok(number) } else { Err(Undefined::OutOfRange) }
 }

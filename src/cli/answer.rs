@@ -1,4 +1,4 @@
-//! Answers of the store, written in the format that was asked for.
+//! Writes the answers to queries in the requested format.
 
 use std::io::{self, IsTerminal, Write};
 use std::ops::ControlFlow;
@@ -11,42 +11,42 @@ use crate::cli::output::{Field, Format, Rows};
 use crate::cli::parquet::Columns;
 use crate::store::{Answer, QueryError, Reader, Value};
 
-/// How an answer is written.
+/// Output format of an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum AnswerFormat {
-    /// Aligned columns, for reading.
+    /// Aligned columns for reading.
     Table,
-    /// Comma-separated values with a header line (RFC 4180); a text that a spreadsheet would run has an
-    /// apostrophe before it.
+    /// Comma-separated values with a header line (RFC 4180); a text that a spreadsheet would execute
+    /// gets a leading apostrophe.
     Csv,
-    /// An array of objects, one a line.
+    /// A JSON array with one object per line.
     Json,
-    /// Apache Parquet; a build with the feature `parquet` writes it.
+    /// Apache Parquet, with types; missing in a build with `--no-default-features`.
     Parquet,
 }
 
 impl AnswerFormat {
-    /// Nothing if this build writes the format.
+    /// Checks that this build supports the format.
     ///
-    /// **Errors**: it does not, and how to build one that does.
+    /// **Errors**: the build lacks the feature; the message says how to build with it.
     pub(super) fn require(self) -> Result<(), Error> {
         if self == AnswerFormat::Parquet && !cfg!(feature = "parquet") {
             return Err(Error::Usage(
-                "--format parquet: this jitai was built without it; build it with `cargo build \
-                 --release --features parquet`, or take csv"
+                "--format parquet: not supported by this build; build with `cargo build --release \
+                 --features parquet`, or use csv"
                     .to_owned(),
             ));
         }
         Ok(())
     }
 
-    /// Nothing if standard output can take the format.
+    /// Checks that standard output can take the format.
     ///
-    /// **Errors**: it is a terminal, and the format is none for reading.
+    /// **Errors**: standard output is a terminal and the format is binary.
     pub(super) fn require_readable(self) -> Result<(), Error> {
         if self == AnswerFormat::Parquet && io::stdout().is_terminal() {
             return Err(Error::Usage(
-                "--format parquet: nobody can read that on a terminal; send it to a file, as in \
+                "--format parquet: binary output to a terminal; redirect it to a file, as in \
                  `> answer.parquet`"
                     .to_owned(),
             ));
@@ -57,12 +57,12 @@ impl AnswerFormat {
 
 /// Why an answer could not be written.
 pub(super) enum Failed {
-    /// The query.
+    /// The query failed.
     Query(QueryError),
-    /// Its columns, for a format that cannot hold them; what to do.
+    /// The format cannot hold the columns; the message states the remedy.
     #[cfg(feature = "parquet")]
     Columns(String),
-    /// The output.
+    /// The output could not be written.
     Output(io::Error),
 }
 
@@ -77,11 +77,11 @@ impl From<Failed> for Error {
     }
 }
 
-/// The rows of an answer on their way out.
+/// The writer of an answer.
 enum Written<W: Write> {
-    /// As lines, which go as they come.
+    /// Written row by row.
     Lines(Rows<W>),
-    /// As columns, which are written at the end.
+    /// Collected as columns, and written at the end.
     #[cfg(feature = "parquet")]
     Columns(Columns, W),
 }

@@ -1,20 +1,20 @@
-//! `jitai cancel`: ends what a cluster still holds of a submission.
+//! `jitai cancel`: cancels the remaining tasks of a submission.
 
 use std::io::{self, Write};
 
 use crate::cli::{Error, Exit, StoreArgument, submissions};
 use crate::cluster::{Cluster, Submission};
 
-/// End what the cluster still holds of a submission; what its tasks have completed is kept
+/// Cancel the remaining tasks of a submission; completed runs are kept
 ///
-/// Running tasks write checkpoints and hand in what they have completed. `jitai submit` submits the
-/// jobs that are left again, and they go on from their checkpoints.
+/// Running tasks write checkpoints and hand in their completed runs. The next `jitai submit` submits
+/// the remaining jobs again, and they resume from their checkpoints.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Submissions, by the names that `jitai status` shows [default: the open one, if there is one]
+    /// Names of submissions, as `jitai status` shows them [default: the open submission]
     #[arg(value_name = "SUBMISSION")]
     submissions: Vec<String>,
-    /// All open submissions of the store
+    /// Cancel all open submissions of the store
     #[arg(long, conflicts_with = "submissions")]
     all: bool,
     #[command(flatten)]
@@ -32,7 +32,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         if open.len() > 1 && !arguments.all {
             let names: Vec<&str> = open.iter().map(Submission::name).collect();
             return Err(Error::Usage(format!(
-                "{} submissions are open: {}; name those to cancel, or say --all",
+                "{} submissions are open: {}; name the submissions to cancel, or use --all",
                 open.len(),
                 names.join(", ")
             )));

@@ -1,17 +1,17 @@
-//! How far a long command is, on standard error: a bar on a terminal, a line now and then elsewhere,
-//! and nothing about what is done at once.
+//! The progress of a long command on standard error: a bar on a terminal, a line every ten seconds
+//! elsewhere, and nothing for a command that ends within two seconds.
 
 use std::io::{self, IsTerminal};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// What is done within this time is not worth a word.
+/// Time before the first line or bar.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// Time between two lines where there is no terminal.
+/// Time between two lines if standard error is not a terminal.
 const BETWEEN_LINES: Duration = Duration::from_secs(10);
 
-/// Counts things that are done one after the other.
+/// A counter of items that are processed one after the other.
 pub(super) struct Counting {
     bar: ProgressBar,
     terminal: bool,
@@ -19,12 +19,12 @@ pub(super) struct Counting {
     of: usize,
     done: usize,
     said: bool,
-    /// When to say how far it is.
+    /// When the next line is due.
     due: Instant,
 }
 
 impl Counting {
-    /// Of so many things, none is done yet; `what` names them behind their number.
+    /// A count from 0 to `of`; `what` is the noun after the number.
     pub(super) fn new(of: usize, what: &'static str) -> Self {
         let style = ProgressStyle::with_template("{elapsed_precise} {bar:16} {pos}/{len} {msg}")
             .expect("the template is written here")
@@ -35,17 +35,17 @@ impl Counting {
         Counting { bar, terminal, what, of, done: 0, said: false, due: Instant::now() + PATIENCE }
     }
 
-    /// One more is done.
+    /// Counts one more as done.
     pub(super) fn one_more(&mut self) {
         self.advance(self.done + 1, self.of);
     }
 
-    /// So many are done, of so many.
+    /// Sets the number of processed items, and the total.
     pub(super) fn advance(&mut self, done: usize, of: usize) {
         (self.done, self.of) = (done, of);
         self.bar.set_length(of as u64);
         self.bar.set_position(done as u64);
-        // Who was told of the beginning is told of the end.
+        // Once shown, a count is also shown at its end.
         let ends = self.said && self.done == self.of;
         if Instant::now() < self.due && !ends {
             return;

@@ -15,11 +15,11 @@ pub(super) const COLUMNS: [&str; 8] = [
     "seconds_left",
 ];
 
-/// A row: an experiment, its jobs by state, and the seconds left where they can be estimated.
+/// A row: an experiment, its jobs by state, and the estimated seconds left.
 pub(super) fn fields<'a>(
     experiment: &'a str,
     counts: &Counts,
-    seconds_left: Option<f64>,
+    seconds_left: f64,
 ) -> Vec<Field<'a>> {
     let integer = |count: u64| Field::Integer(count as i64);
     vec![
@@ -30,7 +30,7 @@ pub(super) fn fields<'a>(
         integer(counts.failed),
         integer(counts.interrupted),
         integer(counts.pending),
-        // An estimate is not known to the nanosecond.
-        seconds_left.map_or(Field::Empty, |s| Field::Rounded((s * 10.0).round() / 10.0, 0)),
+        // Estimates are rounded to a tenth of a second.
+        Field::Rounded((seconds_left * 10.0).round() / 10.0, 0),
     ]
 }

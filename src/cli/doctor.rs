@@ -1,4 +1,4 @@
-//! `jitai doctor`: whether a store is as it was written, and what can be saved of it.
+//! `jitai doctor`: looks for damage in a store and salvages intact runs.
 
 use std::io::{self, Write};
 use std::path::PathBuf;
@@ -13,17 +13,17 @@ use crate::manifest::printable;
 use crate::plan::Job;
 use crate::store::{self, Diagnosis, Finding, Salvaged};
 
-/// Look for damage in a store: its file, its references, and every result against its digest
+/// Check a store for damage: its file, its references, and every result against its digest
 ///
 /// Exits with 0 if the store is healthy and with 3 if it is damaged.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Write a new store with every completed run that is intact; the damaged one is only read
+    /// Copy every intact completed run to a new store; the damaged store is only read
     ///
-    /// Exits with 0 if the new store could be written.
+    /// Exits with 0 if the new store was written.
     #[arg(long, value_name = "NEW")]
     salvage: Option<PathBuf>,
-    /// How the answer is written
+    /// Output format
     #[arg(long, value_enum, default_value = "text")]
     format: Format,
     #[command(flatten)]
@@ -32,9 +32,9 @@ pub(super) struct Arguments {
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Format {
-    /// Lines, for reading.
+    /// Text for reading.
     Text,
-    /// One object.
+    /// One JSON object.
     Json,
 }
 
@@ -53,12 +53,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     }
 }
 
-/// Says what is wrong with the weights of a completed run, if anything is.
+/// Checks the weights of a completed run; the error says what is wrong with them.
 fn check_weights(job: &Job, safetensors: Option<&[u8]>) -> Result<(), String> {
     let Some(safetensors) = safetensors else {
-        let learns = job.agent.algorithm().learns();
-        let missing = "its algorithm has weights, and none are stored";
-        return if learns { Err(missing.to_owned()) } else { Ok(()) };
+        let has_weights = job.agent.algorithm().has_weights();
+        let missing = "no weights are stored, although its algorithm learns";
+        return if has_weights { Err(missing.to_owned()) } else { Ok(()) };
     };
     let weights = Weights::from_bytes(safetensors).map_err(|error| error.to_string())?;
     if !weights.are_finite() {
@@ -89,7 +89,7 @@ fn show_diagnosis(arguments: &Arguments, diagnosis: &Diagnosis) -> Result<(), Er
     let store = printable(&arguments.store.store.display().to_string());
     let runs = counted(*completed, "completed run");
     if findings.is_empty() {
-        return Ok(writeln!(out, "{store} is healthy: {runs}, all as they were stored")?);
+        return Ok(writeln!(out, "{store} is healthy: {runs}, all intact")?);
     }
     writeln!(out, "{store} is damaged:")?;
     for Finding { part, job_key, what } in findings {
@@ -102,8 +102,8 @@ fn show_diagnosis(arguments: &Arguments, diagnosis: &Diagnosis) -> Result<(), Er
     let option = arguments.store.as_option();
     writeln!(
         out,
-        "{intact} of {runs} found intact; `jitai doctor --salvage NEW{option}` writes what is \
-         intact to a new store"
+        "{intact} of {runs} are intact; `jitai doctor --salvage NEW{option}` copies the intact runs \
+         to a new store"
     )?;
     Ok(())
 }
@@ -127,7 +127,7 @@ fn show_salvaged(arguments: &Arguments, new: &str, salvaged: Salvaged) -> Result
         counted(completed as u64, "completed run"),
         counted(others as u64, "run"),
         counted(lost as u64, "completed run"),
-        if lost_more { ", and those that can no longer be counted" } else { "" },
+        if lost_more { ", and an unknown number that can no longer be read" } else { "" },
     )?;
     writeln!(
         out,

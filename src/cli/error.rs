@@ -1,4 +1,4 @@
-//! How commands end.
+//! Exit codes and errors of the commands.
 
 use std::io::{self, Write};
 use std::process::ExitCode;
@@ -9,22 +9,22 @@ use crate::plan::FilterError;
 use crate::schedule::SweepError;
 use crate::store::{QueryError, StoreError};
 
-/// How a command ended, as its exit code says it.
+/// How a command ended; each variant has an exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Exit {
-    /// Everything asked for is done.
+    /// Everything was done.
     Done,
     /// Some jobs failed.
     JobsFailed,
-    /// A simulation differs from its recording, or a run from that of another store or its digest.
+    /// A simulation differs from its recording, or a run from its digest or from another store.
     Differs,
     /// The arguments or a manifest are wrong.
     Usage,
     /// The store or the system failed.
     System,
-    /// Stopped by a signal; the same command goes on.
+    /// Stopped by a signal; the same command resumes.
     Interrupted,
-    /// A task of a cluster was stopped by a signal; the next attempt goes on.
+    /// A cluster task was stopped by a signal; the next attempt resumes.
     RunAgain,
 }
 
@@ -41,41 +41,41 @@ impl From<Exit> for ExitCode {
     }
 }
 
-/// What kept a command from its end.
+/// Why a command failed.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Error {
-    /// Arguments that clap cannot judge.
+    /// Wrong arguments that clap does not detect.
     #[error("{0}")]
     Usage(String),
-    /// A filter that no job meets.
+    /// A filter that matches no job.
     #[error(transparent)]
     Filter(#[from] FilterError),
-    /// Manifests with faults; each report is complete.
+    /// Manifests with faults; all faults are listed.
     #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))]
     Manifests(Vec<Faults>),
-    /// The store.
+    /// The store failed.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// A sweep.
+    /// A sweep failed.
     #[error(transparent)]
     Sweep(#[from] SweepError),
-    /// A submission.
+    /// A submission failed.
     #[error(transparent)]
     Cluster(#[from] ClusterError),
-    /// A query.
+    /// A query failed.
     #[error("{0}")]
     Query(QueryError),
-    /// A file or stream.
+    /// A file or stream failed.
     #[error("failed to {what}: {source}")]
     Io {
-        /// What was to be done, with the path.
+        /// The operation, with the path.
         what: String,
-        /// What the system said.
+        /// The error of the system.
         source: io::Error,
     },
 }
 
-/// Output that cannot be written; a reader that closed the pipe has read enough.
+/// A failed write of the output. [`Error::report`] treats a closed pipe as success.
 impl From<io::Error> for Error {
     fn from(source: io::Error) -> Self {
         Error::Io { what: "write the output".to_owned(), source }
@@ -83,7 +83,7 @@ impl From<io::Error> for Error {
 }
 
 impl Error {
-    /// Tells the user and returns how the command ended.
+    /// Writes the error to standard error and returns how the command ended.
     pub(crate) fn report(&self) -> Exit {
         if let Error::Io { source, .. } = self
             && source.kind() == io::ErrorKind::BrokenPipe
@@ -91,7 +91,7 @@ impl Error {
             return Exit::Done;
         }
         let mut stderr = io::stderr();
-        // Nothing is left to do if even this cannot be written.
+        // A failure to write the error itself is ignored.
         let _ = match self {
             Error::Manifests(_) => writeln!(stderr, "{self}"),
             _ => writeln!(stderr, "error: {self}"),

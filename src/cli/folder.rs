@@ -1,19 +1,17 @@
-//! The folder of `--out`.
+//! The output folder, the argument of `--out`.
 
 use std::fs::{self, File};
 use std::path::Path;
 
 use crate::cli::Error;
 
-/// Makes the folder that files are to be written to, and tries it, before anything long begins.
+/// Creates the output folder and checks that it is writable, before any long computation.
 ///
-/// **Errors**: it is a file, or nothing can be written there.
+/// **Errors**: the path is a file, or the folder is not writable.
 pub(super) fn make(folder: &Path) -> Result<(), Error> {
     let shown = folder.display();
     if folder.is_file() {
-        return Err(Error::Usage(format!(
-            "--out: `{shown}` is a file, not a folder; name another"
-        )));
+        return Err(Error::Usage(format!("--out: `{shown}` is a file; name a folder")));
     }
     let tried = folder.join("jitai.partial");
     let made = fs::create_dir_all(folder).and_then(|()| File::create(&tried));

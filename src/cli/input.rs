@@ -1,8 +1,7 @@
-//! What people type and hand over, read as the commands read it and answered with a value.
+//! The parsers of user input as functions, for tests with generated input.
 //!
-//! In: the text of `--filter`, or the bytes of a file of trajectories. Out: what a command would go
-//! on with, or its message. Nothing is printed and no file is opened, so that input of any kind can
-//! be tried by the million.
+//! In: the text of `--filter`, or the bytes of a file of trajectories. Out: a value, or the error
+//! message of the command. The functions print nothing and open no file.
 
 use std::io;
 
@@ -13,7 +12,7 @@ use crate::manifest::Manifest;
 use crate::plan::Filter;
 use crate::schedule::Selection;
 
-/// How many jobs of the manifests `--filter` lets through, those of equal content counted once.
+/// The number of distinct jobs of the manifests that match `--filter`.
 ///
 /// **Errors**: the message of `plan` and `run`.
 pub fn filtered(text: &str, manifests: &[Manifest]) -> Result<usize, String> {
@@ -24,7 +23,7 @@ pub fn filtered(text: &str, manifests: &[Manifest]) -> Result<usize, String> {
     }
 }
 
-/// How many recorded values differ when the trajectories are replayed.
+/// The number of recorded values that differ when the trajectories are replayed.
 ///
 /// **Errors**: the message of `simulate --replay`.
 pub fn replayed(bytes: &[u8]) -> Result<usize, String> {

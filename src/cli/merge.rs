@@ -1,4 +1,4 @@
-//! `jitai merge`: brings the runs of other stores into one.
+//! `jitai merge`: copies the runs of other stores into one.
 
 use std::io::{self, Write};
 use std::path::PathBuf;
@@ -10,20 +10,20 @@ use crate::cli::counting::Counting;
 use crate::cli::output::counted;
 use crate::cli::{Error, Exit, StoreArgument};
 use crate::manifest::printable;
-use crate::store::{self, Conflict, Damage, Merged, Origin, OtherManifest, Store};
+use crate::store::{self, Conflict, Damage, Merged, Origin, OtherManifest, Sources, Store};
 
-/// Copy the runs of other stores into one: completed runs with their results, and failed ones
+/// Copy the runs of other stores into one: completed runs with their results, and failed runs
 ///
-/// Every result is compared with its digest. What the store has already is left as it is, so merging
-/// again copies nothing. The other stores are only read; processes may be writing to them, or to the
-/// store that is merged into. Exits with 1 if a job has other results in two stores (the store keeps
-/// its own), or if a run is damaged (it is left out).
+/// Every result is checked against its digest. Runs that the store already has are not changed, so
+/// merging again copies nothing. The other stores are only read. Other processes may write to any of
+/// the stores meanwhile. Exits with 1 if a job has different results in two stores (the target store
+/// keeps its own), or if a run is damaged (it is not copied).
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Stores, and folders: all files NAME.sqlite in a folder and in its folder `parts`
+    /// Stores, or folders: all files NAME.sqlite in a folder and in its subfolder `parts`
     #[arg(required = true, value_name = "FROM")]
     from: Vec<PathBuf>,
-    /// How the answer is written
+    /// Output format
     #[arg(long, value_enum, default_value = "text")]
     format: Format,
     #[command(flatten)]
@@ -32,9 +32,9 @@ pub(super) struct Arguments {
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Format {
-    /// Lines, for reading.
+    /// Text for reading.
     Text,
-    /// One object.
+    /// One JSON object.
     Json,
 }
 
@@ -45,6 +45,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         let named = named.collect::<Vec<_>>().join(" and ");
         return Err(Error::Usage(format!("no store to merge: no file in {named} ends in .sqlite")));
     }
+    let sources = Sources::open(sources)?;
     let mut into = Store::open(&arguments.store.store)?;
     let mut counting = Counting::new(0, "runs");
     let merged = store::merge(&sources, &mut into, |progress| {
@@ -68,7 +69,8 @@ fn show(arguments: &Arguments, merged: &Merged) -> io::Result<()> {
         let source = printable(&source.display().to_string());
         writeln!(
             out,
-            "experiment {} has another manifest in {source}; {into} keeps its own, with the jobs of both",
+            "experiment {} has a different manifest in {source}; {into} keeps its own manifest and has \
+             the jobs of both",
             printable(experiment)
         )?;
     }
@@ -76,20 +78,20 @@ fn show(arguments: &Arguments, merged: &Merged) -> io::Result<()> {
     for Damage { source, job_key, what } in &merged.damaged {
         let run = job_key.as_ref().map_or(String::new(), |key| format!("the run of job {key}: "));
         let source = printable(&source.display().to_string());
-        writeln!(out, "left out of {source}, which is damaged: {run}{}", printable(what))?;
+        writeln!(out, "{source} is damaged; not merged: {run}{}", printable(what))?;
     }
     if merged.in_progress > 0 {
         let jobs = counted(merged.in_progress as u64, "job");
-        writeln!(out, "{jobs} of them now run in {into}; merge again when they have ended")?;
+        writeln!(out, "{jobs} not merged, because {into} is running the same; merge again later")?;
     }
     let Merged { experiments, jobs, completed, failed, already_there, .. } = merged;
     if experiments + jobs + completed + failed == 0 {
         let runs = counted(*already_there as u64, "run");
-        return writeln!(out, "nothing to copy from {stores}: {into} has {runs} of them already");
+        return writeln!(out, "nothing to copy from {stores}: {into} already has {runs} of them");
     }
     writeln!(
         out,
-        "{into}: {} and {} copied from {stores}, with {} and {}; {already_there} were there already",
+        "{into}: {} and {} copied from {stores}, with {} and {}; {already_there} were already there",
         counted(*completed as u64, "completed run"),
         counted(*failed as u64, "failed run"),
         counted(*jobs as u64, "job"),
@@ -100,7 +102,7 @@ fn show(arguments: &Arguments, merged: &Merged) -> io::Result<()> {
 fn show_conflicts(out: &mut impl Write, into: &str, conflicts: &[Conflict]) -> io::Result<()> {
     for Conflict { source, job_key, theirs, ours } in conflicts {
         let source = printable(&source.display().to_string());
-        writeln!(out, "job {job_key} has other results in {source}; {into} keeps its own")?;
+        writeln!(out, "job {job_key} has different results in {source}; {into} keeps its own")?;
         for (store, origin) in [(source.as_str(), theirs), (into, ours)] {
             let Origin { results_sha256, host, processor, code_version, git_revision } = origin;
             let made_by = format!("jitai {code_version} ({git_revision}) on {host} ({processor})");

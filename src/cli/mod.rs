@@ -1,17 +1,21 @@
-//! The command line: one file a verb. Reads arguments, calls the library, prints.
+//! The command line, one file per verb. Reads arguments, calls the library and prints results.
 //!
-//! Standard output is data; standard error is progress and messages. Exit codes: 0 done, 1 some
-//! jobs failed, or results differ, 2 bad usage or manifest, 3 store or system error, 130 interrupted.
+//! Standard output carries data; standard error carries progress and messages. Exit codes: 0 done, 1
+//! some jobs failed or results differ, 2 wrong usage or manifest, 3 store or system error, 130
+//! interrupted.
 
 mod answer;
 mod cancel;
+mod changes;
 mod check;
+mod confirm;
 mod counting;
 mod counts;
 mod doctor;
 mod error;
 mod export;
 mod folder;
+mod forget;
 pub mod input;
 mod merge;
 mod optimum;
@@ -21,6 +25,7 @@ mod parquet;
 mod plan;
 mod progress;
 mod query;
+mod replacing;
 mod replay;
 mod report;
 mod run;

@@ -1,5 +1,5 @@
-//! `jitai optimum`: the best mean return that any policy can reach, in environments given on the
-//! command line or by manifests.
+//! `jitai optimum`: the best mean return that any policy can reach in the environments of the command
+//! line or of manifests.
 
 use std::collections::HashSet;
 use std::io::{self, Write};
@@ -9,20 +9,20 @@ use crate::cli::counting::Counting;
 use crate::cli::output::{Field, Format, Rows};
 use crate::cli::setting::{adjusted, sets, with_parameter};
 use crate::cli::{Error, Exit, check};
-use crate::env::inference_error;
-use crate::env::{Environment, Scenario};
+use crate::env::context_error;
+use crate::env::{Environment, Population, Scenario};
 use crate::key::Keyed;
 use crate::manifest::{Manifest, Varying};
 use crate::optimum::{self, NoOptimum, Optimum};
-use crate::plan;
+use crate::plan::{self, Job};
 
-/// Compute the best mean return that any policy can reach, in scenarios that show H and D
+/// Compute the best mean return that any policy can reach, for scenarios that show H and D
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Manifests (TOML files): the optimum of each of their environments and scenarios
+    /// Manifests (TOML files); computes the optimum for each of their environments and scenarios
     #[arg(value_name = "MANIFEST", conflicts_with_all = ["scenarios", "sigmas", "settings"])]
     manifests: Vec<PathBuf>,
-    /// What the policy observes; several with commas
+    /// Scenarios that the policy observes, separated by commas
     #[arg(
         long = "scenario",
         value_name = "SCENARIO",
@@ -30,14 +30,14 @@ pub(super) struct Arguments {
         default_value = "C-H-D,P-H-D,L-H-D"
     )]
     scenarios: Vec<Scenario>,
-    /// Standard deviation of the context feature; several with commas
+    /// Standard deviations of the context feature, separated by commas
     #[arg(long = "sigma", value_name = "SIGMA", value_delimiter = ',', default_value = "0.6")]
     sigmas: Vec<String>,
-    /// Another environment parameter, as in a manifest's [environment], such as horizon=100; may be
-    /// repeated
+    /// Another environment parameter, as in a manifest's [environment], such as horizon=100;
+    /// repeatable
     #[arg(long = "set", value_name = "NAME=VALUE")]
     settings: Vec<String>,
-    /// How rows are written
+    /// Output format
     #[arg(long, value_enum, default_value = "table")]
     format: Format,
 }
@@ -48,7 +48,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     if arguments.manifests.is_empty() {
         of_arguments(arguments)?;
     } else {
-        of_manifests(&check::load_all(&arguments.manifests)?, arguments.format)?;
+        of_manifests(&check::load_all(&arguments.manifests, &[])?, arguments.format)?;
     }
     Ok(Exit::Done)
 }
@@ -61,8 +61,13 @@ fn of_manifests(manifests: &[Manifest], format: Format) -> Result<(), Error> {
     let mut missing: Vec<NoOptimum> = Vec::new();
     for manifest in manifests {
         let places = places(manifest);
-        let pairs: Vec<_> = places.iter().map(|(one, other)| (one, other)).collect();
-        for ((environment, scenario), found) in places.iter().zip(found_of(&pairs)) {
+        // The optimum is undefined for participants who differ.
+        let alike = places.iter().filter(|(.., people)| people.is_homogeneous());
+        let pairs: Vec<_> = alike.map(|(one, other, _)| (one, other)).collect();
+        let mut computed = found_of(&pairs).into_iter();
+        for (environment, scenario, people) in &places {
+            let found = optimum::check_people(people)
+                .and_then(|()| computed.next().expect("one for each place of alike people"));
             let found = found.map(optimum_and_error).unwrap_or_else(|error| {
                 if !missing.contains(&error) {
                     missing.push(error);
@@ -90,8 +95,8 @@ fn of_arguments(arguments: &Arguments) -> Result<(), Error> {
         adjusted(noisy, &arguments.settings)
     };
     if let Some(setting) = arguments.settings.iter().find(|setting| sets(setting, "sigma")) {
-        let help = "several with commas, are given by --sigma";
-        return Err(Error::Usage(format!("--set {setting}: standard deviations, {help}")));
+        let help = "use --sigma, which takes several values separated by commas";
+        return Err(Error::Usage(format!("--set {setting}: {help}")));
     }
     let environments = arguments.sigmas.iter().map(environment).collect::<Result<Vec<_>, _>>()?;
     let of_scenario = |scenario| environments.iter().map(move |e| (e, scenario));
@@ -109,36 +114,36 @@ fn of_arguments(arguments: &Arguments) -> Result<(), Error> {
     Ok(rows.finish()?)
 }
 
-/// The last of [`COLUMNS`].
+/// The last two columns of [`COLUMNS`]: the optimum and its error.
 fn optimum_and_error(found: Optimum) -> [Field<'static>; 2] {
     [Field::Rounded(found.mean_return, 1), Field::Rounded(found.error, 2)]
 }
 
-/// The first of [`COLUMNS`], which need no computation.
+/// The first three columns of [`COLUMNS`], which need no optimum.
 fn known(environment: &Environment, scenario: &Scenario) -> [Field<'static>; 3] {
-    let error = inference_error(environment.sigma);
+    let error = context_error(environment.sigma, environment.context_probability);
     let sigma = Field::Real(environment.sigma);
     [Field::text(scenario.to_string()), sigma, Field::Rounded(error, 4)]
 }
 
-/// The environments and scenarios of a manifest's jobs, in their order, none twice.
-fn places(manifest: &Manifest) -> Vec<(Environment, Scenario)> {
+/// The distinct environments, scenarios and populations of a manifest's jobs, in job order.
+fn places(manifest: &Manifest) -> Vec<(Environment, Scenario, Population)> {
     let mut seen = HashSet::new();
     let distinct = plan::jobs(manifest).filter_map(|planned| {
-        let (environment, scenario) = (planned.job.environment, planned.job.scenario);
-        let is_new = seen.insert((format!("{environment:?}"), scenario.clone()));
-        is_new.then_some((environment, scenario))
+        let Job { environment, population, scenario, .. } = planned.job;
+        let is_new = seen.insert((format!("{environment:?} {population:?}"), scenario.clone()));
+        is_new.then_some((environment, scenario, population))
     });
     distinct.collect()
 }
 
-/// The optimum of each environment and scenario, in their order; standard error shows the progress.
+/// The optimum of each environment and scenario, in order; shows progress on standard error.
 fn found_of(pairs: &[(&Environment, &Scenario)]) -> Vec<Result<Optimum, NoOptimum>> {
     let mut shown = Counting::new(pairs.len(), "optima");
     optimum::several(pairs, |_| shown.one_more())
 }
 
-/// The keys of the environment, sigma aside, in which the manifests' environments differ.
+/// The keys of the environment, except sigma, in which the manifests' environments differ.
 fn swept(manifests: &[Manifest]) -> Vec<&'static str> {
     let keys = manifests.iter().flat_map(|manifest| manifest.environment.iter());
     let values = keys.flat_map(|(key, values)| values.iter().map(|value| ("", key.name, value)));

@@ -10,45 +10,45 @@ use serde_json::Value;
 use crate::manifest::printable;
 use crate::report::defused;
 
-/// Spaces on either side of a table's columns.
+/// Spaces on the left and on the right of each column of a table.
 const PADDING: (u16, u16) = (0, 2);
 
-/// Rows of a table that share their widths: beyond them, nobody has the header in view.
+/// Number of rows that are aligned together. Longer tables are written in blocks of this size.
 const ALIGNED_TOGETHER: usize = 10_000;
 
-/// Characters of a field that a table shows: with more, nobody reads it.
+/// Maximum number of characters of a field in a table.
 const MOST_SHOWN: usize = 2_000;
 
-/// How rows are written.
+/// Output format of rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum Format {
-    /// Aligned columns, for reading.
+    /// Aligned columns for reading.
     Table,
-    /// Comma-separated values with a header line (RFC 4180); a text that a spreadsheet would run has an
-    /// apostrophe before it.
+    /// Comma-separated values with a header line (RFC 4180); a text that a spreadsheet would execute
+    /// gets a leading apostrophe.
     Csv,
-    /// An array of objects, one a line.
+    /// A JSON array with one object per line.
     Json,
 }
 
 /// One value of a row.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Field<'a> {
-    /// Nothing: empty in text and CSV, `null` in JSON.
+    /// No value: empty in text and CSV, `null` in JSON.
     Empty,
     /// A whole number.
     Integer(i64),
     /// A number; full precision in CSV and JSON.
     Real(f64),
-    /// A number that people read with so many decimals; full precision in CSV and JSON.
+    /// A number that a table shows with this number of decimals; full precision in CSV and JSON.
     Rounded(f64, usize),
     /// Numbers written out, such as `12.3 ± 4.5`.
     Figure(String),
     /// Text.
     Text(Cow<'a, str>),
-    /// Bytes, which are written as SQL writes them.
+    /// Bytes, written as an SQL literal.
     Bytes(&'a [u8]),
-    /// A list or object; as it is in JSON, and as its text elsewhere.
+    /// A list or object; written as text except in JSON.
     Nested(Value),
 }
 
@@ -61,8 +61,7 @@ impl<'a> Field<'a> {
         matches!(self, Field::Integer(_) | Field::Real(_) | Field::Rounded(..) | Field::Figure(_))
     }
 
-    /// For a person: rounded, with control characters shown, not obeyed, and not longer than can be
-    /// read.
+    /// The text for a table: rounded, with control characters escaped, and cut if it is long.
     fn for_reading(&self) -> String {
         match self {
             Field::Rounded(value, decimals) => format!("{value:.decimals$}"),
@@ -80,7 +79,7 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// For a program: every digit.
+    /// The text with every digit.
     fn exact(&self) -> Cow<'_, str> {
         match self {
             Field::Empty => Cow::Borrowed(""),
@@ -93,7 +92,7 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// For CSV: what people and spreadsheets may open.
+    /// The text for CSV, safe to open in a spreadsheet.
     fn for_csv(&self) -> Cow<'_, str> {
         match self {
             Field::Text(text) => defused(text),
@@ -101,7 +100,7 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// Writes it as JSON, a piece at a time.
+    /// Writes the field as JSON, long bytes in pieces.
     fn write_json(&self, out: &mut impl Write) -> io::Result<()> {
         match self {
             Field::Empty => out.write_all(b"null"),
@@ -121,7 +120,7 @@ impl<'a> Field<'a> {
     }
 }
 
-/// Bytes as SQL writes them.
+/// Bytes as an SQL literal.
 pub(super) fn as_sql(bytes: &[u8]) -> String {
     ["x'"].into_iter().flat_map(str::chars).chain(digits(bytes)).chain(['\'']).collect()
 }
@@ -132,7 +131,7 @@ fn digits(bytes: &[u8]) -> impl Iterator<Item = char> {
     bytes.iter().flat_map(move |byte| [digit(byte >> 4), digit(byte & 15)])
 }
 
-/// The text as a table shows it: [`printable`], and cut if it is long.
+/// The text for a table: [`printable`], and cut if it is long.
 fn shown(text: &str) -> String {
     match text.char_indices().nth(MOST_SHOWN) {
         None => printable(text),
@@ -142,7 +141,7 @@ fn shown(text: &str) -> String {
     }
 }
 
-/// So many things, as people say it: `1 job`, `2 jobs`.
+/// A number with its noun: `1 job`, `2 jobs`.
 pub(super) fn counted(count: impl TryInto<u64>, noun: &str) -> String {
     match count.try_into().unwrap_or(u64::MAX) {
         1 => format!("1 {noun}"),
@@ -150,7 +149,7 @@ pub(super) fn counted(count: impl TryInto<u64>, noun: &str) -> String {
     }
 }
 
-/// A word as a shell reads it back; in quotes if it needs them.
+/// A word for a shell, quoted if necessary.
 pub(super) fn shell_word(text: &str) -> String {
     let plain = |c: char| c.is_alphanumeric() || "/._-".contains(c);
     if !text.is_empty() && text.chars().all(plain) {
@@ -162,19 +161,19 @@ pub(super) fn shell_word(text: &str) -> String {
     }
 }
 
-/// A writer of rows that have the same columns.
+/// A writer of rows with the same columns.
 pub(super) enum Rows<W: Write> {
-    /// Kept until there are many, because widths are known only then.
-    /// The widths are those of the rows written before.
+    /// Rows are collected to find the widths of the columns, and written in blocks. The widths of
+    /// earlier blocks are minimum widths for the next block.
     Table(W, Box<Table>, Vec<u16>),
-    /// Written as they come.
+    /// Written immediately.
     Csv(Box<csv::Writer<W>>),
-    /// Written as they come; the count tells whether a comma is due.
+    /// Written immediately, with the names of the columns and the number of rows so far.
     Json(W, Vec<String>, usize),
 }
 
 impl<W: Write> Rows<W> {
-    /// Begins rows of these columns.
+    /// Starts a writer of rows with these columns.
     pub(super) fn new(format: Format, columns: &[String], mut out: W) -> io::Result<Self> {
         Ok(match format {
             Format::Table => {
@@ -207,7 +206,7 @@ impl<W: Write> Rows<W> {
                     table.load_style(presets::NOTHING);
                 }
                 for (field, column) in fields.iter().zip(table.column_iter_mut()) {
-                    // For the header above it.
+                    // The cell's alignment also applies to the header.
                     if field.is_number() {
                         column.set_cell_alignment(CellAlignment::Right);
                     }
@@ -229,7 +228,7 @@ impl<W: Write> Rows<W> {
             }
             Rows::Json(out, columns, count) => {
                 out.write_all(if *count == 0 { b"\n{" } else { b",\n{" })?;
-                // Not a map: it would sort the columns.
+                // A map would sort the columns by name.
                 for (i, (name, field)) in columns.iter().zip(fields).enumerate() {
                     if i > 0 {
                         out.write_all(b",")?;
@@ -245,7 +244,7 @@ impl<W: Write> Rows<W> {
         Ok(())
     }
 
-    /// Ends the rows.
+    /// Writes the end of the output.
     pub(super) fn finish(self) -> io::Result<()> {
         match self {
             Rows::Table(mut out, table, _) => {
@@ -265,7 +264,7 @@ fn print(table: &Table, out: &mut impl Write) -> io::Result<()> {
     table.lines().try_for_each(|line| writeln!(out, "{}", line.trim_end()))
 }
 
-/// Gives the columns their padding, and these widths at least.
+/// Sets the padding and the minimum widths of the columns.
 fn lay_out(table: &mut Table, widths: &[u16]) {
     let widths = widths.iter().copied().chain(std::iter::repeat(0));
     for (column, width) in table.column_iter_mut().zip(widths) {
@@ -275,7 +274,7 @@ fn lay_out(table: &mut Table, widths: &[u16]) {
     }
 }
 
-/// What kept CSV from being written; of its kind, so that a closed pipe is seen to be one.
+/// The I/O error behind a CSV error, which keeps a closed pipe recognisable.
 fn cause(error: csv::Error) -> io::Error {
     match error.into_kind() {
         csv::ErrorKind::Io(error) => error,

@@ -1,8 +1,8 @@
-//! Parquet: an answer as columns, each with one type.
+//! Parquet: an answer as typed columns.
 //!
-//! In: the rows of an answer, whose values SQLite types one by one. Out: a file with one row group.
-//! A column of whole numbers is INT64, one of numbers DOUBLE, and one with a text, or without any
-//! value, is a string; its numbers are written out as in CSV. Every column may have nulls.
+//! In: the rows of an answer, in which SQLite types every value. Out: a file with one row group. A
+//! column of whole numbers is INT64, and a column of numbers is DOUBLE. A column that contains text, or
+//! no value at all, is a string column, with numbers written as in CSV. Every column may contain nulls.
 
 use std::collections::HashMap;
 use std::io::{self, Write};
@@ -18,7 +18,7 @@ use ::parquet::schema::types::{Type, TypePtr};
 use crate::cli::output::as_sql;
 use crate::store::Value;
 
-/// Rows handed to the encoder at a time.
+/// Number of rows per call of the encoder.
 const BATCH: usize = 8192;
 
 /// The columns of an answer.
@@ -26,21 +26,21 @@ pub(super) struct Columns(Vec<Column>);
 
 struct Column {
     name: String,
-    /// Of each row: 1 if it has a value, 0 if it is null.
+    /// For each row, 1 if it has a value and 0 if it is null.
     levels: Vec<i16>,
     values: Values,
 }
 
 /// The values of a column, without its nulls.
 enum Values {
-    /// None so far.
+    /// The column has no value so far.
     None,
     Integers(Vec<i64>),
     Reals(Vec<f64>),
     Texts(Texts),
 }
 
-/// Texts that are kept once, however often they come: job keys fill most columns of the views.
+/// Texts, each stored once, because the job keys in the views repeat often.
 #[derive(Default)]
 struct Texts {
     rows: Vec<usize>,
@@ -49,7 +49,7 @@ struct Texts {
 }
 
 impl Texts {
-    /// Numbers, written out.
+    /// Numbers as texts.
     fn of(numbers: &[impl ToString]) -> Texts {
         let mut texts = Texts::default();
         numbers.iter().for_each(|number| texts.push(&number.to_string()));
@@ -94,7 +94,7 @@ impl Values {
         }
     }
 
-    /// Adds a text, which makes texts of the numbers before it.
+    /// Adds a text, and converts earlier numbers to texts.
     fn push_text(&mut self, text: &str) {
         let mut texts = match self {
             Values::Texts(texts) => return texts.push(text),
@@ -139,7 +139,7 @@ impl Column {
         writer.close()
     }
 
-    /// Writes the column; `values` has those of a range, counted without nulls.
+    /// Writes the column in batches; `values` returns the values of a range, counted without nulls.
     fn batches<T: DataType>(
         &self,
         writer: &mut SerializedColumnWriter<'_>,
@@ -158,12 +158,12 @@ impl Column {
 impl Columns {
     /// Columns of these names, without rows.
     ///
-    /// **Errors**: two have one name, and what to do about it.
+    /// **Errors**: two columns have the same name.
     pub(super) fn new(names: &[&str]) -> Result<Columns, String> {
         for (at, name) in names.iter().enumerate() {
             if names[..at].contains(name) {
                 return Err(format!(
-                    "--format parquet: two columns are called `{name}`; name one otherwise, with AS"
+                    "--format parquet: two columns are called `{name}`; rename one with AS"
                 ));
             }
         }
@@ -175,7 +175,7 @@ impl Columns {
         Ok(Columns(names.iter().map(column).collect()))
     }
 
-    /// Adds a row, one value a column.
+    /// Adds a row, one value per column.
     pub(super) fn row(&mut self, values: &[Value<'_>]) {
         for (column, value) in self.0.iter_mut().zip(values) {
             column.levels.push(i16::from(*value != Value::Null));

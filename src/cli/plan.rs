@@ -1,51 +1,52 @@
-//! `jitai plan`: what would run, and why.
+//! `jitai plan`: shows which jobs would run, and why.
 //!
-//! Jobs are looked at one at a time and forgotten, so that a sweep of a million is told about in
-//! seconds and little memory.
+//! Jobs are examined one at a time and not kept, so a sweep of a million jobs takes seconds and
+//! little memory.
 
 use std::collections::hash_map::Entry;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fmt;
 use std::io::{self, Write};
 use std::num::NonZeroUsize;
-use std::path::{Path, PathBuf};
+use std::path::Path;
+use std::time::Duration;
 
+use crate::cli::check::ManifestArguments;
 use crate::cli::output::{Field, Format, Rows, counted};
 use crate::cli::workers::workers;
-use crate::cli::{Error, Exit, StoreArgument, check, counts};
-use crate::manifest::printable;
+use crate::cli::{Error, Exit, StoreArgument, counts};
+use crate::manifest::{Manifest, printable};
 use crate::plan::{self, Filter, JobKey, PlannedJob, Shard, Swept, Versions};
-use crate::schedule::{self, Episodes, Estimate, Selection, Speeds};
+use crate::schedule::{self, Left, Selection, Speeds};
 use crate::store::{Counts, JobState, Reader, StoreError};
 
-/// Jobs that the store is asked about at a time.
+/// Number of jobs in one query of the store.
 const ASKED_TOGETHER: usize = 1000;
 
-/// Jobs that the store is asked about one by one; for more, reading about all it has is faster.
+/// Number of jobs above which reading the states of all jobs in the store is faster than queries.
 const ASKED_SINGLY: usize = 10_000;
 
-/// Show what would run: jobs done, to do and failed, and the time it would take
+/// Show what would run: jobs completed, pending and failed, and the estimated time
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Manifests (TOML files)
-    #[arg(required = true, value_name = "MANIFEST")]
-    manifests: Vec<PathBuf>,
+    #[command(flatten)]
+    manifests: ManifestArguments,
     /// List the jobs
     #[arg(long)]
     jobs: bool,
-    /// Print the manifests in full instead: presets merged, every default written out
+    /// Print the resolved manifests instead, with presets merged and every default written out
     #[arg(long, conflicts_with_all = ["jobs", "filter", "format"])]
     resolved: bool,
-    /// Only jobs with these parameters, such as agent=dqn,sigma=0.4|0.6
+    /// Show only the jobs with these parameters, such as agent=dqn,sigma=0.4|0.6
     #[arg(long, value_name = "NAME=VALUE,...")]
     filter: Option<Filter>,
-    /// Only one of several parts of the jobs, such as 3/40, as for `run`
+    /// Show only one shard of the jobs, such as 3/40, as for `run`
     #[arg(long, value_name = "I/N", conflicts_with = "resolved")]
     shard: Option<Shard>,
-    /// Workers that the time left is estimated for [default: one a core, as for `run`]
+    /// Number of workers for the estimated time [default: one per core, as for `run`]
     #[arg(long, value_name = "N", value_parser = workers)]
     workers: Option<NonZeroUsize>,
-    /// How rows are written
+    /// Output format
     #[arg(long, value_enum, default_value = "table")]
     format: Format,
     #[command(flatten)]
@@ -53,7 +54,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
-    let manifests = check::load_all(&arguments.manifests)?;
+    let manifests = arguments.manifests.load()?;
     if arguments.resolved {
         for manifest in &manifests {
             write!(io::stdout(), "{}", manifest.resolved())?;
@@ -73,56 +74,57 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     Ok(Exit::Done)
 }
 
-/// A walk through the jobs that a plan is about, with what the store knows of them.
+/// A pass through the jobs of a plan, with their states in the store.
 struct Survey<'a> {
     selection: Selection<'a>,
-    /// Nothing before the first run.
+    /// `None` if there is no store yet.
     reader: Option<Reader>,
-    /// All that the store has tried; read when it has been asked about many jobs.
+    /// The states of all jobs that have a run in the store; read once the number of queried jobs is
+    /// large.
     tried: Option<HashMap<JobKey, JobState>>,
-    /// By job, where it was met.
+    /// The manifests in which each job occurs.
     met: HashMap<JobKey, Met>,
-    /// Jobs that several manifests have.
+    /// Number of jobs that several manifests share.
     shared: u64,
 }
 
-/// Where a job was met.
+/// The manifests in which a job occurs.
 struct Met {
-    /// The last manifest.
+    /// Index of the last manifest with the job.
     place: usize,
     sharing: Sharing,
 }
 
-/// A job of a manifest, with what the store knows of it.
+/// A job of a manifest, with its state in the store.
 struct Surveyed {
     key: JobKey,
     planned: PlannedJob,
     state: JobState,
     reason: Option<Reason>,
-    /// Whether an earlier manifest has it, too.
+    /// Whether an earlier manifest has the same job.
     sharing: Sharing,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Sharing {
-    /// No manifest before this one has the job.
+    /// No earlier manifest has the job.
     First,
-    /// A manifest before this one has it; it runs once.
+    /// An earlier manifest has the job, which runs once.
     Shared,
 }
 
-/// Why a job is to run again, or why not.
+/// Why a job runs again, or does not run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Reason {
     /// Its runs were interrupted.
     Interrupted,
     /// A run failed.
     Failed,
-    /// It was completed by code of other versions: of the simulation, or of an algorithm.
+    /// It was completed by another version of the simulation or of the algorithm.
     Outdated { simulation: Option<Change>, algorithm: Option<(&'static str, Change)> },
 }
 
-/// Of a version of the code.
+/// A change of a version of the code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Change {
     from: u32,
@@ -136,7 +138,7 @@ impl Change {
 }
 
 impl fmt::Display for Reason {
-    /// Of one job.
+    /// Formats the reason for one job.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (simulation, algorithm) = match self {
             Reason::Interrupted => return write!(f, "was interrupted"),
@@ -152,7 +154,7 @@ impl fmt::Display for Reason {
 }
 
 impl Reason {
-    /// Why content that the store has under earlier versions of the code is to run again.
+    /// The reason for a job whose content was completed by earlier versions of the code.
     fn outdated(planned: &PlannedJob, earlier: Versions) -> Reason {
         let now = planned.job.versions();
         let algorithm = Change::between(earlier.algorithm, now.algorithm);
@@ -162,14 +164,14 @@ impl Reason {
         }
     }
 
-    /// The sentence about so many jobs.
+    /// The message for this number of jobs.
     fn of(self, jobs: u64) -> String {
         let (all, one) = (counted(jobs, "job"), jobs == 1);
         match self {
-            Reason::Interrupted if one => format!("{all} was interrupted; a run goes on with it"),
-            Reason::Interrupted => format!("{all} were interrupted; a run goes on with them"),
-            Reason::Failed if one => format!("{all} failed; it runs with --retry-failed"),
-            Reason::Failed => format!("{all} failed; they run with --retry-failed"),
+            Reason::Interrupted if one => format!("{all} was interrupted; `jitai run` resumes it"),
+            Reason::Interrupted => format!("{all} were interrupted; `jitai run` resumes them"),
+            Reason::Failed if one => format!("{all} failed; `--retry-failed` runs it again"),
+            Reason::Failed => format!("{all} failed; `--retry-failed` runs them again"),
             Reason::Outdated { .. } => format!("{all} to run again: {self}"),
         }
     }
@@ -185,7 +187,7 @@ impl<'a> Survey<'a> {
         Ok(Survey { selection, reader, tried: None, met: HashMap::new(), shared: 0 })
     }
 
-    /// Shows `see` every job of the manifest in this place, none twice.
+    /// Calls `see` once for every distinct job of the manifest with this index.
     fn walk(
         &mut self,
         place: usize,
@@ -213,7 +215,7 @@ impl<'a> Survey<'a> {
         }
     }
 
-    /// Whether the job of a manifest is shared with one before; `None` if this one had it already.
+    /// Whether an earlier manifest shares the job; `None` if this manifest has already listed the job.
     fn meet(&mut self, key: JobKey, place: usize) -> Option<Sharing> {
         let first = Met { place, sharing: Sharing::First };
         let met = match self.met.entry(key) {
@@ -228,8 +230,8 @@ impl<'a> Survey<'a> {
         Some(Sharing::Shared)
     }
 
-    /// How many jobs the experiment of the manifest in this place, which was walked last, has in the
-    /// store that are not the manifest's. A filter runs fewer jobs and drops as many.
+    /// The number of jobs that the experiment has in the store but no longer in its manifest. The
+    /// manifest with this index must be the last one walked. A filter does not change the number.
     fn dropped(&self, place: usize) -> Result<u64, Error> {
         let Some(reader) = &self.reader else { return Ok(0) };
         let manifest = &self.selection.manifests()[place];
@@ -286,12 +288,12 @@ impl<'a> Survey<'a> {
     }
 }
 
-/// Jobs added up.
+/// Totals over jobs.
 #[derive(Clone, Debug, Default)]
 struct Sum {
     counts: Counts,
-    /// What is to do, as `status` counts it: of running jobs all.
-    left: Episodes,
+    /// The remaining work. Running jobs count in full, as in `status`.
+    left: Left,
     reasons: BTreeMap<Reason, u64>,
 }
 
@@ -303,8 +305,7 @@ impl Sum {
         }
         match job.state {
             JobState::Pending | JobState::Interrupted | JobState::Running => {
-                let job = &job.planned.job;
-                self.left.add(job.algorithm(), u64::from(job.agent.episodes()));
+                self.left.add(&job.planned.job, 1);
             }
             JobState::Completed | JobState::Failed => {}
         }
@@ -318,7 +319,7 @@ impl Sum {
 fn list_experiments(mut survey: Survey<'_>, arguments: &Arguments) -> Result<(), Error> {
     let workers = arguments.workers.unwrap_or_else(schedule::one_per_core);
     let speeds = survey.speeds()?;
-    let time = |sum: &Sum| speeds.estimate(&sum.left).shared_by(workers.get());
+    let time = |sum: &Sum| schedule::shared(speeds.time(&sum.left), workers.get());
     let columns = counts::COLUMNS.map(str::to_owned);
     let mut rows = Rows::new(arguments.format, &columns, io::stdout().lock())?;
     let (mut all, mut dropped) = (Sum::default(), Vec::new());
@@ -332,7 +333,7 @@ fn list_experiments(mut survey: Survey<'_>, arguments: &Arguments) -> Result<(),
             }
             Ok(())
         })?;
-        let left = time(&experiment).whole();
+        let left = time(&experiment).as_secs_f64();
         dropped.push((&manifest.name, survey.dropped(place)?));
         rows.row(&counts::fields(&manifest.name, &experiment.counts, left))?;
     }
@@ -346,35 +347,46 @@ fn list_experiments(mut survey: Survey<'_>, arguments: &Arguments) -> Result<(),
         let (name, jobs) = (printable(name), counted(jobs, "job"));
         writeln!(
             io::stderr(),
-            "{name} has {jobs} in the store that this manifest and this version do not make; a run \
-             takes them out of it and keeps their results"
+            "{name} has {jobs} in the store that this manifest no longer has; a run removes them \
+             from the experiment and keeps their results"
         )?;
     }
-    Ok(explain(&all, time(&all), workers)?)
+    say_outside(survey.selection.manifests())?;
+    Ok(explain(&all, time(&all), workers, speeds.are_measured())?)
 }
 
-/// Says on standard error what the numbers do not; `time` is what is left.
-fn explain(all: &Sum, time: Estimate, workers: NonZeroUsize) -> io::Result<()> {
+/// Lists the agents that are outside programs, for which jitai cannot guarantee determinism.
+fn say_outside(manifests: &[Manifest]) -> io::Result<()> {
+    let agents = manifests.iter().flat_map(|manifest| &manifest.agents);
+    let outside = agents.filter(|agent| agent.algorithm.is_external());
+    let names: Vec<String> = outside.map(|agent| printable(&agent.name)).collect();
+    if names.is_empty() {
+        return Ok(());
+    }
+    writeln!(
+        io::stderr(),
+        "outside programs: {}; their job keys cover command, version, parameters and budget, but \
+         jitai cannot guarantee that equal jobs give equal results",
+        names.join(", ")
+    )
+}
+
+/// Writes reasons and the estimated time left to standard error.
+fn explain(all: &Sum, time: Duration, workers: NonZeroUsize, is_measured: bool) -> io::Result<()> {
     let mut err = io::stderr();
     for (reason, jobs) in &all.reasons {
         writeln!(err, "{}", reason.of(*jobs))?;
     }
-    let workers = counted(workers.get(), "worker");
+    if all.to_run() == 0 {
+        return writeln!(err, "nothing to run");
+    }
     let jobs = counted(all.to_run(), "job");
-    match time.spoken() {
-        _ if all.to_run() == 0 => return writeln!(err, "nothing to run"),
-        Some(time) => {
-            writeln!(err, "{jobs} to run: {time} with {workers}, as fast as earlier runs")?;
-        }
-        None if time.is_whole() => {
-            writeln!(err, "{jobs} to run, which do not train; no time is estimated")?;
-        }
-        None => writeln!(err, "{jobs} to run; no time can be estimated")?,
-    }
-    match time.untimed.join(" and ").as_str() {
-        "" => Ok(()),
-        untimed => writeln!(err, "no run of {untimed} has been timed"),
-    }
+    let (time, workers) = (schedule::spoken(time), counted(workers.get(), "worker"));
+    let basis = match is_measured {
+        true => "estimated from earlier runs",
+        false => "estimated from built-in speeds; no run has been timed yet",
+    };
+    writeln!(err, "{jobs} to run: about {time} with {workers}, {basis}")
 }
 
 fn list_jobs(mut survey: Survey<'_>, format: Format) -> Result<(), Error> {

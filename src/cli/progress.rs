@@ -1,4 +1,4 @@
-//! A sweep as it is shown: bars on a terminal, lines elsewhere, JSON for programs, or nothing.
+//! The progress of a sweep: bars on a terminal, lines elsewhere, JSON events for programs, or nothing.
 
 use std::collections::VecDeque;
 use std::io::{self, IsTerminal, Write};
@@ -11,22 +11,20 @@ use crate::cli::output::counted;
 use crate::manifest::printable;
 use crate::plan::Swept;
 use crate::record::{Outcome, Results};
-use crate::schedule::{
-    CheckpointNote, Episodes, Estimate, Event, EventSink, Found, Queued, Speeds,
-};
+use crate::schedule::{self, CheckpointNote, Event, EventSink, Found, Left, Queued, Speeds};
 use crate::train::TrainingProgress;
 
-/// Columns that the line of a worker takes at most, behind an indent of two, on a terminal of 80.
+/// Maximum width of a worker's line after an indent of two, for a terminal of 80 columns.
 const WORKER_WIDTH: usize = 77;
 
-/// How a sweep is shown.
+/// How progress is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Style {
     /// Bars on standard error.
     Bars,
-    /// A line an ended job on standard error.
+    /// One line per finished job on standard error.
     Lines,
-    /// An object an event on standard output.
+    /// One object per event on standard output.
     Json,
     /// Nothing.
     Quiet,
@@ -46,25 +44,26 @@ pub(super) struct Shown {
     done: usize,
     failed: usize,
     speeds: Speeds,
-    unbegun: Episodes,
+    unbegun: Left,
     running: Vec<Option<(Queued, Instant, Option<TrainingProgress>)>>,
     bars: Option<Bars>,
-    told_waiting: bool,
+    waiting_reported: bool,
     swept: Swept,
-    telling: Vec<Telling>,
+    queues: Vec<EventQueue>,
 }
 
-/// What programs are told of one worker. Its jobs are stored a moment after they end, so it may be
-/// at its next ones by then: these are told of later.
+/// The events of one worker in the order in which programs read them. A job is stored a moment after it
+/// ends, when its worker may already have started further jobs. The events of these jobs wait until the
+/// end of the earlier job has been written.
 #[derive(Debug, Default)]
-struct Telling {
-    /// Whether a job that was told to have started has not been told to have ended.
+struct EventQueue {
+    /// Whether the start of a job has been written and its end has not.
     open: bool,
     later: VecDeque<Value>,
 }
 
-impl Telling {
-    /// What to tell now that something happened to the job that started last.
+impl EventQueue {
+    /// Returns an event of the last started job, if it can be written now.
     fn note(&mut self, event: Value) -> Option<Value> {
         if self.later.is_empty() {
             return Some(event);
@@ -73,7 +72,7 @@ impl Telling {
         None
     }
 
-    /// What to tell now that a job has started.
+    /// Returns the event for the start of a job, if it can be written now.
     fn start(&mut self, event: Value) -> Option<Value> {
         if self.open {
             self.later.push_back(event);
@@ -83,15 +82,15 @@ impl Telling {
         Some(event)
     }
 
-    /// What to tell after the end of the job that was told of last: the start of the next, and what
-    /// happened to it since.
+    /// Returns the events to write after the end of the open job: the start of the next job, and
+    /// its events so far.
     fn end(&mut self) -> Vec<Value> {
         let starts = |event: &Value| event["event"] == "started";
         let next = self.later.iter().skip(1).position(starts);
         let count = next.map_or(self.later.len(), |after_first| after_first + 1);
-        let told: Vec<Value> = self.later.drain(..count).collect();
-        self.open = !told.is_empty();
-        told
+        let ready: Vec<Value> = self.later.drain(..count).collect();
+        self.open = !ready.is_empty();
+        ready
     }
 }
 
@@ -102,7 +101,7 @@ struct Bars {
 }
 
 impl Shown {
-    /// A sweep of the jobs in `queue`; `speeds` are those of earlier sweeps.
+    /// Progress of the jobs in `queue`; `speeds` come from earlier sweeps.
     pub(super) fn new(
         style: Style,
         queue: &[Queued],
@@ -113,9 +112,9 @@ impl Shown {
         let workers = workers.min(queue.len());
         let bars =
             (style == Style::Bars && !queue.is_empty()).then(|| Bars::new(queue.len(), workers));
-        let mut unbegun = Episodes::default();
+        let mut unbegun = Left::default();
         for Queued { job, .. } in queue {
-            unbegun.add(job.algorithm(), u64::from(job.agent.episodes()));
+            unbegun.add(job, 1);
         }
         Shown {
             style,
@@ -126,31 +125,27 @@ impl Shown {
             unbegun,
             running: (0..workers).map(|_| None).collect(),
             bars,
-            told_waiting: false,
+            waiting_reported: false,
             swept,
-            telling: (0..workers).map(|_| Telling::default()).collect(),
+            queues: (0..workers).map(|_| EventQueue::default()).collect(),
         }
     }
 
-    /// The time until the last job ends.
-    fn time_left(&self) -> Estimate {
+    /// The estimated time until the last job ends, in words; `None` once no job is left.
+    fn left(&self) -> Option<String> {
         let mut left = self.unbegun.clone();
         let mut speeds = self.speeds.clone();
         for (queued, started, progress) in self.running.iter().flatten() {
-            let gone = progress.map_or(0, |p| p.episode);
-            let ahead = queued.job.agent.episodes().saturating_sub(gone);
-            left.add(queued.job.algorithm(), u64::from(ahead));
-            speeds.add(queued.job.algorithm(), u64::from(gone), started.elapsed());
+            let part =
+                progress.map_or(0.0, |p| f64::from(p.episode) / f64::from(p.episodes.max(1)));
+            left.add_part(&queued.job, 1.0 - part);
+            speeds.add(&queued.job, part, started.elapsed());
         }
-        speeds.estimate(&left).shared_by(self.running.len())
+        let time = schedule::shared(speeds.time(&left), self.running.len());
+        (self.done < self.jobs).then(|| format!("about {}", schedule::spoken(time)))
     }
 
-    /// The time left, if something is known of it, as people say it.
-    fn left(&self) -> Option<String> {
-        self.time_left().spoken().filter(|_| self.done < self.jobs)
-    }
-
-    /// Writes a line for a person; a closed standard error ends nothing.
+    /// Writes a line for people; ignores a closed standard error.
     fn say(&self, line: &str) {
         match (&self.bars, self.style) {
             (Some(bars), _) => {
@@ -163,7 +158,7 @@ impl Shown {
         }
     }
 
-    fn tell(&self, event: Value) {
+    fn emit(&self, event: Value) {
         if self.style == Style::Json {
             let _ = writeln!(io::stdout(), "{event}");
         }
@@ -175,12 +170,12 @@ impl Shown {
         let event = json!({
             "event": "started", "worker": worker, "job": self.described(queued),
         });
-        if let Some(event) = self.telling[worker].start(event) {
-            self.tell(event);
+        if let Some(event) = self.queues[worker].start(event) {
+            self.emit(event);
         }
     }
 
-    /// Shows a worker as idle, unless it has begun another job already.
+    /// Shows a worker as idle, unless it has already started another job.
     fn rest(&mut self, worker: usize, queued: &Queued) {
         self.running[worker].take_if(|(running, ..)| running.key == queued.key);
     }
@@ -191,8 +186,7 @@ impl Shown {
         let (status, what) = match outcome {
             Outcome::Completed(results) => {
                 self.done += 1;
-                let episodes = u64::from(queued.job.agent.episodes());
-                self.speeds.add(queued.job.algorithm(), episodes, wall);
+                self.speeds.add(&queued.job, 1.0, wall);
                 ("completed", format!("mean return {:.1}", mean_return(results)))
             }
             Outcome::Failed(failure) => {
@@ -202,7 +196,7 @@ impl Shown {
             }
             Outcome::Interrupted => ("interrupted", "interrupted".to_owned()),
         };
-        // On a terminal the bars say how completed jobs did.
+        // On a terminal, the bars show completed jobs.
         if self.style == Style::Lines || matches!(outcome, Outcome::Failed(_)) {
             let (done, jobs, name) = (self.done, self.jobs, self.name(queued));
             let left = self.left().map_or_else(String::new, |time| format!(", {time} left"));
@@ -220,14 +214,14 @@ impl Shown {
             }
             Outcome::Interrupted => {}
         }
-        self.tell_end(worker, event);
+        self.emit_end(worker, event);
     }
 
-    /// Tells that the job of a worker has ended.
-    fn tell_end(&mut self, worker: usize, event: Value) {
-        self.tell(event);
-        for next in self.telling[worker].end() {
-            self.tell(next);
+    /// Emits the end of a worker's job, and the events that waited for it.
+    fn emit_end(&mut self, worker: usize, event: Value) {
+        self.emit(event);
+        for next in self.queues[worker].end() {
+            self.emit(next);
         }
     }
 
@@ -245,14 +239,14 @@ impl Shown {
                         true => format!("from episode {episode} of {episodes}"),
                         false => "with its test".to_owned(),
                     };
-                    self.say(&format!("{name}: goes on {from}"));
+                    self.say(&format!("{name}: resumed {from}"));
                 }
                 event["event"] = json!("resumed");
                 event["episode"] = json!(resumed.episode);
             }
             CheckpointNote::Refused { path, reason } => {
                 let path = printable(&path.display().to_string());
-                self.warn(&format!("{name}: the checkpoint {path} is not used: {reason}"));
+                self.warn(&format!("{name}: checkpoint {path} rejected: {reason}"));
                 event["event"] = json!("checkpoint_refused");
                 event["file"] = json!(path);
                 event["reason"] = json!(reason.to_string());
@@ -260,26 +254,26 @@ impl Shown {
             CheckpointNote::NotKept { path, reason } => {
                 let path = printable(&path.display().to_string());
                 self.warn(&format!(
-                    "{name}: failed to write the checkpoint {path}: {reason}; the job goes on, and \
-                     loses what it has done if it is killed"
+                    "{name}: failed to write the checkpoint {path}: {reason}; the job continues, but \
+                     its progress is lost if it is killed"
                 ));
                 event["event"] = json!("checkpoint_not_kept");
                 event["file"] = json!(path);
                 event["reason"] = json!(reason.to_string());
             }
         }
-        if let Some(event) = self.telling[worker].note(event) {
-            self.tell(event);
+        if let Some(event) = self.queues[worker].note(event) {
+            self.emit(event);
         }
     }
 
     fn taken_over(&mut self, worker: usize, queued: &Queued) {
         self.rest(worker, queued);
-        // Until it is known what became of it elsewhere.
-        self.unbegun.add(queued.job.algorithm(), u64::from(queued.job.agent.episodes()));
-        self.say(&format!("{}: another process has taken it over", self.name(queued)));
+        // The job counts as left until its outcome in the other process is known.
+        self.unbegun.add(&queued.job, 1);
+        self.say(&format!("{}: taken over by another process", self.name(queued)));
         let event = json!({ "event": "lost", "worker": worker, "job": self.described(queued) });
-        self.tell_end(worker, event);
+        self.emit_end(worker, event);
     }
 
     fn skip(&mut self, queued: &Queued, found: Found) {
@@ -292,7 +286,7 @@ impl Shown {
                 "failed"
             }
         };
-        self.tell(json!({ "event": "skipped", "found": found, "job": self.described(queued) }));
+        self.emit(json!({ "event": "skipped", "found": found, "job": self.described(queued) }));
     }
 
     fn shrink(&mut self, started: usize, reason: &io::Error) {
@@ -304,11 +298,11 @@ impl Shown {
             }
         }
         self.warn(&format!(
-            "going on with {started} of {asked} workers: no more threads ({reason})"
+            "only {started} of {asked} workers started: the system refused more threads ({reason})"
         ));
     }
 
-    /// Writes what not even a program or a quiet run should have to wonder about.
+    /// Writes a warning to standard error, also in JSON and quiet runs.
     fn warn(&self, line: &str) {
         match self.style {
             Style::Json | Style::Quiet => {
@@ -324,10 +318,10 @@ impl Shown {
                 *latest = *progress;
             }
         }
-        if waiting_for > 0 && !self.told_waiting {
-            self.told_waiting = true;
+        if waiting_for > 0 && !self.waiting_reported {
+            self.waiting_reported = true;
             let jobs = counted(waiting_for, "job");
-            self.say(&format!("waiting for {jobs} that another process has taken"));
+            self.say(&format!("waiting for {jobs} that another process is running"));
         }
     }
 
@@ -347,7 +341,7 @@ impl Shown {
         }
     }
 
-    /// A job as people tell it from others: `dqn P-H-D sigma=0.4 seed=1 (1a2b3c4d)`.
+    /// The short name of a job: `dqn P-H-D sigma=0.4 seed=1 (1a2b3c4d)`.
     fn name(&self, queued: &Queued) -> String {
         let key = &queued.key.to_string()[..8];
         format!("{} ({key})", self.swept.name(&queued.agent, &queued.job))
@@ -365,14 +359,14 @@ impl Shown {
     }
 }
 
-/// What a worker is at: how far it has come, then the job as far as there is room. Whole words are
-/// left out at the end, because a number without its last digits is another number.
+/// The line of a worker: its progress, then as much of the job's name as fits. The line is cut between
+/// words, because a number without its last digits would be a different number.
 fn worker_line(progress: Option<TrainingProgress>, name: &str) -> String {
     let mut line = match progress {
         Some(TrainingProgress { episode, episodes, recent_return, .. }) => {
             format!("{episode}/{episodes}, return {recent_return:.0}:")
         }
-        None => "begins:".to_owned(),
+        None => "starting:".to_owned(),
     };
     let mut words = name.split(' ').peekable();
     while let Some(word) = words.next() {
@@ -449,7 +443,7 @@ mod tests {
         assert_eq!(line(short), format!("{begin} seed=12"));
         let long = format!("{short} learning_rate=0.00051 batch=128");
         assert_eq!(line(&long), format!("{begin} seed=12 …"));
-        assert_eq!(worker_line(None, short), format!("begins: {short}"));
+        assert_eq!(worker_line(None, short), format!("starting: {short}"));
         for digits in 1..40 {
             let name = format!("dqn P-H-D sigma=0.{} seed=1", "6".repeat(digits));
             assert!(line(&name).chars().count() <= WORKER_WIDTH, "{}", line(&name));
@@ -457,19 +451,19 @@ mod tests {
     }
 
     #[test]
-    fn programs_hear_of_an_end_before_the_worker_s_next_start() {
-        let mut telling = Telling::default();
+    fn the_end_of_a_job_is_written_before_the_next_start_of_its_worker() {
+        let mut queue = EventQueue::default();
         let start = |job| json!({ "event": "started", "job": job });
         let [one, two, three] = [1, 2, 3].map(start);
         let note = json!({ "event": "resumed", "job": 2 });
-        assert_eq!(telling.start(one.clone()), Some(one));
-        assert_eq!(telling.start(two.clone()), None);
-        assert_eq!(telling.note(note.clone()), None);
-        assert_eq!(telling.start(three.clone()), None);
-        assert_eq!(telling.end(), [two, note]);
-        assert_eq!(telling.end(), vec![three.clone()]);
-        assert_eq!(telling.note(json!("now")), Some(json!("now")));
-        assert!(telling.end().is_empty());
-        assert_eq!(telling.start(three.clone()), Some(three));
+        assert_eq!(queue.start(one.clone()), Some(one));
+        assert_eq!(queue.start(two.clone()), None);
+        assert_eq!(queue.note(note.clone()), None);
+        assert_eq!(queue.start(three.clone()), None);
+        assert_eq!(queue.end(), [two, note]);
+        assert_eq!(queue.end(), vec![three.clone()]);
+        assert_eq!(queue.note(json!("now")), Some(json!("now")));
+        assert!(queue.end().is_empty());
+        assert_eq!(queue.start(three.clone()), Some(three));
     }
 }

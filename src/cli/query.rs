@@ -9,15 +9,15 @@ use crate::cli::answer::{self, AnswerFormat, Failed};
 use crate::cli::{Error, Exit, StoreArgument, signals};
 use crate::store::{QueryError, Reader};
 
-/// How long after a signal the query may take to end.
+/// Maximum time from a signal to the end of a query.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-/// Answer a read-only SQL query; the views are described in docs/store.md
+/// Run a read-only SQL query; docs/store.md describes the views
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// One SELECT statement, or - to read it from standard input
     sql: String,
-    /// How rows are written
+    /// Output format
     #[arg(long, value_enum, default_value = "table")]
     format: AnswerFormat,
     #[command(flatten)]
@@ -43,7 +43,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     }
 }
 
-/// Does `work` while a signal can interrupt the reader.
+/// Runs `work`; a signal interrupts the query of the reader.
 fn interruptible<T>(reader: &Reader, work: impl FnOnce() -> T) -> Result<T, Error> {
     let stop = signals::stop_flag()
         .map_err(|source| Error::Io { what: "listen for signals".to_owned(), source })?;
@@ -55,7 +55,7 @@ fn interruptible<T>(reader: &Reader, work: impl FnOnce() -> T) -> Result<T, Erro
             while !done.load(Ordering::Relaxed) {
                 if stop.load(Ordering::Relaxed) {
                     interrupter.interrupt();
-                    // An answer may be long to write.
+                    // The interrupt ends the query, but writing its answer may take longer.
                     if stopped.get_or_insert_with(Instant::now).elapsed() > PATIENCE {
                         signals::end_now();
                     }

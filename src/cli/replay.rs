@@ -1,5 +1,5 @@
-//! `jitai simulate --replay`: forces recorded contexts and actions, prints what follows from them,
-//! and says where that differs from the recording.
+//! `jitai simulate --replay`: forces recorded contexts and actions, prints the resulting steps, and
+//! lists where they differ from the recording.
 
 use std::fmt::Display;
 use std::fs::File;
@@ -21,14 +21,14 @@ use crate::key::Keyed;
 use crate::rng::{Purpose, Stream};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
-/// Most bytes of a file of trajectories.
+/// Maximum size of a file of trajectories, in bytes.
 const MOST_BYTES: u64 = 100_000_000;
-/// Differences that are listed.
+/// Maximum number of differences listed.
 const DIFFERENCES_SHOWN: usize = 10;
-/// What a recording may have lost by being written out, as a share of numbers above 1.
+/// Tolerance for the rounding of recorded numbers: absolute up to 1, relative above 1.
 const TOLERANCE: f64 = 1e-9;
 
-/// What a file must hold.
+/// The expected content of a file, for messages.
 const EXPECTED: &str = "expected JSON like {\"cases\": [{\"sigma\": 0.6, \"parameters\": {}, \
     \"horizon\": 50, \"steps\": [{\"context\": 0, \"p0\": 0.7, \"action\": 1}]}]}";
 
@@ -41,26 +41,26 @@ pub(super) struct TrajectoryFile {
 /// One episode.
 #[derive(Deserialize)]
 struct Case {
-    /// The preset that `parameters` are laid over; the paper's if none is named.
+    /// The preset that `parameters` override; if absent, the paper's environment.
     extends: Option<String>,
     sigma: f64,
     parameters: serde_json::Map<String, serde_json::Value>,
     horizon: u32,
     steps: Vec<Recorded>,
-    /// The state after the last step.
+    /// The recorded state after the last step.
     #[serde(rename = "final")]
     last: Option<State>,
     /// Whether the recorded episode ended in disengagement.
     disengaged: Option<bool>,
 }
 
-/// One step: what is forced, and what the recording says should follow.
+/// One step: the forced values, and the values that the recording expects.
 #[derive(Deserialize)]
 struct Recorded {
     context: u8,
     p0: f64,
     action: usize,
-    /// Whether a message could be sent, 0 or 1; 1 unless recorded.
+    /// Whether a message could be sent, 0 or 1; if absent, 1.
     available: Option<u8>,
     #[serde(alias = "inferred")]
     likely: Option<u8>,
@@ -81,12 +81,12 @@ pub(super) fn run(path: &Path, format: Format) -> Result<Exit, Error> {
     let mut rows = StepRows::new(format, io::stdout().lock())?;
     let differences = file.replay(&mut rows)?.map_err(fault)?;
     rows.finish()?;
-    differences.tell(file.cases.len())?;
+    differences.report(file.cases.len())?;
     Ok(if differences.count == 0 { Exit::Done } else { Exit::Differs })
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, Error> {
-    // As for a manifest that is not there.
+    // A missing file is a usage error, as for manifests.
     let wrong_file = |error: io::Error| {
         let path = path.display();
         Error::Usage(format!("cannot read trajectories from `{path}`: {error}"))
@@ -97,16 +97,18 @@ fn read(path: &Path) -> Result<Vec<u8>, Error> {
     Ok(bytes)
 }
 
-/// The trajectories that a file holds; or what is wrong with it.
+/// Parses a file of trajectories.
 pub(super) fn parse(bytes: &[u8]) -> Result<TrajectoryFile, String> {
     if bytes.len() as u64 > MOST_BYTES {
-        return Err(format!("more than {MOST_BYTES} bytes"));
+        return Err(format!("the file is larger than {MOST_BYTES} bytes; split its episodes"));
     }
     serde_json::from_slice(bytes).map_err(|error| format!("{error}; {EXPECTED}"))
 }
 
 impl TrajectoryFile {
-    /// Replays every episode into `rows`, and says where it differs; or what cannot be replayed.
+    /// Replays every episode into `rows` and returns the differences.
+    ///
+    /// **Errors**: an episode that cannot be replayed; the output cannot be written.
     pub(super) fn replay<W: Write>(
         &self,
         rows: &mut StepRows<W>,
@@ -134,10 +136,10 @@ fn environment(case: &Case) -> Result<Environment, String> {
     extended.with_settings(&settings).map_err(|error| format!("parameters: {error}"))
 }
 
-/// Takes the actions of a recorded episode, one after the other.
+/// An actor that takes the actions of a recorded episode in order.
 struct RecordedActions {
     actions: Vec<Action>,
-    /// Actions of these whose step has been taken.
+    /// Number of actions taken.
     taken: usize,
 }
 
@@ -172,18 +174,18 @@ impl Resumable for RecordedActions {
     }
 }
 
-/// The steps that follow from the recorded contexts and actions, and the lane after the last of them;
-/// or why these cannot be replayed.
+/// Replays an episode; returns its steps and the lane after the last step.
 fn replay(case: &Case) -> Result<(Vec<Step>, PhysicalActivity), String> {
     let environment = environment(case)?;
-    // Nobody observes the lane, and every context is set, so the stream has no effect.
+    // The lane is not observed, and every context is set, so the random stream has no effect.
     let mut lane = PhysicalActivity::new(&environment, &Scenario::of(Feature::Context), 1);
     let stream = Stream::new(0, Purpose::TestEnvironment);
     lane.reset(LaneSet::All, &mut LaneStreams::Shared(stream));
     let mut actor = RecordedActions { actions: Vec::new(), taken: 0 };
     for (t, recorded) in case.steps.iter().enumerate() {
         let action = Action::from_index(recorded.action);
-        let refused = || format!("step {t}: action {} is not 0 to 3", recorded.action);
+        let refused =
+            || format!("step {t}: expected an action from 0 to 3, found {}", recorded.action);
         actor.actions.push(action.ok_or_else(refused)?);
     }
     let mut stream = Stream::new(0, Purpose::TestActions);
@@ -193,10 +195,10 @@ fn replay(case: &Case) -> Result<(Vec<Step>, PhysicalActivity), String> {
             return Err(format!("step {t} comes after the end of the episode"));
         }
         if recorded.context > 1 || !(0.0..=1.0).contains(&recorded.p0) {
-            return Err(format!("step {t}: the context is 0 or 1, and p0 from 0 to 1"));
+            return Err(format!("step {t}: expected `context` 0 or 1, and `p0` from 0 to 1"));
         }
         if recorded.available.is_some_and(|available| available > 1) {
-            return Err(format!("step {t}: `available` is 0 or 1"));
+            return Err(format!("step {t}: expected `available` 0 or 1"));
         }
         lane.set_context(0, ContextDraw::new(recorded.context, recorded.p0));
         lane.set_available(0, recorded.available != Some(0));
@@ -214,7 +216,7 @@ fn replay(case: &Case) -> Result<(Vec<Step>, PhysicalActivity), String> {
     Ok((steps, lane))
 }
 
-/// The noise of a step, as far as the environment has noise: what the recording says the step led to.
+/// The recorded outcomes to force in a step; `None` for an environment without noise.
 fn forced(environment: &Environment, case: &Case, t: usize) -> Result<Option<ForcedNoise>, String> {
     let is_noisy =
         environment.state_noise != StateNoise::None || environment.parameter_spread > 0.0;
@@ -234,32 +236,34 @@ fn forced(environment: &Environment, case: &Case, t: usize) -> Result<Option<For
         (Some(h), Some(d)) if inside(&h) && inside(&d) => Some([h, d]),
         _ => {
             return Err(format!(
-                "step {t}: with noise of the state, `habituation` and `disengagement` after it, in \
-                 the next step or in `final`, are needed, from 0 to 1"
+                "step {t}: with state noise, `habituation` and `disengagement` from 0 to 1 are \
+                 required in the next step, or in `final` after the last"
             ));
         }
     };
     let steps = case.steps[t].reward.filter(|_| has_noisy_steps);
     if has_noisy_steps && !steps.is_some_and(f64::is_finite) {
-        return Err(format!("step {t}: with noise of the steps walked, `reward` is needed"));
+        return Err(format!(
+            "step {t}: with noise of the steps walked, a finite `reward` is required"
+        ));
     }
     Ok(Some(ForcedNoise { state, steps }))
 }
 
-/// Where the simulation differs from the recording.
+/// The differences between simulation and recording.
 #[derive(Default)]
 pub(super) struct Differences {
     steps: usize,
-    /// Between two numbers.
+    /// The largest absolute difference of a number.
     largest: f64,
-    /// Recorded values that differ.
+    /// Number of recorded values that differ.
     pub(super) count: usize,
-    /// The first of them, in words.
+    /// Descriptions of the first differences.
     first: Vec<String>,
 }
 
 impl Differences {
-    /// Compares an episode with its recording, as far as that says something.
+    /// Compares an episode with its recorded values.
     fn look(&mut self, number: usize, case: &Case, steps: &[Step], lane: &PhysicalActivity) {
         self.steps += steps.len();
         for (step, recorded) in steps.iter().zip(&case.steps) {
@@ -307,7 +311,7 @@ impl Differences {
         }
     }
 
-    fn tell(&self, episodes: usize) -> io::Result<()> {
+    fn report(&self, episodes: usize) -> io::Result<()> {
         let mut err = io::stderr();
         for line in &self.first {
             writeln!(err, "{line}")?;
@@ -317,8 +321,8 @@ impl Differences {
         }
         writeln!(
             err,
-            "{episodes} episodes, {} steps; {} recorded values differ; largest difference of a \
-             number: {:.1e}",
+            "{episodes} episodes, {} steps; {} recorded values differ; largest numerical \
+             difference: {:.1e}",
             self.steps, self.count, self.largest
         )
     }

@@ -1,31 +1,34 @@
-//! `jitai report`: tables, figures and one page, from the store.
+//! `jitai report`: tables, figures and a page from the store.
 
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
+use crate::cli::check::ManifestArguments;
 use crate::cli::counting::Counting;
-use crate::cli::{Error, Exit, StoreArgument, check, folder};
+use crate::cli::{Error, Exit, StoreArgument, folder};
 use crate::manifest::Published;
-use crate::report::{AssembleError, ReportFile, Work, assemble, report};
+use crate::report::{AssembleError, Hosts, ReportFile, Work, assemble, report};
 use crate::store::Reader;
 
-/// Write tables, figures and a page about the results that there are
+/// Write tables, figures and an HTML page about the results in the store
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Manifests (TOML files)
-    #[arg(required = true, value_name = "MANIFEST")]
-    manifests: Vec<PathBuf>,
-    /// Folder to write to; made if it is not there
+    #[command(flatten)]
+    manifests: ManifestArguments,
+    /// Output folder; created if it does not exist
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// Include host names in the table of provenance
+    #[arg(long)]
+    hosts: bool,
     #[command(flatten)]
     store: StoreArgument,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
-    let manifests = check::load_all(&arguments.manifests)?;
-    // Their faults come before a folder is made.
+    let manifests = arguments.manifests.load()?;
+    // Faults are reported before the folder is created.
     for manifest in &manifests {
         Published::of(manifest).map_err(|faults| Error::Manifests(vec![faults]))?;
     }
@@ -49,13 +52,19 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     })?;
     drop(shown);
     let store = arguments.store.store.file_name().unwrap_or_default().to_string_lossy();
-    let files = report(&experiments, &store);
+    let hosts = if arguments.hosts { Hosts::Named } else { Hosts::Unnamed };
+    let files = report(&experiments, &store, hosts);
     files.iter().try_for_each(|file| write(&arguments.out, file))?;
-    writeln!(io::stdout(), "{}", arguments.out.join("index.html").display())?;
+    let mut out = io::stdout().lock();
+    writeln!(out, "{}", arguments.out.join("index.html").display())?;
+    // The winners are texts to paste into a manifest.
+    for winners in experiments.iter().flat_map(|experiment| experiment.winners.iter().flatten()) {
+        write!(out, "\n{winners}")?;
+    }
     Ok(Exit::Done)
 }
 
-/// Writes a file of the report, under another name until it is whole.
+/// Writes a file of the report under a temporary name, and renames it once it is complete.
 fn write(folder: &Path, file: &ReportFile) -> Result<(), Error> {
     let path = folder.join(&file.name);
     let failure = |source| Error::Io { what: format!("write `{}`", path.display()), source };

@@ -1,71 +1,75 @@
-//! `jitai run`: runs what is missing.
+//! `jitai run`: runs the jobs that have no completed run.
 
 use std::io::{self, Write};
 use std::num::NonZeroUsize;
 use std::ops::ControlFlow;
-use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use clap::ValueEnum;
 
+use crate::cli::check::ManifestArguments;
 use crate::cli::output::{counted, shell_word};
 use crate::cli::progress::{Shown, Style};
+use crate::cli::replacing::Replacing;
+use crate::cli::signals::RESUME;
 use crate::cli::workers::workers;
-use crate::cli::{Error, Exit, StoreArgument, check, signals, summary};
+use crate::cli::{Error, Exit, StoreArgument, signals, summary};
 use crate::manifest::{Manifest, printable, short_name};
 use crate::plan::{Filter, JobKey, Shard, Swept};
 use crate::schedule::{self, OnFailure, Options, Queued, Remaining, Selection, Speeds, Tally};
 use crate::store::{FailedJob, Reader, RetryFailed, Store};
 
-/// Failed jobs that are listed at the end.
+/// Maximum number of failed jobs listed at the end.
 const FAILURES_SHOWN: usize = 10;
 
-/// Run the jobs of manifests that have no completed run yet; run again to go on after an
-/// interruption
+/// Run the jobs of manifests that have no completed run yet; run the same command again to resume
+/// after an interruption
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Manifests (TOML files)
-    #[arg(required = true, value_name = "MANIFEST")]
-    manifests: Vec<PathBuf>,
-    /// Jobs that train at the same time, at most 1024 [default: one a core]
+    #[command(flatten)]
+    manifests: ManifestArguments,
+    /// Number of jobs trained at the same time, at most 1024 [default: one per core]
     #[arg(long, value_name = "N", value_parser = workers)]
     workers: Option<NonZeroUsize>,
-    /// Run only jobs with these parameters, such as agent=dqn,sigma=0.4|0.6
+    /// Run only the jobs with these parameters, such as agent=dqn,sigma=0.4|0.6
     #[arg(long, value_name = "NAME=VALUE,...")]
     filter: Option<Filter>,
-    /// Run only one of several parts of the jobs, such as 3/40 for the third of forty
+    /// Run only one shard of the jobs, such as 3/40 for the third of forty shards
     ///
-    /// Every job is in one part, the same on every machine; the parts take about as long. Only the
-    /// jobs of the part are entered in the store. With --filter, the jobs that meet it are parted.
+    /// Every job belongs to exactly one shard, the same on every machine, and all shards take about
+    /// equally long. With --filter, the filtered jobs are divided. Only the jobs of this shard are
+    /// added to the store.
     #[arg(long, value_name = "I/N")]
     shard: Option<Shard>,
-    /// Run jobs again that failed before; the failed runs stay in the store
+    /// Run failed jobs again; the failed runs stay in the store
     #[arg(long)]
     retry_failed: bool,
+    #[command(flatten)]
+    replacing: Replacing,
     /// Stop at the first job that fails
     #[arg(long)]
     fail_fast: bool,
-    /// Write a checkpoint of every job after so many seconds, and again
+    /// Write a checkpoint of every running job at this interval, in seconds
     ///
-    /// A job that is killed loses what it did since its last one; one that is stopped loses
-    /// nothing. Where writing one takes long, there is more time between two, up to 25 seconds.
+    /// A job that is killed loses its work since the last checkpoint; a job that is stopped loses
+    /// nothing. If writing a checkpoint takes long, the interval grows to at most 25 seconds.
     #[arg(long, value_name = "SECONDS", default_value = "20", value_parser = seconds)]
     checkpoint_every: Duration,
-    /// Show no progress; what is unusual is told
+    /// Show warnings and errors only
     #[arg(long, short)]
     quiet: bool,
-    /// How progress and summary are written
+    /// Format of progress and summary
     ///
-    /// With json, standard output has an object a line, each with its kind under "event". Of a
-    /// worker (from 0) and its job: started; completed, with wall_seconds and mean_return; failed,
-    /// with wall_seconds, kind and message; interrupted, with wall_seconds; lost, when another
-    /// process has taken the job over. Of a job that needs no run: skipped, with found (completed
-    /// or failed). Of a checkpoint of a started job: resumed, with the episode that the job goes on
-    /// from; checkpoint_refused and checkpoint_not_kept, with file and reason. Last: done, stopped
-    /// (by a signal) or halted (by --fail-fast), with the numbers of jobs that ran, and that are
-    /// completed, failed and left in all. A worker's job is told to have ended once it is stored,
-    /// and before the worker's next is told to have started.
+    /// With json, standard output has one object per line; its kind is under "event". Events of a
+    /// worker (numbered from 0) and its job: started; completed, with wall_seconds and mean_return;
+    /// failed, with wall_seconds, kind and message; interrupted, with wall_seconds; lost, when
+    /// another process has taken over the job. A job that needs no run: skipped, with found
+    /// (completed or failed). Checkpoints of a started job: resumed, with the episode at which the
+    /// job continues; checkpoint_refused and checkpoint_not_kept, with file and reason. The last
+    /// event: done, stopped (by a signal) or halted (by --fail-fast), with the number of jobs that
+    /// ran, and the total numbers completed, failed and left. The end of a job is reported once it
+    /// is stored, and before the next job of the same worker is reported as started.
     #[arg(long, value_enum, default_value = "text")]
     format: Format,
     #[command(flatten)]
@@ -76,7 +80,7 @@ pub(super) struct Arguments {
 enum Format {
     /// Progress on standard error, a table on standard output.
     Text,
-    /// An object an event, one a line, on standard output.
+    /// One JSON object per event and line, on standard output.
     Json,
 }
 
@@ -84,17 +88,19 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let stop = signals::stop_flag()
         .and_then(|stop| signals::end_in_time(stop.clone()).map(|()| stop))
         .map_err(|source| Error::Io { what: "listen for signals".to_owned(), source })?;
-    let manifests = check::load_all(&arguments.manifests)?;
+    let manifests = arguments.manifests.load()?;
     let mut selection = Selection::new(&manifests, arguments.filter.as_ref())?;
     if let Some(shard) = arguments.shard {
         selection = selection.shard(shard);
     }
     let wanted = selection.queue();
     let mut store = Store::open(&arguments.store.store)?;
+    if !arguments.replacing.permit(&Reader::open(&arguments.store.store)?, &manifests)? {
+        return Ok(Exit::Differs);
+    }
     for manifest in &manifests {
         if register_experiment(&mut store, manifest, &selection, &stop)?.is_break() {
-            let _ =
-                writeln!(io::stderr(), "stopped before the first job; the same command goes on");
+            let _ = writeln!(io::stderr(), "stopped before the first job; {RESUME}");
             return Ok(Exit::Interrupted);
         }
     }
@@ -104,7 +110,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let reader = Reader::open(&arguments.store.store)?;
     if !remaining.queue.is_empty() {
         let mut shown = arguments.shown(&reader, &remaining.queue, Swept::of(&manifests))?;
-        // Without the mark a crash counts as a kill, which is no reason not to run.
+        // If the mark cannot be set, a crash counts as a kill, and the jobs can still run.
         let mark_crash = |mark| drop(signals::mark_crash(mark));
         let queue = remaining.queue;
         let swept = schedule::run_queue(&mut store, queue, options, &stop, mark_crash, &mut shown);
@@ -112,7 +118,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         end.tally = swept?;
     }
     if end.left() > 0 {
-        // A signal after the last job has stopped nothing.
+        // A signal after the last job has no effect.
         end.cause = match options.on_failure {
             _ if stop.load(Ordering::Relaxed) => Cause::Signal,
             OnFailure::Stop => Cause::Failure,
@@ -120,7 +126,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         };
     }
     match end.show(arguments, &reader, &selection) {
-        // Who closed the pipe has read enough; the exit code still says what became of the jobs.
+        // A closed pipe is no failure; the exit code still reports the outcome of the jobs.
         Err(Error::Io { source, .. }) if source.kind() == io::ErrorKind::BrokenPipe => {}
         shown => shown?,
     }
@@ -152,7 +158,7 @@ impl Arguments {
     }
 }
 
-/// A time between two checkpoints.
+/// Parses the time between two checkpoints.
 fn seconds(text: &str) -> Result<Duration, String> {
     let seconds = text.parse().ok().filter(|seconds| (0.01..=86_400.0).contains(seconds));
     seconds
@@ -160,7 +166,7 @@ fn seconds(text: &str) -> Result<Duration, String> {
         .ok_or_else(|| "expected a number of seconds from 0.01 to 86400".to_owned())
 }
 
-/// Registers a manifest, and says so if that drops jobs; breaks off if `stop` is set.
+/// Registers a manifest, and warns if that drops jobs; returns early if `stop` is set.
 pub(super) fn register_experiment(
     store: &mut Store,
     manifest: &Manifest,
@@ -174,8 +180,8 @@ pub(super) fn register_experiment(
     if registered.dropped > 0 {
         let _ = writeln!(
             io::stderr(),
-            "{name} no longer has {} that it had before; results stay in the store. If the manifest is \
-             meant as another experiment than before, give it another name",
+            "{name} no longer has {} that it had before; their results stay in the store; if this \
+             manifest is a new experiment, give it another name",
             counted(registered.dropped, "job"),
             name = printable(&manifest.name),
         );
@@ -188,19 +194,19 @@ pub(super) fn register_experiment(
 enum Cause {
     /// Every job has ended.
     NothingLeft,
-    /// A signal.
+    /// A signal arrived.
     Signal,
-    /// The first job that failed, as `--fail-fast` asks.
+    /// A job failed, and `--fail-fast` was given.
     Failure,
 }
 
 /// How a sweep ended.
 struct End {
-    /// Jobs that were to be run.
+    /// Number of jobs to run.
     queued: usize,
-    /// Jobs that were completed before it.
+    /// Number of jobs that had completed before the sweep.
     completed_before: usize,
-    /// Jobs that had failed before it and were not run again.
+    /// Number of jobs that had failed before the sweep and were not run again.
     failed_before: usize,
     tally: Tally,
     cause: Cause,
@@ -239,7 +245,7 @@ impl End {
         }
     }
 
-    /// Tells how it ended and, if a person reads it, what came out.
+    /// Reports how the sweep ended and, in text format, its results.
     fn show(
         &self,
         arguments: &Arguments,
@@ -247,8 +253,8 @@ impl End {
         selection: &Selection<'_>,
     ) -> Result<(), Error> {
         let manifests = selection.manifests();
-        self.tell(arguments)?;
-        // Summarising a large experiment takes longer than a stop may.
+        self.report(arguments)?;
+        // After a signal, there is no time to summarise a large experiment.
         if arguments.format == Format::Json || self.cause == Cause::Signal {
             return Ok(());
         }
@@ -259,10 +265,10 @@ impl End {
         if self.failed() > 0 {
             list_failures(&reader.failed_jobs()?, manifests)?;
         }
-        Ok(tell_next(arguments, manifests, example)?)
+        Ok(suggest_next(arguments, manifests, example)?)
     }
 
-    fn tell(&self, arguments: &Arguments) -> Result<(), Error> {
+    fn report(&self, arguments: &Arguments) -> Result<(), Error> {
         if arguments.format == Format::Json {
             let event = serde_json::json!({
                 "event": match self.cause {
@@ -285,19 +291,19 @@ impl End {
         let line = match self.cause {
             Cause::Signal => {
                 let completed = counted(completed, "job");
-                format!("stopped: {completed} completed, {left} left; the same command goes on")
+                format!("stopped: {completed} completed, {left} left; {RESUME}")
             }
             Cause::Failure => {
                 format!("{ran}; halted after the first failure; {} left", counted(left, "job"))
             }
             Cause::NothingLeft if self.queued == 0 && failed == 0 => match completed {
-                0 => "nothing to run: no job is in this shard".to_owned(),
+                0 => "nothing to run: this shard has no jobs".to_owned(),
                 1 => "nothing to run: the job is completed".to_owned(),
                 _ => format!("nothing to run: all {completed} jobs are completed"),
             },
             Cause::NothingLeft => ran,
         };
-        // A closed standard error is no reason to fail after the work is done.
+        // The work is done, so a closed standard error is not a failure.
         let _ = writeln!(io::stderr(), "{line}");
         Ok(())
     }
@@ -307,7 +313,7 @@ impl End {
     }
 }
 
-/// Lists the failed jobs of the manifests' experiments, the first few of them.
+/// Lists the first failed jobs of the manifests' experiments.
 fn list_failures(failed: &[FailedJob], manifests: &[Manifest]) -> Result<(), Error> {
     let is_ours = |job: &&FailedJob| manifests.iter().any(|ours| ours.name == job.experiment);
     let ours: Vec<_> = failed.iter().filter(is_ours).collect();
@@ -320,14 +326,14 @@ fn list_failures(failed: &[FailedJob], manifests: &[Manifest]) -> Result<(), Err
         writeln!(out, "  {key} {name}: {} ({message})", job.failure.kind)?;
     }
     if ours.len() > FAILURES_SHOWN {
-        writeln!(out, "  and {} more, which `jitai status` lists", ours.len() - FAILURES_SHOWN)?;
+        writeln!(out, "  and {} more; `jitai status` lists them all", ours.len() - FAILURES_SHOWN)?;
     }
-    writeln!(out, "  `--retry-failed` runs them again and keeps these runs")?;
+    writeln!(out, "  run them again with `--retry-failed`; the failed runs stay in the store")?;
     Ok(())
 }
 
-/// Says what a person would do next; `example` is a completed job.
-fn tell_next(
+/// Suggests the next commands; `example` is a completed job.
+fn suggest_next(
     arguments: &Arguments,
     manifests: &[Manifest],
     example: Option<JobKey>,
@@ -338,8 +344,7 @@ fn tell_next(
     writeln!(out, "  jitai status{store}")?;
     writeln!(out, "  jitai query{store} {}", shell_word(&example_query(manifests)))?;
     writeln!(out, "  jitai export{store} --out results")?;
-    let named = arguments.manifests.iter().map(|path| shell_word(&path.to_string_lossy()));
-    let named: Vec<String> = named.collect();
+    let named: Vec<String> = arguments.manifests.words().collect();
     writeln!(out, "  jitai report{store} {} --out report", named.join(" "))?;
     if let Some(key) = example {
         let key = &key.to_string()[..8];
@@ -348,7 +353,7 @@ fn tell_next(
     Ok(())
 }
 
-/// The mean return of every arm of the manifests' experiments, as SQL.
+/// An SQL query of the mean return of every arm of the manifests' experiments.
 fn example_query(manifests: &[Manifest]) -> String {
     let names: Vec<String> = manifests.iter().map(|manifest| sql_text(&manifest.name)).collect();
     let (mut columns, condition) = match names.as_slice() {
@@ -360,7 +365,7 @@ fn example_query(manifests: &[Manifest]) -> String {
         columns.push(format!(
             "(SELECT value FROM parameter AS p WHERE p.job_key = run_summary.job_key AND name = '{name}') \
              AS {}",
-            short_name(&name)
+            short_name(&name).replace('.', "_")
         ));
     }
     let groups: Vec<String> = (1..=columns.len()).map(|place| place.to_string()).collect();
@@ -372,7 +377,7 @@ fn example_query(manifests: &[Manifest]) -> String {
     )
 }
 
-/// A text as SQL writes it; as its bytes where a terminal would not show it as it is.
+/// A text as an SQL literal; its bytes in hexadecimal if it contains unprintable characters.
 fn sql_text(text: &str) -> String {
     if printable(text) == text {
         return format!("'{}'", text.replace('\'', "''"));

@@ -1,4 +1,4 @@
-//! `jitai schema`: the JSON Schema of the manifest, or of a cluster's profile.
+//! `jitai schema`: the JSON Schema of manifests, or of cluster profiles.
 
 use std::io::{self, Write};
 
@@ -6,10 +6,10 @@ use crate::cli::{Error, Exit};
 use crate::cluster;
 use crate::manifest;
 
-/// Print the JSON Schema of manifests, for editors
+/// Print the JSON Schema of manifests, for use in editors
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// That of the profiles of `jitai submit --cluster` instead
+    /// Print the schema of cluster profiles (`jitai submit --cluster`) instead
     #[arg(long)]
     cluster: bool,
 }

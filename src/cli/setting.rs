@@ -1,4 +1,4 @@
-//! Environment parameters on the command line, such as `--set NAME=VALUE`: as a manifest writes them.
+//! Environment parameters on the command line, such as `--set NAME=VALUE`, in the syntax of manifests.
 
 use crate::cli::Error;
 use crate::env::Environment;
@@ -6,15 +6,15 @@ use crate::key::Keyed;
 use crate::manifest::{self, Fault, Manifest, printable};
 use crate::plan;
 
-/// A parameter as an option sets it.
+/// A parameter set by an option.
 struct Given<'a> {
     name: &'a str,
     value: &'a str,
-    /// The option, for messages.
+    /// The option, as messages name it.
     option: String,
 }
 
-/// The environment with settings as a manifest would make them, and with a manifest's checks.
+/// The environment with settings applied; the settings are validated as in a manifest.
 pub(super) fn adjusted(
     environment: Environment,
     settings: &[String],
@@ -23,14 +23,16 @@ pub(super) fn adjusted(
     for (i, setting) in settings.iter().enumerate() {
         let (name, value) = name_and_value(setting)?;
         if settings[..i].iter().any(|earlier| sets(earlier, name)) {
-            return Err(Error::Usage(format!("--set {setting}: `{name}` is set a second time")));
+            return Err(Error::Usage(format!(
+                "--set {setting}: `{name}` is set twice; set it once"
+            )));
         }
         given.push(Given { name, value, option: format!("--set {setting}") });
     }
     with_all(environment, &given)
 }
 
-/// The environment with another value of a parameter, given by an option that messages name.
+/// The environment with another value of one parameter; messages name the `option`.
 pub(super) fn with_parameter(
     environment: Environment,
     name: &str,
@@ -55,13 +57,13 @@ fn with_all(environment: Environment, given: &[Given]) -> Result<Environment, Er
     if given.is_empty() {
         return Ok(environment);
     }
-    // Each becomes a line of TOML.
+    // Each setting becomes one line of TOML.
     if let Some(Given { option, .. }) = given.iter().find(|g| g.value.contains(char::is_control)) {
-        return Err(refused(option, "a value is one line, without control characters"));
+        return Err(refused(option, "expected a value on one line, without control characters"));
     }
     let (text, first_line) = manifest_of(&environment, given);
     let manifest = manifest::parse("options", text.as_bytes()).map_err(|faults| {
-        // A fault that begins behind the options is one of the last.
+        // A fault after the last option belongs to the last option.
         let option_of = |fault: &Fault| {
             let line = faults.position(fault).map_or(usize::MAX, |position| position.line);
             line.saturating_sub(first_line).min(given.len() - 1)
@@ -78,8 +80,8 @@ fn with_all(environment: Environment, given: &[Given]) -> Result<Environment, Er
     Ok(of_first_job(&manifest))
 }
 
-/// A manifest with the values of an environment, those that are given in the last lines; and the number of
-/// the first of these lines, from 1.
+/// A manifest with the values of an environment, the given values last, and the number (from 1) of the
+/// line with the first given value.
 fn manifest_of(environment: &Environment, given: &[Given]) -> (String, usize) {
     let mut lines = ["format = 1", "extends = \"paper\"", "name = \"simulate\"", "seeds = 1"]
         .map(str::to_owned)
@@ -107,12 +109,12 @@ fn of_first_job(manifest: &Manifest) -> Environment {
     plan::jobs(manifest).next().expect("a manifest without a sweep has a job").job.environment
 }
 
-/// Whether a setting is one of this parameter.
+/// Whether a setting sets this parameter.
 pub(super) fn sets(setting: &str, parameter: &str) -> bool {
     name_and_value(setting).is_ok_and(|(name, _)| name == parameter)
 }
 
-/// The parts of a setting.
+/// The name and the value of a setting.
 fn name_and_value(setting: &str) -> Result<(&str, &str), Error> {
     let is_name = |name: &str| {
         !name.is_empty() && name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_')
@@ -122,10 +124,10 @@ fn name_and_value(setting: &str) -> Result<(&str, &str), Error> {
         .map(|(name, value)| (name.trim(), value.trim()))
         .map(|(name, value)| (name.strip_prefix("environment.").unwrap_or(name), value))
         .filter(|(name, _)| is_name(name))
-        .ok_or_else(|| Error::Usage(format!("`{setting}` is not NAME=VALUE, such as sigma=0.4")))
+        .ok_or_else(|| Error::Usage(format!("`{setting}`: expected NAME=VALUE, such as sigma=0.4")))
 }
 
-/// A value as TOML: words get the quotes that a shell has taken.
+/// A value as TOML; words get the quotes that the shell removed.
 fn quoted(value: &str) -> String {
     let bare = value.starts_with(|c: char| c.is_ascii_alphabetic())
         && !matches!(value, "true" | "false" | "inf" | "nan");

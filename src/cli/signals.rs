@@ -1,4 +1,4 @@
-//! Signals that ask the program to stop.
+//! Signals that stop the program.
 
 use std::fs::File;
 use std::io::{self, Write};
@@ -12,20 +12,22 @@ use signal_hook::flag;
 use signal_hook::iterator::Signals;
 use signal_hook::low_level::{self, pipe};
 
+/// How to resume after a stop, for messages.
+pub(super) const RESUME: &str = "run the same command to resume";
 /// Exit code after a signal.
 const INTERRUPTED: i32 = 130;
-/// How long an orderly stop may take. Two seconds are promised.
+/// Maximum time of an orderly stop. The documentation promises two seconds.
 const GRACE: Duration = Duration::from_millis(1500);
-/// How often the flag is looked at.
+/// Time between two checks of the flag.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// A flag that the first SIGINT, SIGTERM or SIGHUP sets; a second one ends the process at once,
-/// with exit code 130. The same one twice at a time counts once, as it does to the system.
+/// A flag that the first SIGINT, SIGTERM or SIGHUP sets. A second signal ends the process at once with
+/// exit code 130. Signals of one kind that are pending together count once, as in the system.
 pub(super) fn stop_flag() -> io::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP])?;
-    // One thread hears of all of them. Handlers may run in several threads at a time, and two
-    // signals would then both be the first.
+    // One thread receives all signals. Handlers in several threads could each treat their signal as the
+    // first.
     thread::Builder::new().name("signals".to_owned()).spawn({
         let stop = Arc::clone(&stop);
         move || {
@@ -39,8 +41,8 @@ pub(super) fn stop_flag() -> io::Result<Arc<AtomicBool>> {
     Ok(stop)
 }
 
-/// A flag that SIGTERM, SIGINT and SIGHUP set, however often they come: whoever sends them ends the
-/// process otherwise if it takes too long.
+/// A flag that every SIGTERM, SIGINT and SIGHUP sets; further signals do nothing else. A cluster kills
+/// a process that takes too long to stop.
 pub(super) fn lasting_stop_flag() -> io::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGTERM, SIGINT, SIGHUP] {
@@ -49,40 +51,38 @@ pub(super) fn lasting_stop_flag() -> io::Result<Arc<AtomicBool>> {
     Ok(stop)
 }
 
-/// Ends the process with exit code 130, whatever its threads are at.
+/// Ends the process immediately with exit code 130.
 pub(super) fn end_now() -> ! {
     low_level::exit(INTERRUPTED)
 }
 
-/// Lets a write beyond the limit on the size of files fail, as on a full disk, instead of ending the
-/// process without a word.
+/// Makes a write beyond the file-size limit fail, as on a full disk, instead of killing the process.
 pub(super) fn survive_file_limits() -> io::Result<()> {
     flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false))).map(drop)
 }
 
-/// Ends the process 1.5 seconds after the flag is set, if it has not ended by itself: a single
-/// update of a very large network, the registration of a very large manifest, or a store that
-/// another program has locked would keep it for longer. Transactions and checkpoints are whole or
-/// not there, and the next run takes the jobs over: those that had no time for a last checkpoint,
-/// from the one before.
+/// Ends the process 1.5 seconds after the flag is set, if the process still runs then. An update of a
+/// very large network, the registration of a very large manifest, or a store locked by another program
+/// may take longer. Transactions and checkpoints are atomic, so the next run takes over the jobs: a job
+/// without a final checkpoint resumes from its previous checkpoint.
 pub(super) fn end_in_time(stop: Arc<AtomicBool>) -> io::Result<()> {
     thread::Builder::new().name("deadline".to_owned()).spawn(move || {
         while !stop.load(Ordering::Relaxed) {
             thread::sleep(LOOK);
         }
         thread::sleep(GRACE);
-        // A closed standard error is no reason to stay.
-        let _ = writeln!(io::stderr(), "stopped in the middle of a step; the same command goes on");
+        // The process ends even if standard error is closed.
+        let _ = writeln!(io::stderr(), "stopped in the middle of a step; {RESUME}");
         end_now()
     })?;
     Ok(())
 }
 
-/// Writes a byte to the mark when the process aborts: when an allocation fails, a stack overflows,
-/// or a panic cannot be caught.
+/// Writes a byte to the mark when the process aborts: after a failed allocation, a stack overflow,
+/// or a panic that cannot be caught.
 pub(super) fn mark_crash(mark: File) -> io::Result<()> {
     pipe::register(SIGABRT, mark)?;
-    // In this order: then the process ends as it would without the mark.
+    // Registered second, so that the process still aborts after the mark is written.
     flag::register_conditional_default(SIGABRT, Arc::new(AtomicBool::new(true)))?;
     Ok(())
 }

@@ -1,11 +1,12 @@
-//! `jitai simulate`: rolls a policy and prints every step, or repeats a recorded trajectory.
+//! `jitai simulate`: rolls a policy and prints every step, or replays recorded trajectories.
 
-// Documentation comments are texts of `--help` here, not HTML.
+// These documentation comments are texts of `--help`, not HTML.
 #![allow(rustdoc::invalid_html_tags)]
 
 use std::io;
 use std::path::PathBuf;
 use std::str::FromStr;
+use std::sync::LazyLock;
 
 use crate::agent::{
     self, Actions, Actor, DecisionRuleError, RuleParameters, RulePolicy, Start, StartError, Task,
@@ -16,7 +17,8 @@ use crate::cli::setting::adjusted;
 use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit, StoreArgument, replay};
 use crate::env::{
-    Action, Environment, EpisodeStatus, Observer, PhysicalActivity, Scenario, VectorEnvironment,
+    Action, Environment, EpisodeStatus, Observer, PhysicalActivity, Population, Scenario,
+    VectorEnvironment,
 };
 use crate::store::{Reader, StoreError};
 use crate::train::{self, RollStreams, StepObserver};
@@ -24,45 +26,46 @@ use crate::train::{self, RollStreams, StepObserver};
 /// Roll a rule or a trained policy through the simulation and print every step
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Who acts: never (sends nothing), untailored, tailored (to the likelier context),
-    /// threshold:<p> (p from 0.5 to 1; as tailored where the likelier context has at least probability p, else
-    /// nothing), random, optimal (what maximises the mean return), fixed:<action 0-3>,
-    /// or run:<job key> (the agent of a completed job; a beginning of the key will do)
+    /// The policy: never (sends nothing), untailored, tailored (to the likelier context),
+    /// threshold:<p> (p from 0.5 to 1; tailored if the likelier context has at least probability p,
+    /// else nothing), random, optimal (maximises the mean return), fixed:<action 0-3>, or
+    /// run:<job key> (the agent of a completed job; a prefix of the key is enough)
     #[arg(long, default_value = "tailored", value_name = "POLICY")]
     policy: PolicyArgument,
-    /// What a rule knows of the context: what this scenario shows of it [default: P-H-D]
+    /// The scenario that a rule observes [default: P-H-D]
     #[arg(long, value_name = "SCENARIO")]
     scenario: Option<Scenario>,
-    /// An environment parameter, as in a manifest's [environment], such as sigma=0.4; may be repeated. With a trained
-    /// policy, none that changes what it observes
+    /// An environment parameter, as in a manifest's [environment], such as sigma=0.4; repeatable. A
+    /// trained policy rejects parameters that change its observations
     #[arg(long = "set", value_name = "NAME=VALUE")]
     settings: Vec<String>,
-    /// Episodes to roll, one at a time; they do not repeat the test of run:<job key>, which plays up to 1000 at once
+    /// Number of episodes. Returns of run:<job key> differ slightly from the stored test, because
+    /// the draws are consumed in another order
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     episodes: u32,
     /// Seed of the random streams
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Let a trained policy take its best action always, without exploring; not for rules
+    /// Let a trained policy always take its best action, without exploration; not for rules
     #[arg(long)]
     greedy: bool,
     /// Print one line about all episodes instead of every step
     #[arg(long)]
     summary: bool,
-    /// Force the contexts and actions of a file, print what follows from them, and compare it with
-    /// what the file says should follow; exit code 1 if something differs
+    /// Replay the contexts and actions of a file and compare the results with the recorded values;
+    /// exit code 1 if a value differs
     #[arg(long, value_name = "FILE", conflicts_with_all = ["policy", "scenario", "settings", "episodes", "seed", "summary", "greedy"])]
     replay: Option<PathBuf>,
-    /// How rows are written
+    /// Output format
     #[arg(long, value_enum, default_value = "table")]
     format: Format,
     #[command(flatten)]
     store: StoreArgument,
 }
 
-const GREEDY_RULE: &str = "--greedy is for trained policies, and this policy is a rule";
+const GREEDY_RULE: &str = "--greedy applies to trained policies only, and this policy is a rule";
 
-/// Who acts.
+/// The argument of `--policy`.
 #[derive(Clone, Debug, PartialEq)]
 enum PolicyArgument {
     Rule(RuleParameters),
@@ -103,16 +106,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
             let scenario = scenario(arguments);
             let policy = RulePolicy::new(rule, &environment, &scenario);
             let policy = policy.map_err(|error| Error::Usage(error.to_string()))?;
-            Rolled::new(&environment, &scenario, Box::new(policy), arguments)
+            Rolled::new(&of_rule(&environment, &scenario), Box::new(policy), arguments)
         }
         PolicyArgument::Fixed(action) => {
             let environment = adjusted(Environment::paper(0.6), &arguments.settings)?;
             let policy = Box::new(RulePolicy::fixed(*action));
-            Rolled::new(&environment, &scenario(arguments), policy, arguments)
+            Rolled::new(&of_rule(&environment, &scenario(arguments)), policy, arguments)
         }
         PolicyArgument::Run(_) if arguments.scenario.is_some() => {
             return Err(Error::Usage(
-                "--scenario is for rules; a run observes the scenario of its job".to_owned(),
+                "--scenario applies to rules only; a trained policy observes the scenario of its job"
+                    .to_owned(),
             ));
         }
         PolicyArgument::Run(key) => of_run(key, arguments)?,
@@ -125,37 +129,50 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     Ok(Exit::Done)
 }
 
-/// What a rule observes.
+/// The scenario of a rule.
 fn scenario(arguments: &Arguments) -> Scenario {
     let usual = || "P-H-D".parse().expect("its letters are features");
     arguments.scenario.clone().unwrap_or_else(usual)
 }
 
-/// The agent of a completed run, with the environment of its job as far as it is not set anew.
+/// The task of a rule, without history.
+fn of_rule<'t>(environment: &'t Environment, scenario: &'t Scenario) -> Task<'t> {
+    static ALIKE: LazyLock<Population> = LazyLock::new(Population::default);
+    Task { environment, population: &ALIKE, scenario, seed: 0, history: 1 }
+}
+
+/// The agent of a completed run, in the environment of its job with the settings applied.
 fn of_run(key: &str, arguments: &Arguments) -> Result<Rolled, Error> {
-    let stored = Reader::open(&arguments.store.store)?.weights(key).map_err(refused_key)?;
+    let stored = Reader::open(&arguments.store.store)?.weights(key);
+    let stored = stored.map_err(|error| refused_key("--policy run", error))?;
     let job = stored.job;
     for setting in &arguments.settings {
         let set = adjusted(job.environment.clone(), std::slice::from_ref(setting))?;
         let observer = |environment| Observer::new(environment, &job.scenario);
         if !observer(&set).shows_the_same_as(&observer(&job.environment)) {
             return Err(Error::Usage(format!(
-                "--set {setting}: the policy of job {key} was trained on observations that this \
-                 would change; leave it as it was trained"
+                "--set {setting}: this would change the observations on which the policy of job \
+                 {key} was trained; leave this parameter unset"
             )));
         }
     }
     let environment = adjusted(job.environment, &arguments.settings)?;
-    let task = Task { environment: &environment, scenario: &job.scenario, seed: job.seed };
+    let history = job.agent.history();
+    let (environment, scenario) = (&environment, &job.scenario);
+    let population = &job.population;
+    let task = Task { environment, population, scenario, seed: job.seed, history };
     let Some(safetensors) = stored.safetensors else {
-        // A rule needs no training, and acts as it would in a job with this environment.
+        // The agent is a rule or an outside program, neither of which has weights.
         return match job.agent.start(&task) {
             Ok(Start::Actor(_)) if arguments.greedy => Err(Error::Usage(GREEDY_RULE.to_owned())),
-            Ok(Start::Actor(rule)) => Ok(Rolled::new(&environment, &job.scenario, rule, arguments)),
-            Err(error @ StartError::NoOptimum(_)) => Err(Error::Usage(error.to_string())),
-            Ok(Start::Learner(_)) | Err(_) => {
-                Err(Error::Usage(format!("job {key} has left no weights; its store is damaged")))
+            Ok(Start::Actor(rule)) => Ok(Rolled::new(&task, rule, arguments)),
+            Err(error @ (StartError::NoOptimum(_) | StartError::Outside)) => {
+                Err(Error::Usage(error.to_string()))
             }
+            Ok(Start::Learner(_)) | Err(_) => Err(Error::Usage(format!(
+                "job {key} has no stored weights: the store is damaged; examine it with \
+                     `jitai doctor`"
+            ))),
         };
     };
     let actions = if arguments.greedy { Actions::Greedy } else { Actions::AsTrained };
@@ -164,21 +181,21 @@ fn of_run(key: &str, arguments: &Arguments) -> Result<Rolled, Error> {
     };
     let weights = Weights::from_bytes(&safetensors).map_err(unusable)?;
     let policy = job.agent.trained(&task, &weights, actions).map_err(unusable)?;
-    Ok(Rolled::new(&environment, &job.scenario, policy, arguments))
+    Ok(Rolled::new(&task, policy, arguments))
 }
 
-/// A key that leads to no policy is a wrong argument, not a fault of the store.
-fn refused_key(error: StoreError) -> Error {
+/// Converts errors about the key into usage errors, and keeps errors of the store.
+pub(super) fn refused_key(option: &str, error: StoreError) -> Error {
     match error {
         StoreError::NotAKey { .. }
         | StoreError::NoSuchJob { .. }
         | StoreError::NotCompleted { .. }
-        | StoreError::AmbiguousKey { .. } => Error::Usage(format!("--policy run: {error}")),
+        | StoreError::AmbiguousKey { .. } => Error::Usage(format!("{option}: {error}")),
         other => other.into(),
     }
 }
 
-/// Episodes one after the other, from named streams.
+/// Episodes rolled one after the other, with named random streams.
 struct Rolled {
     lane: PhysicalActivity,
     actor: Box<dyn Actor>,
@@ -186,17 +203,13 @@ struct Rolled {
 }
 
 impl Rolled {
-    fn new(
-        environment: &Environment,
-        scenario: &Scenario,
-        actor: Box<dyn Actor>,
-        arguments: &Arguments,
-    ) -> Self {
-        let lane = PhysicalActivity::new(environment, scenario, 1);
+    fn new(task: &Task, actor: Box<dyn Actor>, arguments: &Arguments) -> Self {
+        // The lane has the participants of the test, not those of the training.
+        let lane = task.simulation(1).with_population(task.population);
         Rolled { lane, actor, streams: RollStreams::of_test(arguments.seed) }
     }
 
-    /// The steps of the next episode.
+    /// Rolls the next episode and returns its steps.
     fn episode(&mut self) -> Vec<Step> {
         let Rolled { lane, actor, streams } = self;
         let mut steps = Steps(Vec::new());
@@ -206,7 +219,7 @@ impl Rolled {
     }
 }
 
-/// The steps of an episode while it is rolled.
+/// Collects the steps of an episode.
 struct Steps(Vec<Step>);
 
 impl StepObserver<PhysicalActivity> for Steps {

@@ -1,4 +1,4 @@
-//! `jitai status`: what has become of every experiment in a store.
+//! `jitai status`: the state of every experiment in a store.
 
 use std::collections::HashMap;
 use std::io::{self, IsTerminal, Write};
@@ -8,29 +8,31 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
+use crate::cli::changes::Changes;
 use crate::cli::output::{Field, Format, Rows, counted};
 use crate::cli::{Error, Exit, StoreArgument, counts, submissions, summary};
 use crate::cluster::{Cluster, Look};
 use crate::manifest;
 use crate::plan::Swept;
-use crate::schedule::{self, Episodes, Speeds};
+use crate::schedule::{self, Left, Speeds};
 use crate::store::{ExperimentCounts, FailedJob, Reader, Store};
 
-/// Show the experiments of a store: jobs by state, failures with their reasons
+/// Show the experiments of a store: jobs by state, and failures with their reasons
 ///
-/// The seconds left are estimated from earlier runs, for one worker a core, as `jitai run` takes it.
+/// The remaining seconds are estimated from earlier runs, for one worker per core, the default of
+/// `jitai run`.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Show it again every two seconds, until all jobs have ended or no process runs any
+    /// Refresh every two seconds until all jobs have ended or no process runs one
     #[arg(long)]
     watch: bool,
-    /// How rows are written
+    /// Output format
     #[arg(long, value_enum, default_value = "table")]
     format: Format,
-    /// Merge first what submissions to a cluster have handed in
+    /// First merge the results that cluster tasks have handed in
     #[arg(long)]
     merge: bool,
-    /// Show the submissions to a cluster only: chunks by state, jobs done and left, core-hours
+    /// Show only the submissions to a cluster: chunks by state, jobs done and left, core-hours
     #[arg(long, conflicts_with = "watch")]
     submissions: bool,
     #[command(flatten)]
@@ -52,7 +54,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     loop {
         let reader = Reader::open(&arguments.store.store)?;
         if arguments.watch && io::stdout().is_terminal() {
-            // Clear the screen, cursor home.
+            // Clears the screen and moves the cursor to the top left.
             write!(io::stdout(), "\u{1b}[2J\u{1b}[H")?;
         }
         let Unfinished { running, waiting } = show(&reader, arguments.format)?;
@@ -62,10 +64,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         if !arguments.watch || running + waiting == 0 {
             return Ok(Exit::Done);
         }
-        // Between two jobs none may be running, so one look is not enough.
+        // Between two jobs, a process runs no job for a moment, so the state is read twice.
         if running == 0 && mem::replace(&mut rested, true) {
             let jobs = counted(waiting, "job");
-            writeln!(io::stderr(), "{jobs} left, but no process runs any; `jitai run` goes on")?;
+            writeln!(
+                io::stderr(),
+                "{jobs} left, but no process is running; resume with `jitai run`"
+            )?;
             return Ok(Exit::Done);
         }
         rested &= running == 0;
@@ -74,13 +79,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     }
 }
 
-/// The submissions of the store, and what the cluster says of them.
+/// The submissions of the store, with their states on the cluster.
 fn look(arguments: &Arguments) -> Result<Look, Error> {
     let engine = submissions::engine();
     Ok(Cluster::of(&arguments.store.store, &*engine)?.look()?)
 }
 
-/// Prints the submissions of the store below its experiments, if there are any.
+/// Prints the submissions of the store, if any, below its experiments.
 fn show_submissions(arguments: &Arguments, reader: &Reader) -> Result<(), Error> {
     let look = look(arguments)?;
     if look.surveys.is_empty() {
@@ -90,7 +95,7 @@ fn show_submissions(arguments: &Arguments, reader: &Reader) -> Result<(), Error>
     submissions::show(&look, &submissions::ended(reader)?, Format::Table)
 }
 
-/// Jobs that have still to end.
+/// Numbers of unfinished jobs.
 #[derive(Default)]
 struct Unfinished {
     running: u64,
@@ -102,46 +107,56 @@ struct Unfinished {
 fn show(reader: &Reader, format: Format) -> Result<Unfinished, Error> {
     let speeds = Speeds::of(reader)?;
     let failed = Failed::read(reader)?;
+    // CSV output has no place for changes.
+    let changes = (format != Format::Csv).then(|| Changes::read(reader)).transpose()?;
     let workers = schedule::one_per_core().get() as f64;
     let mut columns = counts::COLUMNS.map(str::to_owned).to_vec();
     if format == Format::Json {
         columns.push("failures".to_owned());
+        columns.push("manifest_changes".to_owned());
     }
     let mut rows = Rows::new(format, &columns, io::stdout().lock())?;
     let mut unfinished = Unfinished::default();
-    for ExperimentCounts { experiment, counts, episodes_left } in reader.experiment_counts()? {
+    for ExperimentCounts { experiment, counts, left: jobs_left } in reader.experiment_counts()? {
         unfinished.running += counts.running;
         unfinished.waiting += counts.pending + counts.interrupted;
-        let mut episodes = Episodes::default();
-        for (algorithm, left) in &episodes_left {
-            episodes.add(algorithm, *left);
+        let mut left = Left::default();
+        for (job, count) in &jobs_left {
+            left.add(job, *count);
         }
-        let seconds = speeds.seconds(&episodes).map(|s| s / workers);
+        let seconds = speeds.time(&left).as_secs_f64() / workers;
         let mut fields = counts::fields(&experiment, &counts, seconds);
         if format == Format::Json {
             fields.push(Field::Nested(failed.described(&experiment)));
+            let described = changes.as_ref().map(|changes| changes.described(&experiment));
+            fields.push(Field::Nested(described.unwrap_or_default()));
         }
         rows.row(&fields)?;
     }
     rows.finish()?;
     match format {
-        Format::Table => failed.list()?,
+        Format::Table => {
+            failed.list()?;
+            changes.iter().try_for_each(Changes::list)?;
+        }
         Format::Json => {}
         _ if failed.jobs.is_empty() => {}
         _ => {
             let jobs = counted(failed.jobs.len(), "failed job");
-            let told =
-                "table and json tell the reasons, and so does `failure_message` of run_summary";
-            writeln!(io::stderr(), "{jobs}: {told}")?;
+            writeln!(
+                io::stderr(),
+                "{jobs}; for the reasons use --format table or json, or query `failure_message` \
+                 in the view run_summary"
+            )?;
         }
     }
     Ok(unfinished)
 }
 
-/// The failed jobs of a store, with what tells them from others of their experiments.
+/// The failed jobs of a store, with the swept parameters of their experiments.
 struct Failed {
     jobs: Vec<FailedJob>,
-    /// By experiment, of those that have failed jobs.
+    /// Swept parameters by experiment, for experiments with failed jobs.
     swept: HashMap<String, Swept>,
 }
 
@@ -152,7 +167,7 @@ impl Failed {
         for FailedJob { experiment, .. } in &jobs {
             if !swept.contains_key(experiment) {
                 let text = reader.manifest(experiment)?.unwrap_or_default();
-                // A manifest of another release may mean nothing to this one.
+                // A manifest of another release may be unreadable in this release.
                 let manifest = manifest::parse(experiment, text.as_bytes()).ok();
                 swept.insert(experiment.clone(), Swept::of(manifest.as_slice()));
             }
@@ -160,7 +175,7 @@ impl Failed {
         Ok(Failed { jobs, swept })
     }
 
-    /// The failed jobs of an experiment for programs.
+    /// The failed jobs of an experiment as JSON.
     fn described(&self, experiment: &str) -> Value {
         let ours = self.jobs.iter().filter(|job| job.experiment == experiment);
         ours.map(|failed| {

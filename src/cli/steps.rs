@@ -1,4 +1,4 @@
-//! The steps of episodes as `simulate` prints them, whether they were rolled or replayed.
+//! The steps of rolled or replayed episodes, as `simulate` prints them.
 
 use std::io::{self, Write};
 
@@ -23,7 +23,7 @@ const COLUMNS: [&str; 13] = [
 
 /// A step of one episode.
 pub(super) struct Step {
-    /// Its time, from 0.
+    /// Time of the step, from 0.
     pub(super) time: u32,
     /// The context with its inference.
     pub(super) draw: ContextDraw,
@@ -33,18 +33,18 @@ pub(super) struct Step {
     pub(super) disengagement: f64,
     /// Whether a message could be sent.
     pub(super) available: bool,
-    /// What was taken.
+    /// The action taken.
     pub(super) action: Action,
-    /// The probability with which it was chosen; `None` where it was forced.
+    /// The probability with which the action was chosen; `None` if it was forced.
     pub(super) probability: Option<f64>,
     /// The steps walked.
     pub(super) reward: f64,
-    /// Status of the episode after it.
+    /// Status of the episode after the step.
     pub(super) status: EpisodeStatus,
 }
 
 impl Step {
-    /// The step that the first lane is at, with the action chosen in it; its reward is not known yet.
+    /// The current step of the first lane with the chosen action; its reward is not known yet.
     pub(super) fn chosen(lanes: &PhysicalActivity, action: Action) -> Self {
         Step {
             time: lanes.times()[0],
@@ -59,14 +59,14 @@ impl Step {
         }
     }
 
-    /// Adds the steps walked in the first lane and its status after the step.
+    /// Records the steps walked in the first lane, and its status after the step.
     pub(super) fn pay(&mut self, lanes: &PhysicalActivity, reward: f64) {
         self.reward = reward;
         self.status = lanes.statuses()[0];
     }
 }
 
-/// The word of the simulation for the status of an episode.
+/// The word for the status of an episode.
 fn ending(status: EpisodeStatus) -> &'static str {
     match status {
         EpisodeStatus::Running => "running",
@@ -75,7 +75,7 @@ fn ending(status: EpisodeStatus) -> &'static str {
     }
 }
 
-/// A writer of steps, a row a step.
+/// A writer of steps, one row per step.
 pub(super) struct StepRows<W: Write>(Rows<W>);
 
 impl<W: Write> StepRows<W> {

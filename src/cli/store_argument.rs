@@ -1,4 +1,4 @@
-//! `--store`: which store a command works on.
+//! `--store`: the store of a command.
 
 use std::path::PathBuf;
 
@@ -8,7 +8,7 @@ use crate::cli::output::shell_word;
 
 const DEFAULT_STORE: &str = "jitai.sqlite";
 
-/// Which store a command works on.
+/// The store of a command.
 #[derive(Args)]
 pub(super) struct StoreArgument {
     /// The store: a SQLite file
@@ -17,7 +17,8 @@ pub(super) struct StoreArgument {
 }
 
 impl StoreArgument {
-    /// The argument as a further command needs it: nothing for the store that it would use anyway.
+    /// The option `--store` for a suggested command; empty if the command would use this store by
+    /// default.
     pub(super) fn as_option(&self) -> String {
         let usual = std::env::var_os("JITAI_STORE").unwrap_or_else(|| DEFAULT_STORE.into());
         if self.store.as_os_str() == usual {

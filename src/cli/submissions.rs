@@ -1,4 +1,4 @@
-//! Submissions as `status`, `submit` and `cancel` show and collect them.
+//! Shows and collects submissions, for `status`, `submit` and `cancel`.
 
 use std::collections::HashSet;
 use std::io::{self, Write};
@@ -13,21 +13,21 @@ use crate::manifest::printable;
 use crate::plan::JobKey;
 use crate::store::{Conflict, Damage, JobState, Merged, Reader, Store};
 
-/// Lost chunks that are listed of a submission.
+/// Maximum number of lost chunks listed per submission.
 const LOST_SHOWN: usize = 10;
 
-/// What runs submissions, as far as a store's submissions say.
+/// The engine that runs the submissions of a store.
 pub(super) fn engine() -> Box<dyn Engine> {
-    // Every submission so far is of the one engine that there is.
+    // Slurm is the only engine so far.
     cluster::connect(EngineKind::Slurm)
 }
 
-/// Whether tasks of a submission may still hand something in.
+/// Whether tasks of a submission may still hand in results.
 pub(super) fn is_open(survey: &Survey) -> bool {
     survey.stopped.is_none() && survey.counts().open() > 0
 }
 
-/// The word for what has become of a submission.
+/// The state of a submission in one word.
 fn state(survey: &Survey, left: usize) -> &'static str {
     let counts = survey.counts();
     match survey.stopped {
@@ -40,7 +40,7 @@ fn state(survey: &Survey, left: usize) -> &'static str {
     }
 }
 
-/// The jobs of a chunk that have ended neither in a part nor in the store.
+/// The unfinished jobs of a chunk: jobs that have ended neither in a part nor in the store.
 fn left_of<'c>(chunk: &'c Chunk, ended: &HashSet<JobKey>) -> impl Iterator<Item = &'c JobKey> {
     chunk.left.iter().filter(|key| !ended.contains(key))
 }
@@ -97,7 +97,7 @@ pub(super) fn show(look: &Look, ended: &HashSet<JobKey>, format: Format) -> Resu
     }
     rows.finish()?;
     if let Some(silence) = &look.silence {
-        writeln!(io::stderr(), "what the cluster holds is unknown: {silence}")?;
+        writeln!(io::stderr(), "the state on the cluster is unknown: {silence}")?;
     }
     for (submission, survey) in &look.surveys {
         if survey.stopped.is_none() {
@@ -128,8 +128,8 @@ pub(super) fn list_lost(
     let mut err = io::stderr();
     for (chunk, loss) in lost.iter().take(LOST_SHOWN) {
         let reason = match loss {
-            Loss::NotBegun => "its task has not begun".to_owned(),
-            Loss::Stopped => "its task was stopped and not queued again".to_owned(),
+            Loss::NotBegun => "its task never started".to_owned(),
+            Loss::Stopped => "its task was stopped and not requeued".to_owned(),
             Loss::Failed(reason) => format!("its task failed: {reason}"),
             Loss::Died => "its task died".to_owned(),
         };
@@ -149,7 +149,7 @@ pub(super) fn list_lost(
     Ok(())
 }
 
-/// Merges the new parts of the submissions, and says what is unusual.
+/// Merges the new parts of the submissions, and reports conflicts and damage.
 pub(super) fn collect(look: &Look, store: &mut Store) -> Result<Merged, Error> {
     let mut counting = Counting::new(0, "runs");
     let submissions = look.surveys.iter().map(|(submission, _)| submission);
@@ -163,13 +163,13 @@ pub(super) fn collect(look: &Look, store: &mut Store) -> Result<Merged, Error> {
         let part = printable(&source.display().to_string());
         writeln!(
             err,
-            "conflict: job {job_key} has other results in {part}; the store keeps its own, and \
-             `jitai merge` of that file shows both"
+            "conflict: job {job_key} has different results in {part}; the store keeps its own \
+             (`jitai merge {part}` shows both)"
         )?;
     }
     for Damage { source, what, .. } in &merged.damaged {
         let part = printable(&source.display().to_string());
-        writeln!(err, "left out of {part}, which is damaged: {}", printable(what))?;
+        writeln!(err, "{part} is damaged; not merged: {}", printable(what))?;
     }
     Ok(merged)
 }

@@ -1,4 +1,4 @@
-//! `jitai submit`: gives missing jobs to a cluster.
+//! `jitai submit`: submits missing jobs to a cluster.
 
 use std::io::{self, Write};
 use std::path::PathBuf;
@@ -10,8 +10,10 @@ use std::time::{Duration, Instant};
 use clap::ValueEnum;
 use serde_json::json;
 
+use crate::cli::check::ManifestArguments;
 use crate::cli::output::counted;
-use crate::cli::{Error, Exit, StoreArgument, check, run, signals, submissions};
+use crate::cli::replacing::Replacing;
+use crate::cli::{Error, Exit, StoreArgument, run, signals, submissions};
 use crate::cluster::{
     self, ChunkState, Cluster, ClusterError, Draft, EngineKind, Limits, Look, Loss, Profile,
     Request, Submission, Survey,
@@ -20,40 +22,40 @@ use crate::plan::Filter;
 use crate::schedule::Selection;
 use crate::store::{Reader, RetryFailed, Store, StoreError};
 
-/// Tasks of an array where no cluster can be asked: Slurm's default.
+/// Maximum number of tasks in an array where the limit of the cluster is unknown: Slurm's default.
 const USUAL_TASKS: u32 = 1001;
-/// Time between two looks at a submission that is waited for, at first and at most.
+/// First and longest time between two checks of a submission with `--wait`.
 const LOOK: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(15));
 /// Time between two lines of progress.
 const SAY: Duration = Duration::from_secs(10);
 
-/// Give the jobs of manifests that have no completed run yet to a Slurm cluster
+/// Submit the jobs of manifests that have no completed run yet to a Slurm cluster
 ///
-/// Jobs are packed into chunks, one for each task of a job array. Tasks hand in stores, which are
-/// merged by this command the next time, by `jitai status --merge`, or by --wait. Submitting again
-/// submits what is neither completed nor held by the cluster.
+/// Jobs are packed into chunks, one per task of a job array. Every task hands in a store, which is
+/// merged by the next `jitai submit`, by `jitai status --merge`, or by --wait. Submitting again
+/// submits only the jobs that are neither completed nor held by the cluster.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Manifests (TOML files)
-    #[arg(required = true, value_name = "MANIFEST")]
-    manifests: Vec<PathBuf>,
+    #[command(flatten)]
+    manifests: ManifestArguments,
     /// Profile of the cluster (TOML file) [default: Slurm with its own defaults]
     #[arg(long, value_name = "FILE")]
     cluster: Option<PathBuf>,
-    /// Print script, chunks and core-hours; submit nothing
+    /// Print the script, the chunks and the core-hours without submitting
     #[arg(long)]
     dry_run: bool,
-    /// Follow the submission to its end, merge what it hands in, and submit again what its tasks died
-    /// with
+    /// Wait for the submission to end, merge its results, and resubmit the jobs of tasks that died
     #[arg(long, conflicts_with = "dry_run")]
     wait: bool,
-    /// Only jobs with these parameters, such as agent=dqn,sigma=0.4|0.6
+    /// Submit only the jobs with these parameters, such as agent=dqn,sigma=0.4|0.6
     #[arg(long, value_name = "NAME=VALUE,...")]
     filter: Option<Filter>,
-    /// Submit jobs again that failed before; the failed runs stay in the store
+    /// Submit failed jobs again; the failed runs stay in the store
     #[arg(long)]
     retry_failed: bool,
-    /// How the answer is written
+    #[command(flatten)]
+    replacing: Replacing,
+    /// Output format
     #[arg(long, value_enum, default_value = "text")]
     format: Format,
     #[command(flatten)]
@@ -62,9 +64,9 @@ pub(super) struct Arguments {
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Format {
-    /// Lines, for reading.
+    /// Text for reading.
     Text,
-    /// One object.
+    /// One JSON object.
     Json,
 }
 
@@ -75,7 +77,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         Some(path) => Profile::load(path).map_err(|faults| Error::Manifests(vec![faults]))?,
         None => Profile::of(EngineKind::Slurm),
     };
-    let manifests = check::load_all(&arguments.manifests)?;
+    let manifests = arguments.manifests.load()?;
     let selection = Selection::new(&manifests, arguments.filter.as_ref())?;
     let program = this_program()?;
     let retry = if arguments.retry_failed { RetryFailed::Yes } else { RetryFailed::No };
@@ -86,6 +88,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         return dry_run(arguments, &cluster, request);
     }
     let mut store = Store::open(&arguments.store.store)?;
+    if !arguments.replacing.permit(&Reader::open(&arguments.store.store)?, &manifests)? {
+        return Ok(Exit::Differs);
+    }
     for manifest in &manifests {
         if run::register_experiment(&mut store, manifest, &selection, &stop)?.is_break() {
             return Ok(Exit::Interrupted);
@@ -93,20 +98,20 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     }
     let mut submitting = Submitting { arguments, cluster, request, store, stop };
     let (draft, submitted) = submitting.round()?;
-    submitting.tell(&draft, submitted.as_ref())?;
+    submitting.report(&draft, submitted.as_ref())?;
     if arguments.wait {
         return submitting.follow();
     }
     Ok(Exit::Done)
 }
 
-/// The path of this program, which nodes are to run.
+/// The path of this program, which the nodes run.
 fn this_program() -> Result<PathBuf, Error> {
     std::env::current_exe()
         .map_err(|source| Error::Io { what: "find the path of this program".to_owned(), source })
 }
 
-/// A command that submits, and perhaps waits.
+/// The state of a `submit` command.
 struct Submitting<'a> {
     arguments: &'a Arguments,
     cluster: Cluster<'a>,
@@ -116,9 +121,9 @@ struct Submitting<'a> {
 }
 
 impl Submitting<'_> {
-    /// Merges what is there, and submits what is missing.
+    /// Merges finished work and submits missing jobs.
     fn round(&mut self) -> Result<(Draft, Option<Submission>), Error> {
-        // The cluster's own words come first where there is none.
+        // The limits come first, so that a machine without a cluster shows the engine's own error.
         let limits = self.cluster.limits().map_err(ClusterError::from)?;
         let submissions = self.cluster.submissions();
         submissions.make(self.request.profile.folder.as_deref())?;
@@ -128,7 +133,10 @@ impl Submitting<'_> {
             return Err(ClusterError::from(silence).into());
         }
         for name in self.cluster.abandon_unknown(&mut look)? {
-            writeln!(io::stderr(), "{name} was never given to the cluster; its jobs are free")?;
+            writeln!(
+                io::stderr(),
+                "{name} never reached the cluster; its jobs can be submitted again"
+            )?;
         }
         self.collect(&look)?;
         let reader = Reader::open(self.store.path())?;
@@ -140,20 +148,23 @@ impl Submitting<'_> {
         Ok((draft, submitted))
     }
 
-    /// Merges new parts and records jobs that have brought down their tasks.
+    /// Merges new parts and records jobs that crashed their tasks.
     fn collect(&mut self, look: &Look) -> Result<(), Error> {
         let merged = submissions::collect(look, &mut self.store)?;
         if merged.completed + merged.failed > 0 && !self.arguments.wait {
             let runs = counted(merged.completed + merged.failed, "run");
-            writeln!(io::stderr(), "{runs} merged that were handed in")?;
+            writeln!(io::stderr(), "merged {runs} from earlier submissions")?;
         }
         for key in self.cluster.record_crashes(look, &mut self.store)? {
-            writeln!(io::stderr(), "{key} has failed: three tasks died with it (crashed)")?;
+            writeln!(
+                io::stderr(),
+                "job {key} failed (crashed): three tasks died while running it"
+            )?;
         }
         Ok(())
     }
 
-    fn tell(&self, draft: &Draft, submitted: Option<&Submission>) -> Result<(), Error> {
+    fn report(&self, draft: &Draft, submitted: Option<&Submission>) -> Result<(), Error> {
         let mut out = io::stdout();
         if self.arguments.format == Format::Json {
             let object = json!({
@@ -183,15 +194,15 @@ impl Submitting<'_> {
         Ok(writeln!(io::stderr(), "{}", others(draft))?)
     }
 
-    /// Follows submissions until the cluster holds nothing more and nothing can be submitted again.
+    /// Waits until the cluster holds no more jobs and nothing can be submitted again.
     fn follow(&mut self) -> Result<Exit, Error> {
-        // What fails again is not tried for ever.
+        // A job that fails again is not retried again.
         self.request.retry = RetryFailed::No;
         let (mut pause, most) = LOOK;
         let (mut said_at, mut said) = (None::<Instant>, String::new());
         loop {
             if self.stop.load(Ordering::Relaxed) {
-                writeln!(io::stderr(), "stopped waiting; the cluster goes on with its tasks")?;
+                writeln!(io::stderr(), "stopped waiting; the tasks continue on the cluster")?;
                 return Ok(Exit::Interrupted);
             }
             thread::sleep(pause);
@@ -213,7 +224,7 @@ impl Submitting<'_> {
             let limits = Limits { most_tasks: USUAL_TASKS };
             let draft = self.cluster.draft(self.request, Some(&reader), &look, limits)?;
             if draft.held > 0 {
-                // Tasks of a cancelled submission, which are about to end.
+                // The tasks of a cancelled submission are about to end.
                 continue;
             }
             if draft.chunks.is_empty() {
@@ -232,7 +243,7 @@ impl Submitting<'_> {
         }
     }
 
-    /// The submissions of these experiments; others are not waited for.
+    /// The submissions of these experiments, whose end the command awaits.
     fn ours<'l>(
         &self,
         look: &'l Look,
@@ -251,7 +262,7 @@ impl Submitting<'_> {
         if draft.failed > 0 { Exit::JobsFailed } else { Exit::Done }
     }
 
-    /// Says which chunks are lost for reasons that submitting again does not mend.
+    /// Lists the lost chunks that resubmission would not help.
     fn give_up(&self, look: &Look, reader: &Reader) -> Result<Exit, Error> {
         let ended = submissions::ended(reader)?;
         for (submission, survey) in &look.surveys {
@@ -259,13 +270,13 @@ impl Submitting<'_> {
                 submissions::list_lost(submission, survey, &ended)?;
             }
         }
-        writeln!(io::stderr(), "jobs are left; `jitai submit` submits them again")?;
+        writeln!(io::stderr(), "jobs are left; run `jitai submit` to submit them again")?;
         Ok(Exit::System)
     }
 }
 
-/// Whether a submission lost its chunks in ways that another try may mend: tasks that died. A task
-/// that says why it cannot go on would say it again.
+/// Whether resubmission may help: the task of every lost chunk died. A task that reported an error
+/// would report the error again.
 fn may_submit_again(survey: &Survey) -> bool {
     survey.stopped.is_none()
         && survey.chunks.iter().all(|chunk| match chunk.state {
@@ -278,7 +289,7 @@ fn may_submit_again(survey: &Survey) -> bool {
         })
 }
 
-/// A line about open submissions.
+/// The progress line about open submissions.
 fn progress(look: &Look) -> String {
     let (mut waiting, mut running, mut unknown, mut left) = (0, 0, 0, 0);
     for (_, survey) in look.surveys.iter().filter(|(_, survey)| submissions::is_open(survey)) {
@@ -298,12 +309,12 @@ fn progress(look: &Look) -> String {
     }
 }
 
-/// What became of the jobs that are not submitted.
+/// The line about jobs that are not submitted.
 fn others(draft: &Draft) -> String {
     let Draft { completed, failed, running, held, deferred, .. } = draft;
     let mut line = format!("{completed} completed, {failed} failed, {held} held by the cluster");
     if *running > 0 {
-        line.push_str(&format!(", {running} running beside this store"));
+        line.push_str(&format!(", {running} running in this store"));
     }
     if *deferred > 0 {
         line.push_str(&format!(", {deferred} deferred to the next submission"));
@@ -353,7 +364,7 @@ fn dry_run(
     Ok(Exit::Done)
 }
 
-/// A line for each chunk, with its jobs and minutes; the sum last.
+/// Writes one line per chunk with its jobs and minutes, then the total.
 fn show_chunks(out: &mut impl Write, draft: &Draft) -> io::Result<()> {
     for (number, chunk) in draft.chunks.iter().enumerate() {
         let (jobs, minutes) = (counted(chunk.keys.len(), "job"), chunk.seconds / 60.0);

@@ -1,19 +1,19 @@
-//! The summary of experiments that `run` ends with.
+//! The summary of experiments at the end of `run`.
 
 use std::io::{self, Write};
 
 use crate::analyse::declared::summarise_arms;
 use crate::cli::Error;
 use crate::cli::output::{Field, Format, Rows};
-use crate::env;
 use crate::manifest::printable;
 use crate::plan::{self, JobKey, Swept};
+use crate::record::JobRecord;
 use crate::report::{self, Line};
 use crate::schedule::Selection;
 use crate::store::{FailedJob, Parts, Reader};
 
-/// Prints mean return ± standard deviation over seeds, an arm a line, for each manifest, of the
-/// jobs that a shard does not leave out; returns a completed job, if there is any, for examples.
+/// Prints the mean return ± standard deviation over seeds of the selected jobs, one line per arm, for
+/// each manifest. Returns a completed job for use in examples, if there is one.
 pub(super) fn print(reader: &Reader, selection: &Selection<'_>) -> Result<Option<JobKey>, Error> {
     let mut out = io::stdout().lock();
     let mut example = None;
@@ -24,10 +24,15 @@ pub(super) fn print(reader: &Reader, selection: &Selection<'_>) -> Result<Option
         let jobs = plan::jobs(manifest)
             .filter(|job| selection.keys().is_none_or(|keys| keys.contains(&job.form.key())));
         let data = reader.data_set_of(&manifest.name, jobs, Parts::default(), |job| {
-            // Of a million jobs, all settings would fill the memory.
+            // Only these settings are kept: all settings of a million jobs would not fit into memory.
             job.settings.retain(|(name, _)| kept.contains(name));
         })?;
-        let completed = data.jobs.iter().find(|job| job.completed().is_some());
+        // jitai cannot simulate the policy of an outside program.
+        let is_outside = |name: &str| {
+            manifest.agents.iter().any(|agent| agent.name == name && agent.algorithm.is_external())
+        };
+        let completed = |job: &&JobRecord| job.completed().is_some() && !is_outside(&job.agent);
+        let completed = data.jobs.iter().find(completed);
         example = example.or(completed.map(|job| job.job_key));
         let arms = summarise_arms(&data.jobs);
         let (mut columns, lines) = report::summary_table(&arms, &swept);
@@ -41,7 +46,7 @@ pub(super) fn print(reader: &Reader, selection: &Selection<'_>) -> Result<Option
         );
         let mut rows = Rows::new(Format::Table, &columns, &mut out)?;
         for (line, arm) in lines.iter().zip(arms.iter().filter(|arm| arm.has_ended())) {
-            rows.row(&fields(line, arm.sigma.map(env::inference_error)))?;
+            rows.row(&fields(line, arm.context_error))?;
         }
         rows.finish()?;
     }
@@ -68,7 +73,7 @@ fn fields(line: &Line, context_error: Option<f64>) -> Vec<Field<'static>> {
     fields
 }
 
-/// A failed job as people tell it from others; its agent alone if its content is not readable.
+/// The short name of a failed job; only the agent's name if the job's content cannot be read.
 pub(super) fn name_of_failed(swept: &Swept, failed: &FailedJob) -> String {
     match &failed.job {
         Some(job) => swept.name(&failed.agent, job),

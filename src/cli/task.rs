@@ -1,4 +1,4 @@
-//! `jitai task`: one attempt at a chunk of a submission, as the script of its array calls it.
+//! `jitai task`: one attempt at a chunk of a submission, called by the script of the job array.
 
 use std::io;
 use std::path::PathBuf;
@@ -9,15 +9,15 @@ use crate::cluster::{Assignment, Submission, TaskEnd, run_chunk};
 /// Run one chunk of a submission, on a node of the cluster
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// The submission's folder
+    /// Folder of the submission
     folder: PathBuf,
     /// Number of the chunk
     #[arg(long)]
     chunk: u32,
-    /// The cluster's name for this attempt
+    /// Name of this attempt, from the cluster
     #[arg(long)]
     attempt: String,
-    /// A folder on a disk of this node
+    /// A folder on a local disk of this node
     #[arg(long)]
     scratch: PathBuf,
 }

@@ -1,11 +1,11 @@
-//! The verbs: which file carries out each, and the program that chooses among them.
+//! The verbs of the program, and its entry point.
 
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
 use crate::cli::{
-    Error, cancel, check, doctor, export, merge, optimum, plan, query, report, run, schema,
+    Error, cancel, check, doctor, export, forget, merge, optimum, plan, query, report, run, schema,
     signals, simulate, status, submit, task,
 };
 use crate::kernel::Isa;
@@ -33,6 +33,7 @@ enum Verb {
     Cancel(cancel::Arguments),
     #[command(hide = true)]
     Task(task::Arguments),
+    Forget(forget::Arguments),
     Doctor(doctor::Arguments),
     Simulate(Box<simulate::Arguments>),
     Optimum(optimum::Arguments),
@@ -65,6 +66,7 @@ pub fn main() -> ExitCode {
         Verb::Submit(arguments) => submit::run(&arguments),
         Verb::Cancel(arguments) => cancel::run(&arguments),
         Verb::Task(arguments) => task::run(&arguments),
+        Verb::Forget(arguments) => forget::run(&arguments),
         Verb::Doctor(arguments) => doctor::run(&arguments),
         Verb::Simulate(arguments) => simulate::run(&arguments),
         Verb::Optimum(arguments) => optimum::run(&arguments),

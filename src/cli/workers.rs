@@ -1,10 +1,10 @@
-//! `--workers`: how many jobs are trained at a time.
+//! `--workers`: the number of jobs trained at the same time.
 
 use std::num::NonZeroUsize;
 
 use crate::schedule::MOST_WORKERS;
 
-/// A number of workers, as `--workers` takes it.
+/// Parses the argument of `--workers`.
 pub(super) fn workers(text: &str) -> Result<NonZeroUsize, String> {
     text.parse()
         .ok()

@@ -1,4 +1,4 @@
-//! What an attempt at a chunk says of itself, in a file that only it writes.
+//! The record of an attempt at a chunk, in a file that only the attempt writes.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,38 +9,38 @@ use super::clock::now;
 pub struct Attempt {
     /// The chunk.
     pub chunk: u32,
-    /// A name that no other attempt has: the engine's, and eight digits.
+    /// Unique name: the engine's name of the attempt, and eight hexadecimal digits.
     pub attempt: String,
     /// The node.
     pub host: String,
-    /// Cores that it holds.
+    /// Number of cores of the task.
     pub cpus: u32,
-    /// When it began, in seconds since 1970.
+    /// Start, in seconds since 1970.
     pub started_at: f64,
-    /// When it last wrote this.
+    /// Last write of the record, in seconds since 1970.
     pub seen_at: f64,
-    /// Jobs that it completed.
+    /// Number of jobs that the attempt completed.
     pub completed: u64,
-    /// Jobs that failed in it.
+    /// Number of jobs that failed in the attempt.
     pub failed: u64,
-    /// How it ended; `None` while it runs, and for ever if it was killed.
+    /// How the attempt ended; `None` while it runs, or if it was killed.
     pub end: Option<AttemptEnd>,
 }
 
-/// How an attempt ended, by its own account.
+/// How an attempt ended, as the attempt itself recorded it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AttemptEnd {
     /// All jobs of the chunk are handed in.
     Finished,
-    /// A signal stopped it. What it completed is handed in, and checkpoints of the rest.
+    /// A signal stopped the attempt. Completed runs, and checkpoints of the other jobs, are handed in.
     Stopped,
-    /// It cannot go on, for this reason.
+    /// The attempt failed for this reason.
     Failed(String),
 }
 
 impl Attempt {
-    /// An attempt that begins now.
+    /// An attempt that starts now.
     pub fn begin(chunk: u32, attempt: String, host: String, cpus: u32) -> Attempt {
         let at = now();
         Attempt {
@@ -56,7 +56,7 @@ impl Attempt {
         }
     }
 
-    /// Time of its cores as far as it is known, in hours.
+    /// Core-hours from the start to the last write of the record.
     pub fn core_hours(&self) -> f64 {
         f64::from(self.cpus) * (self.seen_at - self.started_at).max(0.0) / 3600.0
     }

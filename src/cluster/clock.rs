@@ -1,9 +1,9 @@
-//! The time of day, and names that no other submission has.
+//! The time of day, and unique names of submissions.
 
 use std::hash::{BuildHasher, RandomState};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// A number that no other process draws.
+/// A random number that differs between processes and between calls.
 pub fn random() -> u64 {
     RandomState::new().hash_one(std::process::id())
 }
@@ -13,7 +13,7 @@ pub fn now() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64())
 }
 
-/// A name for a submission that begins now: the time in UTC, and six digits that no other has.
+/// A unique name for a new submission: the time in UTC, and six random hexadecimal digits.
 pub fn new_name() -> String {
     let seconds = now() as u64;
     let (year, month, day) = civil(seconds / 86_400);
@@ -42,7 +42,7 @@ mod tests {
 
     #[test]
     fn days_are_those_of_the_calendar() {
-        // Counted by GNU date.
+        // Computed by GNU date.
         for (days, date) in [(0, (1970, 1, 1)), (11_016, (2000, 2, 29)), (20_819, (2027, 1, 1))] {
             assert_eq!(civil(days), date);
         }

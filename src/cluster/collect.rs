@@ -1,4 +1,4 @@
-//! Collecting: parts that were handed in, merged into the store.
+//! Collecting: merges handed-in parts into the store.
 
 use std::collections::{HashMap, HashSet};
 use std::fs;
@@ -7,15 +7,15 @@ use std::path::PathBuf;
 use super::error::ClusterError;
 use super::folder::{Part, Submission, write_whole};
 use crate::plan::JobKey;
-use crate::store::{self, JobState, MergeProgress, Merged, Reader, Store};
+use crate::store::{self, JobState, MergeProgress, Merged, Reader, Sources, Store};
 
-/// The list of the parts of a submission that were merged into the store beside which it lies.
+/// The list of the parts of a submission that were merged into its store.
 const LIST: &str = "collected";
 
-/// Merges the parts of submissions that are new into their store.
+/// Merges new parts of submissions into their store.
 ///
-/// A part counts as merged if it is in the submission's list of merged parts and the store knows how
-/// all its jobs ended: so a store that was made anew gets all parts again.
+/// A part counts as merged if the submission's list names it and every job of the part has ended in the
+/// store. A new store therefore gets all parts again.
 ///
 /// **Errors**: a part or the store cannot be used, or a list cannot be written.
 pub fn collect<'s>(
@@ -41,7 +41,7 @@ pub fn collect<'s>(
     if sources.is_empty() {
         return Ok(Merged::default());
     }
-    let merged = store::merge(&sources, store, hear)?;
+    let merged = store::merge(&Sources::open(sources)?, store, hear)?;
     for (submission, mut listed, parts) in new {
         listed.extend(parts.iter().map(name));
         let mut lines: Vec<String> = listed.into_iter().collect();
@@ -62,7 +62,7 @@ fn name(part: &Part) -> String {
     part.path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
-/// Whether the store knows how the part's jobs ended.
+/// Whether every job of the part has ended in the store.
 fn is_known(part: &Part, states: &HashMap<JobKey, JobState>) -> bool {
     part.jobs().is_some_and(|jobs| {
         jobs.iter()

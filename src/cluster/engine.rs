@@ -1,8 +1,9 @@
-//! The boundary to what runs the tasks of a submission: four calls, and what they answer.
+//! The interface to the system that runs the tasks of a submission: four calls and their results.
 //!
-//! A submission is one array of tasks under a name of its own. An engine knows tasks by that name and
-//! by the chunk that each runs; it does not know jobs, stores or folders. Slurm is in `slurm.rs`.
-//! Another engine is a file like it, a variant of [`EngineKind`], and its line in `engines.rs`.
+//! A submission is one array of tasks under a name of its own. An engine identifies a task by the name
+//! of its array and the number of its chunk; it does not know jobs, stores or folders. `slurm.rs`
+//! implements the engine for Slurm. Another engine needs a file of this kind, a variant of
+//! [`EngineKind`], and its lines in `engines.rs`.
 
 use std::io::{self, Read};
 use std::path::Path;
@@ -10,11 +11,11 @@ use std::process::{Command, ExitStatus, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Something that runs arrays of tasks.
+/// A system that runs arrays of tasks.
 pub trait Engine {
-    /// Submits the script of an array; returns the engine's own name for it.
+    /// Submits the script of an array; returns the engine's id of the array.
     ///
-    /// **Errors**: it was refused, or nobody knows whether it was accepted.
+    /// **Errors**: the engine rejected the array, or it is unknown whether the engine accepted it.
     fn submit(&self, script: &Path) -> Result<String, EngineError>;
 
     /// The tasks of the arrays of these names that are waiting or running.
@@ -22,18 +23,18 @@ pub trait Engine {
     /// **Errors**: the engine does not answer. This says nothing about any task.
     fn alive(&self, names: &[&str]) -> Result<Vec<Alive>, EngineError>;
 
-    /// Ends what is waiting or running of an array, by the engine's own name for it.
+    /// Cancels the waiting and running tasks of an array; `array` is the engine's id.
     ///
     /// **Errors**: the engine does not answer or refuses.
     fn cancel(&self, array: &str) -> Result<(), EngineError>;
 
-    /// What the engine accepts.
+    /// The limits of the engine.
     ///
     /// **Errors**: the engine does not answer.
     fn limits(&self) -> Result<Limits, EngineError>;
 }
 
-/// The engines that there are.
+/// The supported engines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EngineKind {
     /// Slurm.
@@ -41,10 +42,10 @@ pub enum EngineKind {
 }
 
 impl EngineKind {
-    /// Every engine.
+    /// All engines.
     pub const ALL: [EngineKind; 1] = [EngineKind::Slurm];
 
-    /// Its name in a profile.
+    /// The engine's name in a profile.
     pub fn name(self) -> &'static str {
         match self {
             EngineKind::Slurm => "slurm",
@@ -62,63 +63,61 @@ impl EngineKind {
 pub struct Alive {
     /// Name of its array.
     pub name: String,
-    /// The engine's own name for the array.
+    /// The engine's id of the array.
     pub array: String,
-    /// The chunk that it runs.
+    /// The chunk that the task runs.
     pub chunk: u32,
-    /// Whether it runs.
+    /// Whether the task runs.
     pub phase: Phase,
 }
 
-/// Whether a task that an engine holds runs.
+/// Whether a task held by an engine is running.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
-    /// It waits to be started, for the first time or again.
+    /// The task is queued, for the first time or again.
     Waiting,
-    /// It has a node.
+    /// The task has a node.
     Running,
 }
 
-/// What an engine accepts.
+/// Limits of an engine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Most tasks of an array; at least 1.
+    /// Maximum number of tasks in an array; at least 1.
     pub most_tasks: u32,
 }
 
-/// Why an engine did not do what it was called for.
+/// Why a call of an engine failed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum EngineError {
-    /// Its program cannot be started.
-    #[error(
-        "failed to run `{program}`: {source}; is Slurm installed on this machine, and on the PATH?"
-    )]
+    /// The engine's program cannot be started.
+    #[error("failed to run `{program}`: {source}; check that Slurm is installed and on the PATH")]
     Missing {
         /// The program.
         program: &'static str,
-        /// What the system said.
+        /// The error of the system.
         source: io::Error,
     },
-    /// Its program failed.
-    #[error("`{program}` says: {words}")]
+    /// The engine's program exited with an error.
+    #[error("`{program}` failed: {words}")]
     Refused {
         /// The program.
         program: &'static str,
-        /// What it wrote, or how it ended.
+        /// Its message, or its exit status.
         words: String,
     },
-    /// Its program did not end in time.
-    #[error("`{program}` has not answered for {seconds} s")]
+    /// The engine's program did not end in time.
+    #[error("`{program}` did not answer within {seconds} s")]
     Silent {
         /// The program.
         program: &'static str,
-        /// How long it was waited for.
+        /// The time limit.
         seconds: u64,
     },
 }
 
-/// What a program of an engine wrote to standard output, if it succeeded within `patience`.
+/// Runs a program of an engine and returns its standard output, if it succeeds within `patience`.
 pub(super) fn ask(
     program: &'static str,
     arguments: &[&str],
@@ -138,7 +137,7 @@ pub(super) fn ask(
         match child.try_wait().map_err(missing)? {
             Some(status) => break status,
             None if begun.elapsed() > patience => {
-                // It may have ended by itself.
+                // The program may already have ended.
                 let _ = child.kill();
                 let _ = child.wait();
                 return Err(EngineError::Silent { program, seconds: patience.as_secs() });
@@ -159,7 +158,7 @@ fn read_all(stream: Option<impl Read + Send + 'static>) -> thread::JoinHandle<St
     thread::spawn(move || {
         let mut bytes = Vec::new();
         if let Some(mut stream) = stream {
-            // What cannot be read is no message.
+            // After a read error, the text read so far is used.
             let _ = stream.read_to_end(&mut bytes);
         }
         String::from_utf8_lossy(&bytes).into_owned()

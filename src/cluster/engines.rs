@@ -1,17 +1,17 @@
-//! Which file carries out what an engine is called for.
+//! The available engines.
 
 use super::engine::{Engine, EngineKind};
 use super::script::Order;
 use super::slurm::{self, Slurm};
 
-/// The engine as this machine reaches it; nothing is called yet.
+/// The engine of this kind. Makes no call of the engine.
 pub fn connect(kind: EngineKind) -> Box<dyn Engine> {
     match kind {
         EngineKind::Slurm => Box::new(Slurm),
     }
 }
 
-/// The script that an engine is given for an order.
+/// The engine's script for an order.
 pub(super) fn script(kind: EngineKind, order: &Order<'_>) -> String {
     match kind {
         EngineKind::Slurm => slurm::script(order),

@@ -1,4 +1,4 @@
-//! Why a submission cannot be made, read or collected.
+//! Errors of submissions.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -12,40 +12,40 @@ use crate::store::StoreError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ClusterError {
-    /// The engine.
+    /// A call of the engine failed.
     #[error(transparent)]
     Engine(#[from] EngineError),
-    /// The engine did not answer, and nobody knows whether it accepted an array.
+    /// The engine did not answer, so it is unknown whether it accepted an array.
     #[error(
-        "it is unknown whether {name} was accepted: {reason}; `jitai status` asks again, and \
-         `jitai submit` submits nothing twice"
+        "it is unknown whether the cluster accepted {name}: {reason}; check with `jitai status`; \
+         `jitai submit` never submits a job twice"
     )]
     Uncertain {
         /// Name of the array.
         name: String,
-        /// What the engine said.
+        /// The error of the engine.
         reason: EngineError,
     },
-    /// The store.
+    /// The store failed.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The sweep of a task.
+    /// The sweep of a task failed.
     #[error(transparent)]
     Sweep(#[from] SweepError),
-    /// A frozen manifest.
+    /// A frozen manifest has faults.
     #[error(transparent)]
     Manifest(#[from] Faults),
-    /// A file or folder.
+    /// A file or folder cannot be used.
     #[error("failed to {action} `{}`: {source}", .path.display())]
     Io {
-        /// What was to be done.
+        /// The operation.
         action: &'static str,
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: io::Error,
     },
-    /// A file of a submission does not say what it should.
+    /// A file of a submission has invalid content.
     #[error("`{}` cannot be used: {reason}", .path.display())]
     Damaged {
         /// The file.
@@ -58,35 +58,36 @@ pub enum ClusterError {
     NoSuchSubmission {
         /// The name.
         name: String,
-        /// Where it was looked for.
+        /// The folder of the submissions.
         folder: PathBuf,
     },
-    /// The program of a task makes other jobs of the frozen manifests than the program that
-    /// submitted them.
+    /// The task's program expands the frozen manifests into other jobs than the program that submitted
+    /// them.
     #[error(
-        "{missing} of the chunk's jobs are not in the frozen manifests as this version of jitai \
-         reads them; the plan was made by {code_version}. Submit again with the jitai that tasks run"
+        "{missing} of the chunk's jobs are not among the jobs that this version of jitai derives \
+         from the stored manifests; version {code_version} made the plan; submit again with the \
+         version that the tasks run"
     )]
     OtherCode {
-        /// Number of jobs.
+        /// Number of missing jobs.
         missing: usize,
-        /// What made the plan.
+        /// The version that made the plan.
         code_version: String,
     },
     /// A part could not be handed in.
     #[error(
-        "failed to hand in `{}`: {source}; it was tried until the task had to end", .path.display()
+        "failed to hand in `{}`: {source}; the task retried until its time limit", .path.display()
     )]
     NotHandedIn {
         /// The folder of the submission.
         path: PathBuf,
-        /// What the system said last.
+        /// The last error of the system.
         source: io::Error,
     },
 }
 
 impl ClusterError {
-    /// An error of the system at `path`, while it was to be `action`ed.
+    /// An I/O error during `action` on `path`.
     pub(super) fn io(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> ClusterError {
         let path = path.to_owned();
         move |source| ClusterError::Io { action, path, source }

@@ -1,21 +1,21 @@
-//! The folder of a submission: which file is where, and how files come there whole.
+//! The folder of a submission: the place of each file, and atomic writes.
 //!
 //! ```text
 //! jitai.sqlite.submissions/
 //!   20260131-120000-1a2b3c/    one submission
-//!     submission.json          what was intended; written last before the engine is called
-//!     plan/1.toml ...          the manifests as they were
+//!     submission.json          the intent; written last, before the engine is called
+//!     plan/1.toml ...          frozen copies of the manifests
 //!     chunks/0 ...             keys of the jobs of each task, the longest first
-//!     script.sh                what the engine was given
-//!     array                    the engine's name for the array, once it is known
-//!     logs/0.log ...           output of each task, all its attempts
-//!     attempts/0.17.0-1a2b3c4d.json ... what each attempt says of itself
+//!     script.sh                the script given to the engine
+//!     array                    the engine's id of the array, once it is known
+//!     logs/0.log ...           output of all attempts of each task
+//!     attempts/0.17.0-1a2b3c4d.json ... the record of each attempt
 //!     parts/0.17.0-1a2b3c4d-1.sqlite    sealed stores; beside each, the list of its jobs (.jobs)
-//!     checkpoints/             of jobs that were stopped
-//!     cancelled or abandoned   its tasks are not to run
+//!     checkpoints/             checkpoints of stopped jobs
+//!     cancelled or abandoned   a mark: its tasks must not run
 //! ```
 //!
-//! Files are written under another name, synced and renamed. A sealed part never changes.
+//! Files are written under a temporary name, synced and renamed. A sealed part never changes.
 
 use std::collections::HashMap;
 use std::fs::{self, File};
@@ -29,33 +29,37 @@ use super::clock::random;
 use super::error::ClusterError;
 use crate::plan::JobKey;
 
-/// Version of the files of a submission; another one is refused.
+/// Version of the files of a submission; other versions are rejected.
 const FORMAT: u32 = 1;
 
-/// Names of arrays begin with this.
+/// Prefix of the names of arrays.
 const PREFIX: &str = "jitai-";
 
-/// What a submission is meant to do.
+/// The intent of a submission: what it submits, and how.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Intent {
     /// Version of the files.
     pub format: u32,
-    /// Release and revision that made it.
+    /// Release and revision of jitai that made the submission.
     pub code_version: String,
-    /// The engine, as a profile names it.
+    /// The engine's name in a profile.
     pub engine: String,
-    /// When, in seconds since 1970.
+    /// Time of the submission, in seconds since 1970.
     pub created_at: f64,
-    /// Number of its chunks.
+    /// Number of chunks.
     pub chunks: u32,
-    /// Number of its jobs.
+    /// Number of jobs.
     pub jobs: u64,
-    /// Workers of a task.
+    /// Number of workers per task.
     pub cpus_per_task: u32,
-    /// Longest time between two hand-ins of a task, in seconds.
+    /// Maximum time between two hand-ins of a task, in seconds.
     pub hand_in_seconds: f64,
-    /// Experiments of its jobs.
+    /// Names of the experiments, one per manifest.
     pub experiments: Vec<String>,
+    /// The folders of the manifests, in which outside programs start. Empty for submissions of earlier
+    /// releases, which have no outside programs.
+    #[serde(default)]
+    pub folders: Vec<String>,
 }
 
 impl Intent {
@@ -65,16 +69,16 @@ impl Intent {
     }
 }
 
-/// How a job that was handed in ended.
+/// How a handed-in job ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HandedIn {
-    /// With results.
+    /// The job has results.
     Completed,
-    /// With a failure.
+    /// The job failed.
     Failed,
 }
 
-/// Why the tasks of a submission are not to run.
+/// Why the tasks of a submission must not run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stop {
     /// It was cancelled.
@@ -99,39 +103,39 @@ pub struct Submissions {
 }
 
 impl Submissions {
-    /// The folder beside a store, which need not exist.
+    /// The folder beside a store. The folder may not exist yet.
     pub fn beside(store: &Path) -> io::Result<Submissions> {
         let mut path = std::path::absolute(store)?.into_os_string();
         path.push(".submissions");
         Ok(Submissions { path: path.into() })
     }
 
-    /// Makes the folder: beside the store, or in `elsewhere` with a link beside the store.
+    /// Creates the folder: beside the store, or in `elsewhere` with a symbolic link beside the store.
     pub fn make(&self, elsewhere: Option<&Path>) -> Result<(), ClusterError> {
         if let Some(elsewhere) = elsewhere
             && fs::symlink_metadata(&self.path).is_err()
         {
             let name = self.path.file_name().expect("it ends in .submissions");
             let target = elsewhere.join(name);
-            fs::create_dir_all(&target).map_err(ClusterError::io("make", &target))?;
+            fs::create_dir_all(&target).map_err(ClusterError::io("create", &target))?;
             std::os::unix::fs::symlink(&target, &self.path)
                 .map_err(ClusterError::io("link", &self.path))?;
         }
-        fs::create_dir_all(&self.path).map_err(ClusterError::io("make", &self.path))
+        fs::create_dir_all(&self.path).map_err(ClusterError::io("create", &self.path))
     }
 
-    /// Its path.
+    /// The path of the folder.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Waits until no other process submits for this store; holds the others off until the file is
-    /// closed.
+    /// Locks submitting for this store; waits while another process holds the lock. Closing the file
+    /// releases the lock.
     pub fn lock(&self) -> Result<File, ClusterError> {
         let path = self.path.join("lock");
-        let file = File::create(&path).map_err(ClusterError::io("make", &path))?;
+        let file = File::create(&path).map_err(ClusterError::io("create", &path))?;
         match file.lock() {
-            // Some shared disks have no locks.
+            // Some shared file systems do not support locks.
             Err(error) if error.kind() != ErrorKind::Unsupported => {
                 Err(ClusterError::io("lock", &path)(error))
             }
@@ -139,7 +143,7 @@ impl Submissions {
         }
     }
 
-    /// The submissions, the earliest first; without those of which no intent was written.
+    /// All submissions that have an intent, the earliest first.
     pub fn list(&self) -> Result<Vec<Submission>, ClusterError> {
         let mut found = Vec::new();
         for name in names(&self.path)? {
@@ -155,7 +159,7 @@ impl Submissions {
         Ok(found)
     }
 
-    /// The submission of this name.
+    /// The submission with this name.
     pub fn named(&self, name: &str) -> Result<Submission, ClusterError> {
         let name = name.strip_prefix(PREFIX).unwrap_or(name);
         self.list()?.into_iter().find(|submission| submission.name() == name).ok_or_else(|| {
@@ -163,17 +167,17 @@ impl Submissions {
         })
     }
 
-    /// Where a new submission of this name is to be written.
+    /// The path for a new submission with this name.
     pub fn place(&self, name: &str) -> PathBuf {
         self.path.join(name)
     }
 }
 
-/// One submission, as its folder has it.
+/// One submission, as read from its folder.
 #[derive(Clone, Debug)]
 pub struct Submission {
     path: PathBuf,
-    /// What it is meant to do.
+    /// The intent of the submission.
     pub intent: Intent,
 }
 
@@ -189,16 +193,16 @@ impl Submission {
         let intent: Intent = serde_json::from_slice(&text).map_err(|e| damaged(e.to_string()))?;
         if intent.format != FORMAT {
             let found = intent.format;
-            return Err(damaged(format!("its format is {found}, and this release reads {FORMAT}")));
+            return Err(damaged(format!("its format is {found}, but this release reads {FORMAT}")));
         }
         Ok(Submission { path: path.to_owned(), intent })
     }
 
-    /// Makes the empty folders of a submission that has no intent yet.
+    /// Creates the empty folders of a submission that has no intent yet.
     pub fn make_folders(path: &Path) -> Result<(), ClusterError> {
         for folder in SUBFOLDERS {
             let folder = path.join(folder);
-            fs::create_dir_all(&folder).map_err(ClusterError::io("make", &folder))?;
+            fs::create_dir_all(&folder).map_err(ClusterError::io("create", &folder))?;
         }
         Ok(())
     }
@@ -212,41 +216,41 @@ impl Submission {
         Ok(Submission { path: path.to_owned(), intent })
     }
 
-    /// Its path.
+    /// The path of the submission's folder.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Its name: that of its folder.
+    /// The name of the submission, which is the name of its folder.
     pub fn name(&self) -> &str {
         self.path.file_name().and_then(|name| name.to_str()).unwrap_or_default()
     }
 
-    /// The name of its array.
+    /// The name of the job array.
     pub fn array_name(&self) -> String {
         array_name(self.name())
     }
 
-    /// The engine's own name for its array, once it is known.
+    /// The engine's id of the job array, once known.
     pub fn array(&self) -> Option<String> {
         let text = fs::read_to_string(self.path.join("array")).ok()?;
         Some(text.trim().to_owned()).filter(|id| !id.is_empty())
     }
 
-    /// Records the engine's own name for its array.
+    /// Records the engine's id of the job array.
     pub fn record_array(&self, array: &str) -> Result<(), ClusterError> {
         let file = self.path.join("array");
         write_whole(&file, format!("{array}\n").as_bytes())
             .map_err(ClusterError::io("write", &file))
     }
 
-    /// Why its tasks are not to run, if so.
+    /// Why the submission was stopped, if it was.
     pub fn stopped(&self) -> Option<Stop> {
         let is_there = |stop: &Stop| self.path.join(stop.file()).exists();
         [Stop::Cancelled, Stop::Abandoned].into_iter().find(is_there)
     }
 
-    /// Makes its tasks end as soon as they begin.
+    /// Stops the submission: its tasks end as soon as they start.
     pub fn stop(&self, stop: Stop) -> Result<(), ClusterError> {
         let file = self.path.join(stop.file());
         write_whole(&file, b"").map_err(ClusterError::io("write", &file))
@@ -275,7 +279,7 @@ impl Submission {
         self.path.join("logs").join(format!("{chunk}.log"))
     }
 
-    /// What the attempts at all chunks say of themselves, by chunk, the earliest first.
+    /// The recorded attempts at all chunks, by chunk, the earliest first.
     pub fn attempts(&self) -> Result<HashMap<u32, Vec<Attempt>>, ClusterError> {
         let folder = self.path.join("attempts");
         let mut attempts: HashMap<u32, Vec<Attempt>> = HashMap::new();
@@ -293,7 +297,7 @@ impl Submission {
         Ok(attempts)
     }
 
-    /// Writes what an attempt says of itself.
+    /// Writes the record of an attempt.
     pub fn record_attempt(&self, attempt: &Attempt) -> io::Result<()> {
         let name = format!("{}.{}.json", attempt.chunk, attempt.attempt);
         let text = serde_json::to_vec(attempt).expect("it has only plain fields");
@@ -317,7 +321,7 @@ impl Submission {
         Ok(parts)
     }
 
-    /// Hands in a sealed store: its list of jobs first, so that a part never lacks it.
+    /// Hands in a sealed store. The list of its jobs is written first, so that every part has one.
     pub fn hand_in(
         &self,
         stem: &str,
@@ -337,7 +341,7 @@ impl Submission {
         let mut source = File::open(store)?;
         whole(&part, |file| {
             io::copy(&mut source, file)?;
-            // Nobody writes it any more, so that it can be read without a lock.
+            // A part never changes, and the store code reads a read-only file without a lock.
             let mut permissions = file.metadata()?.permissions();
             permissions.set_readonly(true);
             file.set_permissions(permissions)
@@ -345,7 +349,7 @@ impl Submission {
         Ok(part)
     }
 
-    /// Where the checkpoint of a job is handed in.
+    /// The path at which the checkpoint of a job is handed in.
     pub fn checkpoint(&self, key: &JobKey) -> PathBuf {
         self.path.join("checkpoints").join(format!("{key}.checkpoint"))
     }
@@ -354,7 +358,7 @@ impl Submission {
 /// A sealed part.
 #[derive(Clone, Debug)]
 pub struct Part {
-    /// The chunk it is of, if its name says so.
+    /// Number of its chunk, if the file name contains one.
     pub chunk: Option<u32>,
     /// The store.
     pub path: PathBuf,
@@ -362,7 +366,7 @@ pub struct Part {
 }
 
 impl Part {
-    /// Its jobs and how they ended; `None` if there is no list.
+    /// The jobs of the part and how they ended; `None` if there is no list.
     pub fn jobs(&self) -> Option<Vec<(JobKey, HandedIn)>> {
         let text = fs::read_to_string(&self.jobs).ok()?;
         let job = |line: &str| {
@@ -378,17 +382,17 @@ impl Part {
     }
 }
 
-/// The name of the array of a submission.
+/// The name of a submission's array.
 pub fn array_name(submission: &str) -> String {
     format!("{PREFIX}{submission}")
 }
 
-/// The file of the keys of a chunk.
+/// The file with the keys of a chunk's jobs.
 pub fn chunk_file(submission: &Path, chunk: u32) -> PathBuf {
     submission.join("chunks").join(chunk.to_string())
 }
 
-/// The file of a frozen manifest, from 1.
+/// The file of a frozen manifest; `number` counts from 1.
 pub fn plan_file(submission: &Path, number: usize) -> PathBuf {
     submission.join("plan").join(format!("{number}.toml"))
 }
@@ -398,7 +402,7 @@ fn parse_key(text: &str) -> Option<JobKey> {
     is_key.then(|| u128::from_str_radix(text, 16).ok()).flatten().map(|n| JobKey(n.to_be_bytes()))
 }
 
-/// Names of the files of a folder, sorted; without those that are being written.
+/// Names of the files in a folder, sorted, without unfinished files.
 fn names(folder: &Path) -> Result<Vec<String>, ClusterError> {
     let entries = match fs::read_dir(folder) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
@@ -415,12 +419,12 @@ fn names(folder: &Path) -> Result<Vec<String>, ClusterError> {
     Ok(names)
 }
 
-/// Writes a file that is whole or not there, and is on the disk when this returns.
+/// Writes a file atomically: the file is complete or absent, and synced to the disk on return.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
     whole(path, |file| file.write_all(bytes))
 }
 
-/// Copies a file as [`write_whole`] writes one.
+/// Copies a file atomically, as [`write_whole`] writes one.
 pub fn copy_whole(from: &Path, to: &Path) -> io::Result<()> {
     let mut source = File::open(from)?;
     whole(to, |file| io::copy(&mut source, file).map(drop))
@@ -429,7 +433,7 @@ pub fn copy_whole(from: &Path, to: &Path) -> io::Result<()> {
 fn whole(path: &Path, write: impl FnOnce(&mut File) -> io::Result<()>) -> io::Result<()> {
     let folder = path.parent().expect("a file is in a folder");
     let name = path.file_name().and_then(|name| name.to_str()).expect("names are text here");
-    // Two machines may write the same file at the same time.
+    // The temporary name is random because two machines may write the same file at the same time.
     let unfinished = folder.join(format!(".{name}.{:08x}", random() as u32));
     let written = File::create(&unfinished).and_then(|mut file| {
         write(&mut file)?;
@@ -438,7 +442,7 @@ fn whole(path: &Path, write: impl FnOnce(&mut File) -> io::Result<()>) -> io::Re
         File::open(folder)?.sync_all()
     });
     if written.is_err() {
-        // What stays behind has a name that nobody reads.
+        // If the removal fails as well, the file stays under a temporary name, which is never read.
         let _ = fs::remove_file(&unfinished);
     }
     written

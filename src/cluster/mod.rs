@@ -1,21 +1,21 @@
-//! Submissions: jobs given to a cluster, and what comes back of them.
+//! Submissions: jobs submitted to a cluster, and the collection of their results.
 //!
-//! In: manifests, a store and a profile. Out: an array of tasks that an engine runs, and from them
-//! sealed parts in a shared folder, which a merge brings to the store.
+//! In: manifests, a store and a profile. Out: an array of tasks that an engine runs. The tasks write
+//! sealed parts to a shared folder, and a merge copies the parts into the store.
 //!
-//! - The intent of a submission is on the disk before the engine is called. Whatever is killed, the
-//!   next look finds the array by its name, or knows that there is none.
-//! - A task works on frozen manifests and on a store in node-local scratch. What it hands in is
-//!   copied to the shared folder, synced and renamed, and never changes.
-//! - Two attempts at one chunk may run at the same time, when a node was taken for lost. Both hand in
-//!   under names of their own, and jobs have the same bits in both.
-//! - An engine that does not answer makes chunks unknown. Nothing is concluded from silence.
-//! - An engine is four calls (`engine.rs`). It knows neither jobs nor folders.
+//! - The intent of a submission is on the disk before the engine is called. After a kill at any point,
+//!   the next command finds the array by its name, or finds that the array does not exist.
+//! - A task works on frozen manifests and on a store in node-local scratch. Every part that it hands in
+//!   is copied to the shared folder, synced and renamed, and never changes.
+//! - If a node was wrongly considered lost, two attempts at one chunk may run at the same time. They
+//!   hand in parts under different names, with bit-identical results.
+//! - While the engine does not answer, the state of unfinished chunks is unknown, and no conclusion is
+//!   drawn.
+//! - An engine consists of four calls (`engine.rs`) and knows neither jobs nor folders.
 
 mod attempt;
 mod clock;
 mod collect;
-mod duration;
 mod engine;
 mod engines;
 mod error;

@@ -1,32 +1,33 @@
-//! Packing: which jobs a task gets.
+//! Packing: assigns jobs to tasks.
 //!
-//! Jobs are dealt longest first, each to the chunk with the least work so far, so that chunks are
-//! alike in work. The jobs of a task that died are packed apart from others, in smaller pieces; those
-//! of a task that died twice, one by one. So a job that brings tasks down is alone in the third.
+//! Jobs are assigned in descending order of time, each to the chunk with the least work so far, which
+//! balances the chunks. Jobs of a task that died are packed separately, in smaller chunks; jobs of a
+//! task that died twice get one chunk each. A job that crashes its tasks is therefore alone in its
+//! third task.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};
 
-/// Pieces into which the jobs of a chunk are cut whose task died.
+/// Number of pieces into which the jobs of a chunk are split after its task died.
 const PIECES: usize = 8;
 
-/// A job as far as packing is concerned.
+/// The properties of a job that matter for packing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Load {
     /// Estimated time on one core.
     pub seconds: f64,
-    /// Tasks that died with it.
+    /// Number of tasks that died with the job.
     pub deaths: u32,
-    /// A number of the chunk that it was in when the last one died; jobs of one chunk share it.
+    /// Identifies the chunk of the last of these tasks; jobs of one chunk share the number.
     pub died_in: usize,
 }
 
 /// Jobs in chunks.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Packed {
-    /// Places in the list of jobs, the longest job first, by chunk.
+    /// For each chunk, the indices of its jobs in the list, the longest job first.
     pub chunks: Vec<Vec<usize>>,
-    /// Jobs for which there was no chunk left, because each suspect needs one of its own.
+    /// Number of suspect jobs for which no chunk is left.
     pub deferred: usize,
 }
 
@@ -49,7 +50,7 @@ pub fn pack(loads: &[Load], seconds: f64, most: usize) -> Packed {
         suspects.extend(deal(loads, &jobs, PIECES));
     }
     suspects.extend(alone);
-    // Where chunks are short, suspects wait: there may be any number of them.
+    // The number of suspects is unlimited, so suspects that exceed the room are deferred.
     let room = most.saturating_sub(usize::from(!clean.is_empty()));
     let deferred = suspects.iter().skip(room).map(Vec::len).sum();
     suspects.truncate(room);
@@ -60,11 +61,11 @@ pub fn pack(loads: &[Load], seconds: f64, most: usize) -> Packed {
     Packed { chunks, deferred }
 }
 
-/// Deals jobs, the longest first, to at most `count` chunks, none of them empty.
+/// Assigns jobs, longest first, to at most `count` chunks, and drops empty chunks.
 fn deal(loads: &[Load], jobs: &[usize], count: usize) -> Vec<Vec<usize>> {
     let count = count.min(jobs.len());
     let mut chunks: Vec<Vec<usize>> = vec![Vec::new(); count];
-    // Work as bits: those of numbers that are not negative are ordered as the numbers are.
+    // Work as bits: the bit patterns of non-negative floats have the order of the floats.
     let mut least: BinaryHeap<_> =
         (0..count).map(|chunk| Reverse((0_u64, 0_usize, chunk))).collect();
     for &job in jobs {

@@ -1,8 +1,8 @@
 //! The profile of a cluster: a small TOML file that says where and how tasks run.
 //!
-//! In: a file. Out: a [`Profile`], or every fault of the file at once, each at its line and column.
-//! The keys are declared in one table, from which reading, schema and messages follow. A key that
-//! is not in it is an option of the engine's own and is passed on under its name.
+//! In: a file. Out: a [`Profile`], or every fault of the file at once, each at its line and column. One
+//! table declares the keys; reading, schema and messages follow from it. A key outside the table is an
+//! option of the engine and is passed on under its name.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -15,50 +15,50 @@ use super::engine::EngineKind;
 use super::sbatch;
 use crate::manifest::{Document, Fault, FaultList, Faults, Source, Span, document, nearest};
 
-/// Most bytes of a profile.
+/// Maximum size of a profile, in bytes.
 const MOST_BYTES: usize = 1_000_000;
 
-/// Most cores of a task: as many as workers of a sweep.
+/// Maximum number of cores per task; equal to the maximum number of workers of a sweep.
 const MOST_CPUS: i64 = 1024;
 
-/// Shortest times that can be asked for, in minutes.
+/// Minimum of the keys that are times in minutes.
 const LEAST_MINUTES: f64 = 0.00001;
 
-/// Longest time between two hand-ins, in minutes.
+/// Maximum time between two hand-ins, in minutes.
 const MOST_HAND_IN_MINUTES: f64 = 10.0;
 
 /// Where and how the tasks of a submission run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Profile {
-    /// What runs the tasks.
+    /// The engine that runs the tasks.
     pub engine: EngineKind,
-    /// The partition, or the cluster's default.
+    /// The partition; `None` for the cluster's default.
     pub partition: Option<String>,
-    /// The account that is charged, or the user's default.
+    /// The account that is charged; `None` for the user's default.
     pub account: Option<String>,
-    /// The longest that a task runs before it is stopped and queued again, as the engine writes it.
+    /// Maximum time of a task before it is stopped and queued again, in the engine's notation.
     pub time_limit: Option<String>,
-    /// Cores of a task, and workers of its sweep.
+    /// Cores per task; also the number of workers of its sweep.
     pub cpus_per_task: u32,
-    /// Memory of a task, such as `4G`.
+    /// Memory per task, such as `4G`.
     pub memory: Option<String>,
-    /// Most tasks that run at the same time.
+    /// Maximum number of tasks that run at the same time.
     pub max_running: Option<u32>,
     /// Estimated time of a task, in minutes.
     pub chunk_minutes: f64,
-    /// Longest time between two hand-ins of a task, in minutes.
+    /// Maximum time between two hand-ins of a task, in minutes.
     pub hand_in_minutes: f64,
-    /// The node-local folder of a task's store; variables such as `$TMPDIR` are the node's.
+    /// The node-local folder for a task's store. The node expands variables such as `$TMPDIR`.
     pub scratch: String,
-    /// The shared folder in which submissions lie, if not beside the store.
+    /// The shared folder for submissions, if they are not beside the store.
     pub folder: Option<PathBuf>,
-    /// Lines of shell that each task runs first.
+    /// Shell commands that each task runs first.
     pub setup: Vec<String>,
-    /// Options of the engine's own, in the order of the file; without a value for a switch.
+    /// Options of the engine, in the order of the file; `None` as the value of a switch.
     pub options: Vec<(String, Option<String>)>,
 }
 
-/// What a key of the profile takes.
+/// The type of a key's value.
 #[derive(Clone, Copy, Debug)]
 enum Kind {
     Engine,
@@ -87,7 +87,7 @@ enum Default {
 }
 
 pub(super) const KEYS: &[Key] = &[
-    Key { name: "engine", kind: Kind::Engine, default: None, doc: "what runs the tasks" },
+    Key { name: "engine", kind: Kind::Engine, default: None, doc: "scheduler that runs the tasks" },
     Key {
         name: "partition",
         kind: Kind::Word,
@@ -104,26 +104,26 @@ pub(super) const KEYS: &[Key] = &[
         name: "time_limit",
         kind: Kind::Time,
         default: None,
-        doc: "longest time of a task, in minutes or as Slurm writes it (`2:00:00`, `1-12`); a task \
+        doc: "maximum time of a task, in minutes or in Slurm's format (`2:00:00`, `1-12`); a task \
               that reaches it is checkpointed and queued again",
     },
     Key {
         name: "cpus_per_task",
         kind: Kind::Count { most: MOST_CPUS },
         default: Some(Default::Integer(1)),
-        doc: "cores of a task; it trains as many jobs at the same time",
+        doc: "cores per task, and jobs that a task trains at the same time",
     },
     Key {
         name: "memory",
         kind: Kind::Memory,
         default: None,
-        doc: "memory of a task, in MB or with K, M, G or T behind the number",
+        doc: "memory of a task, in MB or with the suffix K, M, G or T",
     },
     Key {
         name: "max_running",
         kind: Kind::Count { most: 1_000_000 },
         default: None,
-        doc: "most tasks that run at the same time",
+        doc: "maximum number of tasks that run at the same time",
     },
     Key {
         name: "chunk_minutes",
@@ -135,20 +135,20 @@ pub(super) const KEYS: &[Key] = &[
         name: "hand_in_minutes",
         kind: Kind::Minutes { most: MOST_HAND_IN_MINUTES },
         default: Some(Default::Integer(9)),
-        doc: "longest time between two hand-ins of finished jobs and checkpoints, in minutes",
+        doc: "maximum time between two hand-ins of finished jobs and checkpoints, in minutes",
     },
     Key {
         name: "scratch",
         kind: Kind::Scratch,
         default: Some(Default::Text(DEFAULT_SCRATCH)),
-        doc: "node-local folder for a task's store; variables are those of the node",
+        doc: "node-local folder for a task's store; variables are expanded on the node",
     },
     Key {
         name: "folder",
         kind: Kind::Folder,
         default: None,
-        doc: "folder on a disk that login node and compute nodes share, in which submissions lie; \
-              beside the store if absent",
+        doc: "folder for submissions, on a disk that login node and compute nodes share; beside \
+              the store if absent",
     },
     Key {
         name: "setup",
@@ -161,7 +161,7 @@ pub(super) const KEYS: &[Key] = &[
 const DEFAULT_SCRATCH: &str = "${TMPDIR:-/tmp}";
 
 impl Profile {
-    /// The profile of a cluster about which nothing needs to be said.
+    /// The default profile for an engine.
     pub fn of(engine: EngineKind) -> Profile {
         Profile {
             engine,
@@ -182,23 +182,23 @@ impl Profile {
 
     /// Reads and validates the profile at `path`.
     ///
-    /// **Errors**: every fault of the file, in the form that authors see.
+    /// **Errors**: every fault of the file, as shown to authors.
     pub fn load(path: &Path) -> Result<Profile, Faults> {
         let label = path.display().to_string();
         let whole = |message: String| Faults::of_file(&label, Fault::whole(message));
         if !path.is_file() {
-            return Err(whole("no such file, or not a regular one".to_owned()));
+            return Err(whole("no such file, or not a regular file".to_owned()));
         }
         let bytes = fs::read(path).map_err(|error| whole(format!("cannot be read: {error}")))?;
         if bytes.len() > MOST_BYTES {
-            return Err(whole(format!("the file has more than {MOST_BYTES} bytes")));
+            return Err(whole(format!("the file is larger than {MOST_BYTES} bytes")));
         }
         let text =
             String::from_utf8(bytes).map_err(|error| whole(format!("not UTF-8: {error}")))?;
         Profile::parse(&label, &text)
     }
 
-    /// Validates the text of a profile; `label` is how messages call the file.
+    /// Validates the text of a profile; messages call the file `label`.
     ///
     /// **Errors**: every fault of the text.
     pub fn parse(label: &str, text: &str) -> Result<Profile, Faults> {
@@ -239,7 +239,7 @@ fn read(root: &DeTable<'_>, faults: &mut FaultList, well_formed: bool) -> Profil
     profile
 }
 
-/// What a key expects, as messages say it.
+/// The value that a key expects, as messages state it.
 fn expected(kind: Kind) -> String {
     match kind {
         Kind::Engine => {
@@ -259,10 +259,10 @@ fn expected(kind: Kind) -> String {
 }
 
 fn wrong(value: &Spanned<DeValue<'_>>, name: &str, expected: &str) -> Fault {
-    Fault::at(value.span().into(), format!("`{name}` is not valid: expected {expected}"))
+    Fault::at(value.span().into(), format!("`{name}`: expected {expected}"))
 }
 
-/// Reads a key of the table into the profile.
+/// Stores the value of a key in the profile.
 fn take(
     profile: &mut Profile,
     name: &'static str,
@@ -326,7 +326,8 @@ fn lines(value: &DeValue<'_>) -> Option<Vec<String>> {
     value.as_array()?.iter().map(line).collect()
 }
 
-/// `minutes`, `minutes:seconds`, `hours:minutes:seconds`, `days-hours` and so on, as sbatch reads it.
+/// Whether sbatch reads the text as a time: `minutes`, `minutes:seconds`, `hours:minutes:seconds`,
+/// `days-hours` and so on.
 pub(super) fn is_time(text: &str) -> bool {
     let (days, clock) = match text.split_once('-') {
         Some((days, clock)) => (Some(days), clock),
@@ -346,14 +347,14 @@ pub(super) fn is_memory(text: &str) -> bool {
     digits.parse::<u64>().is_ok_and(|number| number > 0)
 }
 
-/// Whether the text means the same folder between double quotes of the shell, variables aside.
+/// Whether the text, apart from variables, means the same folder inside double quotes of a shell.
 fn is_scratch(text: &str) -> bool {
     (text.starts_with('/') || text.starts_with('$'))
         && !text.contains("$(")
         && !text.chars().any(|c| "\"`\\\n".contains(c) || c.is_control())
 }
 
-/// Reads an option that the engine knows and this program does not.
+/// Reads an option of the engine that this program passes on.
 fn option(
     profile: &mut Profile,
     name: &str,
@@ -380,21 +381,21 @@ fn option(
         DeValue::Boolean(false) => return Ok(()),
         other => match other.as_str() {
             Some(text) if !text.contains(['\n', '\0']) => Some(text.to_owned()),
-            Some(_) => return Err(wrong(value, name, "a text of one line")),
+            Some(_) => return Err(wrong(value, name, "text on one line")),
             None => match integer(other) {
                 Some(number) => Some(number.to_string()),
-                None => return Err(wrong(value, name, "a text, a whole number, true or false")),
+                None => return Err(wrong(value, name, "text, a whole number, true or false")),
             },
         },
     };
     if name == "signal" && value_of.as_ref().is_none_or(|v| !v.starts_with("B:TERM@")) {
-        return Err(wrong(value, name, "\"B:TERM@\" and seconds: tasks checkpoint on this signal"));
+        return Err(wrong(value, name, "\"B:TERM@SECONDS\", the signal on which tasks checkpoint"));
     }
     profile.options.push((name.to_owned(), value_of));
     Ok(())
 }
 
-/// The JSON Schema of profiles, in draft 2020-12, by which editors complete and check them.
+/// The JSON Schema of profiles, in draft 2020-12, for completion and validation in editors.
 pub fn schema() -> Json {
     let mut properties = Map::new();
     for key in KEYS {

@@ -1,15 +1,15 @@
-//! The options of sbatch: those that a profile may pass on, and those that are set here.
+//! The options of sbatch: options that a profile may pass on, and options that jitai sets.
 
-/// Options of sbatch that are set here; what to write instead, where there is something.
+/// Options of sbatch that jitai sets, with the key to use instead, if there is one.
 pub(super) const RESERVED: &[(&str, &str)] = &[
     ("array", "`max_running` limits how many tasks run at the same time"),
     ("chdir", ""),
     ("cpus-per-task", "write `cpus_per_task`"),
     ("error", "logs are in the folder of the submission"),
     ("input", ""),
-    ("job-name", "a submission is found again by its name"),
+    ("job-name", "jitai finds its submissions by job name"),
     ("mem", "write `memory`"),
-    ("no-requeue", "a task that was preempted goes on from its checkpoints"),
+    ("no-requeue", "a preempted task resumes from its checkpoints"),
     ("open-mode", ""),
     ("output", "logs are in the folder of the submission"),
     ("parsable", ""),
@@ -20,7 +20,7 @@ pub(super) const RESERVED: &[(&str, &str)] = &[
     ("wrap", ""),
 ];
 
-/// Options of sbatch that are passed on, as far as their names are known: for misspelt ones.
+/// Known options of sbatch that are passed on; used to detect misspelt options.
 pub(super) const OPTIONS: &[&str] = &[
     "acctg-freq",
     "batch",

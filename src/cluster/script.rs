@@ -1,4 +1,4 @@
-//! What a script for an array of tasks must do.
+//! The parameters of a script for an array of tasks.
 
 use std::path::Path;
 
@@ -13,17 +13,17 @@ pub struct Order<'a> {
     pub chunks: u32,
     /// Folder of the submission, an absolute path.
     pub folder: &'a Path,
-    /// This program, an absolute path.
+    /// Absolute path of this program.
     pub program: &'a Path,
     /// Where and how tasks run.
     pub profile: &'a Profile,
 }
 
-/// Exit code of a task that was stopped by a signal and goes on from its checkpoints if it is run
-/// again (`EX_TEMPFAIL` of sysexits.h).
+/// Exit code of a task that was stopped by a signal and resumes from its checkpoints when run again
+/// (`EX_TEMPFAIL` of sysexits.h).
 pub const RUN_AGAIN: u8 = 75;
 
-/// A text as one word of a POSIX shell.
+/// A text quoted as one word for a POSIX shell.
 pub(super) fn quoted(text: &str) -> String {
     format!("'{}'", text.replace('\'', "'\\''"))
 }

@@ -1,7 +1,7 @@
-//! Slurm: its script, and the four calls by `sbatch`, `squeue`, `scancel` and `scontrol`.
+//! Slurm: the script of an array, and the four calls by `sbatch`, `squeue`, `scancel` and `scontrol`.
 //!
-//! Accounting (`sacct`) is not used: many clusters have none. A task that `squeue` does not show is
-//! not waiting and not running; how it ended is known from what it left in the submission's folder.
+//! Accounting (`sacct`) is not used, because many clusters do not have it. A task that `squeue` does
+//! not show is neither waiting nor running; its files in the submission's folder show how it ended.
 
 use std::path::Path;
 use std::time::Duration;
@@ -9,25 +9,25 @@ use std::time::Duration;
 use super::engine::{Alive, Engine, EngineError, Limits, Phase, ask};
 use super::script::{Order, RUN_AGAIN, quoted};
 
-/// How long a question may take: a busy controller answers late.
+/// Time limit of a query; a busy controller answers late.
 const ANSWER_WITHIN: Duration = Duration::from_secs(60);
-/// How long a submission may take.
+/// Time limit of a submission.
 const ACCEPT_WITHIN: Duration = Duration::from_secs(120);
 
-/// Seconds from the signal to the end of a task that reaches its time limit.
+/// Seconds between the warning signal and the time limit of a task.
 const WARNING_SECONDS: u32 = 60;
 
-/// Names of arrays in one call: a command line is limited.
+/// Maximum number of array names per call, because the length of a command line is limited.
 const NAMES_AT_ONCE: usize = 500;
 
-/// Slurm, reached by its programs.
+/// Slurm, called through its programs.
 pub(super) struct Slurm;
 
 impl Engine for Slurm {
     fn submit(&self, script: &Path) -> Result<String, EngineError> {
         let script = script.to_string_lossy();
         let answer = ask("sbatch", &["--parsable", &script], ACCEPT_WITHIN)?;
-        // `id` or `id;cluster`.
+        // The answer is `id` or `id;cluster`.
         let id = answer.trim().lines().last().unwrap_or_default();
         match id.split(';').next() {
             Some(id) if id.parse::<u64>().is_ok() => Ok(id.to_owned()),
@@ -64,7 +64,7 @@ impl Engine for Slurm {
             Some(most_tasks @ 1..) => Ok(Limits { most_tasks }),
             Some(0) => Err(EngineError::Refused {
                 program: "scontrol",
-                words: "MaxArraySize is 0: this cluster has no job arrays".to_owned(),
+                words: "MaxArraySize is 0, so this cluster has no job arrays".to_owned(),
             }),
             None => {
                 Err(EngineError::Refused { program: "scontrol", words: not_understood(&answer) })
@@ -75,10 +75,10 @@ impl Engine for Slurm {
 
 fn not_understood(answer: &str) -> String {
     let first: String = answer.trim().chars().take(200).collect();
-    format!("an answer that is not understood: {first:?}")
+    format!("unexpected answer {first:?}")
 }
 
-/// A line of squeue: name, array, index and state.
+/// Parses a line of squeue: name, array, index and state.
 fn task(line: &str) -> Option<Alive> {
     let mut fields = line.rsplitn(4, '|');
     let (state, chunk, array) = (fields.next()?, fields.next()?, fields.next()?);
@@ -97,10 +97,10 @@ fn task(line: &str) -> Option<Alive> {
 
 /// The script of an array.
 ///
-/// The shell stays between Slurm and the task: it passes the signal on, and asks for another
-/// attempt if the task was stopped by the signal of the time limit. If Slurm itself ends the task,
-/// because it is cancelled or preempted, the job is no longer in the state RUNNING, and Slurm alone
-/// decides whether it runs again.
+/// The shell stays between Slurm and the task. It passes the signal on, and requests another attempt if
+/// the signal of the time limit stopped the task. If Slurm itself ends the task, because the task was
+/// cancelled or preempted, the job is no longer in the state RUNNING, and Slurm alone decides whether
+/// it runs again.
 pub(super) fn script(order: &Order<'_>) -> String {
     let Order { name, chunks, folder, program, profile } = order;
     let mut options = vec![
@@ -114,7 +114,7 @@ pub(super) fn script(order: &Order<'_>) -> String {
             }
         ),
         format!("--chdir={}", folder.display()),
-        // Below that folder, whose own path may hold a % that Slurm would replace here.
+        // Relative to that folder, because its own path may contain a %, which Slurm would expand here.
         "--output=logs/%a.log".to_owned(),
         "--open-mode=append".to_owned(),
         "--requeue".to_owned(),
@@ -174,7 +174,7 @@ exit "$code"
     text
 }
 
-/// An option in a line of `#SBATCH`, where blanks part words, and quotes keep them together.
+/// An option quoted for an `#SBATCH` line, in which blanks separate words.
 fn sbatch_word(option: &str) -> String {
     if option.chars().any(|c| c.is_whitespace() || "'\"\\#".contains(c)) {
         format!("\"{}\"", option.replace('\\', "\\\\").replace('"', "\\\""))

@@ -1,4 +1,4 @@
-//! Submitting: which jobs are missing, how they are packed, and how an engine gets them.
+//! Submitting: finds missing jobs, packs them into chunks, and passes them to an engine.
 
 use std::collections::{HashMap, HashSet};
 use std::fs;
@@ -7,7 +7,6 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use super::clock;
-use super::duration;
 use super::engine::{Alive, Engine, EngineError, Limits};
 use super::engines;
 use super::error::ClusterError;
@@ -24,9 +23,9 @@ use crate::record::{Failure, FailureKind, Outcome};
 use crate::schedule::{self, Selection, Speeds};
 use crate::store::{Claimed, Isolation, JobState, Reader, RetryFailed, RunEnd, Store};
 
-/// How long an engine that does not answer is asked whether it has accepted an array.
+/// Time for which an engine that does not answer is queried about whether it accepted an array.
 const PATIENCE: Duration = Duration::from_secs(120);
-/// Time between two such questions.
+/// Time between two such queries.
 const ASK_AGAIN: Duration = Duration::from_secs(2);
 
 /// The submissions of a store, and the engine that runs them.
@@ -35,11 +34,11 @@ pub struct Cluster<'a> {
     engine: &'a dyn Engine,
 }
 
-/// What has become of all submissions of a store.
+/// The states of all submissions of a store.
 pub struct Look {
     /// Each submission with its survey, the earliest first.
     pub surveys: Vec<(Submission, Survey)>,
-    /// Why the engine did not answer, if it did not.
+    /// Why the engine did not answer; `None` if it answered.
     pub silence: Option<EngineError>,
 }
 
@@ -48,28 +47,28 @@ pub struct Look {
 pub struct Request<'a> {
     /// The jobs.
     pub selection: &'a Selection<'a>,
-    /// Whether those that failed are among them.
+    /// Whether failed jobs are included.
     pub retry: RetryFailed,
     /// Where and how tasks run.
     pub profile: &'a Profile,
-    /// This program, an absolute path that the nodes share.
+    /// Absolute path of this program, valid on the nodes.
     pub program: &'a Path,
 }
 
-/// Jobs that are missing, packed.
+/// The missing jobs, packed into chunks.
 #[derive(Clone, Debug, Default)]
 pub struct Draft {
     /// The chunks.
     pub chunks: Vec<Filled>,
     /// Jobs that are completed.
     pub completed: usize,
-    /// Jobs that failed and are not tried again.
+    /// Jobs that failed and are not retried.
     pub failed: usize,
-    /// Jobs that a process beside this one runs.
+    /// Jobs that another process runs in this store.
     pub running: usize,
     /// Jobs that the engine holds.
     pub held: usize,
-    /// Jobs that wait for the next submission, because their tasks died and chunks are short.
+    /// Jobs deferred to the next submission, because their tasks died and no chunk is left for them.
     pub deferred: usize,
 }
 
@@ -78,17 +77,17 @@ pub struct Draft {
 pub struct Filled {
     /// Its jobs, the longest first.
     pub keys: Vec<JobKey>,
-    /// Their estimated time on one core.
+    /// Estimated time of its jobs on one core.
     pub seconds: f64,
 }
 
 impl Draft {
-    /// Number of the jobs in its chunks.
+    /// Number of jobs in all chunks.
     pub fn jobs(&self) -> usize {
         self.chunks.iter().map(|chunk| chunk.keys.len()).sum()
     }
 
-    /// Estimated core-hours of its chunks.
+    /// Estimated core-hours of all chunks.
     pub fn core_hours(&self) -> f64 {
         self.chunks.iter().map(|chunk| chunk.seconds).sum::<f64>() / 3600.0
     }
@@ -104,7 +103,7 @@ impl Look {
 impl<'a> Cluster<'a> {
     /// The submissions of the store at a path.
     ///
-    /// **Errors**: the working folder cannot be found.
+    /// **Errors**: the current folder cannot be determined.
     pub fn of(store: &Path, engine: &'a dyn Engine) -> Result<Cluster<'a>, ClusterError> {
         let submissions =
             Submissions::beside(store).map_err(ClusterError::io("find the folder of", store))?;
@@ -116,15 +115,15 @@ impl<'a> Cluster<'a> {
         &self.submissions
     }
 
-    /// What the engine accepts.
+    /// The limits of the engine.
     pub fn limits(&self) -> Result<Limits, EngineError> {
         self.engine.limits()
     }
 
-    /// Reads all submissions, and asks the engine about those that are open. Records the engine's
-    /// name of an array that a process did not live to record.
+    /// Reads all submissions, and asks the engine about open ones. Records the engine's id of an array
+    /// if the submitting process was killed before it could.
     ///
-    /// **Errors**: a submission cannot be read. That the engine does not answer is no error.
+    /// **Errors**: a submission cannot be read. A silent engine is not an error.
     pub fn look(&self) -> Result<Look, ClusterError> {
         let submissions = self.submissions.list()?;
         let mut surveys = Vec::new();
@@ -146,7 +145,7 @@ impl<'a> Cluster<'a> {
             Ok(alive) => alive,
             Err(silence) => return Ok(Look { surveys, silence: Some(silence) }),
         };
-        // The folder is read after the engine was asked.
+        // The folder is read after the engine has answered.
         for (submission, survey) in surveys.iter_mut().filter(|(_, survey)| is_open(survey)) {
             record_found(submission, &alive)?;
             *survey = Survey::of(submission, Some(&alive))?;
@@ -154,8 +153,8 @@ impl<'a> Cluster<'a> {
         Ok(Look { surveys, silence: None })
     }
 
-    /// Marks submissions that the engine never got: the process that wrote their intent was killed
-    /// before it called the engine.
+    /// Marks submissions that never reached the engine because the submitting process was killed
+    /// between writing the intent and calling the engine.
     ///
     /// **Errors**: the mark cannot be written.
     pub fn abandon_unknown(&self, look: &mut Look) -> Result<Vec<String>, ClusterError> {
@@ -172,7 +171,7 @@ impl<'a> Cluster<'a> {
         Ok(abandoned)
     }
 
-    /// Records jobs as failed that have brought down too many tasks; returns them.
+    /// Records jobs as failed if too many of their tasks died; returns these jobs.
     ///
     /// **Errors**: the store or a mark cannot be written.
     pub fn record_crashes(
@@ -191,8 +190,8 @@ impl<'a> Cluster<'a> {
             if let Claimed::Claimed(claim) = claimed {
                 let outcome = Outcome::Failed(Failure {
                     kind: FailureKind::Crashed,
-                    message: "three tasks of the cluster died with this job, the last with no \
-                              other job beside it; their logs are in the folders of the submissions"
+                    message: "three cluster tasks died while they ran this job, the last one \
+                              without other jobs; their logs are in the folders of the submissions"
                         .to_owned(),
                     episode: 0,
                 });
@@ -209,7 +208,7 @@ impl<'a> Cluster<'a> {
         Ok(recorded)
     }
 
-    /// The deaths of jobs since each was last recorded as crashed.
+    /// The deaths with each job since the job was last recorded as crashed.
     fn deaths(&self, look: &Look) -> Result<Deaths, ClusterError> {
         let mut deaths = Deaths::default();
         let crashed = self.crash_marks()?;
@@ -223,13 +222,13 @@ impl<'a> Cluster<'a> {
 
     fn mark_crash(&self, key: &JobKey) -> Result<(), ClusterError> {
         let folder = self.submissions.path().join("crashed");
-        fs::create_dir_all(&folder).map_err(ClusterError::io("make", &folder))?;
+        fs::create_dir_all(&folder).map_err(ClusterError::io("create", &folder))?;
         let file = folder.join(key.to_string());
         let text = format!("{}\n", clock::now());
         write_whole(&file, text.as_bytes()).map_err(ClusterError::io("write", &file))
     }
 
-    /// When jobs were recorded as crashed.
+    /// The time at which each job was recorded as crashed.
     fn crash_marks(&self) -> Result<HashMap<JobKey, f64>, ClusterError> {
         let folder = self.submissions.path().join("crashed");
         let mut marks = HashMap::new();
@@ -244,7 +243,7 @@ impl<'a> Cluster<'a> {
         Ok(marks)
     }
 
-    /// Packs the jobs that are missing: neither completed, nor failed, nor held by the engine.
+    /// Packs the missing jobs: those neither completed, nor failed, nor held by the engine.
     ///
     /// **Errors**: the store or a submission cannot be read.
     pub fn draft(
@@ -280,7 +279,7 @@ impl<'a> Cluster<'a> {
                         let dead = deaths.of(&key);
                         keys.push(key);
                         loads.push(Load {
-                            seconds: duration::seconds(&speeds, &planned.job),
+                            seconds: speeds.seconds(&planned.job),
                             deaths: dead.map_or(0, |dead| dead.tasks),
                             died_in: dead.map_or(0, |dead| dead.last),
                         });
@@ -302,17 +301,17 @@ impl<'a> Cluster<'a> {
         Ok(draft)
     }
 
-    /// The script of a draft as its submission would have it; `None` if no job is missing.
+    /// The script for a draft; `None` if no job is missing.
     pub fn script(&self, draft: &Draft, request: Request<'_>) -> Option<String> {
         let name = clock::new_name();
         let folder = self.submissions.place(&name);
         (!draft.chunks.is_empty()).then(|| script(&name, &folder, draft, request))
     }
 
-    /// Writes a submission and gives it to the engine.
+    /// Writes a submission and passes it to the engine.
     ///
-    /// **Errors**: a file cannot be written; the engine refuses, which leaves no submission; or it is
-    /// unknown whether it accepted.
+    /// **Errors**: a file cannot be written; the engine rejects the array, which leaves no submission; or
+    /// it is unknown whether the engine accepted the array.
     pub fn launch(&self, draft: &Draft, request: Request<'_>) -> Result<Submission, ClusterError> {
         let submission = self.write(draft, request)?;
         let script = submission.path().join("script.sh");
@@ -323,14 +322,14 @@ impl<'a> Cluster<'a> {
             }
             Err(error @ ClusterError::Uncertain { .. }) => Err(error),
             Err(error) => {
-                // Refused, it was never a submission.
+                // A rejected array leaves no submission.
                 let _ = fs::remove_dir_all(submission.path());
                 Err(error)
             }
         }
     }
 
-    /// Writes everything of a submission, the intent last.
+    /// Writes all files of a submission, the intent last.
     fn write(&self, draft: &Draft, request: Request<'_>) -> Result<Submission, ClusterError> {
         let name = clock::new_name();
         let path = self.submissions.place(&name);
@@ -350,7 +349,7 @@ impl<'a> Cluster<'a> {
         Submission::intend(&path, intent(draft, request.profile, manifests))
     }
 
-    /// Gives an array to the engine; if that fails, finds out whether it was accepted.
+    /// Passes an array to the engine; if that fails, finds out whether it was accepted.
     fn hand_over(&self, submission: &Submission, script: &Path) -> Result<String, ClusterError> {
         let name = submission.array_name();
         let begun = Instant::now();
@@ -372,19 +371,19 @@ impl<'a> Cluster<'a> {
             };
             match alive.into_iter().find(|task| task.name == name) {
                 Some(task) => return Ok(task.array),
-                // What it refuses twice while it answers is refused; the first time it may have been
-                // down for a moment.
+                // Only the second rejection counts: at the first one, the engine may have been down for
+                // a moment.
                 None if refused || begun.elapsed() >= PATIENCE => return Err(error.into()),
                 None => refused = true,
             }
         }
     }
 
-    /// Ends what the engine holds of a submission. Its tasks hand in what they have completed.
+    /// Cancels the tasks of a submission that the engine holds. They hand in their completed runs.
     ///
-    /// **Errors**: the mark cannot be written; the engine refuses or does not answer.
+    /// **Errors**: the mark cannot be written; the engine fails or does not answer.
     pub fn cancel(&self, submission: &Submission) -> Result<(), ClusterError> {
-        // Before the engine is called: tasks that begin meanwhile see it.
+        // The mark is written before the engine is called, so that tasks that start meanwhile see it.
         submission.stop(Stop::Cancelled)?;
         let name = submission.array_name();
         let alive = self.engine.alive(&[&name])?;
@@ -397,7 +396,7 @@ impl<'a> Cluster<'a> {
     }
 }
 
-/// Records the engine's name of an array that is alive.
+/// Records the engine's id of an array that it holds.
 fn record_found(submission: &Submission, alive: &[Alive]) -> Result<(), ClusterError> {
     let name = submission.array_name();
     match alive.iter().find(|task| task.name == name) {
@@ -417,6 +416,13 @@ fn script(name: &str, folder: &Path, draft: &Draft, request: Request<'_>) -> Str
     engines::script(request.profile.engine, &order)
 }
 
+/// The absolute path of a manifest's folder. It is absolute because tasks start in another folder.
+fn folder_of(manifest: &Manifest) -> String {
+    let folder = manifest.folder();
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    folder.canonicalize().unwrap_or_else(|_| folder.to_owned()).display().to_string()
+}
+
 fn intent(draft: &Draft, profile: &Profile, manifests: &[Manifest]) -> Intent {
     let made_by = schedule::of_this_process();
     Intent {
@@ -429,5 +435,6 @@ fn intent(draft: &Draft, profile: &Profile, manifests: &[Manifest]) -> Intent {
         cpus_per_task: profile.cpus_per_task,
         hand_in_seconds: profile.hand_in_minutes * 60.0,
         experiments: manifests.iter().map(|manifest| manifest.name.clone()).collect(),
+        folders: manifests.iter().map(folder_of).collect(),
     }
 }

@@ -1,9 +1,10 @@
-//! Submitting with an engine that only says what it is told to.
+//! Tests of submission with a fake engine that gives scripted answers.
 
 use std::cell::RefCell;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 
 use super::attempt::{Attempt, AttemptEnd};
 use super::engine::{Alive, Engine, EngineError, EngineKind, Limits, Phase};
@@ -11,23 +12,24 @@ use super::error::ClusterError;
 use super::folder::{HandedIn, Stop, Submission};
 use super::profile::Profile;
 use super::submit::{Cluster, Draft, Request};
+use super::task::{Assignment, TaskEnd, run_chunk};
 use crate::manifest::{self, Manifest};
 use crate::plan::JobKey;
 use crate::schedule::Selection;
 use crate::store::{JobState, Reader, RetryFailed, Store};
 
-/// What the engine does when it is given an array.
+/// The response of the engine to an array.
 #[derive(Clone, Copy, PartialEq)]
 enum Answer {
     Accepts,
     Refuses,
-    /// It accepts, and says that it has not.
+    /// The engine accepts the array but reports a rejection.
     Loses,
-    /// The process is killed before it is called.
+    /// The process is killed before it calls the engine.
     IsNotCalled,
 }
 
-/// An engine that holds what it is told to hold.
+/// A fake engine with scripted answers.
 struct Fake {
     answer: RefCell<Answer>,
     alive: RefCell<Result<Vec<Alive>, ()>>,
@@ -43,7 +45,7 @@ impl Fake {
         }
     }
 
-    /// Holds the first chunks of the array that it got last.
+    /// Makes the engine hold the first chunks of the last array that it accepted.
     fn hold(&self, chunks: u32, phase: Phase) {
         let name = self.submitted.borrow().last().unwrap().clone();
         let task = |chunk| Alive { name: name.clone(), array: "17".to_owned(), chunk, phase };
@@ -92,29 +94,35 @@ impl Engine for Fake {
     }
 }
 
-/// A store in which the 20 jobs of a manifest are registered, and none has run.
+/// A store with the 20 registered jobs of a manifest, none of which has run.
 struct Lab {
     manifests: Vec<Manifest>,
     profile: Profile,
     store: PathBuf,
     engine: Fake,
-    _folder: tempfile::TempDir,
+    folder: tempfile::TempDir,
 }
 
 impl Lab {
     fn new() -> Lab {
-        let text = "format = 1\nname = \"t\"\nscenarios = [\"P\"]\nseeds = 20\n\
-                    environment.sigma = 0.6\nevaluation.test_episodes = 1\n[[agent]]\nname = \"never\"\nalgorithm = \"rule\"\n\
-                    rule = \"never\"\n";
-        let manifests = vec![manifest::parse("t.toml", text.as_bytes()).unwrap()];
+        Lab::of("[[agent]]\nname = \"never\"\nalgorithm = \"rule\"\nrule = \"never\"\n")
+    }
+
+    fn of(agents: &str) -> Lab {
+        let text = format!(
+            "format = 1\nname = \"t\"\nscenarios = [\"P\"]\nseeds = 20\n\
+             environment.sigma = 0.6\nevaluation.test_episodes = 1\n{agents}"
+        );
         let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("t.toml").display().to_string();
+        let manifests = vec![manifest::parse(&path, text.as_bytes()).unwrap()];
         let store = folder.path().join("s.sqlite");
-        let never = std::sync::atomic::AtomicBool::new(false);
+        let never = AtomicBool::new(false);
         let mut opened = Store::open(&store).unwrap();
         crate::schedule::register_experiment(&mut opened, &manifests[0], None, &never).unwrap();
-        // Four jobs a chunk, if each is taken for 5 ms.
-        let profile = Profile { chunk_minutes: 0.022 / 60.0, ..Profile::of(EngineKind::Slurm) };
-        Lab { manifests, profile, store, engine: Fake::new(), _folder: folder }
+        // Four jobs per chunk, at an estimate of about 1 ms per job.
+        let profile = Profile { chunk_minutes: 0.0044 / 60.0, ..Profile::of(EngineKind::Slurm) };
+        Lab { manifests, profile, store, engine: Fake::new(), folder }
     }
 
     fn cluster(&self) -> Cluster<'_> {
@@ -130,7 +138,7 @@ impl Lab {
         act(Request { selection: &selection, retry, profile, program })
     }
 
-    /// What would be submitted now.
+    /// The draft of the next submission.
     fn draft(&self) -> Draft {
         let cluster = self.cluster();
         let look = cluster.look().unwrap();
@@ -144,7 +152,7 @@ impl Lab {
         self.with_request(|request| self.cluster().launch(&draft, request))
     }
 
-    /// Lets an attempt at a chunk end in some way, or not at all.
+    /// Records an attempt at a chunk that ended in this way, or that has not ended.
     fn attempt(&self, submission: &Submission, chunk: u32, end: Option<AttemptEnd>) {
         let name = format!("1.{}", submission.attempts().unwrap().len());
         let attempt = Attempt { end, ..Attempt::begin(chunk, name, "n1".to_owned(), 1) };
@@ -186,7 +194,7 @@ fn a_refused_array_leaves_no_submission() {
     let lab = Lab::new();
     *lab.engine.answer.borrow_mut() = Answer::Refuses;
     let error = lab.launch().unwrap_err();
-    assert_eq!(error.to_string(), "`sbatch` says: no");
+    assert_eq!(error.to_string(), "`sbatch` failed: no");
     assert!(lab.cluster().submissions().list().unwrap().is_empty());
 }
 
@@ -226,6 +234,44 @@ fn an_intent_whose_tasks_have_run_is_not_abandoned() {
     assert!(lab.cluster().abandon_unknown(&mut look).unwrap().is_empty());
 }
 
+/// An outside program that trains in no episode and always sends an untailored message.
+const PROGRAM: &str = r#"
+read -r line
+echo '{"type":"ready","protocol":1}'
+echo '{"type":"trained"}'
+while read -r line; do
+  case $line in *'"type":"act"'*) echo '{"type":"choices","actions":[1]}';; esac
+done
+"#;
+
+#[test]
+fn a_task_starts_outside_programs_in_the_folder_of_their_manifest() {
+    let lab = Lab::of(
+        "[[agent]]\nname = \"outside\"\nalgorithm = \"external\"\nepisodes = 1\n\
+         command = [\"sh\", \"program.sh\"]\nversion = \"1\"\n",
+    );
+    fs::write(lab.folder.path().join("program.sh"), PROGRAM).unwrap();
+    let submission = lab.launch().unwrap();
+    let chunks = submission.intent.chunks;
+    assert!(chunks > 1, "{chunks}");
+    let scratch = tempfile::tempdir().unwrap();
+    for chunk in 0..chunks {
+        let (scratch, stop) = (scratch.path(), &AtomicBool::new(false));
+        let assignment = Assignment { submission: &submission, chunk, attempt: "1", scratch, stop };
+        let mut log = Vec::new();
+        let end = run_chunk(assignment, &mut log).unwrap();
+        assert_eq!(end, TaskEnd::Finished, "{}", String::from_utf8_lossy(&log));
+    }
+    let look = lab.cluster().look().unwrap();
+    let survey = &look.surveys[0].1;
+    assert!(survey.chunks.iter().all(|chunk| chunk.left.is_empty()));
+    let parts = submission.parts().unwrap();
+    let jobs: Vec<(JobKey, HandedIn)> =
+        parts.iter().filter_map(|part| part.jobs()).flatten().collect();
+    assert_eq!(jobs.len(), 20);
+    assert!(jobs.iter().all(|(_, end)| *end == HandedIn::Completed), "{jobs:?}");
+}
+
 #[test]
 fn jobs_that_were_handed_in_are_not_left() {
     let lab = Lab::new();
@@ -251,7 +297,7 @@ fn a_job_that_brings_down_three_tasks_fails_and_can_be_tried_again() {
         let killer = *killer.get_or_insert(chunks[0][0]);
         let place = chunks.iter().position(|chunk| chunk.contains(&killer)).unwrap();
         lab.attempt(&submission, place as u32, None);
-        // Only the task of the killer began, and died.
+        // The task with the killer died, and no other task had started.
         *lab.engine.alive.borrow_mut() = Ok(Vec::new());
         let largest = chunks.iter().map(Vec::len).max().unwrap();
         assert!(largest <= sizes_expected[0].max(4), "{chunks:?}");
@@ -264,7 +310,7 @@ fn a_job_that_brings_down_three_tasks_fails_and_can_be_tried_again() {
     assert_eq!(reader.job_states([&killer]).unwrap(), [JobState::Failed]);
     let draft = lab.draft();
     assert_eq!((draft.failed, draft.jobs()), (1, 19));
-    // What was recorded is not recorded again.
+    // A recorded crash is not recorded again.
     assert!(lab.cluster().record_crashes(&look, &mut store).unwrap().is_empty());
 }
 
@@ -293,6 +339,6 @@ fn a_cancelled_submission_holds_nothing() {
 fn a_missing_program_leaves_no_submission() {
     let lab = Lab::new();
     *lab.engine.answer.borrow_mut() = Answer::IsNotCalled;
-    assert!(lab.launch().unwrap_err().to_string().contains("is Slurm installed"));
+    assert!(lab.launch().unwrap_err().to_string().contains("check that Slurm is installed"));
     assert!(lab.cluster().submissions().list().unwrap().is_empty());
 }

@@ -1,8 +1,9 @@
-//! What has become of a submission: its chunks by state, its jobs done and left.
+//! The state of a submission: its chunks by state, and its jobs done and left.
 //!
-//! In: what an engine says is alive, if it answers, and what attempts and parts in the folder say.
-//! The engine is asked first and the folder read after that: a task leaves the engine only after it
-//! has written how it ended. An engine that does not answer makes a chunk unknown, never finished.
+//! In: the tasks that the engine holds (if it answers), and the attempts and parts in the folder. The
+//! engine is queried before the folder is read, because a task leaves the engine only after it has
+//! written how it ended. If the engine does not answer, a chunk is finished if its attempt recorded
+//! this and all its jobs are handed in; otherwise its state is unknown.
 
 use std::collections::{HashMap, HashSet};
 
@@ -15,13 +16,13 @@ use crate::plan::JobKey;
 /// The state of a chunk.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ChunkState {
-    /// The engine holds it, and it has no node.
+    /// The engine holds the chunk, which has no node yet.
     Waiting,
-    /// It has a node.
+    /// The chunk has a node.
     Running,
-    /// Its jobs are handed in.
+    /// All jobs of the chunk are handed in.
     Finished,
-    /// The engine no longer holds it, and jobs are left.
+    /// The engine no longer holds the chunk, and jobs are left.
     Lost(Loss),
     /// The engine does not answer.
     Unknown,
@@ -30,13 +31,13 @@ pub enum ChunkState {
 /// How a chunk was lost.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Loss {
-    /// None of its attempts has begun: it was cancelled while it waited, or its script failed.
+    /// No attempt has started: the task was cancelled while it waited, or its script failed.
     NotBegun,
-    /// Its last attempt was stopped and not queued again: it was cancelled.
+    /// Its last attempt was stopped and not requeued: the task was cancelled.
     Stopped,
-    /// Its last attempt could not go on, and says why.
+    /// Its last attempt failed, with this reason.
     Failed(String),
-    /// Its last attempt ended without a word: its node was lost, or it was killed.
+    /// Its last attempt died without a record: it was killed, or its node was lost.
     Died,
 }
 
@@ -47,26 +48,26 @@ pub struct Chunk {
     pub number: u32,
     /// Its state.
     pub state: ChunkState,
-    /// Number of its jobs.
+    /// Number of jobs.
     pub jobs: usize,
-    /// Its jobs that are not handed in.
+    /// The jobs that are not handed in.
     pub left: Vec<JobKey>,
-    /// Attempts that ended without a word.
+    /// Number of attempts that died.
     pub deaths: u32,
 }
 
-/// What has become of a submission.
+/// The state of a submission.
 #[derive(Clone, Debug)]
 pub struct Survey {
     /// Its chunks, by number.
     pub chunks: Vec<Chunk>,
-    /// Core-hours that its attempts took, as far as they could say.
+    /// Recorded core-hours of its attempts.
     pub core_hours: f64,
-    /// Why its tasks are not to run, if so.
+    /// Why the submission was stopped, if it was.
     pub stopped: Option<Stop>,
 }
 
-/// How many chunks are in each state.
+/// The number of chunks in each state.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ChunkCounts {
     /// Waiting for a node.
@@ -82,8 +83,8 @@ pub struct ChunkCounts {
 }
 
 impl Survey {
-    /// Reads a submission. `alive` is what the engine holds, of this submission or of others too;
-    /// `None` if it does not answer.
+    /// Reads a submission. `alive` lists the tasks that the engine holds, possibly of other submissions
+    /// too; `None` if it does not answer.
     ///
     /// **Errors**: a file of the submission cannot be read.
     pub fn of(submission: &Submission, alive: Option<&[Alive]>) -> Result<Survey, ClusterError> {
@@ -140,14 +141,14 @@ impl Survey {
 }
 
 impl ChunkCounts {
-    /// Chunks that may still hand something in.
+    /// Number of chunks that may still hand in results.
     pub fn open(&self) -> usize {
         self.waiting + self.running + self.unknown
     }
 }
 
-/// `held` is what the engine says of the chunk: `None` if it does not answer, `Some(None)` if it
-/// does not hold it.
+/// The state of a chunk. `held` is the engine's answer about the chunk: `None` if the engine does not
+/// answer, `Some(None)` if the engine does not hold the chunk.
 fn state(attempts: &[Attempt], all_in: bool, held: Option<Option<&Phase>>) -> ChunkState {
     let finished = attempts.iter().any(|attempt| attempt.end == Some(AttemptEnd::Finished));
     match held {
@@ -155,27 +156,27 @@ fn state(attempts: &[Attempt], all_in: bool, held: Option<Option<&Phase>>) -> Ch
         None => ChunkState::Unknown,
         Some(Some(Phase::Waiting)) => ChunkState::Waiting,
         Some(Some(Phase::Running)) => ChunkState::Running,
-        // Killed between the hand-in and the word of it.
+        // The task was killed between the hand-in and the record of its end.
         Some(None) if all_in => ChunkState::Finished,
         Some(None) => ChunkState::Lost(match attempts.last().map(|last| &last.end) {
             None => Loss::NotBegun,
             Some(None) => Loss::Died,
             Some(Some(AttemptEnd::Stopped)) => Loss::Stopped,
             Some(Some(AttemptEnd::Failed(reason))) => Loss::Failed(reason.clone()),
-            Some(Some(AttemptEnd::Finished)) => {
-                Loss::Failed("it finished, but parts of it are gone from the folder".to_owned())
-            }
+            Some(Some(AttemptEnd::Finished)) => Loss::Failed(
+                "it finished, but some of its results are missing from the submission".to_owned(),
+            ),
         }),
     }
 }
 
-/// The jobs that were handed in, and how they ended.
+/// The handed-in jobs, and how they ended.
 pub fn handed_in(submission: &Submission) -> Result<HashMap<JobKey, HandedIn>, ClusterError> {
     let parts = submission.parts()?;
     Ok(parts.iter().filter_map(|part| part.jobs()).flatten().collect())
 }
 
-/// How often tasks died with each job, and in which chunk the last did.
+/// The number of tasks that died with each job, and the chunk of the last one.
 #[derive(Clone, Debug, Default)]
 pub struct Deaths {
     jobs: HashMap<JobKey, Dead>,
@@ -185,20 +186,20 @@ pub struct Deaths {
 /// The tasks that died with a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Dead {
-    /// How many.
+    /// Number of these tasks.
     pub tasks: u32,
-    /// A number of the chunk of the last one.
+    /// Identifies the chunk of the last of these tasks.
     pub last: usize,
-    /// Whether the job was the only one left in the last one.
+    /// Whether the job was the only one left in the last of these tasks.
     pub alone: bool,
 }
 
-/// Deaths after which a job has failed, if it was alone at the last.
+/// Number of deaths after which a job is recorded as failed, if it was alone in the last task.
 const MOST_DEATHS: u32 = 3;
 
 impl Deaths {
-    /// Adds those of a submission, which began later than those before. `counts` says whether the
-    /// deaths of a job in it count.
+    /// Adds the deaths of a submission, in order of submission. `counts` decides whether the deaths of a
+    /// job in it count.
     pub fn add(&mut self, survey: &Survey, counts: impl Fn(&JobKey) -> bool) {
         if survey.stopped.is_some() {
             return;
@@ -215,12 +216,12 @@ impl Deaths {
         }
     }
 
-    /// Those of a job.
+    /// The tasks that died with a job.
     pub fn of(&self, key: &JobKey) -> Option<Dead> {
         self.jobs.get(key).copied()
     }
 
-    /// The jobs that brought their tasks down too often, the last one alone.
+    /// The jobs with too many dead tasks, in the last of which the job was alone.
     pub fn guilty(&self) -> HashSet<JobKey> {
         let is_guilty = |dead: &Dead| dead.tasks >= MOST_DEATHS && dead.alone;
         self.jobs.iter().filter(|(_, dead)| is_guilty(dead)).map(|(key, _)| *key).collect()

@@ -1,10 +1,10 @@
 //! A task: one attempt at a chunk, on a node.
 //!
-//! It runs the chunk's jobs by the ordinary runner on a store in node-local scratch. From time to
-//! time, when it is stopped and at the end, it closes that store, seals it, hands it in as a part and
-//! begins another store for the rest. Jobs under way are checkpointed and go on to the same bits, so
-//! a part needs no copy of a store that is being written. Checkpoints are handed in with the parts.
-//! SQLite writes nothing on the shared disk.
+//! The task runs the jobs of the chunk with the ordinary scheduler on a store in node-local scratch. At
+//! intervals, on a stop and at the end, it closes that store, seals it, hands it in as a part and starts
+//! a new store for the remaining jobs. Running jobs are checkpointed and resume with bit-identical
+//! results, so a part is never a copy of a store in use. Checkpoints are handed in with the parts.
+//! SQLite never writes to the shared disk.
 
 use std::collections::{HashMap, HashSet};
 use std::fs;
@@ -28,16 +28,16 @@ use crate::schedule::{
 use crate::store::{self, RetryFailed, Store};
 use crate::train;
 
-/// How often an attempt says that it is alive.
+/// Interval of an attempt's heartbeat.
 const SAY: Duration = Duration::from_secs(30);
-/// How long a hand-in that failed waits for the next try.
+/// Time between two tries of a hand-in.
 const RETRY: Duration = Duration::from_secs(5);
-/// How long a hand-in is tried at the end of a task.
+/// Maximum time for which a hand-in is retried.
 const MOST_RETRIES: Duration = Duration::from_secs(600);
-/// Attempts without a word after which a chunk is left to another submission, in pieces.
+/// Number of dead attempts after which a chunk is left to another submission, in smaller chunks.
 const MOST_DEATHS: usize = 3;
 
-/// What a task is asked to do.
+/// The assignment of a task.
 #[derive(Clone, Copy, Debug)]
 pub struct Assignment<'a> {
     /// The submission.
@@ -57,9 +57,9 @@ pub struct Assignment<'a> {
 pub enum TaskEnd {
     /// All jobs of the chunk are handed in.
     Finished,
-    /// It was stopped, and goes on if it is run again.
+    /// The task was stopped; another attempt resumes it.
     Stopped,
-    /// It was not to run.
+    /// The task ran no job: its submission was stopped, or too many attempts had died.
     NotWanted,
 }
 
@@ -76,12 +76,16 @@ pub fn run_chunk(task: Assignment<'_>, out: &mut dyn Write) -> Result<TaskEnd, C
     let attempts = submission.attempts()?.remove(&chunk).unwrap_or_default();
     let deaths = attempts.iter().filter(|earlier| earlier.end.is_none()).count();
     if deaths >= MOST_DEATHS {
-        say(out, "three attempts at this chunk were killed; `jitai submit` runs it in pieces");
+        say(
+            out,
+            "three attempts at this chunk were killed; `jitai submit` splits it into smaller \
+             chunks",
+        );
         return Ok(TaskEnd::NotWanted);
     }
     let host = store::host_name();
     let cpus = submission.intent.cpus_per_task;
-    // A controller that was killed may start a task again under the same name, while it runs.
+    // A controller that was killed may start a task a second time under the same name.
     let attempt = format!("{attempt}-{:08x}", random() as u32);
     let attempt = Attempt::begin(chunk, attempt, host, cpus);
     say(out, &format!("attempt {} at chunk {chunk} on {}", attempt.attempt, attempt.host));
@@ -98,11 +102,11 @@ pub fn run_chunk(task: Assignment<'_>, out: &mut dyn Write) -> Result<TaskEnd, C
 }
 
 fn say(out: &mut dyn Write, line: &str) {
-    // A log that cannot be written is no reason to stop.
+    // A failed write to the log does not stop the task.
     let _ = writeln!(out, "{line}").and_then(|()| out.flush());
 }
 
-/// An attempt under way.
+/// A running attempt.
 struct Run<'a> {
     task: Assignment<'a>,
     attempt: Attempt,
@@ -111,7 +115,7 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    /// Says that it is alive, and how far it has come.
+    /// Writes the record of the attempt with its progress.
     fn record(&mut self) {
         self.said_at = Instant::now();
         self.attempt.seen_at = now();
@@ -210,10 +214,10 @@ impl Run<'_> {
                 let key = queued.key;
                 let line = match note {
                     CheckpointNote::Resumed(resumed) => {
-                        format!("{key} goes on from episode {}", resumed.episode)
+                        format!("{key} resumed from episode {}", resumed.episode)
                     }
                     CheckpointNote::Refused { path, reason } => {
-                        format!("{key} does not go on from {}: {reason}", path.display())
+                        format!("{key}: checkpoint {} rejected: {reason}", path.display())
                     }
                     CheckpointNote::NotKept { path, reason } => {
                         format!("failed to write {}: {reason}", path.display())
@@ -222,7 +226,7 @@ impl Run<'_> {
                 say(self.out, &line);
             }
             Event::FewerWorkers { started, reason } => {
-                say(self.out, &format!("only {started} workers could be started: {reason}"));
+                say(self.out, &format!("only {started} workers started: {reason}"));
             }
             Event::Ended { outcome: Outcome::Interrupted, .. }
             | Event::Started { .. }
@@ -235,7 +239,8 @@ impl Run<'_> {
         }
     }
 
-    /// Seals the store and hands it in; tries again while the shared disk is full.
+    /// Seals the store and hands it in; retries if that fails, for example while the shared disk is
+    /// full.
     fn hand_in(
         &mut self,
         scratch: &Scratch,
@@ -258,7 +263,7 @@ impl Run<'_> {
                 }
                 Err(source) => {
                     say(self.out, &format!("failed to hand in {stem}: {source}"));
-                    // Stopped already, the task has little time: only a few tries.
+                    // A stopped task has little time left, so it retries only briefly.
                     if begun.elapsed() >= MOST_RETRIES
                         || (self.stopped() && begun.elapsed() >= RETRY)
                     {
@@ -272,7 +277,7 @@ impl Run<'_> {
         fs::remove_file(&store).map_err(ClusterError::io("remove", &store))
     }
 
-    /// Waits, but not for long once the task is to stop.
+    /// Waits for this time; returns early if the task is stopped meanwhile.
     fn wait(&self, time: Duration) {
         let begun = Instant::now();
         let was_stopped = self.stopped();
@@ -281,8 +286,7 @@ impl Run<'_> {
         }
     }
 
-    /// Copies checkpoints of the jobs to the store in scratch: those of this submission, or of others
-    /// beside it.
+    /// Copies checkpoints of the jobs, from this or other submissions, to the store in scratch.
     fn adopt_checkpoints(&mut self, scratch: &Scratch, left: &[JobKey]) {
         let folder = CheckpointFolder::beside(&scratch.store());
         let found = checkpoints_beside(self.task.submission.path());
@@ -307,13 +311,13 @@ impl Run<'_> {
             }
         }
         for key in ended {
-            // Most jobs have none.
+            // Most jobs have no checkpoint.
             let _ = fs::remove_file(submission.checkpoint(key));
         }
     }
 }
 
-/// The checkpoints that a submission and those beside it were handed, the latest of each job.
+/// The latest checkpoint of each job that was handed in to this or another submission of the store.
 fn checkpoints_beside(submission: &Path) -> HashMap<JobKey, (PathBuf, std::time::SystemTime)> {
     let mut found: HashMap<JobKey, (PathBuf, std::time::SystemTime)> = HashMap::new();
     let siblings = submission.parent().and_then(|folder| fs::read_dir(folder).ok());
@@ -347,7 +351,7 @@ impl Scratch {
         let name = task.submission.name();
         let (chunk, random) = (task.chunk, random() as u32);
         let path = task.scratch.join(format!("jitai-{name}-{chunk}-{random:08x}"));
-        fs::create_dir_all(&path).map_err(ClusterError::io("make", &path))?;
+        fs::create_dir_all(&path).map_err(ClusterError::io("create", &path))?;
         say(out, &format!("scratch: {}", path.display()));
         Ok(Scratch { path })
     }
@@ -359,25 +363,31 @@ impl Scratch {
 
 impl Drop for Scratch {
     fn drop(&mut self) {
-        // The node's own cleaning takes what stays.
+        // If this fails, the node's own clean-up removes the folder.
         let _ = fs::remove_dir_all(&self.path);
     }
 }
 
-/// The jobs of a chunk, as the frozen manifests have them.
+/// The jobs of a chunk, expanded from the frozen manifests.
 struct Plan {
     manifests: Vec<Manifest>,
     jobs: HashMap<JobKey, Queued>,
 }
 
 impl Plan {
-    /// The jobs of these keys.
+    /// The jobs with these keys.
     ///
-    /// **Errors**: a manifest cannot be read, or this program makes no such job of them.
+    /// **Errors**: a manifest cannot be read, or this program does not derive all of these jobs from
+    /// the manifests.
     fn read(submission: &Submission, keys: &[JobKey]) -> Result<Plan, ClusterError> {
         let paths = submission.manifests();
-        let manifests: Vec<Manifest> =
+        let mut manifests: Vec<Manifest> =
             paths.iter().map(|path| manifest::load(path)).collect::<Result<_, _>>()?;
+        // Outside programs start in the folder of the author's manifest, not in that of the frozen
+        // copy.
+        for (manifest, folder) in manifests.iter_mut().zip(&submission.intent.folders) {
+            manifest.path = format!("{folder}/manifest.toml");
+        }
         let selection = Selection::new(&manifests, None).expect("no filter refuses");
         let queue = selection.part(keys.iter().copied().collect()).queue();
         let jobs: HashMap<JobKey, Queued> =
@@ -391,7 +401,7 @@ impl Plan {
         }
     }
 
-    /// Registers the jobs that are left, under their experiments.
+    /// Registers the remaining jobs under their experiments.
     fn register(&self, store: &mut Store, left: &[JobKey]) -> Result<(), ClusterError> {
         let left: HashSet<JobKey> = left.iter().copied().collect();
         let never = AtomicBool::new(false);
@@ -401,7 +411,7 @@ impl Plan {
         Ok(())
     }
 
-    /// The queue of the jobs of these keys, in their order.
+    /// The jobs with these keys, in the order of the keys.
     fn queue(&self, keys: &[JobKey]) -> Vec<Queued> {
         keys.iter().filter_map(|key| self.jobs.get(key).cloned()).collect()
     }

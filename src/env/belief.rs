@@ -1,32 +1,32 @@
-//! What a scenario lets an agent know of the context.
+//! What a scenario reveals about the context.
 
 use crate::env::context::{ContextDraw, errors_by_context};
 use crate::env::{Environment, Feature, Scenario};
 
-/// The most that the letters of a scenario tell of the context.
+/// The most precise information about the context among the letters of a scenario.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Belief {
-    /// `C`: all of it.
+    /// `C`: the context itself.
     Certain,
     /// `P`: its inferred probability.
     Inferred {
         /// Feature noise, above 0.
         sigma: f64,
     },
-    /// `L`: the most likely one, which is wrong now and then.
+    /// `L`: the most likely context, which is sometimes wrong.
     Likely {
-        /// How often, where it is context 0 and where it is context 1.
+        /// The probability that it is wrong, where it is context 0 and where it is context 1.
         errors: [f64; 2],
     },
-    /// None of the letters: the share of context 0 in all steps.
+    /// None of these letters: only the probability of context 0 over all steps.
     Ignorant {
-        /// That share.
+        /// The probability of context 0.
         zero: f64,
     },
 }
 
 impl Belief {
-    /// What a scenario tells in an environment.
+    /// The belief that a policy can hold in an environment from what the scenario shows.
     pub fn new(environment: &Environment, scenario: &Scenario) -> Belief {
         let shows = |feature| scenario.features().contains(&feature);
         let (probability, likely) = (shows(Feature::Probability), shows(Feature::Likely));
@@ -55,8 +55,8 @@ impl Belief {
     }
 }
 
-/// How often the most likely context is wrong where it is context 0, and where it is context 1. A context
-/// that is never the most likely one counts as wrong by its share.
+/// The probability that the most likely context is wrong, where it is context 0 and where it is context 1.
+/// For a context that is never the most likely one, this is the prior probability of the other context.
 fn errors_by_likely(environment: &Environment) -> [f64; 2] {
     let one = environment.context_probability;
     let [false_one, false_zero] = errors_by_context(environment);
@@ -85,7 +85,7 @@ mod tests {
         assert_eq!(belief(1.0, "L-P-C"), 0.0);
         assert_eq!(belief(1.0, "L-P-T"), 0.7);
         assert_eq!(belief(1.0, "H-D"), 0.5);
-        // Phi(1 / 2) from a table of the normal distribution.
+        // Phi(1 / 2), from a table of the normal distribution.
         assert!((belief(1.0, "L-H-D") - 0.691_462_461_274_013).abs() < 1e-14);
         assert_eq!([belief(0.0, "P"), belief(0.0, "L")], [0.0, 0.0]);
     }

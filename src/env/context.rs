@@ -8,14 +8,14 @@ use crate::env::parameters::Environment;
 use crate::kernel::{Isa, math};
 use crate::rng::{Stream, unit_from_bits};
 
-/// The context of a step with its inference.
+/// The context of a step and what is inferred about it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContextDraw {
     /// True context c, 0 or 1.
     pub context: u8,
     /// Inferred probability of context 0, in [0, 1].
     pub probability_of_zero: f64,
-    /// Most likely context l, 0 or 1; 0 where both are equally likely.
+    /// Most likely context l, 0 or 1; 0 if both are equally likely.
     pub likely: u8,
 }
 
@@ -24,12 +24,12 @@ impl ContextDraw {
     pub const FIXED_FIRST: ContextDraw =
         ContextDraw { context: 0, probability_of_zero: 0.5, likely: 0 };
 
-    /// A context with the inference that a probability of context 0 makes.
+    /// A context, with the inference for a probability of context 0.
     pub fn new(context: u8, probability_of_zero: f64) -> Self {
         ContextDraw { context, probability_of_zero, likely: u8::from(probability_of_zero < 0.5) }
     }
 
-    /// Draws c ~ Bernoulli(0.5) and x ~ N(c, sigma^2); infers P(C = 0 | x). Takes one word of the
+    /// Draws c ~ Bernoulli(0.5) and x ~ N(c, sigma^2) and infers P(C = 0 | x). Consumes one word of the
     /// stream.
     pub fn draw(sigma: f64, stream: &mut Stream) -> Self {
         let bits = stream.bits();
@@ -38,22 +38,22 @@ impl ContextDraw {
     }
 }
 
-/// The context that 64 random bits make: bit 0.
+/// The context for 64 random bits: bit 0.
 #[inline(always)]
 fn context(bits: u64) -> u8 {
     (bits & 1) as u8
 }
 
-/// Minus twice the logarithm of the uniform number that bits 1 to 31 make; see [`deviate`].
+/// -2 ln u for the uniform number u in bits 1 to 31; see [`deviate`].
 #[inline(always)]
 pub(super) fn squared_radius(bits: u64) -> f64 {
-    // Halfway between multiples of 2^-31: never 0, which the logarithm could not take.
+    // Halfway between multiples of 2^-31, so that u is never 0 and its logarithm is finite.
     let uniform = (f64::from((bits >> 1) as i32 & i32::MAX) + 0.5) * (1.0 / 2_147_483_648.0);
     -2.0 * math::ln(uniform)
 }
 
-/// The standard normal deviate, at most 6.7 in size, that 64 random bits make by the method of Box
-/// and Muller (1958): the angle comes from bits 32 to 63.
+/// A standard normal deviate from 64 random bits, at most 6.7 in size, by the method of Box and Muller
+/// (1958). Bits 32 to 63 give the angle.
 #[inline(always)]
 pub(super) fn deviate(squared_radius: f64, bits: u64) -> f64 {
     // In [-1/2, 1/2).
@@ -75,27 +75,56 @@ pub fn probability_of_zero(context: u8, deviate: f64, sigma: f64, odds: f64) -> 
     1.0 / (1.0 + odds * math::exp((2.0 * feature - 1.0) * steepness))
 }
 
-/// How contexts follow each other: a Markov chain of two states.
+/// The parameters of context inference.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Inference {
+    pub(super) sigma: f64,
+    /// Prior odds of context 1.
+    pub(super) odds: f64,
+}
+
+impl Inference {
+    /// The parameters for an environment.
+    pub(super) fn of(environment: &Environment) -> Self {
+        Inference { sigma: environment.sigma, odds: prior_odds(environment) }
+    }
+}
+
+/// The parameters of context inference in every lane.
+pub(super) trait LaneInference {
+    /// The parameters in a lane.
+    fn of(&self, lane: usize) -> Inference;
+}
+
+/// The same parameters in all lanes.
+impl LaneInference for Inference {
+    #[inline(always)]
+    fn of(&self, _: usize) -> Inference {
+        *self
+    }
+}
+
+/// The context process: a Markov chain with two states.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ContextChain {
     /// Probability of context 1 over all steps.
     probability: f64,
-    /// Probability that a context is kept instead of drawn anew.
+    /// Probability that a context is kept instead of redrawn.
     persistence: f64,
 }
 
 impl ContextChain {
-    /// The chain of an environment; `None` where both contexts are equally likely in every step.
-    pub(super) fn of(environment: &Environment) -> Option<Self> {
-        let chain = ContextChain {
+    /// The chain for an environment.
+    pub(super) fn of(environment: &Environment) -> Self {
+        ContextChain {
             probability: environment.context_probability,
             persistence: environment.context_persistence,
-        };
-        (!environment.has_independent_fair_contexts()).then_some(chain)
+        }
     }
 
-    /// A word of the stream that makes the context after `before`, or the first one, according to a
-    /// word of [`Companion::Context`](crate::rng::Companion::Context). The feature's bits stay.
+    /// A copy of the stream's `word` whose bit 0 is the context after `before`, or the first context. A word
+    /// of [`Companion::Context`](crate::rng::Companion::Context) decides the context; the bits of the feature
+    /// stay the same.
     pub(super) fn word(self, word: u64, companion: u64, before: Option<u8>) -> u64 {
         let anew = (1.0 - self.persistence) * self.probability;
         let probability = match before {
@@ -106,46 +135,48 @@ impl ContextChain {
     }
 }
 
-/// Prior odds of context 1: those of its probability over all steps. 1 where both are equally likely.
-pub(super) fn prior_odds(environment: &Environment) -> f64 {
+/// Prior odds of context 1: the odds of its probability over all steps, 1 if both contexts are equally
+/// likely.
+fn prior_odds(environment: &Environment) -> f64 {
     environment.context_probability / (1.0 - environment.context_probability)
 }
 
-/// Draws of many contexts at once, each as [`ContextDraw::draw`] makes it.
+/// Draws of many contexts at once, each equal to [`ContextDraw::draw`].
 ///
-/// **Shapes**: every array is as long as `words`, the words of the stream.
-pub(super) struct Draws<'a> {
-    /// Where draws are written; other entries stay as they are.
+/// **Shapes**: every array has the length of `words`, the words of the stream.
+pub(super) struct Draws<'a, I> {
+    /// The lanes to write draws to; other entries stay as they are.
     pub(super) drawn: &'a [bool],
-    pub(super) sigma: f64,
-    /// Prior odds of context 1.
-    pub(super) odds: f64,
+    pub(super) inference: I,
     pub(super) words: &'a [u64],
     pub(super) contexts: &'a mut [u8],
     pub(super) probabilities: &'a mut [f64],
     pub(super) likely: &'a mut [u8],
 }
 
-impl WithSimd for Draws<'_> {
+impl<I: LaneInference> WithSimd for Draws<'_, I> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        // Short loops: a long chain of operations does not pipeline, and a loop over many arrays is not
-        // vectorised.
+        // Several short loops: a long chain of operations does not pipeline, and a loop over many arrays is
+        // not vectorised.
         let mut numbers = [0.0; BLOCK];
         let shown = self.contexts.chunks_mut(BLOCK).zip(self.likely.chunks_mut(BLOCK));
         let masked = self.words.chunks(BLOCK).zip(self.drawn.chunks(BLOCK));
         let draws = masked.zip(self.probabilities.chunks_mut(BLOCK));
-        for (((words, drawn), probabilities), (contexts, likely)) in draws.zip(shown) {
+        for (block, (((words, drawn), probabilities), (contexts, likely))) in
+            draws.zip(shown).enumerate()
+        {
             for (number, word) in numbers.iter_mut().zip(words) {
                 *number = squared_radius(*word);
             }
             for (number, word) in numbers.iter_mut().zip(words) {
                 *number = deviate(*number, *word);
             }
-            for (number, word) in numbers.iter_mut().zip(words) {
-                *number = probability_of_zero(context(*word), *number, self.sigma, self.odds);
+            for (lane, (number, word)) in (block * BLOCK..).zip(numbers.iter_mut().zip(words)) {
+                let Inference { sigma, odds } = self.inference.of(lane);
+                *number = probability_of_zero(context(*word), *number, sigma, odds);
             }
             for ((shown, word), drawn) in contexts.iter_mut().zip(words).zip(drawn) {
                 *shown = select_unpredictable(*drawn, context(*word), *shown);
@@ -160,12 +191,11 @@ impl WithSimd for Draws<'_> {
     }
 }
 
-/// Draws per round of the loops of [`Draws`].
+/// Draws per iteration of the outer loop of [`Draws`].
 const BLOCK: usize = 64;
 
-/// Context draws of the words that come next in a stream, both contexts equally likely, for callers that
-/// take one at a time:
-/// computing two registers of draws takes hardly longer than computing one draw.
+/// Context draws for the next words of a stream, with both contexts equally likely, for callers that take one
+/// draw at a time. Computing two registers of draws takes hardly longer than computing one draw.
 #[derive(Clone, Debug)]
 pub struct ContextDrawsAhead {
     sigma: f64,
@@ -173,15 +203,15 @@ pub struct ContextDrawsAhead {
     contexts: [u8; AHEAD],
     probabilities: [f64; AHEAD],
     likely: [u8; AHEAD],
-    /// Draws of these that have been taken.
+    /// The number of these draws that have been taken.
     taken: usize,
 }
 
-/// Draws computed at a time.
+/// The number of draws that are computed ahead.
 const AHEAD: usize = 16;
 
 impl ContextDrawsAhead {
-    /// Nothing computed ahead yet.
+    /// Starts with nothing computed ahead.
     pub fn new(sigma: f64) -> Self {
         ContextDrawsAhead {
             sigma,
@@ -193,8 +223,8 @@ impl ContextDrawsAhead {
         }
     }
 
-    /// The next draw of the stream, as [`ContextDraw::draw`] makes it. Draws computed ahead are
-    /// recognised by their words, so that every call may pass another stream.
+    /// The next draw of the stream, equal to [`ContextDraw::draw`]. Draws computed ahead are matched by their
+    /// words, so each call may pass another stream.
     #[inline]
     pub fn take(&mut self, isa: Isa, stream: &mut Stream) -> ContextDraw {
         let word = stream.bits();
@@ -203,8 +233,7 @@ impl ContextDrawsAhead {
             stream.peek(&mut self.words[1..]);
             isa.run(Draws {
                 drawn: &[true; AHEAD],
-                sigma: self.sigma,
-                odds: 1.0,
+                inference: Inference { sigma: self.sigma, odds: 1.0 },
                 words: &self.words,
                 contexts: &mut self.contexts,
                 probabilities: &mut self.probabilities,
@@ -222,8 +251,7 @@ impl ContextDrawsAhead {
     }
 }
 
-/// The exact rate at which the most likely context is wrong where both are equally likely:
-/// Phi(-1 / (2 sigma)).
+/// The exact error rate of the most likely context if both contexts are equally likely: Phi(-1 / (2 sigma)).
 pub fn inference_error(sigma: f64) -> f64 {
     if sigma == 0.0 {
         return 0.0;
@@ -232,15 +260,30 @@ pub fn inference_error(sigma: f64) -> f64 {
     0.5 * libm::erfc(std::f64::consts::FRAC_1_SQRT_2 / (2.0 * sigma))
 }
 
-/// The exact rates at which context 1 is the most likely one in context 0, and context 0 in context 1.
-///
-/// With prior odds o of context 1, it is the most likely one for features above 1/2 - sigma^2 ln o.
+/// The exact error rate of the most likely context, given the probability of context 1.
+pub fn context_error(sigma: f64, context_probability: f64) -> f64 {
+    let [in_zero, in_one] = errors(sigma, context_probability);
+    // If the rates are equal, returns one of them, because a weighted mean could round differently.
+    if in_zero == in_one {
+        return in_zero;
+    }
+    (1.0 - context_probability) * in_zero + context_probability * in_one
+}
+
+/// The exact error rates of the most likely context by true context: of inferring 1 in context 0, and of
+/// inferring 0 in context 1.
 pub(super) fn errors_by_context(environment: &Environment) -> [f64; 2] {
-    let sigma = environment.sigma;
-    if environment.context_probability == 0.5 || sigma == 0.0 {
+    errors(environment.sigma, environment.context_probability)
+}
+
+/// The error rates by true context. With prior odds o of context 1, context 1 is the most likely one for
+/// features above 1/2 - sigma^2 ln o.
+fn errors(sigma: f64, context_probability: f64) -> [f64; 2] {
+    if context_probability == 0.5 || sigma == 0.0 {
         return [inference_error(sigma); 2];
     }
-    let cut = 0.5 - sigma * sigma * libm::log(prior_odds(environment));
+    let odds = context_probability / (1.0 - context_probability);
+    let cut = 0.5 - sigma * sigma * libm::log(odds);
     // Phi(-z) = erfc(z / sqrt 2) / 2.
     let above = |z: f64| 0.5 * libm::erfc(std::f64::consts::FRAC_1_SQRT_2 * z);
     [above(cut / sigma), above((1.0 - cut) / sigma)]
@@ -284,13 +327,13 @@ mod tests {
         let mut ahead = ContextDrawsAhead::new(0.7);
         let mut streams = [1, 2].map(|seed| Stream::new(seed, Purpose::Environment));
         for turn in 0..200 {
-            // Long and short turns, some words of the stream taken by others.
+            // Turns of different lengths, between which other callers consume words of the stream.
             let stream = &mut streams[turn % 2];
             for taken in 0..(turn * 7) % 40 {
                 let expected = ContextDraw::draw(0.7, &mut stream.clone());
                 let first = ahead.taken == AHEAD;
                 assert_eq!(ahead.take(Isa::chosen(), stream), expected);
-                // What was made ahead is used, but for the first of a turn.
+                // Draws computed ahead are used, except for the first draw of a turn.
                 assert!(first || taken == 0 || ahead.taken > 1);
             }
             (0..turn % 3).for_each(|_| _ = stream.bits());
@@ -314,6 +357,28 @@ mod tests {
     }
 
     #[test]
+    fn the_error_of_unequal_contexts_is_that_of_simulated_ones() {
+        assert_eq!(context_error(0.6, 0.5), inference_error(0.6));
+        assert_eq!((context_error(0.0, 0.2), context_error(0.6, 1.0)), (0.0, 0.0));
+        const DRAWS: u32 = 400_000;
+        for (sigma, probability) in [(0.6, 0.2), (1.0, 0.9), (0.4, 0.35)] {
+            let odds = probability / (1.0 - probability);
+            let mut stream = Stream::new(12, Purpose::Environment);
+            let is_wrong = |_: &u32| {
+                let context = u8::from(stream.unit() < probability);
+                let bits = stream.bits();
+                let deviate = deviate(squared_radius(bits), bits);
+                let zero = probability_of_zero(context, deviate, sigma, odds);
+                u8::from(zero < 0.5) != context
+            };
+            let rate = f64::from((0..DRAWS).filter(is_wrong).count() as u32) / f64::from(DRAWS);
+            let exact = context_error(sigma, probability);
+            let standard_error = (exact * (1.0 - exact) / f64::from(DRAWS)).sqrt();
+            assert!((rate - exact).abs() < 4.0 * standard_error, "{sigma}: {rate} {exact}");
+        }
+    }
+
+    #[test]
     fn contexts_are_fair_and_features_have_their_moments() {
         let mut stream = Stream::new(5, Purpose::Environment);
         let sigma = 0.8;
@@ -322,7 +387,7 @@ mod tests {
         for _ in 0..n {
             let draw = ContextDraw::draw(sigma, &mut stream);
             let p = draw.probability_of_zero;
-            // The feature, got back from the probability.
+            // The feature, recovered from the probability.
             let x = sigma * sigma * ((1.0 - p) / p).ln() + 0.5;
             let noise = (x - f64::from(draw.context)) / sigma;
             ones += u32::from(draw.context);

@@ -1,8 +1,8 @@
 //! A test that every [`VectorEnvironment`] has to pass.
 //!
 //! In: a function that makes an environment. Out: nothing, or the first [`Violation`] of the contract.
-//! [`check`] walks through episodes with random actions and compares walks that have to agree, bit by
-//! bit. It knows nothing of the environment but the trait.
+//! [`check`] plays episodes with random actions and compares walks that must agree bit for bit. The module
+//! knows only the trait.
 
 use std::fmt;
 
@@ -14,27 +14,27 @@ use crate::state::{StateReader, StateWriter};
 /// A clause of the contract.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Clause {
-    /// Lanes, statuses and observations have the sizes that were asked for and specified, and there
-    /// are 1 to 4 actions.
+    /// Lanes, statuses and observations have the requested and specified sizes, and there are 1 to 4 actions.
     Shapes,
-    /// The lanes of a new environment have ended, and a reset makes them run.
+    /// All lanes of a new environment have ended, and a reset starts them.
     Reset,
-    /// The walk saw an episode end. Otherwise it was too short to show anything.
+    /// At least one episode ends in the walk. Otherwise the walk was too short to test the contract.
     SomeEpisodeEnds,
     /// Observations lie inside their specified bounds.
     ObservationBounds,
     /// Rewards lie inside their specified bounds.
     RewardBounds,
-    /// A lane that has ended pays 0, keeps its status and observation, and leaves its stream alone.
+    /// A lane that has ended has reward 0, keeps its status and observation, and does not draw from its
+    /// stream.
     EndedLanesAreInert,
     /// The same streams and actions give the same episodes.
     SameStreamSameEpisodes,
-    /// With a stream of its own, a lane does not depend on its neighbours; one lane is the same with a
-    /// shared stream and with its own.
+    /// With one stream per lane, a lane does not depend on its neighbours. A single lane behaves the same
+    /// with a shared stream and with its own.
     LanesAreIndependent,
-    /// A reset in the middle of an episode makes the lane as new and leaves its neighbours alone.
+    /// A reset in the middle of an episode makes the lane like a new one and leaves its neighbours unchanged.
     ResetInMidEpisode,
-    /// An environment that is saved and restored in any step continues as if nothing had happened.
+    /// An environment that is saved and restored at any step continues identically.
     SaveAndRestore,
 }
 
@@ -46,7 +46,7 @@ pub struct Violation {
     pub clause: Clause,
     /// The step of the walk, from 0.
     pub step: usize,
-    /// What was seen.
+    /// A description of the violation.
     pub detail: String,
 }
 
@@ -67,8 +67,8 @@ impl fmt::Display for Clause {
     }
 }
 
-/// Tests an environment. `make` returns a new one with so many lanes; every walk takes `steps` steps,
-/// which should be several episodes.
+/// Tests an environment. `make` returns a new environment with the given number of lanes. Every walk takes
+/// `steps` steps, which should cover several episodes.
 ///
 /// **Errors**: the first violation.
 pub fn check<Env: VectorEnvironment>(
@@ -84,11 +84,11 @@ pub fn check<Env: VectorEnvironment>(
     check_resets(&make, steps)
 }
 
-/// Lanes of most walks.
+/// The number of lanes in most walks.
 const LANES: usize = 3;
-/// Seeds of their streams.
+/// The seeds of the lanes' streams.
 const SEEDS: [u64; LANES] = [11, 12, 13];
-/// Steps for which an ended lane waits for its reset, where waiting is tested.
+/// The number of steps that an ended lane waits for its reset, where waiting is tested.
 const WAIT: usize = 3;
 
 /// How lanes get their random numbers.
@@ -102,7 +102,7 @@ enum Sharing {
 struct Walk<Env> {
     environment: Env,
     streams: LaneStreams,
-    /// The stream of actions of every lane.
+    /// The stream of random actions, per lane.
     choices: Vec<Stream>,
     actions: Vec<Action>,
     rewards: Vec<f64>,
@@ -110,7 +110,7 @@ struct Walk<Env> {
     count: u32,
 }
 
-/// What can be seen of a lane after a step, bit by bit.
+/// The observable state of a lane after a step, bit by bit.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Seen {
     status: EpisodeStatus,
@@ -177,7 +177,7 @@ impl<Env: VectorEnvironment> Walk<Env> {
         self.reset(|_, status| status != EpisodeStatus::Running);
     }
 
-    /// Every lane as it is now, with the rewards of the last step.
+    /// The observable state of every lane, with the rewards of the last step.
     fn seen(&mut self) -> Vec<Seen> {
         self.environment.observe(&mut self.observations);
         let observations = &self.observations;
@@ -190,7 +190,7 @@ impl<Env: VectorEnvironment> Walk<Env> {
         self.environment.statuses().iter().enumerate().map(seen).collect()
     }
 
-    /// Words drawn from the stream of a lane.
+    /// The number of words drawn from the stream of a lane.
     fn drawn(&mut self, lane: usize) -> u64 {
         self.streams.of(lane).position()
     }
@@ -231,7 +231,7 @@ impl<Env: VectorEnvironment> Walk<Env> {
     }
 }
 
-/// Bounds, and that ended lanes wait unmoved.
+/// Checks the bounds, and that ended lanes are inert.
 fn check_steps<Env: VectorEnvironment>(mut walk: Walk<Env>, steps: usize) -> Result<(), Violation> {
     let per_lane = matches!(walk.streams, LaneStreams::PerLane(_));
     let mut waited = [0; LANES];
@@ -265,7 +265,7 @@ fn check_steps<Env: VectorEnvironment>(mut walk: Walk<Env>, steps: usize) -> Res
     Ok(())
 }
 
-/// Fails unless two lanes look the same.
+/// Fails unless lanes look the same.
 fn require_equal(
     clause: Clause,
     step: usize,
@@ -299,7 +299,7 @@ fn check_same_episodes<Env: VectorEnvironment>(
     Ok(())
 }
 
-/// Saves an environment and restores another from it before every step.
+/// Before every step, saves the environment and restores it into another one.
 fn check_restoring<Env: VectorEnvironment>(
     make: impl Fn(usize) -> Env,
     steps: usize,
@@ -335,7 +335,7 @@ fn check_restoring<Env: VectorEnvironment>(
     Ok(())
 }
 
-/// Compares a lane between two others with the same lane alone, with a stream of either kind.
+/// Compares a lane between two others with the same lane alone, with both kinds of streams.
 fn check_independence<Env: VectorEnvironment>(
     make: impl Fn(usize) -> Env,
     steps: usize,
@@ -357,7 +357,7 @@ fn check_independence<Env: VectorEnvironment>(
         require_equal(clause, step, &sharing.seen(), &expected)?;
         alone.reset_ended();
         sharing.reset_ended();
-        // The neighbours are reset now and then, whether they have ended or not.
+        // The neighbours are reset at some steps, whether or not they have ended.
         among.reset(|lane, status| match lane {
             BETWEEN => status != EpisodeStatus::Running,
             _ => step % (3 + 2 * lane) == 0,
@@ -366,8 +366,8 @@ fn check_independence<Env: VectorEnvironment>(
     Ok(())
 }
 
-/// Resets one lane after the other in mid-episode, and compares each with a new environment of one
-/// lane until its next reset.
+/// Resets one lane after the other in the middle of an episode. Compares each with a new environment of one
+/// lane until the next reset.
 fn check_resets<Env: VectorEnvironment>(
     make: impl Fn(usize) -> Env,
     steps: usize,
@@ -384,7 +384,7 @@ fn check_resets<Env: VectorEnvironment>(
             new.streams = LaneStreams::PerLane(vec![walk.streams.of(lane).clone()]);
             new.choices = vec![walk.choices[lane].clone()];
             new.rewards[0] = walk.rewards[lane];
-            // A new environment again: this one has been reset with another stream.
+            // Makes another new environment, because `Walk::new` has reset the first one with another stream.
             new.environment = make(1);
             new.environment.reset(LaneSet::All, &mut new.streams);
             walk.reset(|other, _| other == lane);

@@ -1,4 +1,4 @@
-//! What a step does to one lane: the equations, and the parameters that they take.
+//! The equations of a step in one lane, and their parameters.
 
 use crate::env::parameters::Environment;
 use crate::env::vector::Action;
@@ -8,14 +8,14 @@ use crate::env::vector::Action;
 pub struct Effect {
     /// Habituation after the step, in [0, 1].
     pub habituation: f64,
-    /// Disengagement risk after the step, in [0, 1]; from the threshold on it ends the episode.
+    /// Disengagement risk after the step, in [0, 1]; the episode ends if it reaches the threshold.
     pub disengagement: f64,
     /// The reward, in steps walked.
     pub reward: f64,
 }
 
-/// The effect of an action in a context, from the habituation and disengagement risk before it, without
-/// noise.
+/// The effect of an action in a context without noise, given the habituation and disengagement risk before
+/// it.
 #[inline(always)]
 pub fn apply_action(
     environment: &Environment,
@@ -27,12 +27,12 @@ pub fn apply_action(
     Dynamics::of(environment).apply(context, action, habituation, disengagement)
 }
 
-/// The fewest steps that a step without noise can be worth, whatever the action and the state.
+/// The smallest number of steps walked in a step without noise, for any action and state.
 pub fn fewest_steps(environment: &Environment) -> f64 {
     Dynamics::of(environment).range()[0]
 }
 
-/// The real-valued parameters of a step: those of one lane, or of all lanes alike.
+/// The real-valued parameters of a step, for one lane or for all lanes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Dynamics {
     pub(super) delta_h: f64,
@@ -53,7 +53,7 @@ pub(super) struct Dynamics {
 }
 
 impl Dynamics {
-    /// Those of an environment.
+    /// The dynamics of an environment.
     #[inline(always)]
     pub(super) fn of(e: &Environment) -> Self {
         Dynamics {
@@ -105,7 +105,7 @@ impl Dynamics {
         Effect { habituation, disengagement, reward }
     }
 
-    /// The steps walked after an action, from the habituation after it.
+    /// The steps walked after an action, given the habituation after it.
     #[inline(always)]
     pub(super) fn reward(&self, context: u8, action: Action, habituation: f64) -> f64 {
         let base = if action != Action::NONE { self.rho_3 } else { 0.0 };
@@ -115,7 +115,7 @@ impl Dynamics {
         mu + (1.0 - habituation) * base
     }
 
-    /// The fewest and the most steps that a step without noise can be worth.
+    /// The smallest and the largest number of steps walked in a step without noise.
     pub(super) fn range(&self) -> [f64; 2] {
         let Dynamics { rho_1, rho_2, rho_3, mu, .. } = *self;
         let (least, most) = (rho_1.min(rho_2).min(rho_3), rho_1.max(rho_2).max(rho_3));
@@ -125,7 +125,7 @@ impl Dynamics {
 
 /// The parameters of every lane.
 pub(super) trait LaneDynamics {
-    /// Those of a lane.
+    /// The dynamics of a lane.
     fn of(&self, lane: usize) -> &Dynamics;
 }
 

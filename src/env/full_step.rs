@@ -1,5 +1,5 @@
-//! A step with everything that the manifest can ask for: noise, availability, cost and budget of
-//! messages, other endings, and the memory of the last step.
+//! A step with all features of the manifest: noise, availability, cost and budget of messages, other endings,
+//! and the memory of the last step.
 
 use std::io;
 
@@ -14,10 +14,10 @@ use crate::env::scenario::{Feature, Scenario};
 use crate::env::vector::{Action, EpisodeStatus};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
-/// Steps walked before an episode, as the official code shows them.
+/// The steps walked before an episode, as the official code shows them.
 pub const INITIAL_STEPS: f64 = 0.1;
 
-/// Whether a step needs more than the equations of the paper and the endings of its code.
+/// Whether a step needs more than the paper's equations and the endings of its code.
 pub(super) fn is_needed(e: &Environment, scenario: &Scenario) -> bool {
     let remembered =
         [Feature::Available, Feature::Budget, Feature::PreviousAction, Feature::PreviousSteps];
@@ -34,18 +34,18 @@ pub(super) fn is_needed(e: &Environment, scenario: &Scenario) -> bool {
         || e.message_budget != paper.message_budget
 }
 
-/// What lanes remember beyond the state of the paper's simulation; every array is \[lanes\].
+/// The state of the lanes beyond the paper's simulation; every array is \[lanes\].
 #[derive(Clone, Debug)]
 pub(super) struct Memory {
-    /// Whether a message can be sent in the present step.
+    /// Whether a message can be sent in the current step.
     pub(super) available: Vec<bool>,
-    /// Messages sent in the episode.
+    /// The number of messages sent in the episode.
     pub(super) messages: Vec<u32>,
     /// The action taken in the last step; `None` in the first.
     pub(super) actions: Vec<Option<Action>>,
     /// The steps walked in the last step.
     pub(super) steps: Vec<f64>,
-    /// The steps walked in the last call; unlike `steps`, 0 in lanes that had ended.
+    /// The steps walked in the last call; in contrast to `steps`, 0 in lanes that had ended.
     pub(super) walked: Vec<f64>,
 }
 
@@ -60,7 +60,7 @@ impl Memory {
         }
     }
 
-    /// Forgets the episode of a lane.
+    /// Clears the memory of a lane for a new episode.
     pub(super) fn reset(&mut self, lane: usize) {
         self.available[lane] = true;
         self.messages[lane] = 0;
@@ -68,7 +68,7 @@ impl Memory {
         self.steps[lane] = INITIAL_STEPS;
     }
 
-    /// The action that is taken where one is chosen: none without availability or budget.
+    /// The action that is taken if an agent chooses `action`: no message without availability or budget.
     #[inline(always)]
     pub(super) fn taken(&self, budget: u32, lane: usize, action: Action) -> Action {
         if self.available[lane] && self.messages[lane] < budget { action } else { Action::NONE }

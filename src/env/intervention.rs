@@ -6,7 +6,7 @@ use crate::env::Action;
 impl Action {
     /// Send nothing.
     pub const NONE: Action = Action(0);
-    /// Send a message that is not tailored.
+    /// Send an untailored message.
     pub const UNTAILORED: Action = Action(1);
 
     /// Send a message tailored to this context, 0 or 1.

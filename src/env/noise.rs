@@ -1,4 +1,4 @@
-//! The noise of a step: of its parameters, of the state after it, and of the steps walked.
+//! The noise of a step: of its parameters, of the resulting state, and of the steps walked.
 
 use crate::env::dynamics::Dynamics;
 use crate::env::parameters::{Environment, StateNoise, StepNoise};
@@ -6,19 +6,19 @@ use crate::env::variates::{beta, gamma};
 use crate::env::vector::{LaneSet, LaneStreams};
 use crate::rng::{Companion, unit_from_bits};
 
-/// What the official code takes for a parameter of a beta distribution, or a mean of steps, below it.
+/// The official code's lower bound for parameters of beta distributions and for mean steps.
 const FLOOR: f64 = 1e-5;
 
-/// Where the noise of lanes comes from.
+/// A source of noise for all lanes.
 pub(super) trait Noise {
     /// The parameters of a lane's step.
     fn dynamics(&self, lane: usize, dynamics: &Dynamics) -> Dynamics;
 
-    /// Habituation and disengagement risk after a lane's step, from their noise-free values; both may
-    /// be outside [0, 1].
+    /// Habituation and disengagement risk after a lane's step, given their noise-free values; results may lie
+    /// outside [0, 1].
     fn state(&self, lane: usize, dynamics: &Dynamics, expected: [f64; 2]) -> [f64; 2];
 
-    /// The steps walked in a lane, from their noise-free number.
+    /// The steps walked in a lane, given their noise-free number.
     fn steps(&self, lane: usize, dynamics: &Dynamics, expected: f64) -> f64;
 }
 
@@ -42,12 +42,12 @@ impl Noise for Silence {
     }
 }
 
-/// What a step leads to, as a recording has it.
+/// The recorded outcome of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ForcedNoise {
-    /// Habituation and disengagement risk after the step, both in [0, 1]; `None` for the noise-free ones.
+    /// Habituation and disengagement risk after the step, both in [0, 1]; `None` for the noise-free values.
     pub state: Option<[f64; 2]>,
-    /// The steps walked; `None` for their noise-free number.
+    /// The steps walked; `None` for the noise-free number.
     pub steps: Option<f64>,
 }
 
@@ -65,8 +65,8 @@ impl Noise for ForcedNoise {
     }
 }
 
-/// Noise from the words of streams. Every array has the width of its companion for each lane, or is
-/// empty where there is no such noise.
+/// Noise from the words of streams. Every array has `width` words per lane for its companion, or is empty
+/// without such noise.
 #[derive(Clone, Debug)]
 pub(super) struct DrawnNoise {
     state_noise: StateNoise,
@@ -76,7 +76,7 @@ pub(super) struct DrawnNoise {
 }
 
 impl DrawnNoise {
-    /// The noise of an environment with so many lanes, before anything is drawn.
+    /// The noise of an environment with `lanes` lanes, before the first draw.
     pub(super) fn new(environment: &Environment, lanes: usize) -> Self {
         let words = |is_drawn: bool, companion: Companion| {
             vec![0; if is_drawn { lanes * companion.width() } else { 0 }]
@@ -152,14 +152,14 @@ impl Noise for DrawnNoise {
     }
 }
 
-/// Uniform between (1 - width / 2) and (1 + width / 2) times a value.
+/// A value drawn uniformly between (1 - width / 2) and (1 + width / 2) times `value`.
 #[inline(always)]
 fn around(value: f64, width: f64, word: u64) -> f64 {
     let (low, high) = ((1.0 - 0.5 * width) * value, (1.0 + 0.5 * width) * value);
     low + (high - low) * unit_from_bits(word)
 }
 
-/// Beta with the mean and the sum of parameters given, up to the floor of both parameters.
+/// A beta variate with the given mean and sum of parameters; both parameters are at least `FLOOR`.
 #[inline(always)]
 fn beta_around(mean: f64, concentration: f64, word: u64) -> f64 {
     let floored = |x: f64| if x > FLOOR { x } else { FLOOR };

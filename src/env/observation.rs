@@ -1,4 +1,4 @@
-//! Observations: rows of numbers that agents see, and the specification of what they consist of.
+//! Observations: rows of numbers that agents see, and their specification.
 
 use std::collections::TryReserveError;
 use std::io;
@@ -6,12 +6,12 @@ use std::ops::Range;
 
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
-/// What an observation consists of: features, and perhaps a one-hot of time.
+/// The specification of an observation: features, and an optional one-hot of time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ObservationSpec {
     /// The features, in the order of an observation's entries.
     pub features: Vec<FeatureSpec>,
-    /// Entries of the one-hot of time behind the features; 0 without one.
+    /// The number of entries in the one-hot of time after the features; 0 without a one-hot.
     pub one_hot: usize,
 }
 
@@ -27,7 +27,7 @@ pub struct FeatureSpec {
 }
 
 impl ObservationSpec {
-    /// Features by their names with their smallest and largest values, without a one-hot of time.
+    /// Features from their names and smallest and largest values, without a one-hot of time.
     pub fn of<const N: usize>(features: [(&str, f32, f32); N]) -> Self {
         let feature = |(name, low, high): (&str, f32, f32)| {
             let name = name.to_owned();
@@ -36,12 +36,12 @@ impl ObservationSpec {
         ObservationSpec { features: features.into_iter().map(feature).collect(), one_hot: 0 }
     }
 
-    /// Entries of an observation with its one-hot written out.
+    /// The number of entries of an observation, with its one-hot expanded.
     pub fn inputs(&self) -> usize {
         self.features.len() + self.one_hot
     }
 
-    /// Observations without a row, of this shape.
+    /// Empty observations of this shape.
     pub fn observations(&self) -> Observations {
         Observations::new(self.features.len(), self.one_hot)
     }
@@ -52,39 +52,39 @@ impl ObservationSpec {
 pub struct Observations {
     width: usize,
     one_hot: usize,
-    /// \[rows, width\]: the scenario's features, in its order.
+    /// \[rows, width\]: the scenario's features, in the scenario's order.
     pub(super) features: Vec<f32>,
-    /// \[rows\]: which entry of the one-hot of time is 1; empty where there is no one-hot.
+    /// \[rows\]: the index of the one-hot entry that is 1; empty without a one-hot.
     pub(super) moments: Vec<u32>,
 }
 
 impl Observations {
-    /// No rows, for `width` features and a one-hot of time of `one_hot` entries (0 for none).
+    /// Empty observations of `width` features and a one-hot of time with `one_hot` entries; 0 for no one-hot.
     pub fn new(width: usize, one_hot: usize) -> Self {
         Observations { width, one_hot, features: Vec::new(), moments: Vec::new() }
     }
 
-    /// How many there are.
+    /// The number of rows.
     pub fn rows(&self) -> usize {
         self.features.len() / self.width
     }
 
-    /// Features of a row, the one-hot aside.
+    /// The number of features per row, without the one-hot.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Entries of the one-hot of time; 0 without one.
+    /// The number of entries in the one-hot of time; 0 without a one-hot.
     pub fn one_hot(&self) -> usize {
         self.one_hot
     }
 
-    /// \[rows, width\]: the features, row by row.
+    /// \[rows, width\]: the features, row-major.
     pub fn features(&self) -> &[f32] {
         &self.features
     }
 
-    /// \[rows\]: which entry of the one-hot is 1; empty where there is no one-hot.
+    /// \[rows\]: the index of the one-hot entry that is 1; empty without a one-hot.
     pub fn moments(&self) -> &[u32] {
         &self.moments
     }
@@ -94,26 +94,26 @@ impl Observations {
         &self.features[row * self.width..(row + 1) * self.width]
     }
 
-    /// Which entry of a row's one-hot is 1; `None` where there is no one-hot.
+    /// The index of the entry that is 1 in a row's one-hot; `None` without a one-hot.
     pub fn moment(&self, row: usize) -> Option<u32> {
         self.moments.get(row).copied()
     }
 
-    /// Makes room for so many more rows.
+    /// Reserves room for `rows` more rows.
     ///
-    /// **Errors**: there is no memory for them.
+    /// **Errors**: there is not enough memory.
     pub fn try_reserve(&mut self, rows: usize) -> Result<(), TryReserveError> {
         self.features.try_reserve(rows * self.width)?;
         self.moments.try_reserve(if self.one_hot > 0 { rows } else { 0 })
     }
 
-    /// Removes every row.
+    /// Removes all rows.
     pub fn clear(&mut self) {
         self.features.clear();
         self.moments.clear();
     }
 
-    /// Adds a row; `moment` is given exactly where there is a one-hot.
+    /// Appends a row; `moment` must be given if and only if there is a one-hot.
     pub fn push(&mut self, features: &[f32], moment: Option<u32>) {
         assert_eq!(features.len(), self.width, "a row of features");
         assert_eq!(moment.is_some(), self.one_hot > 0, "a moment for the one-hot");
@@ -121,7 +121,7 @@ impl Observations {
         self.moments.extend(moment);
     }
 
-    /// Adds a range of the rows of others as wide as these.
+    /// Appends a range of rows from other observations of the same shape.
     #[inline]
     pub fn extend(&mut self, others: &Observations, rows: Range<usize>) {
         assert_eq!((self.width, self.one_hot), (others.width, others.one_hot), "rows as wide");
@@ -130,7 +130,16 @@ impl Observations {
         self.moments.extend_from_slice(others.moments.get(rows).unwrap_or_default());
     }
 
-    /// The rows with their one-hots written out: \[rows, width + one_hot\].
+    /// Removes and returns all rows with their one-hots expanded: \[rows, width + one_hot\]. Copies nothing
+    /// if there is no one-hot.
+    pub fn take_written_out(&mut self) -> Vec<f32> {
+        let rows =
+            if self.one_hot == 0 { std::mem::take(&mut self.features) } else { self.written_out() };
+        self.clear();
+        rows
+    }
+
+    /// The rows with their one-hots expanded: \[rows, width + one_hot\].
     pub fn written_out(&self) -> Vec<f32> {
         let mut all = Vec::with_capacity(self.rows() * (self.width + self.one_hot));
         for row in 0..self.rows() {

@@ -1,4 +1,4 @@
-//! What a scenario shows of the simulation's state.
+//! Observations of a scenario from the simulation's state.
 
 use crate::env::observation::{FeatureSpec, ObservationSpec, Observations};
 use crate::env::parameters::{Environment, TimeIndicator};
@@ -30,19 +30,19 @@ pub struct LaneStates<'a> {
     pub steps: &'a [f64],
 }
 
-/// What the letter S divides steps by.
+/// The unit of the feature S, in steps.
 const STEPS_UNIT: f64 = 100.0;
 
 /// One entry of an observation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Entry {
-    /// A feature that has one entry.
+    /// A feature with a single entry.
     Of(Feature),
     /// Whether this action was taken in the last step.
     PreviousAction(Action),
 }
 
-/// The entries of a scenario, in its order.
+/// The entries of a scenario, in the scenario's order.
 fn entries(scenario: &Scenario) -> Vec<Entry> {
     let of = |feature: &Feature| match feature {
         Feature::PreviousAction => {
@@ -53,7 +53,7 @@ fn entries(scenario: &Scenario) -> Vec<Entry> {
     scenario.features().iter().flat_map(of).collect()
 }
 
-/// Turns the states of lanes into the observations of a scenario.
+/// Turns the states of lanes into observations of a scenario.
 #[derive(Clone, Debug)]
 pub struct Observer {
     entries: Vec<Entry>,
@@ -61,7 +61,7 @@ pub struct Observer {
     time_indicator: TimeIndicator,
     period: u32,
     budget: u32,
-    /// Entries of the one-hot of time behind the features; 0 without one.
+    /// The number of entries in the one-hot of time after the features; 0 without a one-hot.
     one_hot: usize,
 }
 
@@ -78,7 +78,7 @@ impl Observer {
         }
     }
 
-    /// What its observations consist of.
+    /// The specification of the observations.
     pub fn spec(&self) -> ObservationSpec {
         let spec = |entry: &Entry| match entry {
             Entry::Of(feature) => {
@@ -95,7 +95,7 @@ impl Observer {
         ObservationSpec { features: self.entries.iter().map(spec).collect(), one_hot: self.one_hot }
     }
 
-    /// The smallest and the largest value of a feature.
+    /// The smallest and largest values of a feature.
     fn bounds(&self, feature: Feature) -> (f32, f32) {
         match feature {
             Feature::Time => (0.0, self.period.saturating_sub(1) as f32),
@@ -111,7 +111,7 @@ impl Observer {
         }
     }
 
-    /// Whether the same state gives the same observation here and there, entry by entry.
+    /// Whether both observers show every state as the same observation, entry by entry.
     pub fn shows_the_same_as(&self, other: &Observer) -> bool {
         let has = |feature| self.entries.contains(&Entry::Of(feature));
         let has_clock = has(Feature::Time) || self.one_hot > 0;
@@ -124,7 +124,7 @@ impl Observer {
             && (self.time_indicator == other.time_indicator || !has_clock)
     }
 
-    /// The time that an observation shows at a time.
+    /// The time that the observation at `time` shows.
     #[inline]
     fn shown(&self, time: u32) -> u32 {
         match self.time_indicator {
@@ -133,7 +133,7 @@ impl Observer {
         }
     }
 
-    /// The share of the budget that is left after some messages.
+    /// The remaining share of the budget after `messages` messages.
     #[inline]
     fn budget_left(&self, messages: u32) -> f64 {
         if self.budget == 0 {
@@ -142,13 +142,13 @@ impl Observer {
         f64::from(self.budget.saturating_sub(messages)) / f64::from(self.budget)
     }
 
-    /// Replaces the rows of `out` by the observation of every lane.
+    /// Replaces the rows of `out` by the observations of all lanes.
     ///
-    /// The last entry of the one-hot of time also stands for the horizon itself.
+    /// The last entry of the one-hot of time also covers the horizon itself.
     #[inline]
     pub fn observe(&self, lanes: LaneStates<'_>, out: &mut Observations) {
         if lanes.times.len() == 1 {
-            // Columns of one entry are not worth the strides.
+            // For a single lane, filling rows is cheaper than filling columns.
             out.features.clear();
             out.features.extend(self.entries.iter().map(|entry| self.value(&lanes, *entry, 0)));
         } else {
@@ -231,7 +231,7 @@ mod tests {
         let one_hot = Environment { time_one_hot: true, ..paper.clone() };
         type Change = fn(&mut Environment);
         let changes: [(&str, Change, [bool; 5]); 7] = [
-            // Of P-H-D, L-T, H with and D without the one-hot of time, and the letters of messages.
+            // Columns: P-H-D, L-T, H with and D without the one-hot of time, and the letters about messages.
             ("sigma", |e| e.sigma = 2.0, [true, true, true, true, true]),
             (
                 "observed_probability",

@@ -6,19 +6,19 @@ use crate::{choices, keys};
 keys! {
     /// Parameters of the physical-activity simulation.
     ///
-    /// Symbols and values are those of Karine et al. (2023), section 3.1 and table 3. The keys below
-    /// `horizon` are where the paper is silent or its published code differs from its text; their
-    /// defaults are what the published curves and tables were made with.
+    /// Symbols and values follow Karine et al. (2023), section 3.1 and table 3. The keys below
+    /// `horizon` cover choices that the paper leaves open, or where its published code differs from
+    /// its text; their defaults are those of the published curves and tables.
     pub struct Environment {
         /// standard deviation of the context feature; 0: the context probability is exact
         sigma: f64, in Kind::NON_NEGATIVE;
-        /// habituation decay a step without a message
+        /// habituation decay per step without a message
         delta_h: f64 = 0.1, in Kind::PROBABILITY;
-        /// habituation increment a message
+        /// habituation increment per message
         epsilon_h: f64 = 0.05, in Kind::PROBABILITY;
-        /// disengagement-risk decay a suitable message
+        /// disengagement-risk decay per suitable message
         delta_d: f64 = 0.1, in Kind::PROBABILITY;
-        /// disengagement-risk increment a wrongly tailored message
+        /// disengagement-risk increment per wrongly tailored message
         epsilon_d: f64 = 0.4, in Kind::PROBABILITY;
         /// base reward of an untailored message, in steps
         rho_1: f64 = 50.0, in Kind::ANY_REAL;
@@ -26,7 +26,7 @@ keys! {
         rho_2: f64 = 200.0, in Kind::ANY_REAL;
         /// baseline reward in context 0 and in context 1, in steps
         mu: [f64; 2] = [0.1, 0.1], in Kind::ANY_REAL_PAIR;
-        /// most steps an episode can have
+        /// maximum number of steps in an episode
         horizon: u32 = 50, in Kind::Integer { min: 1, max: 10_000 };
         /// habituation at the start of an episode
         initial_habituation: f64 = 0.1, in Kind::PROBABILITY;
@@ -71,37 +71,37 @@ keys! {
             before RewardHabituation::Expected;
         /// base reward of a wrongly tailored message, in steps
         rho_3: f64 = 0.0, before 0.0, in Kind::ANY_REAL;
-        /// reward of the step that disengages: as of any step, or 0
+        /// reward of the step on which a participant disengages: the usual reward, or 0
         disengagement_reward: DisengagementReward = DisengagementReward::Paid,
             before DisengagementReward::Paid;
         /// whether fewer than 0 steps count as 0
         steps_cut_at_zero: bool = false, before false;
-        /// whether an episode that reaches the horizon ends one step later, with a step that pays 0
+        /// whether an episode that reaches the horizon ends one step later, with a step of reward 0
         unpaid_last_step: bool = false, before false;
         /// probability of context 1
         context_probability: f64 = 0.5, before 0.5, in Kind::PROBABILITY;
-        /// correlation of a context with the one before: the probability that it is kept instead of
+        /// correlation of consecutive contexts: the probability that a context is kept instead of
         /// drawn anew
         context_persistence: f64 = 0.0, before 0.0, in Kind::PROBABILITY;
         /// probability that a message can be sent at a step; otherwise action 0 is taken
         availability: f64 = 1.0, before 1.0, in Kind::PROBABILITY;
-        /// what a message takes off the reward that agents learn from, in steps
+        /// cost of a message in the reward that agents learn from, in steps
         message_cost: f64 = 0.0, before 0.0, in Kind::NON_NEGATIVE;
-        /// most messages of an episode; after them action 0 is taken
+        /// maximum number of messages in an episode; action 0 is taken afterwards
         message_budget: u32 = MOST_MESSAGES, before MOST_MESSAGES,
             in Kind::Integer { min: 0, max: MOST_MESSAGES as u64 };
     }
 }
 
-/// Width of the uniform noise, unless set otherwise.
+/// The default width of uniform noise.
 const SPREAD: f64 = 0.01;
-/// Widths of relative noise: at 2, it reaches down to 0.
+/// The range of widths of relative noise; at 2, values reach down to 0.
 const SPREADS: Kind = Kind::Real { min: 0.0, max: 2.0 };
-/// Messages of an episode without a budget: the longest horizon.
+/// The default message budget: the longest horizon, which no episode exceeds.
 const MOST_MESSAGES: u32 = 10_000;
 
-/// The version of the simulation and its random streams; it is raised whenever a change makes the
-/// same job end in other bits.
+/// The version of the simulation and its random streams. It is raised whenever a change makes the same job
+/// produce different bits.
 pub const VERSION: u32 = 1;
 
 impl Environment {
@@ -110,17 +110,17 @@ impl Environment {
         Environment::with_required(&[Value::Real(sigma)])
     }
 
-    /// Whether contexts are drawn as in the paper: both equally likely, whatever the one before.
+    /// Whether contexts are drawn as in the paper: equally likely and independent.
     pub fn has_independent_fair_contexts(&self) -> bool {
         self.context_probability == 0.5 && self.context_persistence == 0.0
     }
 
-    /// Whether a step can be paid nothing, whatever is walked.
+    /// Whether the reward of a step can be 0 regardless of the steps walked.
     pub(super) fn can_pay_nothing(&self) -> bool {
         self.unpaid_last_step || self.disengagement_reward == DisengagementReward::Zero
     }
 
-    /// The calls that an episode takes which does not end in disengagement.
+    /// The number of steps in an episode that does not end in disengagement.
     pub(super) fn longest_episode(&self) -> u32 {
         self.horizon + u32::from(self.unpaid_last_step)
     }
@@ -180,11 +180,11 @@ choices! {
 }
 
 choices! {
-    /// What the step that disengages pays.
+    /// The reward of the step that disengages.
     pub enum DisengagementReward {
         /// The reward of any other step.
         Paid = "paid",
-        /// Nothing.
+        /// Zero.
         Zero = "zero",
     }
 }

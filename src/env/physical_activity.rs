@@ -1,78 +1,107 @@
-//! The physical-activity simulation of Karine et al. (2023), section 3.1, and what StepCountJITAI (2024)
-//! and the manifest's keys add to it; `docs/environment.md` states the model.
+//! The physical-activity simulation of Karine et al. (2023), section 3.1, with the additions of
+//! StepCountJITAI (2024) and of the manifest's keys. `docs/environment.md` states the model.
 
-use std::io;
-
-use crate::env::context::{ContextChain, ContextDraw, ContextDrawsAhead, Draws, prior_odds};
-use crate::env::dynamics::{Alike, Dynamics};
-use crate::env::full_step::{FullStep, Memory, is_needed};
-use crate::env::noise::{DrawnNoise, ForcedNoise, Noise, Silence};
-use crate::env::observation::{ObservationSpec, Observations};
-use crate::env::observer::{LaneStates, Observer};
-use crate::env::parameters::{Environment, FirstContext, StepNoise};
-use crate::env::plain_step::PlainStep;
-use crate::env::scenario::Scenario;
-use crate::env::vector::{
-    Action, ActionSpec, EpisodeStatus, LaneSet, LaneStreams, VectorEnvironment,
+use crate::env::context::{
+    ContextChain, ContextDraw, ContextDrawsAhead, Draws, Inference, LaneInference,
 };
+use crate::env::dynamics::{Alike, Dynamics, LaneDynamics};
+use crate::env::full_step::{FullStep, Memory, is_needed};
+use crate::env::history::History;
+use crate::env::noise::{DrawnNoise, ForcedNoise, Noise, Silence};
+use crate::env::observation::Observations;
+use crate::env::observer::{LaneStates, Observer};
+use crate::env::parameters::{Environment, FirstContext};
+use crate::env::participants::Participants;
+use crate::env::plain_step::PlainStep;
+use crate::env::population::Population;
+use crate::env::scenario::Scenario;
+use crate::env::vector::{Action, EpisodeStatus, LaneSet, LaneStreams, VectorEnvironment};
 use crate::kernel::{Isa, LINE};
 use crate::rng::{Companion, unit_from_bits};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
-/// `f64`s in the widest register.
+/// The number of `f64`s in the widest register.
 const REGISTER: usize = LINE / size_of::<f64>();
 
 /// Many episodes of the simulation; entry i of every array belongs to lane i.
 ///
-/// A step of the simulation draws one word per lane. With a shared stream it draws for every lane in
-/// lane order, ended lanes included; with one stream per lane it draws for the running lanes. A reset
-/// draws one word for each lane that it resets if the first context is sampled or messages are not always
-/// available, and none otherwise. Noise comes from companions of the streams, at the place of the word.
+/// A step draws one word per lane. From a shared stream, it draws for every lane in lane order, including
+/// ended lanes. With one stream per lane, it draws for the running lanes. A reset draws one word for each
+/// lane that it resets if the first context is sampled or messages are not always available, and no words
+/// otherwise. Noise comes from companions of the streams, at the position of that word.
 #[derive(Clone, Debug)]
 pub struct PhysicalActivity {
     parameters: Environment,
     dynamics: Alike,
     scenario: Scenario,
     observer: Observer,
+    /// `None` if observations show only the current step.
+    history: Option<History>,
     times: Vec<u32>,
-    /// As `probabilities` and `likely` padded, so that draws fill whole registers.
+    /// Padded like `probabilities` and `likely`, so that draws fill whole registers.
     contexts: Vec<u8>,
     probabilities: Vec<f64>,
     likely: Vec<u8>,
     habituation: Vec<f64>,
     disengagement: Vec<f64>,
     statuses: Vec<EpisodeStatus>,
-    /// Without effect where the plain step is enough.
+    /// Unused where the plain step suffices.
     memory: Memory,
-    /// The noise of full steps; `None` where the plain step is enough.
+    /// The noise of full steps; `None` where the plain step suffices.
     full: Option<DrawnNoise>,
-    /// Which lanes get a new context: those that were running before the step, or are being reset.
+    /// The lanes that get a new context: lanes that were running before the step, or that are being reset.
     drawn: Vec<bool>,
-    /// Words of the streams for the next contexts, and of a companion of them.
+    /// The stream words for the next contexts, and the words of their companion.
     words: Vec<u64>,
     companion_words: Vec<u64>,
-    /// `None` where both contexts are equally likely in every step.
-    chain: Option<ContextChain>,
-    /// Contexts for the steps of a single lane.
+    /// Whether contexts persist or have unequal probabilities.
+    is_chained: bool,
+    /// Whether messages can be unavailable at some steps, and whether messages have a cost.
+    is_limited: bool,
+    has_costs: bool,
+    /// `None` if every lane has the environment's parameters.
+    participants: Option<Box<Participants>>,
+    /// Contexts computed ahead for a single lane.
     ahead: ContextDrawsAhead,
     isa: Isa,
 }
 
-/// When contexts are drawn.
+/// The occasions on which contexts are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Moment {
-    /// For the first step of episodes.
+    /// Before the first step of an episode.
     Reset,
-    /// For the step after another.
+    /// After a step.
     Step,
 }
 
 impl PhysicalActivity {
-    /// As many lanes as `lanes`, all ended, with the observations of a scenario.
+    /// `lanes` lanes, all ended, with the observations of a scenario.
     pub fn new(parameters: &Environment, scenario: &Scenario, lanes: usize) -> Self {
+        PhysicalActivity::of_people(parameters, &Population::default(), scenario, lanes)
+    }
+
+    /// The same simulation with participants of a population, all lanes ended. Every episode has the next
+    /// participant of its lane's stream.
+    pub fn with_population(&self, population: &Population) -> Self {
+        let lanes = self.lanes();
+        PhysicalActivity::of_people(&self.parameters, population, &self.scenario, lanes)
+            .with_history(self.history_length())
+    }
+
+    fn of_people(
+        parameters: &Environment,
+        population: &Population,
+        scenario: &Scenario,
+        lanes: usize,
+    ) -> Self {
         let padded = lanes.next_multiple_of(REGISTER);
+        // The features that any participant needs.
+        let widest = population.widest(parameters);
+        let participants = (!population.is_homogeneous())
+            .then(|| Box::new(Participants::new(parameters, population, lanes, padded)));
         PhysicalActivity {
             observer: Observer::new(parameters, scenario),
+            history: None,
             times: vec![0; lanes],
             contexts: vec![0; padded],
             probabilities: vec![0.0; padded],
@@ -81,11 +110,14 @@ impl PhysicalActivity {
             disengagement: vec![0.0; lanes],
             statuses: vec![EpisodeStatus::Truncated; lanes],
             memory: Memory::new(lanes),
-            full: is_needed(parameters, scenario).then(|| DrawnNoise::new(parameters, lanes)),
+            full: is_needed(&widest, scenario).then(|| DrawnNoise::new(&widest, lanes)),
             drawn: vec![false; padded],
             words: vec![0; padded],
             companion_words: vec![0; lanes],
-            chain: ContextChain::of(parameters),
+            is_chained: !widest.has_independent_fair_contexts(),
+            is_limited: widest.availability < 1.0,
+            has_costs: widest.message_cost > 0.0,
+            participants,
             ahead: ContextDrawsAhead::new(parameters.sigma),
             isa: Isa::chosen(),
             parameters: parameters.clone(),
@@ -96,41 +128,107 @@ impl PhysicalActivity {
 
     /// The same simulation with another number of lanes, all ended.
     pub fn with_lanes(&self, lanes: usize) -> Self {
-        PhysicalActivity::new(&self.parameters, &self.scenario, lanes)
+        let none = Population::default();
+        let population = self.participants.as_ref().map_or(&none, |people| people.population());
+        PhysicalActivity::of_people(&self.parameters, population, &self.scenario, lanes)
+            .with_history(self.history_length())
     }
 
-    /// A step without noise: rewards, habituation, disengagement risk, clocks and statuses. The contexts
-    /// stay as they are.
+    /// The same simulation, all lanes ended, with the last `length` observations of an episode stacked in
+    /// every observation; see [`History`].
+    pub fn with_history(self, length: usize) -> Self {
+        let history = History::new(length, self.lanes(), &self.observer.spec());
+        PhysicalActivity { history, ..self }
+    }
+
+    /// Whether messages can be unavailable at some steps, apart from their budget.
+    pub fn can_be_unavailable(&self) -> bool {
+        self.is_limited
+    }
+
+    /// The number of observations stacked in every observation.
+    fn history_length(&self) -> usize {
+        self.history.as_ref().map_or(1, History::length)
+    }
+
+    /// The states as an observer sees them.
+    fn states(&self) -> LaneStates<'_> {
+        let lanes = self.lanes();
+        LaneStates {
+            times: &self.times,
+            contexts: &self.contexts[..lanes],
+            probabilities: &self.probabilities[..lanes],
+            likely: &self.likely[..lanes],
+            habituation: &self.habituation,
+            disengagement: &self.disengagement,
+            available: &self.memory.available,
+            messages: &self.memory.messages,
+            actions: &self.memory.actions,
+            steps: &self.memory.steps,
+        }
+    }
+
+    /// Stores the current observations in the history, before a step.
+    fn remember(&mut self) {
+        if let Some(mut history) = self.history.take() {
+            let observe = |out: &mut Observations| self.observer.observe(self.states(), out);
+            history.remember(&self.statuses, observe);
+            self.history = Some(history);
+        }
+    }
+
+    /// Takes a step without noise, which changes rewards, habituation, disengagement risk, clocks and
+    /// statuses, but not contexts.
     ///
     /// **Shapes**: `actions` and `rewards` are \[lanes\].
     pub fn apply_actions(&mut self, actions: &[Action], rewards: &mut [f64]) {
+        self.remember();
+        self.act(actions, rewards);
+    }
+
+    /// A step without noise; the caller has stored the observations.
+    fn act(&mut self, actions: &[Action], rewards: &mut [f64]) {
         assert_eq!(actions.len(), self.lanes(), "one action per lane");
         assert_eq!(rewards.len(), self.lanes(), "one reward per lane");
         if self.full.is_some() {
             self.full_step(&Silence, actions, rewards);
+        } else if let Some(people) = self.participants.take() {
+            self.plain_step(&people.dynamics(), actions, rewards);
+            self.participants = Some(people);
         } else {
-            self.isa.run(PlainStep {
-                dynamics: &self.dynamics,
-                horizon: self.parameters.horizon,
-                contexts: &self.contexts,
-                actions,
-                times: &mut self.times,
-                habituation: &mut self.habituation,
-                disengagement: &mut self.disengagement,
-                statuses: &mut self.statuses,
-                rewards,
-            });
+            let alike = self.dynamics;
+            self.plain_step(&alike, actions, rewards);
         }
     }
 
-    /// A step whose noise is given, the same for every lane. The contexts stay as they are.
+    fn plain_step(
+        &mut self,
+        dynamics: &(impl LaneDynamics + Copy),
+        actions: &[Action],
+        rewards: &mut [f64],
+    ) {
+        self.isa.run(PlainStep {
+            dynamics,
+            horizon: self.parameters.horizon,
+            contexts: &self.contexts,
+            actions,
+            times: &mut self.times,
+            habituation: &mut self.habituation,
+            disengagement: &mut self.disengagement,
+            statuses: &mut self.statuses,
+            rewards,
+        });
+    }
+
+    /// Takes a step with the given noise, the same in every lane. The contexts stay as they are.
     ///
     /// **Shapes**: `actions` and `rewards` are \[lanes\].
     pub fn force_step(&mut self, noise: &ForcedNoise, actions: &[Action], rewards: &mut [f64]) {
+        self.remember();
         self.full_step(noise, actions, rewards);
     }
 
-    /// A full step with the noise of its streams.
+    /// Takes a full step with noise from the streams.
     fn noisy_step(&mut self, actions: &[Action], rewards: &mut [f64], streams: &LaneStreams) {
         if let Some(mut noise) = self.full.take() {
             noise.draw(&self.drawn, streams);
@@ -140,9 +238,25 @@ impl PhysicalActivity {
     }
 
     fn full_step(&mut self, noise: &impl Noise, actions: &[Action], rewards: &mut [f64]) {
+        if let Some(people) = self.participants.take() {
+            self.full_step_of(&people.dynamics(), noise, actions, rewards);
+            self.participants = Some(people);
+        } else {
+            let alike = self.dynamics;
+            self.full_step_of(&alike, noise, actions, rewards);
+        }
+    }
+
+    fn full_step_of(
+        &mut self,
+        dynamics: &impl LaneDynamics,
+        noise: &impl Noise,
+        actions: &[Action],
+        rewards: &mut [f64],
+    ) {
         self.isa.run(FullStep {
             environment: &self.parameters,
-            dynamics: &self.dynamics,
+            dynamics,
             noise,
             contexts: &self.contexts,
             actions,
@@ -155,11 +269,11 @@ impl PhysicalActivity {
         });
     }
 
-    /// Draws what the next step of the lanes marked in `drawn` brings: their contexts, and whether a
-    /// message can be sent. From a shared stream, all of `lanes` take a word, marked or not.
+    /// Draws contexts and availability of the next step for the lanes marked in `drawn`. From a shared
+    /// stream, all of `lanes` consume a word, marked or not.
     fn sample(&mut self, moment: Moment, lanes: LaneSet<'_>, streams: &mut LaneStreams) {
         let count = self.lanes();
-        if count == 1 && self.chain.is_none() && self.parameters.availability == 1.0 {
+        if count == 1 && !self.is_chained && !self.is_limited {
             let takes = match streams {
                 LaneStreams::Shared(_) => lanes.contains(0),
                 LaneStreams::PerLane(_) => self.drawn[0],
@@ -173,13 +287,16 @@ impl PhysicalActivity {
             return;
         }
         self.sample_availability(lanes, streams);
-        if let Some(chain) = self.chain {
+        if self.is_chained {
             let words = &mut self.companion_words;
             streams.fill_companion(Companion::Context, lanes, &self.drawn, words);
             streams.fill(lanes, &self.drawn, &mut self.words[..count]);
+            let chain = ContextChain::of(&self.parameters);
+            let chains = self.participants.as_ref().map(|people| people.chains());
             let words = self.words.iter_mut().zip(&self.companion_words).zip(&self.contexts);
-            for ((word, companion), context) in words {
+            for (lane, ((word, companion), context)) in words.enumerate() {
                 let before = (moment == Moment::Step).then_some(*context);
+                let chain = chains.map_or(chain, |chains| chains[lane]);
                 *word = chain.word(*word, *companion, before);
             }
         } else {
@@ -188,10 +305,19 @@ impl PhysicalActivity {
         if moment == Moment::Reset && self.parameters.first_context == FirstContext::Fixed {
             return;
         }
+        if let Some(people) = self.participants.take() {
+            self.draw_contexts(people.inference());
+            self.participants = Some(people);
+        } else {
+            self.draw_contexts(Inference::of(&self.parameters));
+        }
+    }
+
+    /// Derives contexts from the words, for the lanes marked in `drawn`.
+    fn draw_contexts(&mut self, inference: impl LaneInference) {
         self.isa.run(Draws {
             drawn: &self.drawn,
-            sigma: self.parameters.sigma,
-            odds: prior_odds(&self.parameters),
+            inference,
             words: &self.words,
             contexts: &mut self.contexts,
             probabilities: &mut self.probabilities,
@@ -200,21 +326,20 @@ impl PhysicalActivity {
     }
 
     fn sample_availability(&mut self, lanes: LaneSet<'_>, streams: &LaneStreams) {
-        let availability = self.parameters.availability;
-        if availability == 1.0 {
+        if !self.is_limited {
             return;
         }
         let words = &mut self.companion_words;
         streams.fill_companion(Companion::Availability, lanes, &self.drawn, words);
-        let words = self.companion_words.iter().zip(&self.drawn);
-        for (available, (word, drawn)) in self.memory.available.iter_mut().zip(words) {
-            if *drawn {
-                *available = unit_from_bits(*word) < availability;
+        for (lane, word) in self.companion_words.iter().enumerate() {
+            if self.drawn[lane] {
+                let availability = self.person(lane).availability;
+                self.memory.available[lane] = unit_from_bits(*word) < availability;
             }
         }
     }
 
-    /// Sets the context of a lane, as a replay does.
+    /// Sets the context of a lane, for replays.
     pub fn set_context(&mut self, lane: usize, draw: ContextDraw) {
         self.contexts[lane] = draw.context;
         self.probabilities[lane] = draw.probability_of_zero;
@@ -232,7 +357,7 @@ impl PhysicalActivity {
         self.memory.available[lane] = available;
     }
 
-    /// The context of a lane with its inference.
+    /// The context of a lane and what is inferred about it.
     pub fn context(&self, lane: usize) -> ContextDraw {
         ContextDraw {
             context: self.contexts[lane],
@@ -246,7 +371,23 @@ impl PhysicalActivity {
         &self.parameters
     }
 
-    /// Steps taken in the episode of every lane, \[lanes\].
+    /// The parameters of the person in a lane.
+    pub fn person(&self, lane: usize) -> &Environment {
+        self.participants.as_ref().map_or(&self.parameters, |people| people.person(lane))
+    }
+
+    /// The values drawn for the participant in a lane, with the places of their parameters; empty without a
+    /// population.
+    pub fn participant(&self, lane: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.participants.iter().flat_map(move |people| people.values(lane))
+    }
+
+    /// Whether messages have a cost for any participant.
+    pub fn has_costs(&self) -> bool {
+        self.has_costs
+    }
+
+    /// The number of steps taken in each lane's episode, \[lanes\].
     pub fn times(&self) -> &[u32] {
         &self.times
     }
@@ -261,145 +402,24 @@ impl PhysicalActivity {
         &self.disengagement
     }
 
-    /// Whether a message can be sent in a lane's present step, its budget aside.
+    /// Whether a message can be sent in a lane's current step, apart from the budget.
     pub fn is_available(&self, lane: usize) -> bool {
         self.memory.available[lane]
     }
 
-    /// The action that is taken in a lane where an agent chooses `action`: action 0 where no message can be
-    /// sent, or where the budget of messages is spent.
+    /// The action that is taken in a lane if an agent chooses `action`: action 0 if messages are unavailable
+    /// or the budget is spent.
     pub fn taken(&self, lane: usize, action: Action) -> Action {
         self.memory.taken(self.parameters.message_budget, lane, action)
     }
 
-    /// The steps walked in the last step of every lane, \[lanes\]; kept up where the scenario or a key of
-    /// the manifest needs them.
+    /// The steps walked in the last step of every lane, \[lanes\]. They are maintained only if the scenario
+    /// or a key of the manifest needs them.
     pub fn previous_steps(&self) -> &[f64] {
         &self.memory.steps
     }
 }
 
-impl VectorEnvironment for PhysicalActivity {
-    fn lanes(&self) -> usize {
-        self.statuses.len()
-    }
-
-    fn action_spec(&self) -> ActionSpec {
-        let e = &self.parameters;
-        let [least, most] = match (Dynamics::of(e).range(), e.step_noise) {
-            (_, StepNoise::Gamma) => [0.0, f64::INFINITY],
-            (range, StepNoise::None) if e.steps_cut_at_zero => range.map(|steps| steps.max(0.0)),
-            (range, StepNoise::None) => range,
-        };
-        let [least, most] = match e.can_pay_nothing() {
-            true => [least.min(0.0), most.max(0.0)],
-            false => [least, most],
-        };
-        ActionSpec {
-            count: Action::COUNT,
-            lowest_reward: least - e.message_cost,
-            highest_reward: most,
-        }
-    }
-
-    fn observation_spec(&self) -> ObservationSpec {
-        self.observer.spec()
-    }
-
-    fn reset(&mut self, lanes: LaneSet<'_>, streams: &mut LaneStreams) {
-        let count = self.lanes();
-        self.drawn.fill(false);
-        for lane in (0..count).filter(|lane| lanes.contains(*lane)) {
-            self.drawn[lane] = true;
-            self.times[lane] = 0;
-            self.habituation[lane] = self.parameters.initial_habituation;
-            self.disengagement[lane] = self.parameters.initial_disengagement;
-            self.statuses[lane] = EpisodeStatus::Running;
-            self.memory.reset(lane);
-        }
-        let is_fixed = self.parameters.first_context == FirstContext::Fixed;
-        if is_fixed {
-            for lane in (0..count).filter(|lane| lanes.contains(*lane)) {
-                self.set_context(lane, ContextDraw::FIXED_FIRST);
-            }
-        }
-        if !is_fixed || self.parameters.availability < 1.0 {
-            self.sample(Moment::Reset, lanes, streams);
-        }
-    }
-
-    fn step(&mut self, actions: &[Action], rewards: &mut [f64], streams: &mut LaneStreams) {
-        for (drawn, status) in self.drawn.iter_mut().zip(&self.statuses) {
-            *drawn = *status == EpisodeStatus::Running;
-        }
-        if self.full.is_some() {
-            self.noisy_step(actions, rewards, streams);
-        } else {
-            self.apply_actions(actions, rewards);
-        }
-        self.sample(Moment::Step, LaneSet::All, streams);
-    }
-
-    fn statuses(&self) -> &[EpisodeStatus] {
-        &self.statuses
-    }
-
-    fn observe(&self, out: &mut Observations) {
-        let lanes = self.lanes();
-        let states = LaneStates {
-            times: &self.times,
-            contexts: &self.contexts[..lanes],
-            probabilities: &self.probabilities[..lanes],
-            likely: &self.likely[..lanes],
-            habituation: &self.habituation,
-            disengagement: &self.disengagement,
-            available: &self.memory.available,
-            messages: &self.memory.messages,
-            actions: &self.memory.actions,
-            steps: &self.memory.steps,
-        };
-        self.observer.observe(states, out);
-    }
-
-    /// The steps walked: without the cost of messages.
-    fn outcomes<'a>(&'a self, rewards: &'a [f64]) -> &'a [f64] {
-        if self.parameters.message_cost > 0.0 { &self.memory.walked } else { rewards }
-    }
-}
-
-impl Resumable for PhysicalActivity {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.each(0..self.lanes(), |out, lane| {
-            out.one(self.times[lane])?;
-            out.one(self.contexts[lane])?;
-            out.one(self.probabilities[lane])?;
-            out.one(self.habituation[lane])?;
-            out.one(self.disengagement[lane])?;
-            out.one(self.statuses[lane].number())
-        })?;
-        if self.full.is_some() { self.memory.save(out) } else { Ok(()) }
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        const WHAT: &str = "lanes";
-        let mut lanes = 0..self.lanes();
-        from.each(self.lanes(), WHAT, |from| {
-            let lane = lanes.next().ok_or(StateError::Misfit(WHAT))?;
-            self.times[lane] = from.one()?;
-            let context = from.one::<u8>()? & 1;
-            self.set_context(lane, ContextDraw::new(context, from.one()?));
-            self.habituation[lane] = from.one()?;
-            self.disengagement[lane] = from.one()?;
-            let status = EpisodeStatus::from_number(from.one()?);
-            self.statuses[lane] = status.ok_or(StateError::Misfit("statuses"))?;
-            Ok(())
-        })?;
-        if !lanes.is_empty() {
-            return Err(StateError::Misfit(WHAT));
-        }
-        if self.full.is_some() { self.memory.restore(from) } else { Ok(()) }
-    }
-}
-
+mod contract;
 #[cfg(test)]
 mod tests;

@@ -1,4 +1,4 @@
-//! A step of the simulation as the paper has it: no noise, every message can be sent, every step is paid.
+//! A step of the simulation as in the paper: no noise, messages are always available, and every step is paid.
 
 use std::hint::select_unpredictable;
 
@@ -9,7 +9,7 @@ use crate::env::vector::{Action, EpisodeStatus};
 
 /// The plain step, lane by lane; every array is \[lanes\] or longer.
 ///
-/// The loop has no branches, because their directions could not be predicted.
+/// The loop has no branches, because they would be unpredictable.
 pub(super) struct PlainStep<'a, P> {
     pub(super) dynamics: &'a P,
     pub(super) horizon: u32,
@@ -27,7 +27,7 @@ impl<P: LaneDynamics + Copy> WithSimd for PlainStep<'_, P> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        // A copy, so that the compiler knows that the writes below do not change it.
+        // A local copy shows the compiler that the writes below do not change the dynamics.
         let dynamics = *self.dynamics;
         for (time, status) in self.times.iter_mut().zip(&*self.statuses) {
             *time += u32::from(*status == EpisodeStatus::Running);

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::env::vector::Action;
 
-/// One entry of an observation.
+/// A feature of the state that observations can show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Feature {
     /// `C`: the true context c_t, 0 or 1.
@@ -24,16 +24,16 @@ pub enum Feature {
     Time,
     /// `A`: whether a message can be sent, 0 or 1.
     Available,
-    /// `B`: the share of the message budget that is left, in [0, 1].
+    /// `B`: the remaining share of the message budget, in [0, 1].
     Budget,
-    /// `M`: the action taken in the last step, as one entry for each action; all 0 in the first.
+    /// `M`: the action taken in the last step, as one entry per action; all 0 in the first step.
     PreviousAction,
     /// `S`: the steps walked in the last step, in hundreds.
     PreviousSteps,
 }
 
 impl Feature {
-    /// Every feature, in the order the documentation lists them.
+    /// All features, in the order of the documentation.
     pub const ALL: [Feature; 10] = [
         Feature::Context,
         Feature::Probability,
@@ -47,7 +47,7 @@ impl Feature {
         Feature::PreviousSteps,
     ];
 
-    /// The letter a scenario writes for this feature.
+    /// The letter of this feature in a scenario.
     pub fn letter(self) -> char {
         match self {
             Feature::Context => 'C',
@@ -63,7 +63,7 @@ impl Feature {
         }
     }
 
-    /// Entries of an observation that it takes.
+    /// The number of entries of an observation that the feature takes.
     pub fn width(self) -> usize {
         match self {
             Feature::PreviousAction => Action::COUNT,
@@ -84,23 +84,23 @@ impl Feature {
     }
 }
 
-/// An observation scenario: the features an agent sees, in the order written, such as `P-H-D`.
+/// An observation scenario: the features that an agent sees, in order, such as `P-H-D`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Scenario(Vec<Feature>);
 
 impl Scenario {
-    /// The scenario that shows this feature alone.
+    /// The scenario that shows only this feature.
     pub fn of(feature: Feature) -> Scenario {
         Scenario(vec![feature])
     }
 
-    /// The features, in the order of the observation's entries; never empty, none twice.
+    /// The distinct features, in the order of the observation's entries; never empty.
     pub fn features(&self) -> &[Feature] {
         &self.0
     }
 
-    /// Entries of an observation, a one-hot of time aside.
+    /// The number of entries of an observation, without a one-hot of time.
     pub fn width(&self) -> usize {
         self.0.iter().map(|feature| feature.width()).sum()
     }
@@ -114,14 +114,14 @@ impl Scenario {
 /// Why a text is not a scenario.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ScenarioError {
-    /// The text has no letter at all.
+    /// The text is empty.
     #[error("a scenario needs at least one letter")]
     Empty,
-    /// A part between hyphens is not one of the letters.
+    /// A part between hyphens is not a known letter.
     #[error("`{0}` is not a feature")]
     UnknownLetter(String),
-    /// A letter stands twice.
-    #[error("feature `{0}` stands twice")]
+    /// A letter is listed twice.
+    #[error("feature `{0}` is listed twice")]
     Repeated(char),
 }
 

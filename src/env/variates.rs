@@ -1,16 +1,17 @@
 //! Gamma and beta variates with the same bits on every instruction set.
 //!
-//! In: parameters and one random word for each variate. Out: the variate. Rejection takes an unknown
-//! number of words, so a word is expanded: however many a variate takes, those of the next lane and of
-//! the next step stay where they are, and equal seeds meet equal noise whatever the actions.
+//! In: parameters and one random word per variate. Out: the variate. Rejection sampling needs an unknown
+//! number of words, so each word is expanded into a sequence. The variates of the next lane and the next step
+//! then keep their words, and equal seeds give equal noise for any actions.
 
 use crate::env::context::{deviate, squared_radius};
 use crate::kernel::math;
 
-/// Where exponentials are 0: below the smallest normal number, at any scale that a simulation has.
+/// Below this exponent, the exponential counts as 0: at any scale of a simulation, it is near the smallest
+/// normal number.
 const LEAST_EXPONENT: f64 = -700.0;
 
-/// A sequence of words made from one.
+/// A sequence of words generated from one word.
 ///
 /// **Source**: Steele, Lea and Flood, "Fast splittable pseudorandom number generators", 2014
 /// (SplitMix64).
@@ -25,7 +26,7 @@ impl Expansion {
         mixed ^ (mixed >> 31)
     }
 
-    /// A uniform number in (0, 1), which has a logarithm.
+    /// A uniform number in (0, 1), so that its logarithm is finite.
     #[inline(always)]
     fn open_unit(&mut self) -> f64 {
         ((self.bits() >> 12) as f64 + 0.5) * (1.0 / (1u64 << 52) as f64)
@@ -39,7 +40,7 @@ impl Expansion {
     }
 }
 
-/// A number `factor * exp(exponent)`, which may be too small for a double.
+/// A number `factor * exp(exponent)`, which may underflow an f64.
 struct Scaled {
     factor: f64,
     exponent: f64,
@@ -52,10 +53,10 @@ impl Scaled {
     }
 }
 
-/// A gamma variate of a shape above 0 and scale 1.
+/// A gamma variate with shape above 0 and scale 1.
 ///
-/// **Source**: Marsaglia and Tsang, "A simple method for generating gamma variables", 2000; a shape
-/// below 1 is raised by 1, and the variate multiplied by U^(1/shape).
+/// **Source**: Marsaglia and Tsang, "A simple method for generating gamma variables", 2000. For a shape below
+/// 1, the variate of shape + 1 is multiplied by U^(1/shape).
 #[inline(always)]
 fn standard_gamma(shape: f64, words: &mut Expansion) -> Scaled {
     let raised = if shape < 1.0 { shape + 1.0 } else { shape };
@@ -80,7 +81,8 @@ fn standard_gamma(shape: f64, words: &mut Expansion) -> Scaled {
     Scaled { factor, exponent }
 }
 
-/// A gamma variate with this mean and standard deviation, both above 0. 0 where it is below 1e-300.
+/// A gamma variate with this mean and standard deviation, both above 0. Returns 0 where U^(1/shape) is below
+/// e^-700.
 #[inline(always)]
 pub(super) fn gamma(mean: f64, deviation: f64, word: u64) -> f64 {
     let ratio = mean / deviation;
@@ -92,8 +94,8 @@ pub(super) fn gamma(mean: f64, deviation: f64, word: u64) -> f64 {
     factor * scale * math::exp(exponent)
 }
 
-/// A beta variate X / (X + Y) of gamma variates X and Y of the shapes `alpha` and `beta`, both above 0.
-/// Their logarithms are compared, because both can be too small for a double.
+/// A beta variate X / (X + Y) of gamma variates X and Y of the shapes `alpha` and `beta`, both above 0. Uses
+/// the difference of their logarithms, because both variates can underflow.
 #[inline(always)]
 pub(super) fn beta(alpha: f64, beta: f64, word: u64) -> f64 {
     let mut words = Expansion(word);
@@ -115,7 +117,8 @@ mod tests {
 
     const DRAWS: usize = 100_000;
 
-    /// The largest distance of the distribution of draws from another, times the root of their number.
+    /// The largest distance between the distribution of draws and another distribution, times the square root
+    /// of the number of draws.
     fn kolmogorov_smirnov(draw: impl Fn(u64) -> f64, cdf: impl Fn(f64) -> f64) -> f64 {
         let mut words = Stream::new(8, Purpose::Environment).companion(Companion::StepNoise);
         let mut draws: Vec<f64> = (0..DRAWS).map(|_| draw(words.bits())).collect();
@@ -133,7 +136,7 @@ mod tests {
 
     #[test]
     fn expanded_words_are_those_of_splitmix64() {
-        // The first outputs for seed 1234567, from the reference implementation of Vigna (2015).
+        // The first outputs for seed 1234567 of Vigna's reference implementation (2015).
         let mut words = Expansion(1_234_567);
         let first = [words.bits(), words.bits(), words.bits()];
         assert_eq!(
@@ -201,7 +204,7 @@ mod tests {
                 assert!(steps.is_finite() && steps >= 0.0, "{mean} {deviation}: {steps}");
             }
         }
-        // Some 2e-4 of each law is so far from the bound that holds nearly all of it.
+        // Nearly all variates of both distributions are at a bound; a share of about 2e-4 is not.
         assert!(away < 30, "{away}");
     }
 }

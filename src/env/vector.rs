@@ -1,13 +1,13 @@
 //! The contract of vectorised environments: many episodes, one per lane, stepped together.
 //!
-//! Learners, rollouts and actors are generic over [`VectorEnvironment`]; the simulation of the paper
-//! is one implementation. [`crate::env::contract`] tests any implementation.
+//! Learners, rollouts and actors are generic over [`VectorEnvironment`]; the simulation of the paper is one
+//! implementation. [`crate::env::contract`] tests any implementation.
 
 use crate::env::observation::{ObservationSpec, Observations};
 use crate::rng::{Companion, Stream};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
-/// An action, by its number, 0 to 3; 0 by default.
+/// An action, by its number from 0 to 3; 0 by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(transparent)]
 pub struct Action(pub(super) u8);
@@ -21,12 +21,12 @@ impl Action {
         (index < Action::COUNT).then_some(Action(index as u8))
     }
 
-    /// The action that the two lowest bits stand for.
+    /// The action given by the two lowest bits.
     pub fn from_low_bits(bits: u64) -> Action {
         Action((bits & 3) as u8)
     }
 
-    /// Its number, 0 to 3.
+    /// The number of the action, 0 to 3.
     pub fn index(self) -> usize {
         usize::from(self.0)
     }
@@ -36,16 +36,16 @@ impl Action {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum EpisodeStatus {
-    /// The episode goes on.
+    /// The episode continues.
     Running,
-    /// The episode reached a terminal state: the value of what follows is 0.
+    /// The episode reached a terminal state, after which the value is 0.
     Terminated,
-    /// The episode was cut off, as at a horizon: more would have followed.
+    /// The episode was cut off, for example at a horizon; the state still has a value.
     Truncated,
 }
 
 impl EpisodeStatus {
-    /// Its number where states are saved, 0 to 2.
+    /// The number of the status in saved states, 0 to 2.
     pub fn number(self) -> u8 {
         self as u8
     }
@@ -77,17 +77,17 @@ impl Resumable for [EpisodeStatus] {
     }
 }
 
-/// Some of the lanes of an environment.
+/// A set of lanes of an environment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LaneSet<'a> {
     /// Every lane.
     All,
-    /// The lanes at which the mask, \[lanes\], is true.
+    /// The lanes where the mask, \[lanes\], is true.
     Masked(&'a [bool]),
 }
 
 impl LaneSet<'_> {
-    /// Whether a lane is one of them.
+    /// Whether the set contains a lane.
     #[inline]
     pub fn contains(self, lane: usize) -> bool {
         match self {
@@ -97,14 +97,14 @@ impl LaneSet<'_> {
     }
 }
 
-/// The random numbers of an environment's lanes.
+/// The random streams of an environment's lanes.
 ///
-/// With one stream per lane, a lane depends on its own stream and actions alone, whatever happens in
-/// its neighbours. With a shared stream, lanes take their words in lane order, so that an early draw
-/// in one lane moves the draws of the lanes behind it; an environment may also draw for lanes that have
-/// ended. While it runs, a single lane draws the same words from a shared stream as from its own.
+/// With one stream per lane, a lane depends only on its own stream and actions. With a shared stream, lanes
+/// consume words in lane order, so an additional draw in one lane shifts the draws of later lanes. An
+/// environment may then also draw for lanes that have ended. While it runs, a single lane draws the same
+/// words from a shared stream as from its own.
 #[derive(Clone, Debug)]
-// There are few of them, and the shared stream is drawn from in every step: no box around it.
+// Only a few values exist, and every step draws from the shared stream, so it is not boxed.
 #[allow(clippy::large_enum_variant)]
 pub enum LaneStreams {
     /// One stream for all lanes.
@@ -123,11 +123,10 @@ impl LaneStreams {
         }
     }
 
-    /// Fills the entries of lanes in `words` with a companion's words beside the next words of the
-    /// streams. From a shared stream, all of `lanes` take theirs; from streams of their own, the lanes
-    /// that are `drawn`.
+    /// Fills the lanes' entries in `words` with a companion's words for the next words of the streams. From a
+    /// shared stream, all of `lanes` consume words; with one stream per lane, the lanes marked in `drawn` do.
     ///
-    /// **Shapes**: `words` is \[lanes, width of the companion\], row by row; `drawn` is \[lanes\] or longer.
+    /// **Shapes**: `words` is \[lanes, width of the companion\], row-major; `drawn` is \[lanes\] or longer.
     pub(super) fn fill_companion(
         &self,
         companion: Companion,
@@ -152,8 +151,8 @@ impl LaneStreams {
         }
     }
 
-    /// Fills the entries of lanes in `words`, \[lanes\], with the next words of the streams; which lanes
-    /// take one is as in [`LaneStreams::fill_companion`].
+    /// Fills the lanes' entries in `words`, \[lanes\], with the next words of the streams. The same lanes
+    /// consume words as in [`LaneStreams::fill_companion`].
     pub(super) fn fill(&mut self, lanes: LaneSet<'_>, drawn: &[bool], words: &mut [u64]) {
         let entries = words.iter_mut().enumerate();
         match self {
@@ -188,7 +187,7 @@ impl Resumable for LaneStreams {
     }
 }
 
-/// The actions of an environment and what it can pay for one.
+/// The actions of an environment and the bounds of its rewards.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ActionSpec {
     /// The number of discrete actions. The agents of this crate need exactly [`Action::COUNT`].
@@ -201,12 +200,12 @@ pub struct ActionSpec {
 
 /// Many episodes of a simulation, one per lane.
 ///
-/// - Lanes have clocks of their own: any lane can be reset while its neighbours go on.
-/// - The lanes of a new environment have all ended; [`VectorEnvironment::reset`] starts them.
-/// - A lane that has ended is inert until it is reset: its rewards are 0, and its status and
-///   observation stay as they are. With per-lane streams it draws nothing.
-/// - All chance comes from the streams that are passed in. They are not part of the environment's
-///   saved state; whoever owns them saves them.
+/// - Lanes have separate clocks: any lane can be reset while the others continue.
+/// - All lanes of a new environment have ended; [`VectorEnvironment::reset`] starts them.
+/// - An ended lane is inert until it is reset: its rewards are 0, and its status and observation stay the
+///   same. With per-lane streams it draws nothing.
+/// - All randomness comes from the streams that are passed in. They are not part of the environment's saved
+///   state; their owner saves them.
 pub trait VectorEnvironment: Resumable {
     /// The number of lanes.
     fn lanes(&self) -> usize {
@@ -216,14 +215,14 @@ pub trait VectorEnvironment: Resumable {
     /// The actions and the bounds of rewards.
     fn action_spec(&self) -> ActionSpec;
 
-    /// What an observation consists of.
+    /// The specification of observations.
     fn observation_spec(&self) -> ObservationSpec;
 
-    /// Starts a new episode in these lanes and leaves the other lanes alone. Draws for these lanes
-    /// only, in lane order.
+    /// Starts a new episode in these lanes and leaves the other lanes unchanged. Draws for these lanes only,
+    /// in lane order.
     fn reset(&mut self, lanes: LaneSet<'_>, streams: &mut LaneStreams);
 
-    /// Takes one step in every lane that is running.
+    /// Takes one step in every running lane.
     ///
     /// **Shapes**: `actions` and `rewards` are \[lanes\]. The actions of ended lanes are not read.
     fn step(&mut self, actions: &[Action], rewards: &mut [f64], streams: &mut LaneStreams);
@@ -231,12 +230,12 @@ pub trait VectorEnvironment: Resumable {
     /// The status of every lane, \[lanes\].
     fn statuses(&self) -> &[EpisodeStatus];
 
-    /// Replaces the rows of `out` by the present observation of every lane. The rows of `out` are as
-    /// wide as the observation specification says.
+    /// Replaces the rows of `out` by the current observation of every lane. The rows of `out` have the width
+    /// of the observation specification.
     fn observe(&self, out: &mut Observations);
 
-    /// What a step counts in the return of an episode, \[lanes\]: `rewards`, the rewards of the last
-    /// step, unless agents learn from something else.
+    /// The amounts that a step adds to the returns, \[lanes\]. The default is `rewards`, the rewards of the
+    /// last step. Implementations differ where agents learn from another reward.
     fn outcomes<'a>(&'a self, rewards: &'a [f64]) -> &'a [f64] {
         rewards
     }

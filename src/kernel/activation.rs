@@ -7,24 +7,25 @@ use crate::kernel::{Isa, math};
 /// A function of hidden units.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Activation {
-    /// max(0, x); what is not a number becomes 0.
+    /// max(0, x); NaN becomes 0.
     Relu,
     /// Hyperbolic tangent.
     Tanh,
 }
 
 impl Activation {
-    /// Puts the activation of every value in its place.
+    /// Replaces every value by its activation, in place.
     pub fn apply(self, isa: Isa, values: &mut [f32]) {
         isa.run(Apply { activation: self, values });
     }
 
-    /// Writes derivatives, each multiplied by that of the activation, given the activated values.
+    /// Writes each derivative multiplied by the derivative of the activation, which follows from the
+    /// activated value.
     ///
-    /// They are not changed in their place because compilers make of that stores under a mask, for
-    /// which some processors take twenty times as long.
+    /// The results go to `out`, because compilers turn an update in place into masked stores, which take
+    /// twenty times as long on some processors.
     ///
-    /// **Shapes**: all are of one length.
+    /// **Shapes**: all slices have the same length.
     pub fn differentiate(self, isa: Isa, active: &[f32], derivatives: &[f32], out: &mut [f32]) {
         assert_eq!(active.len(), derivatives.len(), "a derivative for each value");
         assert_eq!(out.len(), derivatives.len(), "room for every derivative");
@@ -44,7 +45,7 @@ impl WithSimd for Apply<'_> {
     fn with_simd<S: Simd>(self, _: S) {
         match self.activation {
             Activation::Relu => {
-                // Of 0 and -0 either may be the greater; with 0 added both are 0.
+                // `max` may return either of 0 and -0; adding 0 makes both +0.
                 for value in self.values {
                     *value = value.max(0.0) + 0.0;
                 }

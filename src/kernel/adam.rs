@@ -1,4 +1,4 @@
-//! Adam.
+//! The optimiser Adam.
 
 use pulp::{Scalar, Simd, WithSimd};
 
@@ -6,37 +6,46 @@ use crate::kernel::{Aligned, Isa, math};
 
 const BETA_1: f64 = 0.9;
 const BETA_2: f64 = 0.999;
+/// The published epsilon.
 const EPSILON: f64 = 1e-8;
-/// Moments below this become 0 when they are renewed. Those of a unit that has gone quiet would
-/// decay into denormal numbers, on which processors are slow, and move nothing long before that.
+/// Moments below this size are set to 0 when they are rescaled. Without a gradient, moments would decay into
+/// denormals, which are slow on many processors. Moments become too small to move a parameter long before
+/// that.
 const QUIET: f32 = 1e-30;
-/// Moments are renewed when the first has decayed to this: every 66 updates.
+/// Moments are rescaled when the decay factor of the first one falls to this value: every 66 updates.
 const RENEWED_AT: f64 = 1e-3;
 
 /// The state of Adam for an array of parameters.
 ///
-/// A moment m <- beta m + (1 - beta) g is kept as m / beta^k, k updates after it was renewed: what
-/// is kept only takes (1 - beta) / beta^k g more, and beta^k is a factor of the step, the same for
-/// all parameters. To renew it is to write m itself.
+/// A moment m <- beta m + (1 - beta) g is stored as m / beta^k, where k counts the updates since the last
+/// rescaling. An update then only adds (1 - beta) / beta^k g, and beta^k is a factor of the step that all
+/// parameters share. Rescaling writes m itself.
 ///
 /// **Source**: Kingma and Ba, "Adam: a method for stochastic optimization", 2015, with the
-/// published constants beta_1 = 0.9, beta_2 = 0.999, epsilon = 1e-8.
+/// published constants beta_1 = 0.9, beta_2 = 0.999, and epsilon = 1e-8 unless it is given.
 #[derive(Clone, Debug)]
 pub struct Adam {
     learning_rate: f64,
+    epsilon: f64,
     first: Aligned,
     second: Aligned,
-    /// beta_1 and beta_2 to the power of the updates made.
+    /// beta_1 and beta_2 to the power of the number of updates.
     powers: [f64; 2],
-    /// The same of the updates made since moments were renewed.
+    /// beta_1 and beta_2 to the power of the number of updates since the last rescaling.
     decays: [f64; 2],
 }
 
 impl Adam {
-    /// The state before the first update of so many parameters.
+    /// The state of `parameters` parameters before the first update.
     pub fn new(learning_rate: f64, parameters: usize) -> Self {
+        Adam::with_epsilon(learning_rate, EPSILON, parameters)
+    }
+
+    /// The state with another epsilon.
+    pub fn with_epsilon(learning_rate: f64, epsilon: f64, parameters: usize) -> Self {
         Adam {
             learning_rate,
+            epsilon,
             first: Aligned::zeros(parameters),
             second: Aligned::zeros(parameters),
             powers: [1.0; 2],
@@ -44,19 +53,23 @@ impl Adam {
         }
     }
 
-    /// What is kept of the first and second moments of every parameter, and beta_1 and beta_2 to the
-    /// power of the updates made and of those since moments were renewed: all that an update depends
-    /// on.
+    /// Sets the step size of later updates.
+    pub fn set_learning_rate(&mut self, learning_rate: f64) {
+        self.learning_rate = learning_rate;
+    }
+
+    /// The complete state: the stored first and second moments of every parameter; and beta_1 and beta_2 to
+    /// the power of all updates and of the updates since the last rescaling.
     pub fn state(&self) -> ([&[f32]; 2], [[f64; 2]; 2]) {
         ([&self.first, &self.second], [self.powers, self.decays])
     }
 
-    /// As [`Adam::state`], to be changed.
+    /// The mutable counterpart of [`Adam::state`].
     pub fn state_mut(&mut self) -> ([&mut [f32]; 2], [&mut [f64; 2]; 2]) {
         ([&mut self.first, &mut self.second], [&mut self.powers, &mut self.decays])
     }
 
-    /// Moves the parameters by their gradient, which becomes 0.
+    /// Updates the parameters by their gradient and sets the gradient to 0.
     pub fn update(&mut self, isa: Isa, parameters: &mut [f32], gradient: &mut [f32]) {
         let step = self.begin();
         let (first, second) = (&mut self.first[..], &mut self.second[..]);
@@ -81,13 +94,13 @@ impl Adam {
                 ((1.0 - BETA_2) / self.decays[1]) as f32,
             ],
             rate: (self.learning_rate * self.decays[0] / (first * scale)) as f32,
-            epsilon: (EPSILON / scale) as f32,
+            epsilon: (self.epsilon / scale) as f32,
         }
     }
 }
 
-/// What an update has for all parameters: first += share g, second += share g^2,
-/// parameter -= rate first / (sqrt(second) + epsilon), with the moments as they are kept.
+/// The constants of an update, shared by all parameters: first += share g, second += share g^2, parameter -=
+/// rate first / (sqrt(second) + epsilon), for the moments as stored.
 #[derive(Clone, Copy, Debug)]
 struct Step {
     shares: [f32; 2],
@@ -96,7 +109,7 @@ struct Step {
 }
 
 impl Step {
-    /// Parameters and their moments after a step by their gradient.
+    /// The parameters and their moments after a step along the gradient.
     #[inline(always)]
     fn after<S: Simd>(
         self,
@@ -154,7 +167,7 @@ impl WithSimd for Update<'_> {
     }
 }
 
-/// Writes moments with their decay.
+/// Rescales stored moments: multiplies them by their decay.
 struct Renewal<'a> {
     kept: &'a mut [f32],
     decay: f32,
@@ -181,7 +194,7 @@ mod tests {
         let mut adam = Adam::new(0.1, 3);
         let (mut parameters, mut gradient) = ([1.0f32, 2.0, 3.0], [0.5f32, -4.0, 0.0]);
         adam.update(Isa::chosen(), &mut parameters, &mut gradient);
-        // The first step is the learning rate against the gradient's sign.
+        // The first step is the learning rate, with the sign opposite to the gradient's.
         let close = |a: f32, b: f32| assert!((a - b).abs() < 1e-6, "{a} {b}");
         [0.9, 2.1, 3.0].into_iter().zip(parameters).for_each(|(hand, ours)| close(hand, ours));
         assert_eq!(gradient, [0.0; 3]);
@@ -199,7 +212,7 @@ mod tests {
         let mut powers = [1.0, 1.0];
         for step in 0..400 {
             powers = [powers[0] * BETA_1, powers[1] * BETA_2];
-            // Of sizes from 1e-6 to 100, and none for 150 updates.
+            // Gradients are of sizes from 1e-6 to 100, and 0 for 150 updates.
             let gradient = |i: usize| {
                 let silent = (100..250).contains(&step);
                 let size = 10f32.powi(2 * i as i32 - 6);
@@ -221,11 +234,23 @@ mod tests {
     }
 
     #[test]
+    fn steps_have_the_epsilon_and_the_rate_that_are_given() {
+        let mut adam = Adam::with_epsilon(0.1, 0.5, 1);
+        let mut parameters = [0.0f32];
+        // The corrected moments of the first step are the gradient and its square.
+        adam.update(Isa::chosen(), &mut parameters, &mut [1.5]);
+        assert!((parameters[0] + 0.1 * 1.5 / 2.0).abs() < 1e-6, "{}", parameters[0]);
+        adam.set_learning_rate(0.2);
+        adam.update(Isa::chosen(), &mut parameters, &mut [1.5]);
+        assert!((parameters[0] + 0.3 * 1.5 / 2.0).abs() < 1e-6, "{}", parameters[0]);
+    }
+
+    #[test]
     fn moments_of_a_quiet_parameter_become_zero_and_not_denormal() {
         let mut adam = Adam::new(1e-3, 1);
         let mut parameters = [1.0f32];
         adam.update(Isa::chosen(), &mut parameters, &mut [1e-3]);
-        // Under Miri, long enough for the first moment alone.
+        // Under Miri, there are only enough steps for the first moment to become 0.
         let steps = if cfg!(miri) { 1_000 } else { 50_000 };
         for _ in 0..steps {
             adam.update(Isa::chosen(), &mut parameters, &mut [0.0]);

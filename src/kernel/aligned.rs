@@ -2,10 +2,10 @@
 
 use std::ops::{Deref, DerefMut};
 
-/// Bytes of a cache line, and of the widest register.
+/// The size in bytes of a cache line and of the widest register.
 pub const LINE: usize = 64;
 
-/// An array of f32 whose first element starts a cache line, so that registers never straddle two.
+/// An array of f32 aligned to a cache line, so that no register load crosses a line.
 #[derive(Debug)]
 pub struct Aligned {
     values: Vec<f32>,
@@ -14,7 +14,7 @@ pub struct Aligned {
 }
 
 impl Aligned {
-    /// So many zeros.
+    /// `len` zeros.
     pub fn zeros(len: usize) -> Self {
         let values = vec![0.0; len + LINE / size_of::<f32>()];
         let start = values.as_ptr().align_offset(LINE).min(values.len() - len);

@@ -4,16 +4,16 @@ use pulp::{Simd, WithSimd};
 
 use crate::kernel::Isa;
 
-/// Virtual lanes of a sum; rows are padded to a multiple of it.
+/// The number of virtual lanes of a sum; rows are padded to a multiple of it.
 pub const LANES: usize = 16;
 
 /// out\[i, j\] = start\[j\] + Σ_p left\[i, p\] right\[j, p\].
 ///
-/// Term p goes to the virtual lane p mod 16 by a chain of fused multiply-adds; the lanes are then
-/// added by halves (8 and 8, 4 and 4, …), and the start is added last.
+/// Virtual lane p mod 16 accumulates term p by fused multiply-adds. The lanes are then added by halves (8 and
+/// 8, 4 and 4, …), and the start is added last.
 ///
-/// **Shapes**: `left` is \[rows, terms\], `right` is \[columns, terms\], `start` is \[columns\], `out`
-/// is \[rows, columns\], all row by row; `terms` is a multiple of [`LANES`].
+/// **Shapes**: `left` is \[rows, terms\], `right` is \[columns, terms\], `start` is \[columns\], `out` is
+/// \[rows, columns\], all row-major; `terms` is a multiple of [`LANES`].
 pub fn dot(isa: Isa, left: &[f32], right: &[f32], terms: usize, start: &[f32], out: &mut [f32]) {
     assert!(terms > 0 && terms.is_multiple_of(LANES), "rows are padded");
     assert_eq!(right.len(), start.len() * terms, "a row of `right` for each start");
@@ -44,7 +44,7 @@ impl WithSimd for Operation<'_> {
 }
 
 impl Operation<'_> {
-    /// All rows, I at a time; V registers make the virtual lanes.
+    /// All rows, I at a time; V registers hold the virtual lanes.
     #[inline(always)]
     fn blocks<S: Simd, const V: usize, const I: usize>(self, simd: S) {
         let Operation { left, right, terms, start, out } = self;
@@ -74,7 +74,7 @@ impl Operation<'_> {
     }
 }
 
-/// I rows with J columns. Nothing in it is a closure: the compiler would put the sums into memory.
+/// I rows by J columns. There are no closures here: they would make the compiler spill the sums to the stack.
 #[inline(always)]
 #[allow(clippy::needless_range_loop, clippy::manual_memcpy)]
 fn tile<S: Simd, const V: usize, const I: usize, const J: usize>(
@@ -99,8 +99,8 @@ fn tile<S: Simd, const V: usize, const I: usize, const J: usize>(
             }
         }
     }
-    // First all to memory, then the adding up: as one loop it would not be unrolled, and the sums
-    // would be in memory from the start.
+    // Stores all sums first and adds them up in a second loop. A single loop would not be unrolled, and the
+    // compiler would keep the sums on the stack throughout.
     let mut lanes = [[[0.0; LANES]; J]; I];
     for i in 0..I {
         for j in 0..J {

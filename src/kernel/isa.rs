@@ -1,4 +1,4 @@
-//! Instruction sets, and the choice of one.
+//! Instruction sets and their selection.
 
 use std::env;
 use std::sync::OnceLock;
@@ -20,13 +20,16 @@ pub enum Isa {
     /// 4 lanes of f32.
     #[cfg(target_arch = "aarch64")]
     Neon(pulp::aarch64::Neon),
-    /// One number at a time; fused multiply-adds in software where the processor has none.
+    /// One number at a time; fused multiply-adds are emulated in software where the processor has none.
     Portable(Scalar),
 }
 
 /// A forced instruction set that cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{VARIABLE} is `{wanted}`; this machine has {}", Isa::names())]
+#[error(
+    "{VARIABLE} is `{wanted}`; expected one of the instruction sets of this machine: {}",
+    Isa::names()
+)]
 pub struct IsaError {
     wanted: String,
 }
@@ -36,7 +39,7 @@ fn wanted() -> Result<Isa, IsaError> {
 }
 
 impl Isa {
-    /// Those of this processor, the fastest first.
+    /// The instruction sets of this processor, fastest first.
     pub fn available() -> Vec<Isa> {
         let mut available = Vec::new();
         #[cfg(target_arch = "x86_64")]
@@ -50,16 +53,16 @@ impl Isa {
         available
     }
 
-    /// The one to use: what `JITAI_SIMD` says, or the fastest. Where it names one that this
-    /// processor does not have, the portable one; [`Isa::check_choice`] tells.
+    /// The instruction set to use: the set that `JITAI_SIMD` names, or else the fastest. Falls back to the
+    /// portable set if the processor lacks the named set; [`Isa::check_choice`] reports that case.
     pub fn chosen() -> Isa {
         static CHOSEN: OnceLock<Isa> = OnceLock::new();
         *CHOSEN.get_or_init(|| wanted().unwrap_or(Isa::Portable(Scalar::new())))
     }
 
-    /// Whether `JITAI_SIMD` can be obeyed.
+    /// Checks that this processor has the instruction set that `JITAI_SIMD` names.
     ///
-    /// **Errors**: it names an instruction set that this processor does not have.
+    /// **Errors**: `JITAI_SIMD` names an instruction set that this processor does not have.
     pub fn check_choice() -> Result<(), IsaError> {
         wanted().map(|_| ())
     }
@@ -73,7 +76,7 @@ impl Isa {
         .ok_or_else(|| IsaError { wanted: wanted.unwrap_or_default().to_owned() })
     }
 
-    /// Its name, as `JITAI_SIMD` takes it.
+    /// The name of the set, as in `JITAI_SIMD`.
     pub fn name(self) -> &'static str {
         match self {
             #[cfg(target_arch = "x86_64")]
@@ -117,7 +120,7 @@ mod tests {
         let fastest = Isa::available()[0].name();
         assert_eq!(Isa::by_name(None).unwrap().name(), fastest);
         let error = Isa::by_name(Some("mmx")).unwrap_err().to_string();
-        assert!(error.starts_with("JITAI_SIMD is `mmx`; this machine has "), "{error}");
+        assert!(error.starts_with("JITAI_SIMD is `mmx`; expected one of "), "{error}");
         assert!(error.ends_with("portable"), "{error}");
     }
 }

@@ -1,14 +1,14 @@
-//! Elementary functions: polynomials in f32 and f64 whose bits are the same everywhere.
+//! Elementary functions: polynomials in f32 and f64 that give the same bits on every processor.
 //!
-//! The functions of single numbers are branch-free, so that loops over slices become vector code.
-//! What is not a number stays so, if it came from arithmetic.
+//! Functions of single numbers have no branches, so that compilers vectorise loops over slices. They return
+//! NaN for the NaNs that arithmetic produces.
 
 use pulp::Simd;
 
-/// 1.5 * 2^23: added to a number of moderate size it leaves its nearest whole number in the low
-/// bits.
+/// 1.5 * 2^23. Adding it to a number of moderate size rounds the number to an integer and leaves the integer
+/// in the low bits.
 const ROUND_F32: f32 = 12_582_912.0;
-/// The same for f64: 1.5 * 2^52.
+/// The same constant for f64: 1.5 * 2^52.
 const ROUND_F64: f64 = 6_755_399_441_055_744.0;
 
 /// e^x in f32 within 2 units in the last place; x is clamped to [-87, 88].
@@ -36,10 +36,10 @@ pub fn exp_f32(x: f32) -> f32 {
 /// sqrt(x) + y in f32 within 2 units in the last place, for x that are 0, a normal positive number or
 /// infinity, and y >= 0.
 ///
-/// **Source**: a first guess of 1 / sqrt(x) by its bits, 3.5 % off at most (Muller et al., "Handbook
-/// of floating-point arithmetic", 2018, section 4.7.3). With r = 1 - x guess^2,
-/// sqrt(x) = x guess (1 - r)^(-1/2), here by the polynomial of degree 4 whose largest relative error
-/// for such r is least, 2.4e-8.
+/// **Source**: a first guess of 1 / sqrt(x) from its bits, with an error of at most 3.5 % (Muller et al.,
+/// "Handbook of floating-point arithmetic", 2018, section 4.7.3). With r = 1 - x guess^2, sqrt(x) = x guess
+/// (1 - r)^(-1/2). The last factor is the minimax polynomial of degree 4 for such r, with a relative error of
+/// 2.4e-8.
 #[inline(always)]
 pub fn root_plus<S: Simd>(simd: S, x: S::f32s, y: S::f32s) -> S::f32s {
     let one = simd.splat_f32s(1.0);
@@ -54,11 +54,10 @@ pub fn root_plus<S: Simd>(simd: S, x: S::f32s, y: S::f32s) -> S::f32s {
     simd.mul_add_f32s(root, p, y)
 }
 
-/// The square root in f64 within 2 units in the last place, of 0 or a normal positive number below
-/// infinity.
+/// The square root in f64 within 2 units in the last place, for 0 or a finite normal positive number.
 ///
-/// **Source**: a first guess as in [`root_plus`], then Goldschmidt's iteration for both roots, which
-/// doubles the digits each time (Muller et al., as there).
+/// **Source**: a first guess as in [`root_plus`], then Goldschmidt's iteration for both the root and its
+/// inverse, which doubles the number of correct digits per iteration (Muller et al., ibid.).
 #[inline(always)]
 pub fn root(x: f64) -> f64 {
     let guess = f64::from_bits(0x5FE6_EB50_C7B5_37A9u64.wrapping_sub(x.to_bits() >> 1));
@@ -74,8 +73,8 @@ pub fn root(x: f64) -> f64 {
 
 /// e^x in f64 within 2 units in the last place; x is clamped to [-708, 709].
 ///
-/// **Source**: reduction as in [`exp_f32`]; the series of e^r to the order 13 on |r| <= ln 2 / 2
-/// leaves 4e-18 of the result.
+/// **Source**: reduction as in [`exp_f32`], then the series of e^r to order 13; on |r| <= ln 2 / 2, its
+/// truncation error is 4e-18 of the result.
 #[inline(always)]
 pub fn exp(x: f64) -> f64 {
     let x = if x < -708.0 { -708.0 } else { x };
@@ -84,7 +83,8 @@ pub fn exp(x: f64) -> f64 {
     let power = shifted - ROUND_F64;
     let r = power.mul_add(-6.931_471_803_691_238e-1, x);
     let r = power.mul_add(-1.908_214_929_270_587_7e-10, r);
-    // 1/n! from n = 13 down to 2, odd and even ones apart: two short chains are faster than one.
+    // 1/n! from n = 13 down to 2, with odd and even n in separate chains: two short chains are faster than
+    // one.
     let z = r * r;
     let odd = (1.0 / 6_227_020_800.0_f64)
         .mul_add(z, 1.0 / 39_916_800.0)
@@ -104,15 +104,15 @@ pub fn exp(x: f64) -> f64 {
 
 /// ln x in f64 for a normal positive x, within 4 units in the last place.
 ///
-/// With x = 2^k m, m in [sqrt(1/2), sqrt(2)), and s = (m - 1) / (m + 1):
-/// ln x = k ln 2 + 2 (s + s^3 / 3 + s^5 / 5 + …), taken to s^21, which leaves 2e-19.
+/// With x = 2^k m, m in [sqrt(1/2), sqrt(2)), and s = (m - 1) / (m + 1), ln x = k ln 2 + 2 (s + s^3 / 3 + s^5
+/// / 5 + …). The series is taken to s^21, with a truncation error of 2e-19.
 #[inline(always)]
 pub fn ln(x: f64) -> f64 {
-    // Bits of sqrt(1/2): shifts the cut between powers of two there.
+    // The bits of sqrt(1/2), at which the reduction switches to the next power of two.
     const HALF_ROOT: u64 = 0x3FE6_A09E_667F_3BCD;
     let above = x.to_bits().wrapping_sub(HALF_ROOT);
     let m = f64::from_bits((above & 0x000F_FFFF_FFFF_FFFF).wrapping_add(HALF_ROOT));
-    // The exponent as a float, by its bits: k is small, so that it fits the mantissa of 1.5 * 2^52.
+    // The exponent as a float, by its bits: k is small enough for the mantissa of 1.5 * 2^52.
     let k =
         f64::from_bits(ROUND_F64.to_bits().wrapping_add(((above as i64) >> 52) as u64)) - ROUND_F64;
     let s = (m - 1.0) / (m + 1.0);
@@ -130,15 +130,15 @@ pub fn ln(x: f64) -> f64 {
         .mul_add(w, 1.0 / 3.0);
     let p = odd.mul_add(z, even);
     let series = 2.0 * (s * z).mul_add(p, s);
-    // 0, unless x is not a number.
+    // 0, or NaN if x is NaN.
     let nothing = x * 0.0;
     k.mul_add(std::f64::consts::LN_2, series) + nothing
 }
 
 /// cos(2 pi x) in f64 for |x| <= 1, within 1e-15.
 ///
-/// With y = x - round(x) in [-1/2, 1/2] and u = 1/4 - |y|, cos(2 pi x) = sin(2 pi u), and the
-/// series of the sine in |2 pi u| <= pi / 2 to the order 21 leaves 1e-18.
+/// With y = x - round(x) in [-1/2, 1/2] and u = 1/4 - |y|, cos(2 pi x) = sin(2 pi u). The series of the sine
+/// is taken to order 21; for |2 pi u| <= pi / 2, its truncation error is 1e-18.
 #[inline(always)]
 pub fn cos_turns(x: f64) -> f64 {
     let y = x - ((x + ROUND_F64) - ROUND_F64);
@@ -163,7 +163,7 @@ pub fn cos_turns(x: f64) -> f64 {
 /// tanh x in f32, within 5e-7.
 ///
 /// **Source**: the rational function of odd order 13 over even order 6 that the Eigen library uses
-/// (`generic_fast_tanh_float`), on |x| <= 7.9; beyond, the result is that at the bound.
+/// (`generic_fast_tanh_float`), on |x| <= 7.9. Beyond that, the result is the value at the bound.
 #[inline(always)]
 pub fn tanh(x: f32) -> f32 {
     const BOUND: f32 = 7.905_311;
@@ -191,10 +191,10 @@ mod tests {
     use super::*;
     use crate::kernel::Isa;
 
-    /// Numbers of a range that are tried. Miri looks for undefined behaviour, which a few show.
+    /// How many numbers of a range are tested. Miri looks for undefined behaviour, for which a few suffice.
     const COUNT: u32 = if cfg!(miri) { 300 } else { 200_000 };
 
-    /// Numbers from `low` to `high` in steps that hit no pattern.
+    /// Evenly spaced numbers from `low` to `high`, at an irregular offset.
     fn numbers(low: f64, high: f64) -> impl Iterator<Item = f64> {
         (0..COUNT).map(move |i| low + (high - low) * (f64::from(i) + 0.37) / f64::from(COUNT))
     }
@@ -206,7 +206,7 @@ mod tests {
         );
     }
 
-    /// Runs an operation of one f32 and of one f64 as compiled for an instruction set.
+    /// Runs an operation as compiled for an instruction set.
     fn on<R>(isa: Isa, operation: impl Fn() -> R) -> R {
         struct Once<F>(F);
         impl<R, F: Fn() -> R> WithSimd for Once<F> {
@@ -222,11 +222,11 @@ mod tests {
 
     #[test]
     fn multiplications_and_additions_round_once_everywhere() {
-        // Divided, for Miri's powers are off by a little.
+        // Divides because powers are slightly inaccurate under Miri.
         let single = |power: u32| 1.0 / (1u64 << power) as f32;
         let double = |power: u32| 1.0 / (1u64 << power) as f64;
         for isa in Isa::available() {
-            // 1 + 2^-11 + 2^-24 less 1 + 2^-11: rounded in between, nothing would be left.
+            // 1 + 2^-11 + 2^-24 minus 1 + 2^-11: with intermediate rounding, the result would be 0.
             let x = 1.0 + single(12);
             let left = on(isa, || std::hint::black_box(x).mul_add(x, -(1.0 + single(11))));
             assert_eq!(left.to_bits(), single(24).to_bits(), "{}", isa.name());

@@ -1,23 +1,26 @@
-//! Arithmetic on many numbers at once, with the same bits on every processor.
+//! Vectorised arithmetic with the same bits on every processor.
 //!
-//! In: slices of numbers and an [`Isa`], the instruction set to use. Out: slices of numbers. It
-//! knows no network, no episode and no job.
+//! In: slices of numbers and an [`Isa`], the instruction set to use. Out: slices of numbers. The module knows
+//! no networks, episodes or jobs.
 //!
-//! Every number is computed by an order of operations that is written down and does not depend on
-//! how many lanes a register has: products are chains of fused multiply-adds over their terms, one
-//! chain for each element of the result; sums across lanes go over sixteen virtual lanes and then
-//! by halves ([`dot()`]); logarithms and exponentials are polynomials of our own ([`math`]). What
-//! needs registers held by hand is written with `pulp`, whose operations are safe and chosen at run
-//! time; what works element by element is plain Rust, compiled once for each instruction set. What is relied
-//! on is that a fused multiply-add, a division and a square root round correctly, which a test holds
-//! for the first: the portable path takes it from the platform's C library.
+//! Every result has a documented order of operations that does not depend on the width of registers. Each
+//! element of a product is one chain of fused multiply-adds over its terms. Sums across lanes use sixteen
+//! virtual lanes, which are then added by halves ([`dot()`]). Logarithms and exponentials are our own
+//! polynomials ([`math`]).
+//!
+//! Code that must keep values in registers is written with `pulp`, whose operations are safe and selected at
+//! run time. Element-wise code is plain Rust, compiled once for each instruction set. Both rely on correct
+//! rounding of fused multiply-adds, divisions and square roots. A test checks fused multiply-adds, which the
+//! portable path takes from the platform's C library.
 
 mod activation;
 mod adam;
 mod aligned;
 mod dot;
+mod gru;
 mod isa;
 pub mod math;
+mod norm;
 mod product;
 mod shallow;
 mod transpose;
@@ -26,14 +29,16 @@ pub use activation::Activation;
 pub use adam::Adam;
 pub use aligned::{Aligned, LINE};
 pub use dot::{LANES, dot};
+pub use gru::{GATES, GruGradient, GruStep};
 pub use isa::{Isa, IsaError};
+pub use norm::{LEAST_NORM, clip_norm};
 pub use product::{Product, Start};
 pub use shallow::{MOST_INPUTS, OUTPUTS, Shallow, ShallowGradient};
 pub use transpose::transpose;
 
 #[cfg(test)]
 mod test_numbers {
-    /// Numbers without a pattern, in [-1, 1]; others for every seed below 100.
+    /// Numbers without a pattern, in [-1, 1], different for every seed below 100.
     pub(super) fn numbers(len: usize, seed: u32) -> Vec<f32> {
         let at = seed * 41_000_000;
         let value = |i: u32| (i.wrapping_add(at).wrapping_mul(2_654_435_761) >> 8) as f32;

@@ -6,32 +6,32 @@ use crate::kernel::{Isa, LANES};
 
 /// result\[i, j\] = start\[i, j\] + Σ_p left\[i, p\] right\[p, j\].
 ///
-/// Each element is one chain of fused multiply-adds over p, in order, whatever the instruction set
-/// and however rows are grouped.
+/// Each element is one chain of fused multiply-adds over p, in order, on every instruction set and for every
+/// grouping of rows.
 #[derive(Clone, Copy, Debug)]
 pub struct Product<'a> {
-    /// What the sums start from.
+    /// The initial values of the sums.
     pub start: Start<'a>,
-    /// Element \[i, p\] stands at `i * left_stride + p`, or, transposed, at `p * left_stride + i`.
+    /// Element \[i, p\] is at `i * left_stride + p`, or at `p * left_stride + i` if transposed.
     pub left: &'a [f32],
     /// See `left`.
     pub left_stride: usize,
     /// See `left`.
     pub left_transposed: bool,
-    /// \[terms, width\], row by row.
+    /// \[terms, width\], row-major.
     pub right: &'a [f32],
-    /// Length of the sums.
+    /// The number of terms of each sum.
     pub terms: usize,
-    /// Rows of the result.
+    /// The number of rows of the result.
     pub rows: usize,
-    /// Columns of the result and of `right`; a multiple of [`LANES`].
+    /// The number of columns of the result and of `right`; a multiple of [`LANES`].
     pub width: usize,
 }
 
-/// What the sums of a [`Product`] start from.
+/// The initial values of the sums of a [`Product`].
 #[derive(Clone, Copy, Debug)]
 pub enum Start<'a> {
-    /// What the result is before.
+    /// The previous contents of the result.
     Stored,
     /// The same numbers in every row, \[width\].
     Row(&'a [f32]),
@@ -40,7 +40,7 @@ pub enum Start<'a> {
 }
 
 impl Product<'_> {
-    /// Writes it to `result`, \[rows, width\], row by row.
+    /// Writes the product to `result`, \[rows, width\], row-major.
     pub fn write_to(self, isa: Isa, result: &mut [f32]) {
         assert_eq!(self.width % LANES, 0, "rows are padded");
         assert!(self.terms > 0, "at least one term");
@@ -55,9 +55,9 @@ impl Product<'_> {
     }
 }
 
-/// Most terms that are added at a time; the chains go on from the stored sums.
+/// The most terms that are added in one pass; later passes continue from the stored sums.
 const TERMS: usize = 128;
-/// Most rows of the result that are computed at a time.
+/// The most rows of the result that are computed at a time.
 const STRIP: usize = 6;
 
 struct Operation<'a, 'b> {
@@ -98,8 +98,8 @@ impl WithSimd for Operation<'_, '_> {
     }
 }
 
-// Nothing here is a closure or goes through a reference to a register: the compiler would put the
-// sums into memory.
+// There are no closures and no references to registers here: they would make the compiler spill the sums to
+// the stack.
 impl Product<'_> {
     /// I rows of the result, at most [`TERMS`] terms.
     #[inline(always)]
@@ -110,17 +110,17 @@ impl Product<'_> {
         room: &mut [f32; STRIP * TERMS],
         result: &mut [f32],
     ) {
-        // The rows' factors side by side, so that tiles walk along them without a check for each.
+        // The factors of the rows side by side, so that tiles read them without bounds checks.
         let factors = &mut room.as_chunks_mut::<I>().0[..self.terms];
         self.gather(row, factors);
         let factors = &*factors;
         let mut column = 0;
-        // Eight registers of one row hide the latency of their chains.
+        // One row needs eight registers to hide the latency of their chains.
         while I == 1 && column + 8 * S::F32_LANES <= self.width {
             self.tile::<S, I, 8>(simd, factors, row, column, result);
             column += 8 * S::F32_LANES;
         }
-        // As many registers as leave room for the operands: 24 of 32, or 12 of 16.
+        // As many accumulators as fit beside the operands: 24 of 32 registers, or 12 of 16.
         if S::F32_LANES != 8 {
             while column + 4 * S::F32_LANES <= self.width {
                 self.tile::<S, I, 4>(simd, factors, row, column, result);
@@ -137,7 +137,7 @@ impl Product<'_> {
         }
     }
 
-    /// Copies the factors of I rows, term by term.
+    /// Copies the factors of I rows, interleaved term by term.
     #[inline(always)]
     #[allow(clippy::needless_range_loop)]
     fn gather<const I: usize>(&self, row: usize, factors: &mut [[f32; I]]) {
@@ -157,7 +157,7 @@ impl Product<'_> {
         }
     }
 
-    /// I rows of V registers, held in registers over all the terms.
+    /// I rows by V registers of columns; the sums stay in registers over all terms.
     #[inline(always)]
     #[allow(clippy::needless_range_loop, clippy::manual_memcpy)]
     fn tile<S: Simd, const I: usize, const V: usize>(
@@ -208,7 +208,7 @@ mod tests {
 
     #[test]
     fn every_element_is_a_chain_of_fused_multiply_adds_on_every_instruction_set() {
-        // Miri takes a minute for what a processor does in one thousandth of a second.
+        // Miri takes a minute for these sizes, a processor one millisecond.
         let (long, large, parts) = if cfg!(miri) {
             ((3, 40, 16), (9, 5, 48), (1, TERMS + 1, 16))
         } else {

@@ -1,12 +1,12 @@
-//! Transposition.
+//! Matrix transposition.
 
-/// Rows and columns moved at a time, so that what is read and written stays in cache.
+/// The number of rows and columns moved at a time, so that both blocks stay in cache.
 const BLOCK: usize = 16;
-/// Rows of a block that are read side by side.
+/// The number of rows of a block that are read in parallel.
 const SIDE: usize = 4;
 
-/// Copies `from`, \[rows, columns\] in rows `from_stride` apart, into `to`, \[columns, rows\] in rows
-/// `to_stride` apart.
+/// Copies `from`, \[rows, columns\] with row stride `from_stride`, transposed into `to`, \[columns, rows\]
+/// with row stride `to_stride`.
 pub fn transpose(
     from: &[f32],
     from_stride: usize,

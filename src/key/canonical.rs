@@ -1,4 +1,4 @@
-//! The canonical form of keyed values: one text for one content, whatever keys are added later.
+//! The canonical form of keyed values: one text per content, even if keys are added later.
 
 use serde_json::{Map, Value as Json};
 
@@ -8,22 +8,22 @@ use super::value::Value;
 /// Why an object is not the canonical form of some keys.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CanonicalError {
-    /// A key that every job has is not there.
+    /// A key without a value of earlier jobs is missing.
     #[error("key `{0}` is missing")]
     Missing(String),
-    /// There is a key that the table does not have.
+    /// The table does not have this key.
     #[error("key `{0}` is unknown")]
     Unknown(String),
-    /// The value of a key has the wrong type.
+    /// The value of a key has another type.
     #[error("key `{0}` has a value of another type")]
     WrongType(String),
-    /// A key is written at the value at which the canonical form leaves it out.
-    #[error("key `{0}` is written at the value that stands for its absence")]
+    /// A key is written although it has the value that the canonical form omits.
+    #[error("key `{0}` has the value that is omitted in canonical form")]
     Redundant(String),
 }
 
-/// The object of [`json_object`] without the keys that have the value of earlier jobs. Its text is
-/// canonical: names in alphabetical order, numbers in the shortest form that reads back equal.
+/// The object of [`json_object`] without keys that have the value of earlier jobs. Its text is canonical:
+/// names in alphabetical order, numbers in the shortest form that parses to the same number.
 ///
 /// **Shapes**: one value for each key, in their order.
 pub fn canonical_object(keys: &[Key], values: &[Value]) -> Map<String, Json> {
@@ -36,10 +36,10 @@ pub fn canonical_object(keys: &[Key], values: &[Value]) -> Map<String, Json> {
     object
 }
 
-/// The value of each key in an object that [`canonical_object`] wrote, now or before some of the
-/// keys were added.
+/// The value of each key in an object that [`canonical_object`] wrote, possibly before some of the keys
+/// were added.
 ///
-/// **Errors**: the object is no canonical form of these keys.
+/// **Errors**: the object is not a canonical form of these keys.
 pub fn read_object(keys: &[Key], object: &Map<String, Json>) -> Result<Vec<Value>, CanonicalError> {
     if let Some(name) = object.keys().find(|name| keys.iter().all(|key| key.name != **name)) {
         return Err(CanonicalError::Unknown(name.clone()));
@@ -75,7 +75,7 @@ mod tests {
     }
 
     crate::keys! {
-        /// The same simulation with two keys more, one of which has another default by now.
+        /// The same simulation with two more keys; the default of `noise` differs from the value of earlier jobs.
         struct Later {
             /// noise
             noise: f64 = 0.2, before 0.0, in Kind::PROBABILITY;

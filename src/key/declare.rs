@@ -2,42 +2,44 @@
 
 use serde_json::{Map, Value as Json};
 
+use super::distribution::Distribution;
+use super::rows::Rows;
 use super::value::{Kind, Value};
 
-/// A key that takes a value or a sweep.
+/// A key, which takes one value or a sweep.
 #[derive(Clone, Copy, Debug)]
 pub struct Key {
     /// Its name in the manifest, the store and the command line.
     pub name: &'static str,
-    /// Type and range of its values.
+    /// The type and range of its values.
     pub kind: Kind,
     /// One line for editors and the reference; see [`Key::doc`].
     pub written_doc: &'static str,
-    /// The value when a manifest does not mention the key; `None` where a manifest must.
+    /// The value if a manifest does not set the key; `None` if a manifest must set it.
     pub default: Option<fn() -> Value>,
-    /// The value that all jobs had before the key was added; `None` for a key that every job has
-    /// had. Canonical forms leave the key out at this value.
+    /// The value of all jobs from before the key was added; `None` for a key that every job has had.
+    /// Canonical forms omit the key at this value.
     pub before: Option<fn() -> Value>,
 }
 
 impl Key {
-    /// What the key means, in one line.
+    /// The meaning of the key, in one line.
     pub fn doc(&self) -> &'static str {
         self.written_doc.trim_start()
     }
 
-    /// The value when a manifest does not mention the key; `None` where a manifest must.
+    /// The value if a manifest does not set the key; `None` if a manifest must set it.
     pub fn default(&self) -> Option<Value> {
         self.default.map(|value| value())
     }
 
-    /// The value that all jobs had before the key was added, if it was added later.
+    /// The value of all jobs from before the key was added; `None` if every job has had the key.
     pub fn before(&self) -> Option<Value> {
         self.before.map(|value| value())
     }
 }
 
-/// Why a setting of a key is refused.
+/// Why a setting of a key is rejected.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SettingError {
     /// There is no such key.
@@ -48,7 +50,7 @@ pub enum SettingError {
     Value {
         /// The key.
         name: String,
-        /// Its values in words.
+        /// The expected values, in words.
         expected: String,
         /// The value that was given.
         found: String,
@@ -63,18 +65,18 @@ pub trait Keyed: Sized {
     /// The value of every field, in the order of [`Keyed::KEYS`].
     fn to_values(&self) -> Vec<Value>;
 
-    /// The struct with these values, one for each key in their order; `None` if one has the wrong
-    /// type, or if there are too many or too few.
+    /// The struct with one value for each key, in the order of the keys; `None` if a value has the wrong
+    /// type, or if their number is wrong.
     fn from_values(values: &[Value]) -> Option<Self>;
 
-    /// The fields as an object of JSON, every key spelled out.
+    /// The fields as a JSON object with every key.
     fn to_json(&self) -> Map<String, Json> {
         json_object(Self::KEYS, &self.to_values())
     }
 
-    /// The same with other values for some keys, as JSON writes them.
+    /// A copy with new values, in JSON, for some keys.
     ///
-    /// **Errors**: a key is unknown, or its value outside its range.
+    /// **Errors**: a key is unknown, or a value is outside the range of its key.
     fn with_settings(&self, settings: &Map<String, Json>) -> Result<Self, SettingError> {
         let mut values = self.to_values();
         for (name, json) in settings {
@@ -91,10 +93,10 @@ pub trait Keyed: Sized {
         Ok(Self::from_values(&values).expect("a value that a key admits fits its field"))
     }
 
-    /// The defaults, with these values for the keys that have none, in the order of the keys.
+    /// The defaults, and these values for the keys without a default, in the order of the keys.
     ///
     /// # Panics
-    /// If the values are not exactly those of the keys without default.
+    /// If the values do not match the keys without a default.
     fn with_required(required: &[Value]) -> Self {
         let mut required = required.iter().cloned();
         let values: Option<Vec<Value>> =
@@ -105,7 +107,7 @@ pub trait Keyed: Sized {
     }
 }
 
-/// The values as an object of JSON, every key spelled out.
+/// The values as a JSON object with every key.
 ///
 /// **Shapes**: one value for each key, in their order.
 pub fn json_object(keys: &[Key], values: &[Value]) -> Map<String, Json> {
@@ -115,26 +117,26 @@ pub fn json_object(keys: &[Key], values: &[Value]) -> Map<String, Json> {
 
 /// A Rust type that a key's values can have.
 pub trait KeyType: Sized {
-    /// The value as keys hold it.
+    /// The value in the form that keys store.
     ///
     /// # Panics
-    /// If a number is infinite or not a number.
+    /// If a number is infinite or NaN.
     fn to_value(&self) -> Value;
 
-    /// The reverse of [`KeyType::to_value`]; `None` for a value of another type or too large.
+    /// The inverse of [`KeyType::to_value`]; `None` if the value is too large or has another type.
     fn from_value(value: &Value) -> Option<Self>;
 }
 
-/// A type whose values have no further range.
+/// A type whose keys need no declared range.
 pub trait FixedKind: KeyType {
     /// The kind of every key of this type.
     const KIND: Kind;
 }
 
-/// The number with 0 in place of -0, so that equal values have one spelling.
+/// The number, with -0 replaced by 0, so that equal values have one spelling.
 ///
 /// # Panics
-/// If it is infinite or not a number, which no key can be.
+/// If the number is infinite or NaN, which no key accepts.
 fn finite(number: f64) -> f64 {
     assert!(number.is_finite(), "the value of a key is a finite number, not {number}");
     number + 0.0
@@ -160,13 +162,63 @@ impl KeyType for [f64; 2] {
     }
 }
 
-impl KeyType for Vec<u32> {
+impl KeyType for Vec<f64> {
     fn to_value(&self) -> Value {
-        Value::Widths(self.clone())
+        Value::Reals(self.iter().copied().map(finite).collect())
     }
 
     fn from_value(value: &Value) -> Option<Self> {
-        if let Value::Widths(widths) = value { Some(widths.clone()) } else { None }
+        if let Value::Reals(reals) = value { Some(reals.clone()) } else { None }
+    }
+}
+
+impl KeyType for Vec<u32> {
+    fn to_value(&self) -> Value {
+        Value::Wholes(self.clone())
+    }
+
+    fn from_value(value: &Value) -> Option<Self> {
+        if let Value::Wholes(wholes) = value { Some(wholes.clone()) } else { None }
+    }
+}
+
+impl KeyType for String {
+    fn to_value(&self) -> Value {
+        Value::Text(self.clone())
+    }
+
+    fn from_value(value: &Value) -> Option<Self> {
+        if let Value::Text(text) = value { Some(text.clone()) } else { None }
+    }
+}
+
+impl KeyType for Vec<String> {
+    fn to_value(&self) -> Value {
+        Value::Words(self.clone())
+    }
+
+    fn from_value(value: &Value) -> Option<Self> {
+        if let Value::Words(words) = value { Some(words.clone()) } else { None }
+    }
+}
+
+impl KeyType for Distribution {
+    fn to_value(&self) -> Value {
+        Value::Distribution(self.clone())
+    }
+
+    fn from_value(value: &Value) -> Option<Self> {
+        if let Value::Distribution(of) = value { Some(of.clone()) } else { None }
+    }
+}
+
+impl KeyType for Rows {
+    fn to_value(&self) -> Value {
+        Value::Rows(self.clone())
+    }
+
+    fn from_value(value: &Value) -> Option<Self> {
+        if let Value::Rows(rows) = value { Some(rows.clone()) } else { None }
     }
 }
 
@@ -202,11 +254,11 @@ whole_numbers!(u8, u32);
 
 /// Declares a struct whose fields are keys of a manifest.
 ///
-/// Each field is a key. Its documentation comment is the key's line in the reference; behind its
-/// type stand the default (none for a key that a manifest must set), the value that all jobs had
-/// before the key was added, and the range; `bool` and [`choices!`](crate::choices) need none.
+/// Each field is a key. Its documentation comment is the description of the key in the reference. The type
+/// is followed by the default (absent for a key that a manifest must set), the value of all jobs from
+/// before the key was added, and the range, which `bool` and [`choices!`](crate::choices) do not need.
 ///
-/// A key that is added to a struct with stored jobs must have `before`: it keeps their identity.
+/// A key that is added to a struct with stored jobs must have `before`, which preserves their identity.
 ///
 /// ```
 /// use jitai::key::Kind;
@@ -271,7 +323,7 @@ macro_rules! keys {
     };
 }
 
-/// Declares an enum whose variants are the words that a key can have.
+/// Declares an enum whose variants are the words that a key accepts.
 #[macro_export]
 macro_rules! choices {
     (
@@ -287,17 +339,17 @@ macro_rules! choices {
         }
 
         impl $Name {
-            /// The words, in the order of the variants.
+            /// The words in the order of the variants.
             pub const WORDS: &'static [&'static str] = &[$($word),+];
 
-            /// The word that manifests and the store write.
+            /// The word in manifests and in the store.
             pub fn word(self) -> &'static str {
                 match self {
                     $($Name::$Variant => $word,)+
                 }
             }
 
-            /// The variant that a word stands for.
+            /// The variant for a word.
             pub fn named(word: &str) -> Option<Self> {
                 match word {
                     $($word => Some($Name::$Variant),)+

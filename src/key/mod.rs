@@ -2,18 +2,24 @@
 //!
 //! [`keys!`](crate::keys) declares a struct together with the table of its keys: name, type, range,
 //! default, meaning and the value of earlier jobs. Validation, the JSON Schema, the reference in
-//! `docs/manifest.md`, filters, the view `parameter` and the canonical form of a job all read
-//! that table.
+//! `docs/manifest.md`, filters, the view `parameter` and the canonical form of a job all read this table.
 //!
-//! In: declarations. Out: tables of [`Key`]s, typed structs, canonical text. It knows no particular
-//! key, no manifest and no job.
+//! In: declarations. Out: tables of [`Key`]s, typed structs, canonical text. It does not know any
+//! particular key, manifest or job.
 
 mod canonical;
 mod declare;
+mod distribution;
+mod normal;
+mod number_range;
 mod parameter;
+mod rows;
 mod value;
 
 pub use canonical::{CanonicalError, canonical_object, read_object};
 pub use declare::{FixedKind, Key, KeyType, Keyed, SettingError, json_object};
+pub use distribution::{Distribution, DistributionError};
+pub use number_range::NumberRange;
 pub use parameter::Parameter;
+pub use rows::{Column, MOST_ROWS, Rows, RowsError};
 pub use value::{Kind, Value};

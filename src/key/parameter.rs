@@ -1,8 +1,8 @@
-//! The dotted names of what jobs differ in.
+//! The dotted names of parameters in which jobs can differ.
 
 use std::fmt;
 
-/// Something that a grid can vary, as zips and exclusions name it.
+/// A parameter that a grid can vary, as zips and exclusions name it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Parameter {
     /// `scenario`.
@@ -11,7 +11,9 @@ pub enum Parameter {
     Seed,
     /// `environment.<key>`.
     Environment(&'static str),
-    /// `agent.<key>`, of whichever agents have the key.
+    /// `population.<key>`.
+    Population(&'static str),
+    /// `agent.<key>`, for every agent that has the key.
     Agent(&'static str),
     /// `evaluation.<key>`.
     Evaluation(&'static str),
@@ -23,7 +25,10 @@ impl Parameter {
         match self {
             Parameter::Scenario => "scenario",
             Parameter::Seed => "seed",
-            Parameter::Environment(key) | Parameter::Agent(key) | Parameter::Evaluation(key) => key,
+            Parameter::Environment(key)
+            | Parameter::Population(key)
+            | Parameter::Agent(key)
+            | Parameter::Evaluation(key) => key,
         }
     }
 }
@@ -34,6 +39,7 @@ impl fmt::Display for Parameter {
             Parameter::Scenario => f.write_str("scenario"),
             Parameter::Seed => f.write_str("seed"),
             Parameter::Environment(key) => write!(f, "environment.{key}"),
+            Parameter::Population(key) => write!(f, "population.{key}"),
             Parameter::Agent(key) => write!(f, "agent.{key}"),
             Parameter::Evaluation(key) => write!(f, "evaluation.{key}"),
         }

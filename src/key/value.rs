@@ -1,9 +1,13 @@
-//! Values of keys, and the types and ranges that they come from.
+//! Values of keys, and their types and ranges.
 
 use std::fmt;
 use std::hash::{Hash, Hasher};
 
-use serde::Serialize;
+use serde::{Serialize, Serializer};
+
+use super::distribution::Distribution;
+use super::number_range::NumberRange;
+use super::rows::{Column, Rows};
 
 /// A single value of a key.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -13,14 +17,36 @@ pub enum Value {
     Real(f64),
     /// A whole number.
     Integer(u64),
+    /// A whole number below 0.
+    Negative(i64),
     /// `true` or `false`.
     Flag(bool),
     /// One of the key's choices.
     Choice(&'static str),
     /// Two finite numbers, for context 0 and context 1.
     RealPair([f64; 2]),
-    /// Widths of layers, input side first.
-    Widths(Vec<u32>),
+    /// A list of finite numbers, never -0.
+    Reals(Vec<f64>),
+    /// A list of whole numbers, such as the widths of layers, input side first.
+    Wholes(Vec<u32>),
+    /// A text that the author chooses.
+    Text(String),
+    /// A list of texts, such as the words of a command.
+    Words(Vec<String>),
+    /// The distribution of a number over participants, serialised as text, which manifests also accept.
+    #[serde(serialize_with = "distribution_text")]
+    Distribution(Distribution),
+    /// Rows from which participants are drawn, serialised as the text of a CSV file.
+    #[serde(serialize_with = "rows_text")]
+    Rows(Rows),
+}
+
+fn distribution_text<S: Serializer>(of: &Distribution, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(&of.text())
+}
+
+fn rows_text<S: Serializer>(rows: &Rows, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(&rows.text())
 }
 
 // Values are finite and never -0, so equality is reflexive and agrees with the bits.
@@ -31,32 +57,61 @@ impl Hash for Value {
         match self {
             Value::Real(real) => real.to_bits().hash(state),
             Value::Integer(whole) => whole.hash(state),
+            Value::Negative(whole) => whole.hash(state),
             Value::Flag(flag) => flag.hash(state),
             Value::Choice(word) => word.hash(state),
             Value::RealPair(pair) => pair.map(f64::to_bits).hash(state),
-            Value::Widths(widths) => widths.hash(state),
+            Value::Reals(reals) => reals.iter().for_each(|real| real.to_bits().hash(state)),
+            Value::Wholes(wholes) => wholes.hash(state),
+            Value::Text(text) => text.hash(state),
+            Value::Words(words) => words.hash(state),
+            Value::Distribution(distribution) => distribution.text().hash(state),
+            Value::Rows(rows) => rows.text().hash(state),
         }
     }
 }
 
 impl fmt::Display for Value {
-    /// Writes the value as a manifest does; it reads back equal.
+    /// Writes the value as a manifest does; the text parses to an equal value.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Value::Real(real) => write!(f, "{real:?}"),
             Value::Integer(whole) => write!(f, "{whole}"),
+            Value::Negative(whole) => write!(f, "{whole}"),
             Value::Flag(flag) => write!(f, "{flag}"),
             Value::Choice(word) => write!(f, "\"{word}\""),
             Value::RealPair([first, second]) => write!(f, "[{first:?}, {second:?}]"),
-            Value::Widths(widths) => write!(f, "{widths:?}"),
+            Value::Reals(reals) => write!(f, "{reals:?}"),
+            Value::Wholes(wholes) => write!(f, "{wholes:?}"),
+            Value::Text(text) => f.write_str(&quoted(text)),
+            Value::Words(words) => {
+                let words: Vec<String> = words.iter().map(|word| quoted(word)).collect();
+                write!(f, "[{}]", words.join(", "))
+            }
+            Value::Distribution(Distribution::Fixed) => {
+                write!(f, "\"{}\"", Distribution::Fixed.text())
+            }
+            Value::Distribution(distribution) => f.write_str(&distribution.text()),
+            // The text has only names, numbers, commas and line breaks.
+            Value::Rows(rows) => write!(f, "\"{}\"", rows.text().replace('\n', "\\n")),
         }
     }
 }
 
-/// The largest number that a key without a range of its own takes.
+/// A text without control characters, in quotes; TOML and JSON escape such text alike.
+fn quoted(text: &str) -> String {
+    serde_json::Value::from(text).to_string()
+}
+
+/// Whether a text has at most `most` characters and no control characters.
+fn is_plain(text: &str, most: usize) -> bool {
+    text.chars().count() <= most && !text.chars().any(char::is_control)
+}
+
+/// Maximum absolute value of numbers in keys without a specific range.
 const LARGEST: f64 = 1e6;
 
-/// The type of a key's values, with their range (both ends included unless said).
+/// The type and range of a key's values; ranges include both ends unless stated otherwise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Kind {
     /// A finite number.
@@ -89,6 +144,22 @@ pub enum Kind {
         /// The largest of each.
         max: f64,
     },
+    /// A list of `count` finite numbers.
+    Reals {
+        /// Length of the list.
+        count: usize,
+        /// The smallest of each.
+        min: f64,
+        /// The largest of each.
+        max: f64,
+    },
+    /// A list of strictly increasing whole numbers, each at least 1; it may be empty.
+    Counts {
+        /// The longest list.
+        most: usize,
+        /// The largest number.
+        max: u32,
+    },
     /// A list of at least one layer width, each at least 1.
     Widths {
         /// The longest list.
@@ -96,46 +167,101 @@ pub enum Kind {
         /// The largest width.
         max: u32,
     },
+    /// A text of 1 to `most` characters without control characters.
+    Text {
+        /// The most characters.
+        most: usize,
+    },
+    /// A list of at least one text without control characters; the first text is not empty.
+    Words {
+        /// The longest list.
+        most: usize,
+        /// The most characters of each.
+        longest: usize,
+    },
+    /// `true` or `false`, a number, or a text without control characters.
+    Scalar,
+    /// A distribution of a number over participants, with all draws in this range.
+    Distribution(NumberRange),
+    /// Rows from which participants are drawn, with a subset of these columns.
+    Rows(&'static [Column]),
 }
 
 impl Kind {
     /// A probability or a fraction.
     pub const PROBABILITY: Kind = Kind::Real { min: 0.0, max: 1.0 };
-    /// A number of any size that a simulation can be expected to have.
+    /// A number from -1e6 to 1e6.
     pub const ANY_REAL: Kind = Kind::Real { min: -LARGEST, max: LARGEST };
-    /// A number from 0 of any size that a simulation can be expected to have.
+    /// A number from 0 to 1e6.
     pub const NON_NEGATIVE: Kind = Kind::Real { min: 0.0, max: LARGEST };
-    /// A number above 0 of any size that a simulation can be expected to have.
+    /// A number above 0, up to 1e6.
     pub const POSITIVE: Kind = Kind::PositiveReal { max: LARGEST };
-    /// Two numbers of any size that a simulation can be expected to have.
+    /// Two numbers from -1e6 to 1e6.
     pub const ANY_REAL_PAIR: Kind = Kind::RealPair { min: -LARGEST, max: LARGEST };
     /// A number of episodes.
     pub const EPISODES: Kind = Kind::Integer { min: 1, max: 10_000_000 };
 
+    /// Maximum length of the text of a [`Kind::Scalar`].
+    pub const LONGEST_TEXT: usize = 1000;
+
+    /// The range of the numbers of a real-valued kind.
+    ///
+    /// # Panics
+    /// If the kind is neither `Real` nor `PositiveReal`.
+    pub const fn number_range(self) -> NumberRange {
+        match self {
+            Kind::Real { min, max } => NumberRange { min: Some(min), max },
+            Kind::PositiveReal { max } => NumberRange { min: None, max },
+            _ => panic!("not a kind of single numbers with a fraction"),
+        }
+    }
+
     /// Whether a value has this type and lies in this range.
     pub fn admits(self, value: &Value) -> bool {
         match (self, value) {
-            (Kind::Real { min, max }, Value::Real(x)) => (min..=max).contains(x),
-            (Kind::PositiveReal { max }, Value::Real(x)) => *x > 0.0 && *x <= max,
+            (Kind::Real { .. } | Kind::PositiveReal { .. }, Value::Real(x)) => {
+                self.number_range().admits(*x)
+            }
             (Kind::Integer { min, max }, Value::Integer(n)) => (min..=max).contains(n),
             (Kind::RealPair { min, max }, Value::RealPair(pair)) => {
                 pair.iter().all(|x| (min..=max).contains(x))
             }
-            (Kind::Widths { most, max }, Value::Widths(widths)) => {
+            (Kind::Widths { most, max }, Value::Wholes(widths)) => {
                 let inside = widths.iter().all(|width| (1..=max).contains(width));
                 inside && (1..=most).contains(&widths.len())
             }
-            (Kind::Flag, Value::Flag(_)) => true,
+            (Kind::Reals { count, min, max }, Value::Reals(reals)) => {
+                reals.len() == count && reals.iter().all(|x| (min..=max).contains(x))
+            }
+            (Kind::Counts { most, max }, Value::Wholes(counts)) => {
+                let inside = counts.iter().all(|count| (1..=max).contains(count));
+                inside && counts.len() <= most && counts.is_sorted_by(|one, next| one < next)
+            }
+            (Kind::Flag | Kind::Scalar, Value::Flag(_)) => true,
+            (Kind::Scalar, Value::Real(x)) => x.is_finite(),
+            (Kind::Scalar, Value::Integer(n)) => i64::try_from(*n).is_ok(),
+            (Kind::Scalar, Value::Negative(n)) => *n < 0,
+            (Kind::Scalar, Value::Text(text)) => is_plain(text, Kind::LONGEST_TEXT),
+            (Kind::Text { most }, Value::Text(text)) => !text.is_empty() && is_plain(text, most),
+            (Kind::Words { most, longest }, Value::Words(words)) => {
+                let has_first = words.first().is_some_and(|first| !first.trim().is_empty());
+                has_first && words.len() <= most && words.iter().all(|word| is_plain(word, longest))
+            }
             (Kind::Choice(words), Value::Choice(word)) => words.contains(word),
+            (Kind::Distribution(of), Value::Distribution(distribution)) => {
+                distribution.range().into_iter().flatten().all(|end| of.admits(end))
+            }
+            (Kind::Rows(known), Value::Rows(rows)) => known.iter().all(|column| {
+                rows.range(column.name).into_iter().flatten().all(|end| column.of.admits(end))
+            }),
             _ => false,
         }
     }
 
-    /// The values in words, to follow "expected".
+    /// The description of the values, to follow "expected".
     pub fn expectation(self) -> String {
         match self {
-            Kind::Real { min, max } => format!("a number from {min} to {max}"),
-            Kind::PositiveReal { max } => format!("a number above 0 and at most {max}"),
+            Kind::Real { .. } | Kind::PositiveReal { .. } => self.number_range().expectation(),
             Kind::Integer { min, max } => format!("a whole number from {min} to {max}"),
             Kind::Flag => "true or false".to_owned(),
             Kind::Choice(words) => {
@@ -145,14 +271,33 @@ impl Kind {
             Kind::RealPair { min, max } => {
                 format!("two numbers from {min} to {max}, as in [0.1, 0.1]")
             }
+            Kind::Reals { count, min, max } => {
+                format!("a list of {count} numbers, each from {min} to {max}")
+            }
+            Kind::Counts { most, max } => {
+                format!("a list of at most {most} whole numbers from 1 to {max}, smallest first")
+            }
             Kind::Widths { most, max } => {
                 format!("a list of 1 to {most} layer widths, each a whole number from 1 to {max}")
             }
+            Kind::Text { most } => {
+                format!("a text of 1 to {most} characters in quotes, without control characters")
+            }
+            Kind::Words { most, longest } => format!(
+                "a list of 1 to {most} texts of at most {longest} characters, as in [\"python\", \
+                 \"train.py\"]"
+            ),
+            Kind::Scalar => {
+                let most = Kind::LONGEST_TEXT;
+                format!("true, false, a number, or a text of at most {most} characters")
+            }
+            Kind::Distribution(of) => Distribution::expectation(of),
+            Kind::Rows(_) => "\"none\", a list of tables, or the name of a CSV file".to_owned(),
         }
     }
 
-    /// The value that a canonical form writes as this JSON; `None` if it is of another type.
-    pub(super) fn value(self, json: &serde_json::Value) -> Option<Value> {
+    /// The value in the JSON of a canonical form; `None` if it has another type.
+    pub fn value(self, json: &serde_json::Value) -> Option<Value> {
         // Adding 0 turns -0 into 0.
         let real = |json: &serde_json::Value| json.as_f64().map(|real| real + 0.0);
         match self {
@@ -166,10 +311,32 @@ impl Kind {
                 let [first, second] = json.as_array()?.as_slice() else { return None };
                 Some(Value::RealPair([real(first)?, real(second)?]))
             }
-            Kind::Widths { .. } => {
-                let width = |json: &serde_json::Value| u32::try_from(json.as_u64()?).ok();
-                json.as_array()?.iter().map(width).collect::<Option<_>>().map(Value::Widths)
+            Kind::Reals { .. } => {
+                json.as_array()?.iter().map(real).collect::<Option<_>>().map(Value::Reals)
             }
+            Kind::Counts { .. } | Kind::Widths { .. } => {
+                let width = |json: &serde_json::Value| u32::try_from(json.as_u64()?).ok();
+                json.as_array()?.iter().map(width).collect::<Option<_>>().map(Value::Wholes)
+            }
+            Kind::Text { .. } => json.as_str().map(|text| Value::Text(text.to_owned())),
+            Kind::Words { .. } => {
+                let word = |json: &serde_json::Value| json.as_str().map(str::to_owned);
+                json.as_array()?.iter().map(word).collect::<Option<_>>().map(Value::Words)
+            }
+            Kind::Scalar => match json {
+                serde_json::Value::Bool(flag) => Some(Value::Flag(*flag)),
+                serde_json::Value::Number(number) => match (number.as_u64(), number.as_i64()) {
+                    (Some(whole), _) => Some(Value::Integer(whole)),
+                    (None, Some(whole)) => Some(Value::Negative(whole)),
+                    (None, None) => real(json).map(Value::Real),
+                },
+                serde_json::Value::String(text) => Some(Value::Text(text.clone())),
+                _ => None,
+            },
+            Kind::Distribution(of) => {
+                Distribution::from_text(of, json.as_str()?).map(Value::Distribution)
+            }
+            Kind::Rows(known) => Rows::from_text(known, json.as_str()?).map(Value::Rows),
         }
     }
 }

@@ -1,24 +1,27 @@
-//! Reads `[[analysis]]`, and holds what was read against the rest of the manifest.
+//! Reads `[[analysis]]`, and checks each analysis against the rest of the manifest.
 
 use std::collections::HashSet;
 
 use toml::de::DeTable;
 
 use super::analysis::{Analysis, AnalysisDraft};
-use super::analysis_kind::{ANALYSED_METRICS, AnalysisKind, CurveAxis, ERROR_AXIS, KindName};
+use super::analysis_keys::{ANALYSED_METRICS, ERROR_AXIS, KindName};
+use super::analysis_kind::{AnalysisKind, CurveAxis, Recovery};
 use super::condition::Condition;
 use super::declared::Manifest;
 use super::draft::Draft;
 use super::fault::{Fault, FaultList};
+use super::first_episodes::{first_episodes, first_return};
 use super::limits::MOST_COMPARISONS;
-use super::parameter::{parameter, parameters};
+use super::parameter::{named, parameters};
 use super::presence::absent;
 use super::read::shortened;
 use super::section::Section;
 use super::sides::Sides;
 use super::source::{Located, Span};
 use super::sweep::{Node, Reader};
-use crate::key::{Kind, Parameter, Value};
+use crate::agent::free_key;
+use crate::key::{Distribution, Kind, Parameter, Value};
 
 /// The probability of context 1.
 const CONTEXT_PROBABILITY: Parameter = Parameter::Environment("context_probability");
@@ -34,7 +37,7 @@ impl Reader<'_> {
             let name = match table.get("name") {
                 Some(node) => self.name("name", node),
                 None => {
-                    let help = "files and links are called by it: name = \"figure-1\"";
+                    let help = "files and links use it: write name = \"figure-1\"";
                     let fault = Fault::at(span, "missing key `name` in an [[analysis]]");
                     self.faults.add(fault.help(help));
                     continue;
@@ -55,7 +58,7 @@ impl Reader<'_> {
         let words: Vec<&str> = KindName::ALL.iter().map(|kind| kind.word()).collect();
         let Some(node) = table.get("kind") else {
             let fault = Fault::at(span, "missing key `kind` in an [[analysis]]");
-            self.faults.add(fault.help(format!("it is one of {}", words.join(", "))));
+            self.faults.add(fault.help(format!("expected one of {}", words.join(", "))));
             return None;
         };
         let word = self.word("kind", &words, node)?;
@@ -86,7 +89,10 @@ impl Reader<'_> {
     ) -> Option<AnalysisDraft> {
         let title = table.get("title").and_then(|node| self.text("title", node));
         let metric = match table.get("metric") {
-            Some(node) => self.word("metric", ANALYSED_METRICS, node)?,
+            Some(node) => match node.get_ref().as_str().and_then(first_episodes) {
+                Some(episodes) => first_return(episodes),
+                None => self.word("metric", ANALYSED_METRICS, node)?,
+            },
             None => ANALYSED_METRICS[0],
         };
         let jobs = table.get("where").and_then(|node| self.table("where", node));
@@ -99,11 +105,46 @@ impl Reader<'_> {
                 located.push(Located { value: side.clone(), span: node.span().into() });
             }
         }
-        let analysis = Analysis { name: name.to_owned(), title, metric, conditions, kind };
-        Some(AnalysisDraft { analysis, conditions: located, axes, span })
+        if let AnalysisKind::Recovery(Recovery { with, without }) = &kind {
+            for (side, conditions) in [("with", with), ("without", without)] {
+                let span = table.get(side).map_or(span, |node| node.span().into());
+                let values = conditions.iter().cloned();
+                located.extend(values.map(|value| Located { value, span }));
+            }
+        }
+        let participants = self.participants(metric, table);
+        let mut panels = Vec::new();
+        let figure = self.figure_keys(table, &mut panels);
+        let analysis = Analysis {
+            name: name.to_owned(),
+            title,
+            metric,
+            participants: participants.as_ref().map(|range| range.value),
+            conditions,
+            figure,
+            kind,
+        };
+        Some(AnalysisDraft { analysis, conditions: located, participants, panels, axes, span })
     }
 
-    /// The sides that `by` and `between` name.
+    /// The conditions on the arms of a recovery, under the key `key`.
+    pub fn arms(&mut self, key: &str, span: Span, table: &DeTable) -> Option<Vec<Condition>> {
+        let Some(node) = table.get(key) else {
+            let fault = Fault::at(span, format!("missing key `{key}` in an [[analysis]]"));
+            let help = "write conditions: { agent.name = \"ppo\", scenario = \"P-T\" }";
+            self.faults.add(fault.help(help));
+            return None;
+        };
+        let conditions = self.table(key, node)?;
+        let conditions = self.conditions(conditions, &format!("`{key}`"));
+        if conditions.is_empty() {
+            self.expected(key, "at least one condition, as in { agent.name = \"ppo\" }", node);
+            return None;
+        }
+        Some(conditions.into_iter().map(|condition| condition.value).collect())
+    }
+
+    /// The two sides, from the keys `by` and `between`.
     pub fn sides(&mut self, span: Span, table: &DeTable) -> Option<Sides> {
         let (Some(by), Some(between)) = (table.get("by"), table.get("between")) else {
             let fault = Fault::at(span, "a difference needs `by` and `between`");
@@ -119,35 +160,36 @@ impl Reader<'_> {
         let parameter = by.get_ref().as_str().unwrap_or_default();
         let (first, second) = (self.side(parameter, by, one)?, self.side(parameter, by, other)?);
         if first == second {
-            self.expected("between", "another value than the first", other);
+            self.expected("between", "two different values", other);
             return None;
         }
         Some(Sides { first, second })
     }
 
-    /// The condition that the parameter called `by` has the value of `node`.
+    /// The condition that the parameter named in `by` has the value of `node`.
     fn side(&mut self, name: &str, by: &Node, node: &Node) -> Option<Condition> {
-        if name == "agent.name" {
+        if matches!(name, "agent" | "agent.name") {
             let Some(agent) = node.get_ref().as_str() else {
                 self.expected("between", "an agent's name in quotes", node);
                 return None;
             };
             return Some(Condition::AgentName(vec![agent.to_owned()]));
         }
-        match parameter(name) {
+        match named(name) {
             Some(Parameter::Scenario) => {
                 let scenarios = self.scenarios("between", node);
                 (!scenarios.is_empty()).then_some(Condition::Scenario(scenarios))
             }
             Some(
                 parameter @ (Parameter::Environment(_)
+                | Parameter::Population(_)
                 | Parameter::Agent(_)
                 | Parameter::Evaluation(_)),
             ) => {
                 let value = self.value("between", kind_of(parameter)?, node)?;
                 Some(Condition::Key { parameter, values: vec![value] })
             }
-            // Seeds are what means are taken over.
+            // Seeds are replications: means are taken over them, so they are no side.
             Some(Parameter::Seed) | None => {
                 self.unknown_parameter("by", by, &["agent.name"]);
                 None
@@ -171,7 +213,7 @@ impl Reader<'_> {
         self.axis("x", span, table, axes).map(CurveAxis::Swept)
     }
 
-    /// A parameter with numbers for values.
+    /// A parameter with numeric values.
     pub fn axis(
         &mut self,
         key: &str,
@@ -184,11 +226,16 @@ impl Reader<'_> {
             self.faults.add(fault.help("write the dotted name of a swept parameter"));
             return None;
         };
-        let named = node.get_ref().as_str().and_then(parameter);
+        let named = node.get_ref().as_str().and_then(named);
         let numeric = named.filter(|parameter| {
             matches!(
                 kind_of(*parameter),
-                Some(Kind::Real { .. } | Kind::PositiveReal { .. } | Kind::Integer { .. })
+                Some(
+                    Kind::Real { .. }
+                        | Kind::PositiveReal { .. }
+                        | Kind::Integer { .. }
+                        | Kind::Scalar
+                )
             )
         });
         match numeric {
@@ -205,7 +252,7 @@ impl Reader<'_> {
         let names: Vec<String> =
             parameters().into_iter().map(|parameter| parameter.to_string()).collect();
         let fault = Fault::at(node.span().into(), message);
-        // A bare key is missing its section, which no edit distance would find.
+        // The bare key lacks its section. Edit distance would not suggest the full name.
         let known = names.iter().map(String::as_str).chain(others.iter().copied());
         let section = others.iter().copied().find(|name| name.split('.').next() == Some(dotted));
         let bare = known.clone().find(|name| name.split('.').next_back() == Some(dotted));
@@ -243,10 +290,10 @@ fn kind_of(parameter: Parameter) -> Option<Kind> {
         let (_, key) = section.find(parameter.key())?;
         (section.parameter(key.name) == parameter).then_some(key.kind)
     };
-    sections.filter_map(of).next()
+    sections.filter_map(of).next().or_else(|| free_key(parameter.key()).map(|key| key.kind))
 }
 
-/// Notes analyses of what the manifest does not declare.
+/// Reports analyses that refer to something that the manifest does not declare.
 pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
     if !comparisons_fit(draft, manifest, faults) {
         return;
@@ -264,21 +311,50 @@ pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
                 false => fault.help(format!("its values here: {present}")),
             });
         }
+        if let Some(episodes) = first_episodes(analysis.analysis.metric) {
+            const LISTS: &str = "first_episodes";
+            let lists = manifest.evaluation.get(LISTS).unwrap_or_default();
+            let has =
+                |list: &Value| matches!(list, Value::Wholes(list) if list.contains(&episodes));
+            if !lists.iter().all(has) && !draft.is_invalid(Parameter::Evaluation(LISTS)) {
+                let metric = analysis.analysis.metric;
+                let message = format!("no job records the metric \"{metric}\"");
+                let help = format!("list {episodes} in `evaluation.{LISTS}`");
+                faults.add(Fault::at(analysis.span, message).help(help));
+            }
+        }
+        if let Some(range) = &analysis.participants
+            && !differ_in(manifest, range.value.parameter)
+            && !draft.is_invalid(Parameter::Population(range.value.parameter))
+            && !draft.is_invalid(Parameter::Population("rows"))
+        {
+            let name = range.value.parameter;
+            let message = format!("`participants`: [population] gives no `{name}`");
+            let help = "name a parameter that has a distribution, or is a column of `rows`";
+            faults.add(Fault::at(range.span, message).help(help));
+        }
         let odds = manifest.environment.get(CONTEXT_PROBABILITY.key()).unwrap_or_default();
         let unequal = odds.iter().find(|value| **value != Value::Real(0.5));
         if let Some(value) = unequal.filter(|_| analysis.analysis.kind.shows_inference_error()) {
             let message = format!(
-                "the context inference error is of equally likely contexts, found \
+                "the context inference error requires equally likely contexts, found \
                  `{CONTEXT_PROBABILITY}` = {value}"
             );
-            let help = "take another analysis, or a curve with x = \"environment.sigma\"";
+            let help = "use another analysis, or a curve with x = \"environment.sigma\"";
+            faults.add(Fault::at(analysis.span, message).help(help));
+        }
+        let differing =
+            ["sigma", CONTEXT_PROBABILITY.key()].into_iter().find(|name| differ_in(manifest, name));
+        if let Some(name) = differing.filter(|_| analysis.analysis.kind.shows_inference_error()) {
+            let message = format!("the context inference error depends on `population.{name}`");
+            let help = "use another analysis";
             faults.add(Fault::at(analysis.span, message).help(help));
         }
         for axis in &analysis.axes {
             let lengths = manifest.agents.iter().map(|agent| manifest.length(agent, axis.value));
             if lengths.max().is_some_and(|most| most < 2) && !draft.is_invalid(axis.value) {
-                let message = format!("`{}` has one value, it is not swept", axis.value);
-                let help = "an axis shows a parameter that the manifest gives several values";
+                let message = format!("`{}` is not swept: it has one value", axis.value);
+                let help = "an axis needs a parameter with several values";
                 faults.add(Fault::at(axis.span, message).help(help));
             }
             let repeats = |values: &&[Value]| {
@@ -287,24 +363,51 @@ pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
             };
             let mut lists =
                 manifest.agents.iter().filter_map(|agent| manifest.values(agent, axis.value));
+            let is_number = |value: &Value| {
+                matches!(value, Value::Real(_) | Value::Integer(_) | Value::Negative(_))
+            };
+            if lists.clone().any(|list| !list.iter().all(is_number))
+                && !draft.is_invalid(axis.value)
+            {
+                let message = format!("`{}` has values that are not numbers", axis.value);
+                faults.add(Fault::at(axis.span, message).help("an axis needs numbers"));
+            }
             if lists.any(|list| repeats(&list)) && !draft.is_invalid(axis.value) {
                 let message = format!("`{}` has a value twice", axis.value);
-                let help = "an axis needs a parameter whose values differ; take another of its zip";
+                let help = "an axis needs distinct values; use another parameter of its zip";
                 faults.add(Fault::at(axis.span, message).help(help));
+            }
+        }
+        for panel in &analysis.panels {
+            let lengths = manifest.agents.iter().map(|agent| manifest.length(agent, panel.value));
+            if lengths.max().is_some_and(|most| most < 2) && !draft.is_invalid(panel.value) {
+                let message = format!("`{}` is not swept: it has one value", panel.value);
+                let help = "panels need a key with several values";
+                faults.add(Fault::at(panel.span, message).help(help));
             }
         }
         let reported = analysis.analysis.kind.reporting_seeds();
         let shared = reported.iter().find(|seed| seeds.contains(seed));
         if let (Some(seed), false) = (shared, draft.is_invalid(Parameter::Seed)) {
-            let message = format!("seed {seed} is searched on and reported on");
-            let help = "choose on other seeds than those that are reported: seeds = [101, 102]";
+            let message = format!("seed {seed} is used both for the search and for the report");
+            let help = "search on seeds that are not reported, such as seeds = [101, 102]";
             faults.add(Fault::at(analysis.span, message).help(help));
         }
     }
 }
 
-/// Notes more comparisons of what analyses name with what agents have than anybody waits for;
-/// whether there are none.
+/// Whether the population varies the parameter between participants in any job.
+fn differ_in(manifest: &Manifest, parameter: &str) -> bool {
+    let values = |key| manifest.population.get(key).unwrap_or_default().iter();
+    let has_column = |value: &Value| match value {
+        Value::Rows(rows) => rows.columns().contains(&parameter),
+        _ => false,
+    };
+    let is_given = |value: &Value| *value != Value::Distribution(Distribution::Fixed);
+    values(parameter).any(is_given) || values("rows").any(has_column)
+}
+
+/// Whether comparing the analyses with the agents' keys takes acceptable time; reports a fault if not.
 fn comparisons_fit(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -> bool {
     let conditions = || draft.analyses.iter().flat_map(|analysis| &analysis.conditions);
     let present = |condition: &Condition| -> usize {
@@ -326,12 +429,11 @@ fn comparisons_fit(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -
         return true;
     }
     let message = format!(
-        "the analyses need {comparisons} comparisons with values, at most {MOST_COMPARISONS} are \
-         possible"
+        "the analyses need {comparisons} comparisons with values; the maximum is {MOST_COMPARISONS}"
     );
     let span = draft.analyses.first().map_or(Span { start: 0, end: 0 }, |first| first.span);
     faults.add(Fault::at(span, message).help(format!(
-        "analyses: {}, conditions of them: {}; leave out conditions that every job meets",
+        "analyses: {}, conditions: {}; leave out conditions that every job meets",
         draft.analyses.len(),
         conditions().count()
     )));

@@ -1,49 +1,61 @@
-//! What an author wants computed from the results: analyses, as the report draws them.
+//! Declared analyses, which the report computes from the results.
 //!
-//! Analyses are no part of any job: declaring, changing or dropping one runs nothing.
+//! Analyses are not part of any job, so declaring, changing or dropping one runs no job.
 
 use super::analysis_kind::{AnalysisKind, DataPart};
 use super::condition::Condition;
+use super::figure_keys::FigureKeys;
+use super::participant_range::ParticipantRange;
 use super::source::{Located, Span};
 use crate::key::Parameter;
 
 /// A figure or table that an author declares with `[[analysis]]`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Analysis {
-    /// What files and links call it; no other analysis of the manifest has it.
+    /// The name in files and links, unique in the manifest.
     pub name: String,
-    /// What a reader sees above it; the name stands in where there is none.
+    /// The heading in the report; the name if none was given.
     pub title: Option<String>,
-    /// The metric of a run that it is about, one of [`super::ANALYSED_METRICS`].
+    /// The metric to analyse, one of [`super::ANALYSED_METRICS`].
     pub metric: &'static str,
-    /// Which jobs it is about: those that meet every condition.
+    /// The participants whose test episodes are analysed; `None` for all.
+    pub participants: Option<ParticipantRange>,
+    /// The conditions that a job must meet to be analysed.
     pub conditions: Vec<Condition>,
-    /// What it computes from them.
+    /// The layout of its figures.
+    pub figure: FigureKeys,
+    /// The kind of analysis.
     pub kind: AnalysisKind,
 }
 
-/// An analysis as it is written.
+/// An analysis with the positions of its parts in the manifest.
 #[derive(Clone, Debug)]
 pub(super) struct AnalysisDraft {
     pub analysis: Analysis,
-    /// Where its jobs and sides are named.
+    /// The conditions on its jobs and sides, with their positions.
     pub conditions: Vec<Located<Condition>>,
-    /// The parameters along its axes.
+    /// Its participants, with their position.
+    pub participants: Option<Located<ParticipantRange>>,
+    /// The key that distinguishes its panels, with its position; at most one.
+    pub panels: Vec<Located<Parameter>>,
+    /// The parameters along its axes, with their positions.
     pub axes: Vec<Located<Parameter>>,
     /// Where its table begins.
     pub span: Span,
 }
 
 impl Analysis {
-    /// What a job has to meet to be one that the analysis is about: its conditions, and to be on
-    /// one of its sides.
+    /// The conditions on the jobs to analyse, including those of its sides.
     pub fn of_jobs(&self) -> impl Iterator<Item = Condition> {
         let either = self.kind.sides().and_then(|sides| sides.first.or(&sides.second));
         self.conditions.iter().cloned().chain(either)
     }
 
-    /// The part of the results that it is computed from.
+    /// The part of the results that the analysis needs.
     pub fn part(&self) -> DataPart {
-        self.kind.part(self.metric)
+        match self.participants {
+            Some(range) => DataPart::Participants(range),
+            None => self.kind.part(self.metric),
+        }
     }
 }

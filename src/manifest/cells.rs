@@ -1,4 +1,4 @@
-//! Reads what shapes the grid: zips, and exclusions with their conditions.
+//! Reads zips and exclusions, which shape the grid.
 
 use std::collections::HashSet;
 
@@ -7,15 +7,16 @@ use toml::de::DeTable;
 use super::condition::Condition;
 use super::draft::Draft;
 use super::fault::{Fault, nearest};
-use super::parameter::{parameter, parameters};
+use super::parameter::{named, parameter, parameters};
 use super::read::{MOST_ENTRIES, shortened};
 use super::section::Section;
 use super::source::{Located, Span};
 use super::sweep::{Node, Reader, Repeats};
-use crate::key::{Key, Parameter};
+use crate::key::{Key, Kind, Parameter};
 
-/// What an exclusion's conditions can be on, beside the keys of the sections.
-const CONDITIONS: [&str; 5] = ["scenario", "seed", "agent", "environment", "evaluation"];
+/// The keys of an exclusion besides those of the sections.
+const CONDITIONS: [&str; 6] =
+    ["scenario", "seed", "agent", "environment", "population", "evaluation"];
 
 impl Reader<'_> {
     /// Reads `zip`: a list of lists of dotted names.
@@ -39,7 +40,7 @@ impl Reader<'_> {
             let value = self.distinct("zip", items.iter(), |reader, item| reader.parameter(item));
             for (parameter, item) in value.iter().zip(items) {
                 if zipped.contains(parameter) {
-                    let message = format!("`zip`: {parameter} is in another zip already");
+                    let message = format!("`zip`: {parameter} is already in another zip");
                     self.faults.add(Fault::at(item.span().into(), message));
                 }
             }
@@ -59,7 +60,7 @@ impl Reader<'_> {
                 format!("`zip`: expected the dotted name of a swept parameter, found {found}");
             let names: Vec<String> = parameters().into_iter().map(|p| p.to_string()).collect();
             let fault = Fault::at(node.span().into(), message);
-            // A bare key is missing its section, which no edit distance would find.
+            // The bare key lacks its section. Edit distance would not suggest the full name.
             let bare = names.iter().find(|name| name.split('.').next_back() == Some(dotted));
             self.faults.add(match bare {
                 Some(name) => fault.help(format!("did you mean `{name}`?")),
@@ -83,18 +84,25 @@ impl Reader<'_> {
         draft.invalid_cells |= self.faults.len() > before;
     }
 
-    /// The conditions of `table`, which messages call `place`.
+    /// The conditions of `table`; messages call the table `place`.
     pub fn conditions(&mut self, table: &DeTable, place: &str) -> Vec<Located<Condition>> {
         let mut conditions = Vec::new();
         for (key, node) in table {
             let span: Span = node.span().into();
-            let mut push = |value| conditions.push(Located { value, span });
             match key.get_ref().as_ref() {
-                "scenario" => push(Condition::Scenario(self.scenarios("scenario", node))),
-                "seed" => push(Condition::Seed(self.seed_list("seed", node))),
+                "scenario" => {
+                    let value = Condition::Scenario(self.scenarios("scenario", node));
+                    conditions.push(Located { value, span });
+                }
+                "seed" => {
+                    let value = Condition::Seed(self.seed_list("seed", node));
+                    conditions.push(Located { value, span });
+                }
                 "agent" => self.key_conditions(("agent", place), node, &mut conditions),
                 "environment" => self.key_conditions(("environment", place), node, &mut conditions),
+                "population" => self.key_conditions(("population", place), node, &mut conditions),
                 "evaluation" => self.key_conditions(("evaluation", place), node, &mut conditions),
+                found if self.short_condition(found, node, &mut conditions) => {}
                 found => {
                     let message = format!("unknown key `{}` in {place}", shortened(found));
                     let fault = Fault::at(key.span().into(), message);
@@ -103,7 +111,7 @@ impl Reader<'_> {
                     let ending = format!(".{found}");
                     let meant = dotted.find(|name| name == found || name.ends_with(&ending));
                     self.faults.add(match meant {
-                        // In quotes the dot is a letter of the key.
+                        // Quotes make the dot a part of the key.
                         Some(meant) if meant == found => {
                             fault.help(format!("write it without quotes: {meant} = …"))
                         }
@@ -113,10 +121,42 @@ impl Reader<'_> {
                 }
             }
         }
+        self.require_once(&conditions);
         conditions
     }
 
-    /// Reads `section.<key> = …` of a place.
+    /// Reports a parameter that is named twice, such as by its full and by its short name.
+    fn require_once(&mut self, conditions: &[Located<Condition>]) {
+        let mut known: Vec<Parameter> = Vec::new();
+        for Located { value, span } in conditions {
+            let Condition::Key { parameter, .. } = value else { continue };
+            if known.contains(parameter) {
+                let fault = Fault::at(*span, format!("`{parameter}` is set twice"));
+                self.faults.add(fault.help("name it once, with a list of all its values"));
+            }
+            known.push(*parameter);
+        }
+    }
+
+    /// Reads `<key> = …` if exactly one parameter has this key; false if none or several have it.
+    fn short_condition(
+        &mut self,
+        found: &str,
+        node: &Node,
+        out: &mut Vec<Located<Condition>>,
+    ) -> bool {
+        // A quoted full name is one key that contains dots.
+        let Some(parameter) = named(found).filter(|_| !found.contains('.')) else { return false };
+        let dotted = parameter.to_string();
+        let Some((section, key)) = dotted.split_once('.') else { return false };
+        let Some((_, known)) = find(section, key) else { return false };
+        let values = self.sweep(&dotted, known.kind, Repeats::Refused, node);
+        let span = node.span().into();
+        out.push(Located { value: Condition::Key { parameter, values }, span });
+        true
+    }
+
+    /// Reads `section.<key> = …`.
     fn key_conditions(
         &mut self,
         (section, place): (&str, &str),
@@ -134,6 +174,17 @@ impl Reader<'_> {
             if (section, found) == ("agent", "name") {
                 let value = Condition::AgentName(self.agent_names(node));
                 out.push(Located { value, span });
+                continue;
+            }
+            if (section, found) == ("agent", "parameters") {
+                let free = self.free_parameters(node).map(|(_, given)| given).unwrap_or_default();
+                for (name, node) in free {
+                    let parameter = Parameter::Agent(name);
+                    let dotted = parameter.to_string();
+                    let values = self.sweep(&dotted, Kind::Scalar, Repeats::Refused, node);
+                    let span = node.span().into();
+                    out.push(Located { value: Condition::Key { parameter, values }, span });
+                }
                 continue;
             }
             let Some((section, known)) = find(section, found) else {
@@ -166,7 +217,7 @@ impl Reader<'_> {
     }
 }
 
-/// The key called `name` of a section as dotted names call it.
+/// The key called `name` of a section; `section` is the name in dotted names.
 fn find(section: &str, name: &str) -> Option<(Section, &'static Key)> {
     Section::all()
         .into_iter()

@@ -1,5 +1,5 @@
-//! The rules that no key can be held to alone: zips, exclusions, the size of the grid, and keys of
-//! an agent that depend on each other (its algorithm's constraints).
+//! Rules between keys: zips, exclusions, the size of the grid, and the constraints of environments,
+//! populations and algorithms.
 
 use std::collections::{HashMap, HashSet};
 
@@ -11,12 +11,13 @@ use super::fault::{Fault, FaultList};
 use super::grid::{Axis, Grid, axes, size, zipped};
 use super::limits::{MOST_COMPARISONS, MOST_JOBS};
 use super::noise;
+use super::people;
 use super::presence::absent;
 use super::source::Span;
 use crate::agent::{Constraint, Violation};
 use crate::key::{Parameter, Value};
 
-/// Notes what is wrong between the keys of `manifest`, which was completed from `draft`.
+/// Reports faults between the keys of `manifest`, which was completed from `draft`.
 pub(super) fn check(draft: &Draft, mut manifest: Manifest, faults: &mut FaultList) -> Manifest {
     let broken = zips(draft, &manifest, faults);
     manifest.zips.retain(|zip| !zip.parameters.iter().any(|name| broken.contains(name)));
@@ -27,11 +28,11 @@ pub(super) fn check(draft: &Draft, mut manifest: Manifest, faults: &mut FaultLis
     let exclusions_hold = exclusions(draft, &manifest, faults);
     let grids: Vec<Grid> =
         (0..manifest.agents.len()).map(|agent| Grid::of(&manifest, agent)).collect();
-    for constraint in noise::CONSTRAINTS {
+    for constraint in noise::CONSTRAINTS.iter().chain(people::CONSTRAINTS) {
         let certain = grids.iter().enumerate();
         let mut certain =
             certain.filter(|(place, grid)| is_certain(draft, *place, grid, constraint, &broken));
-        // What one agent's cells violate the others' do, too.
+        // No key of an agent is involved: one agent's violation stands for all.
         if let Some((place, grid)) = certain.find(|(_, grid)| grid.violation(constraint).is_some())
         {
             hold(draft, Concerned::Environment(place), grid, constraint, faults);
@@ -51,7 +52,8 @@ pub(super) fn check(draft: &Draft, mut manifest: Manifest, faults: &mut FaultLis
     manifest
 }
 
-/// Notes zips of what is not swept or of unequal lengths; the parameters of those.
+/// Reports zips of parameters that are not swept or differ in length; returns the parameters of faulty
+/// zips.
 fn zips(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -> HashSet<Parameter> {
     let mut broken = HashSet::new();
     for zip in draft.zips.iter().flatten() {
@@ -59,9 +61,11 @@ fn zips(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -> HashSet<P
             broken.extend(&zip.value);
         } else if let Some(message) = zip_fault(manifest, &zip.value) {
             broken.extend(&zip.value);
-            faults.add(Fault::at(zip.span, message).help(
-                "a zip takes parameters with lists of one length, and advances them together",
-            ));
+            faults.add(
+                Fault::at(zip.span, message).help(
+                    "a zip advances parameters together; their lists must have the same length",
+                ),
+            );
         }
     }
     broken
@@ -80,7 +84,7 @@ fn zip_fault(manifest: &Manifest, parameters: &[Parameter]) -> Option<String> {
             parameters.iter().map(|parameter| manifest.length(agent, *parameter)).collect();
         if let Some((single, _)) = parameters.iter().zip(&lengths).find(|(_, length)| **length == 1)
         {
-            return Some(format!("`zip`: `{single}` has one value, it is not swept"));
+            return Some(format!("`zip`: `{single}` is not swept: it has one value"));
         }
         if lengths.iter().any(|length| *length != lengths[0]) {
             let each = parameters.iter().zip(&lengths);
@@ -89,14 +93,14 @@ fn zip_fault(manifest: &Manifest, parameters: &[Parameter]) -> Option<String> {
             return Some(format!("`zip`: the lists differ in length: {}", each.join(", ")));
         }
         if let Some([first, second]) = same_places(manifest, agent, parameters) {
-            return Some(format!("`zip`: places {first} and {second} are the same"));
+            return Some(format!("`zip`: positions {first} and {second} have the same values"));
         }
     }
     None
 }
 
-/// Two places of a zip, counted from 1, at which all of its lists have the same value. Scenarios and seeds
-/// stand only once.
+/// Two places of a zip, counted from 1, at which all of its lists have the same value. `None` for zips with
+/// scenarios or seeds, which are distinct.
 fn same_places(
     manifest: &Manifest,
     agent: &DeclaredAgent,
@@ -112,7 +116,7 @@ fn same_places(
     })
 }
 
-/// Notes conditions on values that nothing in the manifest has; whether there are none.
+/// Reports conditions on values that the manifest does not have; true if there are none.
 fn exclusions(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -> bool {
     let mut hold = true;
     for condition in draft.exclusions.iter().flat_map(|exclusion| &exclusion.value) {
@@ -130,7 +134,7 @@ fn exclusions(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -> boo
     hold
 }
 
-/// Notes a grid of too many cells; whether it is small enough to be walked through.
+/// Reports a grid with too many cells; true if the grid is small enough to be enumerated.
 fn size_fits(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -> bool {
     let grids: Vec<Vec<Axis>> = manifest.agents.iter().map(|agent| axes(manifest, agent)).collect();
     let sizes = grids.iter().map(|axes| size(axes));
@@ -145,16 +149,16 @@ fn size_fits(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -> bool
     let factors = axes.iter().map(|axis| format!("{} ({})", axis.parameters[0], axis.length));
     let factors: Vec<String> = factors.collect();
     let name = &manifest.agents[largest].name;
-    let message = format!("the grid has {total} jobs, at most {MOST_JOBS} are possible");
+    let message = format!("the grid has {total} jobs; the maximum is {MOST_JOBS}");
     let fault = Fault::at(span.unwrap_or(Span { start: 0, end: 0 }), message);
-    // With an unreadable zip the count may be too high, and the zip's own fault comes first.
+    // An unreadable zip can inflate the count. Its own fault has already been reported.
     if !draft.invalid_cells && draft.zips.iter().flatten().count() == manifest.zips.len() {
         faults.add(fault.help(format!("agent `{name}`: {}", factors.join(" × "))));
     }
     false
 }
 
-/// Notes more comparisons of cells with exclusions than anybody waits for; whether there are none.
+/// Whether comparing cells with exclusions takes acceptable time; reports a fault if not.
 fn comparisons_fit(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -> bool {
     let sizes = manifest.agents.iter().map(|agent| size(&axes(manifest, agent)));
     let cells = sizes.fold(0, u128::saturating_add);
@@ -166,8 +170,8 @@ fn comparisons_fit(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -
         return true;
     }
     let message = format!(
-        "the exclusions need {comparisons} comparisons with cells, at most {MOST_COMPARISONS} are \
-         possible"
+        "the exclusions need {comparisons} comparisons with cells; the maximum is \
+         {MOST_COMPARISONS}"
     );
     let span = draft.exclusions.first().map_or(Span { start: 0, end: 0 }, |first| first.span);
     faults.add(Fault::at(span, message).help(format!(
@@ -194,7 +198,7 @@ fn is_certain(
     !swept || !(draft.invalid_cells || parameters.iter().any(|name| broken.contains(name)))
 }
 
-/// What a constraint is about, with the place of an agent whose grid is looked at.
+/// The subject of a constraint, with the index of the agent whose grid is checked.
 #[derive(Clone, Copy)]
 enum Concerned {
     /// The environment alone.
@@ -203,7 +207,7 @@ enum Concerned {
     Agent(usize),
 }
 
-/// Notes a combination of keys that violates a constraint, unless it is excluded.
+/// Reports a combination of keys that violates a constraint, unless the combination is excluded.
 fn hold(
     draft: &Draft,
     concerned: Concerned,
@@ -213,7 +217,7 @@ fn hold(
 ) {
     let Some((chosen, violation)) = grid.violation(constraint) else { return };
     let (Concerned::Environment(agent) | Concerned::Agent(agent)) = concerned;
-    // The last of them is the author's own where others are a preset's.
+    // Keys of a preset have the position of `extends`; the last position is a key of the author.
     let keys = chosen.keys.iter().map(|(key, _)| *key);
     let span = keys.filter_map(|key| draft.span_of(agent, key)).max();
     let name = &draft.agents[agent].name;
@@ -226,13 +230,13 @@ fn hold(
         Violation::Contradiction(says) => fault(format!("{of}{says}")),
         Violation::Impossible { says, help } => fault(format!("{of}{says}")).help(help),
         Violation::TooLarge { what, unit, size, most } => {
-            let says = format!("{what} {size} {unit}, at most {most} are possible");
+            let says = format!("{what} {size} {unit}; the maximum is {most}");
             fault(format!("{of}{says}")).help(format!("with {}", chosen.listed()))
         }
     });
 }
 
-/// Notes exclusions that leave out nothing, or everything.
+/// Reports exclusions that exclude nothing or everything.
 fn matches(draft: &Draft, grids: &[Grid], faults: &mut FaultList) {
     for exclusion in &draft.exclusions {
         let known = |condition: &Condition| match condition {
@@ -247,7 +251,7 @@ fn matches(draft: &Draft, grids: &[Grid], faults: &mut FaultList) {
         let exclusion_met = Exclusion { conditions };
         if all_known && !grids.iter().any(|grid| grid.meets(&exclusion_met)) {
             let fault = Fault::at(exclusion.span, "the exclusion matches no cell");
-            faults.add(fault.help("no cell meets all of its conditions at once"));
+            faults.add(fault.help("no cell meets all its conditions together"));
         }
     }
     let left: u64 = grids.iter().map(Grid::count).sum();

@@ -1,4 +1,4 @@
-//! Completes a draft: required keys are there, everything else gets its default.
+//! Completes a draft: reports missing required keys, and fills in all other keys with their defaults.
 
 use super::declared::{DeclaredAgent, Exclusion, Manifest, Zip};
 use super::draft::{Draft, Settings};
@@ -7,12 +7,12 @@ use super::parameter::Parameters;
 use super::section::Section;
 use super::source::Span;
 use crate::env::{Feature, Scenario};
-use crate::key::{Key, Kind, Value};
+use crate::key::{Distribution, Key, Kind, Rows, Value};
 
-/// The manifest that `draft` declares, noting what is missing.
+/// The manifest that `draft` declares; reports missing keys.
 ///
-/// What is missing or faulty is replaced by a single harmless value, so that the rest can be
-/// checked all the same; with faults noted, the result is not to be used for anything else.
+/// A missing or faulty value is replaced by one valid value, so that the remaining checks can run. If
+/// faults were reported, the manifest is valid for these checks only.
 pub(super) fn complete(draft: &Draft, path: &str, text: &str, faults: &mut FaultList) -> Manifest {
     let mut missing = |is_missing: bool, message: &str, help: &str| {
         if is_missing {
@@ -45,11 +45,13 @@ pub(super) fn complete(draft: &Draft, path: &str, text: &str, faults: &mut Fault
         scenarios: given_or(scenarios, || Scenario::of(Feature::Context)),
         seeds: given_or(seeds, || 1),
         environment: parameters(&draft.environment, faults),
+        population: parameters(&draft.population, faults),
         agents: draft
             .agents
             .iter()
             .map(|agent| DeclaredAgent {
                 name: agent.name.value.clone(),
+                label: agent.label.as_ref().map(|label| label.value.clone()),
                 algorithm: agent.algorithm,
                 parameters: parameters(&agent.settings, faults),
             })
@@ -73,7 +75,9 @@ fn parameters(settings: &Settings, faults: &mut FaultList) -> Parameters {
         if given.is_none() && default.is_none() {
             let span = settings.span.unwrap_or(Span { start: 0, end: 0 });
             let place = match section {
-                Section::Environment | Section::Evaluation => format!("[{}]", section.name()),
+                Section::Environment | Section::Population | Section::Evaluation => {
+                    format!("[{}]", section.name())
+                }
                 Section::Agent(_) => "[[agent]]".to_owned(),
             };
             let message = format!("missing key `{}` in {place}", key.name);
@@ -85,7 +89,7 @@ fn parameters(settings: &Settings, faults: &mut FaultList) -> Parameters {
     Parameters::new(section, section.keys().iter().enumerate().map(value).collect())
 }
 
-/// Some value of `kind`.
+/// A valid value of `kind`.
 fn harmless(kind: Kind) -> Value {
     match kind {
         Kind::Real { min, .. } => Value::Real(min),
@@ -94,6 +98,13 @@ fn harmless(kind: Kind) -> Value {
         Kind::Flag => Value::Flag(false),
         Kind::Choice(words) => Value::Choice(words[0]),
         Kind::RealPair { min, .. } => Value::RealPair([min, min]),
-        Kind::Widths { .. } => Value::Widths(vec![1]),
+        Kind::Reals { count, min, .. } => Value::Reals(vec![min; count]),
+        Kind::Counts { .. } => Value::Wholes(Vec::new()),
+        Kind::Widths { .. } => Value::Wholes(vec![1]),
+        Kind::Text { .. } => Value::Text("x".to_owned()),
+        Kind::Words { .. } => Value::Words(vec!["x".to_owned()]),
+        Kind::Scalar => Value::Flag(false),
+        Kind::Distribution(_) => Value::Distribution(Distribution::Fixed),
+        Kind::Rows(_) => Value::Rows(Rows::default()),
     }
 }

@@ -1,7 +1,8 @@
-//! Conditions on jobs, as exclusions, analyses and filters state them, and what they are tried on.
+//! Conditions on jobs, as exclusions, analyses and filters state them, and the trait for what they test.
 
 use std::fmt;
 
+use super::written::{list, quoted};
 use crate::env::Scenario;
 use crate::key::{Parameter, Value};
 
@@ -32,7 +33,7 @@ pub enum Setting {
     Text(String),
 }
 
-/// What conditions are evaluated on: a job with its agent's name.
+/// The subject of conditions: a job and the name of its agent.
 pub trait Described {
     /// The agent's name in the manifest.
     fn agent_name(&self) -> &str;
@@ -102,7 +103,20 @@ impl Condition {
         }
     }
 
-    /// The number of values that meet it.
+    /// The condition as a manifest writes it: `scenario = ["P-T"]`.
+    pub(super) fn written(&self) -> String {
+        let values = match self {
+            Condition::Scenario(scenarios) => {
+                list(&scenarios.iter().map(quoted).collect::<Vec<_>>())
+            }
+            Condition::Seed(seeds) => list(seeds),
+            Condition::AgentName(names) => list(&names.iter().map(quoted).collect::<Vec<_>>()),
+            Condition::Key { values, .. } => list(values),
+        };
+        format!("{} = {values}", self.name())
+    }
+
+    /// The number of values that meet the condition.
     pub(super) fn len(&self) -> usize {
         match self {
             Condition::Scenario(list) => list.len(),
@@ -112,8 +126,8 @@ impl Condition {
         }
     }
 
-    /// The condition that is met by what meets this one or the other; `None` if they are on
-    /// different parameters.
+    /// The condition that is met if this one or the other is met; `None` if they concern different
+    /// parameters.
     pub fn or(&self, other: &Condition) -> Option<Condition> {
         let mut either = self.clone();
         match (&mut either, other) {
@@ -148,10 +162,19 @@ impl From<&Value> for Setting {
             Value::Flag(flag) => Setting::Number(f64::from(u8::from(*flag))),
             Value::Choice(word) => Setting::Text((*word).to_owned()),
             Value::RealPair(pair) => Setting::Text(format!("[{:?},{:?}]", pair[0], pair[1])),
-            Value::Widths(widths) => {
+            Value::Reals(reals) => {
+                let reals: Vec<String> = reals.iter().map(|real| format!("{real:?}")).collect();
+                Setting::Text(format!("[{}]", reals.join(",")))
+            }
+            Value::Wholes(widths) => {
                 let widths: Vec<String> = widths.iter().map(ToString::to_string).collect();
                 Setting::Text(format!("[{}]", widths.join(",")))
             }
+            Value::Negative(whole) => Setting::Number(*whole as f64),
+            Value::Text(text) => Setting::Text(text.clone()),
+            Value::Words(words) => Setting::Text(serde_json::json!(words).to_string()),
+            Value::Distribution(distribution) => Setting::Text(distribution.text()),
+            Value::Rows(rows) => Setting::Text(rows.text()),
         }
     }
 }
@@ -159,7 +182,7 @@ impl From<&Value> for Setting {
 impl fmt::Display for Setting {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            // As a person writes it.
+            // Scientific notation for very small and very large numbers.
             Setting::Number(number) if *number != 0.0 && !(1e-6..1e15).contains(&number.abs()) => {
                 write!(f, "{number:e}")
             }
@@ -169,7 +192,11 @@ impl fmt::Display for Setting {
     }
 }
 
-/// The last part of a dotted name: `sigma` of `environment.sigma`.
+/// The last part of a dotted name: `sigma` of `environment.sigma`. Keys of a population keep their full
+/// names, because the environment has keys of the same name.
 pub fn short_name(dotted: &str) -> &str {
+    if dotted.starts_with("population.") {
+        return dotted;
+    }
     dotted.rsplit('.').next().unwrap_or(dotted)
 }

@@ -1,4 +1,6 @@
-//! A manifest after validation: what its author declared, complete and consistent.
+//! A validated manifest: complete and consistent.
+
+use std::path::Path;
 
 use super::analysis::Analysis;
 use super::condition::Condition;
@@ -9,7 +11,7 @@ use crate::key::{Parameter, Value};
 
 /// A validated manifest: every default filled in, every cell of its grids a possible job.
 ///
-/// Made by [`super::load`] and [`super::parse`] alone; changing its fields voids the validation.
+/// Only [`super::load`] and [`super::parse`] make it; changing its fields voids the validation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Manifest {
     /// The file it was read from, as the user named it.
@@ -18,54 +20,58 @@ pub struct Manifest {
     pub source: String,
     /// The experiment's name.
     pub name: String,
-    /// What the experiment asks, in prose.
+    /// The question of the experiment, in prose.
     pub question: Option<String>,
-    /// What its author expects, in prose.
+    /// The expected result, in prose.
     pub hypothesis: Option<String>,
     /// The file of published numbers to compare with, relative to the manifest.
     pub published: Option<String>,
-    /// Seconds that a job may take before it has failed; no part of any job.
+    /// Time limit of a job in seconds, after which it fails; not part of any job.
     pub time_limit_seconds: Option<u64>,
-    /// The scenarios, none twice, at least one.
+    /// The distinct scenarios; at least one.
     pub scenarios: Vec<Scenario>,
-    /// The seeds, none twice, at least one.
+    /// The distinct seeds; at least one.
     pub seeds: Vec<u64>,
     /// The environment's parameters.
     pub environment: Parameters,
-    /// The agents, their names distinct, at least one.
+    /// How the parameters of participants are distributed.
+    pub population: Parameters,
+    /// The agents, with distinct names; at least one.
     pub agents: Vec<DeclaredAgent>,
     /// The parameters of testing and recording.
     pub evaluation: Parameters,
     /// Swept parameters that advance together.
     pub zips: Vec<Zip>,
-    /// Cells of the grids that are left out.
+    /// Excluded cells of the grids.
     pub exclusions: Vec<Exclusion>,
-    /// What the report computes from the results; no part of any job.
+    /// Analyses for the report; not part of any job.
     pub analyses: Vec<Analysis>,
 }
 
 /// An agent of a manifest: a name and the values of its hyper-parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DeclaredAgent {
-    /// The name that tables and figures show.
+    /// Its name, in the store and in tables as CSV.
     pub name: String,
+    /// The name in figures and tables for readers; the agent's name if `None`.
+    pub label: Option<String>,
     /// The algorithm.
     pub algorithm: &'static Algorithm,
     /// The algorithm's hyper-parameters.
     pub parameters: Parameters,
 }
 
-/// Parameters whose lists have one length and advance together, as one axis of the grid.
+/// Parameters whose lists have equal lengths and advance together, as one axis of the grid.
 ///
-/// A zip that names keys of agents concerns the agents that sweep all of those keys; the others
-/// sweep what they sweep on axes of their own.
+/// A zip that names keys of agents applies to the agents that sweep all of these keys. Other agents
+/// sweep the zip's parameters on separate axes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Zip {
-    /// At least two parameters, in no other zip.
+    /// At least two parameters, none of which is in another zip.
     pub parameters: Vec<Parameter>,
 }
 
-/// Cells to leave out: those that meet every condition.
+/// Excluded cells: those that meet every condition.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Exclusion {
     /// At least one condition.
@@ -73,18 +79,24 @@ pub struct Exclusion {
 }
 
 impl Manifest {
-    /// The values that `parameter` takes for `agent`: how many, 0 if the agent has no such key.
+    /// The folder of its file.
+    pub fn folder(&self) -> &Path {
+        Path::new(&self.path).parent().unwrap_or(Path::new(""))
+    }
+
+    /// The number of values that `parameter` takes for `agent`; 0 if the agent has no such key.
     pub(super) fn length(&self, agent: &DeclaredAgent, parameter: Parameter) -> usize {
         match parameter {
             Parameter::Scenario => self.scenarios.len(),
             Parameter::Seed => self.seeds.len(),
-            Parameter::Environment(_) | Parameter::Agent(_) | Parameter::Evaluation(_) => {
-                self.values(agent, parameter).map_or(0, <[Value]>::len)
-            }
+            Parameter::Environment(_)
+            | Parameter::Population(_)
+            | Parameter::Agent(_)
+            | Parameter::Evaluation(_) => self.values(agent, parameter).map_or(0, <[Value]>::len),
         }
     }
 
-    /// The values of a key for `agent`; `None` for what is no key, or not one of the agent.
+    /// The values of a key for `agent`; `None` if the agent has no such key.
     pub(super) fn values<'m>(
         &'m self,
         agent: &'m DeclaredAgent,
@@ -93,6 +105,7 @@ impl Manifest {
         match parameter {
             Parameter::Scenario | Parameter::Seed => None,
             Parameter::Environment(key) => self.environment.get(key),
+            Parameter::Population(key) => self.population.get(key),
             Parameter::Agent(key) => agent.parameters.get(key),
             Parameter::Evaluation(key) => self.evaluation.get(key),
         }
@@ -100,7 +113,7 @@ impl Manifest {
 
     /// The keys of `agent`'s jobs that are swept, in the order of the tables.
     pub(super) fn swept_keys(&self, agent: &DeclaredAgent) -> Vec<Parameter> {
-        let sections = [&self.environment, &agent.parameters, &self.evaluation];
+        let sections = [&self.environment, &self.population, &agent.parameters, &self.evaluation];
         let swept = |parameters: &Parameters| -> Vec<Parameter> {
             let keys = parameters.iter().filter(|(_, values)| values.len() > 1);
             keys.map(|(key, _)| parameters.section().parameter(key.name)).collect()

@@ -1,7 +1,7 @@
 //! A manifest as it is written: what one file says, key by key, before defaults and presets.
 //!
-//! An empty list of values stands for a key whose values are faulty and have been reported: the
-//! key is there, so it is not missing, but nothing can be concluded from it.
+//! An empty list of values marks a key whose values are faulty and have been reported: the key is present,
+//! so it is not reported as missing, and checks that need its values are skipped.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use crate::agent::Algorithm;
 use crate::env::Scenario;
 use crate::key::{Parameter, Value};
 
-/// What a manifest or a preset says.
+/// The content of a manifest or a preset.
 #[derive(Clone, Debug)]
 pub(super) struct Draft {
     pub name: Option<Located<String>>,
@@ -24,20 +24,21 @@ pub(super) struct Draft {
     pub scenarios: Option<Located<Vec<Scenario>>>,
     pub seeds: Option<Located<Vec<u64>>>,
     pub environment: Settings,
+    pub population: Settings,
     pub evaluation: Settings,
     pub agents: Vec<AgentDraft>,
     pub zips: Option<Vec<Located<Vec<Parameter>>>>,
     pub exclusions: Vec<Located<Vec<Located<Condition>>>>,
     pub analyses: Vec<AnalysisDraft>,
-    /// A version of the format is written.
+    /// Whether the file states a version of the format.
     pub has_format: bool,
-    /// Agents were written that could not be read.
+    /// Whether some agents could not be read.
     pub invalid_agents: bool,
-    /// Zips or exclusions were written that could not be read.
+    /// Whether some zips or exclusions could not be read.
     pub invalid_cells: bool,
 }
 
-/// The values that a section of a file gives its keys, by their place in the table.
+/// The values that a section of a file gives its keys, by the keys' index in the table.
 #[derive(Clone, Debug)]
 pub(super) struct Settings {
     pub section: Section,
@@ -50,6 +51,8 @@ pub(super) struct Settings {
 #[derive(Clone, Debug)]
 pub(super) struct AgentDraft {
     pub name: Located<String>,
+    /// The agent's name in figures.
+    pub label: Option<Located<String>>,
     pub algorithm: &'static Algorithm,
     pub settings: Settings,
 }
@@ -59,7 +62,7 @@ impl Settings {
         Settings { section, span: None, given: BTreeMap::new() }
     }
 
-    /// Where the key called `name` is given its values.
+    /// The position of the values of the key called `name`.
     pub fn span_of(&self, name: &str) -> Option<Span> {
         let (place, _) = self.section.find(name)?;
         self.given.get(&place).map(|values| values.span)
@@ -71,7 +74,7 @@ impl Settings {
         given.is_some_and(|values| values.value.is_empty())
     }
 
-    /// Notes that the key in this place of the table is written, in a way that nobody can read.
+    /// Marks the key at this index of the table as present but invalid.
     pub fn mark_invalid(&mut self, place: usize, span: Span) {
         self.given.entry(place).or_insert(Located { value: Vec::new(), span });
     }
@@ -98,6 +101,7 @@ impl Draft {
             scenarios: None,
             seeds: None,
             environment: Settings::new(Section::Environment),
+            population: Settings::new(Section::Population),
             evaluation: Settings::new(Section::Evaluation),
             agents: Vec::new(),
             zips: None,
@@ -109,14 +113,16 @@ impl Draft {
         }
     }
 
-    /// This draft with everything that `other` says said over it, key by key.
+    /// This draft with the keys of `other` laid over it.
     pub fn overridden_by(mut self, other: Draft) -> Draft {
         self.environment.override_with(other.environment);
+        self.population.override_with(other.population);
         self.evaluation.override_with(other.evaluation);
         for agent in other.agents {
             match self.agents.iter_mut().find(|mine| mine.name.value == agent.name.value) {
                 Some(mine) => {
                     mine.name = agent.name;
+                    mine.label = agent.label.or(mine.label.take());
                     mine.settings.override_with(agent.settings);
                 }
                 None => self.agents.push(agent),
@@ -140,7 +146,7 @@ impl Draft {
         }
     }
 
-    /// This draft as if all of it stood at `span`: where faults in what a preset says are shown.
+    /// This draft with all positions at `span`, where faults in a preset are reported.
     pub fn moved_to(mut self, span: Span) -> Draft {
         self.name.iter_mut().for_each(|name| name.span = span);
         self.scenarios.iter_mut().for_each(|scenarios| scenarios.span = span);
@@ -159,12 +165,13 @@ impl Draft {
         self
     }
 
-    /// Whether the values of `parameter` are faulty, of any agent that has it.
+    /// Whether the values of `parameter` are faulty, for at least one agent that has the parameter.
     pub fn is_invalid(&self, parameter: Parameter) -> bool {
         match parameter {
             Parameter::Scenario => self.scenarios.as_ref().is_none_or(|list| list.value.is_empty()),
             Parameter::Seed => self.seeds.as_ref().is_none_or(|list| list.value.is_empty()),
             Parameter::Environment(key) => self.environment.is_invalid(key),
+            Parameter::Population(key) => self.population.is_invalid(key),
             Parameter::Evaluation(key) => self.evaluation.is_invalid(key),
             Parameter::Agent(key) => {
                 self.invalid_agents
@@ -173,18 +180,19 @@ impl Draft {
         }
     }
 
-    /// Whether the values of `parameter` are faulty for the agent in this place.
+    /// Whether the values of `parameter` are faulty for the agent at this index.
     pub fn is_invalid_for(&self, agent: usize, parameter: Parameter) -> bool {
         match parameter {
             Parameter::Agent(key) => self.agents[agent].settings.is_invalid(key),
             Parameter::Scenario
             | Parameter::Seed
             | Parameter::Environment(_)
+            | Parameter::Population(_)
             | Parameter::Evaluation(_) => self.is_invalid(parameter),
         }
     }
 
-    /// Notes that the top key `meant` is written, under a name or in a place that is not its own.
+    /// Marks the top-level key `meant` as present, although its name or place is wrong.
     pub fn mark_invalid(&mut self, meant: &str, span: Span) {
         match meant {
             "format" => self.has_format = true,
@@ -208,12 +216,13 @@ impl Draft {
         }
     }
 
-    /// Where `parameter` of the agent in this place is given its values.
+    /// The position of the values of `parameter` for the agent at this index.
     pub fn span_of(&self, agent: usize, parameter: Parameter) -> Option<Span> {
         match parameter {
             Parameter::Scenario => self.scenarios.as_ref().map(|list| list.span),
             Parameter::Seed => self.seeds.as_ref().map(|list| list.span),
             Parameter::Environment(key) => self.environment.span_of(key),
+            Parameter::Population(key) => self.population.span_of(key),
             Parameter::Evaluation(key) => self.evaluation.span_of(key),
             Parameter::Agent(key) => self.agents.get(agent)?.settings.span_of(key),
         }

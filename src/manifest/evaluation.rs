@@ -1,5 +1,6 @@
 //! How trained agents are tested, as one job holds it: single values, every key present.
 
+use super::first_episodes::first_return;
 use crate::agent::Actions;
 use crate::key::{Keyed, Kind};
 use crate::{choices, keys};
@@ -11,11 +12,22 @@ keys! {
         test_episodes: u32 = 1000, in Kind::EPISODES;
         /// how actions are chosen in the test episodes
         test_actions: TestActions = TestActions::AsTrained;
-        /// training episodes a point of the learning curve averages over
+        /// training episodes per point of the learning curve
         curve_stride: u32 = 10, in Kind::EPISODES;
-        /// which decisions are kept, one row a step in the view `decision`: "none", those of the
-        /// test, or "all", those of the training as well
+        /// which decisions are stored, one row per step in the view `decision`: "none", those of
+        /// the "test", or "all", those of training and test
         record_decisions: RecordedDecisions = RecordedDecisions::None, before RecordedDecisions::None;
+        /// numbers of people: for each number n, the metric "mean_return_first_n" (such as
+        /// mean_return_first_140) is the mean return of the first n training episodes, or of the first n test
+        /// episodes of an agent that does not train
+        first_episodes: Vec<u32> = Vec::new(), before Vec::new(), in Kind::Counts { most: 20, max: 10_000_000 };
+    }
+}
+
+impl Evaluation {
+    /// Every number of first episodes, smallest first, with the metric that is their mean return.
+    pub fn first_returns(&self) -> impl Iterator<Item = (u32, &'static str)> {
+        self.first_episodes.iter().map(|episodes| (*episodes, first_return(*episodes)))
     }
 }
 

@@ -1,7 +1,7 @@
 //! What is wrong with a manifest, and how it is shown to its author.
 //!
-//! In: faults as they are found, in any order. Out: all of them, by position, each with file,
-//! line, column, the line itself with carets, and a hint. It knows nothing of what manifests mean.
+//! In: faults in the order of their detection. Out: all of them, by position, each with file, line, column,
+//! the line itself with carets, and a hint. It does not know what the keys of a manifest mean.
 
 use std::fmt;
 
@@ -31,7 +31,7 @@ impl Fault {
         Fault { help: Some(help.into()), ..self }
     }
 
-    /// Points to the nearest of `words`, if one is near enough to be meant.
+    /// Suggests the nearest of `words`, if one is near enough.
     pub(crate) fn nearest<'w>(
         self,
         found: &str,
@@ -43,25 +43,25 @@ impl Fault {
         }
     }
 
-    /// Points to the nearest of the keys of `owner`, or else names them all.
+    /// Suggests the nearest of the keys of `owner`, or else lists all of them.
     pub(crate) fn one_of(self, owner: &str, keys: &[&str], found: &str) -> Fault {
         let all = self.help(format!("{owner} keys are {}", keys.join(", ")));
         all.nearest(found, keys.iter().copied())
     }
 
-    /// What is wrong, with the valid range or values.
+    /// The fault, with the valid range or values.
     pub fn message(&self) -> &str {
         &self.message
     }
 
-    /// What to do about it, where that is known.
+    /// The remedy, if known.
     pub fn hint(&self) -> Option<&str> {
         self.help.as_deref()
     }
 }
 
-/// The word nearest to `found`: at most a third of its letters apart, or with `found` for one of
-/// its parts.
+/// The word nearest to `found`: its edit distance is at most a third of the length of `found`, or `found`
+/// is one of its parts.
 pub fn nearest<'w>(found: &str, words: impl IntoIterator<Item = &'w str>) -> Option<&'w str> {
     const LONGEST: usize = 60;
     const SHORTEST_PART: usize = 3;
@@ -75,7 +75,7 @@ pub fn nearest<'w>(found: &str, words: impl IntoIterator<Item = &'w str>) -> Opt
     let (mut near, mut with_part) = (None, None);
     for word in words {
         let text = word.to_lowercase();
-        // Words are at least as far apart as their lengths, which take no time to compare.
+        // The difference in length is a cheap lower bound of the edit distance.
         if text.chars().count().abs_diff(letters) <= farthest {
             let distance = strsim::damerau_levenshtein(&lower, &text);
             if distance <= near.map_or(farthest, |(nearest, _)| nearest - 1) {
@@ -90,7 +90,7 @@ pub fn nearest<'w>(found: &str, words: impl IntoIterator<Item = &'w str>) -> Opt
             with_part = Some(word);
         }
     }
-    // A word that is near as a whole is rather meant.
+    // A near word takes precedence over a word with `found` as a part.
     near.map(|(_, word)| word).or(with_part)
 }
 
@@ -102,7 +102,7 @@ pub(crate) struct FaultList {
 }
 
 impl FaultList {
-    /// Most faults kept: nobody reads more, and a hostile file could ask for millions.
+    /// Maximum number of faults kept: a hostile file could have millions.
     const MOST: usize = 1000;
 
     pub fn add(&mut self, fault: Fault) {
@@ -121,7 +121,7 @@ impl FaultList {
         self.list.is_empty()
     }
 
-    /// Keeps the faults that begin on none of the lines of `others`.
+    /// Keeps the faults that do not begin on a line of one of `others`.
     pub fn retain_off_lines_of(&mut self, others: &FaultList, source: &Source) {
         let line = |fault: &Fault| fault.span.map(|span| source.position(span.start).line);
         let taken: std::collections::HashSet<_> = others.list.iter().map(line).collect();
@@ -148,8 +148,8 @@ impl FaultList {
 
 /// Every fault of a manifest, by position; never empty.
 ///
-/// Its `Display` is the whole report in plain text, without a newline at the end; serialised, it
-/// is a list of objects with `file`, `line`, `column`, `message` and `help`.
+/// `Display` writes the whole report in plain text, without a newline at the end. Serialised, it is a list
+/// of objects with `file`, `line`, `column`, `message` and `help`.
 #[derive(Clone)]
 pub struct Faults {
     file: String,
@@ -176,7 +176,7 @@ impl Faults {
         &self.list
     }
 
-    /// Where a fault of this list stands; `None` when the file as a whole is at fault.
+    /// The position of a fault of this list; `None` for a fault of the file as a whole.
     pub fn position(&self, fault: &Fault) -> Option<Position> {
         fault.span.map(|span| self.source.position(span.start))
     }

@@ -1,8 +1,8 @@
 //! The grid of one agent: its axes, its cells, and which cells are left out.
 //!
-//! In: a manifest and one of its agents. Out: how many jobs they make, and each cell as indices
-//! from which the typed parameters follow. Everything is found by arithmetic on indices, so that a
-//! grid of millions is counted without being built. It knows nothing of jobs and their identity.
+//! In: a manifest and one of its agents. Out: the number of cells, and each cell as indices that determine
+//! the typed parameters. Everything is computed from indices, so that a grid of millions is counted without
+//! being built. It does not know jobs and their identity.
 
 use std::collections::HashSet;
 use std::hash::Hash;
@@ -13,7 +13,7 @@ use super::declared::{DeclaredAgent, Exclusion, Manifest};
 use super::parameter::Parameters;
 use super::section::Section;
 use crate::agent::{Agent, Algorithm, Assignment, Constraint, Violation};
-use crate::env::{Environment, Scenario};
+use crate::env::{Environment, Population, Scenario};
 use crate::key::{Keyed, Parameter};
 
 /// The grid of one agent of a manifest.
@@ -24,6 +24,7 @@ pub struct Grid<'m> {
     axes: Vec<Axis>,
     exclusions: Vec<Vec<Mask>>,
     environment: Vec<Option<usize>>,
+    population: Vec<Option<usize>>,
     hyper_parameters: Vec<Option<usize>>,
     evaluation: Vec<Option<usize>>,
 }
@@ -31,25 +32,25 @@ pub struct Grid<'m> {
 /// Parameters that advance together, and how many values each has.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Axis {
-    /// One parameter, or those of a zip.
+    /// One parameter, or the parameters of a zip.
     pub parameters: Vec<Parameter>,
     /// The number of values.
     pub length: usize,
 }
 
-/// The places on an axis that meet an exclusion's conditions on it.
+/// The places on an axis that meet an exclusion's conditions on this axis.
 #[derive(Debug)]
 struct Mask {
     axis: usize,
     met: Vec<bool>,
 }
 
-/// A cell of a grid: a place on each axis.
+/// A cell of a grid: one place on each axis.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cell(Vec<usize>);
 
 impl<'m> Grid<'m> {
-    /// The grid of the agent in this place of the manifest's list.
+    /// The grid of the agent at this index of the manifest's list.
     pub fn of(manifest: &'m Manifest, agent: usize) -> Grid<'m> {
         let agent = &manifest.agents[agent];
         let axes = axes(manifest, agent);
@@ -61,6 +62,7 @@ impl<'m> Grid<'m> {
         let masks = |exclusion| masks(manifest, agent, &axes, exclusion);
         Grid {
             environment: places(&manifest.environment),
+            population: places(&manifest.population),
             hyper_parameters: places(&agent.parameters),
             evaluation: places(&manifest.evaluation),
             exclusions: manifest.exclusions.iter().filter_map(masks).collect(),
@@ -78,7 +80,12 @@ impl<'m> Grid<'m> {
         self.projected(&concerned).count() as u64 * each
     }
 
-    /// How a cell that is not excluded violates a constraint, with the values that it gives the
+    /// The parameters of each axis, slowest first, with the length of the axis.
+    pub fn factors(&self) -> impl Iterator<Item = (&[Parameter], usize)> {
+        self.axes.iter().map(|axis| (axis.parameters.as_slice(), axis.length))
+    }
+
+    /// The first violation of a constraint by a cell that is not excluded, with the cell's values of the
     /// constraint's parameters.
     pub(super) fn violation(&self, constraint: &Constraint) -> Option<(Assignment<'m>, Violation)> {
         let parameters = constraint.parameters;
@@ -105,7 +112,7 @@ impl<'m> Grid<'m> {
         masks.is_some_and(|masks| masks.iter().all(|mask| mask.met.contains(&true)))
     }
 
-    /// Which axes an exclusion concerns, or one of `others` is.
+    /// Whether each axis occurs in an exclusion or in `others`.
     fn concerned(&self, others: &[Option<usize>]) -> Vec<bool> {
         let mut concerned = vec![false; self.axes.len()];
         for mask in self.exclusions.iter().flatten() {
@@ -117,7 +124,7 @@ impl<'m> Grid<'m> {
         concerned
     }
 
-    /// The cells that are not excluded, at the first place of every axis that is not concerned.
+    /// The cells that are not excluded, with the first place on every axis that is not concerned.
     fn projected(&self, concerned: &[bool]) -> impl Iterator<Item = Cell> {
         let length = |(axis, concerned): (&Axis, &bool)| if *concerned { axis.length } else { 1 };
         let lengths: Vec<usize> = self.axes.iter().zip(concerned).map(length).collect();
@@ -144,10 +151,11 @@ impl<'m> Grid<'m> {
         cells.find(|cell| !self.excludes(cell))
     }
 
-    /// Whether two cells have the same values of every key of this section.
+    /// Whether two cells have equal values for every key of this section.
     pub fn agree(&self, section: Section, one: &Cell, other: &Cell) -> bool {
         let axes = match section {
             Section::Environment => &self.environment,
+            Section::Population => &self.population,
             Section::Agent(_) => &self.hyper_parameters,
             Section::Evaluation => &self.evaluation,
         };
@@ -179,6 +187,12 @@ impl<'m> Grid<'m> {
         Environment::from_values(&self.manifest.environment.chosen(choose)).expect(TYPED)
     }
 
+    /// The cell's population.
+    pub fn population(&self, cell: &Cell) -> Population {
+        let choose = |key: usize| self.population[key].map_or(0, |axis| cell.0[axis]);
+        Population::from_values(&self.manifest.population.chosen(choose)).expect(TYPED)
+    }
+
     /// The cell's agent.
     pub fn agent(&self, cell: &Cell) -> Agent {
         let choose = |key: usize| self.hyper_parameters[key].map_or(0, |axis| cell.0[axis]);
@@ -192,7 +206,7 @@ impl<'m> Grid<'m> {
     }
 }
 
-/// Why values of a manifest make the structs that its sections declare.
+/// Why the values of a manifest convert to the structs of its sections.
 const TYPED: &str = "a manifest's values are of the kinds of their keys";
 
 fn axis_of(axes: &[Axis], parameter: Parameter) -> Option<usize> {
@@ -212,24 +226,25 @@ fn next(cell: &Cell, lengths: &[usize]) -> Option<Cell> {
     None
 }
 
-/// Whether a zip of these parameters concerns `agent`: it sweeps every key of agents among them.
+/// Whether a zip of these parameters applies to `agent`, which must sweep every agent key among them.
 pub(super) fn zipped(manifest: &Manifest, agent: &DeclaredAgent, parameters: &[Parameter]) -> bool {
     parameters.iter().all(|parameter| match parameter {
         Parameter::Agent(_) => manifest.length(agent, *parameter) > 1,
         Parameter::Scenario
         | Parameter::Seed
         | Parameter::Environment(_)
+        | Parameter::Population(_)
         | Parameter::Evaluation(_) => true,
     })
 }
 
-/// The number of cells on these axes, excluded ones among them; at most `u128::MAX`.
+/// The number of cells on these axes, including excluded ones; saturates at `u128::MAX`.
 pub(super) fn size(axes: &[Axis]) -> u128 {
     axes.iter().fold(1, |size, axis| size.saturating_mul(axis.length as u128))
 }
 
 /// The axes of an agent's grid, slowest first: scenario, swept keys in the order of the tables, seed. A zip
-/// stands where its first parameter would.
+/// takes the place of its first parameter.
 pub(super) fn axes(manifest: &Manifest, agent: &DeclaredAgent) -> Vec<Axis> {
     let zips = manifest.zips.iter().map(|zip| &zip.parameters);
     let zips: Vec<_> = zips.filter(|zip| zipped(manifest, agent, zip)).collect();
@@ -247,10 +262,10 @@ pub(super) fn axes(manifest: &Manifest, agent: &DeclaredAgent) -> Vec<Axis> {
     axes
 }
 
-/// The exclusion as masks, one an axis; `None` if none of the agent's cells can meet it.
+/// The exclusion as masks, one per axis; `None` if none of the agent's cells can meet it.
 ///
-/// [`Condition::is_met_by`] evaluates the same conditions on a job. It compares lists of values for every
-/// job; here, each value of an axis is compared once, so that a grid of millions is counted from masks.
+/// [`Condition::is_met_by`] evaluates the same conditions on a job, and compares lists of values for each
+/// job. Here, each value of an axis is compared once, so that a grid of millions is counted from masks.
 fn masks(
     manifest: &Manifest,
     agent: &DeclaredAgent,
@@ -272,7 +287,7 @@ fn masks(
             }
         };
         let Some(axis) = axis_of(axes, parameter) else {
-            // A key that is not swept has one value, which meets the condition or does not.
+            // A key that is not swept has one value: it meets the condition in every cell or in none.
             if met == [true] { continue } else { return None }
         };
         match masks.iter_mut().find(|mask| mask.axis == axis) {

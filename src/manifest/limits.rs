@@ -1,8 +1,8 @@
-//! How much one manifest may ask for.
+//! Limits on the size of a manifest.
 
-/// Most jobs that one manifest may declare, excluded ones among them.
+/// Maximum number of jobs that a manifest may declare, including excluded ones.
 pub const MOST_JOBS: u64 = 10_000_000;
 
-/// Most comparisons of a cell with an exclusion, of an agent with a value of a condition, or of an
-/// analysis with what agents have, that one manifest may ask for.
+/// Maximum number of comparisons per manifest: of cells with exclusions, of agents with the values of
+/// conditions, and of analyses with the values of agents.
 pub(super) const MOST_COMPARISONS: u64 = 50_000_000;

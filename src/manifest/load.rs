@@ -14,13 +14,13 @@ use super::source::{Source, Span};
 use super::sweep::Reader;
 use super::{check, complete};
 
-/// Most bytes of a manifest: a grid is swept by ranges, not by typing it out.
+/// Maximum size of a manifest in bytes; ranges keep large sweeps short.
 const MOST_BYTES: u64 = 10_000_000;
 
 /// Reads and validates the manifest at `path`.
 ///
 /// # Errors
-/// Every fault of the file, in the form that authors see.
+/// Every fault of the file, with positions.
 pub fn load(path: &Path) -> Result<Manifest, Faults> {
     let label = path.display().to_string();
     let bytes = read(path).map_err(|fault| Faults::of_file(&label, fault))?;
@@ -30,7 +30,7 @@ pub fn load(path: &Path) -> Result<Manifest, Faults> {
 fn read(path: &Path) -> Result<Vec<u8>, Fault> {
     let unreadable = |error: io::Error| match error.kind() {
         io::ErrorKind::NotFound => Fault::whole("no such file")
-            .help("check the path; the shipped ones are in experiments/"),
+            .help("check the path; the shipped manifests are in experiments/"),
         io::ErrorKind::PermissionDenied => {
             Fault::whole("permission denied").help("make the file readable for this user")
         }
@@ -41,7 +41,7 @@ fn read(path: &Path) -> Result<Vec<u8>, Fault> {
         let fault = Fault::whole("is a directory, not a manifest");
         return Err(fault.help("name the files in it, as in experiments/*.toml"));
     }
-    // Opening a pipe may wait for ever for somebody to write into it.
+    // Opening a pipe could block forever.
     if !kind.is_file() {
         return Err(Fault::whole("is not a regular file").help("write the manifest to a file"));
     }
@@ -51,10 +51,10 @@ fn read(path: &Path) -> Result<Vec<u8>, Fault> {
     Ok(bytes)
 }
 
-/// Validates a manifest's bytes; `path` is how messages call the file.
+/// Validates a manifest's bytes; messages call the file `path`.
 ///
 /// # Errors
-/// Every fault of the text, in the form that authors see.
+/// Every fault of the text, with positions.
 pub fn parse(path: &str, bytes: &[u8]) -> Result<Manifest, Faults> {
     let text = decode(path, bytes)?;
     let Document { root, repeats, syntax, broken_at } = document(text);
@@ -62,11 +62,12 @@ pub fn parse(path: &str, bytes: &[u8]) -> Result<Manifest, Faults> {
         return Err(Faults::of_text(path, text, fault));
     }
     let mut reader = Reader::new(text);
+    reader.folder = Path::new(path).parent().unwrap_or(Path::new("")).to_owned();
     let mut draft = reader.draft(root.get_ref());
     let mut faults = reader.faults;
     faults.append(repeats);
     if !syntax.is_empty() {
-        // What is missing, or wrong on the same line or after a break, may be an echo of it.
+        // A syntax fault can cause missing keys, and faults on its line or after a break.
         let source = Source::new(text);
         faults.retain_off_lines_of(&syntax, &source);
         faults.retain_before(broken_at);
@@ -74,7 +75,7 @@ pub fn parse(path: &str, bytes: &[u8]) -> Result<Manifest, Faults> {
         return Err(faults.of(path, source));
     }
     let manifest = complete::complete(&draft, path, text, &mut faults);
-    // That there is no agent has been noted; no condition on one is at fault as well.
+    // A missing agent has been reported; conditions on agents are not reported as well.
     draft.invalid_agents |= draft.agents.is_empty();
     let manifest = check::check(&draft, manifest, &mut faults);
     if faults.is_empty() { Ok(manifest) } else { Err(faults.of(path, Source::new(text))) }
@@ -83,8 +84,8 @@ pub fn parse(path: &str, bytes: &[u8]) -> Result<Manifest, Faults> {
 /// The bytes as text, without a byte-order mark.
 fn decode<'b>(path: &str, bytes: &'b [u8]) -> Result<&'b str, Faults> {
     if bytes.len() as u64 > MOST_BYTES {
-        let fault = Fault::whole(format!("the file has more than {MOST_BYTES} bytes"));
-        return Err(Faults::of_file(path, fault.help("sweeps are shorter as ranges")));
+        let fault = Fault::whole(format!("the file is larger than {MOST_BYTES} bytes"));
+        return Err(Faults::of_file(path, fault.help("write long lists of values as ranges")));
     }
     let text = str::from_utf8(bytes).map_err(|error| {
         let offset = error.valid_up_to();
@@ -108,17 +109,17 @@ fn decode<'b>(path: &str, bytes: &'b [u8]) -> Result<&'b str, Faults> {
     }
 }
 
-/// A TOML text as far as it could be read.
+/// A TOML text, as far as the parser could read it.
 pub(crate) struct Document<'t> {
     pub(crate) root: Spanned<DeTable<'t>>,
-    /// Keys set a second time, which leave the rest readable.
+    /// Keys that are set a second time; the rest of the document remains readable.
     pub(crate) repeats: FaultList,
     pub(crate) syntax: FaultList,
-    /// From here on, lines may have been read as part of something that was not closed.
+    /// The offset from which lines may belong to an unclosed list or table.
     broken_at: usize,
 }
 
-/// Reads a TOML text, and on behind a fault of its syntax.
+/// Reads a TOML text, and continues after syntax faults.
 pub(crate) fn document(text: &str) -> Document<'_> {
     let (root, errors) = DeTable::parse_recoverable(text);
     let span = |error: &toml::de::Error| error.span().map_or(Span { start: 0, end: 0 }, Span::from);
@@ -137,13 +138,13 @@ pub(crate) fn document(text: &str) -> Document<'_> {
         let written = text.get(span.start..span.end).unwrap_or("");
         if message == "duplicate key" {
             let name = shortened(written);
-            repeats.add(Fault::at(span, format!("`{name}` is set a second time")));
+            repeats.add(Fault::at(span, format!("`{name}` is set twice")));
             continue;
         }
         let fault = Fault::at(span, in_our_words(message, written));
         if breaks_structure(message) {
             broken_at = span.start;
-            syntax.add(fault.help("a list or table that was opened before this may not be closed"));
+            syntax.add(fault.help("check that every earlier list and table is closed"));
             break;
         }
         syntax.add(fault);
@@ -154,12 +155,12 @@ pub(crate) fn document(text: &str) -> Document<'_> {
 fn in_our_words(message: &str, written: &str) -> String {
     match (message.starts_with("string values must be quoted"), written) {
         (true, "") => "a value is missing".to_owned(),
-        (true, word) => format!("`{}` is not a value: text stands in quotes", shortened(word)),
+        (true, word) => format!("`{}` is not a value: text needs quotes", shortened(word)),
         (false, _) => format!("not valid TOML: {message}"),
     }
 }
 
-/// Whether a fault of the syntax makes the parser lose track of what belongs to what.
+/// Whether the parser loses the structure of the document after this syntax fault.
 fn breaks_structure(message: &str) -> bool {
     ["array", "inline table", "recurse"].iter().any(|word| message.contains(word))
 }

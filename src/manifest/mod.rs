@@ -1,18 +1,19 @@
-//! What an experimenter declares: the manifest, from its TOML text to a validated value.
+//! The manifest, in which an experimenter declares an experiment: from TOML text to a validated value.
 //!
-//! In: a file. Out: a [`Manifest`], complete and consistent, or every [`Fault`] of the file at once,
-//! each at its line and column. On the way a text becomes a tree, the tree a draft (what this file
-//! says), the draft is laid over the preset that it extends, gets the defaults, and is held against
-//! the rules that keys have between them.
+//! In: a file. Out: a [`Manifest`], complete and consistent, or every [`Fault`] of the file at once, each
+//! with its line and column. The text becomes a TOML tree, and the tree a draft: the content of this one
+//! file. The draft is laid over the preset that it extends, completed with defaults, and checked against
+//! the rules between keys.
 //!
-//! Keys are declared where they are used ([`crate::key`]): the environment's, those of each
-//! algorithm, and here those of [`Evaluation`]. Reading, checking, schema and reference follow from
-//! the declarations.
+//! Keys are declared where they are used ([`crate::key`]): keys of the environment and of each algorithm in
+//! their modules, keys of [`Evaluation`] here. Reading, checking, schema and reference follow from the
+//! declarations.
 //!
-//! It does not know what a job is, what has run, or how anything is simulated or trained.
+//! It does not know jobs, their status, simulation or training.
 
 mod analyses;
 mod analysis;
+mod analysis_keys;
 mod analysis_kind;
 mod cells;
 mod check;
@@ -22,11 +23,17 @@ mod declared;
 mod draft;
 mod evaluation;
 mod fault;
+mod figure_keys;
+mod first_episodes;
+mod free;
 mod grid;
+mod hints;
 mod limits;
 mod load;
 mod noise;
 mod parameter;
+mod participant_range;
+mod people;
 mod presence;
 mod preset;
 mod published;
@@ -35,6 +42,7 @@ mod read;
 mod resolved;
 mod schema;
 mod section;
+mod set;
 mod sides;
 mod source;
 mod sweep;
@@ -42,23 +50,26 @@ mod varying;
 mod written;
 
 pub use analysis::Analysis;
-pub use analysis_kind::{
-    ANALYSED_METRICS, AnalysisKind, Contrast, CurveAxis, DataPart, ERROR_AXIS, Pairing,
-    SelectionRule,
-};
+pub use analysis_keys::{ANALYSED_METRICS, ERROR_AXIS, Pairing, SelectionRule};
+pub use analysis_kind::{AnalysisKind, Contrast, CurveAxis, DataPart, Recovery};
 pub use condition::{Condition, Described, Setting, short_name};
 pub use declared::{DeclaredAgent, Exclusion, Manifest, Zip};
 pub use evaluation::{Evaluation, RecordedDecisions, TestActions};
 pub(crate) use fault::FaultList;
 pub use fault::{Fault, Faults, nearest};
+pub use figure_keys::{FigureKeys, PanelKey, Theme};
+pub use first_episodes::{first_episodes, first_return};
 pub use grid::{Cell, Grid};
+pub use hints::hints;
 pub use limits::MOST_JOBS;
 pub(crate) use load::{Document, document};
 pub use load::{load, parse};
 pub use parameter::{Parameters, parameter, parameters};
+pub use participant_range::ParticipantRange;
 pub use published::{Published, PublishedCurve, PublishedErrors, PublishedHeatMap, PublishedTest};
 pub use schema::schema;
 pub use section::Section;
+pub use set::{Override, OverrideForm, load_with};
 pub use sides::Sides;
 pub use source::{Position, hidden, printable};
 pub(crate) use source::{Source, Span};

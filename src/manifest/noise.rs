@@ -1,4 +1,4 @@
-//! What keys of the environment ask of each other: the size of a noise goes with its kind.
+//! Constraints between keys of the environment: the size of a noise requires the matching kind of noise.
 
 use crate::agent::{Assignment, Constraint, Violation};
 use crate::env::{StateNoise, StepNoise};
@@ -11,7 +11,7 @@ const KAPPA_D: Parameter = Parameter::Environment("kappa_d");
 const STEP_NOISE: Parameter = Parameter::Environment("step_noise");
 const SIGMA_S: Parameter = Parameter::Environment("sigma_s");
 
-/// What every environment must satisfy beyond the ranges of single keys.
+/// Constraints on every environment beyond the ranges of single keys.
 pub(super) const CONSTRAINTS: &[Constraint] = &[
     Constraint {
         parameters: &[STATE_NOISE, STATE_SPREAD],
@@ -43,10 +43,10 @@ pub(super) const CONSTRAINTS: &[Constraint] = &[
     },
 ];
 
-/// The default of `state_spread`, which it has where it is not read.
+/// The default of `state_spread`, which the key keeps under other kinds of noise.
 const UNIFORM_SPREAD: f64 = 0.01;
 
-/// The violation unless a size is above 0 exactly where the noise is of the kind that reads it.
+/// A violation, unless the size is above 0 exactly if the noise is of the kind that reads the size.
 fn goes_with(
     assignment: &Assignment,
     size: Parameter,
@@ -71,7 +71,7 @@ fn goes_with(
     }
 }
 
-/// The violation of a size that is set, but not read.
+/// The violation by a size that is set although the kind of noise does not read it.
 fn is_idle(
     assignment: &Assignment,
     size: Parameter,
@@ -82,7 +82,7 @@ fn is_idle(
     let (set, found) = (assignment.shown(size), assignment.shown(noise));
     let (size, noise) = (size.key(), noise.key());
     Violation::Impossible {
-        says: format!("`{size}` = {set} is for `{noise}` = {kind:?}, found {found}"),
+        says: format!("`{size}` = {set} requires `{noise}` = {kind:?}, found {found}"),
         help: format!("write {noise} = {kind:?} or {back}; where {noise} is swept, zip the two"),
     }
 }

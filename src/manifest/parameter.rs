@@ -1,7 +1,8 @@
 //! The parameters that a grid can vary, and the values that a manifest declares for them.
 
-use super::condition::Condition;
+use super::condition::{Condition, short_name};
 use super::section::Section;
+use crate::agent::free_key;
 use crate::key::{Key, Parameter, Value};
 
 /// Every parameter, in the order of the grid: scenario, keys by section, seed.
@@ -10,7 +11,7 @@ pub fn parameters() -> Vec<Parameter> {
     for section in Section::all() {
         for key in section.keys() {
             let parameter = section.parameter(key.name);
-            // A key that several algorithms have is one parameter.
+            // A key of several algorithms is one parameter.
             if !all.contains(&parameter) {
                 all.push(parameter);
             }
@@ -20,12 +21,20 @@ pub fn parameters() -> Vec<Parameter> {
     all
 }
 
-/// The parameter of this dotted name.
+/// The parameter with this dotted name; `agent.parameters.<name>` is a parameter of outside programs.
 pub fn parameter(dotted: &str) -> Option<Parameter> {
-    parameters().into_iter().find(|parameter| parameter.to_string() == dotted)
+    let known = parameters().into_iter().find(|parameter| parameter.to_string() == dotted);
+    known.or_else(|| free_key(dotted.strip_prefix("agent.")?).map(|key| Parameter::Agent(key.name)))
 }
 
-/// The values of every key of a section: one, or several that the grid sweeps.
+/// The parameter with this dotted name, or the only parameter whose last part is this name.
+pub(super) fn named(name: &str) -> Option<Parameter> {
+    let is_meant = |parameter: &Parameter| short_name(&parameter.to_string()) == name;
+    let mut meant = parameters().into_iter().filter(is_meant);
+    parameter(name).or_else(|| meant.next().filter(|_| meant.next().is_none()))
+}
+
+/// The values of every key of a section: one value, or several that the grid sweeps.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Parameters {
     section: Section,
@@ -33,7 +42,7 @@ pub struct Parameters {
 }
 
 impl Parameters {
-    /// Takes one list of values for each of the section's keys, in their order, none empty.
+    /// Takes one non-empty list of values for each key of the section, in the order of the keys.
     pub(super) fn new(section: Section, values: Vec<Vec<Value>>) -> Parameters {
         Parameters { section, values }
     }
@@ -53,13 +62,13 @@ impl Parameters {
         self.section.find(name).map(|(place, _)| self.values[place].as_slice())
     }
 
-    /// One value for each key: the one that `choose` picks for it by its place.
+    /// One value for each key, at the index that `choose` returns for the key's place.
     pub(super) fn chosen(&self, choose: impl Fn(usize) -> usize) -> Vec<Value> {
         let values = self.values.iter().enumerate();
         values.map(|(place, values)| values[choose(place)].clone()).collect()
     }
 
-    /// Conditions that the swept keys have one of their values.
+    /// One condition per swept key: that the key has one of its values.
     pub fn conditions(&self) -> impl Iterator<Item = Condition> {
         self.iter().filter(|(_, values)| values.len() > 1).map(|(key, values)| Condition::Key {
             parameter: self.section.parameter(key.name),
@@ -81,5 +90,19 @@ mod tests {
         }
         assert!(all.contains(&Parameter::Agent("trajectories_per_update")));
         assert_eq!(parameter("sigma"), None);
+    }
+
+    #[test]
+    fn a_last_part_that_one_parameter_has_names_it() {
+        assert_eq!(named("sigma"), Some(Parameter::Environment("sigma")));
+        assert_eq!(named("agent.gamma"), named("gamma"));
+        assert_eq!(named("scenario"), Some(Parameter::Scenario));
+        assert_eq!(named("sigm"), None);
+        let short: Vec<String> =
+            parameters().iter().map(|known| short_name(&known.to_string()).to_owned()).collect();
+        for name in &short {
+            let several = short.iter().filter(|other| *other == name).count() > 1;
+            assert_eq!(named(name).is_none(), several, "{name}");
+        }
     }
 }

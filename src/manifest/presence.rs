@@ -1,4 +1,4 @@
-//! Which values that conditions name occur in a manifest.
+//! Checks whether the values in conditions occur in a manifest.
 
 use std::collections::HashSet;
 
@@ -7,7 +7,8 @@ use super::declared::Manifest;
 use super::draft::Draft;
 use crate::key::Parameter;
 
-/// A value of the condition that does not occur, with the parameter's name and what does occur.
+/// The name of the condition's parameter, the first value that does not occur, and the values that occur;
+/// `None` if all values of the condition occur, or if the parameter's values are faulty.
 pub(super) fn absent(
     draft: &Draft,
     manifest: &Manifest,

@@ -1,4 +1,4 @@
-//! The built-in presets that a manifest can extend: drafts that come with the program.
+//! The built-in presets that a manifest can extend, as drafts.
 
 use toml::de::DeTable;
 
@@ -16,7 +16,7 @@ pub(super) fn names() -> [&'static str; PRESETS.len()] {
     PRESETS.map(|(name, _)| name)
 }
 
-/// What the preset called `name` says; nothing if there is none of that name.
+/// The content of the preset `name`; an empty draft if there is no such preset.
 pub(super) fn draft(name: &str) -> Draft {
     let text = PRESETS.iter().find(|(preset, _)| *preset == name).map_or("", |(_, text)| text);
     let (root, _) = DeTable::parse_recoverable(text);
@@ -61,10 +61,12 @@ mod tests {
         for agent in draft("paper").agents {
             let section = agent.settings.section;
             for (place, key) in section.keys().iter().enumerate() {
-                let (key, default) = (key.name, key.default());
+                let (key, default, before) = (key.name, key.default(), key.before());
                 let given = agent.settings.given.get(&place).map(|values| values.value.clone());
                 match given {
                     Some(values) => assert_eq!(values, [default.unwrap()], "{key}"),
+                    // A key that was added later has its value of earlier jobs.
+                    None if before.is_some() => assert_eq!(before, default, "{key}"),
                     None => assert_eq!(key, "engine"),
                 }
             }

@@ -1,4 +1,4 @@
-//! Published numbers, as a file beside the manifests holds them for the report to compare with.
+//! Published numbers, read from a file beside the manifest, for comparison in the report.
 
 use std::fs;
 use std::path::Path;
@@ -10,10 +10,10 @@ use super::Manifest;
 use super::fault::{Fault, Faults};
 use super::source::Span;
 
-/// Largest file of published numbers.
+/// Maximum size of a file of published numbers in bytes.
 const MOST_BYTES: u64 = 10_000_000;
 
-/// The numbers of a publication. Lists of one table have one length.
+/// The numbers of a publication. The lists of one table have equal lengths.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Published {
@@ -83,19 +83,19 @@ pub struct PublishedHeatMap {
     pub agent: String,
     /// `first - second`: two scenarios.
     pub contrast: String,
-    /// Of the rows.
+    /// `delta_d` of each row.
     pub delta_d: Vec<f64>,
-    /// Of the columns.
+    /// `epsilon_d` of each column.
     pub epsilon_d: Vec<f64>,
-    /// Differences, in steps walked, a list a row.
+    /// Differences, in steps walked, one list per row.
     pub effect: Vec<Vec<f64>>,
 }
 
 impl Published {
-    /// Reads the file that a manifest names, if it names one.
+    /// Reads the file that a manifest names; `None` if it names no file.
     ///
     /// # Errors
-    /// What is wrong with the file, or with its name, in the form that authors see.
+    /// Faults of the file or of its name, with positions.
     pub fn of(manifest: &Manifest) -> Result<Option<Published>, Faults> {
         let Some(name) = &manifest.published else { return Ok(None) };
         let folder = Path::new(&manifest.path).parent().unwrap_or(Path::new(""));
@@ -106,7 +106,7 @@ impl Published {
                 Some(span) => Fault::at(span, message),
                 None => Fault::whole(message),
             };
-            let fault = fault.help("the path starts in the manifest's folder");
+            let fault = fault.help("the path is relative to the folder of the manifest");
             Faults::of_text(&manifest.path, &manifest.source, fault)
         };
         let file = fs::metadata(&path).map_err(|error| unreadable(error.to_string()))?;
@@ -114,7 +114,7 @@ impl Published {
             return Err(unreadable("it is not a regular file".to_owned()));
         }
         if file.len() > MOST_BYTES {
-            return Err(unreadable(format!("it has more than {MOST_BYTES} bytes")));
+            return Err(unreadable(format!("it is larger than {MOST_BYTES} bytes")));
         }
         let text = fs::read_to_string(&path).map_err(|error| unreadable(error.to_string()))?;
         Published::parse(&path, &text).map(Some)
@@ -123,7 +123,7 @@ impl Published {
     /// Reads the text of the file called `path`.
     ///
     /// # Errors
-    /// What is wrong, in the form that authors see.
+    /// Faults of the text, with positions.
     pub fn parse(path: &Path, text: &str) -> Result<Published, Faults> {
         let label = path.display().to_string();
         let fault = |message: String| Faults::of_file(&label, Fault::whole(message));
@@ -165,7 +165,7 @@ impl Published {
     }
 }
 
-/// Where a manifest's text names its published numbers.
+/// The position of the key for published numbers in a manifest's text.
 fn span_of_name(text: &str) -> Option<Span> {
     let root = DeTable::parse(text).ok()?;
     Some(root.get_ref().get("published")?.span().into())

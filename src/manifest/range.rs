@@ -1,46 +1,48 @@
 //! The arithmetic of ranges: `{ from, to, step }` and `{ from, to, count, scale }` become lists.
 //!
-//! A job is identified by its content, so a range has to give the very numbers that an author
-//! would have typed: 0.1 + 2 × 0.1 must be 0.3. Values between the ends are therefore rounded to 12
-//! significant decimal digits. Where that leaves them not strictly rising from one end to the other,
-//! there is no list: a value would be repeated or lie outside the ends.
+//! A job is identified by its content, so a range must give the numbers that an author would type: 0.1 + 2
+//! × 0.1 must be 0.3. Values between the ends are therefore rounded to 12 significant decimal digits. If
+//! the rounded values do not rise strictly from one end to the other, the range is rejected: a value would
+//! be repeated or lie outside the ends.
 
-/// Most values that one range may have.
+/// Maximum number of values of one range.
 pub(super) const MOST_VALUES: u64 = 1_000_000;
 
-/// Most values that the lists and ranges of a manifest may have in all.
+/// Maximum number of values of all lists and ranges of a manifest.
 pub(super) const MOST_VALUES_IN_ALL: u64 = 2_000_000;
 
 /// How the values of a range are spaced; counts are from 2 to [`MOST_VALUES`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Spacing<N> {
-    /// This far apart.
+    /// A constant difference.
     Step(N),
-    /// So many values, equally far apart.
+    /// A number of equally spaced values.
     Linear(u64),
-    /// So many values, each the same multiple of the one before.
+    /// A number of values with a constant ratio.
     Log(u64),
 }
 
 /// Why a range has no list of values.
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub(super) enum RangeError {
-    /// The ends are equal or the wrong way round.
+    /// The ends are equal or in the wrong order.
     #[error("`from` must be below `to`")]
     Ends,
-    /// The step does not land on the upper end.
-    #[error("steps of {step} from {from} do not arrive at {to}: the last one below it is {last}")]
+    /// The steps miss the upper end.
+    #[error(
+        "steps of {step} from {from} do not reach {to} exactly: the last value below it is {last}"
+    )]
     Misses { from: String, to: String, step: String, last: String },
     /// There are too many values.
-    #[error("a range has at most {MOST_VALUES} values, this step makes more")]
+    #[error("a range has at most {MOST_VALUES} values; choose a larger step")]
     TooLong,
     /// There are more values than the rest of the manifest leaves.
     #[error("the lists and ranges of a manifest have at most {MOST_VALUES_IN_ALL} values in all")]
     TooManyInAll,
-    /// A logarithmic range touches zero or goes below it.
+    /// The lower end of a logarithmic range is not above 0.
     #[error("a logarithmic range must be above 0 at both ends")]
     LogOfZero,
-    /// Equally spaced whole numbers do not exist.
+    /// The whole numbers would not be equally spaced.
     #[error("{count} whole numbers cannot be equally spaced from {from} to {to}")]
     Uneven { from: u64, to: u64, count: u64 },
     /// Rounding to decimal digits made two values equal, or put one outside the ends.
@@ -91,7 +93,7 @@ pub(super) fn reals(
     }
 }
 
-/// How many steps lead from one end to the other.
+/// The number of steps from one end to the other.
 fn steps(from: f64, to: f64, step: f64, decimals: usize) -> Result<u64, RangeError> {
     let steps = ((to - from) / step).round();
     if steps >= MOST_VALUES as f64 {
@@ -105,7 +107,7 @@ fn steps(from: f64, to: f64, step: f64, decimals: usize) -> Result<u64, RangeErr
     Ok(steps as u64)
 }
 
-/// Refuses more values than a range, or what is left of the manifest, may have.
+/// Rejects more values than a range, or the rest of the manifest, may have.
 fn fit(count: u64, most: u64) -> Result<(), RangeError> {
     match count {
         _ if count > MOST_VALUES => Err(RangeError::TooLong),
@@ -159,12 +161,12 @@ fn list<N>(from: N, to: N, count: u64, inner: impl Fn(u64) -> N) -> Vec<N> {
     std::iter::once(from).chain(between).chain(std::iter::once(to)).collect()
 }
 
-/// The number that lies this part of the way, in logarithms, from one end to the other.
+/// The point at a fraction `part` of the distance between the ends, on a logarithmic scale.
 fn log_point(from: f64, to: f64, part: f64) -> f64 {
     from * libm::pow(to / from, part)
 }
 
-/// Decimals that give a number of this size 12 significant digits.
+/// The number of decimals that gives numbers of this size 12 significant digits.
 fn decimals(size: f64) -> usize {
     (11.0 - libm::log10(size).floor()).clamp(0.0, 300.0) as usize
 }
@@ -173,16 +175,16 @@ fn round_at(x: f64, decimals: usize) -> f64 {
     let rounded = round_by_arithmetic(x, decimals).unwrap_or_else(|| {
         format!("{x:.decimals$}").parse().expect("formatted from a finite number")
     });
-    // A sum that cancels may come out as -0, which would be another job than 0.
+    // Cancellation can give -0, which would make another job than 0.
     if rounded == 0.0 { 0.0 } else { rounded }
 }
 
-/// The number rounded to so many decimals without writing it out, where that is certain to give the
-/// same bits; a range of a million values would otherwise take a third of a second.
+/// The number rounded to `decimals` decimals without formatting; `None` if the bits could differ from
+/// formatting, which takes a third of a second for a range of a million values.
 fn round_by_arithmetic(x: f64, decimals: usize) -> Option<f64> {
-    /// Powers of ten up to this one are numbers without a rounding error.
+    /// Powers of ten up to this exponent are exact.
     const LAST_EXACT_POWER: usize = 22;
-    /// Below it, a product is off by less than a thousandth.
+    /// Below this value, the rounding error of a product is below 0.001.
     const LARGEST: f64 = 4e12;
     if decimals > LAST_EXACT_POWER {
         return None;
@@ -190,7 +192,7 @@ fn round_by_arithmetic(x: f64, decimals: usize) -> Option<f64> {
     let power = (0..decimals).fold(1.0, |power, _| power * 10.0);
     let scaled = x * power;
     let near_half = ((scaled - scaled.floor()) - 0.5).abs() < 1e-3;
-    // A quotient of two exact numbers is the one nearest to it, as is a decimal number read.
+    // IEEE division rounds correctly, as parsing a decimal number does: both give the nearest number.
     (scaled.abs() < LARGEST && !near_half).then(|| scaled.round() / power)
 }
 
@@ -260,7 +262,7 @@ mod tests {
         let misses = reals(0.0, 1.0, Spacing::Step(0.3)).unwrap_err();
         assert_eq!(
             misses.to_string(),
-            "steps of 0.3 from 0.0 do not arrive at 1.0: the last one below it is 0.9"
+            "steps of 0.3 from 0.0 do not reach 1.0 exactly: the last value below it is 0.9"
         );
         assert!(matches!(reals(0.0, 1.0, Spacing::Step(5.0)), Err(RangeError::Misses { .. })));
         assert!(matches!(integers(0, 10, Spacing::Step(3)), Err(RangeError::Misses { .. })));
@@ -280,16 +282,16 @@ mod tests {
             let refused = reals(from, to, spacing);
             assert!(matches!(refused, Err(RangeError::TooFine { .. })), "{from} {to}: {refused:?}");
         };
-        // Equal to each other.
+        // Two values round to the same number.
         too_fine(1.0, 1.000_000_000_001, Spacing::Linear(10));
         too_fine(1.0, 1.000_000_000_001, Spacing::Log(10));
         too_fine(999_999.999_999, 1e6, Spacing::Step(1e-8));
         // Below the lower end, or above the upper one.
         too_fine(0.123_456_789_012_9, 0.123_456_789_013_4, Spacing::Linear(4));
         too_fine(0.999_999_999_999_1, 0.999_999_999_999_4, Spacing::Linear(4));
-        // Zero, where the lower end is above it.
+        // A value rounds to zero, below the lower end.
         too_fine(1e-310, 3e-310, Spacing::Linear(3));
-        // The ratio of the ends is no finite number.
+        // The ratio of the ends overflows.
         too_fine(5e-324, 1.0, Spacing::Log(3));
     }
 

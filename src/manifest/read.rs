@@ -1,4 +1,4 @@
-//! Reads the tree of a TOML document as a [`Draft`], noting every fault on the way.
+//! Reads the tree of a TOML document as a [`Draft`], and reports every fault.
 
 use toml::de::{DeTable, DeValue};
 
@@ -13,8 +13,8 @@ use crate::agent::Algorithm;
 use crate::env::{Feature, Scenario};
 use crate::key::{Kind, Value};
 
-/// The keys at the top of a manifest: first those above all tables, then the tables.
-pub(super) const TOP_KEYS: [&str; 15] = [
+/// The top-level keys of a manifest: first the keys above all tables, then the tables.
+pub(super) const TOP_KEYS: [&str; 16] = [
     "format",
     "name",
     "extends",
@@ -26,27 +26,34 @@ pub(super) const TOP_KEYS: [&str; 15] = [
     "seeds",
     "zip",
     "environment",
+    "population",
     "agent",
     "evaluation",
     "exclude",
     "analysis",
 ];
-/// How many of [`TOP_KEYS`] stand above all tables.
+/// The number of [`TOP_KEYS`] above all tables.
 const ABOVE_TABLES: usize = 10;
+
+/// The keys of [`TOP_KEYS`] that are arrays of tables, with double brackets.
+const TABLES: [&str; 2] = ["agent", "analysis"];
+
+/// The table of an outside program's parameters, in its [[agent]].
+const PARAMETERS: &str = "parameters";
 
 /// The version of the format that this program reads and writes.
 pub(super) const FORMAT: u64 = 1;
 
-/// Most agents, zips or exclusions that a manifest may have: each is held against all the others.
+/// Maximum number of agents, of zips and of exclusions: each is compared with all others.
 pub(super) const MOST_ENTRIES: usize = 1000;
 
-/// Longest time limit of a job, in seconds: a thousand years.
+/// Maximum time limit of a job, in seconds: a thousand years.
 pub(super) const LONGEST_TIME_LIMIT: u64 = 31_557_600_000;
 
-/// Most characters of a name: it has to fit into tables and figures.
+/// Maximum length of a name, which must fit into tables and figures.
 pub(super) const LONGEST_NAME: usize = 100;
 
-/// The fault of a document whose format is newer than this program's: its keys may mean anything.
+/// The fault of a document with a newer format, whose keys can have another meaning.
 pub(super) fn newer_format(root: &DeTable) -> Option<Fault> {
     let node = root.get("format")?;
     let version = whole(node).filter(|version| *version > FORMAT)?;
@@ -55,7 +62,7 @@ pub(super) fn newer_format(root: &DeTable) -> Option<Fault> {
 }
 
 impl Reader<'_> {
-    /// What the document says, laid over the preset that it extends.
+    /// The content of the document, merged over the preset that it extends.
     pub fn draft(&mut self, root: &DeTable) -> Draft {
         let inherited = self.inherited(root);
         self.zipped = zipped(root);
@@ -87,6 +94,7 @@ impl Reader<'_> {
                         draft.mark_invalid("environment", node.span().into());
                     }
                 }
+                "population" => draft.population = self.section(Section::Population, node),
                 "evaluation" => draft.evaluation = self.section(Section::Evaluation, node),
                 "agent" => self.agents(&mut draft, &inherited, node),
                 "zip" => self.zips(&mut draft, node),
@@ -101,7 +109,7 @@ impl Reader<'_> {
         inherited.overridden_by(draft)
     }
 
-    /// Notes a key that is not one of the top; what was meant by it is not missing as well.
+    /// Reports an unknown top-level key. The key that was probably meant is not reported as missing.
     fn astray(&mut self, draft: &mut Draft, found: &str, span: Span) {
         let fault = Fault::at(span, format!("unknown key `{}`", shortened(found)));
         self.faults.add(belonging(fault, None, found, &TOP_KEYS));
@@ -117,8 +125,8 @@ impl Reader<'_> {
         }
     }
 
-    /// What the preset gives that the document extends. If it names none, this is what the likeliest
-    /// would give: that is not missing as well.
+    /// The draft of the preset that the document extends. A misspelt `extends` selects the first preset, so
+    /// that keys which the preset gives are not reported as missing.
     fn inherited(&mut self, root: &DeTable) -> Draft {
         let (name, span) = match root.get("extends") {
             Some(node) => (self.extends(node), node.span()),
@@ -134,7 +142,7 @@ impl Reader<'_> {
         preset::draft(name).moved_to(span.into())
     }
 
-    /// The preset that is named, or the likeliest.
+    /// The name of the preset; for an unknown name, the nearest or the first one.
     fn extends(&mut self, node: &Node) -> &'static str {
         let names = preset::names();
         let found = node.get_ref().as_str().unwrap_or_default();
@@ -163,7 +171,7 @@ impl Reader<'_> {
         node.get_ref().as_str().map(str::to_owned)
     }
 
-    /// A name that tables and figures can show; empty if it is faulty.
+    /// A name that tables and figures can show; empty if faulty.
     pub fn name(&mut self, name: &str, node: &Node) -> Located<String> {
         let text = node.get_ref().as_str().unwrap_or_default();
         let seen = text.chars().find_map(|c| hidden(c).map(|what| (c, what)));
@@ -180,7 +188,7 @@ impl Reader<'_> {
         } else if let Some((character, what)) = seen {
             let code = u32::from(character);
             let message = format!("`{name}`: a name cannot have U+{code:04X}, {what}");
-            let help = "tables and figures would not show it as it is written";
+            let help = "tables and figures cannot show this character; remove it";
             self.faults.add(Fault::at(span, message).help(help));
         } else {
             return Located { value: text.to_owned(), span };
@@ -188,7 +196,7 @@ impl Reader<'_> {
         Located { value: String::new(), span }
     }
 
-    /// A scenario or a list of them; empty if any is faulty.
+    /// A scenario or a list of scenarios; empty if any is faulty.
     pub fn scenarios(&mut self, name: &str, node: &Node) -> Vec<Scenario> {
         let items = self.items(name, node);
         self.distinct(name, items.iter().copied(), |reader, item| reader.scenario(name, item))
@@ -219,7 +227,7 @@ impl Reader<'_> {
         }
     }
 
-    /// The entries of a list, or the node itself where it is none; notes an empty list.
+    /// The entries of a list, or the node itself if it is not a list; reports an empty list.
     pub fn items<'n>(&mut self, name: &str, node: &'n Node<'n>) -> Vec<&'n Node<'n>> {
         match node.get_ref().as_array() {
             Some(items) if items.is_empty() => {
@@ -231,7 +239,7 @@ impl Reader<'_> {
         }
     }
 
-    /// A count of seeds or a list of them; empty if it is faulty.
+    /// A number of seeds or a list of seeds; empty if faulty.
     pub fn seeds(&mut self, name: &str, node: &Node) -> Vec<u64> {
         if node.get_ref().is_array() {
             return self.seed_list(name, node);
@@ -246,7 +254,7 @@ impl Reader<'_> {
         }
     }
 
-    /// A seed or a list of them; empty if any is faulty.
+    /// A seed or a list of seeds; empty if any is faulty.
     pub fn seed_list(&mut self, name: &str, node: &Node) -> Vec<u64> {
         let seed = Kind::Integer { min: 0, max: i64::MAX as u64 };
         let items = self.items(name, node);
@@ -261,7 +269,7 @@ impl Reader<'_> {
         })
     }
 
-    /// The table that `node` is; notes what else it is.
+    /// The table in `node`; reports any other type.
     pub fn table<'n>(&mut self, name: &str, node: &'n Node) -> Option<&'n DeTable<'n>> {
         let table = node.get_ref().as_table();
         if table.is_none() {
@@ -270,7 +278,7 @@ impl Reader<'_> {
         table
     }
 
-    /// The entries of a list of tables; notes what else there is.
+    /// The entries of a list of tables; reports any other type.
     pub fn tables<'n>(&mut self, name: &str, node: &'n Node) -> Vec<(Span, &'n DeTable<'n>)> {
         let Some(entries) = node.get_ref().as_array() else {
             self.expected(name, &format!("tables, each opened by [[{name}]]"), node);
@@ -300,7 +308,7 @@ impl Reader<'_> {
         settings
     }
 
-    /// Reads the keys of `table` but `others`, which somebody else reads.
+    /// Reads the keys of `table` except `others`, which the caller reads.
     fn settings(&mut self, settings: &mut Settings, table: &DeTable, others: &[&str]) {
         let section = settings.section;
         for (key, node) in table {
@@ -308,7 +316,7 @@ impl Reader<'_> {
             if others.contains(&found) {
                 continue;
             }
-            let Some((place, known)) = section.find(found) else {
+            let Some((_, known)) = section.find(found) else {
                 self.unknown_key(section, key.span().into(), found, others);
                 let meant = nearest(found, section.keys().iter().map(|key| key.name));
                 if let Some((place, _)) = meant.and_then(|meant| section.find(meant)) {
@@ -316,13 +324,20 @@ impl Reader<'_> {
                 }
                 continue;
             };
-            let repeats = match self.zipped.contains(&section.parameter(known.name)) {
-                true => Repeats::Zipped,
-                false => Repeats::Refused,
-            };
-            let value = self.sweep(found, known.kind, repeats, node);
-            settings.given.insert(place, Located { value, span: node.span().into() });
+            self.setting(settings, known.name, node);
         }
+    }
+
+    /// Reads the values of a key that the section has.
+    fn setting(&mut self, settings: &mut Settings, key: &'static str, node: &Node) {
+        let section = settings.section;
+        let Some((place, known)) = section.find(key) else { return };
+        let repeats = match self.zipped.contains(&section.parameter(known.name)) {
+            true => Repeats::Zipped,
+            false => Repeats::Refused,
+        };
+        let value = self.sweep(key, known.kind, repeats, node);
+        settings.given.insert(place, Located { value, span: node.span().into() });
     }
 
     fn unknown_key(&mut self, section: Section, span: Span, found: &str, others: &[&str]) {
@@ -354,6 +369,18 @@ impl Reader<'_> {
             }
             draft.agents.push(agent);
         }
+        for agent in &draft.agents {
+            let Some(label) = &agent.label else { continue };
+            let is_shown = |other: &&AgentDraft| {
+                let shown = other.label.as_ref().unwrap_or(&other.name);
+                other.name.value != agent.name.value && shown.value == label.value
+            };
+            if let Some(other) = draft.agents.iter().find(is_shown) {
+                let message = format!("`label`: agent `{}` has the same label", other.name.value);
+                let fault = Fault::at(label.span, message);
+                self.faults.add(fault.help("figures distinguish agents by their labels"));
+            }
+        }
         draft.invalid_agents = self.faults.len() > before;
     }
 
@@ -363,26 +390,51 @@ impl Reader<'_> {
             None => {
                 self.faults.add(
                     Fault::at(span, "missing key `name` in [[agent]]")
-                        .help("tables and figures show it: name = \"dqn\""),
+                        .help("tables and figures use it: write name = \"dqn\""),
                 );
                 None
             }
         };
         let called = name.as_ref().map(|name| name.value.as_str());
         let algorithm = self.algorithm(inherited, called, span, table);
-        // Without an algorithm the keys are read as those of the one that knows most of them.
+        // Without a valid algorithm, keys are read as keys of the algorithm that knows most of them.
         let known = |algorithm: &&'static Algorithm| {
             let section = Section::Agent(algorithm);
             table.keys().filter(|key| section.find(key.get_ref()).is_some()).count()
         };
         let likely = algorithm.or(Algorithm::all().into_iter().max_by_key(known))?;
+        let mut others = vec!["name", "label", "algorithm"];
+        let free = table.get(PARAMETERS).filter(|_| likely.is_external());
+        let free = free.and_then(|node| self.free_parameters(node));
+        let likely = match &free {
+            Some((with_parameters, _)) => with_parameters,
+            None => likely,
+        };
+        if likely.is_external() {
+            others.push(PARAMETERS);
+        }
         let mut settings = Settings::new(Section::Agent(likely));
         settings.span = Some(span);
-        self.settings(&mut settings, table, &["name", "algorithm"]);
-        Some(AgentDraft { name: name?, algorithm: algorithm?, settings })
+        self.settings(&mut settings, table, &others);
+        for (key, node) in free.map(|(_, given)| given).unwrap_or_default() {
+            self.setting(&mut settings, key, node);
+        }
+        let label = self.label(table);
+        let algorithm = algorithm.map(|_| likely)?;
+        Some(AgentDraft { name: name?, label, algorithm, settings })
     }
 
-    /// The algorithm of an agent, which the preset's agent of that name may have given.
+    /// The name of an agent in figures and tables.
+    fn label(&mut self, table: &DeTable) -> Option<Located<String>> {
+        let node = table.get("label")?;
+        let value = self.text("label", node)?;
+        if value.trim().is_empty() || value.chars().any(char::is_control) {
+            self.expected("label", "a text on one line", node);
+        }
+        Some(Located { value, span: node.span().into() })
+    }
+
+    /// The algorithm of an agent, from its table or from the preset's agent of the same name.
     fn algorithm(
         &mut self,
         inherited: &Draft,
@@ -429,15 +481,15 @@ impl Reader<'_> {
     }
 }
 
-/// The algorithm whose keys a section has.
+/// The algorithm that a section belongs to; `None` for other sections.
 fn algorithm_of(section: Section) -> Option<&'static Algorithm> {
     match section {
         Section::Agent(algorithm) => Some(algorithm),
-        Section::Environment | Section::Evaluation => None,
+        Section::Environment | Section::Population | Section::Evaluation => None,
     }
 }
 
-/// Says where a key belongs, or which one was meant.
+/// Adds a hint to a fault: where a key belongs, or which key was probably meant.
 fn belonging(fault: Fault, here: Option<Section>, found: &str, names: &[&str]) -> Fault {
     if here.is_some() && TOP_KEYS[..ABOVE_TABLES].contains(&found) {
         return fault.help(format!("`{found}` belongs above the first table"));
@@ -454,11 +506,15 @@ fn belonging(fault: Fault, here: Option<Section>, found: &str, names: &[&str]) -
         Some((section, None, _)) => {
             fault.help(format!("`{found}` belongs in [{}]", section.name()))
         }
+        None if here.is_none() && nearest(found, TABLES).is_some() => {
+            let table = nearest(found, TABLES).unwrap_or_default();
+            fault.help(format!("did you mean [[{table}]], once for each {table}?"))
+        }
         None => fault.one_of(if here.is_some() { "its" } else { "the manifest's" }, names, found),
     }
 }
 
-/// A text of the author's, cut to what a message can hold.
+/// A text of the author's, shortened for messages.
 pub(super) fn shortened(text: &str) -> String {
     let short: String = text.chars().take(60).collect();
     if short.len() < text.len() { format!("{short}…") } else { short }

@@ -4,13 +4,14 @@ use std::fmt::{self, Write};
 
 use super::analysis::Analysis;
 use super::condition::Condition;
-use super::declared::Manifest;
+use super::declared::{DeclaredAgent, Manifest};
 use super::parameter::Parameters;
 use super::read::FORMAT;
 use super::written::{list, quoted};
+use crate::key::{Key, Parameter, Value};
 
 impl Manifest {
-    /// Complete TOML that declares the same jobs, whatever becomes of presets and defaults.
+    /// Complete TOML that declares the same jobs, independent of presets and defaults.
     pub fn resolved(&self) -> String {
         let mut out = String::new();
         self.write(&mut out).expect("writing to a string cannot fail");
@@ -44,9 +45,17 @@ impl Manifest {
         }
         writeln!(out, "\n[environment]")?;
         write_parameters(out, &self.environment)?;
+        // Skipped if all keys have their defaults: the list is long, and participants rarely differ.
+        let is_given = |(key, values): (&Key, &[Value])| {
+            key.default().as_ref().is_none_or(|it| values != [it.clone()])
+        };
+        if self.population.iter().any(is_given) {
+            writeln!(out, "\n[population]")?;
+            write_parameters(out, &self.population)?;
+        }
         for agent in &self.agents {
-            writeln!(out, "\n[[agent]]\nname = {}", quoted(&agent.name))?;
-            writeln!(out, "algorithm = \"{}\"", agent.algorithm.name())?;
+            writeln!(out)?;
+            write_head(out, agent)?;
             write_parameters(out, &agent.parameters)?;
         }
         writeln!(out, "\n[evaluation]")?;
@@ -60,6 +69,29 @@ impl Manifest {
         }
         self.analyses.iter().try_for_each(|analysis| write_analysis(out, analysis))
     }
+}
+
+impl DeclaredAgent {
+    /// A table `[[agent]]` for other manifests, with one value of every key: the result of `value`, or the
+    /// first declared value. Swept keys have the comment `chosen`.
+    pub fn chosen(&self, value: impl Fn(Parameter) -> Option<Value>) -> String {
+        let mut out = String::new();
+        write_head(&mut out, self).expect("writing to a string cannot fail");
+        for (key, values) in self.parameters.iter() {
+            let value = value(self.parameters.section().parameter(key.name));
+            let value = value.unwrap_or_else(|| values[0].clone());
+            let comment = if values.len() > 1 { "  # chosen" } else { "" };
+            out += &format!("{} = {value}{comment}\n", key.name);
+        }
+        out
+    }
+}
+
+fn write_head(out: &mut String, agent: &DeclaredAgent) -> fmt::Result {
+    writeln!(out, "[[agent]]\nname = {}", quoted(&agent.name))?;
+    writeln!(out, "algorithm = \"{}\"", agent.algorithm.name())?;
+    let label = agent.label.as_ref();
+    label.iter().try_for_each(|label| writeln!(out, "label = {}", quoted(label)))
 }
 
 fn write_parameters(out: &mut String, parameters: &Parameters) -> fmt::Result {
@@ -77,10 +109,12 @@ fn write_analysis(out: &mut String, analysis: &Analysis) -> fmt::Result {
     if kind.key_names().contains(&"metric") {
         writeln!(out, "metric = \"{}\"", analysis.metric)?;
     }
-    for (key, value) in analysis.kind.written() {
+    let range = analysis.participants.as_ref();
+    range.iter().try_for_each(|range| writeln!(out, "participants = {}", range.written()))?;
+    for (key, value) in analysis.kind.written().into_iter().chain(analysis.figure.written()) {
         writeln!(out, "{key} = {value}")?;
     }
-    // Last, because the keys below its header belong to it.
+    // Written last, because keys below its header belong to it.
     if !analysis.conditions.is_empty() {
         writeln!(out, "[analysis.where]")?;
     }
@@ -88,23 +122,30 @@ fn write_analysis(out: &mut String, analysis: &Analysis) -> fmt::Result {
 }
 
 fn write_condition(out: &mut String, condition: &Condition) -> fmt::Result {
-    match condition {
-        Condition::Scenario(scenarios) => {
-            let scenarios: Vec<String> = scenarios.iter().map(quoted).collect();
-            writeln!(out, "scenario = {}", list(&scenarios))
-        }
-        Condition::Seed(seeds) => writeln!(out, "seed = {}", list(seeds)),
-        Condition::AgentName(names) => {
-            let names: Vec<String> = names.iter().map(quoted).collect();
-            writeln!(out, "agent.name = {}", list(&names))
-        }
-        Condition::Key { parameter, values } => writeln!(out, "{parameter} = {}", list(values)),
-    }
+    writeln!(out, "{}", condition.written())
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::parse;
+
+    #[test]
+    fn a_label_and_the_keys_of_a_figure_read_back_as_written() {
+        let text = "format = 1\nname = \"t\"\nscenarios = [\"P\"]\nseeds = 1\nenvironment.sigma = [0.4, 0.6]\n\
+                    [[agent]]\nname = \"a\"\nlabel = \"An agent\"\nalgorithm = \"reinforce\"\n\
+                    [[analysis]]\nname = \"c\"\nkind = \"curve\"\nx = \"sigma\"\npanel = \"sigma\"\nwidth = 85\n\
+                    height = 60.5\nfont_size = 8\ny_min = -1\ny_max = 9e3\ntheme = \"print\"\n";
+        let manifest = parse("t", text.as_bytes()).unwrap();
+        let again = parse("t", manifest.resolved().as_bytes()).unwrap();
+        assert_eq!(again.agents[0].label.as_deref(), Some("An agent"));
+        assert_eq!(again.analyses, manifest.analyses);
+        assert_eq!(manifest.analyses[0].figure.height, Some(60.5));
+        let same = text.replace(
+            "[[analysis]]",
+            "[[agent]]\nname = \"An agent\"\nalgorithm = \"reinforce\"\n[[analysis]]",
+        );
+        assert!(parse("t", same.as_bytes()).is_err(), "two agents with one label");
+    }
 
     #[test]
     fn prose_of_any_kind_reads_back_as_written() {

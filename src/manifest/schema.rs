@@ -1,8 +1,8 @@
-//! The JSON Schema of manifests, by which editors complete and check what an author types.
+//! The JSON Schema of manifests, with which editors complete and check them.
 
 use serde_json::{Map, Value as Json, json};
 
-use super::analysis_kind::{AnalysisKey, KindName};
+use super::analysis_keys::{AnalysisKey, KindName};
 use super::limits::MOST_JOBS;
 use super::parameter::parameters;
 use super::preset;
@@ -11,10 +11,10 @@ use super::read::{FORMAT, LONGEST_NAME, LONGEST_TIME_LIMIT, MOST_ENTRIES};
 use super::section::Section;
 use crate::agent::Algorithm;
 use crate::env::Feature;
-use crate::key::{Key, Kind};
+use crate::key::{Column, Key, Kind, MOST_ROWS, NumberRange};
 
-/// The schema, in draft 2020-12. It knows the types, ranges and words of single keys; what keys ask
-/// of each other is for [`super::parse`].
+/// The schema, in draft 2020-12. It states types, ranges and words of single keys; [`super::parse`] checks
+/// the rules between keys.
 pub fn schema() -> Json {
     let mut schema = json!({
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -29,11 +29,14 @@ pub fn schema() -> Json {
                 "type": "string",
                 "minLength": 1,
                 "maxLength": LONGEST_NAME,
-                "description": "visible characters: none of control, text direction or no width",
+                "description": "visible characters; no control, text-direction or zero-width characters",
             },
             "scenario": scenario(),
             "seed": { "type": "integer", "minimum": 0, "maximum": i64::MAX },
-            "parameter": { "enum": parameters().into_iter().map(|p| p.to_string()).collect::<Vec<_>>() },
+            "parameter": { "anyOf": [
+                { "enum": parameters().into_iter().map(|p| p.to_string()).collect::<Vec<_>>() },
+                { "type": "string", "pattern": format!("^agent\\.parameters\\.{FREE_NAME}$") },
+            ] },
             "zip": {
                 "type": "array",
                 "minItems": 2,
@@ -41,6 +44,7 @@ pub fn schema() -> Json {
                 "items": { "$ref": "#/$defs/parameter" },
             },
             "environment": section(Section::Environment, Map::new()),
+            "population": section(Section::Population, Map::new()),
             "evaluation": section(Section::Evaluation, Map::new()),
             "exclude": exclude(),
             "analysis": analysis(),
@@ -58,10 +62,10 @@ fn top() -> Json {
         "name": described("the experiment's name", json!({ "$ref": "#/$defs/name" })),
         "extends": {
             "enum": preset::names(),
-            "description": "a built-in preset, over which this manifest is laid key by key",
+            "description": "a built-in preset; this manifest overrides it key by key",
         },
-        "question": { "type": "string", "description": "what the experiment asks" },
-        "hypothesis": { "type": "string", "description": "what its author expects" },
+        "question": { "type": "string", "description": "the question of the experiment" },
+        "hypothesis": { "type": "string", "description": "the expected result" },
         "published": {
             "type": "string",
             "description": "file of published numbers to compare with, relative to this one",
@@ -70,9 +74,9 @@ fn top() -> Json {
             "type": "integer",
             "minimum": 1,
             "maximum": LONGEST_TIME_LIMIT,
-            "description": "time that a job may take before it has failed; no part of any job",
+            "description": "time limit of a job, after which it fails; not part of its content",
         },
-        "scenarios": described("what the agents observe", one_or_more("#/$defs/scenario")),
+        "scenarios": described("the scenarios that agents observe", one_or_more("#/$defs/scenario")),
         "seeds": {
             "description": "a count n, for the seeds 1 to n, or a list",
             "anyOf": [
@@ -98,6 +102,7 @@ fn top() -> Json {
                     .collect::<Vec<_>>(),
             },
         },
+        "population": { "$ref": "#/$defs/population" },
         "evaluation": { "$ref": "#/$defs/evaluation" },
         "exclude": {
             "description": "cells to leave out",
@@ -106,7 +111,7 @@ fn top() -> Json {
             "items": { "$ref": "#/$defs/exclude" },
         },
         "analysis": {
-            "description": "figures and tables of the report; no part of any job",
+            "description": "figures and tables of the report; not part of any job",
             "type": "array",
             "maxItems": MOST_ENTRIES,
             "items": { "$ref": "#/$defs/analysis" },
@@ -128,10 +133,34 @@ fn agent(algorithm: &'static Algorithm) -> Json {
     let name =
         described("the agent's name in tables and figures", json!({ "$ref": "#/$defs/name" }));
     properties.insert("name".to_owned(), name);
+    let label = json!({ "type": "string", "minLength": 1, "description": "the agent's label in \
+                         figures and tables; its name by default" });
+    properties.insert("label".to_owned(), label);
     properties.insert("algorithm".to_owned(), json!({ "const": algorithm.name() }));
+    if algorithm.is_external() {
+        properties.insert("parameters".to_owned(), free_parameters());
+    }
     let mut schema = section(Section::Agent(algorithm), properties);
     schema["required"] = json!(["name"]);
     schema
+}
+
+/// The pattern of the names of outside programs' parameters.
+const FREE_NAME: &str = "[A-Za-z_][A-Za-z0-9_]{0,63}";
+
+/// The schema of an outside program's parameters.
+fn free_parameters() -> Json {
+    let one = value(Kind::Scalar);
+    let number = json!({ "type": "number" });
+    let step = json!({ "type": "number", "exclusiveMinimum": 0 });
+    let forms = [one.clone(), list(one), range(number, step)];
+    json!({
+        "description": "the program's own parameters; swept like any key",
+        "type": "object",
+        "maxProperties": 100,
+        "propertyNames": { "pattern": format!("^{FREE_NAME}$") },
+        "additionalProperties": { "anyOf": forms },
+    })
 }
 
 fn section(section: Section, mut properties: Map<String, Json>) -> Json {
@@ -155,17 +184,24 @@ fn swept(key: &Key) -> Json {
         Kind::Integer { .. } => {
             forms.push(range(value(key.kind), json!({ "type": "integer", "minimum": 1 })));
         }
-        Kind::Flag | Kind::Choice(_) | Kind::RealPair { .. } | Kind::Widths { .. } => {}
+        Kind::Flag
+        | Kind::Choice(_)
+        | Kind::RealPair { .. }
+        | Kind::Reals { .. }
+        | Kind::Counts { .. }
+        | Kind::Widths { .. }
+        | Kind::Text { .. }
+        | Kind::Words { .. }
+        | Kind::Scalar
+        | Kind::Distribution(_)
+        | Kind::Rows(_) => {}
     }
     described(key.doc(), json!({ "anyOf": forms }))
 }
 
 fn value(kind: Kind) -> Json {
     match kind {
-        Kind::Real { min, max } => json!({ "type": "number", "minimum": min, "maximum": max }),
-        Kind::PositiveReal { max } => {
-            json!({ "type": "number", "exclusiveMinimum": 0, "maximum": max })
-        }
+        Kind::Real { .. } | Kind::PositiveReal { .. } => number(kind.number_range()),
         Kind::Integer { min, max } => json!({ "type": "integer", "minimum": min, "maximum": max }),
         Kind::Flag => json!({ "type": "boolean" }),
         Kind::Choice(words) => json!({ "enum": words }),
@@ -175,13 +211,93 @@ fn value(kind: Kind) -> Json {
             "maxItems": 2,
             "items": value(Kind::Real { min, max }),
         }),
+        Kind::Reals { count, min, max } => json!({
+            "type": "array",
+            "minItems": count,
+            "maxItems": count,
+            "items": value(Kind::Real { min, max }),
+        }),
+        Kind::Counts { most, max } => json!({
+            "type": "array",
+            "maxItems": most,
+            "uniqueItems": true,
+            "items": value(Kind::Integer { min: 1, max: max.into() }),
+        }),
         Kind::Widths { most, max } => json!({
             "type": "array",
             "minItems": 1,
             "maxItems": most,
             "items": value(Kind::Integer { min: 1, max: max.into() }),
         }),
+        Kind::Text { most } => json!({ "type": "string", "minLength": 1, "maxLength": most }),
+        Kind::Words { most, longest } => json!({
+            "type": "array",
+            "minItems": 1,
+            "maxItems": most,
+            "items": { "type": "string", "maxLength": longest },
+        }),
+        Kind::Scalar => json!({ "type": ["boolean", "number", "string"] }),
+        Kind::Distribution(of) => distribution(&number(of)),
+        Kind::Rows(columns) => rows(columns),
     }
+}
+
+fn number(range: NumberRange) -> Json {
+    let NumberRange { min, max } = range;
+    match min {
+        Some(min) => json!({ "type": "number", "minimum": min, "maximum": max }),
+        None => json!({ "type": "number", "exclusiveMinimum": 0, "maximum": max }),
+    }
+}
+
+/// The schema of a distribution of numbers, which have the schema `number`.
+fn distribution(number: &Json) -> Json {
+    let positive = json!({ "type": "number", "exclusiveMinimum": 0 });
+    let table = |required: [&str; 2], properties: Json| {
+        json!({
+            "type": "object",
+            "additionalProperties": false,
+            "required": required.into_iter().filter(|key| !key.is_empty()).collect::<Vec<_>>(),
+            "properties": properties,
+        })
+    };
+    let pair = json!({ "type": "array", "minItems": 2, "maxItems": 2, "items": number });
+    json!({ "anyOf": [
+        number,
+        { "const": "fixed" },
+        table(["uniform", ""], json!({ "uniform": pair })),
+        table(["normal", "sd"], json!({
+            "normal": { "type": "number" }, "sd": positive, "from": number, "to": number,
+        })),
+        table(["log_normal", "log_sd"], json!({
+            "log_normal": positive, "log_sd": positive, "from": number, "to": number,
+        })),
+        table(["values", ""], json!({
+            "values": list(number.clone()),
+            "weights": { "type": "array", "minItems": 1, "items": positive },
+        })),
+    ] })
+}
+
+/// The schema of rows with these columns.
+fn rows(columns: &[Column]) -> Json {
+    let mut properties: Map<String, Json> =
+        columns.iter().map(|column| (column.name.to_owned(), number(column.of))).collect();
+    properties.insert("weight".to_owned(), json!({ "type": "number", "exclusiveMinimum": 0 }));
+    json!({ "anyOf": [
+        { "type": "string", "description": "\"none\", the name of a CSV file, or its text" },
+        {
+            "type": "array",
+            "minItems": 1,
+            "maxItems": MOST_ROWS,
+            "items": {
+                "type": "object",
+                "additionalProperties": false,
+                "minProperties": 1,
+                "properties": properties,
+            },
+        },
+    ] })
 }
 
 fn range(end: Json, step: Json) -> Json {
@@ -213,14 +329,23 @@ fn exclude() -> Json {
         of_agents.extend(keys(Section::Agent(algorithm)));
     }
     of_agents.insert("name".to_owned(), one_or_more("#/$defs/name"));
+    of_agents.insert("parameters".to_owned(), free_parameters());
     let table = |properties| json!({ "type": "object", "additionalProperties": false, "properties": properties });
-    let mut schema = table(Map::from_iter([
+    // A key that only one section has may be written without the section.
+    let short = [Section::Environment, Section::Population, Section::Evaluation];
+    let short = short.into_iter().flat_map(keys).chain(of_agents.clone());
+    let short: Map<String, Json> =
+        short.filter(|(key, _)| super::parameter::named(key).is_some()).collect();
+    let mut properties = short;
+    properties.extend([
         ("scenario".to_owned(), one_or_more("#/$defs/scenario")),
         ("seed".to_owned(), one_or_more("#/$defs/seed")),
         ("environment".to_owned(), table(keys(Section::Environment))),
         ("agent".to_owned(), table(of_agents)),
+        ("population".to_owned(), table(keys(Section::Population))),
         ("evaluation".to_owned(), table(keys(Section::Evaluation))),
-    ]));
+    ]);
+    let mut schema = table(properties);
     schema["minProperties"] = json!(1);
     schema
 }

@@ -1,8 +1,8 @@
-//! The sections of a manifest that have keys.
+//! The sections of a manifest, and their keys.
 
 use super::Evaluation;
 use crate::agent::Algorithm;
-use crate::env::Environment;
+use crate::env::{Environment, Population};
 use crate::key::{Key, Keyed, Parameter};
 
 /// The part of a manifest that a key belongs to, and the first part of its dotted name.
@@ -10,6 +10,8 @@ use crate::key::{Key, Keyed, Parameter};
 pub enum Section {
     /// `[environment]`.
     Environment,
+    /// `[population]`.
+    Population,
     /// `[[agent]]` with this algorithm.
     Agent(&'static Algorithm),
     /// `[evaluation]`.
@@ -20,23 +22,25 @@ impl Section {
     /// Every section, in the order of the grid.
     pub fn all() -> Vec<Section> {
         let agents = Algorithm::all().into_iter().map(Section::Agent);
-        [Section::Environment].into_iter().chain(agents).chain([Section::Evaluation]).collect()
+        let people = [Section::Environment, Section::Population];
+        people.into_iter().chain(agents).chain([Section::Evaluation]).collect()
     }
 
     /// The section's name in a manifest and in dotted names.
     pub fn name(self) -> &'static str {
         match self {
             Section::Environment => "environment",
+            Section::Population => "population",
             Section::Agent(_) => "agent",
             Section::Evaluation => "evaluation",
         }
     }
 
-    /// What tells the section from all others: its name, or that of its algorithm.
+    /// The unique title of the section: its name, or the name of its algorithm.
     pub fn title(self) -> &'static str {
         match self {
             Section::Agent(algorithm) => algorithm.name(),
-            Section::Environment | Section::Evaluation => self.name(),
+            Section::Environment | Section::Population | Section::Evaluation => self.name(),
         }
     }
 
@@ -44,12 +48,13 @@ impl Section {
     pub fn keys(self) -> &'static [Key] {
         match self {
             Section::Environment => Environment::KEYS,
+            Section::Population => Population::KEYS,
             Section::Agent(algorithm) => algorithm.keys(),
             Section::Evaluation => Evaluation::KEYS,
         }
     }
 
-    /// The key called `name`, with its place in [`Section::keys`].
+    /// The key called `name`, with its index in [`Section::keys`].
     pub fn find(self, name: &str) -> Option<(usize, &'static Key)> {
         self.keys().iter().enumerate().find(|(_, key)| key.name == name)
     }
@@ -58,6 +63,7 @@ impl Section {
     pub fn parameter(self, name: &'static str) -> Parameter {
         match self {
             Section::Environment => Parameter::Environment(name),
+            Section::Population => Parameter::Population(name),
             Section::Agent(_) => Parameter::Agent(name),
             Section::Evaluation => Parameter::Evaluation(name),
         }
@@ -68,18 +74,19 @@ impl Section {
 mod tests {
     use super::*;
     use crate::agent::Agent;
-    use crate::key::{Kind, Value};
+    use crate::key::{Distribution, Kind, Rows, Value};
 
-    /// Whether the section's typed struct takes these values.
+    /// Whether the section's struct accepts these values.
     fn fit(section: Section, values: Vec<Value>) -> bool {
         match section {
             Section::Environment => Environment::from_values(&values).is_some(),
+            Section::Population => Population::from_values(&values).is_some(),
             Section::Agent(algorithm) => Agent::with_values(algorithm, values).is_some(),
             Section::Evaluation => Evaluation::from_values(&values).is_some(),
         }
     }
 
-    /// The extremes of a kind.
+    /// The smallest and the largest values of a kind.
     fn extremes(kind: Kind) -> Vec<Value> {
         match kind {
             Kind::Real { min, max } => vec![Value::Real(min), Value::Real(max)],
@@ -88,7 +95,24 @@ mod tests {
             Kind::Flag => vec![Value::Flag(false), Value::Flag(true)],
             Kind::Choice(words) => words.iter().map(|word| Value::Choice(word)).collect(),
             Kind::RealPair { min, max } => vec![Value::RealPair([min, max])],
-            Kind::Widths { most, max } => vec![Value::Widths(vec![max; most])],
+            Kind::Reals { count, min, max } => {
+                vec![Value::Reals(vec![min; count]), Value::Reals(vec![max; count])]
+            }
+            Kind::Counts { most, max } => {
+                vec![
+                    Value::Wholes(Vec::new()),
+                    Value::Wholes((max - most as u32 + 1..=max).collect()),
+                ]
+            }
+            Kind::Widths { most, max } => vec![Value::Wholes(vec![max; most])],
+            Kind::Text { most } => vec![Value::Text("x".repeat(most))],
+            Kind::Words { most, longest } => vec![Value::Words(vec!["x".repeat(longest); most])],
+            Kind::Scalar => vec![Value::Flag(true), Value::Text(String::new())],
+            Kind::Distribution(of) => {
+                let numbers = of.min.into_iter().chain([of.max]);
+                numbers.map(|x| Value::Distribution(Distribution::Constant(x))).collect()
+            }
+            Kind::Rows(_) => vec![Value::Rows(Rows::default())],
         }
     }
 
@@ -124,9 +148,9 @@ mod tests {
     }
 
     #[test]
-    fn only_sigma_and_the_rule_must_be_given() {
+    fn only_sigma_the_rule_and_an_outside_program_must_be_given() {
         let keys = Section::all().into_iter().flat_map(|section| section.keys());
         let required = keys.filter(|key| key.default.is_none()).map(|key| key.name);
-        assert_eq!(required.collect::<Vec<_>>(), ["sigma", "rule"]);
+        assert_eq!(required.collect::<Vec<_>>(), ["sigma", "rule", "command", "version"]);
     }
 }

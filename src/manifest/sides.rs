@@ -3,12 +3,12 @@
 use super::condition::Condition;
 use super::written::quoted;
 
-/// Two sides of a difference: each a condition on the same parameter with one value.
+/// Two sides of a difference: two conditions on the same parameter, with one value each.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sides {
-    /// What is diminished.
+    /// The minuend.
     pub first: Condition,
-    /// What is taken away.
+    /// The subtrahend.
     pub second: Condition,
 }
 
@@ -25,7 +25,7 @@ impl Sides {
         vec![("by", quoted(&self.first.name())), ("between", between)]
     }
 
-    /// The dotted name of the key in which the sides differ; empty where they differ in no key.
+    /// The dotted name of the key that distinguishes the sides; empty if no key does.
     pub fn key(&self) -> String {
         match &self.first {
             Condition::Key { parameter, .. } => parameter.to_string(),

@@ -1,7 +1,7 @@
-//! The text of a manifest as a reader of faults sees it: lines, columns and excerpts.
+//! The text of a manifest for messages about faults: lines, columns and excerpts.
 //!
-//! In: the text and byte offsets into it. Out: positions counted in lines and characters, and the
-//! lines themselves made safe for a terminal. It knows nothing of TOML.
+//! In: the text and byte offsets into it. Out: positions in lines and characters, and lines that are safe
+//! to print on a terminal. It does not know TOML.
 
 /// A stretch of the text, in bytes; the end is excluded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -16,7 +16,7 @@ impl From<std::ops::Range<usize>> for Span {
     }
 }
 
-/// A value with the place it was written at.
+/// A value and its position in the text.
 #[derive(Clone, Debug)]
 pub(super) struct Located<T> {
     pub value: T,
@@ -32,7 +32,7 @@ pub struct Position {
     pub column: usize,
 }
 
-/// A text with its lines found.
+/// A text and the offsets of its lines.
 #[derive(Clone, Debug)]
 pub(crate) struct Source {
     text: String,
@@ -47,7 +47,7 @@ pub(super) struct Excerpt {
     pub carets: usize,
 }
 
-/// Characters of a long line shown before a fault, and after its start.
+/// Characters of a long line that are shown before a fault, and after its start.
 const BEFORE: usize = 60;
 const AFTER: usize = 60;
 
@@ -68,7 +68,7 @@ impl Source {
         self.text[start..end].trim_end_matches('\r')
     }
 
-    /// Where the byte at `offset` stands; an offset past the end is the end.
+    /// The position of the byte at `offset`; offsets past the end give the position of the end.
     pub fn position(&self, offset: usize) -> Position {
         let offset = self.text.floor_char_boundary(offset);
         let index = self.line_index(offset);
@@ -76,7 +76,7 @@ impl Source {
         Position { line: index + 1, column: before.chars().count() + 1 }
     }
 
-    /// The first line of `span`, cut around it if long, and where its carets go.
+    /// The first line of `span`, shortened around the span if long, with the place of its carets.
     pub(super) fn excerpt(&self, span: Span) -> Excerpt {
         let start = self.text.floor_char_boundary(span.start);
         let index = self.line_index(start);
@@ -102,8 +102,7 @@ impl Source {
     }
 }
 
-/// The text with [`hidden`] characters escaped, so that no name can move the cursor or turn a line
-/// around.
+/// The text with [`hidden`] characters escaped, so that names cannot move the cursor or reverse the line.
 pub fn printable(text: &str) -> String {
     let escape = |c: char| match hidden(c) {
         Some(_) => c.escape_default().collect(),
@@ -112,28 +111,28 @@ pub fn printable(text: &str) -> String {
     text.chars().flat_map(escape).collect()
 }
 
-/// What a character is that cannot be seen, or that changes how the text around it is seen; `None`
-/// for every other.
+/// The kind of a character that is invisible or changes the display of the text around it; `None` for all
+/// other characters.
 pub fn hidden(character: char) -> Option<&'static str> {
     match character {
         c if c.is_control() => Some("a control character"),
         '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}' => {
-            Some("a mark of text direction")
+            Some("a text-direction mark")
         }
-        '\u{2028}' | '\u{2029}' => Some("a separator of lines"),
+        '\u{2028}' | '\u{2029}' => Some("a line separator"),
         '\u{ad}' | '\u{34f}' | '\u{180b}'..='\u{180e}' | '\u{200b}'..='\u{200d}' => {
-            Some("a character without width")
+            Some("a zero-width character")
         }
         '\u{2060}'..='\u{2065}' | '\u{206a}'..='\u{206f}' | '\u{feff}' => {
-            Some("a character without width")
+            Some("a zero-width character")
         }
-        '\u{fff0}'..='\u{fffb}' | '\u{e0000}'..='\u{e0fff}' => Some("a character without width"),
-        '\u{115f}' | '\u{1160}' | '\u{3164}' | '\u{ffa0}' => Some("a filler that shows nothing"),
+        '\u{fff0}'..='\u{fffb}' | '\u{e0000}'..='\u{e0fff}' => Some("a zero-width character"),
+        '\u{115f}' | '\u{1160}' | '\u{3164}' | '\u{ffa0}' => Some("an invisible filler"),
         _ => None,
     }
 }
 
-/// The characters with tabs as one space, and those that are [`hidden`] escaped.
+/// The characters with each tab as one space, and [`hidden`] characters escaped.
 pub(super) fn visible(characters: impl Iterator<Item = char>) -> String {
     let mut shown = String::new();
     for character in characters {
@@ -146,7 +145,7 @@ pub(super) fn visible(characters: impl Iterator<Item = char>) -> String {
     shown
 }
 
-/// Columns that the text takes on a terminal.
+/// Terminal columns of the text.
 fn width(text: &str) -> usize {
     text.chars().map(character_width).sum()
 }

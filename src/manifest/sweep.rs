@@ -1,6 +1,7 @@
-//! Reads the values of one key: a value, a list of values, or a range, each of the key's kind.
+//! Reads the values of a key: a single value, a list of values, or a range.
 
 use std::collections::HashSet;
+use std::path::PathBuf;
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -10,30 +11,32 @@ use super::parameter::parameter;
 use super::range::{self, MOST_VALUES, MOST_VALUES_IN_ALL, RangeError, Spacing};
 use crate::key::{Kind, Parameter, Value};
 
-/// A value of the TOML tree with its place in the text.
+/// A value of the TOML tree with its position in the text.
 pub(super) type Node<'t> = Spanned<DeValue<'t>>;
 
-/// Reads values, noting what is wrong with them.
+/// Reads values, and collects faults.
 #[derive(Debug)]
 pub(super) struct Reader<'t> {
     pub text: &'t str,
     pub faults: FaultList,
-    /// Parameters that zips name: places of a zip differ, but one list of it may repeat a value.
+    /// Parameters in zips. Their lists may repeat values, because places of a zip differ as a whole.
     pub zipped: HashSet<Parameter>,
-    /// Values that lists and ranges may still have.
-    values_left: u64,
+    /// The folder that relative file names start from.
+    pub folder: PathBuf,
+    /// The number of values that further lists and ranges may have.
+    pub values_left: u64,
 }
 
-/// Whether the list of a sweep may have a value twice.
+/// Whether the list of a sweep may repeat a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Repeats {
-    /// It is a fault.
+    /// A repeated value is a fault.
     Refused,
-    /// Another list of its zip tells the places apart.
+    /// A repeated value is allowed, because another list of the same zip distinguishes the places.
     Zipped,
 }
 
-/// The parameters that the zips of a document name, as far as they can be read.
+/// The parameters that the zips of a document name, as far as the zips can be read.
 pub(super) fn zipped(root: &DeTable) -> HashSet<Parameter> {
     let lists = root.get("zip").and_then(|node| node.get_ref().as_array());
     let lists = lists.into_iter().flatten().filter_map(|list| list.get_ref().as_array());
@@ -46,17 +49,26 @@ impl<'t> Reader<'t> {
             text,
             faults: FaultList::default(),
             zipped: HashSet::new(),
+            folder: PathBuf::new(),
             values_left: MOST_VALUES_IN_ALL,
         }
     }
 
-    /// The values that `node` gives the key `name`; empty, with faults noted, if any is faulty.
+    /// The values of the key `name` in `node`; empty, with faults reported, if any value is faulty.
     pub fn sweep(&mut self, name: &str, kind: Kind, repeats: Repeats, node: &Node) -> Vec<Value> {
-        let takes_list = matches!(kind, Kind::RealPair { .. } | Kind::Widths { .. });
         match node.get_ref() {
             DeValue::Array(items) => {
-                let nested = items.first().is_some_and(|item| item.get_ref().is_array());
-                if takes_list && !nested {
+                let first = items.first().map(Spanned::get_ref);
+                let is_value = match kind {
+                    Kind::RealPair { .. }
+                    | Kind::Reals { .. }
+                    | Kind::Counts { .. }
+                    | Kind::Widths { .. }
+                    | Kind::Words { .. } => first.is_none_or(|first| !first.is_array()),
+                    Kind::Rows(_) => first.is_some_and(DeValue::is_table),
+                    _ => false,
+                };
+                if is_value {
                     return self.value(name, kind, node).into_iter().collect();
                 }
                 if items.is_empty() {
@@ -74,12 +86,17 @@ impl<'t> Reader<'t> {
                     Repeats::Zipped => self.all(items.iter(), read),
                 }
             }
-            DeValue::Table(table) => self.range(name, kind, node, table),
+            DeValue::Table(table) if kind == Kind::Scalar => {
+                self.range(name, ends_kind(table), node, table)
+            }
+            DeValue::Table(table) if !matches!(kind, Kind::Distribution(_)) => {
+                self.range(name, kind, node, table)
+            }
             _ => self.value(name, kind, node).into_iter().collect(),
         }
     }
 
-    /// What `read` makes of the items; empty if it fails on one.
+    /// The results of `read` for all items; empty if it fails on any item.
     fn all<'n, T>(
         &mut self,
         items: impl Iterator<Item = &'n Node<'n>>,
@@ -90,7 +107,7 @@ impl<'t> Reader<'t> {
         if self.faults.len() > before { Vec::new() } else { values }
     }
 
-    /// What `read` makes of the items; empty if it fails on one or two are the same.
+    /// The results of `read` for all items; empty if it fails on any item, or if two results are equal.
     pub fn distinct<'n, T: Eq + std::hash::Hash + Clone + std::fmt::Display>(
         &mut self,
         name: &str,
@@ -103,7 +120,7 @@ impl<'t> Reader<'t> {
         for item in items {
             let Some(value) = read(self, item) else { continue };
             if !seen.insert(value.clone()) {
-                let message = format!("`{name}`: {value} stands twice");
+                let message = format!("`{name}`: {value} is listed twice");
                 self.faults.add(Fault::at(item.span().into(), message));
             }
             values.push(value);
@@ -113,6 +130,11 @@ impl<'t> Reader<'t> {
 
     /// A single value of `kind`.
     pub fn value(&mut self, name: &str, kind: Kind, node: &Node) -> Option<Value> {
+        match kind {
+            Kind::Distribution(of) => return self.distribution(name, of, node),
+            Kind::Rows(known) => return self.rows(name, known, node),
+            _ => {}
+        }
         let value = read(kind, node);
         if value.is_none() {
             self.unexpected(name, kind, node);
@@ -120,11 +142,13 @@ impl<'t> Reader<'t> {
         value
     }
 
-    /// Notes that `node` is not of `kind`, at its faulty entry where it is a list.
+    /// Reports that `node` is not of `kind`, at the faulty entry if it is a list.
     fn unexpected(&mut self, name: &str, kind: Kind, node: &Node) {
         let entry_kind = match kind {
-            Kind::Widths { max, .. } => Kind::Integer { min: 1, max: max.into() },
-            Kind::RealPair { min, max } => Kind::Real { min, max },
+            Kind::Counts { max, .. } | Kind::Widths { max, .. } => {
+                Kind::Integer { min: 1, max: max.into() }
+            }
+            Kind::RealPair { min, max } | Kind::Reals { min, max, .. } => Kind::Real { min, max },
             other => other,
         };
         let entries = node.get_ref().as_array().filter(|_| entry_kind != kind);
@@ -143,13 +167,13 @@ impl<'t> Reader<'t> {
         self.faults.add(hint(fault, kind, place));
     }
 
-    /// Notes that `name` should be `expected`.
+    /// Reports that `name` should be `expected`.
     pub fn expected(&mut self, name: &str, expected: &str, node: &Node) {
         let message = format!("`{name}`: expected {expected}, found {}", self.found(node));
         self.faults.add(Fault::at(node.span().into(), message));
     }
 
-    /// What stands in the text, in a few words.
+    /// A short description of the value in the text.
     pub fn found(&self, node: &Node) -> String {
         const MOST: usize = 40;
         match node.get_ref() {
@@ -169,7 +193,17 @@ impl<'t> Reader<'t> {
         let step_kind = match kind {
             Kind::Real { .. } | Kind::PositiveReal { .. } => Kind::PositiveReal { max: f64::MAX },
             Kind::Integer { .. } => Kind::Integer { min: 1, max: i64::MAX as u64 },
-            Kind::Flag | Kind::Choice(_) | Kind::RealPair { .. } | Kind::Widths { .. } => {
+            Kind::Flag
+            | Kind::Choice(_)
+            | Kind::RealPair { .. }
+            | Kind::Reals { .. }
+            | Kind::Counts { .. }
+            | Kind::Widths { .. }
+            | Kind::Text { .. }
+            | Kind::Words { .. }
+            | Kind::Scalar
+            | Kind::Distribution(_)
+            | Kind::Rows(_) => {
                 self.expected(name, &kind.expectation(), node);
                 return Vec::new();
             }
@@ -200,7 +234,7 @@ impl<'t> Reader<'t> {
         }
     }
 
-    /// Counts the items of a list; notes if there are more than the manifest may still have.
+    /// Counts the items of a list, and reports if they exceed the number that the manifest may still have.
     pub fn count_in(&mut self, name: &str, items: usize, node: &Node) -> bool {
         match self.values_left.checked_sub(items as u64) {
             Some(left) => self.values_left = left,
@@ -213,7 +247,7 @@ impl<'t> Reader<'t> {
         true
     }
 
-    /// Notes keys that a range does not have, lacks, or cannot have together.
+    /// Reports keys that are unknown, missing or mutually exclusive in a range.
     fn range_keys(&mut self, name: &str, node: &Node, table: &DeTable) {
         const KEYS: [&str; 5] = ["from", "to", "step", "count", "scale"];
         for key in table.keys().filter(|key| !KEYS.contains(&key.get_ref().as_ref())) {
@@ -237,7 +271,16 @@ impl<'t> Reader<'t> {
     }
 }
 
-/// The values of a range whose parts have been read; `None` if one is missing.
+/// The kind of the numbers in a range of scalars: whole if both ends are whole.
+fn ends_kind(table: &DeTable) -> Kind {
+    let is_whole = |end| table.get(end).is_some_and(|node: &Node| node.get_ref().is_integer());
+    match is_whole("from") && is_whole("to") {
+        true => Kind::Integer { min: 0, max: i64::MAX as u64 },
+        false => Kind::Real { min: f64::MIN, max: f64::MAX },
+    }
+}
+
+/// The values of a range from its parts; `None` if a part is missing.
 fn list(
     ends: (Option<Value>, Option<Value>),
     step: Option<Value>,
@@ -282,7 +325,7 @@ fn real_of(value: Value) -> Option<f64> {
     if let Value::Real(real) = value { Some(real) } else { None }
 }
 
-/// The value of `node`, if it is one of `kind`.
+/// The value of `node`, if it is of `kind`.
 fn read(kind: Kind, node: &Node) -> Option<Value> {
     let real = |node: &Node, min: f64, max: f64| {
         let number = number(node).filter(|x| (min..=max).contains(x))?;
@@ -304,18 +347,52 @@ fn read(kind: Kind, node: &Node) -> Option<Value> {
             }
             _ => None,
         },
+        Kind::Reals { count, min, max } => {
+            let entries = node.get_ref().as_array().filter(|entries| entries.len() == count)?;
+            let reals = entries.iter().map(|entry| real(entry, min, max));
+            reals.collect::<Option<_>>().map(Value::Reals)
+        }
+        Kind::Counts { max, .. } => {
+            let count = |entry| u32::try_from(integer(entry, 1, max.into())?).ok();
+            let counts = node.get_ref().as_array()?.iter().map(count).collect::<Option<_>>();
+            counts.map(Value::Wholes).filter(|counts| kind.admits(counts))
+        }
         Kind::Widths { most, max } => {
             let entries = node.get_ref().as_array()?;
             if !(1..=most).contains(&entries.len()) {
                 return None;
             }
             let width = |entry| u32::try_from(integer(entry, 1, max.into())?).ok();
-            entries.iter().map(width).collect::<Option<_>>().map(Value::Widths)
+            entries.iter().map(width).collect::<Option<_>>().map(Value::Wholes)
         }
+        Kind::Text { .. } => text(node).filter(|value| kind.admits(value)),
+        Kind::Words { .. } => {
+            let items = node.get_ref().as_array()?;
+            let word = |item: &Node| item.get_ref().as_str().map(str::to_owned);
+            let words = items.iter().map(word).collect::<Option<_>>().map(Value::Words);
+            words.filter(|words| kind.admits(words))
+        }
+        Kind::Scalar => match node.get_ref() {
+            DeValue::Boolean(flag) => Some(Value::Flag(*flag)),
+            DeValue::String(_) => text(node),
+            DeValue::Integer(_) => {
+                let below = || signed(node).filter(|n| *n < 0).map(Value::Negative);
+                whole(node).map(Value::Integer).or_else(below)
+            }
+            DeValue::Float(_) => real(node, f64::MIN, f64::MAX).map(Value::Real),
+            DeValue::Array(_) | DeValue::Table(_) | DeValue::Datetime(_) => None,
+        }
+        .filter(|value| kind.admits(value)),
+        // These kinds have readers of their own, with more precise messages.
+        Kind::Distribution(_) | Kind::Rows(_) => None,
     }
 }
 
-/// The number that `node` is; a whole number counts as one with a fraction of 0.
+fn text(node: &Node) -> Option<Value> {
+    node.get_ref().as_str().map(|text| Value::Text(text.to_owned()))
+}
+
+/// The number in `node`; whole numbers are converted.
 fn number(node: &Node) -> Option<f64> {
     match node.get_ref() {
         DeValue::Float(float) => float.as_str().parse().ok(),
@@ -326,11 +403,15 @@ fn number(node: &Node) -> Option<f64> {
     }
 }
 
-/// The whole number that `node` is, if it is one and not negative.
+/// The non-negative whole number in `node`.
 pub(super) fn whole(node: &Node) -> Option<u64> {
+    u64::try_from(signed(node)?).ok()
+}
+
+/// The whole number in `node`.
+fn signed(node: &Node) -> Option<i64> {
     let integer = node.get_ref().as_integer()?;
-    let whole = i64::from_str_radix(integer.as_str(), integer.radix()).ok()?;
-    u64::try_from(whole).ok()
+    i64::from_str_radix(integer.as_str(), integer.radix()).ok()
 }
 
 fn hint(fault: Fault, kind: Kind, node: &Node) -> Fault {

@@ -1,16 +1,16 @@
-//! Which parameters differ between jobs: what a reader needs to tell them apart.
+//! The parameters that differ between jobs, by which a reader distinguishes the jobs.
 
 use std::collections::{BTreeMap, HashMap};
 use std::hash::Hash;
 
 use super::declared::Manifest;
 
-/// The parameters in which the jobs of each agent differ, scenario and seed aside.
+/// The parameters in which the jobs of each agent differ, except scenario and seed.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Varying(BTreeMap<String, Vec<String>>);
 
 impl Varying {
-    /// Those of which an agent has several values, of agents' names, dotted names and values.
+    /// The parameters with several values for an agent, from triples of agent name, dotted name and value.
     pub fn among<A, N, V>(values: impl IntoIterator<Item = (A, N, V)>) -> Varying
     where
         A: AsRef<str> + Clone + Eq + Hash,
@@ -31,11 +31,16 @@ impl Varying {
         varying
     }
 
-    /// Those that manifests sweep, or set otherwise than each other.
+    /// The parameters that manifests sweep, or set to different values.
     pub fn of(manifests: &[Manifest]) -> Varying {
         let agents = manifests.iter().flat_map(|one| one.agents.iter().map(move |a| (one, a)));
         Varying::among(agents.flat_map(|(manifest, agent)| {
-            let sections = [&manifest.environment, &agent.parameters, &manifest.evaluation];
+            let sections = [
+                &manifest.environment,
+                &manifest.population,
+                &agent.parameters,
+                &manifest.evaluation,
+            ];
             let keys = sections.into_iter().flat_map(|parameters| {
                 let name = |key: &str| format!("{}.{key}", parameters.section().name());
                 parameters.iter().map(move |(key, values)| (name(key.name), values))
@@ -53,7 +58,7 @@ impl Varying {
         }
     }
 
-    /// The dotted names, none twice.
+    /// The distinct dotted names.
     pub fn names(&self) -> Vec<String> {
         let mut names: Vec<String> = Vec::new();
         for name in self.0.values().flatten() {
@@ -64,12 +69,12 @@ impl Varying {
         names
     }
 
-    /// The dotted names of an agent.
+    /// The dotted names for an agent.
     pub fn of_agent(&self, agent: &str) -> &[String] {
         self.0.get(agent).map_or(&[], Vec::as_slice)
     }
 
-    /// These without a parameter.
+    /// The same parameters without `name`.
     pub fn without(mut self, name: &str) -> Varying {
         for names in self.0.values_mut() {
             names.retain(|known| known != name);

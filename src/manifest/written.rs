@@ -10,6 +10,6 @@ pub(super) fn list(items: &[impl Display]) -> String {
 
 /// A text as a basic string of TOML.
 pub(super) fn quoted(text: &impl Display) -> String {
-    // JSON and TOML escape alike, but for DEL, which TOML wants escaped.
+    // JSON and TOML escape alike, except DEL: only TOML requires an escape.
     serde_json::Value::String(text.to_string()).to_string().replace('\u{7f}', "\\u007f")
 }

@@ -2,8 +2,8 @@
 
 use crate::env::Action;
 
-/// The value of each action in a state: its reward, the baseline aside, and the mean return after it, in
-/// steps walked.
+/// The value of each action in a state, in steps walked: its reward without the baseline, plus the mean
+/// return after it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ActionValues {
     /// Nothing is sent.
@@ -17,7 +17,7 @@ pub(super) struct ActionValues {
 }
 
 impl ActionValues {
-    /// The best action where context 0 has this probability; the lowest numbered of equals.
+    /// The best action if context 0 has this probability; ties go to the lowest number.
     pub fn best(&self, probability_of_zero: f64) -> Action {
         let tailored = |p: f64| p * self.suitable + (1.0 - p) * self.unsuitable;
         let values = [

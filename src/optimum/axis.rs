@@ -6,14 +6,15 @@ use std::collections::BTreeSet;
 use crate::env::Environment;
 use crate::env::{Action, apply_action};
 
-/// Jumps of the value that are closer than this share their nodes.
+/// Jumps of the value that are closer than this share nodes.
 const APART: f64 = 1e-9;
-/// Most increments from 0 to 1 for which the nodes of habituation are aligned with increments.
+/// The largest number of habituation increments from 0 to 1 for which nodes are aligned with increments.
 const MOST_ALIGNED: f64 = 100.0;
-/// How much smaller a wrong message makes a jump, counted in suitable messages. It orders the jumps.
+/// How much a wrong message shrinks a jump, as the equivalent number of suitable messages. It determines the
+/// order of the jumps.
 const COST_OF_A_MISTAKE: u32 = 7;
 
-/// Increasing positions of nodes, the first at 0.
+/// Node positions in increasing order, starting at 0.
 #[derive(Clone, Debug)]
 pub(super) struct Axis(Vec<f64>);
 
@@ -38,7 +39,7 @@ pub(super) struct Cubic {
 impl Axis {
     /// Nodes of habituation from 0 to 1, at most 1 / `steps` apart; `steps` is at least 3.
     ///
-    /// An increment by a message leads from node to node, unless increments are tiny.
+    /// Nodes are spaced so that a message's increment leads from node to node, unless increments are tiny.
     pub fn habituation(e: &Environment, steps: usize) -> Axis {
         let most = 1.0 / steps as f64;
         let is_tiny = e.epsilon_h * MOST_ALIGNED < 1.0;
@@ -48,8 +49,8 @@ impl Axis {
     }
 
     /// Nodes of disengagement risk from 0 to the threshold, at most the threshold / `steps` apart, and two
-    /// nodes for each of the largest jumps of the value, at most `jumps` of them: one at the jump and one
-    /// at the largest number below it. The threshold is such a jump; its upper node only closes the axis.
+    /// nodes for each of the `jumps` largest jumps of the value: one at the jump and one at the largest
+    /// number below it. The threshold is one of the jumps; its upper node only closes the axis.
     pub fn disengagement(e: &Environment, steps: usize, jumps: usize) -> Axis {
         let threshold = e.disengagement_threshold;
         let even = (0..steps).map(|i| threshold * i as f64 / steps as f64);
@@ -66,7 +67,7 @@ impl Axis {
         &self.0
     }
 
-    /// The lower node of the interval that contains `x` or is next to it.
+    /// The lower node of the interval that contains `x` or is nearest to it.
     fn interval(&self, x: f64) -> usize {
         let above = self.0.partition_point(|node| *node <= x);
         above.clamp(1, self.0.len() - 1) - 1
@@ -79,8 +80,8 @@ impl Axis {
         Linear { node, weight: (x - lower) / (upper - lower) }
     }
 
-    /// The position of `x` for Lagrange's cubic through the two nodes on either side of it, or through
-    /// the four nodes at an end. There are at least four nodes.
+    /// The position of `x` for Lagrange's cubic through the two nodes on either side of `x`, or through the
+    /// four outermost nodes at an end. The axis must have at least four nodes.
     pub fn cubic(&self, x: f64) -> Cubic {
         let node = self.interval(x).saturating_sub(1).min(self.0.len() - 4);
         let near = &self.0[node..][..4];
@@ -102,11 +103,11 @@ impl Linear {
     }
 }
 
-/// The disengagement risks below the threshold at which the value jumps: the largest jumps, at most
-/// `most` of them, in no particular order.
+/// The disengagement risks below the threshold at which the value jumps: at most `most` of the largest jumps,
+/// in no particular order.
 ///
-/// From the risk `danger` on, a wrong message ends the episode, so the value jumps there. It also jumps
-/// at each risk from which a suitable or a wrong message leads to a jump, by as much or less.
+/// From the risk `danger`, a wrong message ends the episode, so the value jumps there. The value also jumps
+/// at each risk from which a suitable or a wrong message leads to a jump, by the same amount or less.
 fn jumps_of_the_value(e: &Environment, most: usize) -> Vec<f64> {
     let threshold = e.disengagement_threshold;
     let [suitable, wrong] = [Action::tailored_to(0), Action::tailored_to(1)];
@@ -114,7 +115,8 @@ fn jumps_of_the_value(e: &Environment, most: usize) -> Vec<f64> {
         first_from_zero(threshold, |d| apply_action(e, 0, action, 0.0, d).disengagement >= target)
     };
     let danger = leads_to(wrong, threshold);
-    // By increasing cost, which stands for decreasing size. Bits are in the order of the numbers.
+    // Ordered by cost, which approximates decreasing size. For these numbers, the order of the bits is the
+    // order of the values.
     let mut waiting = BTreeSet::from([(0, danger.to_bits())]);
     let mut found: Vec<f64> = Vec::new();
     while found.len() < most
@@ -126,7 +128,7 @@ fn jumps_of_the_value(e: &Environment, most: usize) -> Vec<f64> {
             continue;
         }
         found.push(jump);
-        // Above `danger` hardly any tailored message is sent, so that a jump is carried on as it is.
+        // Above `danger`, tailored messages are rare, so a jump keeps its size.
         let smaller = u32::from(jump < danger);
         waiting.insert((cost + smaller, leads_to(suitable, jump).to_bits()));
         waiting.insert((cost + COST_OF_A_MISTAKE, leads_to(wrong, jump).to_bits()));
@@ -134,7 +136,8 @@ fn jumps_of_the_value(e: &Environment, most: usize) -> Vec<f64> {
     found
 }
 
-/// The smallest number in [0, `end`) with a property that all larger numbers share, or `end`.
+/// The smallest number in [0, `end`) with a property that all larger numbers also have; `end` if there is
+/// none.
 fn first_from_zero(end: f64, has: impl Fn(f64) -> bool) -> f64 {
     let (mut from, mut to) = (0, end.to_bits());
     while from < to {
@@ -164,14 +167,14 @@ mod tests {
                 assert!(nodes.iter().any(|node| (node - x).abs() < 1e-12), "{epsilon_h} {x}");
             }
         }
-        // Tiny increments would need too many nodes.
+        // Aligned nodes for tiny increments would be too many.
         for epsilon_h in [0.0, 1e-9, 0.009] {
             let axis = Axis::habituation(&Environment { epsilon_h, ..with(0.1, 0.4, 1.0) }, 10);
             assert_eq!(axis.nodes().len(), 11);
         }
     }
 
-    /// So that the difference of two grids shows the error of habituation.
+    /// This makes the difference between two grids reflect the error along habituation.
     #[test]
     fn twice_as_many_steps_are_always_more_nodes() {
         for thousandths in 0..=1000 {
@@ -212,13 +215,13 @@ mod tests {
                 && ours.iter().zip(others).all(|(one, other)| (one - other).abs() < 1e-12)
         };
         assert!(are_near(&sorted(3), &upwards[..3]) && are_near(&sorted(5), &upwards));
-        // Then what leads there by one mistake.
+        // Then the risks that lead there by one mistake.
         let mistaken: Vec<f64> = upwards.iter().map(|jump| jump - 0.4).collect();
         assert!(are_near(&sorted(10), &[mistaken, upwards].concat()), "{:?}", sorted(10));
         assert!(jumps_of_the_value(&with(0.1, 0.0, 1.0), 10).is_empty());
     }
 
-    /// Ten tenths add up to less than 1, so that eleven mistakes end an episode, not ten.
+    /// Ten times 0.1 adds up to less than 1 in f64, so eleven mistakes end an episode, not ten.
     #[test]
     fn jumps_are_where_rounded_sums_reach_the_threshold() {
         let mut jumps = jumps_of_the_value(&with(0.0, 0.1, 1.0), 100);

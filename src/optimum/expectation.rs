@@ -6,33 +6,33 @@ use crate::env::Belief;
 
 use super::action_values::ActionValues;
 
-/// Pieces of the table per halving of its argument, as a power of 2.
+/// The number of table pieces per halving of the argument, as a power of 2.
 const PIECES_LOG2: u32 = 8;
-/// Halvings of 1/2 that the table covers.
+/// The number of halvings, from 1/2 down, that the table covers.
 const HALVINGS: u32 = 20;
-/// Pieces of the table.
+/// The number of pieces in the table.
 const PIECES: usize = (HALVINGS as usize) << PIECES_LOG2;
-/// Largest difference between a piece of the table and the closed form.
+/// The largest error of a table piece relative to the closed form, as an absolute difference.
 const PRECISION: f64 = 1e-11;
 
-/// The mean value of the action that is best for what the agent then believes of the context.
+/// The mean value of the best action under what the agent believes about the context.
 ///
-/// Tailoring to the likelier context, which has probability p, is worth p S + (1 - p) F, where S is the
-/// value of a suitable message and F of an unsuitable one. Where S > F, that grows with p, so the best
-/// action changes once, at the p at which tailoring is worth as much as the better of the other two
-/// actions. Where S < F, it is best to tailor to the less likely context, which swaps S and F.
+/// If the likelier context has probability p, tailoring to it is worth p S + (1 - p) F, where S is the value
+/// of a suitable message and F that of an unsuitable message. For S > F, this grows with p, so the best
+/// action changes once: at the p where tailoring is worth as much as the better of the other two actions. For
+/// S < F, it is best to tailor to the less likely context, which swaps S and F.
 #[derive(Clone, Debug)]
 pub(super) enum Expectation {
     /// The context is known.
     Certain,
-    /// Its probability is known, see [`BetterOf`].
+    /// The probability of the context is known; see [`BetterOf`].
     Inferred(BetterOf),
     /// The likelier context is known.
     Likely {
-        /// Probability that it is not the true one.
+        /// The probability that the likelier context is not the true context.
         error: f64,
     },
-    /// Both contexts are equally likely.
+    /// Both contexts are equally likely to the agent.
     Ignorant,
 }
 
@@ -42,7 +42,7 @@ impl Expectation {
         match belief {
             Belief::Certain => Expectation::Certain,
             Belief::Inferred { sigma } => Expectation::Inferred(BetterOf::new(sigma)),
-            // Both contexts are equally likely, so both errors are the same.
+            // Prior probabilities of both contexts are equal, so both errors are the same.
             Belief::Likely { errors: [error, _] } => Expectation::Likely { error },
             Belief::Ignorant { .. } => Expectation::Ignorant,
         }
@@ -69,35 +69,35 @@ impl Expectation {
     }
 }
 
-/// The larger of two numbers: one instruction, unlike [`f64::max`].
+/// The larger of two numbers, compiled to one instruction, unlike [`f64::max`].
 #[inline(always)]
 fn larger(x: f64, y: f64) -> f64 {
     if x > y { x } else { y }
 }
 
-/// The mean of the larger of 1 - x and the probability of the likelier context, as a function of x > 0.
+/// The mean of max(1 - x, probability of the likelier context), as a function of x > 0.
 ///
-/// A table of cubics that agree with the closed form in values and slopes, because the closed form would
-/// take most of the time of the induction. Like doubles, the pieces are shorter towards 0, where the
-/// function depends on the logarithm of x.
+/// The function is a table of cubics that match the closed form in values and slopes, because evaluating the
+/// closed form would dominate the time of the induction. Like doubles, the pieces get shorter towards 0,
+/// where the function depends on the logarithm of x.
 #[derive(Clone, Debug)]
 pub(super) struct BetterOf {
     sigma: f64,
-    /// By the leading bits of x below 1/2: coefficients, the constant first; NaN where a piece would
+    /// Coefficients by the leading bits of x below 1/2, with the constant first; NaN where a piece would
     /// differ from the closed form by more than [`PRECISION`].
     pieces: Box<[[f64; 4]; PIECES]>,
-    /// The function from x = 1/2 on: the probability that the likelier context is the true one.
+    /// The value for x >= 1/2: the probability that the likelier context is the true context.
     right: f64,
 }
 
 impl BetterOf {
-    /// Bits of a double that give the place within a piece.
+    /// The number of bits of an f64 that give the position within a piece.
     const WITHIN: u32 = f64::MANTISSA_DIGITS - 1 - PIECES_LOG2;
-    /// Where the table begins.
+    /// The start of the table.
     const LEAST: f64 = 0.5 / (1_u32 << HALVINGS) as f64;
-    /// The leading bits of that.
+    /// The leading bits of the start.
     const FIRST: usize = (Self::LEAST.to_bits() >> Self::WITHIN) as usize;
-    /// The bits of a mantissa.
+    /// The mask of the mantissa.
     const MANTISSA: u64 = (1 << (f64::MANTISSA_DIGITS - 1)) - 1;
 
     fn new(sigma: f64) -> Self {
@@ -109,7 +109,7 @@ impl BetterOf {
         BetterOf { sigma, pieces, right }
     }
 
-    /// Where a piece begins.
+    /// The start of a piece.
     fn beginning(piece: usize) -> f64 {
         f64::from_bits(((Self::FIRST + piece) as u64) << Self::WITHIN)
     }
@@ -121,7 +121,7 @@ impl BetterOf {
         }
         if x >= Self::LEAST {
             let piece = (x.to_bits() >> Self::WITHIN) as usize - Self::FIRST;
-            // The bits within a piece, behind the 1 of a number from 1 to 2.
+            // The bits within a piece become the mantissa of a number from 1 to 2.
             let within = (x.to_bits() << PIECES_LOG2) & Self::MANTISSA;
             let part = f64::from_bits(1.0_f64.to_bits() | within) - 1.0;
             let tabulated = value(&self.pieces[piece], part);
@@ -133,7 +133,7 @@ impl BetterOf {
     }
 }
 
-/// Hermite's cubic of a piece, the constant first; `None` if it is not precise enough.
+/// Hermite's cubic for a piece, with the constant first; `None` if it is not precise enough.
 fn cubic(sigma: f64, piece: usize) -> Option<[f64; 4]> {
     let (from, to) = (BetterOf::beginning(piece), BetterOf::beginning(piece + 1));
     let width = to - from;
@@ -149,19 +149,19 @@ fn cubic(sigma: f64, piece: usize) -> Option<[f64; 4]> {
     [0.3, 0.5, 0.7].into_iter().all(is_precise).then_some(cubic)
 }
 
-/// The value of a cubic at a `part` of its piece, in [0, 1).
+/// The value of a cubic at the position `part` of its piece, in [0, 1).
 #[inline(always)]
 fn value(cubic: &[f64; 4], part: f64) -> f64 {
     let [a, b, c, d] = cubic;
     a + part * (b + part * (c + part * d))
 }
 
-/// The mean of the larger of 1 - x and the probability p of the likelier context, for x > 0, and its
-/// slope, which is minus the probability that p < 1 - x.
+/// The mean of max(1 - x, p), where p is the probability of the likelier context, for x > 0; and its
+/// derivative, which is minus the probability that p < 1 - x.
 ///
-/// **Source**: where the feature is y away from 1/2, the likelier context has the log-odds y / sigma^2.
-/// That y > t and the likelier context is the true one has the probability Phi((1/2 - t) / sigma), that
-/// y > t and it is the wrong one Phi((-1/2 - t) / sigma).
+/// **Source**: at distance y of the feature from 1/2, the log-odds of the likelier context are y / sigma^2.
+/// With probability Phi((1/2 - t) / sigma), y > t and the likelier context is the true one; with probability
+/// Phi((-1/2 - t) / sigma), y > t and it is the wrong one.
 fn closed_form(sigma: f64, x: f64) -> [f64; 2] {
     let least = if x < 0.5 { sigma * sigma * libm::log((1.0 - x) / x) } else { 0.0 };
     let (right, wrong) = (normal((0.5 - least) / sigma), normal((-0.5 - least) / sigma));
@@ -180,7 +180,7 @@ mod tests {
     use crate::env::ContextDraw;
     use crate::env::Environment;
 
-    /// The mean over features on a fine grid, of the best of four values for each.
+    /// The mean of the best of four values, by quadrature over the feature on a fine grid.
     fn by_quadrature(sigma: f64, values: &ActionValues) -> f64 {
         let (from, to, steps) = (-0.5 - 9.0 * sigma, 1.5 + 9.0 * sigma, 200_000);
         let width = (to - from) / f64::from(steps);
@@ -240,7 +240,8 @@ mod tests {
             Belief::Likely { errors: [0.2; 2] },
             Belief::Ignorant { zero: 0.5 },
         ];
-        // Among them all equal, and tailoring that is as good either way, or hardly better than none.
+        // Includes equal values, tailoring that is equally good either way, and tailoring that is hardly
+        // better than no message.
         for (nothing, untailored, suitable, unsuitable) in [
             (0.0, 4.0, 10.0, -20.0),
             (7.0, -3.0, 6.0, 6.0),

@@ -1,7 +1,8 @@
-//! Which optima can be computed.
+//! The environments and scenarios for which an optimum can be computed.
 
 use crate::env::{
-    DisengagementReward, Environment, Feature, Scenario, StateNoise, StepNoise, fewest_steps,
+    DisengagementReward, Environment, Feature, Population, Scenario, StateNoise, StepNoise,
+    fewest_steps,
 };
 use crate::key::Keyed;
 
@@ -11,39 +12,47 @@ pub const LONGEST_OPTIMUM: u32 = 200;
 /// Why no optimum is computed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoOptimum {
-    /// The scenario hides a part of the state.
+    /// The scenario hides part of the state.
     #[error(
         "no optimum is computed for {scenario}, which does not show both habituation (H) and \
-         disengagement risk (D); that of {shown} is an upper bound"
+         disengagement risk (D); the optimum for {shown} is an upper bound"
     )]
     StateHidden {
         /// The scenario.
         scenario: Scenario,
-        /// The scenario with the features that it lacks.
+        /// The scenario with its missing features added.
         shown: String,
     },
-    /// A key of the environment has a value that the recursion does not describe.
-    #[error("the optimum is not known with `{key}` = {value}")]
+    /// A key of the environment has a value that the recursion does not support.
+    #[error("no optimum can be computed with `{key}` = {value}")]
     NotKnown {
         /// The key.
         key: &'static str,
         /// Its value, as a manifest writes it.
         value: String,
     },
+    /// Participants differ.
+    #[error(
+        "no optimum can be computed where participants differ in {}", names.join(", ")
+    )]
+    PeopleDiffer {
+        /// The parameters that differ.
+        names: Vec<&'static str>,
+    },
     /// Episodes are too long.
     #[error(
-        "no optimum is computed for a horizon of {horizon} steps; {LONGEST_OPTIMUM} are the most"
+        "no optimum is computed for a horizon of {horizon} steps; the maximum is {LONGEST_OPTIMUM}"
     )]
     TooLong {
-        /// Steps of an episode.
+        /// The number of steps in an episode.
         horizon: u32,
     },
 }
 
-/// Whether an optimum can be computed.
+/// Checks that an optimum can be computed.
 ///
-/// **Errors**: the scenario hides a part of the state, the environment goes beyond what the recursion
-/// describes, or the horizon is too long.
+/// **Errors**: the scenario hides part of the state, a key of the environment has a value that the recursion
+/// does not support, or the horizon is too long.
 pub fn check(environment: &Environment, scenario: &Scenario) -> Result<(), NoOptimum> {
     if !scenario.shows_state() {
         let hidden = |feature: &Feature| !scenario.features().contains(feature);
@@ -60,13 +69,21 @@ pub fn check(environment: &Environment, scenario: &Scenario) -> Result<(), NoOpt
     if horizon > LONGEST_OPTIMUM { Err(NoOptimum::TooLong { horizon }) } else { Ok(()) }
 }
 
-/// Smallest mean of gamma-distributed steps; a smaller one is raised to it.
+/// Checks that all participants have the same parameters, as an optimum requires.
+///
+/// **Errors**: participants differ.
+pub fn check_people(population: &Population) -> Result<(), NoOptimum> {
+    let names: Vec<&str> = population.names().collect();
+    if names.is_empty() { Ok(()) } else { Err(NoOptimum::PeopleDiffer { names }) }
+}
+
+/// The lower bound of the mean of gamma-distributed steps; smaller means are raised to it.
 const LEAST_MEAN: f64 = 1e-5;
 
-/// A key whose value the recursion does not describe, if there is one.
+/// A key with a value that the recursion does not support, if there is one.
 ///
-/// Gamma-distributed steps have the mean of the noise-free ones, and nothing else depends on them. The cost
-/// of messages and an unpaid last step are not part of the mean return.
+/// Gamma-distributed steps have the same mean as noise-free steps, and nothing else depends on them. The cost
+/// of messages and an unpaid last step do not affect the mean return.
 fn unsolved(e: &Environment) -> Option<&'static str> {
     let least = fewest_steps(e);
     let ends_at_once = e.initial_disengagement >= e.disengagement_threshold;
@@ -75,7 +92,7 @@ fn unsolved(e: &Environment) -> Option<&'static str> {
         ("state_noise", e.state_noise != StateNoise::None),
         ("step_noise", e.step_noise == StepNoise::Gamma && least < LEAST_MEAN),
         ("parameter_spread", e.parameter_spread > 0.0),
-        // Which baseline is lost depends on the context, unless there is one.
+        // If the baselines differ, the lost baseline depends on the context.
         ("disengagement_reward", zero && (e.mu[0] != e.mu[1] || ends_at_once)),
         ("steps_cut_at_zero", e.steps_cut_at_zero && least < 0.0),
         ("context_probability", e.context_probability != 0.5),

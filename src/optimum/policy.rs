@@ -9,8 +9,8 @@ use crate::env::{Action, Belief, Environment, Scenario};
 pub struct OptimalPolicy(Solution);
 
 impl OptimalPolicy {
-    /// The optimal policy of a scenario in an environment. It takes less than 0.1 s and 45 MB at the
-    /// paper's horizon.
+    /// The optimal policy of a scenario in an environment. At the paper's horizon, this takes less than 0.1 s
+    /// and 45 MB.
     ///
     /// **Errors**: see [`check`].
     pub fn new(environment: &Environment, scenario: &Scenario) -> Result<Self, NoOptimum> {
@@ -20,8 +20,8 @@ impl OptimalPolicy {
         Ok(OptimalPolicy(Solution::new(environment, belief, resolution)))
     }
 
-    /// The best action in a state where context 0 has the probability `believed`, in [0, 1]; the lowest
-    /// numbered of equals. `time` counts from 0.
+    /// The best action in a state where context 0 has the probability `believed`, in [0, 1]; ties go to the
+    /// lowest number. `time` counts from 0.
     pub fn choose(&self, time: u32, believed: f64, habituation: f64, disengagement: f64) -> Action {
         self.0.choose(time, believed, habituation, disengagement)
     }

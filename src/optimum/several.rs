@@ -1,4 +1,4 @@
-//! Optima of many environments and scenarios, several at a time.
+//! Optima of many environments and scenarios, computed in parallel.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
@@ -8,11 +8,11 @@ use super::limits::NoOptimum;
 use super::two_grids::{Optimum, optimum};
 use crate::env::{Environment, Scenario};
 
-/// Most optima that are computed at a time: each may take some hundred megabytes.
+/// The most optima that are computed at a time: each may take several hundred megabytes.
 const MOST_AT_ONCE: usize = 4;
 
-/// The optimum of each environment and scenario, in their order, on several threads. `on_progress`
-/// gets the number of optima found so far.
+/// The optimum of each environment and scenario, in their order, computed on several threads. `on_progress`
+/// receives the number of optima found so far.
 pub fn several(
     pairs: &[(&Environment, &Scenario)],
     mut on_progress: impl FnMut(usize),

@@ -1,4 +1,4 @@
-//! Simulated episodes that correct the value of the start for the error of the grid.
+//! Simulated episodes that correct the value at the start for the error of the grid.
 
 use crate::env::{ContextDraw, FirstContext, apply_action};
 use crate::rng::{Purpose, Stream};
@@ -10,12 +10,11 @@ use super::solution::Solution;
 pub(super) struct MeanReturn {
     /// In steps walked.
     pub mean: f64,
-    /// Standard error of it.
+    /// The standard error of the mean.
     pub standard_error: f64,
 }
 
-/// The mean return of a solution's policy, over at least two `episodes`. Every call draws the same
-/// contexts.
+/// The mean return of a solution's policy, over at least two `episodes`. Every call uses the same contexts.
 pub(super) fn mean_return(solution: &Solution, episodes: u64) -> MeanReturn {
     let errors: Vec<f64> = (1..=episodes).map(|seed| sum_of_errors(solution, seed)).collect();
     let n = errors.len() as f64;
@@ -25,8 +24,8 @@ pub(super) fn mean_return(solution: &Solution, episodes: u64) -> MeanReturn {
     MeanReturn { mean: solution.value_of_start() + mean, standard_error }
 }
 
-/// The sum of the errors of the values that an episode meets: in each state after the first, the mean of
-/// the best action value, less the value of the state.
+/// The sum of value errors along an episode: for each state after the first, the mean of the best action
+/// value minus the value of the state.
 fn sum_of_errors(solution: &Solution, seed: u64) -> f64 {
     let e = solution.environment();
     let mut stream = Stream::new(seed, Purpose::Optimum);

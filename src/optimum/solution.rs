@@ -1,4 +1,4 @@
-//! Values of all states on a grid, by backward induction, and the policy that follows from them.
+//! Values of all states on a grid by backward induction, and the policy they define.
 
 use crate::env::{Action, Belief, DisengagementReward, apply_action};
 use crate::env::{Environment, FirstContext};
@@ -7,27 +7,27 @@ use super::action_values::ActionValues;
 use super::axis::{Axis, Cubic, Linear};
 use super::expectation::Expectation;
 
-/// How fine a grid is.
+/// The resolution of a grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Resolution {
-    /// Fewest intervals of habituation from 0 to 1.
+    /// The minimum number of intervals of habituation from 0 to 1.
     pub habituation: usize,
-    /// Even intervals of disengagement risk from 0 to the threshold.
+    /// The number of even intervals of disengagement risk from 0 to the threshold.
     pub disengagement: usize,
-    /// Most jumps of the value that have nodes of their own.
+    /// The maximum number of jumps of the value that have their own nodes.
     pub jumps: usize,
 }
 
 impl Resolution {
     /// The grid on which optima are computed.
     const FINE: Resolution = Resolution { habituation: 160, disengagement: 300, jumps: 200 };
-    /// The same where the value does not depend on disengagement risk.
+    /// The grid for values that do not depend on disengagement risk.
     const FINE_WITHOUT_RISK: Resolution =
         Resolution { habituation: 4000, disengagement: 1, jumps: 0 };
 
     /// The grid for an environment and a belief.
     pub fn fine(e: &Environment, belief: Belief) -> Resolution {
-        // With the context known, no wrong message is sent, unless it pays to end the episode.
+        // If the context is known, no wrong message is sent, unless it pays to end the episode.
         let pays_to_go_on = e.rho_2 >= 0.0 && e.mu[0] + e.mu[1] >= 0.0;
         match belief {
             Belief::Certain if pays_to_go_on => Resolution::FINE_WITHOUT_RISK,
@@ -35,7 +35,7 @@ impl Resolution {
         }
     }
 
-    /// A grid with intervals twice as long.
+    /// A grid with twice the spacing.
     pub fn coarser(self) -> Resolution {
         let Resolution { habituation, disengagement, jumps } = self;
         Resolution {
@@ -46,10 +46,10 @@ impl Resolution {
     }
 }
 
-/// The values of the nodes of a grid for every number of steps left, and what to do by them.
+/// The values of a grid's nodes for every number of steps left, and the policy they define.
 #[derive(Clone, Debug)]
 pub(super) struct Solution {
-    /// Without baseline rewards, which no action changes.
+    /// Without baseline rewards, which no action affects.
     environment: Environment,
     belief: Belief,
     /// Baseline reward in context 0 and in context 1.
@@ -61,23 +61,23 @@ pub(super) struct Solution {
     layers: Vec<Vec<f64>>,
 }
 
-/// Where the actions lead from the nodes of one habituation.
+/// The results of the actions at the nodes of one habituation.
 struct Row {
     rested: Cubic,
     messaged: Cubic,
-    /// Reward of an untailored message, the baseline aside.
+    /// Reward of an untailored message, without the baseline.
     untailored: f64,
-    /// Reward of a suitable message, the baseline aside.
+    /// Reward of a suitable message, without the baseline.
     suitable: f64,
-    /// Reward of an unsuitable message, the baseline aside; and where it ends the episode.
+    /// Reward of an unsuitable message, without the baseline: if the episode continues, and if it ends.
     unsuitable: f64,
     disengaging: f64,
 }
 
-/// Where the actions lead from the nodes of one disengagement risk.
+/// The results of the actions at the nodes of one disengagement risk.
 struct Column {
     after_suitable: Linear,
-    /// `None` where the episode ends.
+    /// `None` if the episode ends.
     after_unsuitable: Option<Linear>,
 }
 
@@ -99,7 +99,7 @@ impl Solution {
         solution
     }
 
-    /// Computes all layers, with no step left first.
+    /// Computes all layers, starting with no steps left.
     fn induce(&mut self) {
         let (rows, columns) = (self.rows(), self.columns());
         let mut later = vec![0.0; rows.len() * columns.len()];
@@ -159,17 +159,17 @@ impl Solution {
         self.disengagement.nodes().iter().map(column).collect()
     }
 
-    /// The environment, its baseline rewards aside.
+    /// The environment, without its baseline rewards.
     pub fn environment(&self) -> &Environment {
         &self.environment
     }
 
-    /// What the policy believes of the context.
+    /// The policy's belief about the context.
     pub fn belief(&self) -> Belief {
         self.belief
     }
 
-    /// The value of a state that the episode can go on from, interpolated between nodes.
+    /// The value of a state in a running episode, interpolated between nodes.
     fn interpolated(&self, left: u32, habituation: f64, disengagement: f64) -> f64 {
         let (layer, width) = (&self.layers[left as usize], self.disengagement.nodes().len());
         let column = self.disengagement.linear(disengagement);
@@ -178,8 +178,8 @@ impl Solution {
         weights.iter().zip(rows).map(|(weight, row)| weight * column.of(row)).sum()
     }
 
-    /// The value of a state with so many steps left, by looking one step ahead of the interpolated
-    /// values; 0 where the episode has ended.
+    /// The value of a state with `left` steps left, by one step of lookahead on the interpolated values; 0 if
+    /// the episode has ended.
     pub fn value(&self, left: u32, habituation: f64, disengagement: f64) -> f64 {
         if left == 0 || disengagement >= self.environment.disengagement_threshold {
             return 0.0;
@@ -191,12 +191,12 @@ impl Solution {
         self.mean_of_best(&self.values_before(habituation, disengagement, later))
     }
 
-    /// The action values of a state after which so many steps are left.
+    /// The action values of a state with `left` steps left after the action.
     pub fn action_values(&self, left: u32, habituation: f64, disengagement: f64) -> ActionValues {
         self.values_before(habituation, disengagement, |h, d| self.value(left, h, d))
     }
 
-    /// The action values of a state, given the value of the states after it.
+    /// The action values of a state, given the values of the next states.
     fn values_before(&self, h: f64, d: f64, later: impl Fn(f64, f64) -> f64) -> ActionValues {
         let e = &self.environment;
         let effect = |action| apply_action(e, 0, action, h, d);
@@ -216,23 +216,23 @@ impl Solution {
         }
     }
 
-    /// The reward, baselines aside, of a wrong message that ends the episode and would otherwise pay
+    /// The reward, without the baseline, of a wrong message that ends the episode and would otherwise pay
     /// `reward`.
     fn disengaging(&self, reward: f64) -> f64 {
         match self.environment.disengagement_reward {
             DisengagementReward::Paid => reward,
-            // Both baselines are the same.
+            // Both baselines are equal; `check` ensures this.
             DisengagementReward::Zero => -self.baseline[0],
         }
     }
 
-    /// The mean of the best action value and the baseline reward in a step with a drawn context.
+    /// The mean over contexts of the best action value plus the baseline reward.
     #[inline(always)]
     pub fn mean_of_best(&self, values: &ActionValues) -> f64 {
         (self.baseline[0] + self.baseline[1]) / 2.0 + self.expectation.of_best(values)
     }
 
-    /// The value of the start of an episode.
+    /// The value at the start of an episode.
     pub fn value_of_start(&self) -> f64 {
         let e = &self.environment;
         let start = (e.initial_habituation, e.initial_disengagement);
@@ -243,13 +243,13 @@ impl Solution {
         }
     }
 
-    /// The best action at a time, counted from 0, in a state where context 0 has the probability
-    /// `believed`. A fixed first context is known.
+    /// The best action at a time, counted from 0, if context 0 has the probability `believed`. A fixed first
+    /// context is known.
     pub fn choose(&self, time: u32, believed: f64, habituation: f64, disengagement: f64) -> Action {
         let e = &self.environment;
         let is_known = time == 0 && e.first_context == FirstContext::Fixed;
         let Some(left) = (e.horizon - 1).checked_sub(time) else {
-            // The unpaid last step: no action makes a difference.
+            // In the unpaid last step, the action makes no difference.
             return Action::NONE;
         };
         let values = self.action_values(left, habituation, disengagement);
@@ -257,7 +257,7 @@ impl Solution {
     }
 }
 
-/// The interpolated row of a layer.
+/// Interpolates a row of a layer.
 fn interpolate(at: Cubic, layer: &[f64], out: &mut [f64]) {
     let width = out.len();
     let row = |i: usize| &layer[(at.node + i) * width..][..width];

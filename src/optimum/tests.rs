@@ -1,5 +1,5 @@
-//! The optimum against published values, against every course of short episodes, against simulated
-//! returns, and at the edges of its parameters.
+//! Compares the optimum with published values, with an enumeration of short episodes and with simulated
+//! returns, and tests extreme parameters.
 
 use super::action_values::ActionValues;
 use super::expectation::Expectation;
@@ -26,7 +26,7 @@ fn assert_known(first_context: FirstContext, scenario: &str, known: &[(f64, f64)
     }
 }
 
-/// Of an independent program, whose grid error is at most 3.
+/// Values of an independent program, whose grid error is at most 3.
 #[test]
 fn optima_with_the_papers_parameters_are_the_known_ones() {
     use FirstContext::{Fixed, Sampled};
@@ -40,7 +40,7 @@ fn optima_with_the_papers_parameters_are_the_known_ones() {
     assert_known(Fixed, "L-H-D", &of([2880.0, 2317.0, 2016.0, 1848.0, 1557.0]));
 }
 
-/// Of grids many times finer, by an earlier method that also refined its grids until they gained nothing.
+/// Values from grids many times finer, by an earlier method that refined its grids until they gained nothing.
 #[test]
 fn optima_are_those_of_much_finer_grids() {
     let environment = |parameters: [f64; 5], sigma| {
@@ -62,7 +62,7 @@ fn optima_are_those_of_much_finer_grids() {
     }
 }
 
-/// The optimum by following every course of an episode, without a grid.
+/// The optimum by enumerating every course of an episode, without a grid.
 fn by_every_course(e: &Environment, belief: &Expectation, time: u32, state: [f64; 2]) -> f64 {
     if time == e.horizon {
         return 0.0;
@@ -110,7 +110,7 @@ fn odd_environments() -> Vec<Environment> {
         Environment { initial_disengagement: 1.0, ..paper() },
         Environment { initial_disengagement: 1.0, delta_d: 0.0, ..paper() },
         Environment { disengagement_threshold: 5e-324, ..paper() },
-        // Three mistakes make 0.8999999999999999.
+        // Three mistakes add up to 0.8999999999999999.
         Environment { disengagement_threshold: 0.9, ..without_decay(0.3, 7) },
         Environment { rho_1: -50.0, rho_2: -200.0, mu: [-1e5, -1e5], ..paper() },
         Environment { rho_3: 150.0, epsilon_d: 0.2, ..paper() },
@@ -146,11 +146,12 @@ fn the_optimum_of_short_episodes_is_the_best_of_every_course() {
     }
 }
 
-/// Without decay, only the number of mistakes counts, and with it how tenths are rounded.
+/// Without decay, only the number of mistakes matters, and that number depends on how sums of 0.1 are
+/// rounded.
 #[test]
 fn ten_tenths_are_less_than_one() {
     let environment = without_decay(0.1, 200);
-    // Eleven mistakes, as those of a risk that is just above a tenth less.
+    // Eleven mistakes end an episode, as with an increment just below 0.1.
     let alike = Environment { epsilon_d: 0.0999, ..environment.clone() };
     let fewer = Environment { epsilon_d: 0.1001, ..environment.clone() };
     for scenario in ["P-H-D", "L-H-D", "H-D"] {
@@ -161,7 +162,7 @@ fn ten_tenths_are_less_than_one() {
     }
 }
 
-/// Mean return in plain episodes, and its standard error, of the policy of a solution.
+/// The mean return and standard error of a solution's policy, from ordinary simulated episodes.
 fn simulated(solution: &Solution, e: &Environment, count: u32) -> [f64; 2] {
     let mut stream = Stream::new(3, Purpose::TestEnvironment);
     let mut episode = || {
@@ -192,7 +193,7 @@ fn simulated(solution: &Solution, e: &Environment, count: u32) -> [f64; 2] {
 
 #[test]
 fn errors_of_interpolation_add_up_to_what_a_policy_s_return_differs_by() {
-    // So coarse that the values promise another return than their policy has.
+    // The grid is so coarse that its values differ clearly from the policy's return.
     let resolution = Resolution { habituation: 3, disengagement: 1, jumps: 1 };
     let mut broken = 0.0;
     for (sigma, first_context) in [(0.6, FirstContext::Fixed), (2.0, FirstContext::Sampled)] {
@@ -244,7 +245,7 @@ fn the_optimal_policy_knows_a_fixed_first_context_and_what_is_left() {
     let policy = policy("P-H-D");
     assert_eq!(policy.choose(0, 0.5, 0.1, 0.1), Action::tailored_to(0));
     assert_eq!(policy.choose(1, 0.01, 0.1, 0.1), Action::tailored_to(1));
-    // Where a mistake would end the episode, certainty counts, until the last step.
+    // If a mistake would end the episode, the policy must be certain, except in the last step.
     assert_ne!(policy.choose(1, 0.6, 0.1, 0.9), Action::tailored_to(0));
     assert_eq!(policy.choose(49, 0.6, 0.1, 0.9), Action::tailored_to(0));
 }
@@ -258,12 +259,12 @@ fn scenarios_that_hide_the_state_and_long_horizons_have_no_optimum() {
     assert_eq!(
         refused(50, "P-T"),
         "no optimum is computed for P-T, which does not show both habituation (H) and \
-         disengagement risk (D); that of P-T-H-D is an upper bound"
+         disengagement risk (D); the optimum for P-T-H-D is an upper bound"
     );
-    assert!(refused(50, "D-L").ends_with("that of D-L-H is an upper bound"));
+    assert!(refused(50, "D-L").ends_with("the optimum for D-L-H is an upper bound"));
     assert_eq!(
         refused(201, "P-H-D"),
-        "no optimum is computed for a horizon of 201 steps; 200 are the most"
+        "no optimum is computed for a horizon of 201 steps; the maximum is 200"
     );
 }
 

@@ -1,11 +1,11 @@
-//! The number of an optimum and its error, from the policies of two grids.
+//! The value of an optimum and its error, from the policies of two grids.
 
 use super::limits::{NoOptimum, check};
 use super::simulation::{MeanReturn, mean_return};
 use super::solution::{Resolution, Solution};
 use crate::env::{Belief, Environment, Scenario};
 
-/// Simulated episodes per grid.
+/// The number of simulated episodes per grid.
 const EPISODES: u64 = 400;
 
 /// The highest mean return in an environment for a policy that observes a scenario.
@@ -13,7 +13,7 @@ const EPISODES: u64 = 400;
 pub struct Optimum {
     /// Mean undiscounted return of the best policy found, in steps walked.
     pub mean_return: f64,
-    /// Estimated distance from the best possible policy's mean return, in steps walked.
+    /// The estimated difference from the best possible policy's mean return, in steps walked.
     pub error: f64,
 }
 
@@ -29,7 +29,7 @@ pub fn optimum(environment: &Environment, scenario: &Scenario) -> Result<Optimum
     Ok(better_of(coarse, fine))
 }
 
-/// The optimum by the mean returns of the policies of two grids.
+/// The optimum according to the mean returns of the policies of two grids.
 pub(super) fn better_of(coarse: MeanReturn, fine: MeanReturn) -> Optimum {
     let better = if coarse.mean > fine.mean { coarse } else { fine };
     let error = (fine.mean - coarse.mean).abs() + 2.0 * better.standard_error;

@@ -1,4 +1,4 @@
-//! Jobs by the names of their parameters.
+//! Access to the parameters of jobs by name.
 
 use serde_json::{Value, json};
 
@@ -27,9 +27,11 @@ impl Described for PlannedJob {
     }
 }
 
-/// The value that a job of this agent has of the parameter of this name; `None` if it has none.
+/// The value of a named parameter in a job of this agent; `None` if the job lacks it.
 pub fn value_of(agent: &str, job: &Job, name: &str) -> Option<Value> {
     let (section, key) = match name.split_once('.') {
+        // The parameter of an outside program, without its section.
+        Some(("parameters", _)) => (None, name),
         Some((section, key)) => (Some(section), key),
         None => (None, name),
     };
@@ -44,14 +46,18 @@ pub fn value_of(agent: &str, job: &Job, name: &str) -> Option<Value> {
         (None | Some("agent"), "algorithm") => Some(json!(job.algorithm())),
         _ => {
             let agent = Section::Agent(job.agent.algorithm());
-            let known = [agent, Section::Environment, Section::Evaluation];
-            let parameter = known.into_iter().find_map(is_in)?;
+            let known = [agent, Section::Environment, Section::Population, Section::Evaluation];
+            let free = || {
+                let (_, Key { name, .. }) = agent.find(&format!("parameters.{key}"))?;
+                section.is_none().then_some(Parameter::Agent(name))
+            };
+            let parameter = known.into_iter().find_map(is_in).or_else(free)?;
             job.value(parameter).map(|value| json!(value))
         }
     }
 }
 
-/// The value as a filter writes it.
+/// The value, as a filter writes it.
 pub fn shown(value: &Value) -> String {
     match value {
         Value::String(text) => text.clone(),

@@ -3,14 +3,14 @@
 use std::sync::Arc;
 
 use crate::agent::Agent;
-use crate::env::Environment;
+use crate::env::{Environment, Population};
 use crate::key::Keyed;
 use crate::manifest::{Cell, Evaluation, Grid, Manifest, Section};
 
-use super::job::{agent_text, text};
+use super::job::{Parts, agent_text, text};
 use super::{CanonicalForm, Job};
 
-/// A job with the name that its manifest gives the agent; the name is no part of the job.
+/// A job with the name of its agent in the manifest; the name is not part of the job.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlannedJob {
     /// The agent's name.
@@ -21,17 +21,17 @@ pub struct PlannedJob {
     pub form: CanonicalForm,
 }
 
-/// The number of jobs that [`jobs`] gives, without making them.
+/// The number of jobs that [`jobs`] yields, without expanding them.
 pub fn count(manifest: &Manifest) -> u64 {
     (0..manifest.agents.len()).map(|agent| Grid::of(manifest, agent).count()).sum()
 }
 
 /// The jobs of a manifest, one at a time.
 ///
-/// Agents come in the order of the manifest; of each agent the scenarios in the manifest's order,
-/// then the swept keys of environment, agent and evaluation in the order of their tables, then the
-/// seeds, the last advancing fastest. Parameters of a zip advance together, where the first of them
-/// stands. Two agents of equal content give equal jobs, each with its own agent's name.
+/// Agents come in the order of the manifest. The jobs of an agent are ordered by scenario; then by swept keys
+/// of environment, agent and evaluation, in the order of their tables; then by seed. Seeds advance fastest.
+/// Parameters of a zip advance together, at the place of the first one. Two agents with equal content give
+/// equal jobs, each with its own agent's name.
 pub fn jobs(manifest: &Manifest) -> impl Iterator<Item = PlannedJob> {
     (0..manifest.agents.len()).flat_map(|agent| {
         let grid = Grid::of(manifest, agent);
@@ -45,7 +45,7 @@ pub fn expand(manifest: &Manifest) -> Vec<PlannedJob> {
     jobs(manifest).collect()
 }
 
-/// The jobs of one agent that are still to come.
+/// The remaining jobs of one agent.
 struct AgentJobs<'m> {
     grid: Grid<'m>,
     name: Arc<str>,
@@ -53,10 +53,11 @@ struct AgentJobs<'m> {
     typed: Option<Typed>,
 }
 
-/// The typed parameters of a cell, kept because its neighbours share most of them.
+/// The typed parameters of a cell, kept because neighbouring cells share most of them.
 struct Typed {
     cell: Cell,
     environment: Part<Environment>,
+    population: Part<Population>,
     agent: Part<Agent>,
     evaluation: Part<Evaluation>,
 }
@@ -83,16 +84,20 @@ impl Typed {
     fn of(grid: &Grid, cell: &Cell) -> Typed {
         Typed {
             environment: Part::of(grid.environment(cell)),
+            population: Part::of(grid.population(cell)),
             agent: Part::of_agent(grid.agent(cell)),
             evaluation: Part::of(grid.evaluation(cell)),
             cell: cell.clone(),
         }
     }
 
-    /// Goes on to another cell: what the two agree in stays.
+    /// Moves to another cell, and keeps the values that both cells share.
     fn move_to(&mut self, grid: &Grid, cell: &Cell) {
         if !grid.agree(Section::Environment, &self.cell, cell) {
             self.environment = Part::of(grid.environment(cell));
+        }
+        if !grid.agree(Section::Population, &self.cell, cell) {
+            self.population = Part::of(grid.population(cell));
         }
         if !grid.agree(Section::Agent(grid.algorithm()), &self.cell, cell) {
             self.agent = Part::of_agent(grid.agent(cell));
@@ -112,15 +117,22 @@ impl Iterator for AgentJobs<'_> {
         self.next = self.grid.after(&cell);
         let typed = self.typed.get_or_insert_with(|| Typed::of(&self.grid, &cell));
         typed.move_to(&self.grid, &cell);
-        let Typed { environment, agent, evaluation, .. } = typed;
+        let Typed { environment, population, agent, evaluation, .. } = typed;
         let job = Job {
             environment: environment.value.clone(),
+            population: population.value.clone(),
             scenario: self.grid.scenario(&cell).clone(),
             agent: agent.value.clone(),
             evaluation: evaluation.value.clone(),
             seed: self.grid.seed(&cell),
         };
-        let form = CanonicalForm::of(&job, &agent.text, &environment.text, &evaluation.text);
+        let parts = Parts {
+            agent: &agent.text,
+            environment: &environment.text,
+            evaluation: &evaluation.text,
+            population: &population.text,
+        };
+        let form = CanonicalForm::of(&job, parts);
         Some(PlannedJob { agent: self.name.clone(), job, form })
     }
 }

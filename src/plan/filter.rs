@@ -1,4 +1,4 @@
-//! `--filter agent=dqn,sigma=0.6`: which jobs of a manifest a command is about.
+//! `--filter agent=dqn,sigma=0.6`: restricts a command to some jobs of a manifest.
 
 use std::collections::HashSet;
 use std::fmt;
@@ -6,31 +6,32 @@ use std::str::FromStr;
 
 use super::PlannedJob;
 use super::described::{shown, value_of};
-use crate::agent::Algorithm;
+use crate::agent::{Algorithm, free_key};
 use crate::env::Scenario;
 use crate::key::{Kind, Parameter, Value};
 use crate::manifest::{self, Section, nearest, parameters, printable, short_name};
 
-/// Values that a message lists before it breaks off.
+/// Maximum number of values that a message lists.
 const VALUES_SHOWN: usize = 10;
-/// Names that a message lists, the nearest ones.
+/// Number of similar names that a message lists.
 const NAMES_SHOWN: usize = 5;
 
-/// Letters of a name that are compared with those of others.
+/// Number of letters of a name that are compared with other names.
 const LONGEST_COMPARED: usize = 60;
 
-/// Conditions that a job must all meet.
+/// A conjunction of conditions on a job.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Filter(Vec<Term>);
 
-/// A condition with the words it was written in, which messages repeat.
+/// A condition, with its text for messages.
 #[derive(Clone, Debug, PartialEq)]
 struct Term {
     name: String,
-    /// Any of them will do.
+    /// Alternatives; one must hold.
     values: Vec<String>,
-    /// `None` if there is no parameter of the name.
-    met: Option<manifest::Condition>,
+    /// Also alternatives, because a bare name may be both a key and a parameter of an outside program. Empty
+    /// if no parameter has the name.
+    met: Vec<manifest::Condition>,
 }
 
 /// What is wrong with a filter.
@@ -38,32 +39,32 @@ struct Term {
 pub enum FilterError {
     /// A part without a name, an equals sign or a value.
     #[error(
-        "`{}` is not `name=value`; write for instance agent=dqn,sigma=0.4|0.6,scenario=P-H-D",
+        "`{}`: expected `name=value`, as in agent=dqn,sigma=0.4|0.6,scenario=P-H-D",
         printable(.0)
     )]
     Form(String),
-    /// There is no parameter of that name.
+    /// No parameter has the name.
     #[error(
-        "no job has a parameter `{}`{}; the nearest names are {known}",
+        "no job has a parameter `{}`{}; similar names are {known}",
         printable(.name), meant(.nearest)
     )]
     Unknown {
-        /// The name given.
+        /// The unknown name.
         name: String,
         /// The name that was probably meant.
         nearest: Option<String>,
-        /// The nearest names.
+        /// Similar names.
         known: String,
     },
-    /// None of the jobs that meet the conditions before this one has the parameter.
+    /// No job that meets the preceding conditions has the parameter.
     #[error("no job{} has a parameter `{name}`", with(.before))]
     Absent {
         /// The parameter's name.
         name: String,
-        /// The conditions before.
+        /// The preceding conditions.
         before: String,
     },
-    /// None of the jobs that meet the conditions before this one meets it.
+    /// No job that meets the preceding conditions meets this one.
     #[error(
         "no job{} has {}{}; its values: {values}",
         with(.before), printable(.condition), meant(.nearest)
@@ -71,11 +72,11 @@ pub enum FilterError {
     Unmet {
         /// The condition.
         condition: String,
-        /// The conditions before.
+        /// The preceding conditions.
         before: String,
         /// The value that was probably meant.
         nearest: Option<String>,
-        /// The values there are.
+        /// The values of the jobs.
         values: String,
     },
 }
@@ -99,18 +100,18 @@ impl FromStr for Filter {
             if name.trim().is_empty() || values.iter().any(String::is_empty) {
                 return Err(fault());
             }
-            // As exclusions name it.
+            // Exclusions use this name.
             let name = if name.trim() == "agent.name" { "agent" } else { name.trim() };
             Ok(Term::written(name.to_owned(), values))
         };
         let mut depth = 0usize;
         let parts = text.split(|c| {
             match c {
-                '[' => depth += 1,
-                ']' => depth = depth.saturating_sub(1),
+                '[' | '{' => depth += 1,
+                ']' | '}' => depth = depth.saturating_sub(1),
                 _ => {}
             }
-            // The commas of a list do not separate conditions.
+            // Commas inside a list or a table do not separate conditions.
             c == ',' && depth == 0
         });
         Ok(Filter(parts.map(condition).collect::<Result<_, _>>()?))
@@ -123,10 +124,16 @@ impl Filter {
         self.0.iter().all(|condition| condition.meets(planned))
     }
 
-    /// Why none of the jobs meets every condition: the first that none meets together with those
-    /// before it.
+    /// The reason why no job meets all conditions: the first condition that no job meets together with the
+    /// preceding ones.
     pub fn why_none<I: Iterator<Item = PlannedJob>>(&self, jobs: impl Fn() -> I) -> FilterError {
-        let known = names();
+        let mut known = names();
+        for planned in jobs().filter(|planned| planned.job.agent.algorithm().is_external()) {
+            let free = planned.job.agent.free_parameters();
+            let free = free.map(|(name, _)| format!("agent.parameters.{name}"));
+            let new: Vec<String> = free.filter(|name| !known.contains(name)).collect();
+            known.extend(new);
+        }
         let unknown = self.0.iter().find(|condition| !condition.is_known(&known));
         if let Some(Term { name, .. }) = unknown {
             let words = known.iter().flat_map(|word| [word.as_str(), short_name(word)]);
@@ -141,7 +148,7 @@ impl Filter {
         rest[0].why_unmet(before, jobs())
     }
 
-    /// What is wrong with a value that no job has, where others of its condition are met.
+    /// The error for a value that no job has, although other values of its condition occur.
     pub fn unmet_alternative<I: Iterator<Item = PlannedJob>>(
         &self,
         jobs: impl Fn() -> I,
@@ -159,23 +166,26 @@ impl Filter {
 }
 
 impl Term {
-    /// The condition that is written so; values that no job can have are met by none.
+    /// The condition with this name and these values; no job meets values that no job can have.
     fn written(name: String, values: Vec<String>) -> Term {
-        let met = condition(&name, &values);
+        let of_programs = (!name.contains('.')).then(|| format!("parameters.{name}"));
+        let names = [Some(name.as_str()), of_programs.as_deref()].into_iter().flatten();
+        let met = names.filter_map(|name| condition(name, &values)).collect();
         Term { name, values, met }
     }
 
     fn is_known(&self, names: &[String]) -> bool {
-        names.iter().any(|name| *name == self.name || short_name(name) == self.name)
+        let is_free = free_key(self.name.strip_prefix("agent.").unwrap_or(&self.name)).is_some();
+        is_free || names.iter().any(|name| *name == self.name || short_name(name) == self.name)
     }
 
-    /// A condition for each of the values.
+    /// One condition per value.
     fn alternatives(&self) -> impl Iterator<Item = Term> {
         self.values.iter().map(|value| Term::written(self.name.clone(), vec![value.clone()]))
     }
 
     fn meets(&self, planned: &PlannedJob) -> bool {
-        self.met.as_ref().is_some_and(|condition| condition.is_met_by(planned))
+        self.met.iter().any(|condition| condition.is_met_by(planned))
     }
 
     fn value_in(&self, planned: &PlannedJob) -> Option<String> {
@@ -214,14 +224,14 @@ impl fmt::Display for Term {
     }
 }
 
-/// The names that conditions can have; the last part of a dotted one will do.
+/// The names that conditions can have; for a dotted name, its last part suffices.
 fn names() -> Vec<String> {
     let mut names = vec!["agent".to_owned(), "agent.algorithm".to_owned()];
     names.extend(parameters().into_iter().map(|parameter| parameter.to_string()));
     names
 }
 
-/// What a condition of these words asks for; `None` if there is no parameter of the name.
+/// The condition for this name and these words; `None` if there is no parameter of the name.
 fn condition(name: &str, written: &[String]) -> Option<manifest::Condition> {
     fn read<T>(written: &[String], read: impl Fn(&str) -> Option<T>) -> Vec<T> {
         written.iter().filter_map(|word| read(word)).collect()
@@ -235,9 +245,11 @@ fn condition(name: &str, written: &[String]) -> Option<manifest::Condition> {
         let parameter = Parameter::Agent("algorithm");
         return Some(manifest::Condition::Key { parameter, values });
     }
-    let mut named = parameters().into_iter().filter(|one| {
+    let free = free_key(name.strip_prefix("agent.").unwrap_or(name));
+    let of_programs = free.map(|key| Parameter::Agent(key.name));
+    let mut named = parameters().into_iter().chain(of_programs).filter(|one| {
         let dotted = one.to_string();
-        dotted == name || short_name(&dotted) == name
+        dotted == name || short_name(&dotted) == name || one.key() == name
     });
     Some(match named.next()? {
         Parameter::Scenario => {
@@ -245,18 +257,24 @@ fn condition(name: &str, written: &[String]) -> Option<manifest::Condition> {
         }
         Parameter::Seed => manifest::Condition::Seed(read(written, whole)),
         parameter @ (Parameter::Environment(key)
+        | Parameter::Population(key)
         | Parameter::Agent(key)
         | Parameter::Evaluation(key)) => {
             let sections = Section::all().into_iter();
+            let of_key = |section: &Section| {
+                let found = section.find(key);
+                found.is_some_and(|(_, key)| section.parameter(key.name) == parameter)
+            };
+            let sections = sections.filter(of_key);
             let kinds = sections.filter_map(|section| section.find(key).map(|(_, key)| key.kind));
-            let kinds: Vec<Kind> = kinds.collect();
+            let kinds: Vec<Kind> = kinds.chain(free.map(|key| key.kind)).collect();
             let value = |word: &str| kinds.iter().find_map(|kind| value(*kind, word));
             manifest::Condition::Key { parameter, values: read(written, value) }
         }
     })
 }
 
-/// The value of a kind that is written so, in its range or not.
+/// The value of a kind for a word, in range or not.
 fn value(kind: Kind, word: &str) -> Option<Value> {
     let numbers = || serde_json::from_str::<Vec<f64>>(word).ok();
     match kind {
@@ -271,24 +289,33 @@ fn value(kind: Kind, word: &str) -> Option<Value> {
             words.iter().find(|known| **known == word).map(|known| Value::Choice(known))
         }
         Kind::RealPair { .. } => numbers()?.try_into().ok().map(Value::RealPair),
-        Kind::Widths { .. } => {
+        Kind::Reals { .. } => numbers().map(Value::Reals),
+        Kind::Counts { .. } | Kind::Widths { .. } => {
             let width = |number: f64| whole(&number.to_string())?.try_into().ok();
-            numbers()?.into_iter().map(width).collect::<Option<_>>().map(Value::Widths)
+            numbers()?.into_iter().map(width).collect::<Option<_>>().map(Value::Wholes)
         }
+        Kind::Text { .. } => Some(Value::Text(word.to_owned())),
+        Kind::Words { .. } => kind.value(&serde_json::from_str(word).ok()?),
+        Kind::Scalar => {
+            let written = serde_json::from_str(word).ok();
+            let value = written.and_then(|json: serde_json::Value| kind.value(&json));
+            value.or_else(|| Some(Value::Text(word.to_owned())))
+        }
+        Kind::Distribution(_) | Kind::Rows(_) => kind.value(&serde_json::json!(word)),
     }
 }
 
-/// The whole number that is written so, such as `64` or `64.0`.
+/// The integer for a word such as `64` or `64.0`.
 fn whole(word: &str) -> Option<u64> {
-    // As numbers with a fraction, larger ones would be equal to their neighbours.
+    // Larger integers cannot be told apart as floating-point numbers.
     const END: f64 = (1_u64 << f64::MANTISSA_DIGITS) as f64;
     let real = || word.parse().ok().filter(|x: &f64| x.fract() == 0.0 && (0.0..END).contains(x));
     word.parse().ok().or_else(|| real().map(|x| x as u64))
 }
 
-/// The names nearest to one that there is not, nearest first.
+/// The known names most similar to an unknown name, most similar first.
 fn nearest_names(name: &str, known: &[String]) -> String {
-    // Longer than any name, what it begins with tells as much as the whole.
+    // For a text longer than every known name, its beginning suffices.
     let name: String = name.chars().take(LONGEST_COMPARED).collect();
     let distance = |word: &str| strsim::damerau_levenshtein(&name, word);
     let mut known: Vec<&str> = known.iter().map(String::as_str).collect();
@@ -300,7 +327,7 @@ fn nearest_names(name: &str, known: &[String]) -> String {
     known.join(", ")
 }
 
-/// The value that comes nearest: the number, or the text if one is near enough to be meant.
+/// The nearest value: the nearest number, or a text that is similar enough.
 fn nearest_value(wanted: &str, values: &[String]) -> Option<String> {
     let Ok(number) = wanted.parse::<f64>() else {
         return nearest(wanted, values.iter().map(String::as_str)).map(str::to_owned);
@@ -315,7 +342,7 @@ fn nearest_value(wanted: &str, values: &[String]) -> Option<String> {
 mod tests {
     use super::*;
     use crate::agent::{Agent, DuelingDqn, Reinforce};
-    use crate::env::Environment;
+    use crate::env::{Environment, Population};
     use crate::manifest::Evaluation;
     use crate::plan::Job;
 
@@ -329,6 +356,7 @@ mod tests {
             for sigma in [0.4, 0.6, 1.0] {
                 let job = Job {
                     environment: Environment::paper(sigma),
+                    population: Population::default(),
                     scenario: "P-H-D".parse().unwrap(),
                     agent: agent.clone(),
                     evaluation: Evaluation::default(),
@@ -378,7 +406,7 @@ mod tests {
             Some("no job has agent=dq, did you mean dqn?; its values: dqn, reinforce")
         );
         assert_eq!(unmet("sigma=0.4|0.60|1,agent=dqn|reinforce,seed=1"), None);
-        // No job that the other conditions let through has it, but there is one that does.
+        // No job has the value under the other conditions, but another job does.
         assert_eq!(unmet("agent=reinforce,layers=[128]|[128,128]"), None);
     }
 
@@ -414,8 +442,7 @@ mod tests {
     #[test]
     fn a_filter_that_no_job_meets_says_which_condition_and_what_there_is() {
         let unknown = why_none("agent=dqn,siggma=1");
-        let expected =
-            "no job has a parameter `siggma`, did you mean `sigma`?; the nearest names are ";
+        let expected = "no job has a parameter `siggma`, did you mean `sigma`?; similar names are ";
         assert!(unknown.starts_with(expected), "{unknown}");
         assert!(unknown.contains("environment.sigma"), "{unknown}");
         assert_eq!(unknown.matches(", ").count(), NAMES_SHOWN, "{unknown}");

@@ -1,27 +1,30 @@
 //! A job, its canonical form and its key.
 
 use std::fmt;
+use std::time::Duration;
 
 use data_encoding::HEXLOWER;
 use serde_json::{Map, Value as Json};
 use sha2::{Digest, Sha256};
 
-use crate::agent::{Agent, Algorithm, Task, Work};
-use crate::env::{self, Environment, Scenario};
+use crate::agent::{Agent, Algorithm, Engine, Task, Work, free_key};
+use crate::env::{self, Environment, Population, Scenario};
 use crate::key::{CanonicalError, Key, Keyed, Parameter, Value, canonical_object, read_object};
 use crate::manifest::Evaluation;
 
-/// What should run: the whole content of a training with its test.
+/// The complete content of a training and its test.
 ///
-/// Two jobs are the same job when their canonical forms and versions are equal, whatever the
-/// manifest or agent name they came from.
+/// Jobs are identified by content: two jobs are the same if their canonical forms and versions are equal,
+/// whatever their manifests and agent names.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Job {
     /// Parameters of the simulation.
     pub environment: Environment,
-    /// What the agent observes.
+    /// The distributions of parameters over participants.
+    pub population: Population,
+    /// The scenario that the agent observes.
     pub scenario: Scenario,
-    /// The algorithm with its hyper-parameters, the budget among them.
+    /// The algorithm with its hyper-parameters, including the budget.
     pub agent: Agent,
     /// How the trained agent is tested and its training recorded.
     pub evaluation: Evaluation,
@@ -34,15 +37,15 @@ pub struct Job {
 #[non_exhaustive]
 pub enum JobError {
     /// The text is not JSON.
-    #[error("it is not JSON: {0}")]
+    #[error("not JSON: {0}")]
     Syntax(#[from] serde_json::Error),
-    /// A part is missing, of another type, or not one of a job's.
+    /// A part is missing, unknown or of another type.
     #[error("`{0}` is missing, unknown or of another type")]
     Part(String),
     /// The algorithm is not registered.
     #[error("there is no algorithm `{0}`")]
     Algorithm(String),
-    /// The keys of a part are not those of its table.
+    /// The keys of a part are not the keys of its table.
     #[error("in `{part}`: {error}")]
     Keys {
         /// The part.
@@ -50,26 +53,28 @@ pub enum JobError {
         /// What is wrong.
         error: CanonicalError,
     },
-    /// The text means a job, but is not the one spelling that its key is taken from.
+    /// The text describes a job, but is not its canonical form.
     #[error("its canonical form is {0}")]
     Spelling(String),
 }
 
-/// Multiply-adds that take as long as a step of the simulation.
+/// The number of multiply-adds that take as long as a step of the simulation.
 const PER_SIMULATED_STEP: u64 = 500;
 
-/// Versions of the code that a job's results depend on. One is raised whenever a change makes the
-/// same job end in other bits.
+/// Fixed time of every job, in seconds, for its claim, rows and transaction.
+const LEAST_SECONDS: f64 = 0.001;
+
+/// Versions of the code that a job's results depend on. A change that affects results raises one of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Versions {
-    /// Of the simulation and the random streams.
+    /// Version of the simulation and the random streams.
     pub environment: u32,
-    /// Of the agent's algorithm.
+    /// Version of the agent's algorithm.
     pub algorithm: u32,
 }
 
 impl Versions {
-    /// Those up to these and other than these.
+    /// All earlier versions.
     pub fn earlier(self) -> impl Iterator<Item = Versions> {
         (1..=self.environment)
             .flat_map(move |environment| {
@@ -78,7 +83,7 @@ impl Versions {
             .filter(move |versions| *versions != self)
     }
 
-    /// The key of a job whose canonical text is this, if it is run with these.
+    /// The key of a job with this canonical text under these versions.
     pub fn key_of(self, canonical: &str) -> JobKey {
         let Versions { environment, algorithm } = self;
         JobKey(hash(&[&format!("jitai job e{environment} a{algorithm}\n"), canonical]))
@@ -86,7 +91,7 @@ impl Versions {
 }
 
 impl Job {
-    /// The algorithm's name, as the manifest writes it.
+    /// The algorithm's name, as in the manifest.
     pub fn algorithm(&self) -> &'static str {
         self.agent.algorithm().name()
     }
@@ -96,25 +101,58 @@ impl Job {
         Versions { environment: env::VERSION, algorithm: self.agent.version() }
     }
 
-    /// The task that the agent learns.
-    pub fn task(&self) -> Task<'_> {
-        Task { environment: &self.environment, scenario: &self.scenario, seed: self.seed }
+    /// The exact error rate of the most likely context; `None` if it differs between participants.
+    pub fn context_error(&self) -> Option<f64> {
+        let differs = |name| name == "sigma" || name == "context_probability";
+        let Environment { sigma, context_probability, .. } = self.environment;
+        let alike = !self.population.names().any(differs);
+        alike.then(|| env::context_error(sigma, context_probability))
     }
 
-    /// How much arithmetic it takes where no episode ends early, in multiply-adds.
+    /// The task that the agent learns.
+    pub fn task(&self) -> Task<'_> {
+        Task {
+            environment: &self.environment,
+            population: &self.population,
+            scenario: &self.scenario,
+            seed: self.seed,
+            history: self.agent.history(),
+        }
+    }
+
+    /// The work of the job if no episode ends early, in multiply-adds.
     pub fn work(&self) -> u64 {
+        let (training, rest) = self.parts_of_work();
+        training.saturating_add(rest)
+    }
+
+    /// The expected time on one core of a recent server processor if no episode ends early, from
+    /// [`Job::work`] and the algorithm's declared speed.
+    pub fn expected_time(&self) -> Duration {
+        let (training, rest) = self.parts_of_work();
+        let seconds = training as f64 / self.agent.speed() + rest as f64 / Engine::Fused.speed();
+        Duration::try_from_secs_f64(LEAST_SECONDS + seconds).unwrap_or(Duration::MAX)
+    }
+
+    /// The multiply-adds of the training, and of the simulation and the test together.
+    fn parts_of_work(&self) -> (u64, u64) {
         let task = self.task();
         let Work { training, choice } = self.agent.work(&task);
         let (trained, tested) = (self.agent.episodes(), self.evaluation.test_episodes);
         let simulated = (task.steps(trained) + task.steps(tested)) * PER_SIMULATED_STEP;
         let chosen = task.steps(tested).saturating_mul(choice);
-        training.saturating_add(simulated).saturating_add(chosen)
+        (training, simulated.saturating_add(chosen))
     }
 
-    /// The canonical form, from which the key follows.
+    /// The canonical form, which determines the key.
     pub fn form(&self) -> CanonicalForm {
-        let (environment, evaluation) = (text(&self.environment), text(&self.evaluation));
-        CanonicalForm::of(self, &agent_text(&self.agent), &environment, &evaluation)
+        let parts = Parts {
+            agent: &agent_text(&self.agent),
+            environment: &text(&self.environment),
+            evaluation: &text(&self.evaluation),
+            population: &text(&self.population),
+        };
+        CanonicalForm::of(self, parts)
     }
 
     /// The job as one line of JSON; see [`CanonicalForm::text`].
@@ -127,9 +165,9 @@ impl Job {
         self.form().key()
     }
 
-    /// The job of a canonical form, which this or an earlier version of the program wrote.
+    /// The job of a canonical form that this or an earlier version of the program wrote.
     ///
-    /// **Errors**: the text is no canonical form, or names an algorithm that is not registered.
+    /// **Errors**: the text is not a canonical form, or names an algorithm that is not registered.
     pub fn from_canonical(text: &str) -> Result<Job, JobError> {
         let mut parts: Map<String, Json> = serde_json::from_str(text)?;
         let mut take = |part: &str| parts.remove(part);
@@ -138,6 +176,12 @@ impl Job {
             (take("environment"), take("evaluation"))
         else {
             return Err(part("environment` or `evaluation"));
+        };
+        // Jobs without differing participants omit the population.
+        let population = match take("population") {
+            None => Map::new(),
+            Some(Json::Object(population)) if !population.is_empty() => population,
+            Some(_) => return Err(part("population")),
         };
         let Some(Json::Object(mut agent)) = take("agent") else { return Err(part("agent")) };
         let scenario = take("scenario").and_then(|scenario| scenario.as_str()?.parse().ok());
@@ -148,11 +192,17 @@ impl Job {
         let Some(Json::String(algorithm)) = agent.remove("algorithm") else {
             return Err(part("agent.algorithm"));
         };
-        let Some(algorithm) = Algorithm::named(&algorithm) else {
+        let Some(mut algorithm) = Algorithm::named(&algorithm) else {
             return Err(JobError::Algorithm(algorithm));
         };
+        if algorithm.is_external() {
+            // Keys that are not parameter names are rejected below.
+            let free = agent.keys().map(String::as_str).filter(|key| free_key(key).is_some());
+            algorithm = Algorithm::external(free).ok_or_else(|| part("agent"))?;
+        }
         let job = Job {
             environment: read("environment", &environment)?,
+            population: read("population", &population)?,
             scenario: scenario.ok_or_else(|| part("scenario"))?,
             agent: Agent::with_values(algorithm, values("agent", algorithm.keys(), &agent)?)
                 .ok_or_else(|| part("agent"))?,
@@ -166,30 +216,32 @@ impl Job {
     }
 
     /// The sections of the job: name, keys and their values.
-    fn sections(&self) -> [(&'static str, &'static [Key], Vec<Value>); 3] {
+    fn sections(&self) -> [(&'static str, &'static [Key], Vec<Value>); 4] {
         [
             ("agent", self.agent.algorithm().keys(), self.agent.values().to_vec()),
             ("environment", Environment::KEYS, self.environment.to_values()),
             ("evaluation", Evaluation::KEYS, self.evaluation.to_values()),
+            ("population", Population::KEYS, self.population.to_values()),
         ]
     }
 
-    /// The value of a key; `None` for one that the job's algorithm does not have, and for scenario
-    /// and seed, which are no keys.
+    /// The value of a key; `None` if the job's algorithm lacks the key, and for scenario and seed, which are
+    /// not keys.
     pub fn value(&self, parameter: Parameter) -> Option<Value> {
         let place = |keys: &[Key], name: &str| keys.iter().position(|key| key.name == name);
         let (section, name) = match parameter {
             Parameter::Agent(name) => (0, name),
             Parameter::Environment(name) => (1, name),
             Parameter::Evaluation(name) => (2, name),
+            Parameter::Population(name) => (3, name),
             Parameter::Scenario | Parameter::Seed => return None,
         };
         let (_, keys, values) = &self.sections()[section];
         place(keys, name).map(|place| values[place].clone())
     }
 
-    /// Every parameter as a dotted name and its value, as the view `parameter` shows them, in the
-    /// order of the names.
+    /// All parameters as dotted names and values, as the view `parameter` shows them, in the order of their
+    /// names.
     pub fn parameters(&self) -> Vec<(String, Scalar)> {
         let mut parameters = vec![
             ("agent.algorithm".to_owned(), Scalar::Text(self.algorithm().to_owned())),
@@ -207,7 +259,12 @@ impl Job {
     }
 }
 
-/// The typed struct of a part that [`text`] wrote.
+/// The canonical text of a job without its seed, which is the same for jobs that differ only in their seeds.
+pub fn without_seed(canonical: &str) -> &str {
+    canonical.rsplit_once(",\"seed\":").map_or(canonical, |(rest, _)| rest)
+}
+
+/// The typed struct of a part written by [`text`].
 fn read<T: Keyed>(part: &'static str, object: &Map<String, Json>) -> Result<T, JobError> {
     let values = values(part, T::KEYS, object)?;
     T::from_values(&values).ok_or_else(|| JobError::Part(part.to_owned()))
@@ -221,7 +278,7 @@ fn values(
     read_object(keys, object).map_err(|error| JobError::Keys { part, error })
 }
 
-/// A job written out in the one way that its identity is taken from.
+/// The canonical text of a job, from which its identity is derived.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CanonicalForm {
     text: String,
@@ -229,21 +286,27 @@ pub struct CanonicalForm {
 }
 
 impl CanonicalForm {
-    /// The form of a job whose agent, environment and evaluation have these [`text`]s.
-    pub(super) fn of(job: &Job, agent: &str, environment: &str, evaluation: &str) -> CanonicalForm {
-        // A scenario is letters and hyphens: nothing in it needs escaping.
+    /// The form of a job whose parts have these texts.
+    pub(super) fn of(job: &Job, parts: Parts<'_>) -> CanonicalForm {
+        let Parts { agent, environment, evaluation, population } = parts;
+        let population = match population {
+            // Jobs stored before populations were introduced omit them.
+            "{}" => String::new(),
+            differing => format!("\"population\":{differing},"),
+        };
+        // A scenario consists of letters and hyphens, so nothing needs escaping.
         let (scenario, seed) = (&job.scenario, job.seed);
         CanonicalForm {
             text: format!(
                 "{{\"agent\":{agent},\"environment\":{environment},\"evaluation\":{evaluation},\
-                 \"scenario\":\"{scenario}\",\"seed\":{seed}}}"
+                 {population}\"scenario\":\"{scenario}\",\"seed\":{seed}}}"
             ),
             versions: job.versions(),
         }
     }
 
-    /// The job as one line of JSON: every parameter spelled out, keys in alphabetical order,
-    /// numbers in their shortest form that reads back equal.
+    /// The job as one line of JSON: all parameters written out, keys in alphabetical order, and numbers in
+    /// the shortest form that reads back as the same number.
     pub fn text(&self) -> &str {
         &self.text
     }
@@ -253,15 +316,24 @@ impl CanonicalForm {
         self.versions
     }
 
-    /// Hash of the text and the versions: the identity of the job.
+    /// The identity of the job: a hash of the text and the versions.
     pub fn key(&self) -> JobKey {
         self.key_under(self.versions)
     }
 
-    /// The key that the same content has under other versions of the code.
+    /// The key of the same content under other versions of the code.
     pub fn key_under(&self, versions: Versions) -> JobKey {
         versions.key_of(&self.text)
     }
+}
+
+/// The canonical texts of the parts of a job; see [`text`].
+#[derive(Clone, Copy)]
+pub(super) struct Parts<'t> {
+    pub(super) agent: &'t str,
+    pub(super) environment: &'t str,
+    pub(super) evaluation: &'t str,
+    pub(super) population: &'t str,
 }
 
 /// The canonical text of a part of a job.
@@ -276,12 +348,12 @@ pub(super) fn agent_text(agent: &Agent) -> String {
     Json::Object(object).to_string()
 }
 
-/// A parameter's value as SQL can hold it.
+/// A parameter's value in a form that SQL can hold.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Scalar {
     /// A number with a fraction.
     Real(f64),
-    /// A whole number; flags are 0 and 1.
+    /// An integer; flags are 0 and 1.
     Integer(i64),
     /// A word, or a list as JSON text (`[128,128]`).
     Text(String),
@@ -296,15 +368,19 @@ impl Scalar {
                 .map_or_else(|_| Scalar::Text(whole.to_string()), Scalar::Integer),
             Value::Flag(flag) => Scalar::Integer(i64::from(*flag)),
             Value::Choice(word) => Scalar::Text((*word).to_owned()),
-            Value::RealPair(_) | Value::Widths(_) => {
+            Value::Negative(whole) => Scalar::Integer(*whole),
+            Value::Text(text) => Scalar::Text(text.clone()),
+            Value::RealPair(_) | Value::Reals(_) | Value::Wholes(_) | Value::Words(_) => {
                 let json = serde_json::to_string(value).expect("values are finite");
                 Scalar::Text(json)
             }
+            Value::Distribution(distribution) => Scalar::Text(distribution.text()),
+            Value::Rows(rows) => Scalar::Text(rows.text()),
         }
     }
 }
 
-/// The first half of the hash of these texts, one after the other.
+/// The first half of the hash of these texts in sequence.
 fn hash(texts: &[&str]) -> [u8; 16] {
     let mut hasher = Sha256::new();
     texts.iter().for_each(|text| hasher.update(text));
@@ -347,6 +423,7 @@ mod tests {
         ];
         let job = |agent| Job {
             environment: Environment::paper(0.6),
+            population: Population::default(),
             scenario: "P-H-D".parse().unwrap(),
             agent,
             evaluation: Evaluation::default(),
@@ -357,11 +434,11 @@ mod tests {
 
     #[test]
     fn the_work_of_jobs_is_that_worked_by_hand() {
-        // Three inputs, two layers of 128, and heads of 1 and 4; or one layer, and 4 logits.
+        // Three inputs, two layers of 128 units, and heads of 1 and 4 outputs; or one layer and 4 logits.
         let (dueling, policy) = (4 * 128 + 129 * 128 + 129 * 5, 4 * 128 + 129 * 4);
-        // A batch of 64 three times through the network and one row to choose; then Adam.
+        // Three passes through the network per batch of 64 and one row for the choice; then Adam.
         let of_dqn = 50_000 * ((64 * 3 + 1 + 14) * dueling + 3500);
-        // Every step once to choose and three times to learn; Adam after every episode.
+        // Each step takes one pass for the choice and three for learning; Adam runs after every episode.
         let of_reinforce = 750_000 * (4 * policy + 3500) + 15_000 * 14 * policy;
         let expected = [
             of_dqn + 500 * 100_000 + 50_000 * dueling,
@@ -381,7 +458,9 @@ mod tests {
             let members = |part: &str| json[part].as_object().unwrap().len();
             let written = Environment::KEYS.iter().filter(|key| key.before().is_none());
             assert_eq!(members("environment"), written.count());
-            assert_eq!(members("agent"), job.agent.algorithm().keys().len() + 1);
+            let keys = job.agent.algorithm().keys().iter();
+            let written = keys.filter(|key| key.before().is_none()).count();
+            assert_eq!(members("agent"), written + 1);
         }
     }
 
@@ -404,15 +483,15 @@ mod tests {
             refused("{\"agent\"", "{\"a\":1,\"agent\""),
             "`a` is missing, unknown or of another type"
         );
-        assert!(refused("}", "").starts_with("it is not JSON"));
-        // Numbers that mean the same.
+        assert!(refused("}", "").starts_with("not JSON"));
+        // Other spellings of the same numbers.
         let sigma = |text: &str| refused("\"sigma\":0.6", &format!("\"sigma\":{text}"));
         for spelling in ["6e-1", "0.60"] {
             assert!(sigma(spelling).starts_with("its canonical form is {\"agent\""), "{spelling}");
         }
         assert!(sigma("1").contains("\"sigma\":1.0"));
         assert!(sigma("-0.0").contains("\"sigma\":0.0"));
-        // A layer that is wider than any number of the struct.
+        // A layer wider than the integer type of the struct.
         let wide = refused("[128]", "[4294967296]");
         assert_eq!(wide, "in `agent`: key `layers` has a value of another type");
     }

@@ -1,10 +1,11 @@
-//! What should run: expands a manifest into jobs and gives each its identity.
+//! Planning: expands a manifest into jobs and gives each job its identity.
 //!
-//! In: a validated [`crate::manifest::Manifest`]. Out: [`Job`]s with their [`JobKey`]s. Pure: it
-//! knows no clock, no disk, no random numbers, and nothing of what has run already.
+//! In: a validated [`crate::manifest::Manifest`]. Out: [`Job`]s with their [`JobKey`]s. The result depends
+//! only on the manifest, not on the clock, the disk, random numbers or earlier runs.
 
 mod described;
 mod expand;
+mod factors;
 mod filter;
 mod implied;
 mod job;
@@ -12,8 +13,9 @@ mod shard;
 mod swept;
 
 pub use expand::{PlannedJob, count, expand, jobs};
+pub use factors::Factors;
 pub use filter::{Filter, FilterError};
 pub use implied::{ImpliedParameter, implied_parameters};
-pub use job::{CanonicalForm, Job, JobError, JobKey, Scalar, Versions};
+pub use job::{CanonicalForm, Job, JobError, JobKey, Scalar, Versions, without_seed};
 pub use shard::{Shard, ShardError};
 pub use swept::Swept;

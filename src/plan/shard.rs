@@ -8,34 +8,34 @@ use std::str::FromStr;
 
 use super::JobKey;
 
-/// Shards at most: more than any cluster has cores.
+/// Maximum number of shards; more than any cluster has cores.
 const MOST_SHARDS: u32 = 1_000_000;
 
-/// One of a number of disjoint parts, counted from 1.
+/// One of several disjoint parts, counted from 1.
 ///
-/// Which jobs a part has follows from the jobs alone: it is the same on every machine, whatever has
-/// run already and in whatever order the jobs are named.
+/// The jobs of a shard depend only on the set of all jobs. They are the same on every machine, for any
+/// earlier runs and any order of the jobs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
     number: NonZeroU32,
     of: NonZeroU32,
 }
 
-/// What is wrong with a shard.
+/// Why a text is not a shard.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ShardError {
     /// Not two whole numbers with a slash between them.
     #[error("expected a number, a slash and the number of shards, such as 3/40")]
     Form,
-    /// There are no shards, or too many.
+    /// The number of shards is 0 or too large.
     #[error("expected 1 to {MOST_SHARDS} shards, found {0}")]
     Of(u64),
-    /// A number beyond the shards.
+    /// The number of the shard is out of range.
     #[error("shards are counted from 1 to {of}, found {number}")]
     Number {
         /// The number.
         number: u64,
-        /// How many shards there are.
+        /// The number of shards.
         of: u32,
     },
 }
@@ -67,10 +67,10 @@ impl fmt::Display for Shard {
 }
 
 impl Shard {
-    /// The keys of this part of jobs, given with their work. A job that is given twice counts once.
+    /// The keys of the jobs in this shard, given all jobs with their work. Repeated jobs count once.
     ///
-    /// The job with the most work goes first, always to the part that has the least so far. The
-    /// works of two parts then differ by no more than that of one job.
+    /// Jobs are assigned in descending order of work, each to the shard with the least work so far. The
+    /// work of two shards then differs by at most the work of one job.
     pub fn keys(self, jobs: impl IntoIterator<Item = (JobKey, u64)>) -> HashSet<JobKey> {
         let jobs: HashMap<JobKey, u64> = jobs.into_iter().collect();
         let mut jobs: Vec<(Reverse<u64>, JobKey)> =
@@ -97,13 +97,13 @@ mod tests {
     use super::*;
     use crate::rng::{Purpose, Stream};
 
-    /// The parts that `of` shards cut jobs into.
+    /// The parts into which `of` shards divide the jobs.
     fn parts(jobs: &[(JobKey, u64)], of: u32) -> Vec<HashSet<JobKey>> {
         let shard = |number: u32| format!("{number}/{of}").parse::<Shard>().unwrap();
         (1..=of).map(|number| shard(number).keys(jobs.iter().copied())).collect()
     }
 
-    /// Jobs with keys from a stream, whose works are spread over so many powers of two.
+    /// Jobs with keys from a stream and with work spread over `powers` powers of two.
     fn jobs(stream: &mut Stream, count: usize, powers: u32) -> Vec<(JobKey, u64)> {
         let mut number = |below: f64| (stream.unit() * below) as u64;
         let mut one = || {
@@ -134,11 +134,65 @@ mod tests {
                 .fold((u64::MAX, 0), |(least, most), work| (least.min(work), most.max(work)));
             let largest = works.values().max().copied().unwrap_or(0);
             assert!(most - least <= largest, "{least} {most} {largest}");
-            // No partition is more alike than its largest job.
+            // No partition can be more even than its largest job allows.
             if all.len() >= 20 * of as usize && u128::from(largest) * 10 <= u128::from(least) {
                 assert!(most - least <= least / 10, "{least} {most} {largest}");
             }
         }
+    }
+
+    /// A manifest with agents of very different sizes, drawn from a stream.
+    fn manifest(stream: &mut Stream) -> String {
+        let mut pick = |choices: &[&'static str]| {
+            choices[(stream.unit() * choices.len() as f64) as usize % choices.len()]
+        };
+        format!(
+            "format = 1\nname = \"t\"\nseeds = {}\nscenarios = {}\nenvironment.sigma = {}\n\
+             environment.horizon = {}\nevaluation.test_episodes = {}\n\
+             [[agent]]\nname = \"d\"\nalgorithm = \"dueling_dqn\"\nepisodes = {}\nlayers = {}\nbatch = {}\n\
+             [[agent]]\nname = \"r\"\nalgorithm = \"reinforce\"\nepisodes = {}\n\
+             trajectories_per_update = {}\n[[agent]]\nname = \"t\"\nalgorithm = \"rule\"\nrule = {}\n",
+            pick(&["3", "10", "40"]),
+            pick(&["[\"P-H-D\"]", "[\"C-T\", \"P-T\", \"P-H-D\"]"]),
+            pick(&["0.6", "[0.2, 0.6]", "[0.0, 0.4, 0.8, 1.2]"]),
+            pick(&["50", "[10, 50]"]),
+            pick(&["1", "1000"]),
+            pick(&["100", "[10, 1000]"]),
+            pick(&["[[16]]", "[[128, 128]]", "[[16], [256, 256]]"]),
+            pick(&["8", "[16, 64]"]),
+            pick(&["200", "[50, 15_000]"]),
+            pick(&["1", "50", "[1, 50]"]),
+            pick(&["\"random\"", "[\"never\", \"tailored\"]"]),
+        )
+    }
+
+    #[test]
+    fn shards_of_manifests_are_alike_in_work() {
+        let mut stream = Stream::new(7, Purpose::Environment);
+        let mut compared = 0;
+        for _ in 0..100 {
+            let text = manifest(&mut stream);
+            let manifest = crate::manifest::parse("t", text.as_bytes()).unwrap();
+            let jobs: Vec<(JobKey, u64)> = crate::plan::jobs(&manifest)
+                .map(|planned| (planned.form.key(), planned.job.work()))
+                .collect();
+            let works: HashMap<JobKey, u64> = jobs.iter().copied().collect();
+            for of in [2, 3, 7, 40] {
+                let found = parts(&jobs, of);
+                assert_eq!(found.iter().map(HashSet::len).sum::<usize>(), works.len());
+                let sum = |part: &HashSet<JobKey>| part.iter().map(|key| works[key]).sum::<u64>();
+                let sums: Vec<u64> = found.iter().map(sum).collect();
+                let mean = works.values().sum::<u64>() as f64 / f64::from(of);
+                // Shards can only be even if no job exceeds a tenth of a part.
+                let can_be_alike = works.values().all(|work| *work as f64 <= mean / 10.0);
+                if works.len() >= 20 * of as usize && can_be_alike {
+                    compared += 1;
+                    let spread = sums.iter().max().unwrap() - sums.iter().min().unwrap();
+                    assert!(spread as f64 <= mean / 10.0, "{of}: {sums:?}\n{text}");
+                }
+            }
+        }
+        assert!(compared >= 100, "{compared}");
     }
 
     #[test]

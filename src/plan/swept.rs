@@ -1,5 +1,4 @@
-//! How people and programs tell the jobs of manifests apart: by agent, scenario, sigma, seed, and
-//! what else varies.
+//! Short names of jobs: agent, scenario, sigma, seed, and the parameters that vary.
 
 use serde_json::Value;
 
@@ -7,17 +6,18 @@ use super::Job;
 use super::described::{shown, value_of};
 use crate::manifest::{Manifest, Varying, printable, short_name};
 
-/// The further parameters in which the jobs of an agent differ.
+/// The additional parameters in which the jobs of an agent differ.
 #[derive(Clone, Debug, Default)]
 pub struct Swept(Varying);
 
 impl Swept {
-    /// Those of the jobs of some manifests: swept by one, or set otherwise by another.
+    /// The parameters that vary among the jobs of these manifests, because a manifest sweeps them or
+    /// manifests set them differently.
     pub fn of(manifests: &[Manifest]) -> Swept {
         Swept(Varying::of(manifests).without("environment.sigma"))
     }
 
-    /// The dotted names, none twice.
+    /// The distinct dotted names.
     pub fn names(&self) -> Vec<String> {
         self.0.names()
     }
@@ -33,19 +33,19 @@ impl Swept {
         names.filter_map(move |name| Some((name.clone(), value_of(agent, job, name)?)))
     }
 
-    /// A job's values for reading, such as `learning_rate=0.001 batch=32`; empty if there are none.
+    /// A job's values as readable text, such as `learning_rate=0.001 batch=32`; empty if there are no values.
     pub fn words(&self, agent: &str, job: &Job) -> String {
         let values = self.values(agent, job);
         let words = values.map(|(name, value)| format!("{}={}", short_name(&name), shown(&value)));
         words.collect::<Vec<_>>().join(" ")
     }
 
-    /// A job's values as an object for programs.
+    /// A job's values as a JSON object.
     pub fn object(&self, agent: &str, job: &Job) -> Value {
         self.values(agent, job).collect()
     }
 
-    /// A job as people tell it from others, such as `dqn P-H-D sigma=0.4 seed=1 batch=32`.
+    /// The short name of a job, such as `dqn P-H-D sigma=0.4 seed=1 batch=32`.
     pub fn name(&self, agent: &str, job: &Job) -> String {
         let (scenario, sigma, seed) = (&job.scenario, job.environment.sigma, job.seed);
         let words = self.words(agent, job);

@@ -1,8 +1,8 @@
 //! A job with its parameters, status and results.
 
-use super::{ActionCount, Failure, JobKey, Provenance};
+use super::{ActionCount, Failure, JobKey, Provenance, TestEpisode};
 use crate::key::Parameter;
-use crate::manifest::{Described, Setting};
+use crate::manifest::{Described, ParticipantRange, Setting};
 use crate::plan::{PlannedJob, Scalar};
 
 /// A job of an experiment with its status.
@@ -12,23 +12,25 @@ pub struct JobRecord {
     pub job_key: JobKey,
     /// Agent's name in the manifest.
     pub agent: String,
-    /// Scenario, like `P-H-D`.
+    /// Scenario, such as `P-H-D`.
     pub scenario: String,
     /// Seed.
     pub seed: u64,
     /// Whether its algorithm learns, so that a completed run has a learning curve.
     pub learns: bool,
-    /// Every other parameter: dotted name and value, by name.
+    /// All other parameters: dotted names and values, sorted by name.
     pub settings: Vec<(String, Setting)>,
-    /// The best mean return that any policy can reach in its environment and scenario, in steps
-    /// walked, where that is known.
+    /// The exact error rate of the most likely context; `None` if participants differ.
+    pub context_error: Option<f64>,
+    /// The best mean return of any policy in this environment and scenario, in steps walked; `None` if
+    /// unknown.
     pub optimum: Option<f64>,
     /// Its status.
     pub status: JobStatus,
 }
 
 impl JobRecord {
-    /// A planned job that came so far; its optimum is not known.
+    /// A planned job with this status, without an optimum.
     pub fn new(planned: &PlannedJob, job_key: JobKey, status: JobStatus) -> JobRecord {
         JobRecord {
             job_key,
@@ -37,6 +39,7 @@ impl JobRecord {
             seed: planned.job.seed,
             learns: planned.job.agent.algorithm().learns(),
             settings: settings(planned),
+            context_error: planned.job.context_error(),
             optimum: None,
             status,
         }
@@ -48,7 +51,7 @@ impl JobRecord {
         Some(&self.settings[place].1)
     }
 
-    /// The number that the parameter of this dotted name has, if it has one.
+    /// The value of the parameter with this dotted name, if it is a number.
     pub fn number(&self, name: &str) -> Option<f64> {
         match self.setting(name)? {
             Setting::Number(number) => Some(*number),
@@ -56,7 +59,20 @@ impl JobRecord {
         }
     }
 
-    /// Its completed run, if it has one.
+    /// The job with its results among some participants; without metrics if those participants were not read.
+    #[must_use]
+    pub fn among(&self, range: ParticipantRange) -> JobRecord {
+        let mut job = JobRecord { optimum: None, ..self.clone() };
+        if let JobStatus::Completed(run) = &mut job.status {
+            let among = run.among.iter().find(|among| among.range == range);
+            let episodes = among.map_or(&[][..], |among| &among.episodes);
+            run.returns = episodes.iter().map(|episode| episode.total_reward).collect();
+            run.metrics = among.map(AmongParticipants::metrics).unwrap_or_default();
+        }
+        job
+    }
+
+    /// The completed run, if there is one.
     pub fn completed(&self) -> Option<&CompletedRun> {
         match &self.status {
             JobStatus::Completed(run) => Some(run),
@@ -86,7 +102,7 @@ impl Described for JobRecord {
     }
 }
 
-/// Every parameter of a job but scenario and seed, by name.
+/// All parameters of a job except scenario and seed, sorted by name.
 fn settings(planned: &PlannedJob) -> Vec<(String, Setting)> {
     let named = planned.job.parameters().into_iter();
     let others = named.filter(|(name, _)| name != "scenario" && name != "seed");
@@ -101,7 +117,7 @@ fn settings(planned: &PlannedJob) -> Vec<(String, Setting)> {
     settings
 }
 
-/// The jobs of an experiment with everything that is known of them: what reports are made of.
+/// The jobs of an experiment with their results, as a report reads them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DataSet {
     /// The experiment's name.
@@ -110,37 +126,64 @@ pub struct DataSet {
     pub jobs: Vec<JobRecord>,
 }
 
-/// The status of a job, with what it left behind.
+/// The status of a job, with its results.
 #[derive(Clone, Debug, PartialEq)]
 pub enum JobStatus {
-    /// It has no run.
+    /// The job has no run.
     Pending,
-    /// Its runs were interrupted.
+    /// All runs of the job were interrupted.
     Interrupted,
-    /// A living process runs it.
+    /// A living process is running the job.
     Running,
-    /// Its last run failed.
+    /// The job's last run failed.
     Failed(Failure),
-    /// It has its one completed run.
+    /// The job has a completed run.
     Completed(Box<CompletedRun>),
 }
 
-/// The results of a completed run, as far as the reader asked for them.
+/// The test episodes of some participants.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AmongParticipants {
+    /// The range of participants.
+    pub range: ParticipantRange,
+    /// The episodes of these participants, in the order of the test.
+    pub episodes: Vec<TestEpisode>,
+}
+
+impl AmongParticipants {
+    /// The metrics that are defined for single episodes, by name; empty if there are no episodes.
+    pub fn metrics(&self) -> Vec<(String, f64)> {
+        let n = self.episodes.len() as f64;
+        if self.episodes.is_empty() {
+            return Vec::new();
+        }
+        let mean = |of: fn(&TestEpisode) -> f64| self.episodes.iter().map(of).sum::<f64>() / n;
+        vec![
+            ("disengagement_rate".to_owned(), mean(|one| f64::from(u8::from(one.disengaged)))),
+            ("mean_length".to_owned(), mean(|one| f64::from(one.length))),
+            ("mean_return".to_owned(), mean(|one| one.total_reward)),
+        ]
+    }
+}
+
+/// The requested results of a completed run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CompletedRun {
     /// Names and values of its metrics, by name.
     pub metrics: Vec<(String, f64)>,
-    /// Training episodes finished and mean return since the point before; empty if not asked for.
+    /// Training episodes finished and the mean return since the previous point; empty if not requested.
     pub curve: Vec<(u32, f64)>,
-    /// Choices of action in the test; empty if not asked for.
+    /// Choices of action in the test; empty if not requested.
     pub actions: Vec<ActionCount>,
-    /// Returns of the test episodes, by position; empty if not asked for.
+    /// Returns of the test episodes, by position; empty if not requested.
     pub returns: Vec<f64>,
-    /// What made it.
+    /// Test episodes of some participants, for each requested range.
+    pub among: Vec<AmongParticipants>,
+    /// The code and the machine that produced the run.
     pub provenance: Provenance,
-    /// When it ended, in UTC, ISO 8601 with milliseconds.
+    /// When the run ended, in UTC, ISO 8601 with milliseconds.
     pub ended_at: String,
-    /// Time it took, in seconds.
+    /// The duration of the run, in seconds.
     pub wall_seconds: f64,
 }
 

@@ -1,24 +1,26 @@
-//! What happened: the outcomes of runs as plain data.
+//! The outcomes of runs as plain data.
 //!
-//! Training makes them, the store keeps them, analysis reads them. Nothing here computes.
+//! Training creates them, the store keeps them, and analysis reads them. Nothing here computes.
 
 mod job;
 
 use std::fmt;
 
+use crate::manifest::first_episodes;
 use crate::plan::JobKey;
-pub use job::{CompletedRun, DataSet, JobRecord, JobStatus};
+pub use job::{AmongParticipants, CompletedRun, DataSet, JobRecord, JobStatus};
 
 /// A named number about a completed run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Metric {
-    /// Name, one of [`METRICS`].
+    /// Its name: one of [`METRICS`], or a name from [`crate::manifest::first_return`].
     pub name: &'static str,
     /// Finite value.
     pub value: f64,
 }
 
-/// Names and meanings of the metrics of a run; all are over its test episodes.
+/// Names and meanings of the metrics of a run over its test episodes. [`crate::manifest::first_return`] names
+/// the metrics of its first training episodes.
 pub const METRICS: &[(&str, &str)] = &[
     ("mean_return", "mean undiscounted return, in steps walked"),
     ("sd_return", "standard deviation of the return (n - 1), in steps walked; 0 for one episode"),
@@ -27,17 +29,24 @@ pub const METRICS: &[(&str, &str)] = &[
     ("message_rate", "share of steps on which a message was sent (actions 1 to 3)"),
     (
         "mean_net_return",
-        "mean undiscounted return less the cost of messages, in steps walked; absent where they cost nothing",
+        "mean undiscounted return minus the cost of messages, in steps walked; absent if messages \
+         cost nothing",
     ),
 ];
 
-/// Names and meanings of what a learning curve records; each is over the training episodes since
-/// the point before.
+/// Whether a run or its learning curve can have this metric.
+pub fn is_metric(name: &str) -> bool {
+    let listed = METRICS.iter().chain(CURVE_METRICS).any(|(metric, _)| *metric == name);
+    listed || first_episodes(name).is_some()
+}
+
+/// Names and meanings of the metrics of a learning curve; each covers the training episodes since the
+/// previous point.
 pub const CURVE_METRICS: &[(&str, &str)] = &[
     ("mean_return", "mean undiscounted return, in steps walked"),
     ("mean_length", "mean episode length, in steps of the simulation"),
     ("disengagement_rate", "share of episodes that ended in disengagement"),
-    ("mean_loss", "mean loss of the updates made; absent where none was made"),
+    ("mean_loss", "mean loss of the updates; absent if there were none"),
     ("epsilon", "exploration rate at the last of these episodes (DQN)"),
 ];
 
@@ -63,19 +72,19 @@ pub struct TestEpisode {
     pub disengaged: bool,
 }
 
-/// A part of a job in which decisions are made.
+/// A phase of a job in which decisions are made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Phase {
     /// The training.
     Train,
-    /// The test of what was trained.
+    /// The test of the trained agent.
     Test,
 }
 
-/// One step of an episode: what was seen, done, with which probability, and what it paid.
+/// One step of an episode: observation, action with its probability, and reward.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Decision {
-    /// Whether the episode is one of the training or of the test.
+    /// Whether the episode belongs to the training or to the test.
     pub phase: Phase,
     /// Episode of the phase, from 1.
     pub episode: u32,
@@ -83,7 +92,7 @@ pub struct Decision {
     pub step: u32,
     /// True context, 0 or 1.
     pub context: u8,
-    /// Inferred probability as the letter P shows it, whether the agent saw it or not.
+    /// Inferred probability as the letter P shows it, whether or not the agent saw it.
     pub probability: f64,
     /// Most likely context, 0 or 1.
     pub likely_context: u8,
@@ -101,60 +110,79 @@ pub struct Decision {
     pub reward: f64,
 }
 
-/// Bins of the probability of context 0 in [`ActionCount`].
+/// The value of a parameter of a participant. A participant takes part in one episode.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ParticipantValue {
+    /// Whether the episode belongs to the training or to the test.
+    pub phase: Phase,
+    /// Episode of the phase, from 1.
+    pub episode: u32,
+    /// The parameter, by its place; see [`crate::env::ParticipantSampler`].
+    pub parameter: u8,
+    /// Finite value.
+    pub value: f64,
+}
+
+/// The number of bins of the probability of context 0 in [`ActionCount`].
 pub const PROBABILITY_BINS: usize = 10;
 
-/// How often an action was taken in the test episodes, by the inferred probability of context 0
-/// (whether the agent saw it or not) and the true context.
+/// How often an action was taken in the test episodes, by the inferred probability of context 0 (whether or
+/// not the agent saw it) and the true context.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ActionCount {
-    /// Bin of the probability: `[bin / 10, (bin + 1) / 10)`, the last one closed.
+    /// Bin of the probability: `[bin / 10, (bin + 1) / 10)`; the last bin includes 1.
     pub bin: u8,
     /// True context, 0 or 1.
     pub context: u8,
     /// Action, 0 to 3.
     pub action: u8,
-    /// Times taken; never 0.
+    /// The number of times the action was taken; at least 1.
     pub count: u64,
 }
 
-/// Everything a completed training leaves behind. The same job always makes the same bits.
+/// All results of a completed run. The same job always gives bit-identical results.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Results {
-    /// Summary numbers, each of [`METRICS`] at most once.
+    /// Summary metrics, each at most once.
     pub metrics: Vec<Metric>,
     /// Learning curve, by episode; empty for an algorithm that does not train.
     pub curve: Vec<CurvePoint>,
     /// Test episodes, by position.
     pub episodes: Vec<TestEpisode>,
-    /// Choices of action in the test, counts above 0 only.
+    /// Choices of action in the test; only counts above 0.
     pub actions: Vec<ActionCount>,
-    /// Decisions that the job asks to record, by phase, episode and step.
+    /// Recorded decisions, by phase, episode and step; empty unless the job asks for them.
     pub decisions: Vec<Decision>,
-    /// Trained weights, in the safetensors format; `None` for an algorithm that has none.
+    /// Parameters in which participants differ, by phase, episode and place. Those of the training are
+    /// included if its decisions are recorded.
+    pub participants: Vec<ParticipantValue>,
+    /// Trained weights in the safetensors format; `None` for an algorithm without weights.
     pub weights: Option<Vec<u8>>,
 }
 
 /// Why a run failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FailureKind {
-    /// The process that trained it crashed, again and again.
+    /// The process that trained the job crashed repeatedly.
     Crashed,
-    /// A loss or weight became infinite or not a number.
+    /// A loss or weight became infinite or NaN.
     Diverged,
-    /// There was no memory for what it needed.
+    /// The outside program did not start, ended early or broke the protocol.
+    External,
+    /// There was not enough memory.
     OutOfMemory,
-    /// It took longer than its declared time limit.
+    /// The run exceeded its declared time limit.
     OverTime,
     /// The training code panicked.
     Panicked,
 }
 
 impl FailureKind {
-    /// Every kind.
-    pub const ALL: [FailureKind; 5] = [
+    /// All kinds.
+    pub const ALL: [FailureKind; 6] = [
         FailureKind::Crashed,
         FailureKind::Diverged,
+        FailureKind::External,
         FailureKind::OutOfMemory,
         FailureKind::OverTime,
         FailureKind::Panicked,
@@ -165,11 +193,12 @@ impl FailureKind {
         FailureKind::ALL.into_iter().find(|kind| kind.name() == name)
     }
 
-    /// The word the store and the command line use.
+    /// The name in the store and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             FailureKind::Crashed => "crashed",
             FailureKind::Diverged => "diverged",
+            FailureKind::External => "external",
             FailureKind::OutOfMemory => "out_of_memory",
             FailureKind::OverTime => "over_time",
             FailureKind::Panicked => "panicked",
@@ -183,35 +212,35 @@ impl fmt::Display for FailureKind {
     }
 }
 
-/// A failed run: kind, message, and where in the training it happened.
+/// A failed run: its kind, its message, and the progress of training.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Failure {
-    /// What went wrong.
+    /// The kind of failure.
     pub kind: FailureKind,
-    /// What was seen, for a person.
+    /// The message for the user.
     pub message: String,
-    /// Training episodes finished before it.
+    /// Training episodes finished before the failure.
     pub episode: u32,
 }
 
 /// How a run ended.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Outcome {
-    /// Trained and tested to the end.
+    /// Training and test were completed.
     Completed(Results),
-    /// Ended by a fault of its own; the same job would fail the same way again.
+    /// A fault of the job ended the run; the same fault would recur.
     Failed(Failure),
-    /// Stopped from outside before its end; nothing is wrong with the job.
+    /// The run was stopped from outside; the job itself is sound.
     Interrupted,
 }
 
-/// What made a run: the code and the machine.
+/// The code and the machine that produced a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Provenance {
     /// Version of jitai, as in `Cargo.toml`.
     pub code_version: String,
-    /// Git revision the program was built from, `-dirty` behind it where files had changed;
-    /// `unknown` outside a repository.
+    /// Git revision of the build, with the suffix `-dirty` if files had changed; `unknown` outside a
+    /// repository.
     pub git_revision: String,
     /// Name and version of the tensor backend.
     pub backend: String,

@@ -6,12 +6,12 @@ use super::tables::{between, high, in_unit, low};
 use crate::analyse::declared::{AgentSummary, ArmSummary, share_of_optimum};
 use crate::analyse::{Aggregate, FEW_SEEDS, Interval, Undefined};
 
-/// What a caption adds where an arm has fewer than [`FEW_SEEDS`] seeds.
-const NARROW: &str = "; bootstrap intervals of fewer than ten seeds an arm are too narrow: with \
-                      three, they hold the true value in three quarters to nine tenths of cases";
+/// Added to a caption if an arm has fewer than [`FEW_SEEDS`] seeds.
+const NARROW: &str = "; bootstrap intervals of fewer than ten seeds per arm are too narrow: with \
+                      three seeds, they contain the true value in 75 to 90 % of cases";
 
-/// A row an arm: return in four ways, what the policies do, and how far they are from the optimum.
-/// `unknown_optima` says why some optima are not known.
+/// One row per arm: four summaries of its returns, the behaviour of its policies, and their share
+/// of the optimum. `unknown_optima` holds the reasons for unknown optima.
 pub fn arms(rows: &[ArmSummary], unknown_optima: &[String]) -> DataTable {
     let has_lost = rows.iter().any(|row| row.returns.lost().ended() > 0);
     let columns = [
@@ -30,12 +30,12 @@ pub fn arms(rows: &[ArmSummary], unknown_optima: &[String]) -> DataTable {
         ("disengagement_rate", "Disengaged, %"),
         ("messages_per_episode", "Messages"),
         ("optimum", "Optimum"),
-        ("share_of_optimum", "Share of it, %"),
+        ("share_of_optimum", "Share of optimum, %"),
         (".share_low", ""),
         (".share_high", ""),
     ];
-    let caption = "Arms: mean over seeds of the return, of its lower quartile over test episodes, of \
-                   episodes ended by disengagement and of messages sent an episode";
+    let caption = "Arms: means over seeds of the return, its lower quartile over test episodes, the \
+                   share of episodes ended by disengagement, and the messages sent per episode";
     let is_few = rows.iter().any(|row| (1..FEW_SEEDS).contains(&row.returns.n()));
     let unknown: String = unknown_optima.iter().map(|reason| format!("; {reason}")).collect();
     let caption = format!("{}{unknown}", warned(caption, is_few));
@@ -71,12 +71,12 @@ fn arm(row: &ArmSummary) -> Vec<Entry> {
     ]
 }
 
-/// A caption with a warning of bootstrap intervals of few seeds.
+/// A caption, with a warning about bootstrap intervals if seeds are few.
 fn warned(caption: &str, is_few: bool) -> String {
     format!("{caption}{}", if is_few { NARROW } else { "" })
 }
 
-/// A row an agent and scenario: inter-quartile means over all of their arms.
+/// One row per agent and scenario: inter-quartile means over all their arms.
 pub fn agents(rows: &[AgentSummary]) -> DataTable {
     let columns = [
         ("agent", "Agent"),
@@ -92,8 +92,8 @@ pub fn agents(rows: &[AgentSummary]) -> DataTable {
         (".share_low", ""),
         (".share_high", ""),
     ];
-    let caption = "Agents: inter-quartile means (IQM) over arms and seeds; intervals draw seeds anew \
-                   within arms";
+    let caption = "Agents: inter-quartile means (IQM) over arms and seeds; intervals resample \
+                   seeds within arms";
     let is_few = rows.iter().any(|row| (1..FEW_SEEDS).contains(&row.fewest));
     let mut table = DataTable::new(warned(caption, is_few), &columns);
     for row in rows {
@@ -134,7 +134,7 @@ pub fn share(value: Result<f64, Undefined>, optimum: Option<f64>) -> Entry {
 }
 
 fn unknown() -> Entry {
-    Entry::Missing("optimum not known".to_owned())
+    Entry::Missing("no optimum computed".to_owned())
 }
 
 fn percent(value: Result<f64, Undefined>) -> Entry {
@@ -175,6 +175,7 @@ mod tests {
             returns,
             optimum: None,
             sigma: None,
+            context_error: None,
         }
     }
 
@@ -183,7 +184,7 @@ mod tests {
         let has_column = |table: &DataTable| table.markdown().contains("| Lost |");
         let whole = arms(&[row(&[1.0, 2.0], 0)], &[]);
         assert!(!has_column(&whole));
-        // One failed, and one is no number.
+        // One seed failed, and one value is NaN.
         let lost = arms(&[row(&[1.0, 2.0], 0), row(&[1.0, f64::NAN], 1)], &[]);
         assert!(has_column(&lost));
         assert_eq!([lost.rows[0][2].shown(), lost.rows[1][2].shown()], ["0", "2"]);
@@ -197,7 +198,7 @@ mod tests {
             let agent = AgentSummary {
                 agent: "dqn".into(),
                 scenario: "P-H-D".into(),
-                // The other arm has many.
+                // The other arm has many seeds.
                 arms: 2,
                 runs: n as usize + 30,
                 fewest: n as usize,

@@ -1,21 +1,24 @@
-//! What a report is about: the experiments of manifests, from the store to their findings.
+//! The contents of a report: experiments of manifests, from the store to their findings.
 
 use std::collections::HashSet;
 
 use super::optima;
 use super::section::ReportedExperiment;
+use super::winner::winners;
 use crate::analyse::declared::{carry_out, reproduce, summarise_arms, varying};
-use crate::manifest::{Analysis, Condition, DataPart, Faults, Manifest, Parameters, Published};
+use crate::manifest::{
+    Analysis, Condition, DataPart, Faults, Manifest, Parameters, ParticipantRange, Published,
+};
 use crate::plan::{self, PlannedJob};
 use crate::record::{DataSet, JobRecord};
 use crate::store::{DataQuery, Parts, Reader, StoreError};
 
-/// Work of an assembly that can take long.
+/// Long-running work of an assembly.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Work {
-    /// Jobs are read.
+    /// Reading jobs.
     Jobs,
-    /// Optima are computed.
+    /// Computing optima.
     Optima,
 }
 
@@ -30,8 +33,8 @@ pub enum AssembleError {
     Store(#[from] StoreError),
 }
 
-/// The experiments of manifests with what their analyses find, and the published numbers beside them.
-/// `on_progress` gets a kind of work, how much of it is done, and how much there is.
+/// The experiments of manifests with their findings and published numbers. `on_progress` receives the
+/// kind of work, the number done, and the total.
 ///
 /// **Errors**: the store, or a file of published numbers, cannot be read.
 pub fn assemble(
@@ -39,7 +42,7 @@ pub fn assemble(
     manifests: &[Manifest],
     mut on_progress: impl FnMut(Work, usize, usize),
 ) -> Result<Vec<ReportedExperiment>, AssembleError> {
-    // A fault in any of these files is found before the long work.
+    // Faults in these files are reported before the long-running work.
     let published = manifests.iter().map(Published::of).collect::<Result<Vec<_>, _>>()?;
     let experiment = |(manifest, published): (&Manifest, Option<Published>)| {
         let (data, unknown_optima) = data_set(reader, manifest, &mut on_progress)?;
@@ -60,7 +63,14 @@ pub fn assemble(
             question: manifest.question.clone(),
             hypothesis: manifest.hypothesis.clone(),
             manifest: manifest.source.clone(),
+            winners: winners(reader, manifest, &findings)?,
             findings: findings.into_iter().zip(queries.iter().map(sql)).collect(),
+            styles: manifest.analyses.iter().map(|analysis| analysis.figure).collect(),
+            labels: manifest
+                .agents
+                .iter()
+                .filter_map(|agent| Some((agent.name.clone(), agent.label.clone()?)))
+                .collect(),
             reproduction: published.as_ref().map(|published| reproduce(published, &data.jobs)),
             arms: summarise_arms(&data.jobs),
             unknown_optima,
@@ -70,11 +80,11 @@ pub fn assemble(
     manifests.iter().zip(published).map(experiment).collect()
 }
 
-/// What stands above the SQL where it finds other jobs than the figure shows.
-const OTHER_JOBS: &str = "/* The manifest has other jobs than when `jitai run` last read it. The figure \
-     shows\n   those of the manifest as it is now, and this finds those of the last run. */\n";
+/// The comment above the SQL if its jobs differ from those of the figure.
+const OTHER_JOBS: &str = "/* The jobs of the manifest have changed since `jitai run` last read it. The \
+     figure\n   shows the jobs of the current manifest; this query finds the jobs of the last run. */\n";
 
-/// Whether the jobs of the experiment in the store are those of the data set.
+/// Whether the experiment has the same jobs in the store as in the data set.
 fn is_registered(reader: &Reader, data: &DataSet) -> Result<bool, StoreError> {
     let mut registered = HashSet::new();
     reader.jobs_of(&data.experiment, |key| {
@@ -83,8 +93,8 @@ fn is_registered(reader: &Reader, data: &DataSet) -> Result<bool, StoreError> {
     Ok(registered == data.jobs.iter().map(|job| job.job_key).collect())
 }
 
-/// The jobs of a manifest with what the store knows of them and the optimum of completed ones, and why some
-/// optima are not known.
+/// The jobs of a manifest with their results from the store and the optima of completed jobs, and
+/// the reasons for unknown optima.
 fn data_set(
     reader: &Reader,
     manifest: &Manifest,
@@ -108,14 +118,21 @@ fn data_set(
     let optima = optima::of_jobs(completed, |done, of| {
         on_progress(Work::Optima, done, of);
     });
+    let mut ranges: Vec<ParticipantRange> = Vec::new();
+    for range in manifest.analyses.iter().filter_map(|analysis| analysis.participants) {
+        if !ranges.contains(&range) {
+            ranges.push(range);
+        }
+    }
+    reader.read_participants(&mut data.jobs, &ranges)?;
     for (job, planned) in data.jobs.iter_mut().zip(&planned) {
         job.optimum = optima.get(&optima::place_of(&planned.job)).copied();
     }
     Ok((data, unknown))
 }
 
-/// The query that reads the data of an analysis: what the analysis and its sides ask for, of what
-/// the manifest declares.
+/// The query that reads the data of an analysis: the conditions of the analysis and of its sides,
+/// among the jobs that the manifest declares.
 fn query(manifest: &Manifest, data: &DataSet, analysis: &Analysis) -> DataQuery {
     let mut conditions: Vec<Condition> = analysis.of_jobs().collect();
     let asked: Vec<String> = conditions.iter().map(Condition::name).collect();
@@ -124,6 +141,7 @@ fn query(manifest: &Manifest, data: &DataSet, analysis: &Analysis) -> DataQuery 
         vec![Condition::AgentName(agents), Condition::Scenario(manifest.scenarios.clone())];
     let swept = |parameters: &Parameters| parameters.conditions().collect::<Vec<_>>();
     declared.extend(swept(&manifest.environment));
+    declared.extend(swept(&manifest.population));
     declared.extend(swept(&manifest.evaluation));
     conditions.extend(declared.into_iter().filter(|one| !asked.contains(&one.name())));
     // Agents and scenarios first, then keys by name.

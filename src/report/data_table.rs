@@ -5,11 +5,11 @@ use super::escape;
 /// A table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DataTable {
-    /// What it holds, in a sentence.
+    /// The caption.
     pub caption: String,
     /// Its columns.
     pub columns: Vec<Column>,
-    /// Its rows, an entry a column.
+    /// Its rows, with one entry per column.
     pub rows: Vec<Vec<Entry>>,
 }
 
@@ -29,11 +29,11 @@ pub struct Column {
 pub enum Reach {
     /// Everywhere.
     Everywhere,
-    /// In CSV alone.
+    /// Only in CSV.
     Data,
 }
 
-/// Why a published number is missing. A column of nothing else is not shown to readers.
+/// Reason for a missing published number. A column with only this reason is hidden from readers.
 const NOT_PUBLISHED: &str = "not published";
 
 /// An entry of a table.
@@ -41,14 +41,14 @@ const NOT_PUBLISHED: &str = "not published";
 pub enum Entry {
     /// Text.
     Text(String),
-    /// A number, and how it is read.
+    /// A number with its displayed form.
     Number {
         /// The number.
         value: f64,
-        /// How readers see it.
+        /// The displayed form.
         shown: String,
     },
-    /// No number, and why.
+    /// The reason for a missing number.
     Missing(String),
 }
 
@@ -58,12 +58,12 @@ impl Entry {
         Entry::Text(text.into())
     }
 
-    /// A number with so many decimals.
+    /// A number shown with `decimals` decimals.
     pub fn number(value: f64, decimals: usize) -> Entry {
         Entry::Number { value, shown: shown(value, decimals) }
     }
 
-    /// A number if there is one, and the reason otherwise.
+    /// The number, or the reason for its absence.
     pub fn of<E: ToString>(value: Result<f64, E>, decimals: usize) -> Entry {
         match value {
             Ok(value) => Entry::number(value, decimals),
@@ -79,12 +79,12 @@ impl Entry {
         }
     }
 
-    /// What was published, if anything was.
+    /// The published entry, or the note that no number is published.
     pub fn published(entry: Option<Entry>) -> Entry {
         entry.unwrap_or_else(|| Entry::Missing(NOT_PUBLISHED.to_owned()))
     }
 
-    /// As readers see it.
+    /// The displayed form; a dash for a missing number.
     pub fn shown(&self) -> &str {
         match self {
             Entry::Text(text) => text,
@@ -93,7 +93,7 @@ impl Entry {
         }
     }
 
-    /// As programs see it: every digit; nothing where there is no number.
+    /// The form for programs, with every digit; empty for a missing number.
     fn exact(&self) -> String {
         match self {
             Entry::Text(text) => text.clone(),
@@ -103,7 +103,7 @@ impl Entry {
     }
 }
 
-/// A number with so many decimals and a true minus sign.
+/// The text of a number with `decimals` decimals and a true minus sign.
 pub fn shown(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     let is_zero = text.trim_start_matches('-').chars().all(|c| matches!(c, '0' | '.'));
@@ -114,7 +114,7 @@ pub fn shown(value: f64, decimals: usize) -> String {
     }
 }
 
-/// A p value as papers print it.
+/// The displayed form of a p value.
 pub fn p_value(p: f64) -> String {
     match p {
         p if p < 0.0001 => "<0.0001".to_owned(),
@@ -124,8 +124,8 @@ pub fn p_value(p: f64) -> String {
 }
 
 impl DataTable {
-    /// An empty table. Columns are names and headings; a name that begins with `.` is shown in
-    /// CSV alone.
+    /// An empty table. `columns` holds names and headings; a column whose name begins with `.`
+    /// appears only in CSV.
     pub fn new(caption: impl Into<String>, columns: &[(&str, &str)]) -> DataTable {
         let column = |(name, heading): &(&str, &str)| Column {
             reach: if name.starts_with('.') { Reach::Data } else { Reach::Everywhere },
@@ -139,20 +139,20 @@ impl DataTable {
         }
     }
 
-    /// Places of the columns that readers see.
+    /// Positions of the columns that readers see.
     pub fn shown_columns(&self) -> impl Iterator<Item = usize> {
         let columns = self.columns.iter().enumerate();
         let shown = columns.filter(|(_, column)| column.reach == Reach::Everywhere);
         shown.map(|(place, _)| place).filter(|place| !self.is_unpublished(*place))
     }
 
-    /// Whether a column could hold published numbers, and none was published.
+    /// Whether a column is for published numbers but has none.
     fn is_unpublished(&self, place: usize) -> bool {
         let is_missing = |entry: &Entry| *entry == Entry::published(None);
         !self.rows.is_empty() && self.rows.iter().all(|row| is_missing(&row[place]))
     }
 
-    /// Whether a column holds numbers.
+    /// Whether a column holds numbers and no text.
     pub fn is_numeric(&self, place: usize) -> bool {
         let mut entries = self.rows.iter().map(|row| &row[place]);
         entries.clone().any(|entry| matches!(entry, Entry::Number { .. }))
@@ -190,7 +190,7 @@ impl DataTable {
         out
     }
 
-    /// Why numbers are missing that readers would see, if any are.
+    /// The reasons for missing numbers in displayed columns, if any.
     pub fn reasons(&self) -> Option<String> {
         let places: Vec<usize> = self.shown_columns().collect();
         let entries = self.rows.iter().flat_map(|row| places.iter().map(|place| &row[*place]));

@@ -1,16 +1,18 @@
-//! The whole report: every file of it, by name.
+//! The whole report: all files by name.
 //!
-//! In: experiments with their jobs and what their analyses found. Out: files to write, which depend
-//! on nothing else: two reports of one store are equal to the byte.
+//! In: experiments with their jobs and findings. Out: files to write. The files depend only on the
+//! input, so two reports of one store are byte-identical.
 
 use super::arm_tables;
 use super::data_table::DataTable;
-use super::escape::file_stem;
-use super::figure::Looks;
-use super::kinds::{caption, drawn};
+use super::escape::unused_stem;
+use super::figure::{Looks, Style};
+use super::kinds::{Sheet, caption, drawn, table};
 use super::latex::{is_printed, latex};
-use super::page;
-use super::scene::{Scene, png, svg};
+use super::legend::Legend;
+use super::names::Names;
+use super::page::{self, Hosts};
+use super::scene::{Scene, pdf, png, svg};
 use super::section::{ArmTables, ReportedExperiment, Section, Shown};
 use super::tables;
 use crate::analyse::declared::{Finding, Reproduction, summarise_agents};
@@ -18,23 +20,24 @@ use crate::analyse::declared::{Finding, Reproduction, summarise_agents};
 /// A file of the report.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReportFile {
-    /// Its name below the report's folder, with `/` between folders; never leads out of it.
+    /// Its path inside the report's folder, with `/` between folders.
     pub name: String,
-    /// What is in it.
+    /// Its content.
     pub bytes: Vec<u8>,
 }
 
-/// Every file of the report of these experiments. `store` is what readers call the store.
-pub fn report(experiments: &[ReportedExperiment], store: &str) -> Vec<ReportFile> {
-    let looks = Looks::of(experiments.iter().flat_map(|experiment| {
-        experiment.findings.iter().flat_map(|(finding, _)| drawn(&finding.content).arms())
-    }));
+/// All files of the report of these experiments. `store` is the displayed name of the store.
+pub fn report(experiments: &[ReportedExperiment], store: &str, hosts: Hosts) -> Vec<ReportFile> {
+    // CSV files use the names of keys; everything else uses displayed names.
+    let displayed: Vec<Vec<Finding>> = experiments.iter().map(findings).collect();
+    let looks =
+        Looks::of(displayed.iter().flatten().flat_map(|finding| drawn(&finding.content).arms()));
     let mut stems: Vec<String> = Vec::new();
     let mut files = Vec::new();
     let mut sections = Vec::new();
-    // The names of these do not depend on those of analyses.
+    // Tables of arms are named first, so that their names do not depend on the names of analyses.
     let mut named = |experiment: &ReportedExperiment, table: &str| {
-        let stem = unused(&stems, &format!("{} {table}", experiment.name));
+        let stem = unused_stem(&stems, &format!("{} {table}", experiment.name));
         stems.push(stem.clone());
         stem
     };
@@ -42,33 +45,47 @@ pub fn report(experiments: &[ReportedExperiment], store: &str) -> Vec<ReportFile
         .iter()
         .map(|experiment| ["arms", "agents"].map(|table| named(experiment, table)))
         .collect();
-    for (experiment, [arms, agents]) in experiments.iter().zip(of_arms) {
-        let shown = experiment.findings.iter().map(|(finding, sql)| {
-            let stem = unused(&stems, &format!("{} {}", experiment.name, finding.name));
+    for ((experiment, displayed), [arms, agents]) in experiments.iter().zip(&displayed).zip(of_arms)
+    {
+        let analyses = experiment.findings.iter().zip(&experiment.winners);
+        let analyses = analyses.zip(displayed).zip(&experiment.styles);
+        let shown = analyses.map(|((((finding, sql), winners), displayed), keys)| {
+            let stem = unused_stem(&stems, &format!("{} {}", experiment.name, finding.name));
             stems.push(stem.clone());
-            shown(finding, sql, stem, &looks)
+            let shown = Shown {
+                winners: winners.as_deref(),
+                ..shown(displayed, sql, stem, (&looks, &Style::of(keys)))
+            };
+            let data = table(finding);
+            write_finding(&shown, &data, &mut files);
+            shown
         });
         let shown: Vec<Shown<'_>> = shown.collect();
-        shown.iter().for_each(|finding| write_finding(finding, &mut files));
+        let unknown = &experiment.unknown_optima;
+        let summaries = summarise_agents(&experiment.arms);
+        let names = Names::of(experiment);
         let tables = ArmTables {
-            arms: (arms, arm_tables::arms(&experiment.arms, &experiment.unknown_optima)),
-            agents: (agents, arm_tables::agents(&summarise_agents(&experiment.arms))),
+            arms: (arms, arm_tables::arms(&names.arms(&experiment.arms), unknown)),
+            agents: (agents, arm_tables::agents(&names.agents(&summaries))),
         };
-        for (stem, table) in [&tables.arms, &tables.agents] {
-            write_table(&format!("tables/{stem}"), table, &mut files);
+        let data = [arm_tables::arms(&experiment.arms, unknown), arm_tables::agents(&summaries)];
+        for ((stem, table), data) in [&tables.arms, &tables.agents].into_iter().zip(data) {
+            write_table(&format!("tables/{stem}"), (table, &data), &mut files);
         }
-        sections.push(Section { experiment, shown, tables });
+        let legend = Legend::of(shown.iter().flat_map(|one| &one.scenes), &looks);
+        sections.push(Section { experiment, shown, tables, legend });
     }
     let reproduction = merged(experiments);
     if !reproduction.comparisons.is_empty() {
-        write_table("reproduction", &tables::reproduction(&reproduction), &mut files);
+        let table = tables::reproduction(&reproduction);
+        write_table("reproduction", (&table, &table), &mut files);
     }
-    let page = page::index(&sections, &reproduction, store);
+    let page = page::index(&sections, &reproduction, store, hosts);
     files.push(ReportFile { name: "index.html".to_owned(), bytes: page.into_bytes() });
     files
 }
 
-/// The comparisons of all experiments, each published number once.
+/// The comparisons of all experiments, with each published number once.
 fn merged(experiments: &[ReportedExperiment]) -> Reproduction {
     let mut merged = Reproduction::default();
     for one in experiments.iter().filter_map(|experiment| experiment.reproduction.as_ref()) {
@@ -91,32 +108,44 @@ fn merged(experiments: &[ReportedExperiment]) -> Reproduction {
     merged
 }
 
-/// A file name that no other finding has.
-fn unused(taken: &[String], name: &str) -> String {
-    let stem = file_stem(name);
-    let numbered = (2..).map(|number| format!("{stem}-{number}"));
-    let mut candidates = std::iter::once(stem.clone()).chain(numbered);
-    candidates.find(|candidate| !taken.contains(candidate)).unwrap_or(stem)
+/// The findings of an experiment as they are displayed.
+fn findings(experiment: &ReportedExperiment) -> Vec<Finding> {
+    let names = Names::of(experiment);
+    experiment.findings.iter().map(|(finding, _)| names.finding(finding)).collect()
 }
 
-fn shown<'e>(finding: &'e Finding, sql: &'e str, stem: String, looks: &Looks) -> Shown<'e> {
+fn shown<'e>(
+    finding: &'e Finding,
+    sql: &'e str,
+    stem: String,
+    (looks, style): (&Looks, &Style),
+) -> Shown<'e> {
     let kind = drawn(&finding.content);
-    let mut scenes = kind.figures(&stem, finding.metric, looks);
+    let sheet = Sheet { stem: &stem, metric: finding.metric, looks, style };
+    let figures = kind.figures(&sheet).into_iter();
+    let mut scenes: Vec<(String, Scene)> =
+        figures.map(|(stem, scene)| (stem, style.set(scene))).collect();
     tell_apart(&mut scenes);
+    let is_whole = scenes.iter().any(|(panel, _)| *panel == stem);
+    let whole = (scenes.len() > 1 && kind.has_panels() && !is_whole).then(|| {
+        let panels: Vec<&Scene> = scenes.iter().map(|(_, scene)| scene).collect();
+        Scene::in_rows(&panels, panels[0].description.clone())
+    });
     Shown {
         caption: caption(finding),
-        table: kind.table(&finding.title, finding.metric),
-        series: kind.series(),
+        table: table(finding),
         is_table: kind.is_table(),
         lacks_figure: kind.has_figures() && scenes.is_empty(),
         finding,
         stem,
         scenes,
+        whole,
         sql,
+        winners: None,
     }
 }
 
-/// Numbers the stems that two panels of a finding share.
+/// Appends a number to stems that several panels of a finding share.
 fn tell_apart(scenes: &mut [(String, Scene)]) {
     for at in 0..scenes.len() {
         let (before, rest) = scenes.split_at_mut(at);
@@ -127,25 +156,35 @@ fn tell_apart(scenes: &mut [(String, Scene)]) {
     }
 }
 
-fn write_finding(shown: &Shown<'_>, files: &mut Vec<ReportFile>) {
-    for (stem, scene) in &shown.scenes {
-        let text = svg(scene);
-        files.push(ReportFile { name: format!("figures/{stem}.svg"), bytes: text.into_bytes() });
+/// Adds the files of a finding; `data` is its table with the names of keys.
+fn write_finding(shown: &Shown<'_>, data: &DataTable, files: &mut Vec<ReportFile>) {
+    let panels = shown.scenes.iter().map(|(stem, scene)| (stem, scene));
+    for (stem, scene) in panels.chain(shown.whole.iter().map(|whole| (&shown.stem, whole))) {
+        let mut push = |extension: &str, bytes: Vec<u8>| {
+            files.push(ReportFile { name: format!("figures/{stem}.{extension}"), bytes });
+        };
+        push("svg", svg(scene).into_bytes());
+        push("pdf", pdf(scene));
         if let Some(bytes) = png(scene) {
-            files.push(ReportFile { name: format!("figures/{stem}.png"), bytes });
+            push("png", bytes);
         }
     }
-    write_table(&format!("tables/{}", shown.stem), &shown.table, files);
+    write_table(&format!("tables/{}", shown.stem), (&shown.table, data), files);
     let name = format!("sql/{}.sql", shown.stem);
     files.push(ReportFile { name, bytes: shown.sql.as_bytes().to_vec() });
+    if let Some(winners) = shown.winners {
+        let name = format!("tables/{}.toml", shown.stem);
+        files.push(ReportFile { name, bytes: winners.as_bytes().to_vec() });
+    }
 }
 
-fn write_table(stem: &str, table: &DataTable, files: &mut Vec<ReportFile>) {
+/// Adds a table for readers, and its data as CSV.
+fn write_table(stem: &str, (table, data): (&DataTable, &DataTable), files: &mut Vec<ReportFile>) {
     let mut push = |extension: &str, text: String| {
         let name = format!("{stem}.{extension}");
         files.push(ReportFile { name, bytes: text.into_bytes() });
     };
-    push("csv", table.csv());
+    push("csv", data.csv());
     push("md", table.markdown());
     if is_printed(table) {
         push("tex", latex(table));

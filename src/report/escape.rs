@@ -1,7 +1,9 @@
-//! Text as CSV, LaTeX, Markdown and file names need it: names come from manifests, and anybody can
-//! write one. HTML and SVG are escaped by the templates that make them.
+//! Escaping for CSV, LaTeX, Markdown and file names. Names come from manifests, which are untrusted
+//! input. The templates for HTML and SVG escape their text themselves.
 
 use std::borrow::Cow;
+
+use super::scene::{Level, runs};
 
 /// An entry of CSV (RFC 4180), [`defused`].
 pub fn csv(text: &str) -> String {
@@ -12,7 +14,7 @@ pub fn csv(text: &str) -> String {
     }
 }
 
-/// The text, with an apostrophe before what a spreadsheet would run as a formula.
+/// The text, with a leading apostrophe if a spreadsheet would evaluate it as a formula.
 pub fn defused(text: &str) -> Cow<'_, str> {
     let is_formula = text.starts_with(['=', '+', '-', '@', '\t', '\r']);
     match is_formula && text.parse::<f64>().is_err() {
@@ -24,6 +26,21 @@ pub fn defused(text: &str) -> Cow<'_, str> {
 /// Text for LaTeX, outside of mathematics.
 pub fn latex(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
+    for run in runs(text) {
+        match run.level {
+            Level::Base => latex_letters(run.text, &mut out),
+            // Joins the subscript to the symbol before it, so that `$\delta$` becomes
+            // `$\delta_{\mathrm{d}}$`.
+            Level::Subscript => match out.pop() {
+                Some('$') => out.push_str(&format!("_{{\\mathrm{{{}}}}}$", run.text)),
+                other => out.extend(other.into_iter().chain(run.text.chars())),
+            },
+        }
+    }
+    out
+}
+
+fn latex_letters(text: &str, out: &mut String) {
     for character in text.chars() {
         match character {
             '\\' => out.push_str("\\textbackslash{}"),
@@ -38,14 +55,16 @@ pub fn latex(text: &str) -> String {
             '×' => out.push_str("$\\times$"),
             'σ' => out.push_str("$\\sigma$"),
             'δ' => out.push_str("$\\delta$"),
-            'ε' => out.push_str("$\\varepsilon$"),
+            'ε' => out.push_str("$\\epsilon$"),
+            'μ' => out.push_str("$\\mu$"),
+            'γ' => out.push_str("$\\gamma$"),
+            'ρ' => out.push_str("$\\rho$"),
             '<' => out.push_str("$<$"),
             '>' => out.push_str("$>$"),
             other if other.is_control() => out.push(' '),
             other => out.push(other),
         }
     }
-    out
 }
 
 /// An entry of a Markdown table.
@@ -67,7 +86,7 @@ pub fn markdown(text: &str) -> String {
     out
 }
 
-/// A name as part of a file name: letters, digits and hyphens, at most sixty of them.
+/// A name as part of a file name: at most sixty letters, digits and hyphens.
 pub fn file_stem(name: &str) -> String {
     const LONGEST: usize = 60;
     let mut out = String::new();
@@ -84,6 +103,14 @@ pub fn file_stem(name: &str) -> String {
     }
     let stem = out.trim_end_matches('-');
     if stem.is_empty() { "unnamed".to_owned() } else { stem.to_owned() }
+}
+
+/// A name as part of a file name, numbered if it is taken.
+pub fn unused_stem(taken: &[String], name: &str) -> String {
+    let stem = file_stem(name);
+    let numbered = (2..).map(|number| format!("{stem}-{number}"));
+    let mut candidates = std::iter::once(stem.clone()).chain(numbered);
+    candidates.find(|candidate| !taken.contains(candidate)).unwrap_or(stem)
 }
 
 #[cfg(test)]

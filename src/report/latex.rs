@@ -1,17 +1,17 @@
-//! A table as LaTeX that fits the page of an article.
+//! Tables as LaTeX that fit the page of an article.
 
 use super::data_table::{DataTable, Entry};
 use super::escape;
 
-/// Rows of a table that stands on one page; longer ones go on over pages.
+/// Maximum number of rows of a table on a single page; longer tables break across pages.
 const ROWS_OF_A_PAGE: usize = 40;
 
-/// Rows of a table that anybody prints; longer ones are data.
+/// Maximum number of rows of a LaTeX table; longer tables are data.
 const MOST_ROWS: usize = 300;
 
-/// How a long table is set, the first that fits it: at most so many letters side by side, their
-/// size, and whether it lies across the page. An A4 page has 16 cm of text, or 24.7 cm across;
-/// a letter of Computer Modern is 3.9 pt wide in the larger size, and 3.6 pt in the smaller.
+/// The layouts of a long table, of which the first that fits is used: most letters per line, font
+/// size, and whether the table is in landscape. An A4 page has a text width of 16 cm, or 24.7 cm in
+/// landscape. A letter of Computer Modern is 3.9 pt wide in the larger size and 3.6 pt in the smaller.
 const SETTINGS: [(f64, &str, bool); 4] = [
     (105.0, "footnotesize", false),
     (118.0, "scriptsize", false),
@@ -19,10 +19,10 @@ const SETTINGS: [(f64, &str, bool); 4] = [
     (f64::INFINITY, "scriptsize", true),
 ];
 
-/// Letters that the gap between two columns is as wide as.
+/// Width of the gap between two columns, in letters.
 const GAP: f64 = 1.6;
 
-/// Whether a table is printed; what is too long for it has its numbers in CSV.
+/// Whether a table is short enough for LaTeX. The CSV file has the numbers of every table.
 pub fn is_printed(table: &DataTable) -> bool {
     table.rows.len() <= MOST_ROWS
 }
@@ -32,7 +32,7 @@ pub fn latex(table: &DataTable) -> String {
     if table.rows.len() > ROWS_OF_A_PAGE { over_pages(table) } else { on_a_page(table) }
 }
 
-/// A float, made narrower where it is wider than the text.
+/// A float, scaled down if it is wider than the text.
 fn on_a_page(table: &DataTable) -> String {
     let notes = table
         .reasons()
@@ -51,8 +51,8 @@ fn on_a_page(table: &DataTable) -> String {
     )
 }
 
-/// A table that breaks between rows and repeats its headings; where it is too wide for the
-/// text in small letters, it lies across the page.
+/// A table that breaks between rows and repeats its headings. If it is too wide for the text in
+/// small letters, it is set in landscape.
 fn over_pages(table: &DataTable) -> String {
     let (size, is_across) = setting(table);
     let (package, begin, end) = match is_across {
@@ -78,7 +78,7 @@ fn over_pages(table: &DataTable) -> String {
     )
 }
 
-/// The size of the letters of a long table, and whether it lies across the page.
+/// The font size of a long table, and whether it is set in landscape.
 fn setting(table: &DataTable) -> (&'static str, bool) {
     let letters: f64 = table
         .shown_columns()

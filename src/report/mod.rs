@@ -1,4 +1,5 @@
-//! From summaries to what a reader sees: pure functions, no database, no file.
+//! Reports: figures, tables and a page from the findings of experiments. `assemble` reads the
+//! store; the rest are pure functions. The module writes no file.
 
 mod arm_tables;
 mod assemble;
@@ -8,17 +9,23 @@ mod escape;
 mod figure;
 mod kinds;
 mod latex;
+mod legend;
+mod names;
 mod optima;
 mod page;
 mod reproduction;
 mod scene;
 mod section;
+mod split;
 mod table;
 mod tables;
+mod winner;
 mod words;
 
 pub use assemble::{AssembleError, Work, assemble};
 pub use document::{ReportFile, report};
-pub use escape::defused;
+pub use escape::{defused, unused_stem};
+pub use page::Hosts;
 pub use section::ReportedExperiment;
+pub use split::splits;
 pub use table::{Line, summary_table};

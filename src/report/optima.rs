@@ -1,4 +1,4 @@
-//! The optima of jobs, one for each environment and scenario.
+//! The optima of jobs, one per environment and scenario.
 
 use std::collections::{HashMap, HashSet};
 
@@ -11,16 +11,29 @@ pub(super) type Place = (String, String);
 
 /// The place of a job.
 pub(super) fn place_of(job: &Job) -> Place {
-    (format!("{:?}", job.environment), job.scenario.to_string())
+    (format!("{:?} {:?}", job.environment, job.population), job.scenario.to_string())
 }
 
-/// Why the optimum of jobs is not known although their scenarios show the state, each reason once.
+/// Whether the optimum of a job can be computed. If there are several reasons against it, a scenario
+/// that hides the state takes precedence.
+fn check(job: &Job) -> Result<(), NoOptimum> {
+    let alike = optimum::check_people(&job.population);
+    match optimum::check(&job.environment, &job.scenario) {
+        hidden @ Err(NoOptimum::StateHidden { .. }) => hidden,
+        other => alike.and(other),
+    }
+}
+
+/// The distinct reasons for unknown optima of jobs whose scenarios show the state.
 pub(super) fn unknown<'j>(jobs: impl Iterator<Item = &'j Job>) -> Vec<String> {
     let mut reasons: Vec<String> = Vec::new();
     for job in jobs {
-        let error = optimum::check(&job.environment, &job.scenario).err();
-        let reason = match error {
-            Some(error @ (NoOptimum::NotKnown { .. } | NoOptimum::TooLong { .. })) => error,
+        let reason = match check(job).err() {
+            Some(
+                error @ (NoOptimum::NotKnown { .. }
+                | NoOptimum::PeopleDiffer { .. }
+                | NoOptimum::TooLong { .. }),
+            ) => error,
             Some(NoOptimum::StateHidden { .. }) | None => continue,
         };
         let reason = reason.to_string();
@@ -31,15 +44,15 @@ pub(super) fn unknown<'j>(jobs: impl Iterator<Item = &'j Job>) -> Vec<String> {
     reasons
 }
 
-/// The highest mean return of any policy, by place; without the places whose optimum is not computed.
-/// `on_progress` gets the number of optima found so far and the number of all.
+/// The highest mean return of any policy, by place. Places whose optimum cannot be computed are
+/// left out. `on_progress` receives the number of optima found so far and the total.
 pub(super) fn of_jobs<'j>(
     jobs: impl Iterator<Item = &'j Job>,
     mut on_progress: impl FnMut(usize, usize),
 ) -> HashMap<Place, f64> {
     let mut seen = HashSet::new();
     let (places, pairs): (Vec<Place>, Vec<(&Environment, &Scenario)>) = jobs
-        .filter(|job| optimum::check(&job.environment, &job.scenario).is_ok())
+        .filter(|job| check(job).is_ok())
         .map(|job| (place_of(job), (&job.environment, &job.scenario)))
         .filter(|(place, _)| seen.insert(place.clone()))
         .unzip();

@@ -1,9 +1,9 @@
-//! What a comparison with published numbers came to, in sentences.
+//! The comparison with published numbers, in sentences.
 
 use super::data_table::shown;
 use crate::analyse::declared::{Distance, Reproduction, Subject};
 
-/// What a comparison with published numbers came to.
+/// The results of a comparison with published numbers, in sentences.
 pub fn reproduction(reproduction: &Reproduction) -> Vec<String> {
     let subjects = [Subject::Effect, Subject::CurvePoint, Subject::HeatTile, Subject::ErrorRate];
     let counts = subjects.iter().filter_map(|subject| {
@@ -11,7 +11,7 @@ pub fn reproduction(reproduction: &Reproduction) -> Vec<String> {
         let total = inside + outside + open;
         let open = match open {
             0 => String::new(),
-            open => format!(" ({open} without an answer yet)"),
+            open => format!(" ({open} not compared yet)"),
         };
         (total > 0).then(|| format!("{inside} of {total} {}s{open}", subject.name()))
     });
@@ -19,15 +19,11 @@ pub fn reproduction(reproduction: &Reproduction) -> Vec<String> {
     if counts.is_empty() {
         return Vec::new();
     }
-    let mut sentences = vec![format!(
-        "Ours and the published number differ by no more than chance (the joint 95 % interval of \
-         the difference holds 0) for {}.",
-        counts.join(", ")
-    )];
     let distances = [Subject::CurvePoint, Subject::HeatTile].into_iter().flat_map(|subject| {
         reproduction.distances(subject).into_iter().map(move |by| distance(subject, &by))
     });
     let distances: Vec<String> = distances.collect();
+    let mut sentences = Vec::new();
     if !distances.is_empty() {
         sentences.push(format!("Root mean square error: {}.", distances.join("; ")));
     }
@@ -37,15 +33,19 @@ pub fn reproduction(reproduction: &Reproduction) -> Vec<String> {
             "Of the effects with a published p below 0.01, {same} of {all} have the published sign."
         ));
     }
+    sentences.push(format!(
+        "The joint 95 % interval of the difference, which is wide, includes 0 for {}.",
+        counts.join(", ")
+    ));
     sentences
 }
 
-/// How far an agent's numbers are from the published ones, all together.
+/// The overall distance of an agent's numbers from the published numbers.
 fn distance(subject: Subject, by: &Distance) -> String {
     let Distance { agent, mean, root_mean_square, numbers } = by;
     let side = if *mean < 0.0 { "lower" } else { "higher" };
     format!(
-        "{agent} {} steps over {numbers} {}s, ours {} {side} in the mean",
+        "{agent} {} steps over {numbers} {}s, ours {} {side} on average",
         shown(*root_mean_square, 0),
         subject.name(),
         shown(mean.abs(), 0)
@@ -58,7 +58,7 @@ mod tests {
     use crate::analyse::declared::Comparison;
     use crate::analyse::{Agreement, Interval, Verdict};
 
-    /// A tile of a heat map that is published as 100, and differs from it by so much.
+    /// A tile of a heat map with a published value of 100, from which ours differs by `difference`.
     fn tile(difference: f64, verdict: Verdict) -> Comparison {
         let interval = Interval { low: difference - 30.0, high: difference + 30.0 };
         Comparison {
@@ -86,10 +86,15 @@ mod tests {
         let sentences = reproduction(&Reproduction { comparisons });
         // (20 - 4 + 44) / 3; the root of (400 + 16 + 1936) / 3.
         let expected = "Root mean square error: reinforce 28 steps over 3 heat-map tiles, ours 20 \
-                        higher in the mean.";
-        assert_eq!(sentences[1..], [expected]);
+                        higher on average.";
+        assert_eq!(sentences[0], expected);
+        assert_eq!(
+            sentences[1],
+            "The joint 95 % interval of the difference, which is wide, includes 0 for 2 of 3 heat-map \
+             tiles."
+        );
         let comparisons = vec![tile(-40.0, Verdict::Outside); 2];
         let sentences = reproduction(&Reproduction { comparisons });
-        assert!(sentences[1].ends_with("ours 40 lower in the mean."), "{sentences:?}");
+        assert!(sentences[0].ends_with("ours 40 lower on average."), "{sentences:?}");
     }
 }

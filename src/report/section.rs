@@ -1,46 +1,56 @@
 //! The contents of a report, per experiment, from which its files and its page are made.
 
 use super::data_table::DataTable;
+use super::legend::Legend;
 use super::scene::Scene;
 use crate::analyse::declared::{ArmSummary, Finding, JobCounts, Reproduction};
+use crate::manifest::FigureKeys;
 use crate::record::JobRecord;
 
-/// An experiment with what was found.
+/// An experiment with its findings.
 #[derive(Clone, Debug)]
 pub struct ReportedExperiment {
     /// Its name.
     pub name: String,
-    /// What its author wants to know.
+    /// The question of the experiment.
     pub question: Option<String>,
-    /// What its author expects.
+    /// The expected result.
     pub hypothesis: Option<String>,
     /// The manifest's text.
     pub manifest: String,
     /// Its jobs.
     pub jobs: Vec<JobRecord>,
-    /// What its analyses found, with the query that reads their data.
+    /// The findings of its analyses, each with the query for its data.
     pub findings: Vec<(Finding, String)>,
-    /// Published numbers beside ours, where the manifest names some.
+    /// The best settings that each analysis chose, as TOML; `None` unless it is a selection with a winner.
+    pub winners: Vec<Option<String>>,
+    /// The style of the figures of each analysis.
+    pub styles: Vec<FigureKeys>,
+    /// Names and labels of the agents that have a label.
+    pub labels: Vec<(String, String)>,
+    /// The comparison with published numbers, if the manifest names a file.
     pub reproduction: Option<Reproduction>,
-    /// What every arm came to, whatever is analysed.
+    /// The summary of every arm.
     pub arms: Vec<ArmSummary>,
-    /// Why the optimum of some completed jobs is not known, each reason once.
+    /// The distinct reasons for missing optima of completed jobs.
     pub unknown_optima: Vec<String>,
 }
 
-/// A finding as the page shows it.
+/// A finding in displayed form.
 pub struct Shown<'e> {
     pub finding: &'e Finding,
     pub stem: String,
     pub scenes: Vec<(String, Scene)>,
+    /// All panels as one figure, if there are several.
+    pub whole: Option<Scene>,
     pub caption: String,
     pub table: DataTable,
     pub sql: &'e str,
-    /// Labels of the series that a reader can hide.
-    pub series: Vec<String>,
-    /// Whether readers see the table at once.
+    /// The best settings as TOML, if the finding chooses any.
+    pub winners: Option<&'e str>,
+    /// Whether the table is initially open.
     pub is_table: bool,
-    /// Whether it has no figure for want of results.
+    /// Whether the figure is missing for lack of results.
     pub lacks_figure: bool,
 }
 
@@ -50,11 +60,12 @@ pub struct ArmTables {
     pub agents: (String, DataTable),
 }
 
-/// An experiment as the page shows it.
+/// An experiment in displayed form.
 pub struct Section<'e> {
     pub experiment: &'e ReportedExperiment,
     pub shown: Vec<Shown<'e>>,
     pub tables: ArmTables,
+    pub legend: Legend,
 }
 
 /// The jobs of all experiments, each counted once.

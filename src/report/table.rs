@@ -5,21 +5,21 @@ use crate::analyse::declared::ArmSummary;
 use crate::manifest::short_name;
 use crate::plan::Swept;
 
-/// One line of the summary: the words that tell the arm, then its numbers.
+/// One line of the summary: the words that identify the arm, then its numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line {
     /// Agent, scenario, sigma and the swept parameters, in the order of the columns.
     pub arm: Vec<String>,
-    /// Seeds completed, and of how many if some are missing: `6`, `1 of 6`.
+    /// The number of completed seeds, and of all seeds if some are missing: `6`, `1 of 6`.
     pub seeds: String,
-    /// Mean return over the seeds completed, in steps walked, and its standard deviation.
+    /// Mean return over the completed seeds, in steps walked, and its standard deviation.
     pub returns: Option<Moments>,
     /// Mean over seeds of the share of test episodes that ended in disengagement.
     pub disengagement: Option<Moments>,
 }
 
-/// The names of the columns that tell the arms, and a line an arm that has ended. `swept` are the
-/// further parameters that the experiment sweeps.
+/// The names of the columns that identify arms, and one line per arm with an ended seed. `swept`
+/// holds the further parameters that the experiment sweeps.
 pub fn summary_table(arms: &[ArmSummary], swept: &Swept) -> (Vec<String>, Vec<Line>) {
     let names = swept.names();
     let mut columns: Vec<String> = ["agent", "scenario", "sigma"].map(str::to_owned).to_vec();
@@ -69,6 +69,7 @@ mod tests {
             returns,
             optimum: None,
             sigma: Some(0.6),
+            context_error: None,
         }
     }
 
@@ -88,7 +89,7 @@ mod tests {
             &swept,
         );
         assert_eq!(columns, ["agent", "scenario", "sigma", "batch", "gamma"]);
-        // An agent shows what it sweeps; an arm without an end has no line.
+        // An agent shows only parameters that it sweeps; an arm without an ended seed has no line.
         assert_eq!(lines.len(), 2);
         assert_eq!(lines[0].arm, ["dqn", "P-H-D", "0.6", "32", ""]);
         assert_eq!(lines[1].arm, ["reinforce", "P-H-D", "0.6", "", "0.9"]);

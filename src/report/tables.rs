@@ -1,4 +1,4 @@
-//! Tables that no kind of analysis has for itself, and what all tables are written with.
+//! Tables that belong to no kind of analysis, and entries that all tables use.
 
 use super::data_table::{DataTable, Entry, shown};
 use super::figure::{Numbers, settings_label};
@@ -8,7 +8,7 @@ use crate::analyse::{Interval, Undefined, Verdict};
 use crate::manifest::Setting;
 use crate::record::{JobRecord, JobStatus};
 
-/// A metric's number as readers see it, in its unit.
+/// A metric's number in its displayed unit.
 pub fn in_unit(value: Result<f64, Undefined>, metric: &str) -> Entry {
     match (value, unit_numbers(metric)) {
         (Ok(value), (Numbers::Percent, decimals)) => {
@@ -18,7 +18,7 @@ pub fn in_unit(value: Result<f64, Undefined>, metric: &str) -> Entry {
     }
 }
 
-/// An interval as readers see it.
+/// An interval in displayed form.
 pub fn between(interval: Result<Interval, Undefined>, metric: &str) -> Entry {
     match interval {
         Ok(Interval { low, high }) => {
@@ -39,7 +39,7 @@ pub fn high(interval: Result<Interval, Undefined>) -> Entry {
     Entry::of(interval.map(|interval| interval.high), 1)
 }
 
-/// Why so many seeds have no interval of their mean.
+/// The reason why the mean of this many seeds has no confidence interval.
 pub fn no_interval(seeds: usize) -> Undefined {
     match seeds {
         0 => Undefined::NoSeeds,
@@ -48,7 +48,7 @@ pub fn no_interval(seeds: usize) -> Undefined {
     }
 }
 
-/// Every published number beside ours.
+/// All published numbers, with ours beside them.
 pub fn reproduction(reproduction: &Reproduction) -> DataTable {
     let columns = [
         ("subject", "Subject"),

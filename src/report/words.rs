@@ -1,15 +1,17 @@
-//! Metrics in words, and how their numbers are written.
+//! Titles, units and number formats of metrics.
 
-/// How numbers are written.
+use crate::manifest::first_episodes;
+
+/// The format of numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Numbers {
-    /// As they are.
+    /// Unchanged.
     Plain,
-    /// As per cent.
+    /// As a percentage.
     Percent,
 }
 
-/// A metric as axes and captions call it, with its unit.
+/// The title of a metric in axes and captions, with its unit.
 pub fn metric_title(metric: &str) -> String {
     match metric {
         "mean_return" => "mean return, steps walked".to_owned(),
@@ -17,11 +19,14 @@ pub fn metric_title(metric: &str) -> String {
         "mean_length" => "mean episode length, steps".to_owned(),
         "disengagement_rate" => "episodes ended by disengagement, %".to_owned(),
         "message_rate" => "steps with a message, %".to_owned(),
-        other => other.replace('_', " "),
+        other => match first_episodes(other) {
+            Some(episodes) => format!("mean return of the first {episodes} episodes, steps walked"),
+            None => other.replace('_', " "),
+        },
     }
 }
 
-/// How a metric's numbers are written, and with how many decimals.
+/// The format of a metric's numbers, and their number of decimals.
 pub fn unit_numbers(metric: &str) -> (Numbers, usize) {
     match metric {
         "disengagement_rate" | "message_rate" => (Numbers::Percent, 1),

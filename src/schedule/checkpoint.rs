@@ -1,13 +1,13 @@
-//! Where checkpoints lie, and when they are due.
+//! The folder of checkpoints, and the times when they are due.
 //!
-//! They lie in a folder beside the store, `<store>.checkpoints`, in a file for every run that left
-//! one: `<job key>.<attempt>.checkpoint`. What is in them is for training to know.
+//! Checkpoints are kept in the folder `<store>.checkpoints` beside the store, one file per run:
+//! `<job key>.<attempt>.checkpoint`. Their content belongs to training.
 //!
-//! - No two runs have a file in common: of the processes that train a job, one that lost its claim
-//!   without knowing it included, none writes or removes what a later run has written.
-//! - A file is written under another name, synced and renamed: it is whole or not there.
-//! - The files of a job are removed once its completed or failed run is stored, and not before.
-//! - A checkpoint that cannot be read or written costs time, never a job: trainings go on.
+//! - No two runs share a file. A process that has lost its claim without noticing cannot overwrite or remove
+//!   the checkpoint of a later run.
+//! - A file is written under another name, synced and renamed, so it is complete or absent.
+//! - The files of a job are removed only after its completed or failed run is stored.
+//! - If a checkpoint cannot be read or written, the job loses time but the training continues.
 
 use std::cell::Cell;
 use std::collections::HashMap;
@@ -24,10 +24,10 @@ use crate::plan::JobKey;
 use crate::store::{JobState, Reader, StoreError};
 use crate::train::{CheckpointError, Checkpoints, ReadCheckpoint, Resumed, WriteCheckpoint};
 
-/// The time between two checkpoints is at least so many times what one takes, as far as
-/// [`MOST_BETWEEN`] allows.
+/// The minimum time between two checkpoints, as a multiple of the time that writing one takes. The resulting
+/// time is at most [`MOST_BETWEEN`].
 const COSTS_BETWEEN: u32 = 100;
-/// Time between two checkpoints that their cost is no reason to exceed: with the writing itself, a
+/// Longest time between two checkpoints that are slow to write. Including the time of writing, a
 /// killed process loses at most 30 seconds.
 const MOST_BETWEEN: Duration = Duration::from_secs(25);
 
@@ -40,20 +40,20 @@ pub struct CheckpointFolder {
 /// What happened to a checkpoint.
 #[derive(Debug)]
 pub enum CheckpointNote {
-    /// A job went on from it.
+    /// A job resumed from it.
     Resumed(Resumed),
-    /// It cannot be gone on with: the job goes on from another, or from its beginning.
+    /// The checkpoint was rejected; the job resumes from another checkpoint or starts from the beginning.
     Refused {
-        /// Its file.
+        /// The checkpoint's file.
         path: PathBuf,
-        /// Why not.
+        /// The reason.
         reason: CheckpointError,
     },
-    /// It could not be written; the training goes on. Told once a run.
+    /// The checkpoint could not be written; the training continues. This is reported once per run.
     NotKept {
-        /// Its file.
+        /// The checkpoint's file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         reason: io::Error,
     },
 }
@@ -70,7 +70,7 @@ struct Entry {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Form {
     Whole,
-    /// Being written, or left by a process that was killed while it wrote.
+    /// The file is being written, or a process was killed while writing it.
     Unfinished,
 }
 
@@ -84,7 +84,7 @@ impl Entry {
         format!("{key}.{attempt}.{form}")
     }
 
-    /// The entry of this name; `None` for files of others.
+    /// The entry with this file name; `None` for other files.
     fn parse(name: &str) -> Option<Entry> {
         let mut parts = name.split('.');
         let key = u128::from_str_radix(parts.next()?, 16).ok()?;
@@ -100,17 +100,17 @@ impl Entry {
 }
 
 impl CheckpointFolder {
-    /// The folder beside a store, which need not exist.
+    /// The folder beside a store; it need not exist.
     pub fn beside(store: &Path) -> Self {
-        // Beside the file itself, however it is linked to, as SQLite's own files are.
+        // Beside the file itself rather than beside a link to it, like SQLite's own files.
         let mut path =
             fs::canonicalize(store).unwrap_or_else(|_| store.to_owned()).into_os_string();
         path.push(".checkpoints");
         CheckpointFolder { path: path.into() }
     }
 
-    /// Removes what nobody will go on from: checkpoints of jobs that are completed or failed, and
-    /// files that a killed process left unfinished.
+    /// Removes files that no run will resume from: checkpoints of completed or failed jobs, and
+    /// unfinished files of killed processes.
     ///
     /// **Errors**: the store cannot be read.
     pub fn clear(&self, reader: &Reader) -> Result<(), StoreError> {
@@ -130,7 +130,7 @@ impl CheckpointFolder {
         Ok(())
     }
 
-    /// The whole checkpoints: of each job the file of its latest attempt.
+    /// The latest complete checkpoint of each job.
     pub fn latest(&self) -> Vec<(JobKey, PathBuf)> {
         let mut latest: HashMap<JobKey, Entry> = HashMap::new();
         for entry in self.entries().into_iter().filter(|entry| entry.form == Form::Whole) {
@@ -142,11 +142,11 @@ impl CheckpointFolder {
         latest.into_iter().map(|(key, entry)| (key, self.file(&entry))).collect()
     }
 
-    /// Copies a checkpoint of a job that was made beside another store, for the job's next run.
+    /// Copies a job's checkpoint from another store, for the job's next run.
     ///
-    /// **Errors**: it cannot be copied.
+    /// **Errors**: the checkpoint cannot be copied.
     pub fn adopt(&self, key: &JobKey, checkpoint: &Path) -> io::Result<()> {
-        // Attempts count from 1, so that any checkpoint made beside this store is later.
+        // Attempts count from 1, so every checkpoint of this store is later.
         let entry = Entry { key: *key, attempt: 0, form: Form::Whole };
         self.write(&entry, &mut |out| io::copy(&mut File::open(checkpoint)?, out).map(drop))
     }
@@ -167,7 +167,7 @@ impl CheckpointFolder {
         self.entries().iter().filter(|entry| is_meant(entry)).for_each(|entry| self.remove(entry));
     }
 
-    /// The files of the folder; none if it cannot be read, which the next write will tell of.
+    /// The files of the folder; empty if the folder cannot be read, which the next write reports.
     fn entries(&self) -> Vec<Entry> {
         let Ok(files) = fs::read_dir(&self.path) else { return Vec::new() };
         let names = files.flatten().map(|file| file.file_name());
@@ -179,7 +179,7 @@ impl CheckpointFolder {
     }
 
     fn remove(&self, entry: &Entry) {
-        // Another process may have done it; what stays is removed by the next sweep.
+        // Another process may already have removed the file; the next clearing removes a file that remains.
         let _ = fs::remove_file(self.file(entry));
     }
 
@@ -187,7 +187,7 @@ impl CheckpointFolder {
         let _ = fs::remove_dir(&self.path);
     }
 
-    /// Writes a file whole, or leaves the one that there was.
+    /// Writes a file completely, or leaves the previous file unchanged.
     fn write(&self, entry: &Entry, write: &mut WriteCheckpoint<'_>) -> io::Result<()> {
         let unfinished = Entry { form: Form::Unfinished, ..entry.clone() };
         let written = self.create(&unfinished).and_then(|mut file| {
@@ -217,17 +217,17 @@ impl CheckpointFolder {
     }
 }
 
-/// Between two looks at the clock, at most so much time counts as worked: if it was more, the
-/// process was stopped.
+/// The longest time between two readings of the clock that counts as working time. If more time passes, the
+/// process was suspended.
 const MOST_UNSEEN: Duration = Duration::from_secs(1);
 
-/// The time at work since `last`, which becomes now.
+/// Returns the working time since `last`, and sets `last` to now.
 fn worked_since(last: &mut Instant) -> Duration {
     let now = Instant::now();
     now.duration_since(mem::replace(last, now)).min(MOST_UNSEEN)
 }
 
-/// Measures the time at work on a job, if somebody looks at the clock all the time.
+/// Measures the working time of a job; its clock must be read regularly.
 #[derive(Debug)]
 pub(super) struct Stopwatch(Mutex<(Duration, Instant)>);
 
@@ -238,12 +238,12 @@ impl Default for Stopwatch {
 }
 
 impl Stopwatch {
-    /// Begins at nothing.
+    /// Restarts at zero.
     pub(super) fn restart(&self) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = (Duration::ZERO, Instant::now());
     }
 
-    /// Looks at the clock; the time at work so far.
+    /// Reads the clock and returns the working time so far.
     pub(super) fn look(&self) -> Duration {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let (worked, last) = &mut *state;
@@ -252,17 +252,17 @@ impl Stopwatch {
     }
 }
 
-/// Rings some time at work after it is set, as soon as somebody looks at the clock: when the
-/// checkpoint of a worker's job is due, or when the job is over its time.
+/// An alarm after a given working time, which goes off when the clock is read: for due checkpoints and for
+/// jobs that exceed their time limit.
 #[derive(Debug, Default)]
 pub(super) struct Alarm {
-    /// How long it still is, and when that was.
+    /// The time left, and the time of the last update.
     left: Mutex<Option<(Duration, Instant)>>,
     rings: AtomicBool,
 }
 
 impl Alarm {
-    /// Makes it ring after this time, and no sooner.
+    /// Sets the alarm to ring after this time.
     pub(super) fn set(&self, after: Duration) {
         let mut left = self.left.lock().unwrap_or_else(PoisonError::into_inner);
         *left = Some((after, Instant::now()));
@@ -273,7 +273,7 @@ impl Alarm {
         self.rings.load(Ordering::Relaxed)
     }
 
-    /// Looks at the clock.
+    /// Reads the clock, and sets off the alarm if its time is up.
     pub(super) fn look(&self) {
         let mut state = self.left.lock().unwrap_or_else(PoisonError::into_inner);
         let Some((left, last)) = &mut *state else { return };
@@ -291,32 +291,32 @@ pub(super) struct Keeper<'a> {
     entry: Entry,
     alarm: &'a Alarm,
     every: Duration,
-    tell: &'a dyn Fn(CheckpointNote),
+    report: &'a dyn Fn(CheckpointNote),
     before: Cell<Duration>,
     complained: Cell<bool>,
 }
 
 impl<'a> Keeper<'a> {
-    /// The keeper of a run that begins now. `every` is the time between two checkpoints; `tell`
-    /// hears what happens to them.
+    /// The keeper of a run that starts now. `every` is the time between two checkpoints; `report` receives
+    /// their events.
     pub(super) fn new(
         folder: &'a CheckpointFolder,
         (key, attempt): (JobKey, u32),
         (alarm, every): (&'a Alarm, Duration),
-        tell: &'a dyn Fn(CheckpointNote),
+        report: &'a dyn Fn(CheckpointNote),
     ) -> Self {
         alarm.set(every);
         let entry = Entry { key, attempt, form: Form::Whole };
         let (before, complained) = (Cell::new(Duration::ZERO), Cell::new(false));
-        Keeper { folder, entry, alarm, every, tell, before, complained }
+        Keeper { folder, entry, alarm, every, report, before, complained }
     }
 
-    /// What earlier runs had worked that this one went on from.
+    /// The working time of the earlier runs that this run resumed from.
     pub(super) fn before(&self) -> Duration {
         self.before.get()
     }
 
-    /// The checkpoints of earlier runs, the latest first.
+    /// The checkpoints of earlier runs, latest first.
     fn earlier(&self) -> Vec<Entry> {
         let mut earlier = self.folder.entries();
         earlier.retain(|entry| entry.key == self.entry.key && entry.form == Form::Whole);
@@ -336,10 +336,10 @@ impl Checkpoints for Keeper<'_> {
             match open(&path).and_then(|mut file| read(&mut file)) {
                 Ok(resumed) => {
                     self.before.set(resumed.worked);
-                    (self.tell)(CheckpointNote::Resumed(resumed));
+                    (self.report)(CheckpointNote::Resumed(resumed));
                     return;
                 }
-                Err(reason) => (self.tell)(CheckpointNote::Refused { path, reason }),
+                Err(reason) => (self.report)(CheckpointNote::Refused { path, reason }),
             }
         }
     }
@@ -352,7 +352,7 @@ impl Checkpoints for Keeper<'_> {
             Err(reason) => {
                 if !self.complained.replace(true) {
                     let path = self.folder.file(&self.entry);
-                    (self.tell)(CheckpointNote::NotKept { path, reason });
+                    (self.report)(CheckpointNote::NotKept { path, reason });
                 }
             }
         }
@@ -360,7 +360,7 @@ impl Checkpoints for Keeper<'_> {
     }
 }
 
-/// A checkpoint's file; a pipe would be waited for.
+/// Opens the file of a checkpoint. Opens only regular files, because a pipe would block.
 fn open(path: &Path) -> Result<File, CheckpointError> {
     match fs::metadata(path)?.is_file() {
         true => Ok(File::open(path)?),
@@ -467,7 +467,7 @@ mod tests {
             notes.set(notes.get() + usize::from(refused));
         };
         let keeper = Keeper::new(&folder, (JobKey([1; 16]), 2), (&alarm, Duration::ZERO), &tell);
-        keeper.resume(&mut |_| panic!("it cannot be read"));
+        keeper.resume(&mut |_| panic!("a pipe was read"));
         assert_eq!(notes.get(), 1);
     }
 
@@ -479,14 +479,14 @@ mod tests {
         let key = (JobKey([1; 16]), 1);
         let keeper = Keeper::new(&folder, key, (&alarm, Duration::ZERO), &tell);
         assert!(!keeper.are_due());
-        for told in [1, 1] {
-            // The second is due after a hundred times what the first took.
+        for reported in [1, 1] {
+            // The second report is due after a hundred times the duration of the first.
             while !keeper.are_due() {
                 alarm.look();
             }
             keeper.keep(&mut |_| Err(ErrorKind::StorageFull.into()));
             assert!(!keeper.are_due());
-            assert_eq!(notes.get(), told);
+            assert_eq!(notes.get(), reported);
         }
         let hour = Duration::from_secs(3600);
         let keeper = Keeper::new(&folder, key, (&alarm, hour), &tell);

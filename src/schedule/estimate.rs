@@ -1,4 +1,4 @@
-//! How long what is left will take, from how long the rest took.
+//! Estimates of the remaining time, from expected times and from measured times of other jobs.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -6,111 +6,124 @@ use std::time::Duration;
 use crate::plan::Job;
 use crate::store::{Reader, StoreError};
 
-/// Measured speed of training, by algorithm.
+/// The ratio of measured to expected training times, by algorithm.
 #[derive(Clone, Debug, Default)]
-pub struct Speeds(BTreeMap<String, Speed>);
+pub struct Speeds(BTreeMap<String, Timed>);
 
+/// Measured and expected times of the same jobs, in seconds.
 #[derive(Clone, Copy, Debug, Default)]
-struct Speed {
-    seconds: f64,
-    episodes: f64,
+struct Timed {
+    measured: f64,
+    expected: f64,
+}
+
+impl Timed {
+    fn ratio(self) -> Option<f64> {
+        (self.expected > 0.0).then_some(self.measured / self.expected)
+    }
 }
 
 impl Speeds {
     /// The speeds of the runs in a store.
     pub fn of(reader: &Reader) -> Result<Speeds, StoreError> {
         let mut speeds = Speeds::default();
+        let mut runs = BTreeMap::<String, u64>::new();
         for pace in reader.paces()? {
-            // One episode's worth: what this sweep measures soon outweighs it.
-            let wall = Duration::try_from_secs_f64(pace.seconds_per_episode).unwrap_or_default();
-            speeds.add(&pace.algorithm, 1, wall);
+            let algorithm = pace.job.algorithm();
+            let expected = pace.job.expected_time().as_secs_f64() * pace.runs as f64;
+            speeds.add_seconds(algorithm, expected, pace.seconds);
+            *runs.entry(algorithm.to_owned()).or_default() += pace.runs;
+        }
+        // Earlier runs together count as one mean job, so measurements of this sweep soon outweigh them.
+        for (algorithm, timed) in &mut speeds.0 {
+            let runs = runs.get(algorithm).map_or(1.0, |runs| *runs as f64);
+            timed.measured /= runs;
+            timed.expected /= runs;
         }
         Ok(speeds)
     }
 
-    /// Adds the time that so many training episodes of an algorithm took.
-    pub fn add(&mut self, algorithm: &str, episodes: u64, wall: Duration) {
-        let speed = self.0.entry(algorithm.to_owned()).or_default();
-        speed.seconds += wall.as_secs_f64();
-        speed.episodes += episodes as f64;
+    /// Adds the measured time of a part, from 0 to 1, of a job's training.
+    pub fn add(&mut self, job: &Job, part: f64, wall: Duration) {
+        let expected = job.expected_time().as_secs_f64() * part;
+        self.add_seconds(job.algorithm(), expected, wall.as_secs_f64());
     }
 
-    /// Seconds of work in all that is left; `None` if some algorithm of it has not been timed.
-    pub fn seconds(&self, left: &Episodes) -> Option<f64> {
-        self.estimate(left).whole()
+    fn add_seconds(&mut self, algorithm: &str, expected: f64, measured: f64) {
+        let timed = self.0.entry(algorithm.to_owned()).or_default();
+        timed.measured += measured;
+        timed.expected += expected;
     }
 
-    /// The work in what is left, as far as its algorithms have been timed.
-    pub fn estimate(&self, left: &Episodes) -> Estimate {
-        let mut estimate = Estimate { seconds: 0.0, untimed: Vec::new() };
-        for (algorithm, episodes) in left.0.iter().filter(|(_, episodes)| **episodes > 0) {
-            match self.0.get(algorithm).filter(|speed| speed.episodes > 0.0) {
-                Some(speed) => {
-                    estimate.seconds += speed.seconds / speed.episodes * *episodes as f64
-                }
-                None => estimate.untimed.push(algorithm.clone()),
-            }
-        }
-        estimate
-    }
-}
-
-/// How long something takes.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Estimate {
-    /// Seconds, of the algorithms that have been timed.
-    pub seconds: f64,
-    /// The algorithms that have not been.
-    pub untimed: Vec<String>,
-}
-
-impl Estimate {
-    /// Whether it is of all algorithms.
-    pub fn is_whole(&self) -> bool {
-        self.untimed.is_empty()
+    /// Whether anything has been measured.
+    pub fn are_measured(&self) -> bool {
+        self.0.values().any(|timed| timed.ratio().is_some())
     }
 
-    /// The seconds, if they are of all algorithms.
-    pub fn whole(&self) -> Option<f64> {
-        self.is_whole().then_some(self.seconds)
+    /// The time that one core needs for the remaining work. An algorithm without measurements gets the ratio
+    /// of all other algorithms together.
+    pub fn time(&self, left: &Left) -> Duration {
+        let all = self.0.values().fold(Timed::default(), |sum, timed| Timed {
+            measured: sum.measured + timed.measured,
+            expected: sum.expected + timed.expected,
+        });
+        let usual = all.ratio().unwrap_or(1.0);
+        let seconds = left.0.iter().map(|(algorithm, expected)| {
+            let ratio = self.0.get(algorithm).and_then(|timed| timed.ratio());
+            ratio.unwrap_or(usual) * expected.as_secs_f64()
+        });
+        Duration::try_from_secs_f64(seconds.sum()).unwrap_or(Duration::MAX)
     }
 
-    /// The time when so many workers share it.
-    pub fn shared_by(self, workers: usize) -> Estimate {
-        Estimate { seconds: self.seconds / workers.max(1) as f64, ..self }
-    }
-
-    /// `about 5 s` or, where there is more to it, `at least 5 s`; nothing if nothing is known, and
-    /// never at least nothing.
-    pub fn spoken(&self) -> Option<String> {
-        let (about, least) = if self.is_whole() { ("about", 0.0) } else { ("at least", 0.5) };
-        (self.seconds > least).then(|| format!("{about} {}", spoken(self.seconds)))
+    /// The time that one core needs for a job, in seconds.
+    pub fn seconds(&self, job: &Job) -> f64 {
+        let mut left = Left::default();
+        left.add(job, 1);
+        self.time(&left).as_secs_f64()
     }
 }
 
-/// Training episodes still to do, by algorithm.
+/// The expected time of the remaining work, by algorithm.
 #[derive(Clone, Debug, Default)]
-pub struct Episodes(BTreeMap<String, u64>);
+pub struct Left(BTreeMap<String, Duration>);
 
-impl Episodes {
-    /// Counts so many episodes of an algorithm in.
-    pub fn add(&mut self, algorithm: &str, episodes: u64) {
-        match self.0.get_mut(algorithm) {
-            Some(left) => *left += episodes,
-            None => drop(self.0.insert(algorithm.to_owned(), episodes)),
+impl Left {
+    /// Adds `count` jobs that differ only in their seeds.
+    pub fn add(&mut self, job: &Job, count: u64) {
+        let count = u32::try_from(count).unwrap_or(u32::MAX);
+        self.add_time(job, job.expected_time().saturating_mul(count));
+    }
+
+    /// Adds the unfinished part, from 0 to 1, of a running job.
+    pub fn add_part(&mut self, job: &Job, part: f64) {
+        let ahead = Duration::try_from_secs_f64(job.expected_time().as_secs_f64() * part);
+        self.add_time(job, ahead.unwrap_or(Duration::MAX));
+    }
+
+    fn add_time(&mut self, job: &Job, time: Duration) {
+        match self.0.get_mut(job.algorithm()) {
+            Some(left) => *left = left.saturating_add(time),
+            None => drop(self.0.insert(job.algorithm().to_owned(), time)),
         }
     }
 
-    /// Takes a job's episodes out again.
+    /// Removes a job that was added before.
     pub fn remove(&mut self, job: &Job) {
-        let left = self.0.entry(job.algorithm().to_owned()).or_default();
-        *left = left.saturating_sub(u64::from(job.agent.episodes()));
+        if let Some(left) = self.0.get_mut(job.algorithm()) {
+            *left = left.saturating_sub(job.expected_time());
+        }
     }
 }
 
-/// A duration as people say it: `45 s`, `12 min`, `3 h 20 min`.
-fn spoken(seconds: f64) -> String {
-    let whole = seconds.max(0.0).round() as u64;
+/// The time that the work takes when `workers` workers share it.
+pub fn shared(time: Duration, workers: usize) -> Duration {
+    let seconds = time.as_secs_f64() / workers.max(1) as f64;
+    Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX)
+}
+
+/// A duration in words: `45 s`, `12 min`, `3 h 20 min`.
+pub fn spoken(time: Duration) -> String {
+    let whole = time.as_secs_f64().round() as u64;
     match (whole / 3600, whole / 60 % 60) {
         (0, _) if whole < 100 => format!("{whole} s"),
         (0, minutes) => format!("{minutes} min"),
@@ -124,32 +137,57 @@ mod tests {
     use super::*;
     use crate::{manifest, plan};
 
-    #[test]
-    fn time_left_follows_the_measured_speed() {
-        let text = "format = 1\nname = \"t\"\nscenarios = [\"P-H-D\"]\nseeds = 1\n\
-                    environment.sigma = 0.6\n[[agent]]\nname = \"a\"\n\
-                    algorithm = \"reinforce\"\nepisodes = 15000\n";
+    fn job(agent: &str) -> Job {
+        let text = format!(
+            "format = 1\nname = \"t\"\nscenarios = [\"P-H-D\"]\nseeds = 1\n\
+             environment.sigma = 0.6\n[[agent]]\nname = \"a\"\n{agent}"
+        );
         let manifest = manifest::parse("t", text.as_bytes()).unwrap();
-        let job = plan::jobs(&manifest).next().unwrap().job;
-        let mut left = Episodes::default();
-        left.add("reinforce", 15_000);
-        left.add("reinforce", 15_000);
+        plan::jobs(&manifest).next().unwrap().job
+    }
+
+    fn seconds(speeds: &Speeds, left: &Left) -> f64 {
+        speeds.time(left).as_secs_f64()
+    }
+
+    #[test]
+    fn time_left_is_expected_until_it_is_measured() {
+        let job = job("algorithm = \"reinforce\"\nepisodes = 15000\n");
+        let expected = job.expected_time().as_secs_f64();
+        let (mut left, mut speeds) = (Left::default(), Speeds::default());
+        left.add(&job, 2);
+        assert!((seconds(&speeds, &left) - 2.0 * expected).abs() < 1e-8);
+        assert!(!speeds.are_measured());
+        speeds.add(&job, 0.25, Duration::from_secs(5));
+        assert!(speeds.are_measured());
+        assert!((seconds(&speeds, &left) - 40.0).abs() < 1e-6);
+        left.remove(&job);
+        left.add_part(&job, 0.5);
+        assert!((seconds(&speeds, &left) - 30.0).abs() < 1e-6);
+        left.remove(&job);
+        left.remove(&job);
+        assert_eq!(speeds.time(&left), Duration::ZERO);
+    }
+
+    #[test]
+    fn an_algorithm_that_was_not_timed_is_as_slow_as_the_others() {
+        let reinforce = job("algorithm = \"reinforce\"\n");
+        let dqn = job("algorithm = \"dueling_dqn\"\n");
         let mut speeds = Speeds::default();
-        assert_eq!(speeds.seconds(&left), None);
-        speeds.add("reinforce", 1000, Duration::from_secs(2));
-        assert_eq!(speeds.seconds(&left), Some(60.0));
-        left.remove(&job);
-        assert_eq!(speeds.seconds(&left), Some(30.0));
-        left.remove(&job);
-        // Not -0.0, which prints as "-0".
-        assert_eq!(speeds.seconds(&left).map(f64::to_bits), Some(0));
-        assert_eq!(speeds.estimate(&left).spoken(), None);
-        left.add("reinforce", 30_000);
-        assert_eq!(speeds.estimate(&left).shared_by(2).spoken().unwrap(), "about 30 s");
-        left.add("dueling_dqn", 1);
-        assert_eq!(speeds.seconds(&left), None);
-        assert_eq!(speeds.estimate(&left).shared_by(2).spoken().unwrap(), "at least 30 s");
-        assert_eq!(speeds.estimate(&left).shared_by(200).spoken(), None);
+        speeds.add(&reinforce, 1.0, reinforce.expected_time() * 3);
+        let expected = dqn.expected_time().as_secs_f64();
+        assert!((speeds.seconds(&dqn) / expected - 3.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn expected_times_grow_with_the_multiply_adds() {
+        let with = |keys: &str| job(&format!("algorithm = \"dueling_dqn\"\n{keys}"));
+        let time = |keys: &str| with(keys).expected_time().as_secs_f64();
+        let usual = time("");
+        assert!((1.8..2.2).contains(&(time("episodes = 2000") / usual)));
+        assert!((3.0..4.5).contains(&(time("layers = [256, 256]") / usual)));
+        assert!(time("batch = 128") > 1.5 * usual);
+        assert!(time("engine = \"burn\"") > 3.0 * usual);
     }
 
     #[test]
@@ -163,7 +201,7 @@ mod tests {
             (500_000.0, "5 days"),
         ];
         for (seconds, expected) in cases {
-            assert_eq!(spoken(seconds), expected);
+            assert_eq!(spoken(Duration::from_secs_f64(seconds)), expected);
         }
     }
 }

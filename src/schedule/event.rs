@@ -8,70 +8,70 @@ use crate::schedule::checkpoint::CheckpointNote;
 use crate::schedule::queued::Queued;
 use crate::train::TrainingProgress;
 
-/// What happens in a sweep, in order.
+/// An event of a sweep.
 #[derive(Debug)]
 pub enum Event<'a> {
-    /// A worker has begun a job.
+    /// A worker has started a job.
     Started {
-        /// Which worker, from 0.
+        /// The worker, from 0.
         worker: usize,
         /// The job.
         queued: &'a Queued,
     },
-    /// A run has ended and is stored. Its worker may have begun another job by then.
+    /// A run has ended and is stored. Its worker may already have started another job.
     Ended {
-        /// Which worker, from 0.
+        /// The worker, from 0.
         worker: usize,
         /// The job.
         queued: &'a Queued,
         /// How it ended.
         outcome: &'a Outcome,
-        /// Time it took.
+        /// The duration of the run.
         wall: Duration,
     },
-    /// A run has ended, but another process had taken its job over: nothing of it is stored, and
-    /// the job is waited for.
+    /// A run has ended, but another process had taken over its job. The run is not stored, and the
+    /// sweep waits for the other process.
     Lost {
-        /// Which worker, from 0.
+        /// The worker, from 0.
         worker: usize,
         /// The job.
         queued: &'a Queued,
     },
-    /// Something happened to a checkpoint of a job that a worker has begun.
+    /// A checkpoint of a started job was used, rejected, or not written.
     Checkpoint {
-        /// Which worker, from 0.
+        /// The worker, from 0.
         worker: usize,
         /// The job.
         queued: &'a Queued,
-        /// What happened.
+        /// The event of the checkpoint.
         note: &'a CheckpointNote,
     },
-    /// A job needed no run of this sweep.
+    /// A job needs no run in this sweep.
     Skipped {
         /// The job.
         queued: &'a Queued,
-        /// Why it needed none.
+        /// The reason.
         found: Found,
     },
-    /// The system has threads for some of the workers only; the sweep goes on with these.
+    /// The system could start only some of the workers; the sweep continues with these.
     FewerWorkers {
-        /// How many there are.
+        /// The number of workers that started.
         started: usize,
-        /// What the system said about the next.
+        /// Why the next worker did not start.
         reason: &'a io::Error,
     },
-    /// Whenever no job has ended for a tenth of a second: how far each worker has come with its job.
+    /// The progress of each worker, sent whenever no job has ended for 100 ms.
     Tick {
-        /// By worker; `None` while idle or before the first report.
+        /// Progress by worker; `None` while idle or before the first report.
         progress: &'a [Option<TrainingProgress>],
-        /// Jobs that another process holds and that nothing else is left to do but wait for.
+        /// The number of jobs that other processes run, if no other work is left; otherwise 0.
         waiting_for: usize,
     },
 }
 
 /// A receiver of the events of a sweep, such as a progress display.
 pub trait EventSink {
-    /// Takes an event, on the thread that owns the store.
+    /// Receives an event, on the thread that owns the store.
     fn on_event(&mut self, event: Event<'_>);
 }
 
@@ -81,11 +81,11 @@ impl<F: FnMut(Event<'_>)> EventSink for F {
     }
 }
 
-/// Why a job needs no run of this sweep.
+/// Why a job needs no run in this sweep.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Found {
-    /// It is completed, by an earlier sweep or another process.
+    /// An earlier sweep or another process completed the job.
     Completed,
-    /// It failed, in an earlier sweep or another process, and is not to be retried.
+    /// The job failed in an earlier sweep or another process, and failed jobs are not retried.
     Failed,
 }

@@ -1,21 +1,20 @@
 //! The scheduler: from planned jobs to stored runs.
 //!
-//! In: a queue of jobs, an open store, a way to train. Out: a stored run for every job that was
-//! missing one, and a [`Tally`].
+//! In: a queue of jobs, an open store, and a function that trains a job. Out: a stored run for every job that
+//! lacked one, and a [`Tally`].
 //!
-//! - One thread, the caller's, owns the store; workers never see it. It claims jobs, hands them
-//!   out, writes outcomes and tells the [`EventSink`] what happened, so that all events have one order.
-//! - A worker holds one job at a time; nothing of it survives but its outcome and its checkpoint.
-//! - Outcomes that come within a twentieth of a second are stored together, while the workers are at
-//!   their next jobs: however slow the disk is, short jobs do not wait for it one by one. Nothing
-//!   is told of an outcome before it is on the disk.
-//! - Whether a job is free is decided by the store in the transaction that claims it, never from
-//!   memory: other processes may work on the same store.
-//! - A panic is an outcome of its job, not the end of its worker.
-//! - A job whose process crashed is a suspect: it runs when nothing else does, so that it brings
-//!   down no other, and a further crash has no other suspect.
-//! - A job that fails is not tried again in the same sweep. Those that failed in earlier sweeps are
-//!   tried again all or none, whatever their agent, parameters or way to fail.
+//! - The caller's thread owns the store; workers have no access to it. It claims jobs, hands them out, writes
+//!   outcomes and sends every event to the [`EventSink`], so all events have one order.
+//! - A worker holds one job at a time; only the job's outcome and its checkpoint persist.
+//! - Outcomes within 50 ms are stored in one transaction while the workers train their next jobs, so a slow
+//!   disk does not delay every short job. An outcome is reported only after it is on the disk.
+//! - The store decides whether a job is free, in the transaction that claims it, because other processes may
+//!   work on the same store.
+//! - A panic is an outcome of its job and does not end its worker.
+//! - A job whose process crashed is a suspect. It runs alone, so that a further crash interrupts no other job
+//!   and has one possible cause.
+//! - A failed job is not retried in the same sweep. Of the jobs that failed in earlier sweeps, either all or
+//!   none are retried, so that retries do not bias a comparison of arms.
 
 mod checkpoint;
 mod estimate;
@@ -29,7 +28,7 @@ mod whole;
 mod worker;
 
 pub use checkpoint::{CheckpointFolder, CheckpointNote};
-pub use estimate::{Episodes, Estimate, Speeds};
+pub use estimate::{Left, Speeds, shared, spoken};
 pub use event::{Event, EventSink, Found};
 pub use provenance::of_this_process;
 pub use queued::Queued;

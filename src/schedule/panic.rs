@@ -1,15 +1,15 @@
-//! Panics inside a job, turned into text.
+//! Conversion of panics in a job to text.
 
 use std::cell::RefCell;
 use std::panic::{self, AssertUnwindSafe, PanicHookInfo};
 use std::sync::Once;
 
 thread_local! {
-    /// What the panic of this thread said; `None` where panics are not captured.
+    /// The message of this thread's panic; `None` while panics are not captured.
     static SAID: RefCell<Option<String>> = const { RefCell::new(None) };
 }
 
-/// Makes [`catch`] hear where a panic happened. Panics outside [`catch`] are shown as before.
+/// Installs the hook with which [`catch`] records where a panic happened. Other panics are shown as before.
 pub(super) fn capture() {
     static INSTALLED: Once = Once::new();
     INSTALLED.call_once(|| {
@@ -32,9 +32,9 @@ fn describe(info: &PanicHookInfo<'_>) -> String {
     }
 }
 
-/// Runs `work`; if it panics, returns what the panic said and where it was.
+/// Runs `work`; if it panics, returns the message and the location of the panic.
 ///
-/// The work shares nothing that a panic could leave half changed: a training owns all its state.
+/// A panic leaves no shared state inconsistent, because a training owns all its state.
 pub(super) fn catch<T>(work: impl FnOnce() -> T) -> Result<T, String> {
     SAID.set(Some(String::new()));
     let result = panic::catch_unwind(AssertUnwindSafe(work));

@@ -1,4 +1,4 @@
-//! What this process and machine are, for the provenance of runs.
+//! The provenance of runs: this process and its machine.
 
 use std::fs;
 

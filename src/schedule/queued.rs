@@ -1,10 +1,11 @@
 //! A job in the queue.
 
+use std::path::PathBuf;
 use std::time::Duration;
 
 use crate::plan::{Job, JobKey};
 
-/// A job in the queue, with the name its agent goes by.
+/// A job in the queue, with the name of its agent.
 #[derive(Clone, Debug)]
 pub struct Queued {
     /// Identity of the job.
@@ -13,6 +14,8 @@ pub struct Queued {
     pub agent: String,
     /// The job.
     pub job: Job,
-    /// Time that it may take before it has failed, over all runs that go on from each other.
+    /// The time limit of the job, summed over runs that resume one another; `None` if unlimited.
     pub time_limit: Option<Duration>,
+    /// The folder of the job's manifest, in which an outside program starts.
+    pub folder: PathBuf,
 }

@@ -1,4 +1,4 @@
-//! The jobs that a command is about: those of its manifests that a filter lets through.
+//! The jobs of a command: the jobs of its manifests that match filter and shard.
 
 use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet};
@@ -9,7 +9,7 @@ use super::Queued;
 use crate::manifest::Manifest;
 use crate::plan::{self, Filter, FilterError, JobKey, PlannedJob, Shard};
 
-/// Jobs of manifests, at least one.
+/// A selection of jobs from at least one manifest.
 pub struct Selection<'a> {
     manifests: &'a [Manifest],
     filter: Option<&'a Filter>,
@@ -17,10 +17,10 @@ pub struct Selection<'a> {
 }
 
 impl<'a> Selection<'a> {
-    /// The jobs of the manifests that meet the filter.
+    /// The jobs of the manifests that match the filter.
     ///
-    /// **Errors**: no job does, or no job has one of the values; the message says which condition
-    /// is at fault.
+    /// **Errors**: no job matches, or one of the filter's values occurs in no job; the message names the
+    /// condition.
     pub fn new(manifests: &'a [Manifest], filter: Option<&'a Filter>) -> Result<Self, FilterError> {
         if let Some(filter) = filter {
             let jobs = || manifests.iter().flat_map(plan::jobs);
@@ -34,19 +34,19 @@ impl<'a> Selection<'a> {
         Ok(Selection { manifests, filter, part: None })
     }
 
-    /// Of these jobs only those in a shard of them.
+    /// Restricts the selection to one shard of its jobs.
     pub fn shard(self, shard: Shard) -> Self {
         let jobs = self.manifests.iter().flat_map(|manifest| self.jobs(manifest));
         let keys = shard.keys(jobs.map(|planned| (planned.form.key(), planned.job.work())));
         self.part(keys)
     }
 
-    /// Of these jobs only those with these keys.
+    /// Restricts the selection to the jobs with these keys.
     pub fn part(self, keys: HashSet<JobKey>) -> Self {
         Selection { part: Some(Arc::new(keys)), ..self }
     }
 
-    /// The keys that [`Selection::shard`] or [`Selection::part`] confine the jobs to.
+    /// The keys to which [`Selection::shard`] or [`Selection::part`] restricted the selection.
     pub fn keys(&self) -> Option<&HashSet<JobKey>> {
         self.part.as_deref()
     }
@@ -56,12 +56,12 @@ impl<'a> Selection<'a> {
         self.manifests
     }
 
-    /// Whether some jobs may have been left out.
+    /// Whether a filter, shard or part restricts the selection.
     pub fn is_filtered(&self) -> bool {
         self.filter.is_some() || self.part.is_some()
     }
 
-    /// The jobs of one of the manifests, one at a time; agents of equal content repeat theirs.
+    /// The selected jobs of one manifest, one at a time. Agents with equal content repeat their jobs.
     pub fn jobs(&self, manifest: &'a Manifest) -> impl Iterator<Item = PlannedJob> + use<'a> {
         let (filter, part) = (self.filter, self.part.clone());
         plan::jobs(manifest).filter(move |job| {
@@ -70,13 +70,14 @@ impl<'a> Selection<'a> {
         })
     }
 
-    /// The jobs of all the manifests, none twice. Of several time limits of a job, that of the most
-    /// patient manifest holds.
+    /// The distinct jobs of all manifests. A job in several manifests gets their longest time limit and the
+    /// folder of the first.
     pub fn queue(&self) -> Vec<Queued> {
         let mut queue: Vec<Queued> = Vec::new();
         let mut places = HashMap::new();
         for manifest in self.manifests {
             let time_limit = manifest.time_limit_seconds.map(Duration::from_secs);
+            let folder = manifest.folder();
             for PlannedJob { agent, job, form } in self.jobs(manifest) {
                 let key = form.key();
                 match places.entry(key) {
@@ -86,7 +87,8 @@ impl<'a> Selection<'a> {
                     }
                     Entry::Vacant(place) => {
                         place.insert(queue.len());
-                        queue.push(Queued { key, agent: agent.to_string(), job, time_limit });
+                        let (agent, folder) = (agent.to_string(), folder.to_owned());
+                        queue.push(Queued { key, agent, job, time_limit, folder });
                     }
                 }
             }
@@ -95,7 +97,7 @@ impl<'a> Selection<'a> {
     }
 }
 
-/// The longer of two limits; none is the longest.
+/// The longer of two limits; `None` is unlimited.
 fn longer(one: Option<Duration>, other: Option<Duration>) -> Option<Duration> {
     one.zip(other).map(|(one, other)| one.max(other))
 }

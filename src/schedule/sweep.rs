@@ -21,36 +21,37 @@ use crate::store::{
 };
 use crate::train::TrainingProgress;
 
-/// How long an outcome waits for others to be stored with it.
+/// The time that an outcome waits for others to share its transaction.
 const GATHER: Duration = Duration::from_millis(50);
-/// How many outcomes wait at most; bounds the memory of their results.
+/// The maximum number of waiting outcomes; it bounds the memory of their results.
 const MOST_GATHERED: usize = 256;
-/// How long the coordinating thread waits for a worker, at most, before it looks at the request to
-/// stop and shows progress. A store that another process holds can keep it for longer.
+/// The longest time that the coordinating thread waits for a worker before it checks for a stop and shows
+/// progress. A store that another process has locked can delay it further.
 const TICK: Duration = Duration::from_millis(100);
-/// How often the clock is looked at for checkpoints that are due, and the request to stop.
+/// Interval of the clock, which checks for due checkpoints and for a stop.
 const LOOK: Duration = Duration::from_millis(50);
-/// How often the session says that it is alive.
+/// Interval of the session's heartbeat.
 const HEARTBEAT: Duration = Duration::from_secs(5);
-/// How often jobs that another process holds are tried again.
+/// Interval at which jobs held by other processes are tried again.
 const RECHECK: Duration = Duration::from_secs(1);
-/// How many jobs that need no run are passed over before workers and requests are heard again.
+/// The number of jobs that need no run and are skipped before messages are handled again.
 const SKIPS_AT_ONCE: usize = 1000;
 
-/// How a sweep is run.
+/// The options of a sweep.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
-    /// Threads that train, each one job at a time.
+    /// The number of training threads; each trains one job at a time.
     pub workers: NonZeroUsize,
     /// Whether jobs that failed in an earlier sweep run again.
     pub retry_failed: RetryFailed,
-    /// What a failed job does to the jobs after it.
+    /// Whether a failed job stops the sweep.
     pub on_failure: OnFailure,
-    /// Time between two checkpoints of a job. Where writing one takes long it is more, up to 25 s.
+    /// The time between two checkpoints of a job. It grows to at most 25 s if writing a checkpoint takes
+    /// long.
     pub checkpoint_every: Duration,
 }
 
-/// Most workers that can be asked for; each is a thread with its own network and buffers.
+/// The maximum number of workers; each is a thread with its own network and buffers.
 pub const MOST_WORKERS: usize = 1024;
 
 /// One worker per core.
@@ -59,8 +60,8 @@ pub fn one_per_core() -> NonZeroUsize {
     thread::available_parallelism().unwrap_or(NonZeroUsize::MIN).min(most)
 }
 
-/// One worker per core; a checkpoint every 20 seconds; failed jobs are not tried again and stop no
-/// other.
+/// One worker per core and a checkpoint every 20 seconds. Failed jobs are not retried and do not stop
+/// the sweep.
 impl Default for Options {
     fn default() -> Self {
         Options {
@@ -72,16 +73,16 @@ impl Default for Options {
     }
 }
 
-/// What a failed job does to the jobs after it.
+/// Whether a failed job stops the sweep.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OnFailure {
-    /// The others go on.
+    /// The other jobs continue.
     Continue,
-    /// No further job is started, and those running are interrupted.
+    /// No further job starts, and running jobs are interrupted.
     Stop,
 }
 
-/// What a sweep did, in jobs.
+/// The number of jobs by their outcome in a sweep.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
     /// Completed by this sweep.
@@ -90,28 +91,28 @@ pub struct Tally {
     pub failed: usize,
     /// Interrupted in this sweep.
     pub interrupted: usize,
-    /// Found completed, by an earlier sweep or another process.
+    /// Already completed by an earlier sweep or another process.
     pub already_completed: usize,
-    /// Found failed, and not retried.
+    /// Already failed, and not retried.
     pub already_failed: usize,
 }
 
-/// Why a sweep broke off.
+/// Why a sweep ended early.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SweepError {
     /// The store failed.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// Not one worker could be started.
-    #[error("failed to start a worker: {0}; end other programs or raise the limits on them")]
+    /// No worker could be started.
+    #[error("failed to start a worker: {0}; end other programs or raise the limit on threads")]
     NoWorker(#[source] io::Error),
 }
 
-/// Runs every queued job that has no completed run yet, until all are done, or `stop` is set.
+/// Runs every queued job without a completed run until all jobs are done or `stop` is set.
 ///
-/// **Errors**: no worker can be started; the store fails: work under way is then lost, runs that
-/// were told of are stored.
+/// **Errors**: no worker can be started, or the store fails. If the store fails, unfinished work is lost, but
+/// every reported run is stored.
 pub fn run(
     store: &mut Store,
     session: SessionId,
@@ -122,7 +123,7 @@ pub fn run(
     panic::capture();
     let wanted = context.options.workers.get().min(queue.len().max(1));
     let slots: Vec<Slot> = (0..wanted).map(|_| Slot::default()).collect();
-    // Set when the sweep must end early, for whatever reason.
+    // Set when the sweep must end early, for any reason.
     let halt = AtomicBool::new(false);
     let folder = CheckpointFolder::beside(store.path());
     thread::scope(|scope| {
@@ -155,13 +156,13 @@ pub fn run(
             folder: &folder,
         };
         let result = sweep.run(&inbox);
-        // Workers still training after an error see this and end; the scope joins them.
+        // After an error, workers that are still training see this and end; the scope joins them.
         halt.store(true, Ordering::Relaxed);
         Ok(result?)
     })
 }
 
-/// A worker a slot, or as many as the system has threads for.
+/// Starts one worker per slot, or as many as the system's limit on threads allows.
 fn start_workers<'scope>(
     scope: &'scope Scope<'scope, '_>,
     slots: &'scope [Slot],
@@ -182,9 +183,8 @@ fn start_workers<'scope>(
     Ok(workers)
 }
 
-/// Notifies workers that checkpoints are due and that the sweep is to stop, until what it returns is
-/// dropped. The coordinating thread could not: it may be waiting for a store that another process
-/// holds.
+/// Starts the clock, which notifies workers of due checkpoints and of a stop, until the returned sender is
+/// dropped. The coordinating thread cannot do this while it waits for a locked store.
 fn start_clock<'scope>(
     scope: &'scope Scope<'scope, '_>,
     slots: &'scope [Slot],
@@ -205,22 +205,22 @@ fn start_clock<'scope>(
     Ok(running)
 }
 
-/// What a sweep is run with.
+/// The settings and callbacks of a sweep.
 #[derive(Clone, Copy)]
 pub struct Context<'a> {
-    /// How it is run.
+    /// Options of the sweep.
     pub options: Options,
-    /// How a job is trained.
+    /// The function that trains a job.
     pub train: Train<'a>,
     /// Set from outside to stop the sweep.
     pub stop: &'a AtomicBool,
 }
 
-/// What became of the idle workers.
+/// The result of assigning jobs to idle workers.
 enum Assigned {
-    /// All of them have a job for which there is one.
+    /// No idle worker can get a job now.
     AllThatCan,
-    /// Some are still idle, and there may be jobs for them.
+    /// Some workers are still idle, and there may be jobs for them.
     SomeForNow,
 }
 
@@ -250,7 +250,7 @@ struct Sweep<'scope, 'a> {
     waiting: VecDeque<Queued>,
     held_elsewhere: VecDeque<Queued>,
     suspects: VecDeque<Queued>,
-    /// Of the jobs under way.
+    /// The isolation of the running jobs.
     isolation: Isolation,
     gathered: Vec<Gathered>,
     rechecked_at: Instant,
@@ -296,7 +296,7 @@ impl Sweep<'_, '_> {
         }
     }
 
-    /// Whether the gathered outcomes are to be stored now.
+    /// Whether the gathered outcomes must be stored now.
     fn is_due(&self, busy: bool) -> bool {
         self.gathered.first().is_some_and(|first| {
             !busy || first.at.elapsed() >= GATHER || self.gathered.len() >= MOST_GATHERED
@@ -307,7 +307,7 @@ impl Sweep<'_, '_> {
         self.halt.load(Ordering::Relaxed)
     }
 
-    /// Gives every idle worker a job, as far as there are any.
+    /// Assigns free jobs to idle workers.
     fn assign(&mut self) -> Result<Assigned, StoreError> {
         if self.rechecked_at.elapsed() >= RECHECK && !self.held_elsewhere.is_empty() {
             self.rechecked_at = Instant::now();
@@ -331,7 +331,7 @@ impl Sweep<'_, '_> {
         Ok(if skips < SKIPS_AT_ONCE { Assigned::AllThatCan } else { Assigned::SomeForNow })
     }
 
-    /// Lets a suspect be the next job if there is nothing else to run, and nothing runs.
+    /// Selects a suspect as the next job if no other job is waiting or running.
     fn choose_isolation(&mut self, busy: bool) {
         self.isolation = Isolation::Shared;
         if !busy
@@ -343,8 +343,8 @@ impl Sweep<'_, '_> {
         }
     }
 
-    /// The next job that is free; `None` if there is none, or none among so many that others should
-    /// have their turn. `skips` counts those passed over.
+    /// The next free job; `None` if no job is free, or if so many jobs were skipped that messages should be
+    /// handled first. `skips` counts the skipped jobs.
     fn claim_next(&mut self, skips: &mut usize) -> Result<Option<(Queued, Claim)>, StoreError> {
         while *skips < SKIPS_AT_ONCE {
             let Some(queued) = self.waiting.pop_front() else { break };
@@ -367,7 +367,7 @@ impl Sweep<'_, '_> {
         Ok(None)
     }
 
-    /// Takes an outcome back, to be stored with others.
+    /// Receives an outcome, to be stored together with others.
     fn gather(&mut self, report: Report) {
         let Report { worker, outcome, wall } = report;
         let (queued, claim) = self.workers[worker].finish();
@@ -377,7 +377,7 @@ impl Sweep<'_, '_> {
         self.gathered.push(Gathered { worker, queued, claim, outcome, wall, at: Instant::now() });
     }
 
-    /// Stores the gathered outcomes, counts them and tells of them.
+    /// Stores, counts and reports the gathered outcomes.
     fn store_gathered(&mut self) -> Result<(), StoreError> {
         let gathered = mem::take(&mut self.gathered);
         let ends: Vec<RunEnd<'_>> = gathered.iter().map(Gathered::end).collect();
@@ -394,7 +394,7 @@ impl Sweep<'_, '_> {
                 (Finished::Stored, Outcome::Interrupted) => {}
             }
             match (finished, &outcome) {
-                // Another process will complete it: this outcome is not needed.
+                // Another process will complete the job, so this outcome is not needed.
                 (Finished::ClaimLost, _) => {
                     self.sink.on_event(Event::Lost { worker, queued: &queued });
                     self.held_elsewhere.push_back(queued);

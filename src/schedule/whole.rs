@@ -1,4 +1,4 @@
-//! Manifests from their registration to their stored runs, in one call.
+//! Calls that run manifests from registration to stored runs.
 
 use std::collections::HashSet;
 use std::fs::File;
@@ -14,8 +14,8 @@ use crate::plan::{self, JobKey};
 use crate::store::{Experiment, JobState, Reader, Registered, RetryFailed, Store, StoreError};
 use crate::train;
 
-/// Registers a manifest with its jobs, or with those of them that are in `part`, until that is done
-/// or `stop` is set; `None` if it was stopped.
+/// Registers a manifest with its jobs, or only with its jobs in `part`. Returns `None` if `stop` was set
+/// before the registration was complete.
 ///
 /// **Errors**: the store fails.
 pub fn register_experiment(
@@ -37,18 +37,19 @@ pub fn register_experiment(
     }
 }
 
-/// What is left to run of the jobs that a command is about.
+/// The jobs that a command still has to run.
 pub struct Remaining {
-    /// The jobs that need a run, in their order.
+    /// The jobs that need a run, in order.
     pub queue: Vec<Queued>,
-    /// Jobs that have a completed run.
+    /// The number of jobs that have a completed run.
     pub completed: usize,
-    /// Jobs that failed, and are not to be run again.
+    /// The number of failed jobs that are not retried.
     pub failed: usize,
 }
 
 impl Remaining {
-    /// What is left of these jobs. Checkpoints and crash marks that no job needs are removed.
+    /// Sorts jobs by their states in the store. Also removes checkpoints and crash marks that no job needs
+    /// any more.
     ///
     /// **Errors**: the store or the folder of its checkpoints fails.
     pub fn of(
@@ -75,9 +76,9 @@ impl Remaining {
     }
 }
 
-/// Runs a queue in a session of its own, until all jobs have ended or `stop` is set. `mark_crash`
-/// is handed the file into which a process that crashes writes a byte; a process that does not
-/// write one counts as killed.
+/// Runs a queue in its own session until all jobs have ended or `stop` is set. `mark_crash` receives the file
+/// into which the process must write a byte when it crashes. A process that ends without writing this byte
+/// counts as killed.
 ///
 /// **Errors**: the store fails, or no worker can be started.
 pub fn run_queue(
@@ -98,9 +99,8 @@ pub fn run_queue(
     Ok(tally)
 }
 
-/// Registers manifests and runs all of their jobs that have no completed run yet, until all have
-/// ended or `stop` is set; then jobs that are under way leave a checkpoint. A later call continues
-/// what another call or process left unfinished.
+/// Registers manifests and runs all their jobs without a completed run, until all have ended or `stop` is
+/// set. After a stop, running jobs write a checkpoint, from which a later call resumes them.
 ///
 /// **Errors**: the store fails, or no worker can be started.
 pub fn run_manifests(

@@ -1,6 +1,7 @@
-//! A thread that trains one job at a time, and tells what becomes of it.
+//! A thread that trains one job at a time and reports its outcome.
 
 use std::io;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError, mpsc};
 use std::thread::{self, Scope};
@@ -14,11 +15,11 @@ use crate::schedule::queued::Queued;
 use crate::store::Claim;
 use crate::train::{Checkpoints, TrainingControl, TrainingProgress};
 
-/// A way to train a job; the program's is [`crate::train::run()`].
+/// A function that trains a job; the program uses [`crate::train::run()`].
 pub type Train<'a> = &'a (dyn Fn(&Job, &dyn TrainingControl) -> Outcome + Sync);
 
-/// Where a worker leaves its latest progress for the coordinating thread, and hears that a
-/// checkpoint is due or its job over its time.
+/// State shared by a worker and the coordinating thread: the worker's latest progress, and alarms for
+/// due checkpoints and the time limit.
 #[derive(Default)]
 pub(super) struct Slot {
     progress: Mutex<Option<TrainingProgress>>,
@@ -28,7 +29,7 @@ pub(super) struct Slot {
 }
 
 impl Slot {
-    /// Looks at the clock for the worker.
+    /// Reads the clock for the worker.
     pub(super) fn look(&self) {
         self.worked.look();
         self.checkpoint.look();
@@ -39,7 +40,7 @@ impl Slot {
         *self.progress.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Training episodes finished.
+    /// The number of training episodes finished.
     fn episode(&self) -> u32 {
         self.get().map_or(0, |progress| progress.episode)
     }
@@ -49,29 +50,29 @@ impl Slot {
     }
 }
 
-/// What a worker sends.
+/// A message from a worker.
 pub(super) enum Message {
-    /// Its job has ended.
+    /// The worker's job has ended.
     Ended(Report),
-    /// Something happened to a checkpoint of its job.
+    /// An event of a checkpoint of the worker's job.
     Noted { worker: usize, note: CheckpointNote },
 }
 
-/// How a job has ended.
+/// The end of a job.
 pub(super) struct Report {
     pub(super) worker: usize,
     pub(super) outcome: Outcome,
-    /// Time that it took, that of the runs included that it went on from.
+    /// The time that the job took, including the earlier runs that it resumed from.
     pub(super) wall: Duration,
 }
 
-/// What all workers of a sweep share.
+/// State that all workers of a sweep share.
 #[derive(Clone)]
 pub(super) struct Shared<'a> {
     pub(super) train: Train<'a>,
     pub(super) halt: &'a AtomicBool,
     pub(super) folder: &'a CheckpointFolder,
-    /// Time between two checkpoints.
+    /// The time between two checkpoints.
     pub(super) checkpoint_every: Duration,
     pub(super) messages: mpsc::Sender<Message>,
 }
@@ -82,9 +83,10 @@ struct Task {
     key: JobKey,
     attempt: u32,
     time_limit: Option<Duration>,
+    folder: PathBuf,
 }
 
-/// The coordinating thread's end of a worker.
+/// The coordinating thread's side of a worker.
 pub(super) struct Worker<'scope> {
     tasks: mpsc::Sender<Task>,
     slot: &'scope Slot,
@@ -92,7 +94,7 @@ pub(super) struct Worker<'scope> {
 }
 
 impl<'scope> Worker<'scope> {
-    /// A worker with a thread of its own.
+    /// Starts a worker with its own thread.
     ///
     /// **Errors**: the system has no more threads.
     pub(super) fn spawn(
@@ -104,7 +106,7 @@ impl<'scope> Worker<'scope> {
         let (tasks, inbox) = mpsc::channel::<Task>();
         let thread = thread::Builder::new().name(format!("worker {index}"));
         thread.spawn_scoped(scope, move || {
-            // Ends when the sweep drops its end of the channel.
+            // The loop ends when the sweep drops its end of the channel.
             for task in inbox {
                 let report = work(index, &task, slot, &shared);
                 if shared.messages.send(Message::Ended(report)).is_err() {
@@ -121,19 +123,20 @@ impl<'scope> Worker<'scope> {
 
     pub(super) fn start(&mut self, queued: Queued, claim: Claim) {
         self.slot.set(None);
-        let (job, time_limit) = (queued.job.clone(), queued.time_limit);
-        let task = Task { job, key: queued.key, attempt: claim.attempt, time_limit };
+        let (job, time_limit, folder) =
+            (queued.job.clone(), queued.time_limit, queued.folder.clone());
+        let task = Task { job, key: queued.key, attempt: claim.attempt, time_limit, folder };
         self.tasks.send(task).expect("a worker lives as long as its sweep");
         self.holds = Some((queued, claim));
     }
 
-    /// The job that it is at.
+    /// The current job.
     pub(super) fn job(&self) -> &Queued {
         let (queued, _) = self.holds.as_ref().expect("a message comes from a worker with a job");
         queued
     }
 
-    /// Takes back the job that has ended.
+    /// Returns the job that has ended.
     pub(super) fn finish(&mut self) -> (Queued, Claim) {
         self.slot.set(None);
         self.holds.take().expect("a report comes from a worker that holds a job")
@@ -147,21 +150,23 @@ impl<'scope> Worker<'scope> {
 /// Trains a job.
 fn work(worker: usize, task: &Task, slot: &Slot, shared: &Shared<'_>) -> Report {
     slot.worked.restart();
-    let Task { job, key, attempt, time_limit } = task;
+    let Task { job, key, attempt, time_limit, folder } = task;
     let limit = time_limit.unwrap_or(Duration::MAX);
     slot.deadline.set(limit);
-    let tell = |note| {
+    let report = |note| {
         if let CheckpointNote::Resumed(resumed) = &note {
             slot.deadline.set(limit.saturating_sub(resumed.worked));
         }
-        // A sweep that has ended early hears nothing any more.
+        // A sweep that has ended early no longer receives messages.
         let _ = shared.messages.send(Message::Noted { worker, note });
     };
     let clock = (&slot.checkpoint, shared.checkpoint_every);
-    let keeper = Keeper::new(shared.folder, (*key, *attempt), clock, &tell);
-    let control = SlotControl { slot, halt: shared.halt, keeper };
+    let keeper = Keeper::new(shared.folder, (*key, *attempt), clock, &report);
+    let control = SlotControl { slot, halt: shared.halt, keeper, folder };
     let outcome = match train_caught(shared.train, job, &control) {
-        Outcome::Interrupted if slot.deadline.rings() => Outcome::Failed(over_time(slot, limit)),
+        Outcome::Interrupted if slot.deadline.rings() => {
+            Outcome::Failed(over_time(slot, limit, job))
+        }
         outcome => outcome,
     };
     Report { worker, outcome, wall: control.keeper.before() + slot.worked.look() }
@@ -171,6 +176,7 @@ struct SlotControl<'a> {
     slot: &'a Slot,
     halt: &'a AtomicBool,
     keeper: Keeper<'a>,
+    folder: &'a Path,
 }
 
 impl TrainingControl for SlotControl<'_> {
@@ -186,12 +192,16 @@ impl TrainingControl for SlotControl<'_> {
         self.slot.worked.look()
     }
 
+    fn folder(&self) -> &Path {
+        self.folder
+    }
+
     fn checkpoints(&self) -> &dyn Checkpoints {
         &self.keeper
     }
 }
 
-/// Trains a job; a panic becomes a failure.
+/// Trains a job; turns a panic into a failure.
 fn train_caught(train: Train<'_>, job: &Job, control: &SlotControl<'_>) -> Outcome {
     match panic::catch(|| train(job, control)) {
         Ok(outcome) => outcome,
@@ -204,12 +214,17 @@ fn train_caught(train: Train<'_>, job: &Job, control: &SlotControl<'_>) -> Outco
 }
 
 /// The failure of a job that was stopped at its time limit.
-fn over_time(slot: &Slot, limit: Duration) -> Failure {
+fn over_time(slot: &Slot, limit: Duration, job: &Job) -> Failure {
+    // The usual fault of a program that says nothing.
+    let hint = match job.agent.algorithm().is_external() {
+        true => ", or make the program flush its standard output after every message,",
+        false => "",
+    };
     Failure {
         kind: FailureKind::OverTime,
         message: format!(
-            "it took longer than its time limit of {} s; raise `time_limit_seconds` and run it \
-             again with `--retry-failed`",
+            "the job exceeded its time limit of {} s; raise `time_limit_seconds`{hint} and run it again \
+             with `--retry-failed`",
             limit.as_secs_f64()
         ),
         episode: slot.episode(),

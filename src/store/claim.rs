@@ -1,4 +1,4 @@
-//! Claims: how a session gets the right to run a job, and to say how it ended.
+//! Claims: the right of a session to run a job and to store its outcome.
 
 use rusqlite::{Connection, OptionalExtension};
 
@@ -12,55 +12,55 @@ use super::state::{JobState, state_sql};
 use super::transaction::NOW;
 use super::writer::Store;
 
-/// The right to run a job: the run that was begun for it.
+/// The right to run a job, with the run that was started for it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Claim {
     pub(super) run: i64,
     pub(super) session: SessionId,
     /// The job.
     pub job_key: JobKey,
-    /// Which attempt at the job this is, from 1.
+    /// The number of the attempt at the job, from 1.
     pub attempt: u32,
 }
 
 /// The answer to a claim.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Claimed {
-    /// The job is the caller's to run.
+    /// The caller may run the job.
     Claimed(Claim),
-    /// It has its completed run.
+    /// The job has a completed run.
     Completed,
-    /// A living session runs it.
+    /// A living session is running the job.
     HeldElsewhere,
-    /// It failed, and was not to be retried.
+    /// The job failed, and failed jobs are not retried.
     Failed,
-    /// A process crashed while it ran the job, which can only be claimed in isolation.
+    /// A process crashed while running the job, so it can only be claimed in isolation.
     Suspect,
 }
 
-/// Whether the claiming process runs other jobs beside this one.
+/// Whether the claiming process runs other jobs at the same time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Isolation {
-    /// It runs other jobs at the same time, now or later.
+    /// The process may run other jobs at the same time.
     Shared,
-    /// It runs no other job until this one has ended.
+    /// The process runs no other job until this job has ended.
     Alone,
 }
 
-/// Whether jobs that failed may be claimed.
+/// Whether failed jobs may be claimed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RetryFailed {
-    /// They are not claimed.
+    /// Failed jobs are not claimed.
     No,
-    /// Each may be claimed until it fails in the claiming session.
+    /// A failed job may be claimed until it fails in the claiming session.
     Yes,
 }
 
 impl Store {
     /// Claims a job for a session, unless it is completed, running in a living session, or failed.
     ///
-    /// A job that a dead session was running is taken over. One whose processes crashed is run only
-    /// in isolation, and is recorded as failed when they crashed too often.
+    /// A job of a dead session is taken over. A job whose processes crashed runs only in isolation, and is
+    /// recorded as failed after too many crashes.
     ///
     /// **Errors**: the job is not registered.
     pub fn claim(
@@ -100,7 +100,7 @@ impl Store {
     }
 }
 
-/// The state of a job; a run of it that a dead session holds is interrupted first.
+/// The state of a job. First interrupts a run of the job that a dead session holds.
 fn state(connection: &Connection, session: SessionId, job: i64) -> rusqlite::Result<JobState> {
     let holder: Option<i64> = connection
         .prepare_cached("SELECT session FROM run WHERE job = ?1 AND status = 'running'")?

@@ -13,7 +13,7 @@ use crate::record::{
 use super::state::JobState;
 use super::{Reader, StoreError};
 
-/// Which results of a run are read beside its metrics.
+/// The results of a run that are read in addition to its metrics.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Parts {
     /// Points of the learning curve of the mean return.
@@ -24,7 +24,7 @@ pub struct Parts {
     pub returns: bool,
 }
 
-/// Jobs whose states are read at once.
+/// The number of jobs whose states are read at once.
 const JOBS_PER_QUESTION: usize = 1000;
 
 impl Reader {
@@ -33,8 +33,8 @@ impl Reader {
         self.data_set_of(&manifest.name, plan::jobs(manifest), parts, |_| {})
     }
 
-    /// These jobs of an experiment with their status and results. `see` gets each as it is read, and
-    /// may drop what is not needed.
+    /// The given jobs of an experiment with their status and results. `see` receives each job as it is read,
+    /// and may drop data that is not needed.
     pub fn data_set_of(
         &self,
         experiment: &str,
@@ -75,7 +75,7 @@ impl Reader {
         let completed = keys.clone().zip(&states);
         let completed = completed.filter(|(_, state)| **state == JobState::Completed);
         let runs = self.completed_runs(completed.map(|(key, _)| *key), parts)?;
-        // After the states: a job that is found failed has its failure by now.
+        // Read after the states, so that every job found as failed already has its failure.
         let failed = match states.contains(&JobState::Failed) {
             true => self.failed_jobs()?,
             false => Vec::new(),
@@ -86,11 +86,11 @@ impl Reader {
             JobState::Pending => JobStatus::Pending,
             JobState::Interrupted => JobStatus::Interrupted,
             JobState::Running => JobStatus::Running,
-            // Without a failure, another process has begun to run it again.
+            // If the failure is gone, another process has started the job again.
             JobState::Failed => {
                 failures.get(key).cloned().map_or(JobStatus::Running, JobStatus::Failed)
             }
-            // Two agents of equal content share a job.
+            // Two agents with equal content share a job.
             JobState::Completed => match runs.get(key) {
                 Some(run) => JobStatus::Completed(Box::new(run.clone())),
                 None => JobStatus::Pending,
@@ -99,7 +99,7 @@ impl Reader {
         Ok(keys.zip(states).map(|(key, state)| status(key, state)).collect())
     }
 
-    /// The completed runs of jobs, by job; jobs without one are left out.
+    /// The completed runs of jobs, by job; jobs without a completed run are omitted.
     fn completed_runs(
         &self,
         keys: impl Iterator<Item = JobKey>,
@@ -132,7 +132,7 @@ fn heads(
     connection: &Connection,
     keys: &[String],
 ) -> rusqlite::Result<HashMap<i64, (JobKey, CompletedRun)>> {
-    // CROSS JOIN keeps the order: SQLite would search the list for every completed run.
+    // CROSS JOIN fixes the join order. Otherwise SQLite would search the list for every completed run.
     let mut statement = connection.prepare_cached(
         "SELECT run.id, run.ended_at, run.wall_seconds, session.code_version,
             session.git_revision, session.backend, session.host, session.processor,
@@ -147,7 +147,7 @@ fn heads(
     rows.collect()
 }
 
-/// Gives runs their metrics, by name.
+/// Adds the metrics of runs, ordered by name.
 fn add_metrics(
     connection: &Connection,
     runs: &mut HashMap<i64, (JobKey, CompletedRun)>,
@@ -169,18 +169,19 @@ fn add_metrics(
     Ok(())
 }
 
-/// A list as SQL takes it.
+/// A list in the form that SQL takes as a parameter.
 fn json<T: serde::Serialize>(list: &[T]) -> String {
     serde_json::to_string(list).expect("texts and numbers are written as JSON")
 }
 
-/// The run without its results.
+/// A run without its results.
 fn head(row: &rusqlite::Row<'_>) -> rusqlite::Result<CompletedRun> {
     Ok(CompletedRun {
         metrics: Vec::new(),
         curve: Vec::new(),
         actions: Vec::new(),
         returns: Vec::new(),
+        among: Vec::new(),
         ended_at: row.get(1)?,
         wall_seconds: row.get(2)?,
         provenance: Provenance {

@@ -1,23 +1,26 @@
 //! The jobs of experiments, counted by state.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 
-use rusqlite::{CachedStatement, Connection};
+use rusqlite::Connection;
+
+use crate::plan::Job;
 
 use super::error::StoreError;
 use super::read::{Reader, holders};
+use super::seed_group::SeedGroups;
 use super::state::{Counts, JobState, States};
 
-/// How many jobs of an experiment are in each state, and how much training is still to do.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// The number of an experiment's jobs in each state, and the jobs that remain to be done.
+#[derive(Clone, Debug, PartialEq)]
 pub struct ExperimentCounts {
     /// The experiment's name.
     pub experiment: String,
-    /// Its jobs, each counted once.
+    /// The experiment's jobs, each counted once.
     pub counts: Counts,
-    /// Training episodes by algorithm, as the manifest writes it, of the jobs that are pending,
-    /// interrupted or running; how far those running have come is not known here.
-    pub episodes_left: BTreeMap<String, u64>,
+    /// The pending, interrupted and running jobs: one job for each group that differs only in seeds, with the
+    /// size of the group. Jobs that this release cannot read are omitted.
+    pub left: Vec<(Job, u64)>,
 }
 
 impl Reader {
@@ -28,9 +31,9 @@ impl Reader {
             let mut statement =
                 connection.prepare_cached("SELECT id, name FROM experiment ORDER BY id")?;
             let rows = statement.query_map([], |row| {
-                let Counted { counts, episodes_left } =
-                    counted.remove(&row.get(0)?).unwrap_or_default();
-                Ok(ExperimentCounts { experiment: row.get(1)?, counts, episodes_left })
+                let Counted { counts, left } = counted.remove(&row.get(0)?).unwrap_or_default();
+                let left = left.into_iter().collect();
+                Ok(ExperimentCounts { experiment: row.get(1)?, counts, left })
             })?;
             Ok(rows.collect::<rusqlite::Result<_>>()?)
         })
@@ -40,54 +43,37 @@ impl Reader {
 #[derive(Default)]
 struct Counted {
     counts: Counts,
-    episodes_left: BTreeMap<String, u64>,
+    left: SeedGroups<u64>,
 }
 
-/// The counts of every experiment that holds jobs, by row id.
+/// The counts of every experiment that has jobs, by row id.
 fn count(connection: &Connection) -> rusqlite::Result<HashMap<i64, Counted>> {
     let states = States::read(connection, &holders(connection)?.alive)?;
-    let mut budget = connection.prepare_cached(
-        "SELECT json_extract(canonical, '$.agent.algorithm'),
-            -- NULL for an algorithm that does not train.
-            ifnull(json_extract(canonical, '$.agent.episodes'), 0)
-         FROM job WHERE id = ?1",
-    )?;
+    let mut content = connection.prepare_cached("SELECT canonical FROM job WHERE id = ?1")?;
     let mut counted: HashMap<i64, Counted> = HashMap::new();
     for_each_held(connection, |experiment, job| {
         let counted = counted.entry(experiment).or_default();
         let state = states.of(job);
         counted.counts.add(state, 1);
         match state {
-            // These are not run again.
+            // These jobs do not run again.
             JobState::Completed | JobState::Failed => Ok(()),
             JobState::Pending | JobState::Interrupted | JobState::Running => {
-                add_budget(&mut budget, job, &mut counted.episodes_left)
+                let mut rows = content.query([job])?;
+                if let Some(row) = rows.next()?
+                    && let Some(jobs) = counted.left.of(row.get_ref(0)?.as_str()?)
+                {
+                    *jobs += 1;
+                }
+                Ok(())
             }
         }
     })?;
     Ok(counted)
 }
 
-fn add_budget(
-    budget: &mut CachedStatement<'_>,
-    job: i64,
-    episodes_left: &mut BTreeMap<String, u64>,
-) -> rusqlite::Result<()> {
-    let mut rows = budget.query([job])?;
-    if let Some(row) = rows.next()? {
-        let (algorithm, episodes) = (row.get_ref(0)?.as_str()?, row.get::<_, u64>(1)?);
-        match episodes_left.get_mut(algorithm) {
-            Some(left) => *left += episodes,
-            None => {
-                episodes_left.insert(algorithm.to_owned(), episodes);
-            }
-        }
-    }
-    Ok(())
-}
-
-/// Calls `see` with the row ids of every experiment and job that it holds, once for each pair,
-/// ordered by experiment.
+/// Calls `see` with the row ids of every experiment and each of its jobs, once per pair, ordered by
+/// experiment.
 fn for_each_held(
     connection: &Connection,
     mut see: impl FnMut(i64, i64) -> rusqlite::Result<()>,

@@ -1,11 +1,11 @@
-//! Crashes: processes that ended by a fault of their own, and the jobs they were running.
+//! Crashes: processes that ended through a fault of their own, and the jobs they were running.
 //!
-//! The jobs of a process that was killed (by a person, a batch system, the kernel when memory is
-//! short) run again, however often that happens. A process that aborts (a failed allocation, an
-//! overflowing stack, a panic within a panic) may have been brought down by one of its jobs, which
-//! would bring down every later process, too. Such a process leaves a mark, and all its jobs are
-//! suspects. A suspect runs in isolation from then on, so that the next crash has only one suspect.
-//! After three crashes, the last of them in isolation, the job has failed.
+//! The jobs of a process that was killed (by a person, a batch system, or the kernel when memory is short)
+//! run again, however often that happens. A process that aborts (a failed allocation, a stack overflow, a
+//! panic within a panic) may have crashed because of one of its jobs, which would crash every later process,
+//! too. Such a process leaves a mark, and all its jobs become suspects. From then on, a suspect runs in
+//! isolation, so that the next crash has only one suspect. After three crashes, the last of them in
+//! isolation, the job has failed.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -16,48 +16,48 @@ use crate::record::{Failure, FailureKind};
 
 use super::beside::beside;
 
-/// Crashes after which a job has failed, if it ran in isolation at the last.
+/// The number of crashes after which a job has failed, if the last crash happened in isolation.
 const MOST_CRASHES: u32 = 3;
 
-/// Between the store's name and the session's number in the name of a mark.
+/// Separates the store's name from the session's number in the name of a mark.
 const MARK: &str = "-session-";
 
 /// Whether a dead process crashed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Crashed {
-    /// It ended by a fault of its own.
+    /// The process ended through a fault of its own.
     Yes,
-    /// It was killed, or its end is unknown.
+    /// The process was killed, or the reason is unknown.
     No,
 }
 
-/// The file that a session marks as it crashes.
+/// The file that a session marks when it crashes.
 pub(super) fn mark(store: &Path, session: i64) -> PathBuf {
     beside(store, &format!("{MARK}{session}"))
 }
 
-/// The sessions that have such a file.
+/// The sessions that have a mark file.
 pub(super) fn marked(store: &Path) -> Vec<i64> {
     let (Some(folder), Some(name)) = (store.parent(), mark_name(store)) else { return Vec::new() };
-    // What cannot be listed stays as it is.
+    // If the folder cannot be listed, its marks stay as they are.
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let number =
         |entry: fs::DirEntry| entry.file_name().to_str()?.strip_prefix(&name)?.parse().ok();
     entries.filter_map(number).collect()
 }
 
-/// How the names of a store's marks begin; `None` where names are no text.
+/// The prefix of the names of a store's marks; `None` if the store's name is not valid text.
 fn mark_name(store: &Path) -> Option<String> {
     Some(format!("{}{MARK}", store.file_name()?.to_str()?))
 }
 
 /// Removes the mark of a session, if there is one.
 pub(super) fn unmark(store: &Path, session: i64) {
-    // What stays behind is found by the next process that looks.
+    // If the removal fails, the next process that looks for marks tries again.
     let _ = fs::remove_file(mark(store, session));
 }
 
-/// Whether a dead session left a mark; removes the mark. If the caller's transaction is not
+/// Returns whether a dead session left a mark, and removes the mark. If the caller's transaction is not
 /// committed, this crash is not counted.
 pub(super) fn take(connection: &Connection, session: i64) -> Crashed {
     let Some(store) = connection.path() else { return Crashed::No };
@@ -70,18 +70,18 @@ pub(super) fn take(connection: &Connection, session: i64) -> Crashed {
     crashed
 }
 
-/// What the crashes so far say about a job.
+/// The crash record of a job.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Record {
-    /// No process crashed while it ran.
+    /// No process crashed while it ran the job.
     Clean,
-    /// A process crashed, and this job may have been the reason.
+    /// A process crashed, possibly because of this job.
     Suspect,
-    /// Processes crashed too often, the last one while it ran this job in isolation.
+    /// Processes crashed too often, the last one while it ran the job in isolation.
     Guilty(Failure),
 }
 
-/// What the crashes since a job's last failure say about it.
+/// The crash record of a job since its last failure.
 pub(super) fn record(connection: &Connection, job: i64) -> rusqlite::Result<Record> {
     let (crashes, last): (u32, Option<u32>) = connection
         .prepare_cached(
@@ -96,8 +96,8 @@ pub(super) fn record(connection: &Connection, job: i64) -> rusqlite::Result<Reco
         (MOST_CRASHES.., Some(1)) => Record::Guilty(Failure {
             kind: FailureKind::Crashed,
             message: format!(
-                "the process crashed in {crashes} attempts at this job, in the last with no other \
-                 job beside it; what it said of it is in the output of that `jitai run`"
+                "the process crashed in {crashes} attempts at this job, in the last one without \
+                 other jobs; see the output of that `jitai run` for the cause"
             ),
             episode: 0,
         }),

@@ -1,24 +1,24 @@
-//! The queries that a report prints beside its figures, so that readers can fetch the same rows.
+//! The queries that a report prints with its figures, so that readers can fetch the same rows.
 
 use std::fmt::Write as _;
 
-use crate::manifest::{Condition, DataPart, Described, Setting};
+use crate::manifest::{Condition, DataPart, Described, ParticipantRange, Setting};
 
-/// A query of the public views: which jobs of one experiment, and which part of their results.
+/// A query of the public views: for some jobs of one experiment, and for a part of their results.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DataQuery {
     /// The experiment's name.
     pub experiment: String,
-    /// What every job meets.
+    /// The conditions that every job meets.
     pub conditions: Vec<Condition>,
-    /// Dotted names of the keys that get a column, beside agent, scenario and seed.
+    /// Dotted names of the keys that get a column, besides agent, scenario and seed.
     pub columns: Vec<String>,
     /// The part of the results.
     pub part: DataPart,
 }
 
 impl DataQuery {
-    /// Whether the query reads the rows of this job of the experiment.
+    /// Whether the query reads the rows of this job.
     pub fn asks_for(&self, job: &impl Described) -> bool {
         self.conditions.iter().all(|condition| condition.is_met_by(job))
     }
@@ -55,6 +55,10 @@ impl DataQuery {
                     .to_owned(),
                 "JOIN action_choice AS choice ON choice.job_key = run.job_key".to_owned(),
             ),
+            DataPart::Participants(range) => (
+                "test.episode, test.total_reward, test.length, test.disengaged".to_owned(),
+                participants(range),
+            ),
             DataPart::Returns => (
                 "test.episode, test.total_reward".to_owned(),
                 "JOIN evaluation_episode AS test ON test.job_key = run.job_key".to_owned(),
@@ -67,6 +71,20 @@ impl DataQuery {
             order.join(", ")
         )
     }
+}
+
+/// The test episodes of a range of participants, who are ranked within each job.
+fn participants(range: ParticipantRange) -> String {
+    let ParticipantRange { parameter, from, to, .. } = range;
+    let below = if to < 1.0 { format!(" AND person.share < {to:?}") } else { String::new() };
+    format!(
+        "JOIN (SELECT job_key, episode,\n    (row_number() OVER (PARTITION BY job_key ORDER BY value, \
+         episode) - 1.0)\n    / count(*) OVER (PARTITION BY job_key) AS share\n  FROM participant \
+         WHERE phase = 'test' AND name = {}) AS person\n  ON person.job_key = run.job_key AND \
+         person.share >= {from:?}{below}\nJOIN evaluation_episode AS test ON test.job_key = \
+         run.job_key\n  AND test.episode = person.episode",
+        text(parameter)
+    )
 }
 
 /// A condition as SQL on the rows of `run`.
@@ -86,17 +104,17 @@ fn rendered(condition: &Condition) -> String {
     format!("{value} IN ({})", values.join(", "))
 }
 
-/// The value that a job of `run` has of a key.
+/// The value of a key for a job of `run`.
 fn key(name: &str) -> String {
     format!("(SELECT value FROM parameter WHERE job_key = run.job_key AND name = {})", text(name))
 }
 
-/// A text as SQL writes it.
+/// A text as an SQL literal.
 pub fn text(text: &str) -> String {
     format!("'{}'", text.replace('\'', "''"))
 }
 
-/// A value as SQL compares it.
+/// A value as an SQL literal for comparisons.
 fn literal(setting: &Setting) -> String {
     match setting {
         Setting::Number(number) => number.to_string(),

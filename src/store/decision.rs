@@ -1,4 +1,4 @@
-//! Recorded decisions as rows: how steps are named, written and copied.
+//! Recorded decisions as rows: their ids, insertion and copying.
 
 use std::sync::LazyLock;
 
@@ -7,27 +7,27 @@ use rusqlite::{CachedStatement, Connection, Error};
 
 use crate::record::{Decision, Phase};
 
-/// Steps in a row.
+/// The number of steps per row.
 const STEPS: usize = 10;
-/// Bits of a step.
+/// The number of bits per step.
 const BITS: usize = 5;
-/// Numbers of a step.
+/// The number of real values per step.
 const NUMBERS: usize = 5;
-/// Columns of the table.
+/// The number of columns of the table.
 const COLUMNS: usize = 3 + STEPS * NUMBERS;
 
-// Where the parts of a row id begin; those below the episode are the step.
+// The lowest bits of the parts of a row id; the bits below the episode are the step.
 const RUN: u32 = 39;
 const PHASE: u32 = 38;
 const EPISODE: u32 = 14;
-/// The bits of a row id that do not name the run.
+/// The bits of a row id besides the run.
 const STEP_OF_RUN: i64 = (1 << RUN) - 1;
 
 static INSERT: LazyLock<String> = LazyLock::new(|| {
     format!("INSERT INTO recorded_decision VALUES ({})", ["?"; COLUMNS].join(", "))
 });
 
-/// The rows of run `?1` in their order. The first column is the row id without the run.
+/// The rows of run `?1` in order. The first column is the row id without the run.
 pub(super) static SELECT: LazyLock<String> = LazyLock::new(|| {
     let numbers = ["probability", "habituation", "disengagement", "action_probability", "reward"];
     let columns = (0..STEPS).flat_map(|step| numbers.map(|name| format!("{name}_{step}")));
@@ -38,7 +38,7 @@ pub(super) static SELECT: LazyLock<String> = LazyLock::new(|| {
     )
 });
 
-/// Whether the file has the table; a store of an earlier version lacks it.
+/// Whether the file has the table, which stores of earlier versions lack.
 pub(super) fn are_known(connection: &Connection) -> rusqlite::Result<bool> {
     connection
         .prepare_cached(
@@ -47,9 +47,9 @@ pub(super) fn are_known(connection: &Connection) -> rusqlite::Result<bool> {
         .query_row([], |row| row.get(0))
 }
 
-/// Inserts the decisions of a run in progress, which are in the order of phase, episode and step.
+/// Inserts the decisions of a run in progress, which must be sorted by phase, episode and step.
 ///
-/// **Errors**: a number is not finite, or an episode or step is larger than any key allows.
+/// **Errors**: a number is not finite, or an episode or step exceeds its bits in the row id.
 pub(super) fn insert(
     connection: &Connection,
     run: i64,
@@ -92,7 +92,7 @@ fn insert_steps(
             insert.raw_bind_parameter(column, number)?;
         }
     }
-    // The statement still has the values of the row before.
+    // Clears the values that the statement still has from the previous row.
     (4 + NUMBERS * steps.len()..=COLUMNS)
         .try_for_each(|column| insert.raw_bind_parameter(column, Null))?;
     insert.raw_bind_parameter(1, row_id(run, &steps[0])?)?;
@@ -102,7 +102,7 @@ fn insert_steps(
     Ok(())
 }
 
-/// The row id of steps that begin with this one.
+/// The row id of steps that start with this decision.
 fn row_id(run: i64, first: &Decision) -> rusqlite::Result<i64> {
     let Decision { phase, episode, step, .. } = *first;
     if run >> (63 - RUN) != 0 || episode >> (PHASE - EPISODE) != 0 || step >> EPISODE != 0 {
@@ -115,10 +115,9 @@ fn row_id(run: i64, first: &Decision) -> rusqlite::Result<i64> {
     Ok(run << RUN | phase << PHASE | i64::from(episode) << EPISODE | i64::from(step))
 }
 
-/// Inserts rows that [`SELECT`] read of a run of another store, one row after the other, as the
-/// decisions of run `own`.
+/// Inserts the rows of another store's run, as read by [`SELECT`], as the decisions of run `own`.
 ///
-/// **Errors**: the target does not take them.
+/// **Errors**: the target rejects the rows.
 pub(super) fn insert_copied(
     target: &Connection,
     own: i64,

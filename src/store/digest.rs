@@ -1,24 +1,24 @@
 //! The digest of a run's results, or of its failure, as they were stored.
 //!
-//! SQLite checks that a file is well formed, not that a number in it is the one that was written.
-//! The transaction that completes a run keeps a SHA-256 of its results beside it, taken from the
-//! rows as they stand in the file, so that a byte that changes later is noticed by whoever asks.
+//! SQLite checks that a file is well formed, but not that a number in it is the number that was written. The
+//! transaction that completes a run therefore stores a SHA-256 of its results, computed from the rows in the
+//! file. A later check thus detects any changed byte of the results.
 
 use rusqlite::types::ValueRef;
 use rusqlite::{Connection, Params};
 use sha2::{Digest, Sha256};
 
-use super::decision;
+use super::{decision, participant};
 
-/// The metrics of run `?1`. This and what follows is in orders that the row ids of one file do not
-/// decide.
+/// The metrics of run `?1`. This query and the following ones use orders that do not depend on the row ids of
+/// one file.
 const METRICS: &str = "SELECT name, value FROM run_metric JOIN metric_name
     ON metric_name.id = metric WHERE run = ?1 ORDER BY name";
-/// Ids of metrics by name, from where readers find the names: an index of them may be damaged when
-/// they are not, and they when it is not.
+/// The ids of metrics by name. Reads the table, as readers of the names do, and not its index, because damage
+/// may affect only one of the two.
 const METRIC_IDS: &str = "SELECT id FROM metric_name NOT INDEXED ORDER BY name";
-/// The curve of metric `?2` of run `?1`. One metric is read as it stands in the file, where SQLite
-/// would sort the whole curve.
+/// The curve of metric `?2` of run `?1`. The rows of one metric are in order in the file, whereas SQLite
+/// would have to sort the whole curve.
 const CURVE: &str = "SELECT name, episode, value FROM curve_point JOIN metric_name
     ON metric_name.id = metric WHERE run = ?1 AND metric = ?2 ORDER BY episode";
 /// The other results of run `?1`.
@@ -30,8 +30,8 @@ const OTHERS: [&str; 3] = [
     "SELECT safetensors FROM trained_weights WHERE run = ?1",
 ];
 
-/// The digest of a run's results, with the key of its job. The same results of the same job have
-/// the same digest in every store.
+/// The digest of a run's results and its job's key. Equal results of the same job have the same digest in
+/// every store.
 pub(super) fn of_run(connection: &Connection, run: i64) -> rusqlite::Result<[u8; 32]> {
     let mut digest = ResultsDigest::new(&key_of(connection, run)?);
     digest.begin_table();
@@ -45,19 +45,23 @@ pub(super) fn of_run(connection: &Connection, run: i64) -> rusqlite::Result<[u8;
         digest.begin_table();
         add_rows(&mut digest, connection, sql, [run])?;
     }
-    // Runs without decisions have the digest that they had before decisions could be recorded.
+    // Runs without decisions keep the digest that they had before decisions could be recorded.
     if decision::are_known(connection)? {
         add_rows(&mut digest, connection, &decision::SELECT, [run])?;
+    }
+    // The same holds for runs without participants.
+    if participant::are_known(connection)? {
+        add_rows(&mut digest, connection, participant::SELECT, [run])?;
     }
     Ok(digest.finish())
 }
 
-/// The digest of a run's results in the making. The tables and their rows are added in the order of
+/// The digest of a run's results while it is being computed. Tables and rows are added in the order of
 /// [`of_run`].
 pub(super) struct ResultsDigest(Sha256);
 
 impl ResultsDigest {
-    /// The digest of a run of the job with this key, before its first table.
+    /// Starts the digest of a run of the job with this key.
     pub(super) fn new(key: &str) -> Self {
         let mut hasher = Sha256::new();
         hasher.update("jitai results 1\n");
@@ -70,7 +74,7 @@ impl ResultsDigest {
         self.0.update("\n");
     }
 
-    /// Adds a value, with its type and its length, so that no two answers are the same bytes.
+    /// Adds a value with its type and length, so that different rows never give the same bytes.
     pub(super) fn add(&mut self, value: ValueRef<'_>) {
         let hasher = &mut self.0;
         match value {
@@ -88,7 +92,7 @@ impl ResultsDigest {
     }
 }
 
-/// The digest of the failure of a run, with the key of its job.
+/// The digest of a run's failure and its job's key.
 pub(super) fn of_failure(
     connection: &Connection,
     run: i64,

@@ -1,39 +1,43 @@
-//! Whether a store is as it was written: the file, its references, and what the design says of it.
+//! Examination of a store for damage to the file, its references, and the invariants of the design.
 //!
-//! In: a path, and a check of weights. Out: a [`Diagnosis`]. Nothing is written, and nothing is
-//! repaired; see [`super::salvage()`]. What weights are is known to the caller alone.
+//! In: a path, and a check of weights. Out: a [`Diagnosis`]. Nothing is written or repaired; see
+//! [`super::salvage()`]. The caller checks weights, because the store cannot interpret them.
 
+use std::collections::HashSet;
 use std::path::Path;
 
 use rusqlite::Connection;
 
+use crate::plan::{self, ImpliedParameter};
+
 use super::error::StoreError;
+use super::implied::{self, Known};
 use super::verify::{CheckWeights, failure_fault, job_fault, row_ids, run_fault};
-use super::{decision, file, schema};
+use super::{decision, earlier_manifest, file, participant, schema};
 
 /// The result of an examination.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Diagnosis {
-    /// What is wrong; empty for a healthy store.
+    /// The faults found; empty if the store is intact.
     pub findings: Vec<Finding>,
-    /// Number of completed runs.
+    /// The number of completed runs.
     pub completed: u64,
-    /// Number of completed runs that verify.
+    /// The number of completed runs that verify.
     pub intact: u64,
 }
 
 /// A fault of the store.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
-    /// The part at fault: `file`, `schema`, `reference`, `job` or `run`.
+    /// The faulty part: `file`, `schema`, `reference`, `job` or `run`.
     pub part: &'static str,
     /// The job concerned, if there is one.
     pub job_key: Option<String>,
-    /// What is wrong, as a fragment.
+    /// A description of the fault, as a fragment.
     pub what: String,
 }
 
-/// Findings of SQLite that are listed at most; a torn page has hundreds.
+/// The maximum number of SQLite's findings that are listed; a torn page causes hundreds.
 const MOST_OF_FILE: u32 = 20;
 
 /// An invariant over several rows, and the SQL for the keys of the jobs that violate it.
@@ -59,7 +63,7 @@ const INVARIANTS: [Invariant; 7] = [
                 OR EXISTS (SELECT 1 FROM trained_weights WHERE run = run.id))",
     },
     Invariant {
-        violation: "its learning curve goes on after its last training episode",
+        violation: "its learning curve extends beyond its last training episode",
         sql: "SELECT job.key FROM job
               JOIN (SELECT run.job AS job, max(episode) AS last FROM curve_point
                 JOIN run ON run.id = curve_point.run GROUP BY run.job) AS curve
@@ -67,14 +71,14 @@ const INVARIANTS: [Invariant; 7] = [
               WHERE last > json_extract(canonical, '$.agent.episodes')",
     },
     Invariant {
-        violation: "its test episodes are not as many as it declares, numbered from 1",
+        violation: "its test episodes do not match the declared number, counted from 1",
         sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
               WHERE status = 'completed' AND json_extract(canonical, '$.evaluation.test_episodes')
                 IS NOT (SELECT iif(count(*) = max(episode), count(*), -1) FROM test_episode
                     WHERE run = run.id)",
     },
     Invariant {
-        violation: "its mean return, mean length or disengagement rate is not that of its test episodes",
+        violation: "its mean return, mean length or disengagement rate does not match its test episodes",
         sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
               JOIN run_metric ON run_metric.run = run.id
               JOIN metric_name ON metric_name.id = run_metric.metric
@@ -97,7 +101,7 @@ const INVARIANTS: [Invariant; 7] = [
               GROUP BY job.key",
     },
     Invariant {
-        violation: "its actions are not as many as the steps of its test episodes",
+        violation: "its number of actions does not match the steps of its test episodes",
         sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
               WHERE status = 'completed'
                 AND (SELECT sum(count) FROM action_count WHERE run = run.id)
@@ -105,7 +109,7 @@ const INVARIANTS: [Invariant; 7] = [
     },
 ];
 
-/// The invariants of recorded decisions, which a store of an earlier version does not have.
+/// The invariants of recorded decisions, which stores of earlier versions lack.
 const OF_DECISIONS: [Invariant; 2] = [
     Invariant {
         violation: "a run that is not completed has recorded decisions",
@@ -114,7 +118,7 @@ const OF_DECISIONS: [Invariant; 2] = [
                 WHERE recorded.id BETWEEN run.id << 39 AND (run.id << 39) + 549755813887)",
     },
     Invariant {
-        violation: "its recorded decisions are not those that it declares: one for each step",
+        violation: "its recorded decisions do not match its declaration: one per step",
         sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
               WHERE status = 'completed' AND
                 (SELECT total(steps) FROM recorded_decision AS recorded
@@ -126,9 +130,30 @@ const OF_DECISIONS: [Invariant; 2] = [
     },
 ];
 
+/// The invariants of recorded participants, which stores of earlier versions lack.
+const OF_PARTICIPANTS: &[Invariant] = &[
+    Invariant {
+        violation: "a run that is not completed has recorded participants",
+        sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
+              WHERE status <> 'completed' AND EXISTS (
+                SELECT 1 FROM recorded_participant AS recorded
+                WHERE recorded.id BETWEEN run.id << 39 AND (run.id << 39) + 549755813887)",
+    },
+    Invariant {
+        violation: "its recorded participants do not match its population: one per test episode",
+        sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
+              WHERE status = 'completed' AND
+                (SELECT count(DISTINCT recorded.id >> 14) FROM recorded_participant AS recorded
+                 WHERE recorded.id BETWEEN (run.id << 39) + (1 << 38)
+                    AND (run.id << 39) + 549755813887)
+                <> CASE WHEN json_type(canonical, '$.population') IS NULL THEN 0
+                    ELSE (SELECT count(*) FROM test_episode WHERE run = run.id) END",
+    },
+];
+
 /// Examines the whole store at `path`.
 ///
-/// **Errors**: nothing is at `path`, or no store, or a store of a newer release.
+/// **Errors**: `path` does not exist, is not a store, or is a store of a newer release.
 pub fn examine(path: &Path, check_weights: CheckWeights<'_>) -> Result<Diagnosis, StoreError> {
     let connection = match file::open_reader(path) {
         Ok((connection, _)) => connection,
@@ -142,12 +167,14 @@ pub fn examine(path: &Path, check_weights: CheckWeights<'_>) -> Result<Diagnosis
     examination.file();
     examination.references();
     examination.invariants();
+    examination.implied_parameters();
+    examination.earlier_manifests();
     examination.jobs();
     examination.runs(check_weights);
     Ok(examination.found)
 }
 
-/// A message without its line breaks: SQLite quotes SQL.
+/// A message on one line, because SQLite quotes SQL with line breaks.
 fn in_a_line(message: &str) -> String {
     message.lines().map(str::trim).collect::<Vec<_>>().join(" ")
 }
@@ -160,13 +187,13 @@ struct Examination<'a> {
 impl Examination<'_> {
     fn find(&mut self, part: &'static str, job_key: Option<String>, what: impl Into<String>) {
         let finding = Finding { part, job_key, what: in_a_line(&what.into()) };
-        // Several checks can find the same damage. Damage that concerns no job is reported once.
+        // Several checks can find the same damage. Damage that concerns no particular job is reported once.
         if finding.job_key.is_some() || !self.found.findings.contains(&finding) {
             self.found.findings.push(finding);
         }
     }
 
-    /// The first column of an answer, as text; what cannot be read is a finding.
+    /// The first column of a query's result, as text; an unreadable row becomes a finding.
     fn texts(&mut self, part: &'static str, sql: &str) -> Vec<String> {
         let mut texts = Vec::new();
         let read = self.connection.prepare(sql).and_then(|mut statement| {
@@ -196,8 +223,8 @@ impl Examination<'_> {
     }
 
     fn references(&mut self) {
-        let dangling = "SELECT concat('rows of ', \"table\", ' refer to rows of ', parent,
-                ' that are not there: ', count(*))
+        let dangling = "SELECT concat('rows of ', \"table\", ' refer to missing rows of ', parent,
+                ': ', count(*))
              FROM pragma_foreign_key_check GROUP BY \"table\", parent";
         for line in self.texts("reference", dangling) {
             self.find("reference", None, line);
@@ -209,10 +236,59 @@ impl Examination<'_> {
             Ok(true) => &OF_DECISIONS[..],
             Ok(false) | Err(_) => &[],
         };
-        for Invariant { violation, sql } in INVARIANTS.iter().chain(of_decisions) {
+        let of_participants = match participant::are_known(self.connection) {
+            Ok(true) => OF_PARTICIPANTS,
+            Ok(false) | Err(_) => &[],
+        };
+        let all = INVARIANTS.iter().chain(of_decisions).chain(of_participants);
+        for Invariant { violation, sql } in all {
             for key in self.texts("job", sql) {
                 self.find("job", Some(key), *violation);
             }
+        }
+    }
+
+    /// Checks the values of parameters that canonical forms omit, which the view `parameter` shows for every
+    /// job.
+    fn implied_parameters(&mut self) {
+        let table = "SELECT name FROM sqlite_schema WHERE name = 'implied_parameter'";
+        if self.texts("schema", table).is_empty() {
+            return;
+        }
+        let declared = plan::implied_parameters();
+        for parameter in &declared {
+            let what = match implied::known(self.connection, parameter) {
+                Ok(Known::Other(stored)) => {
+                    let name = &parameter.name;
+                    format!(
+                        "jobs without {name} mean {stored}, but this release declares another value"
+                    )
+                }
+                Ok(Known::Not | Known::Same) => continue,
+                Err(error) => format!("{}: {error}", parameter.name),
+            };
+            self.find("parameter", None, what);
+        }
+        let named = |parameter: ImpliedParameter| {
+            format!("{} {}", parameter.name, parameter.algorithm.unwrap_or_default())
+        };
+        let known: HashSet<String> = declared.into_iter().map(named).collect();
+        let stored = "SELECT concat(name, ' ', algorithm) FROM implied_parameter";
+        for parameter in self.texts("parameter", stored) {
+            if !known.contains(&parameter) {
+                let what = "is unknown: damaged, or added by a newer release";
+                self.find("parameter", None, format!("{} {what}", parameter.trim_end()));
+            }
+        }
+    }
+
+    fn earlier_manifests(&mut self) {
+        match earlier_manifest::damaged(self.connection) {
+            Ok(names) => names.into_iter().for_each(|name| {
+                let what = format!("an earlier manifest of {name} does not match its digest");
+                self.find("experiment", None, what);
+            }),
+            Err(error) => self.find("experiment", None, format!("earlier manifests: {error}")),
         }
     }
 

@@ -1,4 +1,4 @@
-//! How the row of a run ends: with the digest of what it left in the store.
+//! Ending the row of a run, with the digest of its results or failure.
 
 use rusqlite::{Connection, params};
 
@@ -7,7 +7,7 @@ use crate::record::Failure;
 use super::digest;
 use super::transaction::NOW;
 
-/// Completes a run whose results are in the file, with their digest.
+/// Completes a run whose results are in the file, and stores their digest.
 pub(super) fn complete_run(
     connection: &Connection,
     run: i64,
@@ -24,7 +24,7 @@ pub(super) fn complete_run(
     Ok(())
 }
 
-/// Ends a run that leaves no results.
+/// Ends a run without results.
 pub(super) fn end_run(
     connection: &Connection,
     run: i64,

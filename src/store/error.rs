@@ -1,4 +1,4 @@
-//! What can go wrong with the store, in words that say what to do.
+//! Errors of the store; every message says what to do.
 
 use std::path::{Path, PathBuf};
 
@@ -6,25 +6,25 @@ use rusqlite::ErrorCode;
 
 use crate::plan::JobKey;
 
-const NO_SQLITE_FILE: &str = "no SQLite file, so it cannot be a store, or no longer (`jitai doctor \
-     --salvage NEW` writes what is left of one to a new store)";
+const NO_SQLITE_FILE: &str = "not a SQLite file (if it was a store, `jitai doctor --salvage NEW` \
+     copies its intact runs to a new store)";
 
-/// Why the store could not do what it was asked.
+/// Why an operation on the store failed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StoreError {
-    /// Nothing to read is there.
+    /// The file does not exist.
     #[error(
-        "there is no store at `{}`; `jitai run` makes one, and --store names another",
+        "there is no store at `{}`; create it with `jitai run`, or name another store with --store",
         .path.display()
     )]
     Missing {
-        /// Where it was looked for.
+        /// The path.
         path: PathBuf,
     },
-    /// The file is there and has nothing in it.
+    /// The file is empty.
     #[error(
-        "`{}` is an empty file; `jitai run` makes a store of it, and --store names another",
+        "`{}` is an empty file; `jitai run` turns it into a store; --store names another store",
         .path.display()
     )]
     Empty {
@@ -33,27 +33,27 @@ pub enum StoreError {
     },
     /// The folder that should hold the store does not exist.
     #[error(
-        "there is no folder `{}` for a store at `{}`; make it first, or --store names another",
+        "there is no folder `{}` for a store at `{}`; create it first, or name another store with \
+         --store",
         .folder.display(), .path.display()
     )]
     MissingFolder {
         /// The store's path.
         path: PathBuf,
-        /// The folder that is missing.
+        /// The missing folder.
         folder: PathBuf,
     },
-    /// The path leads to something that is no SQLite file.
+    /// The path is not a SQLite file.
     #[error("`{}` is {what}; name another file with --store", .path.display())]
     NotAStore {
         /// The path.
         path: PathBuf,
-        /// What is there.
+        /// What the path is.
         what: &'static str,
     },
     /// The file is a SQLite database of another program.
     #[error(
-        "`{}` is a SQLite file that jitai did not make; it is left untouched, name another file \
-         with --store",
+        "`{}` is a SQLite file of another program; it was not changed; name another file with --store",
         .path.display()
     )]
     Foreign {
@@ -62,8 +62,8 @@ pub enum StoreError {
     },
     /// The store was written by a newer release.
     #[error(
-        "`{}` has schema version {found}, and this jitai knows versions up to {known}; it is left \
-         untouched, use the newer jitai that wrote it",
+        "`{}` has schema version {found}, but this jitai supports versions up to {known}; it was not \
+         changed; use the newer jitai that wrote it",
         .path.display()
     )]
     Newer {
@@ -71,13 +71,13 @@ pub enum StoreError {
         path: PathBuf,
         /// The file's schema version.
         found: u32,
-        /// The newest version known here.
+        /// The newest version that this program supports.
         known: u32,
     },
-    /// A key has another value `before` than the program declared that wrote the store.
+    /// A key declares another value `before` than the program that wrote the store.
     #[error(
-        "in `{}` a job without `{parameter}` stands for {stored}, and this jitai declares another \
-         value; it is left untouched, use the jitai that wrote it",
+        "in `{}`, jobs without `{parameter}` mean {stored}, but this jitai declares another value; \
+         it was not changed; use the jitai that wrote it",
         .path.display()
     )]
     Reinterpreted {
@@ -85,13 +85,13 @@ pub enum StoreError {
         path: PathBuf,
         /// The parameter's dotted name.
         parameter: String,
-        /// The value in the store, as SQL writes it.
+        /// The value in the store, as an SQL literal.
         stored: String,
     },
     /// The store was written by an older release, and is opened for reading only.
     #[error(
-        "`{}` has schema version {found}, and this jitai reads version {known}; `jitai run` \
-         migrates it, after a backup copy",
+        "`{}` has schema version {found}, but this jitai reads version {known}; `jitai run` makes a \
+         backup copy and migrates it",
         .path.display()
     )]
     Older {
@@ -99,23 +99,23 @@ pub enum StoreError {
         path: PathBuf,
         /// The file's schema version.
         found: u32,
-        /// The version read here.
+        /// The version that this program reads.
         known: u32,
     },
-    /// The file or its folder cannot be opened as asked.
+    /// The file or its folder cannot be opened.
     #[error(
-        "cannot open `{}`: {reason}; check the rights of the file and its folder",
+        "cannot open `{}`: {reason}; check the permissions of the file and its folder",
         .path.display()
     )]
     CannotOpen {
         /// The path.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         reason: String,
     },
     /// The file can be read but not written.
     #[error(
-        "`{}` cannot be written; check the rights of the file and its folder, or name another \
+        "`{}` cannot be written; check the permissions of the file and its folder, or name another \
          file with --store",
         .path.display()
     )]
@@ -132,10 +132,10 @@ pub enum StoreError {
         /// The path.
         path: PathBuf,
     },
-    /// The file lies on another machine.
+    /// The file is on a network file system.
     #[error(
-        "`{}` lies on a network file system ({kind}), where SQLite cannot rely on locks; put the \
-         store on a local disk, and copy it when its jobs have run",
+        "`{}` is on a network file system ({kind}), where SQLite cannot rely on locks; put the \
+         store on a local disk, and copy it there when its jobs have run",
         .path.display()
     )]
     Network {
@@ -144,49 +144,49 @@ pub enum StoreError {
         /// The kind of file system.
         kind: String,
     },
-    /// The disk refuses to read or write.
+    /// Reading from or writing to the disk failed.
     #[error(
-        "failed to {action} in `{}`: {reason}; see whether its disk is full or failing, or \
-         files are limited in size (ulimit -f); nothing is half written, and the same command goes on",
+        "failed to {action} in `{}`: {reason}; check for a full or failing disk, or a limit on file \
+         sizes (ulimit -f); the store is consistent, so run the same command to resume",
         .path.display()
     )]
     Disk {
         /// The path.
         path: PathBuf,
-        /// What was to be done.
+        /// The operation that failed.
         action: &'static str,
-        /// What SQLite said.
+        /// SQLite's message.
         reason: String,
     },
     /// Another process holds the write lock for too long.
     #[error(
-        "failed to {action}: another process has held `{}` for over a minute; let it end, then \
-         try again",
+        "failed to {action}: another process has locked `{}` for over a minute; wait for it to end, \
+         then try again",
         .path.display()
     )]
     Busy {
         /// The path.
         path: PathBuf,
-        /// What was to be done.
+        /// The operation that failed.
         action: &'static str,
     },
     /// The backup copy before a migration could not be made; the store is untouched.
     #[error(
-        "failed to copy `{}` to `{}` before migrating it: {reason}; make room or give rights, \
-         then try again",
+        "failed to copy `{}` to `{}` before the migration: {reason}; free disk space or fix the \
+         permissions, then try again",
         .path.display(), .backup.display()
     )]
     Backup {
         /// The path.
         path: PathBuf,
-        /// Where the copy was to be.
+        /// The path of the copy.
         backup: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         reason: String,
     },
     /// A migration failed and was rolled back.
     #[error(
-        "failed to migrate `{}` ({migration}): {reason}; the store is as it was, keep using the \
+        "failed to migrate `{}` ({migration}): {reason}; the store was not changed; keep using the \
          jitai that wrote it",
         .path.display()
     )]
@@ -195,13 +195,13 @@ pub enum StoreError {
         path: PathBuf,
         /// The migration's name.
         migration: &'static str,
-        /// What was wrong.
+        /// The reason.
         reason: String,
     },
     /// Another manifest took the experiment's name while this one was being registered.
     #[error(
-        "another process is registering another manifest as `{name}`; give each experiment a name \
-         of its own, or wait until that process has ended"
+        "another process is registering a different manifest as `{name}`; give each experiment its \
+         own name, or wait until that process has ended"
     )]
     Contested {
         /// The experiment's name.
@@ -213,37 +213,37 @@ pub enum StoreError {
         /// The job.
         key: JobKey,
     },
-    /// The run was taken over, so its outcome is not written.
+    /// Another process took over the run, so its outcome was not stored.
     #[error("the run of job {key} was taken over by another process; nothing was stored")]
     ClaimLost {
         /// The job.
         key: JobKey,
     },
-    /// A text is not the beginning of a job key.
-    #[error("`{text}` is not a job key; a key or its beginning has 1 to 32 digits of 0-9 and a-f")]
+    /// A text is not a prefix of a job key.
+    #[error("`{text}` is not a job key or prefix of one; expected 1 to 32 digits of 0-9 and a-f")]
     NotAKey {
         /// The text.
         text: String,
     },
-    /// No job has a key that begins so.
-    #[error("no job's key begins with `{prefix}`; `jitai plan --jobs` lists the keys")]
+    /// No job key has the prefix.
+    #[error("no job key begins with `{prefix}`; `jitai plan --jobs` lists the keys")]
     NoSuchJob {
-        /// The beginning asked for.
+        /// The prefix.
         prefix: String,
     },
-    /// Jobs have keys that begin so, but none has a completed run.
-    #[error("job {key} has no completed run; `jitai run` its manifest first")]
+    /// Job keys have the prefix, but none of the jobs has a completed run.
+    #[error("job {key} has no completed run; run its manifest first (`jitai run`)")]
     NotCompleted {
         /// The first such job's key.
         key: String,
     },
-    /// Several completed jobs have keys that begin so.
+    /// Several completed jobs have keys with the prefix.
     #[error(
-        "`{prefix}` begins the keys of several completed jobs ({}, …); give more digits",
+        "`{prefix}` is a prefix of several completed jobs' keys ({}, …); give more digits",
         .keys.join(", ")
     )]
     AmbiguousKey {
-        /// The beginning asked for.
+        /// The prefix.
         prefix: String,
         /// Some of the keys.
         keys: Vec<String>,
@@ -253,56 +253,57 @@ pub enum StoreError {
     UnreadableJob {
         /// The job.
         key: String,
-        /// What was wrong with it.
+        /// The reason.
         reason: String,
     },
-    /// The file is not as it was written.
+    /// The content of the file is damaged.
     #[error(
-        "`{}` is damaged: {reason}; `jitai doctor` says what can be saved",
+        "`{}` is damaged: {reason}; `jitai doctor` reports which runs are intact",
         .path.display()
     )]
     Damaged {
         /// The path.
         path: PathBuf,
-        /// What was seen.
+        /// The damage.
         reason: String,
     },
     /// The disk is full.
     #[error(
-        "failed to {action}: no room is left for `{}`; make room, and the same command goes on",
+        "failed to {action}: the disk of `{}` is full; free disk space and run the same command \
+         to resume",
         .path.display()
     )]
     Full {
         /// The path.
         path: PathBuf,
-        /// What was to be done.
+        /// The operation that failed.
         action: &'static str,
     },
-    /// The file that a salvage is to write is there already.
-    #[error("`{}` is there already; a salvage writes a new file, name another", .path.display())]
+    /// The output file of a salvage already exists.
+    #[error("`{}` already exists; name a new file for the salvaged store", .path.display())]
     InTheWay {
         /// The path.
         path: PathBuf,
     },
-    /// A path that names no store to merge.
+    /// A path cannot be merged, because it is not a store.
     #[error("cannot merge `{}`: {reason}; nothing was merged", .path.display())]
     NotMergeable {
         /// The path.
         path: PathBuf,
-        /// What is there.
+        /// Why it cannot be merged.
         reason: String,
     },
     /// A store was to be merged into itself.
     #[error(
-        "`{}` is the store that --store names; name other stores to merge into it",
+        "`{}` is the target store (--store); name other stores to merge into it",
         .path.display()
     )]
     MergeIntoItself {
         /// The store.
         path: PathBuf,
     },
-    /// A salvage found nothing.
-    #[error("nothing in `{}` can be read as a store, so nothing was written", .path.display())]
+    /// A salvage found no readable data.
+    #[error("`{}` has no readable store data; nothing was written", .path.display())]
     NothingToSave {
         /// The path.
         path: PathBuf,
@@ -312,9 +313,9 @@ pub enum StoreError {
     Sqlite {
         /// The path.
         path: PathBuf,
-        /// What was to be done.
+        /// The operation that failed.
         action: &'static str,
-        /// What SQLite said.
+        /// SQLite's error.
         source: rusqlite::Error,
     },
 }
@@ -343,11 +344,11 @@ impl StoreError {
     }
 }
 
-/// Whether an error of SQLite, or of reading a value, says that the file is not as it was written.
+/// Whether an error of SQLite, or of reading a value, indicates a damaged file.
 pub(super) fn is_damage(error: &rusqlite::Error) -> bool {
     use rusqlite::Error;
     match error {
-        // The tables are strict, so a value of another type or form was not written by anybody.
+        // The tables are strict, so no program writes a value of another type or form.
         Error::InvalidColumnType(..)
         | Error::FromSqlConversionFailure(..)
         | Error::IntegralValueOutOfRange(..)
@@ -361,7 +362,7 @@ pub(super) fn is_damage(error: &rusqlite::Error) -> bool {
 pub(super) enum Fault {
     /// SQLite failed.
     Sqlite(rusqlite::Error),
-    /// The store refuses, for a reason of its own.
+    /// The store rejects the operation.
     Refused(StoreError),
 }
 

@@ -8,6 +8,7 @@ use rusqlite::{CachedStatement, Connection, OptionalExtension, params};
 
 use crate::plan::{CanonicalForm, Job, JobKey, Versions};
 
+use super::earlier_manifest;
 use super::error::{Fault, StoreError};
 use super::transaction::NOW;
 use super::writer::Store;
@@ -15,37 +16,37 @@ use super::writer::Store;
 /// A manifest as the store keeps it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Experiment<'a> {
-    /// Its name, which identifies it in the store.
+    /// The experiment's name, which identifies it in the store.
     pub name: &'a str,
-    /// What the author wants to know.
+    /// The question of the experiment.
     pub question: Option<&'a str>,
-    /// What the author expects.
+    /// The expected result.
     pub hypothesis: Option<&'a str>,
     /// The manifest's text as it was read.
     pub manifest: &'a str,
 }
 
-/// What registering an experiment changed, in jobs.
+/// The changes of a registration, in numbers of jobs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Registered {
-    /// Jobs that the experiment holds now.
+    /// The number of jobs that the experiment holds now.
     pub jobs: usize,
-    /// Jobs among them that it did not hold before.
+    /// The number of these jobs that the experiment did not hold before.
     pub added: usize,
     /// Jobs that it no longer holds under any agent, because the manifest dropped them or their keys
     /// changed. Their runs stay in the store.
     pub dropped: usize,
 }
 
-/// Jobs that one transaction registers. Other writers get their turn between two transactions.
+/// The number of jobs per transaction. Other writers get their turn between transactions.
 const BATCH: usize = 10_000;
 
 impl Store {
     /// Makes the experiment hold exactly these jobs, each under its agent's name, in this order.
     ///
-    /// Writes only what differs from the store: registering the same again writes nothing.
+    /// Writes only differences from the store: registering the same jobs again writes nothing.
     ///
-    /// **Errors**: another process registers another manifest under the same name meanwhile.
+    /// **Errors**: another process is registering a different manifest under the same name.
     pub fn register<A: AsRef<str>, J: Borrow<Job>>(
         &mut self,
         experiment: &Experiment<'_>,
@@ -56,10 +57,10 @@ impl Store {
         Ok(registered.expect("nothing stops it"))
     }
 
-    /// As [`Store::register`], until it is done or `stop` is set; `None` if it was stopped.
+    /// Like [`Store::register`], until all jobs are registered or `stop` is set; `None` if it was stopped.
     ///
-    /// Each transaction registers ten thousand jobs. Jobs registered before a stop stay, and so do
-    /// jobs that the manifest dropped; registering again completes the rest.
+    /// Each transaction registers ten thousand jobs. After a stop, the jobs registered so far remain, and so
+    /// do jobs that the manifest dropped. Registering again completes the rest.
     pub fn register_until<A: AsRef<str>, J: Borrow<Job>>(
         &mut self,
         stop: &AtomicBool,
@@ -69,8 +70,8 @@ impl Store {
         self.register_where(stop, experiment, jobs, |_| true)
     }
 
-    /// As [`Store::register_until`], with those of the jobs that are in `part`, each in its place in
-    /// the whole order. Of the others the experiment keeps those that it holds already, and gets none.
+    /// Like [`Store::register_until`], but adds only the jobs in `part`, at their places in the whole order.
+    /// Keeps other jobs that the experiment already holds.
     pub fn register_part_until<A: AsRef<str>, J: Borrow<Job>>(
         &mut self,
         stop: &AtomicBool,
@@ -97,7 +98,7 @@ impl Store {
             if stop.load(Ordering::Relaxed) {
                 return Ok(None);
             }
-            // Hashed before the lock is taken, which others wait for.
+            // Jobs are hashed before the write lock is taken, because other processes wait for it.
             let batch: Vec<Member> = jobs
                 .by_ref()
                 .take(BATCH)
@@ -126,7 +127,7 @@ impl Store {
     }
 }
 
-/// Fails if the experiment has been given another manifest since its registration began.
+/// Fails if the experiment's manifest has been replaced since its registration began.
 fn require_manifest(
     connection: &Connection,
     id: i64,
@@ -145,36 +146,46 @@ fn upsert_experiment(
     connection: &Connection,
     experiment: &Experiment<'_>,
 ) -> rusqlite::Result<i64> {
+    // One instant ends the use of a text and begins that of the next.
+    let now: String = connection.query_row(&format!("SELECT {NOW}"), [], |row| row.get(0))?;
+    let replaces = "SELECT 1 FROM experiment WHERE name = ?1 AND manifest <> ?2";
+    if connection.prepare_cached(replaces)?.exists([experiment.name, experiment.manifest])? {
+        earlier_manifest::keep(connection, experiment.name, &now)?;
+    }
     connection.execute(
-        &format!(
-            "INSERT INTO experiment (name, question, hypothesis, manifest, created_at, updated_at)
-             VALUES (?1, ?2, ?3, ?4, {NOW}, {NOW})
-             ON CONFLICT (name) DO UPDATE SET question = excluded.question,
-                hypothesis = excluded.hypothesis, manifest = excluded.manifest,
-                updated_at = excluded.updated_at
-             WHERE (question, hypothesis, manifest)
-                IS NOT (excluded.question, excluded.hypothesis, excluded.manifest)"
-        ),
-        params![experiment.name, experiment.question, experiment.hypothesis, experiment.manifest],
+        "INSERT INTO experiment (name, question, hypothesis, manifest, created_at, updated_at)
+         VALUES (?1, ?2, ?3, ?4, ?5, ?5)
+         ON CONFLICT (name) DO UPDATE SET question = excluded.question,
+            hypothesis = excluded.hypothesis, manifest = excluded.manifest,
+            updated_at = excluded.updated_at
+         WHERE (question, hypothesis, manifest)
+            IS NOT (excluded.question, excluded.hypothesis, excluded.manifest)",
+        params![
+            experiment.name,
+            experiment.question,
+            experiment.hypothesis,
+            experiment.manifest,
+            now
+        ],
     )?;
     connection
         .query_row("SELECT id FROM experiment WHERE name = ?1", [experiment.name], |row| row.get(0))
 }
 
-/// The jobs of an experiment that were registered so far.
+/// The jobs of an experiment that have been registered so far.
 #[derive(Default)]
 struct Held {
-    /// Names of agents, by the number that `jobs` knows them by.
+    /// The names of agents, by their number in `jobs`.
     agents: Vec<String>,
-    /// Key and agent of every job met so far.
+    /// The key and agent of every job seen so far.
     jobs: HashSet<(JobKey, usize)>,
-    /// Of these, how many the experiment holds as part of the registration.
+    /// The number of these jobs that the experiment holds through this registration.
     held: usize,
-    /// Of these, how many the experiment did not hold before.
+    /// The number of these jobs that the experiment did not hold before.
     added: usize,
 }
 
-/// A job that an experiment is to hold.
+/// A job that the experiment should hold.
 struct Member {
     form: CanonicalForm,
     /// The agent's number.
@@ -184,8 +195,7 @@ struct Member {
 }
 
 impl Held {
-    /// The agent's number and the job's place in the manifest's order; `None` if the job was met
-    /// before.
+    /// The number of the agent and the place of the job in the manifest; `None` for a repeated job.
     fn meet(&mut self, agent: &str, key: JobKey) -> Option<(usize, usize)> {
         let (agent, position) = (self.number(agent), self.jobs.len());
         self.jobs.insert((key, agent)).then_some((agent, position))
@@ -198,8 +208,8 @@ impl Held {
         })
     }
 
-    /// Removes the jobs that the manifest no longer has; returns how many it has under no other
-    /// agent either.
+    /// Removes the jobs that the manifest no longer has. Returns the number of jobs that it also lacks under
+    /// all other agents.
     fn drop_others(&self, connection: &Connection, experiment: i64) -> rusqlite::Result<usize> {
         let stored: usize = connection.query_row(
             "SELECT count(*) FROM experiment_job WHERE experiment = ?1",
@@ -237,7 +247,7 @@ impl Held {
     }
 }
 
-/// The part of a registration that is in one transaction.
+/// The part of a registration that belongs to one transaction.
 struct Registration<'a> {
     experiment: i64,
     held: &'a mut Held,
@@ -249,9 +259,9 @@ struct Registration<'a> {
 
 /// A job's row.
 enum JobRow {
-    /// It was there.
+    /// The job already had a row.
     Known(i64),
-    /// It has just been made.
+    /// The row was inserted.
     New(i64),
 }
 
@@ -303,7 +313,7 @@ impl<'a> Registration<'a> {
         Ok(())
     }
 
-    /// The job's row, made if there is none.
+    /// The row of a job, inserted if it is missing.
     fn row(&mut self, form: &CanonicalForm) -> rusqlite::Result<JobRow> {
         let key = form.key().to_string();
         let found = self.find_job.query_row([&key], |row| row.get(0)).optional()?;

@@ -1,4 +1,4 @@
-//! Opening the file: what may be opened, and how a connection is set up.
+//! Opening the file: checks of what may be opened, and the set-up of connections.
 //!
 //! A file of another program or of a newer release is recognised before anything is written to it.
 
@@ -17,7 +17,7 @@ use super::migrate::{self, APPLICATION_ID, OLDEST_READABLE, SCHEMA_VERSION};
 use super::{implied, mount, sandbox, schema};
 use crate::plan;
 
-/// Prepared statements that a connection caches; storing a run uses about thirty.
+/// The number of prepared statements that a connection caches; storing a run uses about thirty.
 const STATEMENTS_KEPT: usize = 64;
 
 /// How long a connection waits for a lock. This program holds it for less than a second at a time;
@@ -27,15 +27,15 @@ const BUSY_TIMEOUT: Duration = Duration::from_secs(60);
 /// How long a reader waits for an empty file to become a store.
 const BEING_MADE: Duration = Duration::from_millis(500);
 
-/// What is at a path.
+/// The kind of file at a path.
 enum Presence {
     Absent,
     Blank,
     Database,
 }
 
-/// A writing connection to the store at `path`, which is made or migrated as needed, and the
-/// absolute path.
+/// A writing connection to the store at `path`, which is created or migrated as needed, and the absolute
+/// path.
 pub(super) fn open_writer(path: &Path) -> Result<(Connection, PathBuf), StoreError> {
     let path = absolute(path)?;
     look(&path)?;
@@ -48,7 +48,7 @@ pub(super) fn open_writer(path: &Path) -> Result<(Connection, PathBuf), StoreErr
     let action = "open the store";
     let mut connection = Connection::open_with_flags(&path, flags)
         .map_err(|source| StoreError::sqlite(&path, action, source))?;
-    // Closing must not touch the file before it is known to be ours.
+    // Closing must not change the file before it is known to be a store.
     set_up(&connection, DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE)
         .and_then(|()| connection.is_readonly("main"))
         .map_err(|source| StoreError::sqlite(&path, action, source))
@@ -68,15 +68,14 @@ pub(super) fn open_writer(path: &Path) -> Result<(Connection, PathBuf), StoreErr
     Ok((connection, path))
 }
 
-/// A reading connection to the store at `path`, and the absolute path. The caller checks the
-/// schema.
+/// A reading connection to the store at `path`, and the absolute path. The caller checks the schema.
 pub(super) fn open_reader(path: &Path) -> Result<(Connection, PathBuf), StoreError> {
     let path = absolute(path)?;
     let asked = Instant::now();
     loop {
         match look(&path)? {
             Presence::Absent => return Err(StoreError::Missing { path }),
-            // A store that another process has just begun to make.
+            // Another process has just begun to create the store.
             Presence::Blank if asked.elapsed() < BEING_MADE => thread::sleep(BEING_MADE / 50),
             Presence::Blank => return Err(StoreError::Empty { path }),
             Presence::Database => break,
@@ -94,7 +93,7 @@ pub(super) fn open_reader(path: &Path) -> Result<(Connection, PathBuf), StoreErr
     };
     let connection = connection.map_err(|source| StoreError::sqlite(&path, action, source))?;
     let mut found = identify(&connection, &path)?;
-    // Its tables come with the first transaction.
+    // The tables appear with the first transaction.
     while found == 0 && asked.elapsed() < BEING_MADE {
         thread::sleep(BEING_MADE / 50);
         found = identify(&connection, &path)?;
@@ -108,17 +107,17 @@ pub(super) fn open_reader(path: &Path) -> Result<(Connection, PathBuf), StoreErr
     }
 }
 
-/// A connection that reads whatever can be read of a damaged store.
+/// A connection that reads as much as possible of a damaged store.
 ///
-/// **Errors**: [`StoreError::Damaged`] if its header or schema cannot be read; it is no regular
-/// file, or a store of a newer release.
+/// **Errors**: [`StoreError::Damaged`] if its header or schema cannot be read; the path is not a regular
+/// file, or is a store of a newer release.
 pub(super) fn open_damaged(path: &Path) -> Result<Connection, StoreError> {
     let path = absolute(path)?;
     match look(&path) {
         Ok(Presence::Absent) => return Err(StoreError::Missing { path }),
         Ok(Presence::Blank) => return Err(StoreError::Empty { path }),
         Ok(Presence::Database) => {}
-        // One changed byte of the header makes a store look like any of these.
+        // A single changed byte in the header makes a store look like one of these.
         Err(
             StoreError::NotAStore { .. } | StoreError::Foreign { .. } | StoreError::Sqlite { .. },
         ) if path.is_file() => {}
@@ -137,7 +136,7 @@ pub(super) fn open_damaged(path: &Path) -> Result<Connection, StoreError> {
             connection.set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true)?;
             connection.set_db_config(DbConfig::SQLITE_DBCONFIG_ENABLE_QPSG, true)?;
             connection.set_db_config(DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false)?;
-            // Without it SQLite reads nothing of a file that is shorter than its header says.
+            // Otherwise SQLite reads nothing from a file that is shorter than its header says.
             connection.execute_batch("PRAGMA writable_schema = ON; PRAGMA query_only = ON")
         })
         .and_then(|()| schema::faults(&connection))
@@ -148,7 +147,7 @@ pub(super) fn open_damaged(path: &Path) -> Result<Connection, StoreError> {
     }
 }
 
-/// Fails unless the file still has the schema of this program.
+/// Fails unless the file still has this program's schema version.
 pub(super) fn require_current(connection: &Connection, path: &Path) -> Result<(), StoreError> {
     match identify(connection, path)? {
         SCHEMA_VERSION => Ok(()),
@@ -156,7 +155,7 @@ pub(super) fn require_current(connection: &Connection, path: &Path) -> Result<()
     }
 }
 
-/// `path` from the root, so that SQLite never takes it for a URI or a name with a meaning.
+/// The absolute path, so that SQLite does not interpret it as a URI or a special name.
 fn absolute(path: &Path) -> Result<PathBuf, StoreError> {
     std::path::absolute(path).map_err(|error| StoreError::CannotOpen {
         path: path.to_owned(),
@@ -164,7 +163,7 @@ fn absolute(path: &Path) -> Result<PathBuf, StoreError> {
     })
 }
 
-/// What is at `path`, without a lock and without a file beside it.
+/// Determines the kind of file at `path`, without a lock or additional files.
 fn look(path: &Path) -> Result<Presence, StoreError> {
     let not_a_store = |what| StoreError::NotAStore { path: path.to_owned(), what };
     let cannot_open = |error: std::io::Error| StoreError::CannotOpen {
@@ -183,8 +182,8 @@ fn look(path: &Path) -> Result<Presence, StoreError> {
     if fs::metadata(path).map_err(cannot_open)?.len() == 0 {
         return Ok(Presence::Blank);
     }
-    // By SQLite, not by reading the file: POSIX drops every lock of a process on a file as soon as
-    // any descriptor of it is closed, and only SQLite knows which of its locks that would cost.
+    // The header is read through SQLite. Closing any descriptor of a file releases all POSIX locks of the
+    // process on that file, and only SQLite tracks which locks that would release.
     match header(path) {
         Ok((application_id, version)) => {
             judge(application_id, version, path).map(|()| Presence::Database)
@@ -198,14 +197,14 @@ fn look(path: &Path) -> Result<Presence, StoreError> {
     }
 }
 
-/// Application id and schema version in the file itself, whatever its log says.
+/// The application id and schema version in the file itself, without its write-ahead log.
 fn header(path: &Path) -> rusqlite::Result<(u32, u32)> {
     let connection = open_immutable(path)?;
     let number = |name| connection.pragma_query_value(None, name, |row| row.get(0));
     Ok((number("application_id")?, number("user_version")?))
 }
 
-/// Nothing is at `path`; fails if its folder is missing, too.
+/// The result for a missing file; fails if its folder is missing, too.
 fn absent(path: &Path) -> Result<Presence, StoreError> {
     match path.parent() {
         Some(folder) if !folder.is_dir() => {
@@ -215,8 +214,8 @@ fn absent(path: &Path) -> Result<Presence, StoreError> {
     }
 }
 
-/// Fails unless a file with these numbers is a store of this release or an earlier one, or so new
-/// that it has no numbers yet.
+/// Fails unless a file with these numbers is a store of this or an earlier release, or a new file without
+/// numbers.
 fn judge(application_id: u32, version: u32, path: &Path) -> Result<(), StoreError> {
     match (application_id, version) {
         (0, 0) => Ok(()),
@@ -228,9 +227,9 @@ fn judge(application_id: u32, version: u32, path: &Path) -> Result<(), StoreErro
     }
 }
 
-/// The schema version of the file, 0 for an empty one.
+/// The schema version of the file; 0 for an empty file.
 fn identify(connection: &Connection, path: &Path) -> Result<u32, StoreError> {
-    // One statement sees one state of the file, however many processes are making it right now.
+    // A single statement sees a consistent state, even while other processes are creating the store.
     let (application_id, version, named) = connection
         .prepare_cached(
             "SELECT application_id, user_version, EXISTS (SELECT 1 FROM sqlite_schema)
@@ -253,23 +252,23 @@ fn set_up(connection: &Connection, flag: DbConfig) -> rusqlite::Result<()> {
     connection.busy_timeout(BUSY_TIMEOUT)?;
     connection.set_prepared_statement_cache_capacity(STATEMENTS_KEPT);
     connection.set_db_config(flag, true)?;
-    // Else SQLite compiles a kept statement again at each use, for the plan might depend on a bound
-    // value: half of what storing a short job takes.
+    // Otherwise SQLite recompiles a cached statement at every use, because its plan might depend on a bound
+    // value. This would take half the time of storing a short job.
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_ENABLE_QPSG, true)?;
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_DQS_DML, false)?;
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_DEFENSIVE, true)?;
-    // A page whose rows do not fit into it is seen when it is read.
+    // Detects a page whose cells exceed it as soon as the page is read.
     connection.pragma_update(None, "cell_size_check", true)
 }
 
-/// Whether the file now has a write-ahead log.
+/// Switches to a write-ahead log; returns whether the file has one now.
 fn use_write_ahead_log(connection: &Connection) -> rusqlite::Result<bool> {
     let deadline = Instant::now() + BUSY_TIMEOUT;
     loop {
         let mode =
             connection.query_row("PRAGMA journal_mode = WAL", [], |row| row.get::<_, String>(0));
         match mode {
-            // SQLite does not wait by itself for another process that is changing the mode.
+            // SQLite does not itself wait for another process that is changing the mode.
             Err(error)
                 if error.sqlite_error_code() == Some(ErrorCode::DatabaseBusy)
                     && Instant::now() < deadline =>
@@ -283,10 +282,10 @@ fn use_write_ahead_log(connection: &Connection) -> rusqlite::Result<bool> {
 
 fn configure_writer(connection: &Connection) -> rusqlite::Result<()> {
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, false)?;
-    // With a write-ahead log, NORMAL loses nothing when the process is killed and at most the last
-    // transactions when the power fails; ends of runs are written with FULL. The cache keeps the
-    // index of job keys in memory while a million of them are registered, and the log is copied
-    // into the file every 64 MiB, so that pages written again and again are copied once.
+    // With a write-ahead log, NORMAL loses nothing if the process is killed, and at most the last
+    // transactions in a power failure; ends of runs are written with FULL. The cache holds the index of job
+    // keys while a million of them are registered. The log is checkpointed every 64 MiB, so that pages that
+    // change often are copied once.
     connection.execute_batch(
         "PRAGMA synchronous = NORMAL;
          PRAGMA foreign_keys = ON;
@@ -296,7 +295,7 @@ fn configure_writer(connection: &Connection) -> rusqlite::Result<()> {
     )
 }
 
-/// A reading connection to a store that this process has open already.
+/// A reading connection to a store that this process has already opened.
 pub(super) fn connect_reader(path: &Path) -> rusqlite::Result<Connection> {
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let connection = Connection::open_with_flags(path, flags)?;
@@ -304,19 +303,19 @@ pub(super) fn connect_reader(path: &Path) -> rusqlite::Result<Connection> {
     Ok(connection)
 }
 
-/// Whether a store never changes again: no process may write to its file, and all of it is in the
-/// file. It is read without a lock and without a file beside it, even from a shared folder.
+/// Whether a store is sealed: no process may write to its file, and all data is in the file. A sealed store
+/// is read without locks and without additional files, even from a shared folder.
 fn is_sealed(path: &Path) -> bool {
     fs::metadata(path).is_ok_and(|metadata| metadata.permissions().readonly()) && at_rest(path)
 }
 
-/// Whether no log of changes lies beside the store: then all of it is in its one file.
+/// Whether there is no write-ahead log with data, so that all data is in the one file.
 fn at_rest(path: &Path) -> bool {
     fs::metadata(beside(path, "-wal")).map_or(true, |metadata| metadata.len() == 0)
 }
 
-/// A connection that asks for no lock and no file beside the store: for folders in which this
-/// process cannot make the files that readers share with a writer.
+/// A connection without locks and additional files, for folders in which this process cannot create the files
+/// that readers share with a writer.
 fn connect_immutable(path: &Path) -> rusqlite::Result<Connection> {
     let connection = open_immutable(path)?;
     configure_reader(&connection)?;
@@ -345,6 +344,6 @@ fn configure_reader(connection: &Connection) -> rusqlite::Result<()> {
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false)?;
     sandbox::add_functions(connection)?;
     connection.execute_batch("PRAGMA query_only = ON")?;
-    // The first read is what finds out whether the log beside the file can be used.
+    // The first read determines whether the write-ahead log can be used.
     connection.query_row("SELECT count(*) FROM sqlite_schema", [], |_| Ok(()))
 }

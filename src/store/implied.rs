@@ -1,4 +1,4 @@
-//! The values of parameters that canonical forms leave out, for the view `parameter`.
+//! The values of parameters that canonical forms omit, for the view `parameter`.
 
 use std::path::Path;
 
@@ -20,19 +20,18 @@ impl rusqlite::ToSql for Scalar {
     }
 }
 
-/// What the file says of a parameter.
-enum Known {
+/// The stored entry of a parameter.
+pub(super) enum Known {
     Not,
     Same,
-    /// Another value, as SQL writes it.
+    /// Another value, as an SQL literal.
     Other(String),
 }
 
-/// Adds the parameters that the file does not have yet. Others stay: a newer release may have added
-/// them.
+/// Adds the parameters that the file lacks. Others remain, because a newer release may have added them.
 ///
-/// **Errors**: the file has another value for one of them, which would change the meaning of every
-/// job that does not mention it.
+/// **Errors**: the file has another value for one of the parameters, which would change the meaning of every
+/// job that omits it.
 pub(super) fn declare(
     connection: &mut Connection,
     path: &Path,
@@ -53,7 +52,10 @@ pub(super) fn declare(
     add(connection, &new).map_err(failure)
 }
 
-fn known(connection: &Connection, parameter: &ImpliedParameter) -> rusqlite::Result<Known> {
+pub(super) fn known(
+    connection: &Connection,
+    parameter: &ImpliedParameter,
+) -> rusqlite::Result<Known> {
     let found: Option<(bool, String)> = connection
         .query_row(
             "SELECT value IS ?3, quote(value) FROM implied_parameter
@@ -117,7 +119,7 @@ mod tests {
         declare(&mut store.connection, &path, &[none]).unwrap();
         let other = declare(&mut store.connection, &path, &[noise(Scalar::Real(1.5))]);
         let message = other.unwrap_err().to_string();
-        assert!(message.contains("without `environment.noise` stands for 0.0"), "{message}");
+        assert!(message.contains("without `environment.noise` mean 0.0"), "{message}");
         claim(&mut store, session, &job());
         let values = |name: &str| -> Vec<f64> {
             let mut statement = store

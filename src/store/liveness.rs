@@ -1,10 +1,10 @@
-//! Whether a process that holds runs is still there.
+//! Whether a process that holds runs is still alive.
 //!
-//! In: how a process was written down, and for how long it has been silent. Out: [`Liveness`].
-//! A process of this machine is looked up in `/proc`, so that one that was stopped (SIGSTOP) counts
-//! as alive and one that was killed is known to be dead at once. Where it cannot be looked up, its
-//! silence decides. A wrong verdict costs time, never a result: the store lets only the holder of a
-//! claim write.
+//! In: the recorded description of a process, and the time since its last heartbeat. Out: [`Liveness`]. A
+//! process on this machine is looked up in `/proc`. A stopped process (SIGSTOP) therefore counts as alive,
+//! and a killed process is recognised as dead at once. If a process cannot be looked up, the time since its
+//! last heartbeat decides. A wrong verdict costs time but never a result, because only the holder of a claim
+//! can write.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -12,43 +12,43 @@ use std::path::{Path, PathBuf};
 use std::process;
 use std::time::Duration;
 
-/// Silence after which a process of this machine that cannot be looked up is given up: that of a
-/// container of its own, or any where the system keeps no `/proc`.
+/// The time without a heartbeat after which a process on this machine counts as dead if it cannot be looked
+/// up, because it is in another container or the system has no `/proc`.
 const NEAR_SILENCE: Duration = Duration::from_secs(30);
-/// Silence after which a process of another machine is given up.
+/// The time without a heartbeat after which a process on another machine counts as dead.
 const FAR_SILENCE: Duration = Duration::from_secs(5 * 60);
 
-/// A process, described so that no later one can be taken for it.
+/// A process, with enough detail to distinguish it from every later process.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Process {
-    /// Name of its host.
+    /// The name of the process's host.
     pub(super) host: String,
-    /// Identity of the kernel's boot; `None` where the system tells none.
+    /// The identity of the kernel's boot; `None` if the system has none.
     pub(super) boot_id: Option<String>,
-    /// The name space that `id` counts in; `None` where the system tells none.
+    /// The PID namespace of `id`; `None` if the system has none.
     pub(super) pid_namespace: Option<String>,
     /// Process id.
     pub(super) id: u32,
-    /// Clock ticks from boot to its start; `None` where the system tells none.
+    /// Clock ticks from boot to the start of the process; `None` if unknown.
     pub(super) started: Option<i64>,
 }
 
-/// Whether a process is still there.
+/// Whether a process is alive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Liveness {
-    /// It runs, is stopped, or may be running for all that is known.
+    /// The process is running or stopped, or may be running as far as can be determined.
     Alive,
-    /// It is gone.
+    /// The process has ended.
     Dead,
 }
 
-/// What the system tells of its processes.
+/// The process table of the system.
 #[derive(Clone, Debug)]
 pub(super) struct ProcessTable {
     root: PathBuf,
 }
 
-/// What the table says about a process id.
+/// The entry of the process table for a process id.
 enum Entry {
     Started(i64),
     Gone,
@@ -61,7 +61,7 @@ impl ProcessTable {
         ProcessTable { root: PathBuf::from("/proc") }
     }
 
-    /// The process that asks.
+    /// The current process.
     pub(super) fn this_process(&self) -> Process {
         let id = process::id();
         Process {
@@ -78,14 +78,14 @@ impl ProcessTable {
         }
     }
 
-    /// Whether `other`, silent for `silence`, is still there, as seen by the process `this`.
+    /// Whether `other`, whose last heartbeat was `silence` ago, is alive, as seen from the process `this`.
     pub(super) fn judge(&self, this: &Process, other: &Process, silence: Duration) -> Liveness {
         let silent = |limit| if silence > limit { Liveness::Dead } else { Liveness::Alive };
         match (&this.boot_id, &other.boot_id) {
             (Some(mine), Some(its)) if mine == its => {}
-            // The machine has been started anew since.
+            // The machine has rebooted since then.
             (Some(_), Some(_)) if this.host == other.host => return Liveness::Dead,
-            // Nothing tells the boots of one machine apart here.
+            // This system does not identify boots.
             (None, _) | (_, None) if this.host == other.host => return silent(NEAR_SILENCE),
             _ => return silent(FAR_SILENCE),
         }
@@ -103,18 +103,18 @@ impl ProcessTable {
     fn look_up(&self, id: u32) -> Entry {
         match fs::read_to_string(self.root.join(format!("{id}/stat"))) {
             Ok(stat) => parse_stat(&stat),
-            // Some systems hide the processes of others: then absence proves nothing.
+            // Some systems hide other users' processes, so absence proves nothing there.
             Err(error) if error.kind() == ErrorKind::NotFound => {
                 if self.root.join("1/stat").exists() { Entry::Gone } else { Entry::Unknown }
             }
-            // What Linux says for a process that ends while its entry is read.
+            // Linux returns this error if a process ends while its entry is being read.
             Err(error) if error.raw_os_error() == Some(ESRCH) => Entry::Gone,
             Err(_) => Entry::Unknown,
         }
     }
 }
 
-/// The name of this host, `unknown` where the system tells none.
+/// The name of this host; `unknown` if the system has none.
 pub fn host_name() -> String {
     let named = |text: String| Some(text.trim().to_owned()).filter(|name| !name.is_empty());
     let of_kernel = || fs::read_to_string("/proc/sys/kernel/hostname").ok().and_then(named);
@@ -128,13 +128,13 @@ pub fn host_name() -> String {
 /// "No such process" on Linux.
 const ESRCH: i32 = 3;
 
-/// Reads the state and the start time, fields 3 and 22 of `/proc/<pid>/stat` (proc(5)).
+/// Reads the state and the start time: fields 3 and 22 of `/proc/<pid>/stat` (proc(5)).
 fn parse_stat(stat: &str) -> Entry {
-    // The second field is the program's name in parentheses and may itself hold both.
+    // The second field is the program's name in parentheses. The name may contain parentheses itself.
     let Some((_, fields)) = stat.rsplit_once(')') else { return Entry::Unknown };
     let mut fields = fields.split_ascii_whitespace();
     match fields.next() {
-        // A zombie has ended; only its parent has not asked yet.
+        // A zombie has ended, but its parent has not yet collected its status.
         Some("Z" | "X" | "x") => return Entry::Gone,
         Some(_) => {}
         None => return Entry::Unknown,

@@ -1,4 +1,4 @@
-//! Bringing a file to the schema of this release.
+//! Migrating a file to the schema of this release.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -13,16 +13,16 @@ use super::transaction::commit;
 /// Marks a SQLite file as a store: the letters `JITA`.
 pub(super) const APPLICATION_ID: u32 = 0x4A49_5441;
 
-/// A step from one version of the schema to the next.
+/// A migration from one version of the schema to the next.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Migration {
-    /// Its file's name in `migrations/`, without the ending.
+    /// The name of its file in `migrations/`, without the extension.
     pub(super) name: &'static str,
     /// Its statements.
     pub(super) sql: &'static str,
 }
 
-/// Every migration; the first makes version 1.
+/// All migrations; the first one creates version 1.
 pub(super) const MIGRATIONS: &[Migration] = &[
     Migration {
         name: "0001_create_store",
@@ -44,19 +44,31 @@ pub(super) const MIGRATIONS: &[Migration] = &[
         name: "0005_summarise_arms",
         sql: include_str!("../../migrations/0005_summarise_arms.sql"),
     },
+    Migration {
+        name: "0006_record_participants",
+        sql: include_str!("../../migrations/0006_record_participants.sql"),
+    },
+    Migration {
+        name: "0007_outside_programs",
+        sql: include_str!("../../migrations/0007_outside_programs.sql"),
+    },
+    Migration {
+        name: "0008_keep_manifests",
+        sql: include_str!("../../migrations/0008_keep_manifests.sql"),
+    },
 ];
 
 /// The version of the schema that this program writes.
 pub const SCHEMA_VERSION: u32 = MIGRATIONS.len() as u32;
 
-/// The oldest version that this program reads without migrating it: the later migrations change no
-/// table, and no view whose rows a store of that version could be missing.
+/// The oldest version that this program reads without migrating it. Later migrations change no table, and no
+/// view whose rows a store of that version could lack.
 pub(super) const OLDEST_READABLE: u32 = 1;
 
 /// Applies the migrations that the file lacks, all or none of them.
 ///
-/// A file that has a schema already is first copied to `<file>.v<version>.bak`, or with a number
-/// before the ending if there is such a copy already.
+/// A file that already has a schema is first copied to `<file>.v<version>.bak`, or to a name with a number
+/// before the extension if that copy already exists.
 pub(super) fn migrate(
     connection: &mut Connection,
     path: &Path,
@@ -67,18 +79,17 @@ pub(super) fn migrate(
     if found >= migrations.len() {
         return Ok(());
     }
-    let action = if found == 0 { "make the store" } else { "migrate the store" };
+    let action = if found == 0 { "create the store" } else { "migrate the store" };
     let failed = |source| StoreError::sqlite(path, action, source);
-    // A migration may rebuild a table that others refer to; the references are checked at its end.
-    // The setting has no effect inside a transaction.
+    // A migration may rebuild a table that others refer to; references are checked at its end. The setting
+    // has no effect inside a transaction.
     connection.execute_batch("PRAGMA foreign_keys = OFF").map_err(failed)?;
     let result = migrate_locked(connection, (path, action), migrations, back_up);
     connection.execute_batch("PRAGMA foreign_keys = ON").map_err(failed)?;
     result
 }
 
-/// Applies the migrations that a copy of the store at `path` lacks, which nobody else reads or
-/// writes.
+/// Applies the migrations that a private copy of the store at `path` lacks.
 pub(super) fn migrate_copy(copy: &mut Connection, path: &Path) -> Result<(), StoreError> {
     let action = "migrate a copy of the store";
     copy.execute_batch("PRAGMA foreign_keys = OFF")
@@ -86,7 +97,7 @@ pub(super) fn migrate_copy(copy: &mut Connection, path: &Path) -> Result<(), Sto
     migrate_locked(copy, (path, action), MIGRATIONS, |_, _| Ok(()))
 }
 
-/// `back_up` is called with the version of a file that is about to be migrated.
+/// Migrates in one transaction. Calls `back_up` with the version of a file that will be migrated.
 fn migrate_locked(
     connection: &mut Connection,
     (path, action): (&Path, &'static str),
@@ -96,7 +107,7 @@ fn migrate_locked(
     let failed = |source| StoreError::sqlite(path, action, source);
     let transaction =
         connection.transaction_with_behavior(TransactionBehavior::Immediate).map_err(failed)?;
-    // Read again under the lock: another process may have migrated in the meantime.
+    // Read again under the lock, because another process may have migrated the file meanwhile.
     let found = version(&transaction).map_err(failed)?;
     if found > 0 && found < migrations.len() {
         back_up(path, found)?;
@@ -127,27 +138,27 @@ fn apply(transaction: &Transaction<'_>, migration: &Migration) -> Result<(), Str
         .query_row("SELECT count(*) FROM pragma_foreign_key_check", [], |row| row.get::<_, i64>(0))
         .map_err(|error| error.to_string())?;
     if dangling > 0 {
-        return Err(format!("{dangling} rows refer to rows that do not exist"));
+        return Err(format!("{dangling} rows refer to missing rows"));
     }
     Ok(())
 }
 
-/// Copies the store as it was last committed. The caller holds the write lock, so that nothing can
-/// be committed between the copy and the migration.
+/// Copies the last committed state of the store. The caller holds the write lock, so nothing can be committed
+/// between the copy and the migration.
 fn back_up(path: &Path, version: usize) -> Result<(), StoreError> {
     let backup = unused(path, version);
-    // A copy under the final name is always whole.
+    // A copy under the final name is always complete.
     let partial = beside(path, &format!(".v{version}.bak.{}", process::id()));
     let copied = copy(path, &partial)
         .and_then(|()| fs::rename(&partial, &backup).map_err(|error| error.to_string()));
     copied.map_err(|reason| {
-        // The error is what matters; a leftover is overwritten by the next attempt.
+        // The error takes precedence; the next attempt overwrites a leftover file.
         let _ = fs::remove_file(&partial);
         StoreError::Backup { path: path.to_owned(), backup, reason }
     })
 }
 
-/// The first name for a backup that nothing has yet.
+/// The first unused name for a backup.
 fn unused(path: &Path, version: usize) -> PathBuf {
     let mut backup = beside(path, &format!(".v{version}.bak"));
     let mut number = 2;

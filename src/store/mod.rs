@@ -1,26 +1,28 @@
-//! The store: one SQLite file that holds every experiment, job, run and result. The only module
-//! that knows SQL.
+//! The store: one SQLite file with all experiments, jobs, runs and results. This is the only module that
+//! knows SQL.
 //!
-//! In: jobs ([`crate::plan`]) and how their runs ended ([`crate::record`]). Out: states, summaries,
-//! weights and answers to queries. A [`Store`] writes, a [`Reader`] reads. `migrations/*.sql` makes
-//! the tables, and `docs/store.md` describes the views that others may rely on.
+//! In: jobs ([`crate::plan`]) and the outcomes of their runs ([`crate::record`]). Out: states, summaries,
+//! weights and results of queries. A [`Store`] writes, a [`Reader`] reads. `migrations/*.sql` creates the
+//! tables, and `docs/store.md` documents the public views.
 //!
 //! - Every write is an immediate transaction. Writers wait for each other; readers never wait.
-//! - The end of a run is on the disk when [`Store::finish_all`] returns. Other writes do not wait for
-//!   the disk, because the next run repeats those that a power cut undoes.
-//! - A job has at most one run that is running or completed, whatever processes share the file. The
-//!   file itself refuses a second one.
-//! - A completed run has all its results and never changes; every other run has none.
-//! - A run is ended by the session that claimed it, or by another one when that session is known to
-//!   be dead (`liveness.rs`). A session that lost its claim cannot write ([`Finished::ClaimLost`]).
-//! - A completed run keeps a digest of its results (`digest.rs`). [`examine`] and [`salvage()`] compare
-//!   it with the results as they are now (`verify.rs`).
-//! - Rows are never deleted, except that an experiment lets go of jobs that its manifest dropped.
+//! - The end of a run is on the disk when [`Store::finish_all`] returns. Other writes do not wait for the
+//!   disk, because the next run repeats writes that a power failure undoes.
+//! - A job has at most one running or completed run, even if several processes share the file. The schema
+//!   itself rejects a second one.
+//! - A completed run has all its results and never changes; all other runs have no results.
+//! - A run is ended by the session that claimed it, or by another session once that session is known to be
+//!   dead (`liveness.rs`). A session that lost its claim cannot write ([`Finished::ClaimLost`]).
+//! - A completed run keeps a digest of its results (`digest.rs`). [`examine`] and [`salvage()`] compare it
+//!   with the current results (`verify.rs`).
+//! - Rows are never deleted, with two exceptions: an experiment releases jobs that its manifest dropped, and
+//!   [`Store::forget`] removes an experiment on request.
 //!
-//! The store does not know how jobs are trained, which algorithms have weights, in what order jobs
-//! are claimed, or what is printed. It changes no setting outside its own connections.
-//! No file of this module imports, directly or through others, a file that imports it.
+//! The store does not know how jobs are trained, which algorithms have weights, in what order jobs are
+//! claimed, or what is printed. It changes no settings outside its own connections. Imports between the files
+//! of this module have no cycles.
 
+mod among;
 mod beside;
 mod claim;
 mod completed;
@@ -31,15 +33,20 @@ mod data_query;
 mod decision;
 mod digest;
 mod doctor;
+mod earlier_manifest;
 mod ending;
 mod error;
 mod experiment;
+mod export;
 mod file;
+mod forget;
 mod implied;
+mod insert;
 mod liveness;
 mod merge;
 mod migrate;
 mod mount;
+mod participant;
 mod query;
 mod read;
 mod results;
@@ -49,6 +56,7 @@ mod sample;
 mod sandbox;
 mod schema;
 mod seal;
+mod seed_group;
 mod session;
 mod state;
 mod transaction;
@@ -62,10 +70,15 @@ pub use copy::Origin;
 pub use counts::ExperimentCounts;
 pub use data_query::DataQuery;
 pub use doctor::{Diagnosis, Finding, examine};
+pub use earlier_manifest::UsedManifest;
 pub use error::StoreError;
 pub use experiment::{Experiment, Registered};
+pub use export::{Column, columns, exports};
+pub use forget::{Belongings, Forgotten};
 pub use liveness::host_name;
-pub use merge::{Conflict, Damage, MergeProgress, Merged, OtherManifest, merge, stores_of};
+pub use merge::{
+    Conflict, Damage, MergeProgress, Merged, OtherManifest, Sources, merge, stores_of,
+};
 pub use migrate::SCHEMA_VERSION;
 pub use query::{Answer, Interrupter, QueryError, VIEWS, Value};
 pub use read::{FailedJob, Pace, Reader};

@@ -1,12 +1,12 @@
-//! The file system that a path lies on, as far as it decides whether a store can be there.
+//! Detection of network file systems, on which a store cannot work.
 //!
-//! A write-ahead log is shared through memory, which processes on two machines do not have; and
-//! over a network, locks that SQLite relies on are granted twice or not at all.
+//! A write-ahead log is shared through memory, which processes on two machines do not have in common. Over a
+//! network, the locks that SQLite relies on may be granted twice or not at all.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Names of file systems whose files are on another machine, as `/proc/mounts` has them.
+/// Names of network file systems, as in `/proc/mounts`.
 const OVER_A_NETWORK: [&str; 21] = [
     "9p",
     "afs",
@@ -31,18 +31,18 @@ const OVER_A_NETWORK: [&str; 21] = [
     "smbfs",
 ];
 
-/// The name of the network file system that `path` lies on; `None` if it lies on a local one, or
-/// the system keeps no list of its mounts.
+/// The name of the network file system that holds `path`; `None` for a local file system, or if the system
+/// has no list of mounts.
 pub(super) fn network_file_system(path: &Path) -> Option<String> {
     let mounts = fs::read_to_string("/proc/self/mounts").ok()?;
-    // The store itself may still have to be made.
+    // The store itself may not exist yet.
     let folder = path.ancestors().skip(1).find_map(|folder| folder.canonicalize().ok())?;
     let place = path.canonicalize().unwrap_or(folder);
     let kind = kind_of(&mounts, &place)?;
     OVER_A_NETWORK.contains(&kind).then(|| kind.to_owned())
 }
 
-/// The kind of the file system that holds `place`, by the lines of `/proc/mounts` (fstab(5)).
+/// The type of the file system that holds `place`, from the lines of `/proc/mounts` (fstab(5)).
 fn kind_of<'m>(mounts: &'m str, place: &Path) -> Option<&'m str> {
     mounts
         .lines()
@@ -51,12 +51,12 @@ fn kind_of<'m>(mounts: &'m str, place: &Path) -> Option<&'m str> {
             Some((unescaped(fields.next()?), fields.next()?))
         })
         .filter(|(point, _)| place.starts_with(point))
-        // Of two at one place, the later covers the earlier.
+        // Of two mounts at the same place, the later one covers the earlier one.
         .max_by_key(|(point, _)| point.components().count())
         .map(|(_, kind)| kind)
 }
 
-/// A mount point without the octal escapes of its blanks.
+/// A mount point with its octal escapes replaced.
 fn unescaped(point: &str) -> PathBuf {
     let escapes = [("\\040", " "), ("\\011", "\t"), ("\\012", "\n"), ("\\134", "\\")];
     escapes.iter().fold(point.to_owned(), |text, (code, plain)| text.replace(code, plain)).into()

@@ -1,4 +1,4 @@
-//! Queries of the user: one statement that reads this file and nothing else.
+//! User queries: single statements that only read the store.
 
 use std::ops::ControlFlow;
 
@@ -9,7 +9,7 @@ use super::error::is_damage;
 use super::read::Reader;
 
 /// The public views, which `docs/store.md` describes.
-pub const VIEWS: [&str; 8] = [
+pub const VIEWS: [&str; 10] = [
     "run_summary",
     "parameter",
     "metric",
@@ -18,53 +18,55 @@ pub const VIEWS: [&str; 8] = [
     "action_choice",
     "arm_summary",
     "decision",
+    "participant",
+    "manifest",
 ];
 
-/// Why a query of the user was not answered.
+/// Why a query failed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum QueryError {
-    /// There is no statement in the text.
+    /// The text contains no statement.
     #[error("the query is empty; try `SELECT * FROM run_summary`")]
     Empty,
-    /// There is more than one statement in the text.
-    #[error("a query is one statement; ask one after the other")]
+    /// The text contains several statements.
+    #[error("expected one statement, found several; run them one at a time")]
     Several,
-    /// The statement would do something else than read the store.
+    /// The statement does more than read the store.
     #[error(
-        "a query can only read this store: SELECT, WITH, VALUES, EXPLAIN and PRAGMA table_info"
+        "a query may only read this store: SELECT, WITH, VALUES, EXPLAIN and PRAGMA table_info"
     )]
     NotAllowed,
-    /// There is no table or view of that name.
+    /// No table or view has the name.
     #[error("no such table: {name}; the views are {}", VIEWS.join(", "))]
     NoSuchTable {
         /// The name.
         name: String,
     },
-    /// The SQL is faulty at a known place.
+    /// An error in the SQL at a known place.
     #[error("{message} at line {line}, column {column}\n  {text}\n  {:>column$}{help}", "^")]
     Sql {
-        /// What SQLite said.
+        /// The message of SQLite.
         message: String,
-        /// Line of the fault, from 1.
+        /// The line of the error, from 1.
         line: usize,
-        /// Column of the fault, in characters from 1.
+        /// The column of the error, in characters from 1.
         column: usize,
-        /// The line.
+        /// The text of the line.
         text: String,
-        /// What there is instead, if that is known: lines, each after a line break.
+        /// Existing names to use instead, if known; each line follows a line break.
         help: String,
     },
     /// [`Interrupter::interrupt`] was called.
     #[error("the query was interrupted")]
     Interrupted,
-    /// A value of the answer, or what it takes to find it, is too large.
-    #[error("the query needs more memory than a query may have; ask for less at a time")]
+    /// A value of the result, or the memory needed to compute it, is too large.
+    #[error("the query exceeds the memory limit of queries; select fewer rows or columns")]
     TooLarge,
-    /// The file is not as it was written.
-    #[error("the store is damaged: {reason}; `jitai doctor` says what can be saved")]
+    /// The content of the file is damaged.
+    #[error("the store is damaged: {reason}; `jitai doctor` reports which runs are intact")]
     Damaged {
-        /// What was seen.
+        /// The damage.
         reason: String,
     },
     /// SQLite failed in another way.
@@ -72,7 +74,7 @@ pub enum QueryError {
     Sqlite(#[source] rusqlite::Error),
 }
 
-/// A value of an answer.
+/// A value of a result.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Value<'a> {
     /// No value.
@@ -83,34 +85,35 @@ pub enum Value<'a> {
     Real(f64),
     /// Text.
     Text(&'a str),
-    /// Bytes; also a text that is not UTF-8.
+    /// Bytes, including text that is not UTF-8.
     Blob(&'a [u8]),
 }
 
-/// A part of the answer to a query, in the order they come.
+/// A part of the result of a query; the variants are in order of occurrence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Answer<'a> {
-    /// The names of the columns, at least one; comes first, once.
+    /// The names of the columns, at least one; comes first and only once.
     Columns(&'a [&'a str]),
-    /// A row, with a value for each column.
+    /// A row, with one value per column.
     Row(&'a [Value<'a>]),
 }
 
-/// Stops the query that a [`Reader`] is answering, from any thread.
+/// A handle that interrupts the running query of a [`Reader`] from any thread.
 pub struct Interrupter(InterruptHandle);
 
 impl Interrupter {
-    /// Makes the query under way, if any, end with [`QueryError::Interrupted`].
+    /// Ends the running query, if any, with [`QueryError::Interrupted`].
     pub fn interrupt(&self) {
         self.0.interrupt();
     }
 }
 
 impl Reader {
-    /// Calls `on_part` with the answer to a query, part by part, until it ends or `on_part` breaks off.
+    /// Runs a query and calls `on_part` with each part of the result, until the end or until `on_part`
+    /// returns `Break`.
     ///
-    /// **Errors**: the SQL is faulty, is not exactly one statement, would do anything but read this
-    /// store, or was interrupted. `on_part` may have been called with parts of the answer before.
+    /// **Errors**: the SQL is faulty, is not exactly one statement, does more than read the store, or was
+    /// interrupted. `on_part` may have been called before the error.
     pub fn query(
         &self,
         sql: &str,
@@ -120,7 +123,7 @@ impl Reader {
             self.connection.prepare(sql).map_err(|error| self.explain(error, sql))?;
         let columns = statement.column_count();
         if columns == 0 {
-            // Statements that answer nothing: none at all, or one that is meant to act.
+            // A statement without columns is either empty or has an effect other than a result.
             return Err(if is_empty(&statement) {
                 QueryError::Empty
             } else {
@@ -143,16 +146,16 @@ impl Reader {
         Ok(())
     }
 
-    /// A handle that stops queries of this reader.
+    /// A handle that interrupts queries of this reader.
     pub fn interrupter(&self) -> Interrupter {
         Interrupter(self.connection.get_interrupt_handle())
     }
 
-    /// The error in the words of the person who wrote `sql`.
+    /// The error with its place in `sql`.
     fn explain(&self, error: Error, sql: &str) -> QueryError {
         match error {
             Error::MultipleStatement => QueryError::Several,
-            // What SQLite says, without a code of its own, of a function that is not allowed.
+            // SQLite reports a forbidden function with this message and without an error code of its own.
             Error::SqlInputError { msg, .. } if msg.starts_with("not authorized") => {
                 QueryError::NotAllowed
             }
@@ -179,7 +182,7 @@ impl Reader {
         }
     }
 
-    /// The columns of each view that the query names, a line a view.
+    /// The columns of each view in the query, one line per view.
     fn columns_of_views_in(&self, sql: &str) -> String {
         let is_name = |c: char| c.is_ascii_alphanumeric() || c == '_';
         let is_in_query =
@@ -215,12 +218,12 @@ fn values<'r>(row: &'r Row<'_>, columns: usize) -> rusqlite::Result<Vec<Value<'r
         .collect()
 }
 
-/// How SQLite begins to say that there is no table or view of a name.
+/// The beginning of SQLite's message about an unknown table or view.
 const NO_SUCH_TABLE: &str = "no such table: ";
-/// The same of a column.
+/// The beginning of SQLite's message about an unknown column.
 const NO_SUCH_COLUMN: &str = "no such column: ";
 
-/// Line and column, from 1, of a byte of a text, and that line.
+/// The line and column, from 1, of a byte of a text, and the text of that line.
 fn place(text: &str, byte: usize) -> (usize, usize, String) {
     let byte = (0..=byte.min(text.len())).rev().find(|&at| text.is_char_boundary(at)).unwrap_or(0);
     let before = &text[..byte];

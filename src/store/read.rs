@@ -9,12 +9,13 @@ use crate::record::{Failure, FailureKind};
 
 use super::error::{Fault, StoreError};
 use super::liveness::ProcessTable;
+use super::seed_group::SeedGroups;
 use super::session::{self, Holders};
 use super::state::{JobState, state_sql};
 use super::{file, sandbox, schema};
 
-/// The store, open for reading. It never writes and never waits for a writer; every call sees the
-/// store as it was last committed.
+/// The store, open for reading. It never writes and never waits for a writer. Every call sees the latest
+/// committed state.
 #[derive(Debug)]
 pub struct Reader {
     pub(super) connection: Connection,
@@ -28,35 +29,33 @@ pub struct FailedJob {
     pub experiment: String,
     /// The job.
     pub job_key: JobKey,
-    /// Its content; `None` if this release cannot read what another one wrote.
+    /// The content of the job; `None` if this release cannot read it.
     pub job: Option<Job>,
-    /// Its agent's name in the experiment.
+    /// The name of the job's agent in the experiment.
     pub agent: String,
-    /// The attempt that failed, from 1.
+    /// The number of the failed attempt, from 1.
     pub attempt: u32,
-    /// How it failed.
+    /// The failure.
     pub failure: Failure,
-    /// When, in UTC, ISO 8601 with milliseconds.
+    /// When the run ended, in UTC, ISO 8601 with milliseconds.
     pub ended_at: String,
 }
 
-/// How long jobs of an algorithm take, measured on its latest completed runs.
+/// The measured time of jobs that differ only in their seeds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pace {
-    /// The algorithm, as the manifest writes it.
-    pub algorithm: String,
-    /// Number of runs that were measured; at least 1.
+    /// One of the jobs.
+    pub job: Job,
+    /// The number of measured runs; at least 1.
     pub runs: u64,
-    /// Mean time of a job, in seconds.
-    pub seconds_per_job: f64,
-    /// Mean time of a training episode with its share of the test, in seconds.
-    pub seconds_per_episode: f64,
+    /// The total time of these runs, in seconds.
+    pub seconds: f64,
 }
 
 impl Reader {
-    /// The store at `path`, for reading.
+    /// Opens the store at `path` for reading.
     ///
-    /// **Errors**: nothing is at `path`, or no store, or a store of a newer release.
+    /// **Errors**: `path` does not exist, is not a store, or is a store of a newer release.
     pub fn open(path: &Path) -> Result<Reader, StoreError> {
         let (mut connection, path) = file::open_reader(path)?;
         schema::require(&connection, &path)?;
@@ -65,7 +64,7 @@ impl Reader {
         Ok(Reader { connection, path })
     }
 
-    /// Whether the store has a public view; one of an earlier version may lack it.
+    /// Whether the store has a public view, which stores of earlier versions may lack.
     pub fn has_view(&self, name: &str) -> Result<bool, StoreError> {
         self.read("read the schema", |connection| {
             let named = "SELECT EXISTS (SELECT 1 FROM sqlite_schema WHERE name = ?1)";
@@ -73,7 +72,7 @@ impl Reader {
         })
     }
 
-    /// The state of each job, in the order of `keys`; jobs unknown to the store are pending.
+    /// The state of each job, in the order of `keys`; a job unknown to the store is pending.
     pub fn job_states<'k>(
         &self,
         keys: impl IntoIterator<Item = &'k JobKey>,
@@ -94,7 +93,7 @@ impl Reader {
         })
     }
 
-    /// Calls `see` with every job that has a run, and its state. All other jobs are pending.
+    /// Calls `see` with each job that has a run, and its state. All other jobs are pending.
     pub fn tried(&self, mut see: impl FnMut(JobKey, JobState)) -> Result<(), StoreError> {
         self.read("read the states of jobs", |connection| {
             let state = state_sql("job.id", "?1");
@@ -110,7 +109,7 @@ impl Reader {
         })
     }
 
-    /// Calls `see` with every job of an experiment, once each. An unknown experiment has no jobs.
+    /// Calls `see` once with each job of an experiment. An unknown experiment has no jobs.
     pub fn jobs_of(&self, experiment: &str, mut see: impl FnMut(JobKey)) -> Result<(), StoreError> {
         self.read("read the jobs of an experiment", |connection| {
             let mut statement = connection.prepare_cached(
@@ -148,7 +147,7 @@ impl Reader {
         })
     }
 
-    /// The manifest of an experiment, as its file was last read; `None` for an unknown experiment.
+    /// The latest manifest of an experiment, as it was read from its file; `None` for an unknown experiment.
     pub fn manifest(&self, experiment: &str) -> Result<Option<String>, StoreError> {
         self.read("read a manifest", |connection| {
             let mut statement =
@@ -157,7 +156,7 @@ impl Reader {
         })
     }
 
-    /// The versions of the code before `current` under which the job's content was completed.
+    /// The versions of the code earlier than `current` under which the job's content was completed.
     pub fn superseded(
         &self,
         form: &CanonicalForm,
@@ -178,34 +177,30 @@ impl Reader {
         })
     }
 
-    /// How long training took, by algorithm, over the latest ten thousand completed runs. Algorithms
-    /// that do not train are left out.
+    /// The times of the latest ten thousand completed runs. Jobs that this release cannot read are omitted.
     pub fn paces(&self) -> Result<Vec<Pace>, StoreError> {
         self.read("read the times of runs", |connection| {
             let mut statement = connection.prepare_cached(
-                "SELECT json_extract(job.canonical, '$.agent.algorithm') AS algorithm, count(*),
-                    avg(wall_seconds),
-                    sum(wall_seconds) / sum(json_extract(job.canonical, '$.agent.episodes'))
+                "SELECT job.canonical, wall_seconds
                  FROM (SELECT job, wall_seconds FROM run NOT INDEXED
                     WHERE status = 'completed' ORDER BY id DESC LIMIT 10000)
-                 JOIN job ON job.id = job
-                 GROUP BY algorithm
-                 HAVING sum(json_extract(job.canonical, '$.agent.episodes')) > 0
-                 ORDER BY algorithm",
+                 JOIN job ON job.id = job",
             )?;
-            let rows = statement.query_map([], |row| {
-                Ok(Pace {
-                    algorithm: row.get(0)?,
-                    runs: row.get(1)?,
-                    seconds_per_job: row.get(2)?,
-                    seconds_per_episode: row.get(3)?,
-                })
-            })?;
-            Ok(rows.collect::<rusqlite::Result<_>>()?)
+            let mut groups = SeedGroups::<(u64, f64)>::default();
+            let mut rows = statement.query([])?;
+            while let Some(row) = rows.next()? {
+                let canonical: String = row.get(0)?;
+                if let Some((runs, seconds)) = groups.of(&canonical) {
+                    *runs += 1;
+                    *seconds += row.get::<_, f64>(1)?;
+                }
+            }
+            let pace = |(job, (runs, seconds))| Pace { job, runs, seconds };
+            Ok(groups.into_iter().map(pace).collect())
         })
     }
 
-    /// Does `body`; `action` completes "failed to …" in errors.
+    /// Runs `body`; `action` completes "failed to …" in errors.
     pub(super) fn read<T>(
         &self,
         action: &'static str,

@@ -1,20 +1,17 @@
-//! The ends of runs, each with all its results, in one transaction.
+//! Storing the ends of runs, each with all its results, in one transaction.
 
 use std::collections::HashMap;
 
-use rusqlite::types::Value;
-use rusqlite::{Connection, OptionalExtension, params, params_from_iter};
+use rusqlite::{Connection, OptionalExtension, params};
 
 use crate::record::{ActionCount, Outcome, Results, TestEpisode};
 
 use super::claim::Claim;
-use super::decision;
 use super::ending::{complete_run, end_run};
 use super::error::StoreError;
+use super::insert::insert_rows;
 use super::writer::Store;
-
-/// Rows that one statement inserts. Starting and ending a statement costs as much as three rows.
-const ROWS: usize = 32;
+use super::{decision, participant};
 
 /// The end of a claimed run.
 #[derive(Clone, Copy, Debug)]
@@ -23,26 +20,26 @@ pub struct RunEnd<'a> {
     pub claim: &'a Claim,
     /// How it ended, with its results or its failure.
     pub outcome: &'a Outcome,
-    /// How long it took, in seconds of real time.
+    /// Wall-clock time, in seconds.
     pub wall_seconds: f64,
 }
 
-/// What became of the end of a run.
+/// The result of storing the end of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Finished {
-    /// It is stored.
+    /// The end was stored.
     Stored,
-    /// Another session has taken the run over; nothing is stored.
+    /// Another session has taken over the run; nothing was stored.
     ClaimLost,
 }
 
 impl Store {
     /// Ends a claimed run and stores all its results, or fails and stores nothing.
     ///
-    /// `wall_seconds` is how long it took, in seconds of real time.
+    /// `wall_seconds` is the wall-clock time in seconds.
     ///
-    /// **Errors**: [`StoreError::ClaimLost`] if another session has taken the run over; the results
-    /// violate the schema (a number is not finite, or there are no results).
+    /// **Errors**: [`StoreError::ClaimLost`] if another session has taken over the run; the results violate
+    /// the schema (a number is not finite, or results are missing).
     pub fn finish(
         &mut self,
         claim: &Claim,
@@ -55,10 +52,10 @@ impl Store {
         }
     }
 
-    /// Ends claimed runs in one transaction, which waits for the disk once; returns for each whether
-    /// it was stored. Stored runs survive a power cut.
+    /// Ends claimed runs in one transaction, which waits for the disk once. Returns for each run whether it
+    /// was stored. Stored runs survive a power failure.
     ///
-    /// **Errors**: as [`Store::finish`], but for lost claims; none of the ends is stored then.
+    /// **Errors**: as for [`Store::finish`], except for lost claims; in that case, no run is stored.
     pub fn finish_all(&mut self, ends: &[RunEnd<'_>]) -> Result<Vec<Finished>, StoreError> {
         self.write_durably("store the end of a run", |transaction| {
             ends.iter().map(|end| Ok(finish_one(transaction, end)?)).collect()
@@ -99,7 +96,7 @@ fn insert_results(connection: &Connection, run: i64, results: &Results) -> rusql
     let metrics = metrics.collect::<rusqlite::Result<Vec<_>>>()?.into_iter();
     let metrics = metrics.map(|(metric, value)| [run.into(), metric.into(), value.into()]);
     insert_rows(connection, "run_metric", metrics)?;
-    // In the order of the table's key, so that every row is appended.
+    // Sorted by the table's key, so that every row is appended.
     let points = results.curve.iter().map(|point| Ok((names.id(point.metric)?, point)));
     let mut points: Vec<_> = points.collect::<rusqlite::Result<_>>()?;
     points.sort_unstable_by_key(|(metric, point)| (*metric, point.episode));
@@ -119,6 +116,7 @@ fn insert_results(connection: &Connection, run: i64, results: &Results) -> rusql
     });
     insert_rows(connection, "action_count", actions)?;
     decision::insert(connection, run, &results.decisions)?;
+    participant::insert(connection, run, &results.participants)?;
     if let Some(weights) = &results.weights {
         connection
             .prepare_cached("INSERT INTO trained_weights VALUES (?1, ?2)")?
@@ -127,35 +125,7 @@ fn insert_results(connection: &Connection, run: i64, results: &Results) -> rusql
     Ok(())
 }
 
-/// Inserts rows into a table: [`ROWS`] per statement, and the remaining ones singly.
-pub(super) fn insert_rows<const COLUMNS: usize>(
-    connection: &Connection,
-    table: &str,
-    rows: impl Iterator<Item = [Value; COLUMNS]>,
-) -> rusqlite::Result<()> {
-    let row = format!("({})", ["?"; COLUMNS].join(", "));
-    let sql =
-        |rows: usize| format!("INSERT INTO {table} VALUES {}", vec![row.as_str(); rows].join(", "));
-    let mut waiting: Vec<[Value; COLUMNS]> = Vec::with_capacity(ROWS);
-    let mut many = None;
-    for row in rows {
-        waiting.push(row);
-        if waiting.len() == ROWS {
-            let many = match &mut many {
-                Some(many) => many,
-                none => none.insert(connection.prepare_cached(&sql(ROWS))?),
-            };
-            many.execute(params_from_iter(waiting.drain(..).flatten()))?;
-        }
-    }
-    let mut one = connection.prepare_cached(&sql(1))?;
-    for row in waiting {
-        one.execute(params_from_iter(row))?;
-    }
-    Ok(())
-}
-
-/// Row ids of metric names, which are added as needed.
+/// The row ids of metric names, which are added as needed.
 struct MetricNames<'a> {
     connection: &'a Connection,
     ids: HashMap<&'static str, i64>,
@@ -172,7 +142,7 @@ impl MetricNames<'_> {
     }
 }
 
-/// The row id of a metric's name, which is added if it is new.
+/// The row id of a metric's name; a new name is added.
 pub(super) fn metric_id(connection: &Connection, name: &str) -> rusqlite::Result<i64> {
     let found = connection
         .prepare_cached("SELECT id FROM metric_name WHERE name = ?1")?
@@ -191,15 +161,16 @@ mod tests {
     use super::*;
     use crate::plan::Job;
     use crate::record::{CURVE_METRICS, CurvePoint, Failure, FailureKind};
+    use crate::store::insert::ROWS;
     use crate::store::sample::{begin_session, claim, job, results};
 
-    /// Writes down how commits are synchronised whenever a run begins or ends.
+    /// Records the synchronous mode whenever a run begins or ends.
     const RECORD: &str = "CREATE TEMP TABLE recorded (status TEXT, synchronous INTEGER);
         CREATE TEMP TRIGGER begins AFTER INSERT ON main.run
         BEGIN INSERT INTO recorded SELECT NEW.status, synchronous FROM pragma_synchronous; END;
         CREATE TEMP TRIGGER ends AFTER UPDATE OF status ON main.run
         BEGIN INSERT INTO recorded SELECT NEW.status, synchronous FROM pragma_synchronous; END";
-    /// What SQLite calls the two ways; the second waits for the disk.
+    /// SQLite's numbers for the two modes; FULL waits for the disk.
     const NORMAL: i64 = 1;
     const FULL: i64 = 2;
 
@@ -208,11 +179,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let mut store = Store::open(&folder.path().join("jitai.sqlite")).unwrap();
         let session = begin_session(&mut store);
-        // Names that are first met in another order than the alphabet's.
+        // Names occur in an order other than alphabetical.
         let point = |episode, metric, value| CurvePoint { episode, metric, value };
         let metrics = results().metrics.into_iter();
         let results = Results {
-            // Those that every job has.
+            // The metrics that every job has.
             metrics: metrics.filter(|metric| metric.name != "mean_net_return").collect(),
             curve: vec![
                 point(10, "mean_return", 1.5),

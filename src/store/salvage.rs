@@ -1,8 +1,8 @@
-//! A new store from what a damaged one still holds.
+//! Copies the intact data of a damaged store to a new store.
 //!
-//! In: the paths of the damaged and of the new store, and a check of weights. Out: a store that
-//! passes [`super::examine`], with everything that `copy` could read and verify; and [`Salvaged`],
-//! which counts it. The damaged file is only read, past its header and schema if these are lost.
+//! In: the paths of the damaged and the new store, and a check of weights. Out: a store that passes
+//! [`super::examine`], with all data that `copy` could read and verify; and the counts in [`Salvaged`]. The
+//! damaged file is only read; a lost header or schema is replaced in a copy.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -17,27 +17,27 @@ use super::migrate;
 use super::verify::CheckWeights;
 use super::writer::Store;
 
-/// How much of a store was carried over to a new one.
+/// The counts of a salvage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Salvaged {
-    /// Experiments.
+    /// The number of experiments.
     pub experiments: usize,
-    /// Jobs.
+    /// The number of jobs.
     pub jobs: usize,
-    /// Completed runs, each with all its results.
+    /// The number of completed runs, each with all its results.
     pub completed: usize,
-    /// Completed runs that did not verify. Their jobs run again.
+    /// The number of completed runs that did not verify. Their jobs run again.
     pub lost: usize,
-    /// Whether part of the list of runs cannot be read, so that more of them may be lost.
+    /// Whether part of the list of runs is unreadable, so that more runs may be lost.
     pub lost_more: bool,
-    /// Failed and interrupted runs.
+    /// The number of failed and interrupted runs.
     pub others: usize,
 }
 
-/// Writes what can be read of the store at `damaged` to a new store at `new`.
+/// Copies the readable data of the store at `damaged` to a new store at `new`.
 ///
-/// **Errors**: `new` is there already or cannot be made; `damaged` is no store, or of another
-/// release. Nothing is left at `new` then.
+/// **Errors**: `new` already exists or cannot be created; `damaged` is not a store, or is of another release.
+/// In these cases, nothing remains at `new`.
 pub fn salvage(
     damaged: &Path,
     new: &Path,
@@ -46,7 +46,7 @@ pub fn salvage(
     if new.symlink_metadata().is_ok() {
         return Err(StoreError::InTheWay { path: new.to_owned() });
     }
-    // The new store has its name only when it is whole. A salvage that was killed left its own.
+    // The new store gets its name only when it is complete. A killed salvage leaves its partial store.
     let partial = beside(new, ".partial");
     remove(&partial);
     let salvaged = write_new(damaged, &partial, check_weights).and_then(|salvaged| {
@@ -67,7 +67,7 @@ fn write_new(
     new: &Path,
     check_weights: CheckWeights<'_>,
 ) -> Result<Salvaged, StoreError> {
-    // Closed once, so that all of it is in its one file.
+    // Opens and closes the store once, so that all data is in its one file.
     drop(Store::open(new)?);
     let mut store = Store::open(new)?;
     let source = Source::open(damaged, &store)?;
@@ -75,15 +75,15 @@ fn write_new(
     let copied = copy(&source.connection, &mut store, check_weights, |run, became| {
         let count = match (run.ended, became) {
             (Ended::Completed, RunCopy::Copied) => &mut salvaged.completed,
-            // The new store was empty, so it has another run of the job only if the damaged one
-            // has two.
+            // The new store was empty, so it can only have another run of the job if the damaged store has
+            // two.
             (Ended::Completed, _) => &mut salvaged.lost,
             (Ended::Failed | Ended::Interrupted, RunCopy::Copied) => &mut salvaged.others,
             (Ended::Failed | Ended::Interrupted, _) => return,
         };
         *count += 1;
     })?;
-    // With the schema of a new store, any file looks like a store.
+    // After its schema was replaced, any file looks like a store.
     if source.repaired.is_some() && copied.jobs == 0 {
         return Err(StoreError::NothingToSave { path: damaged.to_owned() });
     }
@@ -91,7 +91,7 @@ fn write_new(
     Ok(Salvaged { experiments, jobs, lost_more: runs_unreadable, ..salvaged })
 }
 
-/// Removes a store with what lies beside it. What cannot be removed does no harm.
+/// Removes a store and its additional files. Failures are ignored.
 fn remove(path: &Path) {
     for ending in ["", "-wal", "-shm"] {
         let _ = fs::remove_file(beside(path, ending));
@@ -101,7 +101,7 @@ fn remove(path: &Path) {
 /// The damaged store, as far as it can be opened.
 struct Source {
     connection: Connection,
-    /// A copy that is read in its place.
+    /// A repaired copy that is read instead.
     repaired: Option<PathBuf>,
 }
 
@@ -114,12 +114,11 @@ impl Drop for Source {
 }
 
 impl Source {
-    /// Opens the file itself, or, if its header or schema is damaged, a copy that has those of a
-    /// new store.
+    /// Opens the file itself, or a copy with the header and schema of a new store if its own are damaged.
     fn open(damaged: &Path, new: &Store) -> Result<Source, StoreError> {
         match file::open_damaged(damaged) {
             Ok(connection) => return Ok(Source { connection, repaired: None }),
-            // Nothing but a damaged header makes a store look like one of these.
+            // The header or schema is damaged; other errors are returned.
             Err(StoreError::Damaged { .. }) => {}
             Err(error) => return Err(error),
         }
@@ -148,13 +147,13 @@ impl Source {
     }
 }
 
-/// The bytes of an empty store of the first schema, and the pages that hold it. The first migration
-/// puts the tables on the same pages in every store; where later ones put anything depends on what the
-/// store held by then.
+/// The bytes of an empty store with the first schema, and the pages that hold it. The first migration puts
+/// the tables on the same pages in every store. The pages used by later migrations depend on the contents of
+/// the store at the time.
 fn first_schema(path: &Path) -> Result<(Vec<u8>, Vec<usize>), StoreError> {
-    let failed = |source| StoreError::sqlite(path, "make an empty store", source);
+    let failed = |source| StoreError::sqlite(path, "create an empty store", source);
     let mut connection = Connection::open(path).map_err(failed)?;
-    // As the header of every store says.
+    // Every store has this mode in its header.
     connection.pragma_update(None, "journal_mode", "WAL").map_err(failed)?;
     migrate::migrate(&mut connection, path, &migrate::MIGRATIONS[..1])?;
     let pages = schema_pages(&connection).map_err(failed)?;
@@ -175,8 +174,8 @@ fn schema_pages(connection: &Connection) -> rusqlite::Result<Vec<usize>> {
     pages.collect()
 }
 
-/// Gives the bytes of a store the header and schema of an empty one. In a file whose tables are on
-/// other pages, no run verifies.
+/// Replaces the header and schema in the bytes of a store with those of an empty store. If the tables of a
+/// file are on other pages, no run verifies.
 fn put_schema(damaged: &mut [u8], template: &[u8], pages: &[usize]) {
     let size = match u16::from_be_bytes([template[16], template[17]]) {
         1 => 65_536,
@@ -188,7 +187,7 @@ fn put_schema(damaged: &mut [u8], template: &[u8], pages: &[usize]) {
             to.copy_from_slice(from);
         }
     }
-    // The header counts the pages, and no longer knows which of them are free.
+    // The header gets the actual number of pages and an empty list of free pages.
     let count = u32::try_from(damaged.len() / size).unwrap_or(u32::MAX);
     if let Some(header) = damaged.get_mut(28..40) {
         header[..4].copy_from_slice(&count.to_be_bytes());

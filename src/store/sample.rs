@@ -5,7 +5,7 @@ use crate::record::{METRICS, Metric, Provenance, Results, TestEpisode};
 
 use super::{Claim, Claimed, Experiment, Isolation, RetryFailed, SessionId, Store};
 
-/// A job as small as it can be.
+/// A job of minimal size.
 pub(super) fn job() -> Job {
     let canonical = r#"{"agent":{"activation":"relu","algorithm":"dueling_dqn","batch":64,
         "buffer":1000,"engine":"fused","episodes":10,"epsilon_decrement":0.001,
@@ -21,7 +21,7 @@ pub(super) fn job() -> Job {
     Job::from_canonical(&canonical.split_whitespace().collect::<String>()).unwrap()
 }
 
-/// Results of it, as small as they can be.
+/// Minimal results of that job.
 pub(super) fn results() -> Results {
     Results {
         metrics: METRICS.iter().map(|(name, _)| Metric { name, value: 1.0 }).collect(),
@@ -29,11 +29,12 @@ pub(super) fn results() -> Results {
         episodes: vec![TestEpisode { total_reward: 50.0, length: 2, disengaged: true }],
         actions: Vec::new(),
         decisions: Vec::new(),
+        participants: Vec::new(),
         weights: Some(vec![8]),
     }
 }
 
-/// Begins a session of this process, whose provenance is made up.
+/// Begins a session of this process with made-up provenance.
 pub(super) fn begin_session(store: &mut Store) -> SessionId {
     let [code_version, git_revision, backend, host, processor] =
         ["1", "2", "3", "4", "5"].map(str::to_owned);
@@ -41,7 +42,7 @@ pub(super) fn begin_session(store: &mut Store) -> SessionId {
     store.begin_session(&provenance).unwrap()
 }
 
-/// Claims a job of an experiment of its own.
+/// Claims a job in an experiment of its own.
 pub(super) fn claim(store: &mut Store, session: SessionId, job: &Job) -> Claim {
     let name = format!("sweep {}", job.seed);
     let experiment = Experiment { name: &name, question: None, hypothesis: None, manifest: "" };

@@ -1,5 +1,4 @@
-//! What a reading connection may do: functions it has beyond SQLite's, statements it refuses, and
-//! the memory it may use.
+//! The abilities of a reading connection: additional functions, rejected statements, and memory limits.
 
 use rusqlite::Connection;
 use rusqlite::functions::{Aggregate, Context, FunctionFlags};
@@ -7,12 +6,12 @@ use rusqlite::hooks::{AuthAction, AuthContext, Authorization};
 use rusqlite::limits::Limit;
 use rusqlite::types::ValueRef;
 
-/// Adds functions for deviations, which SQLite lacks.
+/// Adds `sqrt` and `stddev`, which SQLite lacks.
 pub(super) fn add_functions(connection: &Connection) -> rusqlite::Result<()> {
     let flags = FunctionFlags::SQLITE_UTF8
         | FunctionFlags::SQLITE_DETERMINISTIC
         | FunctionFlags::SQLITE_INNOCUOUS;
-    // Like that of the sqlite3 shell: NULL for what has no root.
+    // As in the sqlite3 shell, the result is NULL if there is no real root.
     connection.create_scalar_function("sqrt", 1, flags, |context| {
         Ok(number(context).map(f64::sqrt).filter(|root| !root.is_nan()))
     })?;
@@ -28,13 +27,13 @@ fn number(context: &Context<'_>) -> Option<f64> {
     }
 }
 
-/// The standard deviation (n - 1) of the numbers met; NULL of fewer than two, as in PostgreSQL.
+/// The standard deviation (n - 1) of the numbers; NULL for fewer than two, as in PostgreSQL.
 ///
 /// **Source**: Welford, "Note on a method for calculating corrected sums of squares and products",
 /// 1962.
 struct StandardDeviation;
 
-/// How many numbers were met, their mean, and the sum of squares about it.
+/// The count of numbers, their mean, and the sum of squares about the mean.
 #[derive(Default)]
 struct Squares {
     n: f64,
@@ -67,19 +66,20 @@ impl Aggregate<Squares, Option<f64>> for StandardDeviation {
     }
 }
 
-/// Makes the connection refuse every statement that does not merely read the store, and those that
-/// would fill the memory with one value or many.
+/// Makes the connection reject every statement that does more than read the store, and statements that would
+/// exhaust the memory.
 pub(super) fn allow_reading_only(connection: &mut Connection) -> rusqlite::Result<()> {
     connection.set_limit(Limit::SQLITE_LIMIT_LENGTH, LONGEST_VALUE)?;
     connection.set_limit(Limit::SQLITE_LIMIT_ATTACHED, 0)?;
-    // Of all connections of the process together; what is sorted goes to a file long before.
+    // The limit applies to all connections of the process together; large sorts go to a file long before.
     connection.pragma_update(None, "hard_heap_limit", MOST_MEMORY)?;
     connection.authorizer(Some(authorize))
 }
 
-/// Bytes of a value, a row or the SQL itself, at most; the weights of the largest network are 80 MB.
+/// The maximum number of bytes of a value, a row or the SQL itself; the weights of the largest network take
+/// 80 MB.
 const LONGEST_VALUE: i32 = 128 << 20;
-/// Bytes that SQLite may hold, at most.
+/// The maximum number of bytes that SQLite may allocate.
 const MOST_MEMORY: i64 = 768 << 20;
 
 fn authorize(context: AuthContext<'_>) -> Authorization {
@@ -92,10 +92,10 @@ fn authorize(context: AuthContext<'_>) -> Authorization {
     if allowed { Authorization::Allow } else { Authorization::Deny }
 }
 
-/// Functions, of SQLite itself or of its usual extensions, that reach outside the store.
+/// Functions of SQLite or its usual extensions that reach outside the store.
 const ACTING_FUNCTIONS: &[&str] =
     &["load_extension", "readfile", "writefile", "edit", "fts3_tokenizer"];
 
-/// Pragmas that describe tables and change nothing, whatever their argument.
+/// Pragmas that describe tables and change nothing, for any argument.
 const DESCRIBING_PRAGMAS: &[&str] =
     &["table_info", "table_xinfo", "table_list", "index_list", "index_info", "foreign_key_list"];

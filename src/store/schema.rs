@@ -1,7 +1,7 @@
-//! Whether the tables, views, indexes and triggers of a file are those that the migrations make.
+//! Comparison of a file's tables, views, indexes and triggers with the schema of the migrations.
 //!
-//! A view with a changed letter would answer wrongly, and a changed trigger would let through what it
-//! exists to refuse. So the schema of a file is compared with the expected one when it is opened.
+//! A view with a changed letter would return wrong rows, and a changed trigger would accept what it should
+//! reject. The schema of a file is therefore compared with the expected schema when the file is opened.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -25,7 +25,7 @@ struct Part {
     sql: String,
 }
 
-/// Fails if a part of the schema is missing or changed. Parts that others have added are allowed.
+/// Fails if a part of the schema is missing or changed. Additional parts are allowed.
 pub(super) fn require(connection: &Connection, path: &Path) -> Result<(), StoreError> {
     match faults(connection) {
         Ok(faults) => match faults.into_iter().next() {
@@ -36,12 +36,11 @@ pub(super) fn require(connection: &Connection, path: &Path) -> Result<(), StoreE
     }
 }
 
-/// What is wrong with the schema of the file, given the version that the file says it has: a line
-/// for each part.
+/// The faults in the schema of the file, given its declared version: one line per part.
 pub(super) fn faults(connection: &Connection) -> rusqlite::Result<Vec<String>> {
     let version: usize =
         connection.query_row("PRAGMA user_version", [], |row| row.get::<_, u32>(0))? as usize;
-    // A damaged version is one that does not exist, or leads to faults.
+    // A damaged version number either does not exist or leads to faults.
     let expected = VERSIONS.get(version.wrapping_sub(1)).or(VERSIONS.last());
     let found = parts(connection)?;
     let found: HashMap<&str, &Part> = found.iter().map(|part| (part.name.as_str(), part)).collect();
@@ -50,7 +49,7 @@ pub(super) fn faults(connection: &Connection) -> rusqlite::Result<Vec<String>> {
         match found.get(name.as_str()) {
             None => Some(format!("its {kind} `{name}` is missing")),
             Some(part) if *part != expected => {
-                Some(format!("its {kind} `{name}` is not as it was made"))
+                Some(format!("its {kind} `{name}` has been changed"))
             }
             Some(_) => None,
         }

@@ -1,4 +1,5 @@
-//! Sealing: a store at rest in one file, to be copied and read where no file can be beside it.
+//! Sealing: reduces a store to a single file, which can be copied and read where no additional files are
+//! possible.
 
 use std::path::Path;
 
@@ -7,8 +8,8 @@ use rusqlite::{Connection, OpenFlags};
 use super::beside::beside;
 use super::error::StoreError;
 
-/// Moves the log of a store that no process has open into its file and gives up the log, so that
-/// the file alone is the store.
+/// Moves the write-ahead log of a store that no process has open into its file, and switches the log off. The
+/// file alone is then the store.
 ///
 /// **Errors**: the store cannot be written, or another process has it open.
 pub fn seal(path: &Path) -> Result<(), StoreError> {

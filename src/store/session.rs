@@ -1,5 +1,4 @@
-//! Sessions: one for each process that runs jobs, with a heartbeat. The runs of a dead session are
-//! interrupted.
+//! Sessions: one per process that runs jobs, with a heartbeat. The runs of a dead session are interrupted.
 
 use std::fs::File;
 use std::time::Duration;
@@ -23,9 +22,9 @@ const RELEASE: &str = "release the runs of dead sessions";
 impl Store {
     /// Begins a session of this process.
     ///
-    /// The session lives until [`Store::end_session`] or the end of the process. The caller calls
-    /// [`Store::heartbeat`] every few seconds; after 30 s without it, readers take the session for
-    /// dead.
+    /// The session lasts until [`Store::end_session`] or the end of the process. The caller must call
+    /// [`Store::heartbeat`] every few seconds. Processes that cannot look up this one consider the session
+    /// dead after 30 s without a heartbeat, or after 5 min if they are on another machine.
     pub fn begin_session(&mut self, provenance: &Provenance) -> Result<SessionId, StoreError> {
         let process = ProcessTable::of_this_system().this_process();
         self.write("begin a session", |transaction| {
@@ -62,7 +61,7 @@ impl Store {
         })
     }
 
-    /// Ends the session; runs that it still holds are interrupted.
+    /// Ends the session and interrupts the runs that it still holds.
     pub fn end_session(&mut self, session: SessionId) -> Result<(), StoreError> {
         self.write("end the session", |transaction| {
             release(transaction, session.0)?;
@@ -70,14 +69,14 @@ impl Store {
                 &format!("UPDATE session SET heartbeat_at = {NOW}, ended_at = {NOW} WHERE id = ?1"),
                 [session.0],
             )?;
-            // The mark was for a session that crashes before it ends.
+            // The mark applies only to sessions that crash before their end.
             crash::take(transaction, session.0);
             Ok(())
         })
     }
 
-    /// An empty file, into which a signal handler writes one byte when the process crashes. A session
-    /// that is found dead has crashed if its file has a byte, and was killed otherwise.
+    /// Creates an empty file, into which a signal handler writes one byte if the process crashes. A dead
+    /// session has crashed if its file contains a byte; otherwise it was killed.
     ///
     /// **Errors**: the file cannot be created.
     pub fn crash_mark(&self, session: SessionId) -> Result<File, StoreError> {
@@ -86,9 +85,8 @@ impl Store {
             .map_err(|error| StoreError::CannotOpen { path, reason: error.to_string() })
     }
 
-    /// Removes the crash marks of dead sessions that hold no run: processes that were killed while
-    /// idle, or that used another store at this path. Other marks are needed when the runs of their
-    /// sessions are taken over.
+    /// Removes the crash marks of dead sessions that hold no runs: processes that were killed while idle, or
+    /// that used another store at this path. Other marks are needed to take over the runs of their sessions.
     pub fn clear_crash_marks(&self) -> Result<(), StoreError> {
         for session in crash::marked(&self.path) {
             let needed = is_mark_needed(&self.connection, session)
@@ -100,9 +98,9 @@ impl Store {
         Ok(())
     }
 
-    /// Interrupts the runs of dead sessions, so that their jobs can be claimed; returns how many.
+    /// Interrupts the runs of dead sessions, so that their jobs can be claimed; returns the number of runs.
     ///
-    /// `session` is the caller's, from whose process the others are judged. Writes nothing if no
+    /// `session` is the caller's session; other sessions are judged from its process. Writes nothing if no
     /// session died.
     pub fn release_dead_sessions(&mut self, session: SessionId) -> Result<usize, StoreError> {
         let this = process_of(&self.connection, session)
@@ -110,12 +108,12 @@ impl Store {
         self.release_dead_of(&this)
     }
 
-    /// As [`Store::release_dead_sessions`], for a process without a session.
+    /// Like [`Store::release_dead_sessions`], for a process without a session.
     pub(super) fn release_all_dead_sessions(&mut self) -> Result<usize, StoreError> {
         self.release_dead_of(&ProcessTable::of_this_system().this_process())
     }
 
-    /// Interrupts the runs of sessions that are dead as seen from a process.
+    /// Interrupts the runs of sessions that are dead as seen from `this`.
     fn release_dead_of(&mut self, this: &Process) -> Result<usize, StoreError> {
         let action = RELEASE;
         let dead = holders(&self.connection, this)
@@ -125,14 +123,14 @@ impl Store {
             return Ok(0);
         }
         self.write(action, |transaction| {
-            // A dead process stays dead, and runs that it no longer holds are left alone.
+            // A dead process stays dead, and only running runs are interrupted.
             dead.iter().try_fold(0, |runs, &id| Ok(runs + release_dead(transaction, id)?))
         })
     }
 }
 
-/// Interrupts the running runs of a session whose process is dead; returns how many. If the process
-/// crashed, each run records how many suspects there are.
+/// Interrupts the running runs of a session whose process is dead; returns their number. If the process
+/// crashed, each run records the number of suspects.
 pub(super) fn release_dead(connection: &Connection, session: i64) -> rusqlite::Result<usize> {
     if let Crashed::Yes = crash::take(connection, session) {
         connection
@@ -152,7 +150,7 @@ fn running(connection: &Connection, session: i64) -> rusqlite::Result<i64> {
         .query_row([session], |row| row.get(0))
 }
 
-/// Interrupts the running runs of a session; returns how many.
+/// Interrupts the running runs of a session; returns their number.
 pub(super) fn release(connection: &Connection, session: i64) -> rusqlite::Result<usize> {
     connection
         .prepare_cached(&format!(
@@ -162,7 +160,7 @@ pub(super) fn release(connection: &Connection, session: i64) -> rusqlite::Result
         .execute([session])
 }
 
-/// Whether the session lives, or holds runs whose end its mark explains.
+/// Whether the session is alive, or holds runs whose end its mark explains.
 fn is_mark_needed(connection: &Connection, session: i64) -> rusqlite::Result<bool> {
     let table = ProcessTable::of_this_system();
     let this = table.this_process();
@@ -174,13 +172,13 @@ fn is_mark_needed(connection: &Connection, session: i64) -> rusqlite::Result<boo
     Ok(needed || running(connection, session)? > 0)
 }
 
-/// What [`liveness`] reads.
+/// The columns that [`liveness`] reads.
 const SESSION: &str = "id, host, boot_id, pid_namespace, process_id, process_started,
     86400 * (julianday('now') - julianday(heartbeat_at)), ended_at IS NOT NULL";
 
-/// Whether the process of a session is still there, judged from the process `this`.
+/// Whether the process of a session is alive, judged from the process `this`.
 fn liveness(row: &Row<'_>, table: &ProcessTable, this: &Process) -> rusqlite::Result<Liveness> {
-    // A clock that was set back makes a heartbeat come from the future.
+    // If the clock was set back, the heartbeat lies in the future.
     let silence = Duration::try_from_secs_f64(row.get(6)?).unwrap_or(Duration::ZERO);
     Ok(match row.get(7)? {
         true => Liveness::Dead,
@@ -196,7 +194,7 @@ pub(super) struct Holders {
 }
 
 impl Holders {
-    /// The living ones as a JSON list, which SQL can take as one parameter.
+    /// The living sessions as a JSON list, which SQL takes as one parameter.
     pub(super) fn alive_json(&self) -> String {
         serde_json::Value::from(self.alive.clone()).to_string()
     }
@@ -221,7 +219,7 @@ pub(super) fn holders(connection: &Connection, this: &Process) -> rusqlite::Resu
     Ok(holders)
 }
 
-/// The process that a session was begun by.
+/// The process that began a session.
 pub(super) fn process_of(connection: &Connection, session: SessionId) -> rusqlite::Result<Process> {
     connection
         .prepare_cached(

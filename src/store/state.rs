@@ -1,27 +1,27 @@
-//! What has become of a job, over all its runs.
+//! The state of a job, over all its runs.
 
 use std::cmp::Reverse;
 
 use rusqlite::Connection;
 use rusqlite::types::{FromSql, FromSqlError, FromSqlResult, ValueRef};
 
-/// What has become of a job, over all its runs; ordered by how far they came.
+/// The state of a job over all its runs, in ascending order of progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum JobState {
-    /// It was never tried.
+    /// The job has no run.
     Pending,
-    /// Its runs were interrupted, or their process died; it will run again.
+    /// Its runs were interrupted, or their process died. The job will run again.
     Interrupted,
-    /// A run failed; it runs again only if asked for.
+    /// A run failed. The job runs again only on request.
     Failed,
-    /// A living process runs it.
+    /// A living process is running the job.
     Running,
-    /// It has its one completed run.
+    /// The job has a completed run.
     Completed,
 }
 
 impl JobState {
-    /// The word the command line uses.
+    /// The name of the state on the command line.
     pub fn name(self) -> &'static str {
         match self {
             JobState::Pending => "pending",
@@ -33,12 +33,12 @@ impl JobState {
     }
 }
 
-/// How many jobs are in each state.
+/// The number of jobs in each state.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Never tried.
+    /// Jobs without a run.
     pub pending: u64,
-    /// Tried, interrupted, to run again.
+    /// Interrupted; will run again.
     pub interrupted: u64,
     /// Failed.
     pub failed: u64,
@@ -49,12 +49,12 @@ pub struct Counts {
 }
 
 impl Counts {
-    /// All jobs.
+    /// The number of all jobs.
     pub fn total(&self) -> u64 {
         self.pending + self.interrupted + self.failed + self.running + self.completed
     }
 
-    /// Counts so many jobs in a state in.
+    /// Adds `jobs` jobs in this state.
     pub fn add(&mut self, state: JobState, jobs: u64) {
         *match state {
             JobState::Pending => &mut self.pending,
@@ -66,13 +66,13 @@ impl Counts {
     }
 }
 
-/// The states of all jobs that have runs, ordered by row id. For counting: reading every run once is
-/// many times faster than asking for every job by [`state_sql`], and jobs asked for in order are
-/// found near each other, as they would not be in a table of hashes.
+/// The states of all jobs that have runs, sorted by row id, for counting. Reading every run once is many
+/// times faster than [`state_sql`] for every job. Lookups in the order of row ids have better memory locality
+/// than lookups in a hash table.
 pub(super) struct States(Vec<(i64, JobState)>);
 
 impl States {
-    /// The states as they are now, where `alive` are the living sessions.
+    /// The current states, where `alive` are the living sessions.
     pub(super) fn read(connection: &Connection, alive: &[i64]) -> rusqlite::Result<States> {
         let mut statement = connection.prepare_cached(
             "SELECT job, session, CASE status
@@ -88,7 +88,7 @@ impl States {
             }
             states.push((row.get(0)?, state));
         }
-        // Of a job's runs the furthest is the first, and stays.
+        // The most advanced state of each job comes first and is kept.
         states.sort_by_key(|&(job, state)| (job, Reverse(state)));
         states.dedup_by_key(|&mut (job, _)| job);
         Ok(States(states))
@@ -103,9 +103,9 @@ impl States {
     }
 }
 
-/// SQL for the state of the job with row id `{job}`, where `{alive}` is a JSON list of the living
-/// sessions: the furthest that any run of it came, as [`JobState`] reads it. A failure outlasts a
-/// later interruption, for the job would fail again.
+/// SQL for the state of the job with row id `{job}`, where `{alive}` is a JSON list of the living sessions:
+/// the most advanced state of any run, as [`JobState`] reads it. A failure outranks a later interruption,
+/// because the job would fail again.
 pub(super) fn state_sql(job: &str, alive: &str) -> String {
     format!(
         "(SELECT max(CASE status

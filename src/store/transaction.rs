@@ -1,10 +1,10 @@
-//! What every transaction of the store has in common: how it commits, and its clock.
+//! Common parts of all transactions: the commit and the clock.
 
 use rusqlite::Transaction;
 
 use crate::kill_point::{self, KillPoint};
 
-/// Commits; every transaction that writes to a store ends here.
+/// Commits; every transaction that writes to a store calls this.
 pub(super) fn commit(transaction: Transaction<'_>) -> rusqlite::Result<()> {
     kill_point::pass(KillPoint::BeforeCommit);
     transaction.commit()?;
@@ -12,5 +12,5 @@ pub(super) fn commit(transaction: Transaction<'_>) -> rusqlite::Result<()> {
     Ok(())
 }
 
-/// SQL for the present instant, as the tables keep it.
+/// SQL for the current time, in the format of the tables.
 pub(super) const NOW: &str = "strftime('%Y-%m-%dT%H:%M:%fZ', 'now')";

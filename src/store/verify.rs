@@ -1,4 +1,4 @@
-//! Whether jobs and runs are as they were stored: keys, digests, weights.
+//! Verification of stored jobs and runs: keys, digests, weights.
 
 use rusqlite::{Connection, OptionalExtension};
 
@@ -7,11 +7,11 @@ use crate::plan::{Job, JobError, JobKey, Versions};
 
 use super::digest;
 
-/// Says what is wrong with the weights of a completed run of a job, if anything is: they make no
-/// policy for the job, or its algorithm has weights and the run has none. The store knows neither.
+/// Checks the weights of a completed run of a job, because the store cannot interpret them. Returns an error
+/// if the weights do not fit the job, or are missing.
 pub type CheckWeights<'a> = &'a dyn Fn(&Job, Option<&[u8]>) -> Result<(), String>;
 
-/// What is wrong with the results of a completed run, if anything is.
+/// The fault in the results of a completed run, if there is one.
 pub(super) fn run_fault(
     connection: &Connection,
     run: i64,
@@ -21,7 +21,7 @@ pub(super) fn run_fault(
         .unwrap_or_else(|error| Some(format!("its results: {error}")))
 }
 
-/// What is wrong with the stored failure of a failed run, if anything is.
+/// The fault in the stored failure of a failed run, if there is one.
 pub(super) fn failure_fault(connection: &Connection, run: i64) -> Option<String> {
     let is_as_stored = || -> rusqlite::Result<bool> {
         let (kind, message, episode, stored): (String, String, i64, Option<[u8; 32]>) = connection
@@ -34,7 +34,7 @@ pub(super) fn failure_fault(connection: &Connection, run: i64) -> Option<String>
     };
     match is_as_stored() {
         Ok(true) => None,
-        Ok(false) => Some("its failure is not the one that was stored".to_owned()),
+        Ok(false) => Some("its failure does not match its digest".to_owned()),
         Err(error) => Some(format!("its failure: {error}")),
     }
 }
@@ -56,7 +56,7 @@ fn fault_of(
         return Ok(Some("invalid `started_at` or `ended_at`".to_owned()));
     }
     if stored != Some(digest::of_run(connection, run)?) {
-        return Ok(Some("its results are not those that were stored".to_owned()));
+        return Ok(Some("its results do not match their digest".to_owned()));
     }
     if let (_, Some(fault)) = job_fault(connection, job)? {
         return Ok(Some(fault));
@@ -64,7 +64,7 @@ fn fault_of(
     weights_fault(connection, run, check_weights)
 }
 
-/// What is wrong with the weights of a completed run, if anything is.
+/// The fault in the weights of a completed run, if there is one.
 pub(super) fn weights_fault(
     connection: &Connection,
     run: i64,
@@ -77,13 +77,13 @@ pub(super) fn weights_fault(
              WHERE run.id = ?1",
         )?
         .query_row([run], |row| Ok((row.get(0)?, row.get(1)?)))?;
-    // The jobs of another release may mean nothing to this one.
+    // This release may not be able to read the jobs of another release.
     let Ok(job) = Job::from_canonical(&canonical) else { return Ok(None) };
     let checked = check_weights(&job, weights.as_deref());
     Ok(checked.err().map(|reason| format!("its weights do not load: {reason}")))
 }
 
-/// The key of a job, and what is wrong with its row, if anything is.
+/// The key of a job, and the fault in its row, if there is one.
 pub(super) fn job_fault(
     connection: &Connection,
     job: i64,
@@ -100,27 +100,27 @@ pub(super) fn job_fault(
     let fault = match rewritten {
         Err(error) => Some(format!("its parameters are not JSON: {error}")),
         Ok(rewritten) if rewritten != canonical => {
-            Some("its parameters are not written in the one way that a key is taken from".into())
+            Some("its parameters are not in canonical form".into())
         }
         Ok(_) if JobKey(hash).to_string() != key => {
-            Some("its key is not that of its parameters".to_owned())
+            Some("its key does not match its parameters".to_owned())
         }
         Ok(_) => match Job::from_canonical(&canonical) {
             Err(
                 error @ (JobError::Spelling(_)
                 | JobError::Keys { error: CanonicalError::Redundant(_), .. }),
-            ) => Some(format!("its parameters have another spelling: {error}")),
-            // The jobs of another release may mean nothing to this one.
+            ) => Some(format!("its parameters are not in canonical form: {error}")),
+            // This release may not be able to read the jobs of another release.
             Ok(_) | Err(_) => None,
         },
     };
     Ok((key, fault))
 }
 
-/// The ids of the rows of a table that can be read, in their order, and whether these are all.
+/// The ids of a table's readable rows in order, and whether all rows are readable.
 ///
-/// A page that cannot be read ends a scan; what lies behind it is found from the other end, and
-/// what lies between two such pages one by one.
+/// An unreadable page ends a scan. Rows after it are found by a scan from the other end, and rows between two
+/// unreadable pages by lookups of single ids.
 pub(super) fn row_ids(connection: &Connection, table: &str) -> (Vec<i64>, bool) {
     let (mut ids, end) = scan(connection, table, "ASC");
     if end.is_ok() {
@@ -149,11 +149,11 @@ pub(super) fn row_ids(connection: &Connection, table: &str) -> (Vec<i64>, bool) 
     (ids, false)
 }
 
-/// Missing ids in a row after which the search ends. It is more than a branch of a table's tree holds,
-/// and takes a tenth of a second; a damaged id can be any number.
+/// The number of consecutive missing ids after which the search ends, because a damaged id can be any number.
+/// It exceeds the number of rows in a subtree of a table's B-tree; the search takes 0.1 s.
 const MOST_MISSED: usize = 100_000;
 
-/// The ids of a table's rows, up to the first that cannot be read, if there is one.
+/// The ids of a table's rows, up to the first unreadable row.
 fn scan(connection: &Connection, table: &str, order: &str) -> (Vec<i64>, rusqlite::Result<()>) {
     let mut ids = Vec::new();
     let sql = format!("SELECT id FROM {table} NOT INDEXED ORDER BY id {order}");

@@ -1,4 +1,4 @@
-//! Trained weights, found by the beginning of a job key.
+//! Trained weights, found by a prefix of a job key.
 
 use rusqlite::Connection;
 
@@ -7,10 +7,10 @@ use crate::plan::{Job, JobKey};
 use super::error::{Fault, StoreError};
 use super::read::Reader;
 
-/// The weights of a completed run, with the job that they were trained for.
+/// The weights of a completed run, with the job for which they were trained.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StoredWeights {
-    /// Identity of the job.
+    /// The identity of the job.
     pub job_key: JobKey,
     /// The job.
     pub job: Job,
@@ -18,13 +18,13 @@ pub struct StoredWeights {
     pub safetensors: Option<Vec<u8>>,
 }
 
-/// How many keys an error about an ambiguous beginning shows.
+/// The number of keys in an error about an ambiguous prefix.
 const KEYS_SHOWN: usize = 3;
 
 impl Reader {
-    /// The weights of the one completed job whose key begins with `prefix`.
+    /// The weights of the only completed job whose key begins with `prefix`.
     ///
-    /// **Errors**: `prefix` is no beginning of a key, no completed job has it, or several have.
+    /// **Errors**: `prefix` is not a prefix of a key, no completed job has it, or several have it.
     pub fn weights(&self, prefix: &str) -> Result<StoredWeights, StoreError> {
         let digits = prefix.to_ascii_lowercase();
         let is_key = digits.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'));
@@ -45,7 +45,7 @@ impl Reader {
     }
 }
 
-/// The first jobs with a completed run whose keys begin with `digits`: row id and key.
+/// The first jobs with a completed run whose keys begin with `digits`: row ids and keys.
 fn completed_jobs(connection: &Connection, digits: &str) -> rusqlite::Result<Vec<(i64, String)>> {
     // `g` follows every hexadecimal digit.
     let mut statement = connection.prepare_cached(

@@ -8,7 +8,7 @@ use super::error::{Fault, StoreError};
 use super::file;
 use super::transaction::commit;
 
-/// The store, open for writing. A process has one, owned by one thread.
+/// The store, open for writing. A process has only one, owned by one thread.
 #[derive(Debug)]
 pub struct Store {
     pub(super) connection: Connection,
@@ -16,22 +16,22 @@ pub struct Store {
 }
 
 impl Store {
-    /// The store at `path`, made if there is none, migrated (after a backup copy beside it) if it
-    /// is of an earlier release.
+    /// Opens the store at `path`. Creates it if it does not exist, and migrates it, after a backup copy, if
+    /// it is of an earlier release.
     ///
-    /// **Errors**: the path cannot hold a store, or holds something else or a store of a newer
-    /// release; those files are left untouched.
+    /// **Errors**: the path cannot hold a store, or holds another file or a store of a newer release, which
+    /// is left untouched.
     pub fn open(path: &Path) -> Result<Store, StoreError> {
         let (connection, path) = file::open_writer(path)?;
         Ok(Store { connection, path })
     }
 
-    /// Where its file is, from the root.
+    /// The absolute path of the store's file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// As [`Store::write`]; when it returns, not even a power cut undoes what was written.
+    /// Like [`Store::write`], but the writes survive a power failure once this returns.
     pub(super) fn write_durably<T>(
         &mut self,
         action: &'static str,
@@ -47,7 +47,7 @@ impl Store {
         done
     }
 
-    /// Does `body` in one transaction that holds the store's write lock from its start.
+    /// Runs `body` in one transaction that holds the store's write lock from the start.
     ///
     /// `action` completes "failed to …" in errors.
     pub(super) fn write<T>(
@@ -60,7 +60,7 @@ impl Store {
             .connection
             .transaction_with_behavior(TransactionBehavior::Immediate)
             .map_err(|source| StoreError::sqlite(path, action, source))?;
-        // A newer program may have migrated the file since it was opened.
+        // A newer program may have migrated the file since this process opened it.
         file::require_current(&transaction, path)?;
         let done = body(&transaction).map_err(|fault| fault.at(path, action))?;
         commit(transaction).map_err(|source| StoreError::sqlite(path, action, source))?;

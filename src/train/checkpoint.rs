@@ -1,9 +1,9 @@
-//! Checkpoints: a training under way, written down so that another process can go on with it.
+//! Checkpoints: the saved state of an unfinished training, from which another process can continue.
 //!
-//! A checkpoint is a line that names its format, a line of JSON that says of what job and by what
-//! code it is, the state of the training, and the SHA-256 of all that. It is taken for what it says
-//! only if every byte is as it was written, and gone on with only by the code that made it. Where
-//! checkpoints lie, and when they are due, is for [`Checkpoints`] to know.
+//! A checkpoint consists of a line that names its format, a line of JSON that identifies the job and the
+//! code, the state of the training, and the SHA-256 of these bytes. A checkpoint is accepted only if its
+//! digest matches and the same code wrote it. [`Checkpoints`] decides where checkpoints are kept and when
+//! they are due.
 
 use std::fmt;
 use std::io::{self, BufRead, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
@@ -17,46 +17,46 @@ use crate::plan::{Job, Versions};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 use crate::train::training::Training;
 
-/// The first line. The number is raised whenever the bytes of a state change their meaning.
-const FORMAT: &str = "jitai checkpoint 2\n";
-/// Bytes of the SHA-256 at the end.
+/// The first line. The number is raised whenever the meaning of a state's bytes changes.
+const FORMAT: &str = "jitai checkpoint 3\n";
+/// The number of bytes of the SHA-256 at the end.
 const SEAL: usize = 32;
 
-/// Whoever keeps the checkpoints of one training.
+/// The keeper of the checkpoints of one training.
 pub trait Checkpoints {
-    /// Whether one should be made at the next occasion; asked at every step.
+    /// Whether a checkpoint should be written at the next opportunity; queried at every step.
     fn are_due(&self) -> bool;
 
-    /// Shows those that earlier runs of the job left to `read`, the furthest first, until it takes
-    /// one.
+    /// Passes the checkpoints of the job's earlier runs to `read`, starting with the most advanced, until it
+    /// accepts one.
     fn resume(&self, read: &mut ReadCheckpoint<'_>);
 
-    /// Keeps what `write` writes, whole or not at all. A training goes on in either case.
+    /// Stores the output of `write` completely or not at all. The training continues in either case.
     fn keep(&self, write: &mut WriteCheckpoint<'_>);
 }
 
-/// Takes over a checkpoint, or says why not.
+/// Resumes from a checkpoint, or returns why it was rejected.
 pub type ReadCheckpoint<'a> =
     dyn FnMut(&mut dyn CheckpointFile) -> Result<Resumed, CheckpointError> + 'a;
 
 /// Writes a checkpoint.
 pub type WriteCheckpoint<'a> = dyn FnMut(&mut dyn Write) -> io::Result<()> + 'a;
 
-/// The bytes of a checkpoint, as a file has them.
+/// The bytes of a checkpoint, as in a file.
 pub trait CheckpointFile: Read + Seek {}
 
 impl<T: Read + Seek> CheckpointFile for T {}
 
-/// Where a training goes on.
+/// The point at which a training resumes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Resumed {
     /// Training episodes finished.
     pub episode: u32,
-    /// What the training had taken before.
+    /// Working time before the checkpoint.
     pub worked: Duration,
 }
 
-/// A keeper that keeps nothing.
+/// A keeper that keeps no checkpoints.
 #[derive(Clone, Copy, Debug)]
 pub struct KeptNowhere;
 
@@ -70,39 +70,39 @@ impl Checkpoints for KeptNowhere {
     fn keep(&self, _: &mut WriteCheckpoint<'_>) {}
 }
 
-/// Why a checkpoint cannot be gone on with.
+/// Why a checkpoint is rejected.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CheckpointError {
-    /// The system cannot read it.
-    #[error("it cannot be read: {0}")]
+    /// The file could not be read.
+    #[error("cannot be read: {0}")]
     Read(#[from] io::Error),
-    /// Some of its bytes are not as they were written, or missing.
-    #[error("it is damaged")]
+    /// Bytes have changed or are missing.
+    #[error("damaged")]
     Damaged,
-    /// It has another format.
-    #[error("another release of jitai made it")]
+    /// The checkpoint has the format of another release.
+    #[error("written by another release of jitai")]
     OtherFormat,
-    /// Other code made it, whose bits may differ.
-    #[error("other code made it: {theirs}; this is {ours}")]
+    /// Different code wrote the checkpoint; its results may differ in their last bits.
+    #[error("written by different code: {theirs}; this is {ours}")]
     OtherCode {
-        /// What made it.
+        /// The code that wrote it.
         theirs: String,
-        /// What this is.
+        /// The code of this program.
         ours: String,
     },
-    /// It is of another job.
-    #[error("it is of another job, {0}")]
+    /// The checkpoint belongs to another job.
+    #[error("belongs to another job, {0}")]
     OtherJob(String),
-    /// There is no memory for it.
+    /// There is not enough memory.
     #[error(transparent)]
     OutOfMemory(#[from] OutOfMemory),
-    /// Its state does not fit the job.
+    /// The state does not fit the job.
     #[error(transparent)]
     State(#[from] StateError),
 }
 
-/// What a checkpoint says of itself.
+/// The header of a checkpoint.
 #[derive(Debug, Serialize, Deserialize)]
 struct Header {
     job_key: String,
@@ -111,7 +111,7 @@ struct Header {
     seconds: f64,
 }
 
-/// What the bits that a training goes on to depend on.
+/// The code that determines the bits of a training after a checkpoint.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 struct Code {
     release: String,
@@ -139,7 +139,7 @@ impl fmt::Display for Code {
     }
 }
 
-/// Writes a training as a checkpoint, after so much time at work in this process.
+/// Writes a training as a checkpoint. `worked` is the working time in this process.
 pub(super) fn write(
     training: &Training<'_>,
     worked: Duration,
@@ -161,9 +161,9 @@ pub(super) fn write(
     out.write_all(&seal.finalize())
 }
 
-/// The training that a checkpoint of the job holds.
+/// Reads the training from a checkpoint of the job.
 ///
-/// **Errors**: it is damaged, or of another job, or made by other code.
+/// **Errors**: the checkpoint is damaged, belongs to another job, or was written by other code.
 pub(super) fn read<'j>(
     job: &'j Job,
     file: &mut dyn CheckpointFile,
@@ -198,7 +198,7 @@ pub(super) fn read<'j>(
     if from.fill_buf()?.is_empty() { Ok(training) } else { Err(CheckpointError::OtherFormat) }
 }
 
-/// Fails unless the first `sealed` bytes have the hash that stands behind them.
+/// Fails unless the first `sealed` bytes match the hash that follows them.
 fn check_seal(file: &mut dyn CheckpointFile, sealed: u64) -> Result<(), CheckpointError> {
     let mut seal = Sha256::new();
     let mut left = sealed;
@@ -214,7 +214,7 @@ fn check_seal(file: &mut dyn CheckpointFile, sealed: u64) -> Result<(), Checkpoi
     if written[..] == seal.finalize()[..] { Ok(()) } else { Err(CheckpointError::Damaged) }
 }
 
-/// Takes the hash of what it passes on.
+/// A writer that hashes the bytes that pass through it.
 struct Sealing<'a> {
     out: &'a mut dyn Write,
     seal: Sha256,

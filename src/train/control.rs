@@ -1,22 +1,28 @@
 //! Control of a training: progress reports, requests to stop, checkpoints.
 
+use std::path::Path;
 use std::time::Duration;
 
 use crate::train::checkpoint::{Checkpoints, KeptNowhere};
 use crate::train::progress::TrainingProgress;
 
-/// Takes the progress reports of a training, may stop it, and keeps its checkpoints.
+/// Receives the progress reports of a training, may stop it, and keeps its checkpoints.
 pub trait TrainingControl {
-    /// Takes the progress, after every span of the learner: an episode, or an update.
+    /// Receives the progress after every span of the learner: an episode or an update.
     fn report(&self, progress: TrainingProgress);
 
-    /// Whether the training should end at the next occasion, without a result.
+    /// Whether the training should end at the next opportunity, without a result.
     fn stop_requested(&self) -> bool;
 
-    /// Working time spent on it in this process, which its checkpoints record.
+    /// The working time spent on the training in this process; checkpoints record it.
     fn worked(&self) -> Duration;
 
-    /// The keeper of its checkpoints; none are kept by default.
+    /// The folder in which an outside program starts; the current folder by default.
+    fn folder(&self) -> &Path {
+        Path::new(".")
+    }
+
+    /// The keeper of the training's checkpoints; by default, no checkpoints are kept.
     fn checkpoints(&self) -> &dyn Checkpoints {
         &KeptNowhere
     }

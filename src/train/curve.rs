@@ -4,16 +4,16 @@ use std::collections::VecDeque;
 use std::io;
 
 use crate::agent::{OutOfMemory, TrainedEpisode, reserve};
-use crate::record::{CURVE_METRICS, CurvePoint};
+use crate::record::{CURVE_METRICS, CurvePoint, Metric};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
-/// Episodes that the reported recent return averages over.
+/// The number of episodes in the average of the reported recent return.
 const RECENT: usize = 100;
 
 /// Averages training episodes into the points of a curve.
 ///
-/// A point stands at the last of the `stride` episodes that it averages; the last point may
-/// average fewer.
+/// A point has the number of the last of the `stride` episodes that it averages; the final point may average
+/// fewer.
 #[derive(Debug)]
 pub(super) struct CurveRecorder {
     stride: u32,
@@ -21,37 +21,54 @@ pub(super) struct CurveRecorder {
     since_point: Vec<TrainedEpisode>,
     points: Vec<CurvePoint>,
     recent: VecDeque<f64>,
+    /// The metrics of the first episodes.
+    first: Vec<FirstReturn>,
+}
+
+/// The sum of returns over the first episodes by start, as far as they have ended.
+#[derive(Debug)]
+struct FirstReturn {
+    episodes: u32,
+    metric: &'static str,
+    sum: f64,
 }
 
 impl CurveRecorder {
-    pub(super) fn new(stride: u32) -> Self {
+    pub(super) fn new(stride: u32, first: impl Iterator<Item = (u32, &'static str)>) -> Self {
         CurveRecorder {
             stride,
             episodes: 0,
             since_point: Vec::new(),
             points: Vec::new(),
             recent: VecDeque::with_capacity(RECENT),
+            first: first
+                .map(|(episodes, metric)| FirstReturn { episodes, metric, sum: 0.0 })
+                .collect(),
         }
     }
 
-    /// Training episodes so far.
+    /// The number of training episodes so far.
     pub(super) fn episodes(&self) -> u32 {
         self.episodes
     }
 
-    /// Mean return of the last episodes, in steps walked; 0 before the first.
+    /// The mean return of the last episodes, in steps walked; 0 before the first episode has ended.
     pub(super) fn recent_return(&self) -> f64 {
         self.recent.iter().sum::<f64>() / self.recent.len().max(1) as f64
     }
 
-    /// **Errors**: there is no memory for more.
+    /// Adds an episode. **Errors**: there is not enough memory.
     pub(super) fn add(&mut self, episode: &TrainedEpisode) -> Result<(), OutOfMemory> {
         const WHAT: &str = "the learning curve";
         reserve(&mut self.since_point, 1, WHAT)?;
-        // Room for the last point as well, whose episodes may be fewer.
+        // Also reserves memory for the final point, which may average fewer episodes.
         reserve(&mut self.points, 2 * CURVE_METRICS.len(), WHAT)?;
         self.episodes += 1;
         self.since_point.push(*episode);
+        let number = episode.number.unwrap_or(self.episodes);
+        for first in self.first.iter_mut().filter(|first| number <= first.episodes) {
+            first.sum += episode.total_reward;
+        }
         if self.recent.len() == RECENT {
             self.recent.pop_front();
         }
@@ -62,7 +79,16 @@ impl CurveRecorder {
         Ok(())
     }
 
-    /// The points, the last one closed.
+    /// The mean return of the first episodes by start, for each requested number of episodes, once all of
+    /// these have ended.
+    pub(super) fn first_returns(&self) -> impl Iterator<Item = Metric> {
+        self.first.iter().map(|first| Metric {
+            name: first.metric,
+            value: first.sum / f64::from(self.episodes.clamp(1, first.episodes)),
+        })
+    }
+
+    /// The points, including a final point for the remaining episodes.
     pub(super) fn finish(mut self) -> Vec<CurvePoint> {
         if !self.since_point.is_empty() {
             self.point();
@@ -103,7 +129,8 @@ impl Resumable for CurveRecorder {
             out.one(metric.expect("every metric of a curve is listed") as u8)?;
             out.one(point.value)
         })?;
-        out.each(self.recent.iter(), |out, recent| out.one(*recent))
+        out.each(self.recent.iter(), |out, recent| out.one(*recent))?;
+        out.each(self.first.iter(), |out, first| out.one(first.sum))
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
@@ -121,6 +148,9 @@ impl Resumable for CurveRecorder {
             Ok(CurvePoint { episode, metric, value: from.one()? })
         })?;
         self.recent = from.many::<f64>(RECENT, WHAT)?.into();
+        let mut sums = vec![0.0; self.first.len()];
+        from.fill(&mut sums, "returns of the first episodes")?;
+        self.first.iter_mut().zip(sums).for_each(|(first, sum)| first.sum = sum);
         Ok(())
     }
 }
@@ -131,6 +161,7 @@ mod tests {
 
     fn episode(total_reward: f64, updates: u32) -> TrainedEpisode {
         TrainedEpisode {
+            number: None,
             total_reward,
             length: 50,
             terminated: total_reward < 0.0,
@@ -142,11 +173,13 @@ mod tests {
 
     #[test]
     fn points_average_the_episodes_since_the_point_before() {
-        let mut curve = CurveRecorder::new(2);
+        let mut curve = CurveRecorder::new(2, [(1, "one"), (3, "three"), (5, "five")].into_iter());
         for (total_reward, updates) in [(1.0, 0), (3.0, 0), (-5.0, 1), (7.0, 3), (9.0, 0)] {
             curve.add(&episode(total_reward, updates)).unwrap();
         }
         assert_eq!(curve.recent_return(), 3.0);
+        let first: Vec<(&str, f64)> = curve.first_returns().map(|m| (m.name, m.value)).collect();
+        assert_eq!(first, [("one", 1.0), ("three", -1.0 / 3.0), ("five", 3.0)]);
         let points = curve.finish();
         let of = |metric: &str| -> Vec<(u32, f64)> {
             let points = points.iter().filter(|p| p.metric == metric);
@@ -157,5 +190,19 @@ mod tests {
         assert_eq!(of("mean_loss"), [(4, 2.0)]);
         assert_eq!(of("epsilon"), [(2, 0.03), (4, 0.07), (5, 0.09)]);
         assert_eq!(of("mean_length"), [(2, 50.0), (4, 50.0), (5, 50.0)]);
+    }
+
+    #[test]
+    fn the_first_episodes_are_the_first_to_begin() {
+        let mut curve = CurveRecorder::new(10, [(1, "one"), (2, "two"), (4, "four")].into_iter());
+        // The second and the fourth episode end before the first.
+        for (number, total_reward) in [(2, 8.0), (4, 16.0), (1, 2.0), (3, 6.0), (5, 100.0)] {
+            let number = Some(number);
+            curve.add(&TrainedEpisode { number, ..episode(total_reward, 0) }).unwrap();
+        }
+        let first: Vec<(&str, f64)> = curve.first_returns().map(|m| (m.name, m.value)).collect();
+        assert_eq!(first, [("one", 2.0), ("two", 5.0), ("four", 8.0)]);
+        let returns = curve.finish();
+        assert_eq!((returns[0].episode, returns[0].value), (5, 26.4));
     }
 }

@@ -1,28 +1,30 @@
-//! The record of decisions: every step of the episodes of a training or of a test.
+//! The log of decisions: every step of the episodes of a training or a test.
 
 use std::io;
 
 use crate::agent::{OutOfMemory, StepObserver, reserve};
 use crate::env::{Action, EpisodeStatus, PhysicalActivity, VectorEnvironment};
-use crate::record::{Decision, Phase};
+use crate::record::{Decision, ParticipantValue, Phase};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// Records the decisions of one phase of a job.
 ///
-/// A lane that is at its first step begins the next episode, in lane order. This numbers the episodes
-/// of lanes in lockstep as the learning curve and the test do.
+/// A lane at its first step begins the next episode, in lane order. Episodes of lanes in lockstep thus have
+/// the same numbers as in the learning curve and the test.
 #[derive(Debug)]
 pub(super) struct DecisionLog {
     phase: Phase,
-    /// In the order of their steps; [`DecisionLog::finish`] sorts them by episode.
+    /// In the order of steps; [`DecisionLog::finish`] sorts them by episode.
     decisions: Vec<Decision>,
-    /// Episodes that have begun.
+    /// The parameters of participants whose episodes have begun. A test records its participants itself.
+    participants: Vec<ParticipantValue>,
+    /// The number of episodes that have begun.
     begun: u32,
     /// The episode of every lane, from 1.
     episodes: Vec<u32>,
-    /// The lanes of the decisions that have not been paid yet, which are the last ones.
+    /// The lanes of the most recent decisions, whose rewards are still missing.
     acting: Vec<usize>,
-    /// Memory that was short. Nothing is recorded from then on.
+    /// The first failed allocation; nothing is recorded afterwards.
     refused: Option<OutOfMemory>,
 }
 
@@ -31,6 +33,7 @@ impl DecisionLog {
         DecisionLog {
             phase,
             decisions: Vec::new(),
+            participants: Vec::new(),
             begun: 0,
             episodes: Vec::new(),
             acting: Vec::new(),
@@ -38,18 +41,18 @@ impl DecisionLog {
         }
     }
 
-    /// **Errors**: there was no memory for a decision.
+    /// Reports a failed allocation. **Errors**: there was not enough memory for a decision.
     pub(super) fn check(&self) -> Result<(), OutOfMemory> {
         self.refused.map_or(Ok(()), Err)
     }
 
-    /// The decisions by episode and step.
-    pub(super) fn finish(mut self) -> Vec<Decision> {
+    /// The decisions by episode and step, and the participants by episode.
+    pub(super) fn finish(mut self) -> (Vec<Decision>, Vec<ParticipantValue>) {
         self.decisions.sort_unstable_by_key(|decision| (decision.episode, decision.step));
-        self.decisions
+        (self.decisions, self.participants)
     }
 
-    /// The number of the episode in a lane that is at this step.
+    /// The number of the current episode in a lane, which is at `step`.
     fn episode(&mut self, lane: usize, step: u32) -> u32 {
         if step == 0 {
             self.begun += 1;
@@ -75,12 +78,19 @@ impl StepObserver<PhysicalActivity> for DecisionLog {
             let draw = lanes.context(lane);
             let shown = lanes.parameters().observed_probability;
             let zero = draw.probability_of_zero;
-            // Without availability or budget every choice comes to no message.
+            // Without availability or budget, every choice results in no message.
             let taken = lanes.taken(lane, actions[lane]);
             let is_free = lanes.taken(lane, Action::UNTAILORED) == Action::UNTAILORED;
+            let episode = self.episode(lane, step);
+            if step == 0 && self.phase == Phase::Train {
+                let phase = self.phase;
+                self.participants.extend(lanes.participant(lane).map(|(place, value)| {
+                    ParticipantValue { phase, episode, parameter: place as u8, value }
+                }));
+            }
             let decision = Decision {
                 phase: self.phase,
-                episode: self.episode(lane, step),
+                episode,
                 step,
                 context: draw.context,
                 probability: if shown == 0 { zero } else { 1.0 - zero },
@@ -106,7 +116,7 @@ impl StepObserver<PhysicalActivity> for DecisionLog {
     }
 }
 
-/// Between two steps every decision has been paid.
+/// Between two steps, every decision has its reward.
 impl Resumable for DecisionLog {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
         out.one(self.begun)?;
@@ -123,6 +133,11 @@ impl Resumable for DecisionLog {
             out.one(decision.action)?;
             out.one(decision.action_probability)?;
             out.one(decision.reward)
+        })?;
+        out.each(self.participants.iter(), |out, value| {
+            out.one(value.episode)?;
+            out.one(value.parameter)?;
+            out.one(value.value)
         })
     }
 
@@ -145,6 +160,10 @@ impl Resumable for DecisionLog {
                 action_probability: from.one()?,
                 reward: from.one()?,
             })
+        })?;
+        self.participants = from.each(usize::MAX, "participants", |from| {
+            let (episode, parameter) = (from.one()?, from.one()?);
+            Ok(ParticipantValue { phase: self.phase, episode, parameter, value: from.one()? })
         })?;
         Ok(())
     }

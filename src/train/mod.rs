@@ -1,14 +1,15 @@
 //! One job, from its declaration to its outcome.
 //!
-//! In: a [`Job`](crate::plan::Job) and a [`TrainingControl`]. Out: an
-//! [`Outcome`](crate::record::Outcome) that depends on the job and the code alone, however often
-//! the training was stopped and resumed. It knows no database, no worker and no other job, and of
-//! [`Checkpoints`] neither where they are kept nor when they are due.
+//! In: a [`Job`](crate::plan::Job) and a [`TrainingControl`]. Out: an [`Outcome`](crate::record::Outcome)
+//! that depends only on the job and the code, however often the training was stopped and resumed. The module
+//! knows no database, no workers and no other jobs. It does not know where [`Checkpoints`] keeps checkpoints
+//! or when they are due.
 
 mod checkpoint;
 mod control;
 mod curve;
 mod decision_log;
+mod outside;
 mod progress;
 mod roll;
 mod run;

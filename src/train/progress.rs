@@ -1,12 +1,12 @@
-//! How far a training has come.
+//! The progress of a training.
 
-/// How far a training has come.
+/// The progress of a training.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrainingProgress {
     /// Training episodes finished.
     pub episode: u32,
-    /// Training episodes in all.
+    /// Total number of training episodes.
     pub episodes: u32,
-    /// Mean return of the last hundred episodes or fewer, in steps walked.
+    /// Mean return of the last 100 episodes, or fewer at the start, in steps walked.
     pub recent_return: f64,
 }

@@ -10,14 +10,14 @@ use crate::state::{Resumable, StateError, StateReader, StateWriter};
 /// The random streams of rolled episodes.
 #[derive(Clone, Debug)]
 pub struct RollStreams {
-    /// The environment's chance: contexts and their features.
+    /// The streams of the environment: contexts and their features.
     pub environment: LaneStreams,
-    /// The choice among actions.
+    /// The stream of the choice of actions.
     pub actions: Stream,
 }
 
 impl RollStreams {
-    /// A seed's streams of the test at their start; all lanes share one of them.
+    /// A seed's streams for the test, at their start; all lanes share one stream.
     pub fn of_test(seed: u64) -> Self {
         RollStreams {
             environment: LaneStreams::Shared(Stream::new(seed, Purpose::TestEnvironment)),
@@ -48,8 +48,8 @@ pub fn begin<Env: VectorEnvironment + ?Sized>(
     actor.reset(LaneSet::All);
 }
 
-/// Rolls the running episodes to their ends, unless the observer requests a stop. The next call
-/// continues a roll that was stopped.
+/// Rolls the running episodes to their ends, unless the observer requests a stop. The next call continues a
+/// stopped roll.
 pub fn roll<Env: VectorEnvironment + ?Sized>(
     environment: &mut Env,
     actor: &mut (impl Actor<Env> + ?Sized),
@@ -69,8 +69,33 @@ pub fn roll<Env: VectorEnvironment + ?Sized>(
     }
 }
 
-/// What happened in rolled episodes. Row t · lanes + l of every array belongs to step t of lane l; the
-/// rewards of lanes that had ended are 0.
+/// Rolls like [`roll`], with choices by a function that may fail.
+///
+/// **Errors**: the function's error.
+pub(super) fn roll_by<Env: VectorEnvironment + ?Sized, E>(
+    environment: &mut Env,
+    choose: &mut Choose<'_, Env, E>,
+    streams: &mut RollStreams,
+    observer: &mut impl StepObserver<Env>,
+) -> Result<(), E> {
+    let mut actions = vec![Action::default(); environment.lanes()];
+    let mut probabilities = vec![1.0; environment.lanes()];
+    let mut rewards = vec![0.0; environment.lanes()];
+    while environment.any_running() && !observer.stop_requested() {
+        choose(environment, &mut streams.actions, &mut actions, &mut probabilities)?;
+        observer.chosen(environment, &actions, &probabilities);
+        environment.step(&actions, &mut rewards, &mut streams.environment);
+        observer.paid(environment, &rewards);
+    }
+    Ok(())
+}
+
+/// Chooses actions and returns their probabilities, like [`Actor::act`].
+pub(super) type Choose<'a, Env, E> =
+    dyn FnMut(&Env, &mut Stream, &mut [Action], &mut [f64]) -> Result<(), E> + 'a;
+
+/// The record of rolled episodes. Row t · lanes + l of every array belongs to step t of lane l. The rewards
+/// of ended lanes are 0.
 #[derive(Clone, Debug)]
 pub struct Rollout {
     /// The observations before each step.

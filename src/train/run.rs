@@ -1,15 +1,19 @@
-//! A job from its beginning, or from a checkpoint, to its outcome.
+//! A job from its start, or from a checkpoint, to its outcome.
 
-use crate::agent::OutOfMemory;
+use crate::agent::{External, OutOfMemory};
 use crate::plan::Job;
 use crate::record::Outcome;
 use crate::train::checkpoint::{self, Checkpoints, Resumed};
 use crate::train::control::TrainingControl;
+use crate::train::outside;
 use crate::train::training::{Stage, Training, out_of_memory};
 
-/// Trains the job's agent, tests it, and returns what came out. Goes on from a checkpoint if there
-/// is one, and leaves one if it is stopped.
+/// Trains the job's agent, tests it, and returns the outcome. Continues from a checkpoint if there is one,
+/// and writes one if it is stopped.
 pub fn run(job: &Job, control: &dyn TrainingControl) -> Outcome {
+    if let Some(external) = job.agent.parameters::<External>() {
+        return outside::run(job, &external, control);
+    }
     let checkpoints = control.checkpoints();
     let mut training = match start_or_resume(job, checkpoints) {
         Ok(training) => training,
@@ -35,9 +39,9 @@ pub fn run(job: &Job, control: &dyn TrainingControl) -> Outcome {
     Outcome::Completed(training.results())
 }
 
-/// A job at its beginning, or where a checkpoint was made.
+/// A job at its start, or at a checkpoint.
 ///
-/// **Errors**: there is no memory for what learns.
+/// **Errors**: there is not enough memory for the learner.
 fn start_or_resume<'j>(
     job: &'j Job,
     checkpoints: &dyn Checkpoints,

@@ -1,39 +1,82 @@
-//! The test episodes of a trained agent and what is kept of them.
+//! The test episodes of a trained agent and their results.
 
 use std::io;
 
 use crate::agent::{Actor, OutOfMemory, StepObserver, reserve_exact};
-use crate::env::{Action, ContextDraw, EpisodeStatus, PhysicalActivity, VectorEnvironment};
+use crate::env::{
+    Action, ContextDraw, EpisodeStatus, LaneSet, ParticipantSampler, PhysicalActivity,
+    VectorEnvironment,
+};
 use crate::plan::Job;
-use crate::record::{ActionCount, Decision, Metric, PROBABILITY_BINS, Phase, TestEpisode};
+use crate::record::{
+    ActionCount, Decision, Metric, PROBABILITY_BINS, ParticipantValue, Phase, TestEpisode,
+};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 use crate::train::decision_log::DecisionLog;
-use crate::train::roll::{RollStreams, begin, roll};
+use crate::train::roll::{Choose, RollStreams, begin, roll, roll_by};
 
-/// Episodes that advance in lockstep; part of what fixes the results, because lanes share streams.
+/// The number of episodes that advance in lockstep. Results depend on it, because lanes share streams.
 const LANES: usize = 1000;
 
 const UNPLAYED: TestEpisode = TestEpisode { total_reward: 0.0, length: 0, disengaged: false };
 
-/// A test under way.
+/// A test in progress.
 pub(super) struct Test {
-    /// Episodes that it has in all.
+    /// The total number of episodes.
     episodes: usize,
     streams: RollStreams,
     counts: ActionCounts,
-    /// `None` where the job does not ask for it.
+    /// `None` if the job does not ask for it.
     log: Option<DecisionLog>,
     played: Vec<TestEpisode>,
     batch: Batch,
+    /// `None` if all participants have the same parameters.
+    people: Option<People>,
+    /// The participants' parameters, set at the end of the test; memory is reserved from the first batch.
+    participants: Vec<ParticipantValue>,
+    /// The cost of messages so far; maintained only if there are people.
+    costs: f64,
 }
 
-/// What the test episodes were.
+/// The participants of a test. Their parameters do not depend on what happens in it.
+struct People {
+    sampler: ParticipantSampler,
+    seed: u64,
+    episodes: u32,
+}
+
+impl People {
+    /// The number of the participants' parameters in total.
+    fn count(&self) -> usize {
+        self.sampler.places().len() * self.episodes as usize
+    }
+
+    /// Appends the parameters of all participants, by episode and place.
+    fn describe(&self, all: &mut Vec<ParticipantValue>) {
+        let mut streams = RollStreams::of_test(self.seed).environment;
+        let stream = streams.of(0);
+        for episode in 1..=self.episodes {
+            let values = self.sampler.participant(stream);
+            let places = self.sampler.places().iter().map(|place| *place as u8);
+            all.extend(places.zip(values).map(|(parameter, value)| ParticipantValue {
+                phase: Phase::Test,
+                episode,
+                parameter,
+                value,
+            }));
+        }
+    }
+}
+
+/// The results of the test episodes.
 pub(super) struct Tested {
     pub(super) episodes: Vec<TestEpisode>,
     pub(super) actions: Vec<ActionCount>,
     pub(super) decisions: Vec<Decision>,
+    pub(super) participants: Vec<ParticipantValue>,
     messages: u64,
-    message_cost: f64,
+    /// The total cost of messages; `None` if messages have no cost.
+    costs: Option<f64>,
 }
 
 impl Test {
@@ -45,8 +88,15 @@ impl Test {
             counts: ActionCounts::default(),
             log: job.evaluation.record_decisions.of_test().then(|| DecisionLog::new(Phase::Test)),
             played: Vec::new(),
+            people: (!job.population.is_homogeneous()).then(|| People {
+                sampler: ParticipantSampler::new(&job.population),
+                seed: job.seed,
+                episodes: job.evaluation.test_episodes,
+            }),
+            participants: Vec::new(),
+            costs: 0.0,
             batch: Batch {
-                environment: PhysicalActivity::new(&job.environment, &job.scenario, 0),
+                environment: job.task().simulation(0).with_population(&job.population),
                 played: Vec::new(),
             },
         }
@@ -56,30 +106,80 @@ impl Test {
         self.played.len() == self.episodes
     }
 
-    /// Whether an episode has begun: the actor may remember something from then on.
+    /// Whether an episode has begun. From then on, the actor may have state.
     pub(super) fn has_begun(&self) -> bool {
         !(self.played.is_empty() && self.batch.played.is_empty())
     }
 
-    /// Plays a batch of episodes to its end, or until `pause` says yes; the next call continues.
+    /// Plays a batch of episodes to its end, or until `pause` returns true; the next call continues.
     ///
-    /// **Errors**: there is no memory for its episodes.
+    /// **Errors**: there is not enough memory for the episodes.
     pub(super) fn advance(
         &mut self,
         actor: &mut dyn Actor,
         pause: &dyn Fn() -> bool,
     ) -> Result<(), OutOfMemory> {
+        self.begin_batch(|environment, streams| begin(environment, actor, streams))?;
+        let (batch, streams, mut player) = self.player(pause);
+        roll(batch, actor, streams, &mut player);
+        self.end_batch()
+    }
+
+    /// Plays a batch of episodes to its end with choices that may fail. Calls `lanes` with their number
+    /// before the first choice.
+    ///
+    /// **Errors**: the choices fail, or there is not enough memory for the episodes.
+    pub(super) fn play_batch<E: From<OutOfMemory>>(
+        &mut self,
+        lanes: impl FnOnce(usize),
+        choose: &mut Choose<'_, PhysicalActivity, E>,
+    ) -> Result<(), E> {
+        self.begin_batch(|environment, streams| {
+            environment.reset(LaneSet::All, &mut streams.environment);
+            lanes(environment.lanes());
+        })?;
+        let (batch, streams, mut player) = self.player(&|| false);
+        roll_by(batch, choose, streams, &mut player)?;
+        Ok(self.end_batch()?)
+    }
+
+    /// Begins the next batch with `begin`, unless a batch is in progress.
+    ///
+    /// **Errors**: there is not enough memory for the episodes.
+    fn begin_batch(
+        &mut self,
+        begin: impl FnOnce(&mut PhysicalActivity, &mut RollStreams),
+    ) -> Result<(), OutOfMemory> {
         let left = self.episodes - self.played.len();
         reserve_exact(&mut self.played, left, "the test episodes")?;
-        let Test { streams, counts, log, batch, .. } = self;
+        let values = self.people.as_ref().map_or(0, People::count);
+        reserve_exact(&mut self.participants, values, "the participants of the test")?;
+        let Test { streams, batch, .. } = self;
         if batch.played.is_empty() {
-            let lanes = LANES.min(self.episodes - self.played.len());
+            let lanes = LANES.min(left);
             batch.environment = batch.environment.with_lanes(lanes);
             batch.played = vec![UNPLAYED; lanes];
-            begin(&mut batch.environment, actor, streams);
+            begin(&mut batch.environment, streams);
         }
-        let mut player = Player { counts, log: log.as_mut(), played: &mut batch.played, pause };
-        roll(&mut batch.environment, actor, streams, &mut player);
+        Ok(())
+    }
+
+    /// The batch, its streams, and the recorder of its episodes.
+    fn player<'p>(
+        &'p mut self,
+        pause: &'p dyn Fn() -> bool,
+    ) -> (&'p mut PhysicalActivity, &'p mut RollStreams, Player<'p>) {
+        let Test { streams, counts, log, batch, people, costs, .. } = self;
+        let costs = people.is_some().then_some(costs);
+        let (log, played) = (log.as_mut(), &mut batch.played[..]);
+        (&mut batch.environment, streams, Player { counts, log, played, costs, pause })
+    }
+
+    /// Stores the episodes of a batch, if it has been played to its end.
+    ///
+    /// **Errors**: there was not enough memory for the decisions.
+    fn end_batch(&mut self) -> Result<(), OutOfMemory> {
+        let Test { log, batch, .. } = self;
         log.as_ref().map_or(Ok(()), DecisionLog::check)?;
         if batch.environment.any_running() {
             return Ok(());
@@ -91,26 +191,39 @@ impl Test {
         Ok(())
     }
 
-    /// What the episodes were, once all are played.
-    pub(super) fn finish(self) -> Tested {
+    /// The results, once all episodes are played.
+    pub(super) fn finish(mut self) -> Tested {
         let (messages, actions) = (self.counts.messages(), self.counts.rows());
-        let message_cost = self.batch.environment.parameters().message_cost;
-        let decisions = self.log.map(DecisionLog::finish).unwrap_or_default();
-        Tested { episodes: self.played, messages, message_cost, actions, decisions }
+        let simulation = &self.batch.environment;
+        let costs = match &self.people {
+            // A product, as in the results of earlier jobs.
+            None => simulation.parameters().message_cost * messages as f64,
+            Some(_) => self.costs,
+        };
+        let costs = simulation.has_costs().then_some(costs);
+        if let Some(people) = &self.people {
+            people.describe(&mut self.participants);
+        }
+        let participants = self.participants;
+        // The participants of the test are recorded whether or not its decisions are.
+        let (decisions, _) = self.log.map(DecisionLog::finish).unwrap_or_default();
+        Tested { episodes: self.played, messages, costs, actions, decisions, participants }
     }
 }
 
-/// Test episodes that are being played; none between two batches.
+/// Test episodes in progress; empty between two batches.
 struct Batch {
     environment: PhysicalActivity,
     played: Vec<TestEpisode>,
 }
 
-/// Notes what happens in the episodes of a batch.
+/// Records the episodes of a batch.
 struct Player<'a> {
     counts: &'a mut ActionCounts,
     log: Option<&'a mut DecisionLog>,
     played: &'a mut [TestEpisode],
+    /// `None` if messages have the same cost for every participant.
+    costs: Option<&'a mut f64>,
     pause: &'a dyn Fn() -> bool,
 }
 
@@ -122,7 +235,11 @@ impl StepObserver<PhysicalActivity> for Player<'_> {
         for (lane, episode) in self.played.iter_mut().enumerate() {
             if lanes.statuses()[lane] == EpisodeStatus::Running {
                 episode.length += 1;
-                self.counts.add(&lanes.context(lane), lanes.taken(lane, actions[lane]));
+                let taken = lanes.taken(lane, actions[lane]);
+                self.counts.add(&lanes.context(lane), taken);
+                if let Some(costs) = self.costs.as_deref_mut().filter(|_| taken != Action::NONE) {
+                    *costs += lanes.person(lane).message_cost;
+                }
             }
         }
     }
@@ -146,6 +263,7 @@ impl Resumable for Test {
         self.streams.save(out)?;
         out.many(self.counts.0.as_flattened().as_flattened())?;
         self.log.iter().try_for_each(|log| log.save(out))?;
+        out.one(self.costs)?;
         out.each(self.played.iter(), save_episode)?;
         out.each(self.batch.played.iter(), save_episode)?;
         if self.batch.played.is_empty() { Ok(()) } else { self.batch.environment.save(out) }
@@ -156,6 +274,7 @@ impl Resumable for Test {
         self.streams.restore(from)?;
         from.fill(self.counts.0.as_flattened_mut().as_flattened_mut(), "counts of actions")?;
         self.log.iter_mut().try_for_each(|log| log.restore(from))?;
+        self.costs = from.one()?;
         self.played = from.each(self.episodes, WHAT, restore_episode)?;
         let most = LANES.min(self.episodes - self.played.len());
         self.batch.played = from.each(most, WHAT, restore_episode)?;
@@ -197,15 +316,27 @@ impl Tested {
             Metric { name: "disengagement_rate", value: disengaged as f64 / n },
             Metric { name: "message_rate", value: self.messages as f64 / steps as f64 },
         ];
-        if self.message_cost > 0.0 {
-            let value = mean - self.message_cost * self.messages as f64 / n;
+        if let Some(costs) = self.costs {
+            let value = mean - costs / n;
             metrics.push(Metric { name: "mean_net_return", value });
         }
         metrics
     }
+
+    /// The mean returns of the first test episodes, for each requested number of episodes.
+    pub(super) fn first_returns(
+        &self,
+        wanted: impl Iterator<Item = (u32, &'static str)>,
+    ) -> impl Iterator<Item = Metric> {
+        wanted.map(|(number, name)| {
+            let first = &self.episodes[..self.episodes.len().min(number as usize)];
+            let sum: f64 = first.iter().map(|episode| episode.total_reward).sum();
+            Metric { name, value: sum / first.len().max(1) as f64 }
+        })
+    }
 }
 
-/// Counts of choices by \[bin, context, action\].
+/// The number of choices by \[bin, context, action\].
 #[derive(Default)]
 struct ActionCounts([[[u64; Action::COUNT]; 2]; PROBABILITY_BINS]);
 
@@ -251,8 +382,9 @@ mod tests {
             ],
             actions: Vec::new(),
             decisions: Vec::new(),
+            participants: Vec::new(),
             messages: 5,
-            message_cost: 1.5,
+            costs: Some(1.5 * 5.0),
         };
         let value = |name: &str| tested.metrics().iter().find(|m| m.name == name).unwrap().value;
         assert_eq!(value("mean_return"), 30.0);
@@ -261,6 +393,9 @@ mod tests {
         assert!((value("disengagement_rate") - 1.0 / 3.0).abs() < 1e-12);
         assert_eq!(value("message_rate"), 0.25);
         assert_eq!(value("mean_net_return"), 30.0 - 1.5 * 5.0 / 3.0);
+        let first = tested.first_returns([(1, "one"), (2, "two")].into_iter());
+        let first: Vec<(&str, f64)> = first.map(|metric| (metric.name, metric.value)).collect();
+        assert_eq!(first, [("one", 10.0), ("two", 15.0)]);
         let names: Vec<&str> = tested.metrics().iter().map(|m| m.name).collect();
         let declared: Vec<&str> = crate::record::METRICS.iter().map(|(name, _)| *name).collect();
         assert_eq!(names, declared);
@@ -272,8 +407,9 @@ mod tests {
             episodes: vec![TestEpisode { total_reward: 7.0, length: 2, disengaged: false }],
             actions: Vec::new(),
             decisions: Vec::new(),
+            participants: Vec::new(),
             messages: 0,
-            message_cost: 0.0,
+            costs: None,
         };
         assert!(tested.metrics().iter().all(|m| m.name != "mean_net_return"));
         assert!(tested.metrics().iter().all(|m| m.value.is_finite()));

@@ -1,4 +1,4 @@
-//! A job under way: its learner, its curve and its test, and what of them a checkpoint holds.
+//! A job in progress: its learner, curve and test, and the part of them that a checkpoint holds.
 
 use std::io;
 use std::time::Duration;
@@ -7,48 +7,48 @@ use crate::agent::{
     Actor, Learner, LearnerError, OutOfMemory, Start, StartError, StepObserver, TrainedEpisode,
 };
 use crate::plan::Job;
-use crate::record::{Failure, FailureKind, Phase, Results};
+use crate::record::{Failure, FailureKind, Metric, Phase, Results};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 use crate::train::curve::CurveRecorder;
 use crate::train::decision_log::DecisionLog;
 use crate::train::progress::TrainingProgress;
-use crate::train::test::Test;
+use crate::train::test::{Test, Tested};
 
-/// Why there is a learner where training episodes are played or a policy was trained.
+/// Why there is a learner where training episodes are played or a policy has been trained.
 const LEARNS: &str = "an agent with training episodes learns";
 
-/// A job under way.
+/// A job in progress.
 pub(super) struct Training<'j> {
     job: &'j Job,
     /// `None` for an agent that acts without training.
     learner: Option<Box<dyn Learner>>,
     curve: CurveRecorder,
-    /// `None` where the job does not ask for it.
+    /// `None` if the job does not ask for it.
     log: Option<DecisionLog>,
     test: Test,
-    /// What is tested: the trained policy, once training is over, or the agent that needs none.
+    /// The tested actor: the trained policy once training is over, or an agent without training.
     actor: Option<Box<dyn Actor>>,
-    /// Room for the episodes of a span.
+    /// A buffer for the episodes of a span.
     finished: Vec<TrainedEpisode>,
-    /// Time at work on it before this process began.
+    /// Working time spent on the job before this process started.
     before: Duration,
 }
 
-/// Whether there is more to do.
+/// The stage of a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Stage {
-    /// Training episodes are left.
+    /// Training episodes remain.
     Training,
-    /// Test episodes are left.
+    /// Test episodes remain.
     Testing,
-    /// Nothing is left.
+    /// The job is finished.
     Over,
 }
 
 impl<'j> Training<'j> {
-    /// A job at its beginning.
+    /// A job at its start.
     ///
-    /// **Errors**: there is no memory for what learns.
+    /// **Errors**: there is not enough memory for the learner.
     ///
     /// # Panics
     /// If the agent cannot start for another reason.
@@ -56,7 +56,7 @@ impl<'j> Training<'j> {
         let start = match job.agent.start(&job.task()) {
             Ok(start) => start,
             Err(StartError::OutOfMemory(error)) => return Err(error),
-            // A manifest with this agent is refused, so that the fault is the algorithm's.
+            // Manifests with such an agent are rejected, so the algorithm is at fault.
             Err(error) => panic!("the agent cannot start: {error}"),
         };
         let (learner, actor) = match start {
@@ -66,7 +66,7 @@ impl<'j> Training<'j> {
         Ok(Training {
             job,
             learner,
-            curve: CurveRecorder::new(job.evaluation.curve_stride),
+            curve: CurveRecorder::new(job.evaluation.curve_stride, job.evaluation.first_returns()),
             log: job
                 .evaluation
                 .record_decisions
@@ -79,7 +79,7 @@ impl<'j> Training<'j> {
         })
     }
 
-    /// The same with this much work done before.
+    /// The same training, with this working time spent before.
     pub(super) fn after(self, before: Duration) -> Self {
         Training { before, ..self }
     }
@@ -88,12 +88,12 @@ impl<'j> Training<'j> {
         self.job
     }
 
-    /// Training episodes finished.
+    /// The number of training episodes finished.
     pub(super) fn episodes(&self) -> u32 {
         self.curve.episodes()
     }
 
-    /// Time at work on it before this process began.
+    /// Working time spent on the job before this process started.
     pub(super) fn before(&self) -> Duration {
         self.before
     }
@@ -116,9 +116,9 @@ impl<'j> Training<'j> {
         }
     }
 
-    /// Goes on with training or test for a span, which is broken off as soon as `pause` says yes.
+    /// Continues training or test for a span, which is suspended as soon as `pause` returns true.
     ///
-    /// **Errors**: a loss or weight is not finite, or memory is short.
+    /// **Errors**: a loss or weight is not finite, or there is not enough memory.
     pub(super) fn advance(&mut self, pause: &dyn Fn() -> bool) -> Result<(), Failure> {
         match self.stage() {
             Stage::Training => {
@@ -146,7 +146,7 @@ impl<'j> Training<'j> {
         Ok(())
     }
 
-    /// The policy to be tested.
+    /// The policy to test.
     ///
     /// **Errors**: a weight is not finite.
     fn trained(&self) -> Result<Box<dyn Actor>, Failure> {
@@ -161,36 +161,62 @@ impl<'j> Training<'j> {
         Ok(learner.policy(self.job.evaluation.test_actions.into()))
     }
 
-    /// What it leaves behind once it is over.
+    /// The results of the finished training.
     pub(super) fn results(self) -> Results {
-        let tested = self.test.finish();
-        let mut decisions = self.log.map(DecisionLog::finish).unwrap_or_default();
-        decisions.extend(tested.decisions.iter());
-        Results {
-            metrics: tested.metrics(),
-            decisions,
-            curve: self.curve.finish(),
-            episodes: tested.episodes,
-            actions: tested.actions,
-            weights: self.learner.map(|learner| learner.weights().to_bytes()),
-        }
+        let wanted = self.job.evaluation.first_returns();
+        let learns = self.learner.is_some();
+        let weights = self.learner.map(|learner| learner.weights().to_bytes());
+        let first = |tested: &Tested, curve: &CurveRecorder| match learns {
+            true => curve.first_returns().collect(),
+            false => tested.first_returns(wanted).collect(),
+        };
+        assemble(self.test, self.curve, self.log, first, weights)
     }
 }
 
-/// The failure of a training whose learner cannot go on, after so many episodes.
+/// The results of a finished training and its test; `first` returns the metrics of the first episodes.
+pub(super) fn assemble(
+    test: Test,
+    curve: CurveRecorder,
+    log: Option<DecisionLog>,
+    first: impl FnOnce(&Tested, &CurveRecorder) -> Vec<Metric>,
+    weights: Option<Vec<u8>>,
+) -> Results {
+    let tested = test.finish();
+    let (mut decisions, mut participants) = log.map(DecisionLog::finish).unwrap_or_default();
+    decisions.extend(tested.decisions.iter());
+    let mut metrics = tested.metrics();
+    metrics.extend(first(&tested, &curve));
+    participants.extend(tested.participants.iter());
+    Results {
+        metrics,
+        decisions,
+        participants,
+        curve: curve.finish(),
+        episodes: tested.episodes,
+        actions: tested.actions,
+        weights,
+    }
+}
+
+/// The failure of a training whose learner failed after `episode` episodes.
 fn failure(error: &LearnerError, episode: u32) -> Failure {
     match error {
         LearnerError::Diverged(diverged) => {
             Failure { kind: FailureKind::Diverged, message: diverged.to_string(), episode }
         }
+        LearnerError::Singular { .. } => {
+            Failure { kind: FailureKind::Diverged, message: error.to_string(), episode }
+        }
         LearnerError::OutOfMemory(error) => out_of_memory(error, episode),
     }
 }
 
-/// The failure of a training for which memory was short, after so many episodes.
+/// The failure of a training that ran out of memory after `episode` episodes.
 pub(super) fn out_of_memory(error: &OutOfMemory, episode: u32) -> Failure {
     let message = format!(
-        "{error}; give it more, or run fewer workers, and run it again with `--retry-failed`"
+        "{error}; run fewer workers, or use a machine with more memory, and run the job again with \
+         `--retry-failed`"
     );
     Failure { kind: FailureKind::OutOfMemory, message, episode }
 }
@@ -231,18 +257,20 @@ mod tests {
 
     use super::*;
     use crate::agent::{Agent, DecisionRule, RuleParameters};
-    use crate::env::{Action, Environment, LaneSet, PhysicalActivity, VectorEnvironment};
+    use crate::env::{
+        Action, Environment, LaneSet, PhysicalActivity, Population, VectorEnvironment,
+    };
     use crate::manifest::Evaluation;
     use crate::rng::Stream;
 
-    /// An actor whose choices depend on everything that an actor can remember.
+    /// An actor whose choices depend on every kind of state that an actor can have.
     #[derive(Default)]
     struct Remembering {
-        /// Steps of the episode, by lane: forgotten at its end.
+        /// The number of steps in the episode, by lane; cleared at its end.
         steps: Vec<u32>,
-        /// Sum of the last rewards, by lane: forgotten at its end.
+        /// The sum of the last rewards, by lane; cleared at the end of the episode.
         recent: Vec<f64>,
-        /// Good steps in all episodes: learned for good.
+        /// The number of good steps in all episodes; never cleared.
         good: u32,
     }
 
@@ -300,7 +328,8 @@ mod tests {
         training
     }
 
-    /// The results of the test, saved and restored after every `span` steps; and how often it was.
+    /// The results of a test that is saved and restored after every `span` steps, and the number of
+    /// interruptions.
     fn tested(job: &Job, span: Option<u32>) -> (Results, u32) {
         let mut training = started(job);
         let mut interruptions = 0;
@@ -326,9 +355,10 @@ mod tests {
     fn an_actor_keeps_its_memory_when_a_test_is_interrupted() {
         let job = Job {
             environment: Environment { horizon: 20, ..Environment::paper(0.6) },
+            population: Population::default(),
             scenario: "P-H-D".parse().unwrap(),
             agent: Agent::of(&RuleParameters::new(DecisionRule::Random)),
-            // Two batches, so that what is learned in the first matters in the second.
+            // Two batches, so that the first batch's learning affects the second.
             evaluation: Evaluation { test_episodes: 1100, ..Evaluation::default() },
             seed: 4,
         };

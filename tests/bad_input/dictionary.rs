@@ -1,9 +1,9 @@
-//! The words that a mutation may put in: dictionaries as fuzzers read them.
+//! Words that a mutation may insert, from dictionaries in the format of fuzzers.
 
 use std::fs;
 use std::path::Path;
 
-/// The words of a dictionary: a line each, in quotes, with `\xNN` for other bytes.
+/// The words of a dictionary: one per line, in quotes, with `\xNN` for other bytes.
 pub fn words(path: &Path) -> Vec<Vec<u8>> {
     let text = fs::read_to_string(path).unwrap();
     let lines = text.lines().filter(|line| line.starts_with('"'));

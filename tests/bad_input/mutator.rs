@@ -3,9 +3,9 @@
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-/// Bytes of an input, at most.
+/// Maximum length of an input, in bytes.
 const LONGEST: usize = 1 << 18;
-/// Numbers that programs stumble over.
+/// Numbers that often reveal faults in programs.
 const NUMBERS: [&[u8]; 12] = [
     b"0",
     b"-1",
@@ -21,7 +21,7 @@ const NUMBERS: [&[u8]; 12] = [
     b"99999999999999999999",
 ];
 
-/// Makes inputs from seeds and words.
+/// A generator of inputs from seeds and words.
 pub struct Mutator<'a> {
     seeds: &'a [Vec<u8>],
     words: &'a [Vec<u8>],
@@ -43,7 +43,7 @@ impl<'a> Mutator<'a> {
         bytes
     }
 
-    /// A number below `end`, which is above 0.
+    /// A number below `end`, which must be positive.
     fn below(&mut self, end: usize) -> usize {
         (self.draws.next_u64() % end as u64) as usize
     }
@@ -53,7 +53,7 @@ impl<'a> Mutator<'a> {
         &self.seeds[place]
     }
 
-    /// A short stretch of bytes.
+    /// A short range of bytes.
     fn stretch(&mut self, bytes: &[u8]) -> std::ops::Range<usize> {
         let start = self.below(bytes.len() + 1);
         let length = self.below(64);
@@ -81,7 +81,7 @@ impl<'a> Mutator<'a> {
                 bytes.splice(at..at, self.words[word].iter().copied());
             }
             6 => {
-                // In the place of a number, if there is one behind.
+                // Replaces the next number, if there is one; otherwise inserts.
                 let digit = |byte: &u8| byte.is_ascii_digit();
                 let start = bytes[at..].iter().position(digit).map_or(at, |skipped| at + skipped);
                 let length = bytes[start..].iter().take_while(|byte| digit(byte)).count();

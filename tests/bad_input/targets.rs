@@ -1,7 +1,7 @@
-//! What reads bytes from outside, one function a reader: each takes any bytes whatever, and panics
-//! if the reader does or breaks a promise.
+//! The readers of outside bytes, one function per reader. Each function takes arbitrary bytes, and
+//! panics if the reader panics or breaks a promise.
 //!
-//! They are fuzzed (`fuzz/`) and tried on their corpus (`tests/bad_input.rs`). Whoever calls them
+//! The functions are fuzzed (`fuzz/`) and run on their corpus (`tests/bad_input.rs`). The caller
 //! watches time and memory.
 
 use std::cell::RefCell;
@@ -42,17 +42,16 @@ pub const TARGETS: [(&str, Target); 6] = [
     ("store", store),
 ];
 
-/// Jobs of a grid that are made; a valid manifest may ask for millions.
+/// Maximum number of jobs created from a grid; a valid manifest may ask for millions.
 const JOBS_MADE: usize = 200;
-/// Values that a manifest may have for it to be written out in full.
+/// Maximum number of jobs of a manifest that is also tested in its resolved form.
 const MOST_RESOLVED: u64 = 10_000;
-/// Rows of an answer that are heard.
+/// Maximum number of rows read from an answer.
 const ROWS_HEARD: usize = 1_000;
-/// How long a query may take: an honest one has no limit, so that a person ends it.
+/// Time limit of a query. Outside tests there is no limit, and people stop long queries.
 const PATIENCE: Duration = Duration::from_millis(200);
 
-/// `check` and `plan`: a manifest is refused with faults, or makes jobs that its complete form
-/// makes as well.
+/// `check` and `plan`: a manifest is rejected with faults, or its resolved form makes the same jobs.
 pub fn manifest(bytes: &[u8]) {
     let manifest = match manifest::parse("fuzzed", bytes) {
         Ok(manifest) => manifest,
@@ -73,7 +72,7 @@ pub fn manifest(bytes: &[u8]) {
     }
 }
 
-/// `query`: whatever the SQL, the store and its folder stay as they are.
+/// `query`: any SQL leaves the store and its folder unchanged.
 pub fn query(bytes: &[u8]) {
     thread_local! {
         static ASKED: RefCell<Option<Asked>> = const { RefCell::new(None) };
@@ -85,7 +84,7 @@ pub fn query(bytes: &[u8]) {
     });
 }
 
-/// Queries of a store that is open: opening it takes longer than most of them.
+/// Queries of one open store, because opening takes longer than most queries.
 struct Asked {
     place: TempDir,
     reader: Reader,
@@ -94,11 +93,11 @@ struct Asked {
     queries: u32,
 }
 
-/// What tells that a file was written to: its length, and when it was changed.
+/// The signs of a write to a file: its length and its modification time.
 type Seen = (u64, SystemTime);
 
 impl Asked {
-    /// Queries after which a store is opened anew.
+    /// Number of queries after which a store is opened again.
     const MOST: u32 = 1000;
 
     fn new() -> Asked {
@@ -108,7 +107,7 @@ impl Asked {
         Asked { place, reader, listed, seen, queries: 0 }
     }
 
-    /// Asks; gives itself back for the next query, if it is to be asked of the same store.
+    /// Runs a query; returns itself for the next query, or `None` after [`Asked::MOST`] queries.
     fn ask(mut self, sql: &str) -> Option<Asked> {
         let mut rows = 0;
         let hear = |_: Answer<'_>| {
@@ -133,13 +132,13 @@ impl Asked {
     }
 }
 
-/// What is seen of the store in a folder.
+/// The length and modification time of the store in a folder.
 fn seen(folder: &Path) -> Seen {
     let metadata = fs::metadata(folder.join("jitai.sqlite")).unwrap();
     (metadata.len(), metadata.modified().unwrap())
 }
 
-/// `--filter`: it lets jobs through, or says why not.
+/// `--filter`: the filter matches jobs, or the error says why not.
 pub fn filter(bytes: &[u8]) {
     static MANIFESTS: OnceLock<[Manifest; 1]> = OnceLock::new();
     let Ok(text) = str::from_utf8(bytes) else { return };
@@ -150,15 +149,15 @@ pub fn filter(bytes: &[u8]) {
     }
 }
 
-/// `simulate --replay`: the trajectories can be replayed, or it is said why not.
+/// `simulate --replay`: the trajectories can be replayed, or the error says why not.
 pub fn replay(bytes: &[u8]) {
     if let Err(message) = input::replayed(bytes) {
         assert!(!message.is_empty());
     }
 }
 
-/// Going on from a checkpoint. The first byte chooses the job and whether the rest is a whole file,
-/// or the state in a file that is otherwise sound: no mutation would find the right hash.
+/// Resumption from a checkpoint. The first byte chooses the job, and whether the rest is a whole file
+/// or the state in an otherwise valid file: no mutation would find the right hash.
 pub fn checkpoint(bytes: &[u8]) {
     static SOUND: OnceLock<Vec<(Job, Vec<u8>)>> = OnceLock::new();
     let Some((choice, rest)) = bytes.split_first() else { return };
@@ -172,7 +171,8 @@ pub fn checkpoint(bytes: &[u8]) {
     let shown = if choice % 2 == 0 { rest.to_vec() } else { with_state(file, rest) };
     let shelf = Shelf { shown: Some(shown), ..Shelf::default() };
     assert_eq!(train::run(job, &shelf), Outcome::Interrupted);
-    // Taken over or not, what is left is a checkpoint that the job goes on from.
+    // Whether the checkpoint was accepted or not, the training leaves a checkpoint from which the job
+    // resumes.
     let kept = shelf.kept.into_inner().expect("a stopped training leaves a checkpoint");
     let shelf = Shelf { shown: Some(kept), ..Shelf::default() };
     assert_eq!(train::run(job, &shelf), Outcome::Interrupted);
@@ -180,8 +180,9 @@ pub fn checkpoint(bytes: &[u8]) {
     assert!(refused.is_none(), "{refused:?}");
 }
 
-/// A store that anyone may have written. The first byte chooses whether the rest is the whole file,
-/// or changes to a sound one: an offset of four bytes, a length of one, and so many bytes.
+/// A store from an untrusted source. The first byte chooses whether the rest is the whole file or a
+/// list of changes to a valid file, each with an offset of four bytes, a length of one byte, and the
+/// new bytes.
 pub fn store(bytes: &[u8]) {
     let Some((choice, rest)) = bytes.split_first() else { return };
     let file = if choice % 2 == 0 { rest.to_vec() } else { changed(template(), rest) };
@@ -205,7 +206,7 @@ pub fn store(bytes: &[u8]) {
         Ok(diagnosis) => assert!(diagnosis.intact <= diagnosis.completed),
         Err(error) => assert!(!error.to_string().is_empty()),
     }
-    // No reader writes.
+    // Readers never write.
     assert!(fs::read(&path).unwrap() == file);
     let new = place.path().join("new.sqlite");
     if store::salvage(&path, &new, &check_weights).is_ok() {
@@ -214,7 +215,7 @@ pub fn store(bytes: &[u8]) {
     }
 }
 
-/// A manifest of every kind of value, with jobs that take milliseconds.
+/// A manifest with every kind of value, whose jobs take milliseconds.
 pub fn declared() -> Manifest {
     let text = "format = 1
 name = \"fuzzed\"
@@ -287,14 +288,14 @@ fn fill(path: &Path) {
     store.end_session(session).unwrap();
 }
 
-/// A folder in which these bytes are called `jitai.sqlite`; in memory where the system has that.
+/// A folder with these bytes as `jitai.sqlite`; in memory if the system supports that.
 fn folder_with(bytes: &[u8]) -> TempDir {
     let folder = tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap();
     fs::write(folder.path().join("jitai.sqlite"), bytes).unwrap();
     folder
 }
 
-/// The names in a folder; those that readers and writers of one store share are left out.
+/// The names in a folder, without the files that readers and writers of a store share.
 fn listing(folder: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
     let shared = |path: &PathBuf| path.extension().is_some_and(|end| end != "sqlite");
@@ -303,16 +304,17 @@ fn listing(folder: &Path) -> Vec<PathBuf> {
     names
 }
 
-/// What the watching thread looks after: since when a reader is at work, and how it is interrupted.
+/// The state of the watching thread: for each reader at work, its start and its interrupter.
 type Watched = Mutex<Vec<(Instant, Arc<Interrupter>)>>;
 
-/// Does `work`, interrupting the reader when it takes too long.
+/// Runs `work`; interrupts the reader if the work takes too long.
 fn patiently<T>(reader: &Reader, work: impl FnOnce() -> T) -> T {
     static WATCHED: OnceLock<Arc<Watched>> = OnceLock::new();
     let watched = WATCHED.get_or_init(|| {
         let watched: Arc<Watched> = Arc::default();
         let theirs = watched.clone();
-        // As long as the process: a thread a query would take longer than most queries.
+        // The thread lives as long as the process: starting one per query would take longer than most
+        // queries.
         thread::spawn(move || watch(&theirs));
         watched
     });
@@ -326,7 +328,7 @@ fn patiently<T>(reader: &Reader, work: impl FnOnce() -> T) -> T {
 fn watch(watched: &Watched) {
     loop {
         thread::sleep(PATIENCE / 20);
-        // Again and again: what begins after an interruption is not interrupted by it.
+        // The interrupt is repeated, because it does not affect a query that begins after it.
         for (begun, interrupter) in watched.lock().unwrap().iter() {
             if begun.elapsed() >= PATIENCE {
                 interrupter.interrupt();
@@ -335,7 +337,7 @@ fn watch(watched: &Watched) {
     }
 }
 
-/// Bytes with changes, as [`store`] reads them.
+/// Bytes with changes applied, in the format of [`store`].
 fn changed(sound: &[u8], mut changes: &[u8]) -> Vec<u8> {
     let mut bytes = sound.to_vec();
     while let Some(([a, b, c, d, length], rest)) = changes.split_first_chunk() {
@@ -357,14 +359,14 @@ fn check_weights(job: &Job, safetensors: Option<&[u8]>) -> Result<(), String> {
         .map_err(|error| error.to_string())
 }
 
-/// A checkpoint that a job leaves when it is stopped at once.
+/// A checkpoint of a job that was stopped immediately.
 pub fn sound_checkpoint(job: &Job) -> Vec<u8> {
     let shelf = Shelf::default();
     assert_eq!(train::run(job, &shelf), Outcome::Interrupted);
     shelf.kept.into_inner().expect("a stopped training leaves a checkpoint")
 }
 
-/// The state in a checkpoint: what stands between its two lines and its hash.
+/// The state in a checkpoint: the bytes between its two lines and its hash.
 pub fn state(file: &[u8]) -> &[u8] {
     let lines = file.split_inclusive(|byte| *byte == b'\n').take(2);
     &file[lines.map(<[u8]>::len).sum()..file.len() - 32]
@@ -378,7 +380,8 @@ fn with_state(file: &[u8], new: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// A keeper that shows one checkpoint to a training, stops it, and keeps what it leaves.
+/// A keeper that offers one checkpoint to a training, stops it, and keeps the checkpoint that it
+/// writes.
 #[derive(Default)]
 struct Shelf {
     shown: Option<Vec<u8>>,

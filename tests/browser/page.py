@@ -1,6 +1,6 @@
-"""The report's page in a real browser: what a reader does with it, at two widths and on paper.
+"""Tests of the report's page in Chromium: the actions of a reader, at three widths and in print.
 
-Runs short jobs into a folder of its own, reports on them, and opens the page in Chromium.
+Runs short jobs in a temporary folder, reports on them, and opens the page.
 """
 
 import os
@@ -52,7 +52,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 
 
 def report(folder):
-    """The page of short jobs, or the one that the environment names."""
+    """The page of short jobs, or the page at `JITAI_PAGE`."""
     if "JITAI_PAGE" in os.environ:
         return pathlib.Path(os.environ["JITAI_PAGE"]).resolve()
     target = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
@@ -64,7 +64,7 @@ def report(folder):
 
 
 def numbers(page, table):
-    """The first numeric column's place, and its values in the order shown."""
+    """The index of the first numeric column, and its values in displayed order."""
     return page.evaluate(
         """(table) => {
             const place = [...table.tHead.rows[0].cells].findIndex((c) => c.className === "number");
@@ -76,7 +76,7 @@ def numbers(page, table):
 
 
 def check_sorting(page):
-    # Opened, as a reader would, to reach the headings.
+    # The headings can be clicked only in open sections.
     page.evaluate("document.querySelectorAll('details').forEach((d) => { d.open = true; })")
     table = page.query_selector("article table")
     place, _ = numbers(page, table)
@@ -131,7 +131,7 @@ def check_pointing(page):
 
 
 def check_tapping(browser, path):
-    """A finger has no pointer to rest on a value: a tap tells it, and a tap elsewhere hides it."""
+    """On a touch screen, a tap on a mark shows its tooltip, and a tap elsewhere hides the tooltip."""
     context = browser.new_context(viewport={"width": 390, "height": 900}, has_touch=True)
     page = context.new_page()
     page.goto(path.as_uri())
@@ -151,15 +151,55 @@ def check_tapping(browser, path):
 
 
 def check_hiding(page):
-    box = page.query_selector("[data-toggle='0']")
-    card = box.evaluate_handle("(b) => b.closest('article')").as_element()
-    line = card.query_selector("[data-series='0']")
-    shown = lambda: line.evaluate("(mark) => getComputedStyle(mark).display") != "none"
-    assert shown()
+    """A checkbox hides the marks with its value in all figures of the experiment, and no other marks."""
+    box = page.query_selector("[data-toggle]")
+    value = box.get_attribute("data-toggle")
+    state = lambda: page.evaluate(
+        """(value) => [...document.querySelectorAll("figure svg [data-series]")].map((mark) =>
+            [mark.classList.contains(value), getComputedStyle(mark).display !== "none", mark.closest("article").id])""",
+        value,
+    )
+    assert all(is_shown for _, is_shown, _ in state())
+    assert len({card for has_value, _, card in state() if has_value}) > 2, "one figure alone"
     box.uncheck()
-    assert not shown()
+    assert all(is_shown != has_value for has_value, is_shown, _ in state())
     box.check()
-    assert shown()
+    assert all(is_shown for _, is_shown, _ in state())
+
+
+def check_tables(page):
+    """The hint to scroll is shown above exactly the tables that are wider than their container."""
+    wrong = page.evaluate(
+        """() => [...document.querySelectorAll(".scroll")].filter((scroll) => scroll.offsetParent !== null)
+            .filter((scroll) => (scroll.scrollWidth > scroll.clientWidth + 1) === scroll.previousElementSibling.hidden)
+            .map((scroll) => scroll.textContent.slice(0, 40))"""
+    )
+    assert not wrong, wrong
+
+
+def check_rows_of_cards(page):
+    """Cards with the same upper edge have the same lower edge."""
+    boxes = page.evaluate(
+        """() => [...document.querySelectorAll(".cards > .card")].map((card) => {
+            const box = card.getBoundingClientRect();
+            return [Math.round(box.top), box.bottom];
+        })"""
+    )
+    for top, bottom in boxes:
+        assert all(abs(bottom - other) < 1 for at, other in boxes if at == top), boxes
+
+
+def check_dark(browser, path):
+    """In the dark colour scheme, the page is dark, and its figures other than maps are inverted."""
+    page = browser.new_page(viewport={"width": 1280, "height": 900}, color_scheme="dark")
+    page.goto(path.as_uri())
+    ground = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert all(int(part) < 60 for part in ground[4:-1].split(",")), ground
+    filters = page.evaluate(
+        """() => [...document.querySelectorAll("figure:not(.map) svg")].map((svg) => getComputedStyle(svg).filter)"""
+    )
+    assert filters and all("invert" in one for one in filters), filters
+    page.close()
 
 
 def check_layout(page, width):
@@ -202,7 +242,7 @@ def check_layout(page, width):
 
 
 def check_print(page):
-    """Paper of A4's width has no control, and nothing that is cut off at its edge."""
+    """In print at the width of A4, no control is shown, and no content is cut off."""
     page.set_viewport_size({"width": 718, "height": 1000})
     page.emulate_media(media="print")
     check_layout(page, 718)
@@ -226,7 +266,7 @@ def main():
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         path = report(pathlib.Path(folder))
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        for width in (1280, 390):
+        for width in (1280, 820, 390):
             page = browser.new_page(viewport={"width": width, "height": 900})
             said, requests = [], []
             page.on("console", lambda message: said.append(message.text))
@@ -238,6 +278,8 @@ def main():
             check_sorting(page)
             check_sorting_of_intervals(page)
             check_layout(page, width)
+            check_tables(page)
+            check_rows_of_cards(page)
             check_pointing(page)
             check_hiding(page)
             check_print(page)
@@ -246,7 +288,8 @@ def main():
             assert not outside, outside
             passed += 1
         check_tapping(browser, path)
-        passed += 1
+        check_dark(browser, path)
+        passed += 2
         browser.close()
     print(f"{passed} passed, 0 failed")
 

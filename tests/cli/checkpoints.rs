@@ -1,4 +1,4 @@
-//! Jobs that were stopped or killed go on from their checkpoints, and nothing of these stays.
+//! Stopped or killed jobs resume from their checkpoints, and completed jobs leave no checkpoint.
 
 use std::fs;
 use std::path::PathBuf;
@@ -13,16 +13,16 @@ use rusqlite::Connection;
 
 use crate::support::{Effort, Folder, Running, assert_same_rows, manifest, until};
 
-/// What users are promised.
+/// Maximum time of a stop, as promised to users.
 const STOPS_WITHIN: Duration = Duration::from_secs(2);
 
-/// Two jobs of a second or so.
+/// Two jobs of about a second each.
 fn text() -> String {
     let long = manifest("sweep", "0.6", "1", Effort::Long);
     long.replace("episodes = 4000", "episodes = 2000").replace("120000", "60000")
 }
 
-/// What they end in if nothing happens to them.
+/// The results of the jobs in an undisturbed sweep.
 fn undisturbed() -> &'static [String] {
     static DUMP: LazyLock<Vec<String>> = LazyLock::new(|| {
         let folder = Folder::completed(&text());
@@ -52,7 +52,7 @@ fn running(folder: &Folder) -> i64 {
     folder.count_if_there("SELECT count(*) FROM run WHERE status = 'running'").unwrap_or(0)
 }
 
-/// Starts a sweep of two workers and lets both train until each has made a checkpoint.
+/// Starts a sweep of two workers, and lets both train until each has written a checkpoint.
 #[track_caller]
 fn well_under_way(folder: &Folder) -> Running {
     let often = ["run", "sweep.toml", "--workers", "2", "--checkpoint-every", "0.1"];
@@ -65,9 +65,9 @@ fn well_under_way(folder: &Folder) -> Running {
     run
 }
 
-/// The checkpoints, each with what it holds.
+/// The checkpoints with their contents.
 fn contents(folder: &Folder) -> Vec<(PathBuf, Vec<u8>)> {
-    // One that is replaced between the look at the folder and the look into it is left out.
+    // A checkpoint that is replaced between listing and reading is left out.
     let paths = checkpoints(folder).into_iter();
     paths.filter_map(|path| fs::read(&path).ok().map(|bytes| (path, bytes))).collect()
 }
@@ -80,17 +80,17 @@ fn a_stopped_job_goes_on_from_where_it_was_to_the_same_rows() {
         let before = contents(&folder);
         let asked = Instant::now();
         run.signal(signal);
-        run.wait().ended(130).says("2 left; the same command goes on");
+        run.wait().ended(130).says("2 left; run the same command to resume");
         assert!(asked.elapsed() < STOPS_WITHIN, "{signal} took {:?}", asked.elapsed());
         let after = contents(&folder);
         assert_eq!(after.len(), 2);
         assert!(after.iter().all(|file| !before.contains(file)), "as they were before the stop");
         let ended = folder.jitai(["run", "sweep.toml"]).succeeded();
-        assert_eq!(ended.stderr.matches(": goes on from episode ").count(), 2, "{}", ended.stderr);
-        assert!(!ended.stderr.contains("goes on from episode 0 of"), "{}", ended.stderr);
+        assert_eq!(ended.stderr.matches(": resumed from episode ").count(), 2, "{}", ended.stderr);
+        assert!(!ended.stderr.contains("resumed from episode 0 of"), "{}", ended.stderr);
         assert_same_rows(&folder.dump(), undisturbed());
         assert_nothing_stays(&folder);
-        // The second attempts say what the jobs took in all.
+        // The second attempts record the total time of the jobs.
         let shorter = "SELECT count(*) FROM run AS late JOIN run AS early ON early.job = late.job
             WHERE late.attempt = 2 AND early.attempt = 1
                 AND late.wall_seconds <= early.wall_seconds";
@@ -106,11 +106,11 @@ fn a_killed_job_goes_on_from_its_last_checkpoint_to_the_same_rows() {
     for _ in 0..6 {
         let run = well_under_way(&folder);
         thread::sleep(Duration::from_millis(u64::from(chance.next_u32() % 60)));
-        resumed += run.stderr().matches(": goes on from episode ").count();
+        resumed += run.stderr().matches(": resumed from episode ").count();
         run.kill();
     }
     assert_eq!(resumed, 10, "both jobs, all times but the first");
-    folder.jitai(["run", "sweep.toml"]).succeeded().says(": goes on from episode ");
+    folder.jitai(["run", "sweep.toml"]).succeeded().says(": resumed from episode ");
     assert_same_rows(&folder.dump(), undisturbed());
     assert_nothing_stays(&folder);
 }
@@ -128,7 +128,7 @@ fn a_damaged_checkpoint_is_told_of_and_its_job_starts_over() {
         bytes[middle] ^= 4;
         fs::write(&damaged, bytes).unwrap();
         let ended = folder.jitai(["run", "sweep.toml", "--format", format]).succeeded();
-        let ended = ended.says(" is not used: it is damaged");
+        let ended = ended.says(" rejected: damaged");
         if format == "json" {
             let events: Vec<serde_json::Value> =
                 ended.stdout.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
@@ -141,7 +141,7 @@ fn a_damaged_checkpoint_is_told_of_and_its_job_starts_over() {
             let refused = of("checkpoint_refused");
             let file = refused["file"].as_str().unwrap();
             assert!(damaged.ends_with(PathBuf::from(file).file_name().unwrap()), "{file}");
-            assert_eq!(refused["reason"], "it is damaged");
+            assert_eq!(refused["reason"], "damaged");
             let resumed = of("resumed");
             assert!(resumed["episode"].as_i64() > Some(0), "{resumed}");
             assert_ne!(resumed["job"]["job_key"], refused["job"]["job_key"]);
@@ -188,17 +188,17 @@ fn a_stop_writes_checkpoints_while_another_program_holds_the_store() {
     until("both jobs run", || running(&folder) == 2);
     let stranger = Connection::open(folder.path("jitai.sqlite")).unwrap();
     stranger.execute_batch("BEGIN IMMEDIATE").unwrap();
-    // Long enough for a heartbeat, which then waits for the store.
+    // This is long enough for a heartbeat, which then waits for the store.
     thread::sleep(Duration::from_secs(6));
     let asked = Instant::now();
     run.signal("TERM");
     run.wait().ended(130);
     assert!(asked.elapsed() < STOPS_WITHIN, "it took {:?}", asked.elapsed());
-    // None had been due before.
+    // No checkpoint was due before the stop.
     assert_eq!(checkpoints(&folder).len(), 2);
     stranger.execute_batch("COMMIT").unwrap();
     let again = folder.start(["run", "sweep.toml"]);
-    until("the jobs go on", || again.stderr().matches(": goes on from episode ").count() == 2);
+    until("the jobs go on", || again.stderr().matches(": resumed from episode ").count() == 2);
 }
 
 #[test]
@@ -207,7 +207,7 @@ fn a_terminal_that_is_closed_stops_a_sweep_as_ctrl_c_does() {
     let mut command = folder.command(["run", "sweep.toml", "--workers", "2"]);
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     until("both jobs run", || running(&folder) == 2);
-    // What a terminal does that goes away: nobody reads any more, and the program is told.
+    // A terminal that goes away closes the output and sends a signal.
     drop((child.stdout.take(), child.stderr.take()));
     let kill = format!("kill -HUP {}", child.id());
     assert!(folder.command_of("sh", ["-c", &kill]).status().unwrap().success());
@@ -222,15 +222,15 @@ fn a_run_whose_claim_was_lost_leaves_no_checkpoint_and_harms_none() {
     let run = folder.start(often);
     until("there are checkpoints", || checkpoints(&folder).len() == 2);
     run.signal("STOP");
-    // As if it were dead: its runs are interrupted behind its back.
+    // As if the process were dead, its runs are marked as interrupted.
     let interrupt = "UPDATE run SET status = 'interrupted',
         ended_at = '2026-01-31T12:00:00.000Z' WHERE status = 'running'";
     Connection::open(folder.path("jitai.sqlite")).unwrap().execute(interrupt, []).unwrap();
     let second = folder.start(often);
-    until("the second goes on", || second.stderr().matches(": goes on from episode ").count() == 2);
+    until("the second goes on", || second.stderr().matches(": resumed from episode ").count() == 2);
     run.signal("CONT");
     second.wait().succeeded();
-    run.wait().succeeded().says("another process has taken it over");
+    run.wait().succeeded().says("taken over by another process");
     assert_eq!(folder.number("SELECT count(*) FROM run WHERE status = 'completed'"), 2);
     assert_same_rows(&folder.dump(), undisturbed());
     assert_nothing_stays(&folder);

@@ -1,5 +1,5 @@
-//! Processes that crash: the job that brings them down is found and recorded, the jobs beside it
-//! complete, and a process that is killed condemns nobody.
+//! Processes that crash: the job that crashes them is found and recorded, the jobs beside it complete,
+//! and a killed process counts against no job.
 
 use std::fs;
 
@@ -8,7 +8,7 @@ use crate::support::{Effort, Folder, Running, manifest, until};
 const RUNNING: &str = "SELECT count(*) FROM run WHERE status = 'running'";
 const CRASHED: &str = "SELECT count(*) FROM run WHERE failure_kind = 'crashed'";
 
-/// Starts a sweep of two workers, waits until `jobs` jobs run in its session, and ends it so.
+/// Starts a sweep of two workers, waits until `jobs` jobs run in its session, and sends `signal`.
 fn ended_while_running(folder: &Folder, sessions: i64, jobs: i64, signal: &str) {
     let run = folder.start(["run", "sweep.toml", "--workers", "2"]);
     let running = format!("{RUNNING} AND session = {sessions}");
@@ -25,13 +25,14 @@ fn marks(folder: &Folder) -> usize {
 #[test]
 fn a_job_that_brings_its_process_down_three_times_has_failed_and_its_neighbour_has_not() {
     let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Endless));
-    // Two suspects; then the first of them alone, twice.
+    // Two jobs run in the first session and become suspects. The first suspect runs alone in the next
+    // two sessions.
     ended_while_running(&folder, 1, 2, "ABRT");
     ended_while_running(&folder, 2, 1, "ABRT");
     assert_eq!(folder.number("SELECT count(*) FROM run WHERE suspects = 2"), 2);
     ended_while_running(&folder, 3, 1, "ABRT");
     assert_eq!(folder.number(CRASHED), 0);
-    // Now the other one has its turn; a kill says nothing about it, however often it happens.
+    // Then the other job runs. A kill does not count as a crash, however often it happens.
     for session in 4..=7 {
         ended_while_running(&folder, session, 1, "KILL");
         assert_eq!(folder.number(CRASHED), 1);
@@ -46,7 +47,7 @@ fn a_job_that_brings_its_process_down_three_times_has_failed_and_its_neighbour_h
     assert_eq!(folder.number("SELECT count(DISTINCT job) FROM run WHERE suspects = 1"), 1);
     let status = folder.jitai(["status"]).succeeded().prints("crashed");
     let status =
-        status.prints("the process crashed in 3 attempts at this job, in the last with no");
+        status.prints("the process crashed in 3 attempts at this job, in the last one without");
     assert!(status.stdout.contains("dqn P-H-D"), "{}", status.stdout);
     folder.jitai(["doctor"]).succeeded();
 }

@@ -1,5 +1,5 @@
-//! Damaged stores: nothing panics, nothing is silently different without `doctor` knowing it, and
-//! what is intact can be saved.
+//! Damaged stores: nothing panics, `doctor` detects every change of an answer, and intact runs can be
+//! saved.
 
 use std::collections::HashSet;
 use std::env;
@@ -14,7 +14,7 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 use crate::failures::partly_diverging;
 use crate::support::{Effort, Finished, Folder, assert_same_rows, manifest};
 
-/// Places of a store at which a byte is changed, unless `JITAI_DAMAGED_PLACES` says otherwise.
+/// Number of places in a store at which a byte is changed; `JITAI_DAMAGED_PLACES` overrides it.
 const PLACES: usize = 50;
 
 /// Seed of the places and of the changes.
@@ -23,7 +23,7 @@ const SEED: u64 = 7;
 const VIEWS: [&str; 5] =
     ["parameter", "metric", "learning_curve", "evaluation_episode", "action_choice"];
 
-/// A folder whose store has completed runs of two agents, and failed ones.
+/// A folder whose store has completed runs of two agents, and failed runs.
 fn healthy() -> Folder {
     let folder = Folder::with(&manifest("sweep", "[0.4, 0.6]", "3", Effort::Trivial));
     folder.write("wild.toml", partly_diverging().replace("\"sweep\"", "\"wild\""));
@@ -33,13 +33,13 @@ fn healthy() -> Folder {
 }
 
 fn store(folder: &Folder) -> Vec<u8> {
-    // A reader may leave a log behind, but then an empty one.
+    // A reader may leave a log, but only an empty one.
     let log = fs::metadata(folder.path("jitai.sqlite-wal")).map_or(0, |log| log.len());
     assert_eq!(log, 0);
     fs::read(folder.path("jitai.sqlite")).unwrap()
 }
 
-/// A folder with the manifests of another and these bytes for a store.
+/// A folder with the manifests of another folder, and these bytes as its store.
 fn with_store(of: &Folder, bytes: &[u8]) -> Folder {
     let folder = Folder::with(&of.read("sweep.toml"));
     folder.write("wild.toml", of.read("wild.toml"));
@@ -47,16 +47,16 @@ fn with_store(of: &Folder, bytes: &[u8]) -> Folder {
     folder
 }
 
-/// What commands answered.
+/// The answers of commands.
 #[derive(Debug)]
 struct Answers {
-    /// `doctor` found the store healthy.
+    /// Whether `doctor` found the store healthy.
     healthy: bool,
-    /// Of every command that answered: what it was, and its answer.
+    /// The name and the answer of every command that answered.
     given: Vec<(String, String)>,
 }
 
-/// Asks every reading command, and asserts that it answers or says what is wrong.
+/// Runs every reading command, and asserts that it answers or reports what is wrong.
 fn ask(folder: &Folder, place: &str) -> Answers {
     let mut given = Vec::new();
     let mut hear = |name: String, finished: Finished, codes: &[i32]| {
@@ -76,7 +76,7 @@ fn ask(folder: &Folder, place: &str) -> Answers {
     let summary = "SELECT experiment, job_key, agent, scenario, sigma, seed, status, mean_return,
         sd_return, mean_length, disengagement_rate, failure_kind, failure_message
         FROM run_summary ORDER BY 1, 2, 3, attempt";
-    // A damaged text is a faulty argument to SQL's functions, as far as SQLite knows.
+    // SQLite treats a damaged text as a faulty argument of an SQL function.
     hear("query".to_owned(), folder.jitai(["query", "--format", "csv", summary]), &[0, 2, 3]);
     let exported = folder.jitai(["export", "--out", "out"]);
     let whole = exported.code == Some(0);
@@ -96,26 +96,37 @@ fn ask(folder: &Folder, place: &str) -> Answers {
     Answers { healthy: doctor.code == Some(0), given }
 }
 
-/// What became of a damaged store.
+/// The first ten lines of these answers that occur in no expected answer.
+fn new_lines<'a>(answers: &[&'a (String, String)], expected: &[(String, String)]) -> Vec<&'a str> {
+    let known: HashSet<&str> = expected.iter().flat_map(|(_, answer)| answer.lines()).collect();
+    let lines = answers.iter().flat_map(|(_, answer)| answer.lines());
+    lines.filter(|line| !known.contains(line)).take(10).collect()
+}
+
+/// The observed effect of damage to a store.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Seen {
-    /// Everything answers as before.
+    /// All answers are as before.
     Harmless,
-    /// A command or `doctor` says that it is damaged, and no answer differs.
+    /// A command or `doctor` reports the damage, and no answer differs.
     Told,
-    /// An answer differs, and `doctor` says that the store is damaged.
+    /// An answer differs, and `doctor` reports the damage.
     DoctorOnly,
 }
 
-/// Asks a damaged store, compares it with a healthy one, and saves what can be saved: the runs
-/// saved, and what was seen.
+/// Queries a damaged store, compares it with a healthy one, and saves the intact runs; returns the
+/// number of saved runs, and the observed effect.
 fn examine(damaged: &Folder, expected: &Answers, rows: &[String], place: &str) -> (usize, Seen) {
     let before = fs::read(damaged.path("jitai.sqlite")).unwrap();
     let answers = ask(damaged, place);
     let differing: Vec<&(String, String)> =
         answers.given.iter().filter(|answer| !expected.given.contains(answer)).collect();
     let differs = !differing.is_empty();
-    assert!(!(differs && answers.healthy), "{place}: silently different: {differing:.2000?}");
+    assert!(
+        !(differs && answers.healthy),
+        "{place}: silently different: {:#?}",
+        new_lines(&differing, &expected.given)
+    );
     let salvage = damaged.jitai(["doctor", "--salvage", "new.sqlite", "--format", "json"]);
     assert!(fs::read(damaged.path("jitai.sqlite")).unwrap() == before, "{place}: written to");
     let salvage = salvage.succeeded();
@@ -133,23 +144,23 @@ fn examine(damaged: &Folder, expected: &Answers, rows: &[String], place: &str) -
     (saved, seen)
 }
 
-/// What became of a sweep that was run again on a damaged store.
+/// The end of a sweep that was run again on a damaged store.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Rerun {
-    /// It was refused, or broken off with a message.
+    /// The sweep was refused or aborted with a message.
     Refused,
-    /// It ended, and the store has the rows that it had before it was damaged.
+    /// The sweep ended, and the store has the same rows as before the damage.
     Same,
-    /// It ended, and `doctor` says that the store is damaged.
+    /// The sweep ended, and `doctor` reports the damage.
     DoctorOnly,
 }
 
-/// Runs the sweep again on a damaged store that nobody needs any more.
+/// Runs the sweep again on a damaged store, which is not used afterwards.
 fn run_again(damaged: &Folder, rows: &[String], place: &str) -> Rerun {
     let run = damaged.jitai(["run", "sweep.toml", "wild.toml", "--quiet"]);
     assert!(!run.stderr.contains("panicked at"), "{place}: {}", run.stderr);
     match run.code {
-        // Two jobs of the sweep fail, as they did before.
+        // Two jobs of the sweep fail, as before.
         Some(1) => {}
         Some(3) => {
             assert!(run.stderr.contains("error: "), "{place}: {:?}", run.stderr);
@@ -184,6 +195,22 @@ fn an_invalid_end_of_a_run_is_reported() {
 }
 
 #[test]
+fn a_changed_value_of_a_parameter_that_jobs_leave_out_is_reported() {
+    let folder = healthy();
+    let mut bytes = store(&folder);
+    let mut entry = b"environment.state_spread".to_vec();
+    entry.extend(0.01_f64.to_be_bytes());
+    let at = bytes.windows(entry.len()).position(|window| window == entry).unwrap();
+    bytes[at + entry.len() - 1] ^= 1;
+    let damaged = with_store(&folder, &bytes);
+    let doctor = damaged.jitai(["doctor"]).ended(3);
+    doctor
+        .prints("environment.state_spread mean 0.0")
+        .prints("this release declares another value");
+    damaged.jitai(["doctor", "--salvage", "new.sqlite"]).succeeded().prints("14 completed runs");
+}
+
+#[test]
 fn what_a_failed_run_tells_is_held_to_what_was_stored() {
     let folder = healthy();
     let bytes = store(&folder);
@@ -192,7 +219,7 @@ fn what_a_failed_run_tells_is_held_to_what_was_stored() {
     let mut changed = bytes.clone();
     changed[at + 4] = b'b';
     let damaged = with_store(&folder, &changed);
-    damaged.jitai(["doctor"]).ended(3).prints("its failure is not the one that was stored");
+    damaged.jitai(["doctor"]).ended(3).prints("its failure does not match its digest");
     damaged.jitai(["doctor", "--salvage", "new.sqlite"]).succeeded().prints("14 completed runs");
     damaged.jitai(["doctor", "--store", "new.sqlite"]).succeeded();
     let failed = "SELECT count(*) FROM run_summary WHERE status = 'failed'";
@@ -278,7 +305,7 @@ fn a_store_cut_short_is_told_and_what_is_left_is_saved() {
                 assert!(rows.binary_search(row).is_ok(), "{place}: {row:.200}");
             }
         } else {
-            salvage.ended(3).says("nothing in `jitai.sqlite` can be read as a store");
+            salvage.ended(3).says("`jitai.sqlite` has no readable store data");
         }
     }
 }
@@ -325,7 +352,7 @@ fn a_result_that_was_changed_is_found_by_its_digest() {
     let folder = healthy();
     let raw = rusqlite::Connection::open(folder.path("jitai.sqlite")).unwrap();
     raw.execute_batch("PRAGMA writable_schema = ON").unwrap();
-    // As a changed byte would: past the rules, and so that SQLite sees nothing.
+    // The change bypasses the triggers and is invisible to SQLite, like a changed byte.
     let rule: String = raw
         .query_row("SELECT sql FROM sqlite_schema WHERE name = 'curve_point_is_fixed'", [], |row| {
             row.get(0)
@@ -343,7 +370,7 @@ fn a_result_that_was_changed_is_found_by_its_digest() {
     assert_eq!((&diagnosis["completed"], &diagnosis["intact"]), (&14.into(), &13.into()));
     let findings = diagnosis["findings"].as_array().unwrap();
     assert_eq!(findings.len(), 1, "{findings:?}");
-    assert_eq!(findings[0]["what"], "its results are not those that were stored");
+    assert_eq!(findings[0]["what"], "its results do not match their digest");
     assert_eq!(findings[0]["job_key"].as_str().unwrap().len(), 32);
 }
 
@@ -356,7 +383,7 @@ fn a_name_of_a_metric_that_was_changed_is_found_by_the_digests() {
     );
     assert!(with_loss > 0);
     let mut bytes = store(&origin);
-    // In the table, where readers find it, and not in its index.
+    // The change affects the table, which readers use, and not its index.
     let page: i64 = origin.number("SELECT min(pageno) FROM dbstat WHERE name = 'metric_name'");
     let page = &mut bytes[4096 * (page as usize - 1)..][..4096];
     let at = page.windows(9).position(|name| name == b"mean_loss").expect("the name's row");
@@ -373,7 +400,7 @@ fn a_log_left_behind_is_read_and_one_cut_short_loses_its_end_alone() {
     let origin = Folder::with(&manifest("sweep", "0.6", "2", Effort::Trivial));
     origin.jitai(["run", "sweep.toml", "--quiet"]).succeeded();
     let rows = origin.dump();
-    // A reader that stays keeps the log from being cleared away.
+    // A long-lived reader prevents the log from being cleared.
     let reader = origin.store();
     reader.execute_batch("BEGIN; SELECT * FROM run;").unwrap();
     origin.write("more.toml", manifest("more", "0.4", "2", Effort::Trivial));
@@ -405,16 +432,16 @@ fn doctor_refuses_what_is_no_store_and_salvage_what_is_in_the_way() {
     folder.jitai(["doctor"]).ended(3).says("is an empty file");
     folder.jitai(["doctor", "--salvage", "new.sqlite"]).ended(3).says("is an empty file");
     folder.write("jitai.sqlite", "text ".repeat(2000));
-    folder.jitai(["doctor"]).ended(3).says("is no SQLite file");
+    folder.jitai(["doctor"]).ended(3).says("is not a SQLite file");
     fs::remove_file(folder.path("jitai.sqlite")).unwrap();
     let foreign = rusqlite::Connection::open(folder.path("jitai.sqlite")).unwrap();
     foreign.execute_batch("CREATE TABLE note (text TEXT); INSERT INTO note VALUES ('x')").unwrap();
-    folder.jitai(["doctor"]).ended(3).says("a SQLite file that jitai did not make");
+    folder.jitai(["doctor"]).ended(3).says("a SQLite file of another program");
     let salvage = folder.jitai(["doctor", "--salvage", "new.sqlite"]).ended(3);
-    salvage.says("nothing in `jitai.sqlite` can be read as a store");
+    salvage.says("`jitai.sqlite` has no readable store data");
     folder.write("new.sqlite", "precious");
     let salvage = folder.jitai(["doctor", "--salvage", "new.sqlite"]).ended(3);
-    salvage.says("`new.sqlite` is there already");
+    salvage.says("`new.sqlite` already exists");
     assert_eq!(folder.read("new.sqlite"), "precious");
     assert!(!Path::new(&folder.path("new.sqlite.salvaging")).exists());
 }

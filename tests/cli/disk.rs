@@ -1,17 +1,17 @@
-//! Disks that are full or cannot be written: one clear message, nothing half written, and the
-//! sweep goes on when there is room.
+//! Full or read-only disks: one clear message, no partly written data, and the sweep resumes once there
+//! is space.
 
 use std::fs;
 use std::process::Command;
 
 use crate::support::{Effort, Folder, assert_same_rows, manifest};
 
-/// A file system in memory, mounted on a folder; taken away at the end.
+/// An in-memory file system mounted on a folder; unmounted at the end.
 struct Disk<'a>(&'a Folder);
 
 impl<'a> Disk<'a> {
-    /// A disk of so many kilobytes at `disk`; `None`, with the reason printed, where this process
-    /// may not mount any.
+    /// A disk mounted at `disk` with these options; `None`, with the reason printed, if this process
+    /// must not mount file systems.
     fn mount(folder: &'a Folder, options: &str) -> Option<Disk<'a>> {
         fs::create_dir_all(folder.path("disk")).unwrap();
         let mount = Command::new("mount")
@@ -41,7 +41,7 @@ impl<'a> Disk<'a> {
 
 impl Drop for Disk<'_> {
     fn drop(&mut self) {
-        // The folder below is removed in any case; a mount that stays is seen by whoever runs this.
+        // The folder below is removed in any case; a mount that remains is visible to the user.
         let _ = Command::new("umount").arg(self.0.path("disk")).status();
     }
 }
@@ -60,7 +60,7 @@ fn a_disk_that_fills_in_the_middle_of_a_sweep_costs_nothing_but_the_time_to_make
         let full = folder.jitai(RUN).ended(3);
         assert_eq!(full.stderr.lines().count(), 1, "{}", full.stderr);
         assert!(full.stderr.starts_with("error: failed to "), "{}", full.stderr);
-        assert!(full.stderr.contains("the same command goes on"), "{}", full.stderr);
+        assert!(full.stderr.contains("run the same command to resume"), "{}", full.stderr);
         sizes.push(kilobytes);
     }
     disk.remount("size=50m");
@@ -85,7 +85,7 @@ fn a_limit_on_the_size_of_files_is_told_and_costs_nothing() {
         let told = String::from_utf8(ended.stderr).unwrap();
         assert_eq!(ended.status.code(), Some(3), "{blocks}: {told}");
         assert_eq!(told.lines().count(), 1, "{told}");
-        assert!(told.contains("ulimit -f") || told.contains("no room is left"), "{told}");
+        assert!(told.contains("ulimit -f") || told.contains("is full; free disk space"), "{told}");
     }
     folder.jitai(["run", "sweep.toml", "--quiet"]).succeeded();
     assert_same_rows(&folder.dump(), &Folder::completed(&text).dump());
@@ -96,12 +96,16 @@ fn a_disk_that_cannot_be_written_is_refused_before_any_training() {
     let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
     let Some(disk) = Disk::mount(&folder, "size=10m") else { return };
     disk.remount("ro");
-    folder.jitai(RUN).ended(3).says("disk/jitai.sqlite").says("check the rights of the file");
+    folder.jitai(RUN).ended(3).says("disk/jitai.sqlite").says("check the permissions of the file");
     disk.remount("rw");
     folder.jitai(RUN).succeeded();
     disk.remount("ro");
-    folder.jitai(RUN).ended(3).says("`").says("cannot be written; check the rights of the file");
-    // What is complete can be read all the same.
+    folder
+        .jitai(RUN)
+        .ended(3)
+        .says("`")
+        .says("cannot be written; check the permissions of the file");
+    // Completed runs can still be read.
     folder.jitai(["status", "--store", "disk/jitai.sqlite"]).succeeded().prints("sweep");
     folder.jitai(["doctor", "--store", "disk/jitai.sqlite"]).succeeded();
 }

@@ -1,4 +1,4 @@
-//! What a sweep tells its sink when other processes work on the same jobs.
+//! The events of a sweep when other processes work on the same jobs.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -11,7 +11,7 @@ use rusqlite::Connection;
 use crate::failures::{OPTIONS, provenance, queued};
 use crate::support::{Effort, Folder, manifest};
 
-/// Keeps the names of the events with the seeds of their jobs, and sets a flag at a skip.
+/// Records the names of the events with the seeds of their jobs, and sets a flag at a skip.
 struct Listener<'a> {
     heard: Vec<(&'static str, u64)>,
     stop_at_skip: &'a AtomicBool,
@@ -36,7 +36,7 @@ impl EventSink for Listener<'_> {
     }
 }
 
-/// One agent's jobs, so that a seed names one.
+/// A manifest with one agent, so that a seed identifies a job.
 fn text(seeds: &str) -> String {
     let both = manifest("sweep", "0.6", seeds, Effort::Trivial);
     let (before, _) = both.split_once("[[agent]]\nname = \"reinforce\"").unwrap();
@@ -76,7 +76,7 @@ fn a_job_that_ended_elsewhere_is_told_with_how_it_ended() {
     let (mut store, session, queue) = queued(&folder, &text("3"));
     let others = queue[1..].to_vec();
     let train = |job: &Job, control: &dyn TrainingControl| {
-        // While seed 1 is trained here, another process does the others.
+        // While seed 1 is trained here, another process runs the other seeds.
         let mut other = Store::open(&folder.path("jitai.sqlite")).unwrap();
         let theirs = other.begin_session(&provenance()).unwrap();
         for queued in &others {

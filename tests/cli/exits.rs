@@ -1,4 +1,4 @@
-//! Exit codes, refusals and help.
+//! Exit codes, rejected input and help.
 
 use std::fs;
 
@@ -40,7 +40,7 @@ fn there_is_nothing_to_read_before_a_run() {
     for reader in &STORE_READERS[..3] {
         let ended = folder.jitai(reader.iter().copied()).ended(3);
         assert_eq!(ended.stdout, "");
-        ended.says("there is no store at").says("`jitai run` makes one");
+        ended.says("there is no store at").says("create it with `jitai run`");
     }
     assert!(!folder.path("jitai.sqlite").exists() && !folder.path("out").exists());
 }
@@ -51,14 +51,14 @@ fn an_empty_file_is_told_to_be_one_and_a_run_makes_a_store_of_it() {
     folder.write("jitai.sqlite", "");
     for reader in &STORE_READERS[..3] {
         let ended = folder.jitai(reader.iter().copied()).ended(3);
-        ended.says("is an empty file; `jitai run` makes a store of it");
+        ended.says("is an empty file; `jitai run` turns it into a store");
     }
     folder.jitai(["plan", "sweep.toml"]).succeeded().says("2 jobs to run");
     folder.jitai(["run", "sweep.toml"]).succeeded();
     folder.jitai(["status"]).succeeded();
 }
 
-/// Asserts that no command accepts what lies at the store's path, nor changes it.
+/// Asserts that every command rejects the file at the store's path and leaves it unchanged.
 #[track_caller]
 fn refused(folder: &Folder, message: &str) {
     let before = fs::read(folder.path("jitai.sqlite")).ok();
@@ -75,7 +75,7 @@ fn a_file_of_another_program_is_refused_and_left_untouched() {
     let foreign = Connection::open(folder.path("jitai.sqlite")).unwrap();
     foreign.execute_batch("CREATE TABLE note (text TEXT)").unwrap();
     drop(foreign);
-    refused(&folder, "is a SQLite file that jitai did not make");
+    refused(&folder, "is a SQLite file of another program");
 }
 
 #[test]
@@ -92,7 +92,7 @@ fn a_store_of_a_newer_release_is_refused_and_left_untouched() {
 fn what_is_no_store_is_refused_and_left_untouched() {
     let text = folder();
     text.write("jitai.sqlite", "date,steps\n2024-01-01,4000\n");
-    refused(&text, "is no SQLite file, so it cannot be a store");
+    refused(&text, "is not a SQLite file");
     let directory = folder();
     fs::create_dir(directory.path("jitai.sqlite")).unwrap();
     refused(&directory, "is a folder, not a store");
@@ -102,7 +102,7 @@ fn what_is_no_store_is_refused_and_left_untouched() {
 fn a_store_in_a_folder_that_is_missing_is_refused() {
     let folder = folder();
     let run = folder.jitai(["run", "sweep.toml", "--store", "no/where.sqlite"]).ended(3);
-    run.says("there is no folder").says("make it first");
+    run.says("there is no folder").says("create it first");
     assert!(!folder.path("no").exists());
 }
 
@@ -115,7 +115,7 @@ fn files_to_where_no_folder_can_be_are_refused() {
         to("sweep.toml/results").ended(3).says(
             "error: failed to write to the folder `sweep.toml/results` (name another with --out): ",
         );
-        to("sweep.toml").ended(2).says("--out: `sweep.toml` is a file, not a folder");
+        to("sweep.toml").ended(2).says("--out: `sweep.toml` is a file; name a folder");
     }
 }
 
@@ -182,7 +182,7 @@ fn programs_hear_that_a_worker_s_job_has_ended_before_its_next_starts() {
     }
 }
 
-/// The program where the threads' stacks have so many megabytes, of so many in all.
+/// Runs the program with `stack` megabytes per thread stack and `all` megabytes in total.
 #[cfg(target_os = "linux")]
 fn with_memory(folder: &Folder, stack: u64, all: u64, arguments: &str) -> std::process::Output {
     let limited = format!("ulimit -v {} && exec \"$0\" {arguments}", all << 10);
@@ -197,7 +197,8 @@ fn a_sweep_goes_on_with_as_many_workers_as_there_can_be() {
     let output = with_memory(&folder, 512, 3500, "run sweep.toml --workers 40");
     let said = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(0), "{said}");
-    let (started, _) = said.split_once(" of 40 workers: no more threads").expect(&said);
+    let (started, _) =
+        said.split_once(" of 40 workers started: the system refused more threads").expect(&said);
     let started = started.rsplit(' ').next().unwrap().parse::<u32>().unwrap();
     assert!((1..=6).contains(&started), "{said}");
     assert!(said.contains("40 jobs run, 40 completed in all, 0 failed"), "{said}");
@@ -207,7 +208,8 @@ fn a_sweep_goes_on_with_as_many_workers_as_there_can_be() {
 #[test]
 fn a_sweep_without_a_single_worker_is_an_error() {
     let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
-    // Room for the threads that hear of signals and keep the time of a stop, but for no other.
+    // The memory suffices for the threads that receive signals and time a stop, but for no other
+    // thread.
     let output = with_memory(&folder, 1024, 2700, "run sweep.toml --workers 2");
     let said = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(3), "{said}");

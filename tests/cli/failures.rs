@@ -1,4 +1,4 @@
-//! Jobs that fail are rows; the others go on.
+//! A failed job is a row in the store, and the other jobs continue.
 
 use std::num::NonZeroUsize;
 use std::sync::atomic::AtomicBool;
@@ -13,7 +13,7 @@ use jitai::train::{self, TrainingControl};
 
 use crate::support::{self, Effort, Folder};
 
-/// Two jobs whose loss overflows at the second update, and two that do well.
+/// Two jobs whose loss overflows at the second update, and two jobs that complete.
 pub fn partly_diverging() -> String {
     let layers = ["64"; 24].join(", ");
     format!(
@@ -39,7 +39,7 @@ layers = [8]
     )
 }
 
-/// Agent, attempt and status of every run.
+/// The agent, attempt and status of every run.
 fn runs(folder: &Folder) -> Vec<(String, i64, String)> {
     let store = folder.store();
     let mut statement = store
@@ -63,7 +63,7 @@ fn a_job_that_diverges_is_a_failed_row_and_the_others_complete() {
     let row = |agent| ended.stdout.lines().find(|line| line.starts_with(agent)).unwrap();
     assert!(row("wild ").ends_with("0 of 2"), "{}", ended.stdout);
     assert!(row("tame ").contains("  2  "), "{}", ended.stdout);
-    assert!(ended.stdout.contains("`--retry-failed` runs them again"), "{}", ended.stdout);
+    assert!(ended.stdout.contains("run them again with `--retry-failed`"), "{}", ended.stdout);
     let expected =
         [("tame", "completed"), ("tame", "completed"), ("wild", "failed"), ("wild", "failed")];
     assert_eq!(runs(&folder), expected.map(|(agent, status)| run(agent, 1, status)));
@@ -157,7 +157,7 @@ fn events_tell_programs_of_failures() {
     assert!(ended.stderr.is_empty(), "{}", ended.stderr);
 }
 
-/// An endless job and one that is not, with a time limit in seconds.
+/// A manifest with an endless job and a short job, and a time limit in seconds.
 fn partly_endless(seconds: u32) -> String {
     let endless = support::manifest("sweep", "0.6", "1", Effort::Endless);
     let head = format!("name = \"sweep\"\ntime_limit_seconds = {seconds}");
@@ -172,7 +172,7 @@ fn a_job_over_its_time_limit_is_a_failed_row_and_the_others_complete() {
     assert_eq!(runs(&folder), [run("dqn", 1, "failed"), run("reinforce", 1, "completed")]);
     let told = "SELECT count(*) FROM run WHERE failure_kind = 'over_time' AND wall_seconds >= 1
         AND failure_episode > 0
-        AND failure_message LIKE 'it took longer than its time limit of 1 s; raise %'";
+        AND failure_message LIKE 'the job exceeded its time limit of 1 s; raise %'";
     assert_eq!(folder.number(told), 1);
     assert!(!folder.path("jitai.sqlite.checkpoints").exists());
     folder.jitai(["status"]).succeeded().prints("over_time");
@@ -193,12 +193,12 @@ fn a_time_limit_counts_what_was_worked_before_a_stop_and_makes_no_other_job() {
     std::thread::sleep(Duration::from_secs(1));
     stopped.signal("TERM");
     stopped.wait().ended(130);
-    folder.jitai(["run", "sweep.toml"]).ended(1).says(": goes on from episode ");
+    folder.jitai(["run", "sweep.toml"]).ended(1).says(": resumed from episode ");
     let counted = "SELECT count(*) FROM run WHERE attempt = 2 AND failure_kind = 'over_time'
         AND wall_seconds >= 3
         AND 86400 * (julianday(ended_at) - julianday(started_at)) < wall_seconds - 0.9";
     assert_eq!(folder.number(counted), 1);
-    // Without the limit it is the same job, which has failed.
+    // The job without the limit is the same job, which has failed.
     folder.write("sweep.toml", partly_endless(3).replace("time_limit_seconds = 3\n", ""));
     folder.jitai(["run", "sweep.toml"]).ended(1).says("0 jobs run");
 }
@@ -213,13 +213,13 @@ fn time_in_which_the_process_is_stopped_is_no_time_at_work() {
     std::thread::sleep(Duration::from_secs(4));
     run.signal("CONT");
     run.wait().succeeded();
-    // A second of it counts.
+    // At most about one second of the stop counts as work.
     let of_stopped = "SELECT count(*) FROM run
         WHERE 86400 * (julianday(ended_at) - julianday(started_at)) - wall_seconds > 2.8";
     assert_eq!(folder.number(of_stopped), 1);
 }
 
-/// Keeps what each ended job told.
+/// Records the outcome of each ended job.
 #[derive(Default)]
 struct Listener(Vec<(u64, Outcome)>);
 
@@ -240,7 +240,7 @@ impl EventSink for Listener {
     }
 }
 
-/// A store with a session of this process, and the jobs of a manifest, registered and queued.
+/// A store with a session of this process, and the registered and queued jobs of a manifest.
 pub fn queued(folder: &Folder, text: &str) -> (Store, SessionId, Vec<Queued>) {
     let manifest = manifest::parse("sweep.toml", text.as_bytes()).unwrap();
     let mut store = Store::open(&folder.path("jitai.sqlite")).unwrap();
@@ -252,6 +252,7 @@ pub fn queued(folder: &Folder, text: &str) -> (Store, SessionId, Vec<Queued>) {
         agent: planned.agent.to_string(),
         job: planned.job,
         time_limit: None,
+        folder: ".".into(),
     });
     let session = store.begin_session(&provenance()).unwrap();
     (store, session, queue.collect())
@@ -267,7 +268,7 @@ pub fn provenance() -> Provenance {
     }
 }
 
-/// Two workers, no retries.
+/// Options with two workers and without retries.
 pub const OPTIONS: Options = Options {
     workers: NonZeroUsize::new(2).unwrap(),
     retry_failed: RetryFailed::No,

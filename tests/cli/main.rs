@@ -1,4 +1,4 @@
-//! The program as its users meet it: every test drives the real binary in a folder of its own.
+//! Tests of the program as users run it: every test runs the real binary in its own folder.
 
 mod checkpoints;
 mod crashes;
@@ -6,7 +6,9 @@ mod damage;
 mod disk;
 mod events;
 mod exits;
+mod external;
 mod failures;
+mod forgetting;
 mod memory;
 mod merging;
 mod names;
@@ -17,6 +19,7 @@ mod planning;
 mod reading;
 mod reporting;
 mod same_bits;
+mod searching;
 mod sharing;
 mod signals;
 mod simulating;

@@ -1,8 +1,8 @@
-//! Jobs for which memory is short are rows, and the others go on.
+//! A job that needs too much memory is a failed run, and the other jobs continue.
 
 use crate::support::{Finished, Folder};
 
-/// A manifest of an agent with these keys, and of one that needs next to nothing.
+/// A manifest with an agent with these keys, and with an agent that needs little memory.
 fn greedy(keys: &str) -> String {
     format!(
         "format = 1
@@ -24,8 +24,8 @@ layers = [8]
     )
 }
 
-/// Runs the sweep with so much address space. Threads share one arena of the C library: it sets 64 MB
-/// of address space aside for another one, where chance finds them in the right place.
+/// Runs the sweep with this much address space. Threads share one arena of the C library, because
+/// further arenas would reserve 64 MB of address space each, depending on chance.
 fn run_within(folder: &Folder, kilobytes: u32, workers: u32) -> Finished {
     let program = env!("CARGO_BIN_EXE_jitai");
     let script =
@@ -40,13 +40,13 @@ fn run_within(folder: &Folder, kilobytes: u32, workers: u32) -> Finished {
     }
 }
 
-/// Asserts that the greedy job has failed for want of memory for `what`, and the other completed.
+/// Asserts that the greedy job failed for lack of memory for `what`, and that the other job completed.
 #[track_caller]
 fn assert_one_was_refused(folder: &Folder, ended: Finished, what: &str) {
     ended.ended(1).prints("out_of_memory").prints(what);
     let refused = format!(
         "SELECT count(*) FROM run_summary WHERE agent = 'greedy' AND failure_kind = 'out_of_memory'
-         AND failure_message LIKE 'there is no memory for {what}: it needs at least % bytes; %'"
+         AND failure_message LIKE 'out of memory for {what}, which needs at least % bytes; %'"
     );
     assert_eq!(folder.number(&refused), 1);
     let completed =

@@ -1,4 +1,4 @@
-//! Stores brought together: shards, conflicts, damage, and kills.
+//! Merged stores: shards, conflicts, damage, and kills.
 
 use std::fs;
 use std::path::Path;
@@ -15,7 +15,7 @@ use rusqlite::Connection;
 use crate::failures::{OPTIONS, queued};
 use crate::support::{Effort, Folder, assert_same_rows, manifest, until};
 
-/// Agents of which one fails with every seed.
+/// A manifest with two agents, one of which fails with every seed.
 fn failing() -> String {
     let layers = ["64"; 24].join(", ");
     format!(
@@ -34,7 +34,7 @@ fn two_manifests() -> Folder {
     folder
 }
 
-/// Runs both manifests, or shards of them, in stores of these names.
+/// Runs both manifests, or shards of them, in stores with these names.
 fn run_shards(folder: &Folder, shards: &[(&str, &str)]) {
     for (shard, store) in shards {
         let run = ["run", "sweep.toml", "failing.toml", "--shard", shard, "--store", store];
@@ -43,7 +43,7 @@ fn run_shards(folder: &Folder, shards: &[(&str, &str)]) {
     }
 }
 
-/// Every file below a folder, by its name.
+/// Every file below a folder, with its path.
 fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
     let mut found = Vec::new();
     for entry in fs::read_dir(folder).unwrap() {
@@ -57,7 +57,7 @@ fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
     found
 }
 
-/// What status, plan, report and export say about a folder's store, times and machines aside.
+/// The output of status, plan, report and export for a folder's store, without times and machines.
 fn views(folder: &Folder) -> Vec<(String, Vec<u8>)> {
     let mut views = Vec::new();
     let timeless = |text: &str, first_timed: &str| -> String {
@@ -84,7 +84,7 @@ fn views(folder: &Folder) -> Vec<(String, Vec<u8>)> {
         let name = name.rsplit('/').next().unwrap().to_owned();
         let text = String::from_utf8_lossy(&bytes);
         match (name.as_str(), text.split_once("<section id=\"provenance\">")) {
-            ("run_summary.csv", _) => {}
+            ("run_summary.csv" | "manifest.csv", _) => {}
             // The last section of a page shows times and machines.
             (_, Some((before, _))) => views.push((name, before.as_bytes().to_vec())),
             (_, None) => views.push((name, bytes)),
@@ -96,6 +96,9 @@ fn views(folder: &Folder) -> Vec<(String, Vec<u8>)> {
         ORDER BY 1, 2, 3, 8";
     let runs = folder.jitai(["query", runs, "--format", "csv"]).succeeded().stdout;
     views.push(("run_summary".to_owned(), runs.into_bytes()));
+    let manifests = "SELECT experiment, manifest FROM manifest ORDER BY 1, used_from";
+    let manifests = folder.jitai(["query", manifests, "--format", "csv"]).succeeded().stdout;
+    views.push(("manifest".to_owned(), manifests.into_bytes()));
     views
 }
 
@@ -124,7 +127,7 @@ fn shards_that_are_merged_make_the_store_of_one_machine() {
     merged.jitai(["doctor"]).succeeded();
     assert_same_views(&merged, &whole);
     let again = merged.jitai(["merge", "c.sqlite", "a.sqlite", "b.sqlite"]).succeeded();
-    again.prints("nothing to copy from 3 stores: jitai.sqlite has 20 runs of them already");
+    again.prints("nothing to copy from 3 stores: jitai.sqlite already has 20 runs of them");
     let run = merged.jitai(["run", "sweep.toml", "failing.toml"]);
     run.ended(1).says("0 jobs run, 18 completed in all, 2 failed");
 }
@@ -138,7 +141,7 @@ fn a_shard_declares_its_own_jobs_and_keeps_those_of_others() {
     assert_eq!(counted("part.sqlite")[0]["jobs"], 4);
     run_shards_of(&folder, &["2/2", "1/2"], "part.sqlite");
     assert_eq!(counted("part.sqlite")[0]["completed"], 8);
-    // Jobs that the manifest drops leave the experiment, whichever shard is run.
+    // Jobs that the manifest drops leave the experiment, whichever shard runs.
     folder.write("sweep.toml", manifest("sweep", "0.6", "3", Effort::Trivial));
     run_shards_of(&folder, &["1/2"], "part.sqlite");
     assert_eq!(counted("part.sqlite")[0]["jobs"], 6);
@@ -159,7 +162,7 @@ fn run_shards_of(folder: &Folder, shards: &[&str], store: &str) {
 fn shards_beyond_the_jobs_are_empty_and_faulty_ones_are_refused() {
     let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
     let run = folder.jitai(["run", "sweep.toml", "--shard", "5/5"]).succeeded();
-    run.says("nothing to run: no job is in this shard");
+    run.says("nothing to run: this shard has no jobs");
     folder.jitai(["plan", "sweep.toml", "--shard", "5/5"]).succeeded();
     for (shard, expected) in [
         ("0/4", "shards are counted from 1 to 4, found 0"),
@@ -202,9 +205,9 @@ fn a_folder_stands_for_its_stores() {
     assert_eq!((&merged["stores"], &merged["completed"]), (&2.into(), &4.into()), "{merged}");
     assert!(!folder.path("submission/parts/1.sqlite-wal").exists());
     assert!(!folder.path("submission/parts/1.sqlite-shm").exists());
-    // The store itself is in the folder, too.
+    // The folder also contains the target store.
     folder.jitai(["merge", "."]).ended(2).says("no file in `.` ends in .sqlite");
-    folder.jitai(["merge", "jitai.sqlite"]).ended(3).says("is the store that --store names");
+    folder.jitai(["merge", "jitai.sqlite"]).ended(3).says("is the target store (--store)");
 }
 
 #[test]
@@ -221,13 +224,13 @@ fn what_is_no_store_ends_a_merge_before_it_begins() {
     folder.write("empty.sqlite", "");
     for (name, expected) in [
         ("newer.sqlite", "has schema version 999"),
-        ("foreign.sqlite", "a SQLite file that jitai did not make; nothing was merged"),
-        ("text.sqlite", "it is no SQLite file"),
+        ("foreign.sqlite", "a SQLite file of another program; nothing was merged"),
+        ("text.sqlite", "it is not a SQLite file"),
         ("empty.sqlite", "it is an empty file; nothing was merged"),
-        ("absent.sqlite", "no store is there; nothing was merged"),
+        ("absent.sqlite", "it does not exist; nothing was merged"),
     ] {
         folder.jitai(["merge", "good.sqlite", name]).ended(3).says(expected);
-        assert_eq!(folder.runs(), 0, "{name}");
+        assert!(!folder.path("jitai.sqlite").exists(), "{name}");
     }
 }
 
@@ -249,7 +252,7 @@ fn a_store_of_the_first_release_is_merged_and_left_as_it_is() {
 fn a_job_with_other_results_is_a_conflict_and_the_store_keeps_its_own() {
     let folder = Folder::completed(&manifest("sweep", "0.6", "2", Effort::Trivial));
     fs::rename(folder.path("jitai.sqlite"), folder.path("theirs.sqlite")).unwrap();
-    // A machine with a fault: it adds one to a metric of a job.
+    // A faulty machine: it adds 1 to a metric of a job.
     let train = |job: &Job, control: &dyn TrainingControl| match train::run(job, control) {
         Outcome::Completed(mut results) if job.seed == 2 && job.algorithm() == "reinforce" => {
             results.metrics[0].value += 1.0;
@@ -266,10 +269,11 @@ fn a_job_with_other_results_is_a_conflict_and_the_store_keeps_its_own() {
 
     let before = folder.dump();
     let merged = folder.jitai(["merge", "theirs.sqlite"]).ended(1);
-    let said = format!("job {key} has other results in theirs.sqlite; jitai.sqlite keeps its own");
+    let said =
+        format!("job {key} has different results in theirs.sqlite; jitai.sqlite keeps its own");
     let merged = merged.prints(&said).prints("by jitai 0.1.0 (unknown) on here (any)");
     let merged =
-        merged.prints("nothing to copy from 1 store: jitai.sqlite has 3 runs of them already");
+        merged.prints("nothing to copy from 1 store: jitai.sqlite already has 3 runs of them");
     let digests: Vec<&str> =
         merged.stdout.lines().filter_map(|line| line.strip_prefix("  ")).collect();
     let digest = |store: &str, line: &str| {
@@ -307,14 +311,14 @@ fn a_damaged_run_is_named_and_left_out() {
         .unwrap();
     let merged = folder.jitai(["merge", "a.sqlite"]).ended(1);
     let said = format!(
-        "left out of a.sqlite, which is damaged: the run of job {key}: its results are not those \
-         that were stored"
+        "a.sqlite is damaged; not merged: the run of job {key}: its results do not \
+         match their digest"
     );
     merged.prints(&said).prints("3 completed runs and 0 failed runs copied");
     assert_eq!(folder.runs(), 3);
     folder.jitai(["run", "sweep.toml"]).succeeded().says("1 job run, 4 completed in all");
-    // The store has the run now, so that the damaged one is not read.
-    folder.jitai(["merge", "a.sqlite"]).succeeded().prints("has 4 runs of them already");
+    // The store now has the run, so the damaged copy is not read.
+    folder.jitai(["merge", "a.sqlite"]).succeeded().prints("already has 4 runs of them");
 }
 
 #[test]
@@ -337,7 +341,7 @@ fn a_source_that_is_written_to_is_read_as_it_was_at_one_moment() {
     }
     assert!((9..=60).contains(&before), "{before}");
     source.wait().succeeded();
-    folder.jitai(["merge", "source.sqlite"]).succeeded().prints("were there already");
+    folder.jitai(["merge", "source.sqlite"]).succeeded().prints("were already there");
     let whole = Folder::completed(&manifest("sweep", "[0.4, 0.6]", "15", Effort::Short));
     assert_same_rows(&folder.dump(), &whole.dump());
 }
@@ -357,8 +361,8 @@ fn a_merge_beside_a_sweep_and_readers_disturbs_neither() {
     let merged = merge.wait().succeeded();
     sweep.wait().succeeded().says("24 completed in all, 0 failed");
     assert!(merged.stdout.contains("copied from 1 store"), "{}", merged.stdout);
-    // Jobs that were running then are completed now, with the same results.
-    folder.jitai(["merge", "half.sqlite"]).succeeded().prints("has 12 runs of them already");
+    // Jobs that were running then are now completed, with the same results.
+    folder.jitai(["merge", "half.sqlite"]).succeeded().prints("already has 12 runs of them");
     assert_eq!(folder.number("SELECT count(*) FROM run WHERE status = 'completed'"), 24);
     assert_same_rows(&folder.dump(), &Folder::completed(&text).dump());
     folder.jitai(["doctor"]).succeeded();

@@ -1,4 +1,4 @@
-//! Names that people write, or that are meant to do harm, go through every surface whole.
+//! Unusual and malicious names pass through every surface unchanged.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -25,7 +25,7 @@ fn odd() -> String {
     )
 }
 
-/// Asserts that a text cannot move the cursor, turn a line around or break it.
+/// Asserts that a text cannot move the cursor, reverse a line or break it.
 #[track_caller]
 fn assert_plain(text: &str) {
     let directed = |c| matches!(c, '\u{61c}' | '\u{200e}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
@@ -118,11 +118,11 @@ fn characters_that_nobody_sees_are_refused_in_names() {
         ("\\t", "U+0009, a control character"),
         ("\\u0000", "U+0000, a control character"),
         ("\\u009b", "U+009B, a control character"),
-        ("\\u202edrawkcab", "U+202E, a mark of text direction"),
-        ("\u{2066}left", "U+2066, a mark of text direction"),
-        ("lines\u{2028}two", "U+2028, a separator of lines"),
-        ("z\u{200b}ero", "U+200B, a character without width"),
-        ("\u{e0041}", "U+E0041, a character without width"),
+        ("\\u202edrawkcab", "U+202E, a text-direction mark"),
+        ("\u{2066}left", "U+2066, a text-direction mark"),
+        ("lines\u{2028}two", "U+2028, a line separator"),
+        ("z\u{200b}ero", "U+200B, a zero-width character"),
+        ("\u{e0041}", "U+E0041, a zero-width character"),
     ] {
         for of_what in ["<script>", "=cmd("] {
             let folder = Folder::with(&odd().replace(of_what, escape));
@@ -143,11 +143,13 @@ fn stores_and_manifests_may_have_odd_paths() {
     folder.jitai(["status", "--store", "a b'c é?.sqlite"]).succeeded().prints("<script>");
 }
 
-/// What prose and titles may have, since people write them: everything but what no text has.
+/// A text for questions and titles, with characters that are special in HTML, spreadsheets, LaTeX,
+/// Markdown and terminals.
 const PROSE: &str = "</script><script>alert(1)</script>\n=cmd('|/C calc')!A0\r\n\u{202e}drawkcab \
      \\input{/etc/passwd} $x$ % & # _ ~ ^ | ` ![x](javascript:alert(1)) \"' <!--";
 
-/// [`odd`] with prose of that kind and of 10 kB, and analyses whose names lead out of the folder.
+/// The manifest [`odd`] with this text in its question, its titles and, 10 kB long, its hypothesis, and
+/// with analyses whose names are paths out of the folder.
 fn odd_report() -> String {
     let analyses = [
         ("../../out", "kind = \"curve\""),
@@ -191,7 +193,7 @@ fn a_report_on_harmful_names_and_prose_stays_in_its_folder_and_runs_nothing() {
     folder.jitai(["report", "sweep.toml", "--out", "deep/report"]).succeeded();
     let made: Vec<_> = below(&folder.path(".")).difference(&before).cloned().collect();
     let mut formats = BTreeSet::new();
-    // Readers of a store make its log and the log's index anew.
+    // Readers of a store recreate its log and the log's index.
     let of_store = |path: &&std::path::PathBuf| {
         path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("jitai.sqlite-"))
     };

@@ -1,4 +1,4 @@
-//! A store that the first schema's program wrote: every command works on it, and will for ever.
+//! A store with the first schema: every command works on it, in this release and in all later ones.
 //!
 //! `tests/data/stores/v1-0.1.0.sqlite` was written by jitai 0.1.0 from the two manifests beside it.
 
@@ -51,8 +51,8 @@ fn stored(name: &str) -> Vec<u8> {
     fs::read(stores.join(name)).unwrap()
 }
 
-/// Every row of a folder's store, without those that later releases add: views, and parameters that the
-/// store's jobs do not mention.
+/// Every row of a folder's store, without additions of later releases: views, and parameters that are
+/// absent from the store's jobs.
 fn rows_of(folder: &Folder) -> Vec<String> {
     let implied = implied_parameters();
     let is_added = |row: &String| match row.split_once(": ") {
@@ -88,7 +88,7 @@ fn every_reading_command_works_on_an_old_store_and_leaves_it_as_it_is() {
     folder.jitai(["doctor"]).succeeded().prints("is healthy: 7 completed runs");
 
     let exported = folder.jitai(["export", "--out", "exported"]).succeeded();
-    exported.says("decision left out: the store is of an earlier version");
+    exported.says("decision left out: an earlier version made the store");
     assert_eq!(folder.read("exported/run_summary.csv").lines().count(), 1 + JOBS.len());
     folder.jitai(["report", METHODS, DIVERGING, "--out", "report"]).succeeded();
     assert!(folder.read("report/index.html").contains("Is everything that the first schema"));
@@ -140,8 +140,8 @@ fn a_run_migrates_an_old_store_after_a_copy_and_runs_only_what_is_new() {
     folder.jitai(["run", METHODS, "larger.toml"]).succeeded().says("3 jobs run");
 }
 
-/// The pages of a store's schema do not depend on the version it was made by, so that a store whose
-/// first page is lost can be read with those of a new one.
+/// The schema pages of a store do not depend on the version that made it, so a store that has lost its
+/// first page can be read with the schema pages of a new store.
 #[test]
 fn a_migrated_store_without_its_header_is_salvaged() {
     let folder = old_store();

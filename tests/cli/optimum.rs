@@ -37,17 +37,17 @@ fn arguments_without_an_optimum_are_refused() {
         refused
     };
     refused(&["--scenario", "P-H-D,P-T"]).says("no optimum is computed for P-T");
-    refused(&["--set", "horizon=201"]).says("for a horizon of 201 steps; 200 are the most");
+    refused(&["--set", "horizon=201"]).says("for a horizon of 201 steps; the maximum is 200");
     refused(&["--scenario", "X"]).says("`X` is not a feature");
     refused(&["--sigma=-1"]).says("expected a number from 0 to 1000000, found -1");
     refused(&["--sigma", "0.4,x"]).says("--sigma x: `sigma`: expected a number");
-    refused(&["--sigma", "1\nhorizon = 3"]).says("a value is one line");
+    refused(&["--sigma", "1\nhorizon = 3"]).says("expected a value on one line");
     refused(&["--set", "horizn=3"]).says("did you mean `horizon`?");
-    refused(&["--set", "sigma=0.4"]).says("are given by --sigma");
-    refused(&["--set", "horizon=3", "--set", "horizon=4"]).says("`horizon` is set a second time");
+    refused(&["--set", "sigma=0.4"]).says("use --sigma");
+    refused(&["--set", "horizon=3", "--set", "horizon=4"]).says("`horizon` is set twice");
 }
 
-/// Rules beside each other in a scenario with an optimum and one without.
+/// Several rules in a scenario with an optimum and in a scenario without one.
 const RULES: &str = "format = 1
 name = \"rules\"
 scenarios = [\"P-H-D\", \"P-T\"]
@@ -93,7 +93,7 @@ fn long_horizons_have_no_optimum_and_reports_say_so() {
          [[agent]]\nname = \"plain\"\nalgorithm = \"rule\"\nrule = \"tailored\"\n",
     );
     let told = folder.jitai(["optimum", "sweep.toml", "--format", "json"]).succeeded();
-    let rows = told.says("for a horizon of 201 steps; 200 are the most").json();
+    let rows = told.says("for a horizon of 201 steps; the maximum is 200").json();
     assert!(rows[0]["optimum"].is_f64() && rows[1]["optimum"].is_null(), "{rows}");
     folder.jitai(["run", "sweep.toml"]).succeeded();
     folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
@@ -102,20 +102,20 @@ fn long_horizons_have_no_optimum_and_reports_say_so() {
     let optimum = lines.next().unwrap().iter().position(|name| *name == "optimum").unwrap();
     let known: Vec<bool> = lines.map(|fields| fields[optimum].parse::<f64>().is_ok()).collect();
     assert_eq!(known, [true, false], "{arms}");
-    assert!(folder.read("report/index.html").contains("optimum not known"));
+    assert!(folder.read("report/index.html").contains("no optimum computed"));
     let long = ["simulate", "--policy", "optimal", "--set", "horizon=201"];
-    folder.jitai(long).ended(2).says("for a horizon of 201 steps; 200 are the most");
+    folder.jitai(long).ended(2).says("for a horizon of 201 steps; the maximum is 200");
 }
 
 #[test]
 fn rules_are_jobs_like_others_and_run_once() {
     let folder = Folder::with(RULES);
     folder.jitai(["run", "sweep.toml", "--filter", "rule=random"]).succeeded();
-    // With rules done and rules to do.
+    // At this point, some rules are done and others are left.
     for verb in [&["status"][..], &["plan", "sweep.toml"], &["run", "sweep.toml"]] {
         folder.jitai(verb.iter().copied()).succeeded();
     }
-    // Two scenarios, horizons and seeds; seven rules, of which one is not in one scenario.
+    // Two scenarios, two horizons and two seeds; seven rules, one of which is missing in one scenario.
     let count = "SELECT count(*) FROM run_summary WHERE status = 'completed'";
     let store = folder.store();
     let number = |sql: &str| store.query_row(sql, [], |row| row.get::<_, i64>(0)).unwrap();
@@ -139,7 +139,7 @@ fn rules_are_jobs_like_others_and_run_once() {
     let policy = format!("run:{key}");
     folder.jitai(["simulate", "--policy", &policy]).succeeded();
     let greedy = folder.jitai(["simulate", "--policy", &policy, "--greedy"]).ended(2);
-    greedy.says("--greedy is for trained policies");
+    greedy.says("--greedy applies to trained policies only");
     let optimal: String = store
         .query_row(
             "SELECT min(job_key) FROM parameter WHERE name = 'agent.rule' AND value = 'optimal'",
@@ -151,4 +151,43 @@ fn rules_are_jobs_like_others_and_run_once() {
     folder.jitai(["simulate", "--policy", &policy, "--set", "horizon=200"]).succeeded();
     let long = folder.jitai(["simulate", "--policy", &policy, "--set", "horizon=201"]).ended(2);
     long.says("for a horizon of 201 steps");
+}
+
+#[test]
+fn a_report_says_how_much_of_a_loss_is_won_back() {
+    let folder = Folder::with(
+        "format = 1\nname = \"won\"\nscenarios = [\"P-T\", \"P-H-D\"]\nseeds = 3\n\
+         environment.sigma = [0.4, 0.6]\nevaluation.test_episodes = 20\n\
+         [[agent]]\nname = \"plain\"\nalgorithm = \"rule\"\nrule = \"tailored\"\n\
+         [[agent]]\nname = \"never\"\nalgorithm = \"rule\"\nrule = \"never\"\n\
+         [[analysis]]\nname = \"tailoring\"\nkind = \"recovery\"\n\
+         with = { agent.name = \"plain\", scenario = \"P-T\" }\n\
+         without = { agent.name = \"never\", scenario = \"P-T\" }\n\
+         [[analysis]]\nname = \"unknown\"\nkind = \"recovery\"\n\
+         where = { scenario = \"P-T\" }\n\
+         with = { agent.name = \"plain\" }\nwithout = { agent.name = \"never\" }\n",
+    );
+    folder.jitai(["run", "sweep.toml"]).succeeded();
+    folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
+    let table = folder.read("report/tables/won-tailoring.csv");
+    let mut lines = table.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let header = lines.next().unwrap();
+    let rows: Vec<_> = lines.collect();
+    assert_eq!(rows.len(), 2, "one for each sigma: {table}");
+    for row in rows {
+        let number = |name: &str| -> f64 {
+            let place = header.iter().position(|column| *column == name).unwrap();
+            row[place].parse().unwrap_or_else(|_| panic!("{name}: {table}"))
+        };
+        let (with, without) = (number("return_with"), number("return_without"));
+        let share = (with - without) / (number("optimum") - without);
+        assert!((number("recovered") - share).abs() < 1e-9, "{table}");
+        assert!(number("low") < share && share < number("high"), "{table}");
+    }
+    let page = folder.read("report/index.html");
+    let page = page.replace("<span class=\"whole\">P-T</span>", "P-T");
+    assert!(page.contains("plain P-T recovers "));
+    assert!(page.contains(" of what never P-T loses against the optimum"));
+    // A scenario that does not show the state has no optimum.
+    assert!(page.contains("2 of 2 shares (no optimum known"));
 }

@@ -1,7 +1,8 @@
-//! `check`, `plan` and `schema`: what they say about manifests before anything runs.
+//! `check`, `plan` and `schema`: their output about manifests before anything runs.
 
 use std::time::{Duration, Instant};
 
+use rusqlite::Connection;
 use serde_json::{Value, json};
 
 use crate::support::{Effort, Folder, manifest};
@@ -22,7 +23,10 @@ episodes = \"many\"
 fn check_says_how_many_jobs_a_good_manifest_makes() {
     let folder = Folder::with(&manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial));
     let check = folder.jitai(["check", "sweep.toml"]).succeeded();
-    assert_eq!((check.stdout.as_str(), check.stderr.as_str()), ("sweep.toml: ok, 8 jobs\n", ""));
+    assert_eq!(
+        (check.stdout.as_str(), check.stderr.as_str()),
+        ("sweep.toml: ok, 2 agents × 1 scenario × 2 sigma × 2 seeds = 8 jobs\n", "")
+    );
     assert_eq!(
         folder.jitai(["check", "sweep.toml", "--format", "json"]).succeeded().json(),
         json!([])
@@ -42,7 +46,7 @@ fn check_reports_every_fault_of_every_manifest() {
         .says("faulty.toml:10:12: `episodes`: expected a whole number")
         .says("3 faults in faulty.toml")
         .says("none.toml: no such file");
-    assert_eq!(check.stdout, "sweep.toml: ok, 2 jobs\n");
+    assert!(check.stdout.ends_with(" = 2 jobs\n"), "{}", check.stdout);
 }
 
 #[test]
@@ -85,17 +89,19 @@ fn manifests_of_one_name_are_not_taken_together() {
     folder.write("other.toml", manifest("twin", "0.6", "1", Effort::Trivial));
     let run = folder.jitai(["run", "sweep.toml", "other.toml"]).ended(2);
     run.says("sweep.toml and other.toml have the same name, \"twin\"");
+    let check = folder.jitai(["check", "sweep.toml", "other.toml"]).ended(2);
+    check.says("sweep.toml and other.toml have the same name, \"twin\"");
 }
 
 #[test]
 fn plan_counts_the_jobs_and_makes_no_store() {
     let folder = Folder::with(&manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial));
     let plan = folder.jitai(["plan", "sweep.toml", "--format", "json"]).succeeded();
-    let plan = plan.says("8 jobs to run; no time can be estimated");
-    let plan = plan.says("no run of dueling_dqn and reinforce has been timed").json();
+    let plan = plan.says("8 jobs to run: about 0 s with ");
+    let plan = plan.says("estimated from built-in speeds; no run has been timed yet").json();
     let expected = json!([{
         "experiment": "sweep", "jobs": 8, "completed": 0, "running": 0, "failed": 0,
-        "interrupted": 0, "pending": 8, "seconds_left": null,
+        "interrupted": 0, "pending": 8, "seconds_left": 0.0,
     }]);
     assert_eq!(plan, expected);
     assert!(!folder.path("jitai.sqlite").exists());
@@ -107,13 +113,14 @@ fn plan_knows_what_is_done_and_estimates_the_rest() {
     folder.jitai(["plan", "sweep.toml"]).succeeded().says("nothing to run");
     folder.write("sweep.toml", manifest("sweep", "[0.4, 0.6]", "3", Effort::Trivial));
     let arguments = ["plan", "sweep.toml", "--workers", "3", "--format", "json"];
-    let plan = folder.jitai(arguments).succeeded().says("with 3 workers, as fast as earlier runs");
+    let plan =
+        folder.jitai(arguments).succeeded().says("with 3 workers, estimated from earlier runs");
     let plan = plan.json();
     assert_eq!((&plan[0]["completed"], &plan[0]["pending"]), (&json!(8), &json!(4)));
     assert!(plan[0]["seconds_left"].as_f64().unwrap() >= 0.0, "{plan}");
 }
 
-/// The jobs of a manifest: keys, agents, sigmas and seeds.
+/// The jobs of a manifest, with keys, agents, sigmas and seeds.
 fn jobs(folder: &Folder, arguments: &[&str]) -> Vec<Value> {
     let all = ["plan", "--jobs", "--format", "json"].iter().chain(arguments).copied();
     folder.jitai(all).succeeded().json().as_array().unwrap().clone()
@@ -201,7 +208,7 @@ fn a_wrong_filter_is_refused_with_what_there_is() {
         unknown.says("no job has a parameter `siggma`").says("environment.sigma");
         for form in ["sigma", "sigma=", "=0.6", "agent=dqn,,", "layers=[32],32]"] {
             let wrong = folder.jitai([verb, "sweep.toml", "--filter", form]).ended(2);
-            wrong.says("is not `name=value`");
+            wrong.says("expected `name=value`");
         }
         let nobody = folder.jitai([verb, "sweep.toml", "--filter", "sigma=0.6,agent=dqm"]).ended(2);
         nobody
@@ -232,7 +239,7 @@ fn plan_and_run_count_a_job_that_manifests_share_once() {
     folder.write("other.toml", manifest("other", "0.6", "3", Effort::Trivial));
     let manifests = ["sweep.toml", "wide.toml", "other.toml"];
     let plan = folder.jitai(["plan", "--format", "json"].into_iter().chain(manifests)).succeeded();
-    // Of 4, 12 and 6 jobs, 4 are of the first two and 6 of the last two.
+    // Of 4, 12 and 6 jobs, 4 belong to the first two manifests, and 6 belong to the last two.
     let plan = plan.says("10 jobs are shared between the manifests and run once");
     let plan = plan.says("8 jobs to run: about ");
     let counted = |row: &Value| (row["jobs"].as_u64(), row["pending"].as_u64());
@@ -264,14 +271,14 @@ fn one_thing_is_told_of_in_the_singular() {
     let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
     let one = ["--filter", "agent=dqn", "--workers", "1"];
     let verb = |verb| folder.jitai([verb, "sweep.toml"].into_iter().chain(one)).succeeded();
-    verb("plan").says("1 job to run; no time can be estimated");
+    verb("plan").says("1 job to run: about 0 s with 1 worker, estimated from built-in speeds");
     verb("run").says("1 job run, 1 completed in all, 0 failed");
     verb("run").says("nothing to run: the job is completed");
     folder.write("sweep.toml", manifest("sweep", "0.6", "[2]", Effort::Trivial));
-    verb("plan").says("1 job to run: about").says("with 1 worker, as fast as earlier runs");
+    verb("plan").says("1 job to run: about").says("with 1 worker, estimated from earlier runs");
     let only = "[[exclude]]\nagent.name = \"dqn\"\n";
     folder.write("sweep.toml", manifest("sweep", "0.6", "1", Effort::Trivial) + only);
-    folder.jitai(["check", "sweep.toml"]).succeeded().prints("ok, 1 job\n");
+    folder.jitai(["check", "sweep.toml"]).succeeded().prints(" = 1 job\n");
 }
 
 #[test]
@@ -280,4 +287,27 @@ fn the_schema_is_json_and_the_one_that_is_shipped() {
     let schema = folder.jitai(["schema"]).succeeded();
     assert_eq!(schema.json()["type"], "object");
     assert_eq!(schema.stdout, include_str!("../../docs/manifest.schema.json"));
+}
+
+#[test]
+fn set_gives_keys_other_values_and_the_store_keeps_the_text() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "2", Effort::Trivial));
+    let set = ["--set", "sigma=[0.4, 0.8, 1.0]", "--set", "seeds=1"];
+    let verb = |verb| folder.jitai([verb, "sweep.toml"].into_iter().chain(set));
+    verb("check").succeeded().prints("2 agents × 1 scenario × 3 sigma × 1 seed = 6 jobs");
+    verb("plan").succeeded().says("6 jobs to run");
+    let run = verb("run").succeeded().says("6 jobs run, 6 completed in all, 0 failed");
+    run.prints("sweep.toml --set 'sigma=[0.4, 0.8, 1.0]' --set 'seeds=1' --out report");
+    let store = Connection::open(folder.path("jitai.sqlite")).unwrap();
+    let text: String =
+        store.query_row("SELECT manifest FROM experiment", [], |row| row.get(0)).unwrap();
+    assert!(text.ends_with("# --set sigma=[0.4, 0.8, 1.0] --set seeds=1\n"), "{text}");
+    folder.write("stored.toml", text);
+    folder.jitai(["run", "stored.toml"]).succeeded().says("nothing to run");
+    let refused = folder.jitai(["plan", "sweep.toml", "--set", "siggma=1"]).ended(2);
+    refused.says("sweep.toml: --set siggma=1: no key `siggma`").says("did you mean `sigma`?");
+    let refused = folder.jitai(["plan", "sweep.toml", "--set", "dqn.episodes=7"]).ended(2);
+    refused.says("did you mean `agent.dqn.episodes`?");
+    let refused = folder.jitai(["plan", "sweep.toml", "--set", "sigma"]).ended(2);
+    refused.says("expected a key, an equals sign and a value");
 }

@@ -1,4 +1,4 @@
-//! `status`, `query` and `export`: what a store says to people and programs.
+//! `status`, `query` and `export`: the content of a store for people and programs.
 
 use std::fs;
 use std::io::Write;
@@ -22,12 +22,12 @@ fn status_shows_every_experiment_to_people_and_programs() {
         ["experiment", "jobs", "completed", "pending"].map(|name| status[row][name].clone())
     };
     assert_eq!(counts(0), [json!("sweep"), json!(8), json!(8), json!(0)]);
-    // Seed 2 is shared with the other experiment.
+    // The experiments share seed 2.
     assert_eq!(counts(1), [json!("other"), json!(6), json!(4), json!(2)]);
     let table = folder.jitai(["status"]).succeeded().stdout;
     let words: Vec<_> = table.lines().nth(1).unwrap().split_whitespace().collect();
     assert_eq!(words[..7], ["sweep", "8", "8", "0", "0", "0", "0"]);
-    // Everything has ended, so there is nothing to watch.
+    // All jobs have ended, so there is nothing to watch.
     folder.jitai(["run", "other.toml"]).succeeded();
     folder.jitai(["status", "--watch"]).succeeded().prints("other");
 }
@@ -37,7 +37,7 @@ fn a_watch_ends_when_no_process_runs_what_is_left() {
     let folder = Folder::with(&manifest("sweep", "0.6", "2", Effort::Trivial));
     folder.jitai(["run", "sweep.toml", "--filter", "seed=1"]).succeeded();
     let watch = folder.jitai(["status", "--watch"]).succeeded();
-    watch.says("2 jobs left, but no process runs any; `jitai run` goes on");
+    watch.says("2 jobs left, but no process is running; resume with `jitai run`");
 }
 
 #[test]
@@ -122,7 +122,10 @@ fn faulty_sql_is_refused_with_its_place() {
     assert_eq!(fault.stdout, "");
     folder.jitai(["query", "SELEC 1"]).ended(2).says("at line 1, column 1");
     folder.jitai(["query", ""]).ended(2).says("the query is empty");
-    folder.jitai(["query", "SELECT 1; SELECT 2"]).ended(2).says("a query is one statement");
+    folder
+        .jitai(["query", "SELECT 1; SELECT 2"])
+        .ended(2)
+        .says("expected one statement, found several");
 }
 
 #[test]
@@ -140,7 +143,7 @@ fn a_query_writes_nothing() {
         "SELECT load_extension('x')",
         "BEGIN IMMEDIATE",
     ] {
-        folder.jitai(["query", sql]).ended(2).says("a query can only read this store");
+        folder.jitai(["query", sql]).ended(2).says("a query may only read this store");
     }
     assert_eq!(fs::read(folder.path("jitai.sqlite")).unwrap(), before);
     assert!(!folder.path("other.sqlite").exists());
@@ -152,7 +155,8 @@ fn export_writes_every_view_with_its_columns_and_rows() {
     let recorded = manifest("recorded", "0.6", "1", Effort::Trivial);
     let recorded = recorded.replace(
         "[[agent]]\nname = \"dqn\"",
-        "evaluation.record_decisions = \"all\"\n[[agent]]\nname = \"dqn\"",
+        "evaluation.record_decisions = \"all\"\npopulation.delta_d = { uniform = [0.05, 0.15] }\n\
+         [[agent]]\nname = \"dqn\"",
     );
     folder.write("recorded.toml", recorded);
     folder.jitai(["run", "recorded.toml", "--quiet"]).succeeded();
@@ -160,7 +164,7 @@ fn export_writes_every_view_with_its_columns_and_rows() {
     folder.jitai(["export", "--out", "results/json", "--format", "json"]).succeeded();
     let store = folder.store();
     let views = views(&store);
-    assert_eq!(views.len(), 8);
+    assert_eq!(views.len(), 10);
     for view in &views {
         let columns = columns(&store, view);
         let count = folder.number(&format!("SELECT count(*) FROM {view}"));
@@ -177,8 +181,51 @@ fn export_writes_every_view_with_its_columns_and_rows() {
     }
     for folder_name in ["csv", "json"] {
         let files = fs::read_dir(folder.path("results").join(folder_name)).unwrap().count();
-        assert_eq!(files, views.len(), "nothing else is left behind");
+        assert_eq!(files, views.len() + 2, "columns.csv, manifests, and nothing else");
     }
+}
+
+#[test]
+fn an_export_of_one_experiment_has_its_rows_alone_and_says_what_they_are() {
+    let folder = completed();
+    folder.write("other.toml", manifest("other", "0.2", "1", Effort::Trivial));
+    folder.jitai(["run", "other.toml", "--quiet"]).succeeded();
+    folder.jitai(["export", "--out", "all"]).succeeded();
+    folder.jitai(["export", "--out", "one", "--experiment", "other"]).succeeded();
+    let views = views(&folder.store());
+    let rows = |out: &str, view: &str| -> Vec<csv::StringRecord> {
+        let mut table = csv::Reader::from_path(folder.path(&format!("{out}/{view}.csv"))).unwrap();
+        table.records().map(Result::unwrap).collect()
+    };
+    let keys = folder.jitai([
+        "query",
+        "--format",
+        "csv",
+        "SELECT job_key FROM run_summary WHERE experiment = 'other'",
+    ]);
+    let keys = keys.succeeded().stdout;
+    let keys: Vec<&str> = keys.lines().skip(1).collect();
+    assert_eq!(keys.len(), 2);
+    for view in &views {
+        let is_of_it = |field: &str| field == "other" || keys.contains(&field);
+        let mut expected = rows("all", view);
+        expected.retain(|row| row.iter().any(is_of_it));
+        assert_eq!(rows("one", view), expected, "{view}");
+        let header = folder.read(&format!("one/{view}.csv"));
+        let mut dictionary = csv::Reader::from_path(folder.path("one/columns.csv")).unwrap();
+        let described: Vec<String> = dictionary
+            .records()
+            .map(Result::unwrap)
+            .filter(|record| &record[0] == view)
+            .map(|record| record[1].to_owned())
+            .collect();
+        assert_eq!(header.lines().next().unwrap(), described.join(","), "{view}");
+    }
+    assert_eq!(folder.read("one/manifests/other.toml"), folder.read("other.toml"));
+    assert!(!folder.path("one/manifests/sweep.toml").exists());
+    let unknown = folder.jitai(["export", "--out", "none", "--experiment", "othre"]).ended(2);
+    unknown.says("the store has no experiment `othre`; it has sweep, other");
+    assert!(!folder.path("none").exists());
 }
 
 #[test]
@@ -191,6 +238,45 @@ fn an_export_again_is_the_same_to_the_byte() {
         views(&store).iter().map(read).collect::<Vec<_>>()
     };
     assert_eq!(export("one"), export("two"));
+}
+
+#[test]
+fn the_actor_of_ppo_is_exported_and_a_memory_is_refused_with_what_the_files_lack() {
+    let folder = Folder::completed(
+        "format = 1\nname = \"two\"\nscenarios = [\"P-H-D\"]\nseeds = 1\n\
+         environment.sigma = 0.6\nenvironment.horizon = 5\nevaluation.test_episodes = 20\n\
+         [[agent]]\nname = \"plain\"\nalgorithm = \"ppo\"\nepisodes = 20\nlayers = [6, 5]\n\
+         [[agent]]\nname = \"ppo-gru\"\nalgorithm = \"ppo\"\nepisodes = 20\nrecurrent = \"gru\"\n\
+         [[agent]]\nname = \"dqn-gru\"\nalgorithm = \"dueling_dqn\"\nepisodes = 20\n\
+         recurrent = \"gru\"\nbatch = 4\nlayers = [6]\n",
+    );
+    let key = |agent: &str| -> String {
+        let sql = format!("SELECT job_key FROM run_summary WHERE agent = '{agent}'");
+        folder.store().query_one(&sql, [], |row| row.get(0)).unwrap()
+    };
+    folder.jitai(["export", "--policy", &key("plain"), "--out", "plain"]).succeeded();
+    let about: serde_json::Value = serde_json::from_str(&folder.read("plain/policy.json")).unwrap();
+    assert_eq!(
+        about["network"],
+        json!({
+            "activation": "tanh",
+            "stacks": [{ "hidden": ["policy_trunk.0", "policy_trunk.1"], "heads": ["logits"] }],
+            "output": "logits",
+        })
+    );
+    assert_eq!(about["choice"], json!({ "rule": "softmax" }));
+    assert!(!fs::read(folder.path("plain/policy.onnx")).unwrap().is_empty());
+    for agent in ["ppo-gru", "dqn-gru"] {
+        let key = key(agent);
+        let refused = folder.jitai(["export", "--policy", &key, "--out", agent]).ended(2);
+        refused
+            .says("has a memory of the episode (`recurrent = \"gru\"`)")
+            .says("cannot hold its state");
+        assert!(!folder.path(agent).exists());
+        // The command that the message suggests works.
+        let policy = format!("run:{key}");
+        folder.jitai(["simulate", "--policy", &policy, "--episodes", "2"]).succeeded();
+    }
 }
 
 #[cfg(not(feature = "parquet"))]
@@ -213,7 +299,7 @@ mod parquet {
 
     use super::*;
 
-    /// The columns of a file with their types, and its number of rows.
+    /// The columns of a file with their types, and the number of rows.
     fn read(path: &Path) -> (Vec<(String, Type)>, i64) {
         let reader = SerializedFileReader::new(File::open(path).unwrap()).unwrap();
         let file = reader.metadata().file_metadata();

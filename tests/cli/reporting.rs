@@ -1,12 +1,14 @@
-//! Reports: the same store gives the same bytes, and what is missing is told.
+//! Reports: equal stores give equal bytes, and the report states what is missing.
 
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-use crate::support::Folder;
+use rusqlite::Connection;
 
-/// Every kind of analysis, on jobs of milliseconds.
+use crate::support::{Effort, Folder, manifest};
+
+/// Analyses of every kind, on jobs of milliseconds.
 const MANIFEST: &str = r#"
 format = 1
 name = "every <kind>"
@@ -102,11 +104,22 @@ fn two_reports_of_one_store_are_equal_to_the_byte_and_hold_every_analysis() {
     assert!(one.contains_key("report/reproduction.csv"), "{names:?}");
     let drawn = names.iter().filter(|name| name.ends_with(".png")).count();
     assert_eq!(drawn, names.iter().filter(|name| name.ends_with(".svg")).count());
-    // A figure for each of contrast, curve and error; two of the 16 panels of choices, two panels of
-    // learning, two agents in two scenarios.
-    assert_eq!(drawn, 3 + 2 + 2 + 4, "{names:?}");
+    assert_eq!(drawn, names.iter().filter(|name| name.ends_with(".pdf")).count());
+    // A combined figure adds one to its panels: gain, choices, learning, curve, map, error.
+    assert_eq!(drawn, 1 + 2 + 3 + 3 + 5 + 1, "{names:?}");
+    for stem in ["gain", "curve", "choices", "choices-part-2", "learning", "error"] {
+        let name = format!("report/figures/every-kind-{stem}.pdf");
+        assert!(one.get(&name).is_some_and(|bytes| bytes.starts_with(b"%PDF-1.4")), "{names:?}");
+    }
     assert!(one.contains_key("report/figures/every-kind-choices-part-2.svg"), "{names:?}");
     let page = String::from_utf8(one["report/index.html"].clone()).unwrap();
+    let captions: Vec<&str> = page.split("<p class=\"seen\">").skip(1).collect();
+    assert_eq!(captions.len(), 7, "a caption for every kind");
+    for caption in captions {
+        let caption = caption.split("</p>").next().unwrap().trim_end_matches("</span>");
+        let sentences = caption.matches(". ").count() + 1;
+        assert!((1..=3).contains(&sentences) && caption.ends_with('.'), "{caption}");
+    }
     assert!(!page.contains("</script><b>") && !page.contains("every <kind>"));
     assert!(
         !page.contains("http://")
@@ -119,8 +132,8 @@ fn two_reports_of_one_store_are_equal_to_the_byte_and_hold_every_analysis() {
     let text = |name: &str| String::from_utf8(one[name].clone()).unwrap();
     let paired = text("report/tables/every-kind-gain.md");
     assert!(paired.contains(": mean return, steps walked, paired by seed\n"), "{paired}");
-    // Settings are ranked where nothing else differs, and here no setting of an agent does: eight
-    // places each of two agents.
+    // Settings are ranked at each place. Here, each of the two agents has only one setting, which is
+    // first at all eight places.
     let chosen = text("report/tables/every-kind-chosen.csv");
     let firsts = chosen.lines().filter(|line| line.contains(" delta_d=0.") && line.contains(",1,"));
     assert_eq!((firsts.count(), chosen.lines().count()), (16, 17), "{chosen}");
@@ -136,7 +149,7 @@ fn the_query_beside_a_figure_reads_its_rows() {
         let answer = folder.jitai(["query", &sql, "--format", "csv"]).succeeded();
         let rows = answer.stdout.lines().count() - 1;
         assert!(rows > 0, "{name}: {sql}");
-        // 2 agents, 2 scenarios, 2 sigmas, 2 values of delta_d, 2 seeds.
+        // 2 agents, 2 scenarios, 2 sigmas, 2 values of delta_d and 2 seeds.
         if ["every-kind-gain.sql", "every-kind-map.sql", "every-kind-chosen.sql"].contains(&&*name)
         {
             assert_eq!(rows, 32, "{name}: {sql}");
@@ -195,17 +208,17 @@ between = ["P-H-D", "L-H-D"]
 fn the_query_beside_a_difference_reads_its_sides_alone() {
     let folder = Folder::completed(SIDES);
     folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
-    // 3 scenarios, 3 agents, 3 sigmas, 2 values of delta_d, 2 seeds: 108 jobs.
+    // 3 scenarios, 3 agents, 3 sigmas, 2 values of delta_d and 2 seeds: 108 jobs.
     for (name, rows) in [("scenario", 24), ("agent", 72), ("key", 72), ("map", 72)] {
         let sql = folder.read(&format!("report/sql/sides-{name}.sql"));
         let answer = folder.jitai(["query", &sql, "--format", "csv"]).succeeded();
         assert_eq!(answer.stdout.lines().count() - 1, rows, "{name}: {sql}");
     }
-    // The store has the jobs of the manifest as it was.
+    // The store still has the jobs of the unchanged manifest.
     folder.write("sweep.toml", SIDES.replace("seeds = 2", "seeds = 1"));
     folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
     let sql = folder.read("report/sql/sides-map.sql");
-    assert!(sql.starts_with("/* The manifest has other jobs than when"), "{sql}");
+    assert!(sql.starts_with("/* The jobs of the manifest have changed since"), "{sql}");
     folder.jitai(["query", &sql]).succeeded();
 }
 
@@ -249,7 +262,7 @@ fn a_caption_tells_of_no_trend_where_there_is_none() {
     for filter in ["environment.sigma=0.8", "agent=never"] {
         folder.jitai(["run", "sweep.toml", "--filter", filter]).succeeded();
         let page = report();
-        assert!(page.contains("differ at no point by more than chance"), "{page}");
+        assert!(page.contains("do not differ significantly at any point"), "{page}");
         for trend in ["rises", "falls", "furthest apart"] {
             assert!(!page.contains(trend), "{trend}: {page}");
         }
@@ -261,7 +274,7 @@ fn a_caption_tells_of_no_trend_where_there_is_none() {
     let folder = Folder::completed(&manifest);
     folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
     let page = folder.read("report/index.html");
-    assert!(page.contains("It is 5 in every tile."), "{page}");
+    assert!(page.contains("Every tile has 5."), "{page}");
     assert!(!page.contains("the most at"), "{page}");
 }
 
@@ -291,7 +304,7 @@ fn tables_of_arms_give_the_share_of_the_optimum_where_it_is_known() {
         let number = |name: &str| cells[column(name)].parse::<f64>();
         let (arm, mean) = (cells[0], number("mean_return").unwrap());
         assert!(number("interquartile_mean").is_ok() && number("lower_quartile_return").is_ok());
-        // Both rules send at every step, so messages are steps: at most the horizon.
+        // Both rules send a message at every step, so the messages are at most the horizon.
         let messages = number("messages_per_episode").unwrap();
         assert!(messages > 1.0 && messages <= 8.0, "{messages}");
         if arm.contains("P-T") {
@@ -317,7 +330,7 @@ fn tables_of_arms_give_the_share_of_the_optimum_where_it_is_known() {
     assert_eq!(folder.read("report/tables/rules-learning.csv").lines().count(), 1);
 }
 
-/// Rules in two environments that differ in two zipped keys, and in a third at a time.
+/// Rules in two environments that differ in two zipped keys, and in one further key.
 const ZIPPED: &str = r#"
 format = 1
 name = "zipped"
@@ -356,4 +369,52 @@ fn a_contrast_by_a_zipped_key_has_a_row_named_by_what_tells_it_apart() {
     let rows: Vec<csv::StringRecord> = rows.records().map(Result::unwrap).collect();
     assert_eq!(rows.len(), 1, "{table}");
     assert_eq!(&rows[0][0], "chance P-T", "{table}");
+}
+
+#[test]
+fn what_is_zipped_with_an_axis_changes_along_the_line_and_names_mention_one_of_zipped_keys() {
+    let folder = Folder::with(&format!(
+        "{}[[analysis]]\nname = \"spread\"\nkind = \"curve\"\nx = \"environment.delta_d\"\n",
+        ZIPPED
+            .replace(
+                "first_context\", \"environment",
+                "first_context\", \"environment.delta_d\", \"environment"
+            )
+            .replace("[evaluation]", "delta_d = [0.1, 0.2]\n[evaluation]")
+    ));
+    folder.jitai(["run", "sweep.toml"]).succeeded();
+    folder.jitai(["report", "sweep.toml", "--out", "r"]).succeeded();
+    let records = |name: &str| -> Vec<csv::StringRecord> {
+        let table = folder.read(name);
+        csv::Reader::from_reader(table.as_bytes()).records().map(Result::unwrap).collect()
+    };
+    // Two values of mu, one of which excludes a value of the zip: one line has two points, and the
+    // other line has one point.
+    let curve = records("r/tables/zipped-spread.csv");
+    assert_eq!(curve.len(), 3, "{curve:?}");
+    assert!(curve.iter().all(|row| !row.iter().any(|cell| cell.contains("time_indicator"))));
+    // Data files name every key; texts for readers name one of the keys that change together.
+    let names = |end: &str| folder.read(&format!("r/tables/zipped-arms.{end}"));
+    assert!(names("csv").contains("time_indicator=exact"), "{}", names("csv"));
+    let read = names("md");
+    assert!(
+        read.contains("first\\_context=sampled") || read.contains("first_context=sampled"),
+        "{read}"
+    );
+    assert!(!read.contains("indicator") && !read.contains("δ"), "{read}");
+}
+
+#[test]
+fn machines_are_named_only_if_asked_for() {
+    let folder = Folder::completed(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    let store = Connection::open(folder.path("jitai.sqlite")).unwrap();
+    let host: String = store.query_row("SELECT host FROM session", [], |row| row.get(0)).unwrap();
+    let page = |arguments: &[&str]| {
+        let arguments = ["report", "sweep.toml", "--out", "report"].iter().chain(arguments);
+        folder.jitai(arguments.copied()).succeeded();
+        folder.read("report/index.html")
+    };
+    let cell = format!(">{host}<");
+    assert!(!page(&[]).contains(&cell));
+    assert!(page(&["--hosts"]).contains(&cell));
 }

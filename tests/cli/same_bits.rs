@@ -1,4 +1,4 @@
-//! The results of a job are the same bits, whoever runs it and however often it is killed.
+//! The results of a job are bit-identical, whichever process runs it and however often it is killed.
 
 use std::thread;
 use std::time::Duration;
@@ -9,10 +9,11 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 
 use crate::support::{Effort, Folder, assert_same_rows, manifest};
 
-/// Kills that a sweep has to survive.
+/// Number of kills that a sweep must survive.
 const KILLS: u32 = 20;
 
-/// The manifest in the beta version with all that messages are subject to, and every letter of theirs.
+/// The manifest in the beta version, with participants who differ, all limits on messages, and all
+/// features of these limits in the scenario.
 fn noisy(manifest: &str) -> String {
     let keys = "environment.state_noise = \"beta\"
 environment.kappa_h = 10
@@ -24,10 +25,34 @@ environment.context_persistence = 0.5
 environment.availability = 0.8
 environment.message_cost = 5
 environment.message_budget = 20
+population.epsilon_d = { uniform = [0.1, 0.7] }
+population.availability = { values = [0.6, 1] }
 environment.sigma";
     let noisy = manifest.replace("environment.sigma", keys);
     noisy.replace("\"P-H-D\"", "\"P-H-D-A-B-M-S\"")
 }
+
+/// Bandits that use an integral, draws, or one draw per episode, and a history.
+const BANDITS: &str = "history = 3
+[[agent]]
+name = \"bandit\"
+algorithm = \"linear_thompson\"
+episodes = 30
+history = 2
+[[agent]]
+name = \"centred\"
+algorithm = \"linear_thompson\"
+episodes = 30
+action_centring = true
+pi_min = 0.05
+smoothing = 0.02
+[[agent]]
+name = \"drawn\"
+algorithm = \"linear_thompson\"
+episodes = 30
+features = \"interactions\"
+draw = \"episode\"
+";
 
 #[test]
 fn three_workers_store_the_same_rows_as_one() {
@@ -53,7 +78,8 @@ fn every_instruction_set_stores_the_same_rows() {
 target_period = 50\nbuffer = 200",
     );
     assert_ne!(far, one_hot);
-    for text in [noisy(&text), text, one_hot, far] {
+    let bandits = format!("{one_hot}{BANDITS}");
+    for text in [noisy(&text), text, one_hot, far, bandits] {
         let fastest = Folder::completed(&text);
         for isa in Isa::available() {
             let forced = Folder::with(&text);
@@ -71,7 +97,7 @@ fn an_instruction_set_that_there_is_not_is_a_usage_error() {
     let run = folder.command(["schema"]).env("JITAI_SIMD", "abacus").output().unwrap();
     assert_eq!(run.status.code(), Some(2), "{run:?}");
     let said = String::from_utf8(run.stderr).unwrap();
-    assert!(said.contains("JITAI_SIMD is `abacus`; this machine has "), "{said}");
+    assert!(said.contains("JITAI_SIMD is `abacus`; expected one of"), "{said}");
 }
 
 #[test]
@@ -101,7 +127,8 @@ fn a_sweep_killed_while_it_opens_and_writes_stores_the_rows_of_an_undisturbed_on
     killed_sweep_stores_the_same_rows(str::to_owned, Effort::Trivial, Duration::from_millis(25));
 }
 
-/// Kills a sweep again and again, each time `within` a time from its start, and then lets it end.
+/// Kills a sweep repeatedly, each time at a random moment at most `within` after its start, and then
+/// lets it end.
 fn killed_sweep_stores_the_same_rows(
     changed: fn(&str) -> String,
     effort: Effort,
@@ -123,11 +150,11 @@ fn killed_sweep_stores_the_same_rows(
             Fate::Killed => {
                 kills += 1;
                 met_a_job |= killed.is_running_a_job();
-                // However slow the machine is, a job has begun by then.
+                // On a slow machine, the time grows until a job has started.
                 within = if kills < KILLS { within } else { within.mul_f64(1.5) };
                 assert!(kills < 2 * KILLS, "no job has begun {within:?} after a start");
             }
-            // However fast the machine is, there is something left to kill: the sweep grows.
+            // On a fast machine, the sweep grows, so that there is something left to kill.
             Fate::Completed => {
                 seeds += 4;
                 killed.write("sweep.toml", sweep(seeds));
@@ -153,7 +180,7 @@ enum Fate {
     Killed,
 }
 
-/// Runs the sweep and kills it at a moment after its start, unless it has ended by then.
+/// Runs the sweep and kills it at a moment after its start, unless it has already ended.
 fn run_or_kill(folder: &Folder, moment: Duration) -> Fate {
     let mut run = folder.start(["run", "sweep.toml", "--workers", "2", "--quiet"]);
     thread::sleep(moment);

@@ -1,4 +1,4 @@
-//! Several programs on one store at once: sweeps that share the work, and readers.
+//! Several programs on one store at the same time: sweeps that share the work, and readers.
 
 use rusqlite::{Connection, OpenFlags};
 
@@ -31,7 +31,7 @@ fn a_sweep_that_waits_takes_over_the_jobs_of_one_that_is_killed() {
     until("the job runs", || folder.is_running_a_job());
     let second = folder.start(arguments);
     until("the second waits", || {
-        second.stderr().contains("waiting for 1 job that another process has taken")
+        second.stderr().contains("waiting for 1 job that another process is running")
     });
     first.kill();
     second.wait().succeeded().says("1 job run, 1 completed in all");
@@ -44,12 +44,12 @@ fn a_sweep_that_waits_takes_over_the_jobs_of_one_that_is_killed() {
     assert_eq!(folder.runs(), 2);
 }
 
-/// The locks that a process has on the store's file.
+/// The locks of a process on the store's file.
 #[cfg(target_os = "linux")]
 fn locks(folder: &Folder, process: u32) -> usize {
     use std::os::unix::fs::MetadataExt;
     let file = std::fs::metadata(folder.path("jitai.sqlite")).unwrap();
-    // As in `1: POSIX  ADVISORY  READ 4711 fe:00:123456 1073741826 1073742335`.
+    // A line is like `1: POSIX  ADVISORY  READ 4711 fe:00:123456 1073741826 1073742335`.
     let (process, file) = (process.to_string(), format!(":{}", file.ino()));
     let locks = std::fs::read_to_string("/proc/locks").unwrap();
     let held = |line: &&str| {
@@ -66,7 +66,7 @@ fn clients_that_come_and_go_cost_a_killed_sweep_nothing() {
     let folder = Folder::with(&text);
     let sweep = folder.start(["run", "sweep.toml", "--workers", "2", "--quiet"]);
     until("a job runs", || folder.is_running_a_job());
-    // The last of several clients to close a store clears its log, if it believes to be alone.
+    // The last client that closes a store clears its log, if the client sees no others.
     let completed = || -> Vec<String> {
         let client = Connection::open_with_flags(
             folder.path("jitai.sqlite"),
@@ -78,7 +78,7 @@ fn clients_that_come_and_go_cost_a_killed_sweep_nothing() {
         let keys = statement.query_map([], |row| row.get(0)).unwrap();
         keys.collect::<Result<_, _>>().unwrap()
     };
-    // Recent clients look for others in more places than the locks of the file; older ones do not.
+    // Recent clients also look for others outside the locks of the file; older clients do not.
     #[cfg(target_os = "linux")]
     assert!(locks(&folder, sweep.id()) > 0, "the sweep has lost its locks on the store");
     let mut before = Vec::new();
@@ -143,7 +143,7 @@ fn a_sweep_waits_for_a_stranger_that_writes() {
     let stranger = Connection::open_with_flags(folder.path("jitai.sqlite"), flags).unwrap();
     stranger.execute_batch("BEGIN IMMEDIATE").unwrap();
     let mut sweep = folder.start(["run", "sweep.toml"]);
-    // Readers see the store meanwhile.
+    // Readers can query the store meanwhile.
     for _ in 0..5 {
         folder.jitai(["status"]).succeeded();
     }

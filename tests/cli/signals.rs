@@ -1,4 +1,4 @@
-//! A sweep that is asked to stop, stops, and goes on when it is run again.
+//! A sweep stops on request, and resumes when it is run again.
 
 use std::thread;
 use std::time::{Duration, Instant};
@@ -7,7 +7,7 @@ use rusqlite::Connection;
 
 use crate::support::{Effort, Finished, Folder, Running, assert_same_rows, manifest, until};
 
-/// What users are promised.
+/// Maximum time of a stop, as promised to users.
 const STOPS_WITHIN: Duration = Duration::from_secs(2);
 
 fn a_signal_stops_long_jobs_at_once(signal: &str) {
@@ -21,7 +21,7 @@ fn a_signal_stops_long_jobs_at_once(signal: &str) {
     run.signal(signal);
     let ended = run.wait().ended(130);
     assert!(asked.elapsed() < STOPS_WITHIN, "{signal} took {:?}", asked.elapsed());
-    ended.says("stopped: 0 jobs completed, 2 left; the same command goes on");
+    ended.says("stopped: 0 jobs completed, 2 left; run the same command to resume");
     let interrupted = "SELECT count(*) FROM run_summary WHERE status = 'interrupted' \
                        AND wall_seconds IS NOT NULL AND ended_at IS NOT NULL";
     assert_eq!(folder.number(interrupted), 2);
@@ -39,7 +39,7 @@ fn a_request_to_terminate_stops_long_jobs_within_two_seconds() {
     a_signal_stops_long_jobs_at_once("TERM");
 }
 
-/// Interrupts a sweep, which must end in time, and returns what it said.
+/// Interrupts a sweep, which must end in time, and returns its output.
 #[track_caller]
 fn stopped_in_time(run: Running) -> Finished {
     let asked = Instant::now();
@@ -55,7 +55,7 @@ fn a_registration_of_very_many_jobs_is_stopped_in_time() {
     let run = folder.start(["run", "sweep.toml"]);
     let registered = || folder.count_if_there("SELECT count(*) FROM experiment_job");
     until("jobs are being registered", || registered() > Some(0));
-    stopped_in_time(run).says("the same command goes on");
+    stopped_in_time(run).says("run the same command to resume");
     let registered = registered().unwrap();
     assert!((1..400_000).contains(&registered), "{registered}");
     assert_eq!(folder.runs(), 0);
@@ -70,14 +70,14 @@ fn a_sweep_that_waits_for_another_writer_is_stopped_in_time() {
     let mut run = folder.start(["run", "sweep.toml"]);
     thread::sleep(Duration::from_millis(300));
     assert!(!run.has_ended());
-    stopped_in_time(run).says("the same command goes on");
+    stopped_in_time(run).says("run the same command to resume");
     stranger.execute_batch("COMMIT").unwrap();
     folder.jitai(["run", "sweep.toml"]).succeeded().says("2 jobs run, 4 completed in all");
 }
 
 #[test]
 fn a_training_of_a_huge_network_is_stopped_in_time() {
-    // One update of it takes longer than a stop may.
+    // One update takes longer than a stop may take.
     let huge = "format = 1
 name = \"sweep\"
 scenarios = [\"P-H-D\"]
@@ -94,7 +94,7 @@ layers = [2048, 2048]
     let run = folder.start(["run", "sweep.toml"]);
     until("the job runs", || folder.is_running_a_job());
     thread::sleep(Duration::from_millis(300));
-    stopped_in_time(run).says("the same command goes on");
+    stopped_in_time(run).says("run the same command to resume");
     let completed = "SELECT count(*) FROM run WHERE status = 'completed'";
     assert_eq!(folder.number(completed), 0);
 }
@@ -104,7 +104,7 @@ fn the_next_run_goes_on_to_the_same_rows() {
     let text = manifest("sweep", "0.6", "3", Effort::Short);
     let stopped = Folder::with(&text);
     let run = stopped.start(["run", "sweep.toml", "--workers", "1"]);
-    // In the middle: something is completed, something runs, something has not begun.
+    // In the middle of the sweep, one job is completed, one is running, and one has not started.
     until("a job has ended", || {
         stopped.is_running_a_job()
             && stopped.number("SELECT count(*) FROM run WHERE status = 'completed'") > 0
@@ -145,7 +145,7 @@ fn a_second_signal_ends_the_program_without_further_ado() {
     let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Endless));
     let run = folder.start(["run", "sweep.toml", "--workers", "1"]);
     until("a job runs", || folder.is_running_a_job());
-    // Both signals wait while the program is stopped, and reach it before it can act on the first.
+    // Both signals are pending while the program is stopped, and arrive before it can act on the first.
     run.signal("STOP");
     let state = format!("/proc/{}/stat", run.id());
     until("it is stopped", || std::fs::read_to_string(&state).unwrap().contains(") T "));
@@ -154,10 +154,10 @@ fn a_second_signal_ends_the_program_without_further_ado() {
     run.signal("CONT");
     let ended = run.wait().ended(130);
     assert!(!ended.stderr.contains("stopped:"), "{}", ended.stderr);
-    // Nobody was left to close the run: the next sweep does.
+    // The process could not close its run; the next sweep does.
     assert_eq!(folder.number("SELECT count(*) FROM run WHERE status = 'running'"), 1);
     folder.write("sweep.toml", manifest("sweep", "0.6", "1", Effort::Trivial));
-    folder.jitai(["run", "sweep.toml"]).succeeded();
+    folder.jitai(["run", "sweep.toml", "--replace"]).succeeded();
     assert_eq!(folder.number("SELECT count(*) FROM run WHERE status = 'running'"), 0);
 }
 

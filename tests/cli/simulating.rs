@@ -17,7 +17,7 @@ fn actions(steps: &[Value]) -> Vec<i64> {
     steps.iter().map(|step| step["action"].as_i64().unwrap()).collect()
 }
 
-/// The action that suits the likely context.
+/// The action tailored to the likelier context.
 fn tailored(step: &Value) -> i64 {
     2 + step["likely"].as_i64().unwrap()
 }
@@ -108,7 +108,8 @@ fn a_rule_knows_what_its_scenario_shows() {
     refused(&folder, &blind)
         .says("no optimum is computed for P-T")
         .says("P-T-H-D is an upper bound");
-    refused(&folder, &["--policy", "run:00", "--scenario", "P"]).says("--scenario is for rules");
+    refused(&folder, &["--policy", "run:00", "--scenario", "P"])
+        .says("--scenario applies to rules only");
 }
 
 #[test]
@@ -130,7 +131,8 @@ fn settings_change_the_environment() {
     let steps = steps(&folder, &[&["--policy", "fixed:0"][..], &settings[..]].concat());
     assert_eq!(steps.len(), 7);
     assert!(steps.iter().all(|step| step["reward"] == 1.0), "{steps:?}");
-    // The first step shows 0.5 whatever the truth; after it nothing is uncertain.
+    // The first step shows a probability of 0.5, whatever the context; without noise, later steps show
+    // 0 or 1.
     assert!(
         steps[1..].iter().all(|step| [0.0, 1.0].contains(&step["probability_0"].as_f64().unwrap()))
     );
@@ -155,11 +157,12 @@ fn faulty_settings_and_rules_are_refused_with_what_is_valid() {
     set("sigma=[0.4, 0.6]").says("expected one value, not a sweep");
     set("horizon={ from = 1, to = 3, step = 1 }").says("expected one value, not a sweep");
     for form in ["sigma", "=1", "\"horizon\"=3", "mu.x=3", "a b=1"] {
-        set(form).says("is not NAME=VALUE");
+        set(form).says("expected NAME=VALUE");
     }
-    set("sigma=0.4\nhorizon=3").says("a value is one line");
+    set("sigma=0.4\nhorizon=3").says("expected a value on one line");
     for rule in ["random", "fixed:2"] {
-        refused(&folder, &["--greedy", "--policy", rule]).says("--greedy is for trained policies");
+        refused(&folder, &["--greedy", "--policy", rule])
+            .says("--greedy applies to trained policies only");
     }
     let rules = "the rules are never, untailored, tailored, threshold:<0.5-1>, random, optimal, \
                  fixed:<action 0-3>, run:<job key>";
@@ -184,7 +187,7 @@ fn a_trained_policy_is_found_by_the_beginning_of_its_job_key() {
     assert_eq!(steps(&folder, &["--policy", &beginning, "--episodes", "5"]), whole);
     steps(&folder, &["--policy", &beginning, "--greedy", "--set", "sigma=2"]);
 
-    // Sixteen keys and sixteen digits: some digit begins two, or every digit begins one.
+    // Of sixteen keys, two have the same first digit unless each of the sixteen digits occurs once.
     let by_digit = "SELECT substr(job_key, 1, 1), count(DISTINCT job_key) FROM metric GROUP BY 1";
     let store = folder.store();
     let mut statement = store.prepare(by_digit).unwrap();
@@ -195,10 +198,54 @@ fn a_trained_policy_is_found_by_the_beginning_of_its_job_key() {
         .unwrap();
     let (digit, _) = begun.iter().find(|(_, keys)| *keys > 1).expect("two keys begin alike");
     let policy = |text: &str| folder.jitai(["simulate", "--policy", &format!("run:{text}")]);
-    policy(digit).ended(2).says(&format!("`{digit}` begins the keys of several completed jobs"));
-    policy("0123456789abcdef").ended(2).says("no job's key begins with `0123456789abcdef`");
+    policy(digit).ended(2).says(&format!("`{digit}` is a prefix of several completed jobs' keys"));
+    policy("0123456789abcdef").ended(2).says("no job key begins with `0123456789abcdef`");
     policy("dqn").ended(2).says("`dqn` is not a job key");
     policy("").ended(2).says("is not a job key");
+}
+
+#[test]
+fn bandits_and_agents_with_a_history_are_rolled_from_the_store() {
+    let text = "format = 1
+name = \"sweep\"
+scenarios = [\"C-H-D\"]
+seeds = 1
+environment.sigma = 0.6
+evaluation = { test_episodes = 20, first_episodes = [2, 10] }
+[[agent]]
+name = \"bandit\"
+algorithm = \"linear_thompson\"
+episodes = 30
+prior_sd = 100
+[[agent]]
+name = \"remembering\"
+algorithm = \"reinforce\"
+episodes = 10
+layers = [8]
+history = 3
+[[agent]]
+name = \"never\"
+algorithm = \"rule\"
+rule = \"never\"
+";
+    let folder = Folder::completed(text);
+    let key = |agent: &str| -> String {
+        let sql =
+            "SELECT min(job_key) FROM parameter WHERE name = 'agent.algorithm' AND value = ?1";
+        folder.store().query_row(sql, [agent], |row| row.get(0)).unwrap()
+    };
+    let bandit = format!("run:{}", key("linear_thompson"));
+    assert!(steps(&folder, &["--policy", &bandit, "--episodes", "3"]).len() > 10);
+    steps(&folder, &["--policy", &bandit, "--greedy"]);
+    let remembering = format!("run:{}", key("reinforce"));
+    steps(&folder, &["--policy", &remembering, "--set", "sigma=1"]);
+    let first = "SELECT count(*) FROM metric WHERE name LIKE 'mean_return_first_%'";
+    assert_eq!(folder.number(first), 6);
+    // Without messages, no participant disengages: 50 steps of 0.1.
+    let never = "SELECT count(*) FROM metric JOIN parameter USING (job_key)
+                 WHERE parameter.name = 'agent.algorithm' AND parameter.value = 'rule'
+                 AND metric.name = 'mean_return_first_10' AND abs(metric.value - 5) < 1e-9";
+    assert_eq!(folder.number(never), 1);
 }
 
 #[test]
@@ -227,7 +274,9 @@ fn what_a_trained_policy_observes_cannot_be_set_anew() {
             folder.jitai(["simulate", "--policy", &policy, "--set", "rho_1=9", "--set", setting])
         };
         for setting in refused {
-            let told = format!("--set {setting}: the policy of job {key} was trained on");
+            let told = format!(
+                "--set {setting}: this would change the observations on which the policy of job {key}"
+            );
             simulate(setting).ended(2).says(&told);
         }
         for setting in allowed {
@@ -271,8 +320,7 @@ fn recorded_trajectories_are_repeated_step_by_step() {
     }
     assert!(rows.next().is_none());
     let (counted, largest) = replay.stderr.trim_end().rsplit_once(' ').unwrap();
-    let expected =
-        "6 episodes, 274 steps; 0 recorded values differ; largest difference of a number:";
+    let expected = "6 episodes, 274 steps; 0 recorded values differ; largest numerical difference:";
     assert_eq!(counted, expected);
     assert!(largest.parse::<f64>().unwrap() < 1e-12, "{}", replay.stderr);
 }
@@ -283,8 +331,7 @@ fn official_trajectories_are_repeated_with_the_preset_that_they_extend() {
         concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/step_count/golden.json");
     let folder = Folder::new();
     let replay = folder.jitai(["simulate", "--replay", OFFICIAL, "--format", "json"]).succeeded();
-    replay
-        .says("9 episodes, 383 steps; 0 recorded values differ; largest difference of a number: 0");
+    replay.says("9 episodes, 383 steps; 0 recorded values differ; largest numerical difference: 0");
     let unknown = r#"{"cases": [{"extends": "step_count_jitay", "sigma": 1, "parameters": {}, "horizon": 1,
         "steps": []}]}"#;
     folder.write("unknown.json", unknown);
@@ -303,7 +350,7 @@ fn noise_is_set_with_its_size_and_forced_in_a_replay() {
     assert_eq!(rolled[2]["context"], quiet[2]["context"], "contexts have a stream of their own");
     assert_ne!(rolled[1]["habituation"], quiet[1]["habituation"]);
 
-    // What was rolled, its last step aside, as a recording.
+    // The rolled steps, except the last one, as a recording.
     let (last, before) = rolled.split_last().unwrap();
     let recorded = |step: &Value| {
         let mut step = step.clone();
@@ -329,7 +376,7 @@ fn noise_is_set_with_its_size_and_forced_in_a_replay() {
     replayed.says("; 0 recorded values differ;");
     file["cases"][0]["final"] = Value::Null;
     folder.write("open.json", file.to_string());
-    refused(&folder, &["--replay", "open.json"]).says("in the next step or in `final`, are needed");
+    refused(&folder, &["--replay", "open.json"]).says("required in the next step, or in `final`");
     folder.write(
         "quiet.json",
         serde_json::json!({ "cases": [case(Value::Object(Default::default()))] }).to_string(),
@@ -337,11 +384,11 @@ fn noise_is_set_with_its_size_and_forced_in_a_replay() {
     folder.jitai(["simulate", "--replay", "quiet.json"]).ended(1);
 
     refused(&folder, &["--set", "kappa_h=10"])
-        .says("`kappa_h` = 10.0 is for `state_noise` = \"beta\"");
+        .says("`kappa_h` = 10.0 requires `state_noise` = \"beta\"");
     refused(&folder, &["--set", "sigma=1", "--set", "step_noise=gamma"])
         .says("--set step_noise=gamma: `step_noise` = \"gamma\" needs `sigma_s` above 0");
     let noisy = ["--policy", "optimal", "--set", "state_noise=uniform"];
-    refused(&folder, &noisy).says("the optimum is not known with `state_noise` = \"uniform\"");
+    refused(&folder, &noisy).says("no optimum can be computed with `state_noise` = \"uniform\"");
 }
 
 #[test]
@@ -358,7 +405,7 @@ fn messages_are_sent_where_they_can_be_and_within_their_budget() {
     assert_eq!(sent(&["--set", "message_budget=7"]), (7, 50));
     let (some, _) = sent(&["--set", "availability=0.5"]);
     assert!((10..40).contains(&some), "{some}");
-    // The return counts the steps walked: a cost changes nothing that is printed.
+    // The return counts the steps walked, so a cost changes nothing in the output.
     let priced = steps(&folder, &["--set", "message_cost=30"]);
     assert_eq!(priced, steps(&folder, &[]));
 }
@@ -411,13 +458,13 @@ fn differences_from_the_recording_are_told_with_their_places() {
         }
     };
     changed(&all).ended(1).says("episode 2, step 9: ").says("\nand ");
-    // What a recording has lost by being written with ten digits is no difference.
+    // Rounding a recording to ten digits makes no difference.
     let rounded = |cases: &mut Value| {
         let reward = &mut cases[0]["steps"][1]["reward"];
         *reward = (reward.as_f64().unwrap() * (1.0 + 1e-10)).into();
     };
     changed(&rounded).succeeded();
-    // And what it does not say is not compared.
+    // Values that are missing in the recording are not compared.
     let silent = |cases: &mut Value| {
         for case in cases.as_array_mut().unwrap() {
             case.as_object_mut().unwrap().remove("final");
@@ -437,9 +484,12 @@ fn faulty_trajectories_are_refused() {
         folder.write("changed.json", recorded.to_string());
         folder.jitai(["simulate", "--replay", "changed.json"]).ended(2)
     };
-    change(|case| case["steps"][0]["action"] = 4.into()).says("episode 2, step 0: action 4");
-    change(|case| case["steps"][1]["context"] = 2.into()).says("episode 2, step 1: the context");
-    change(|case| case["steps"][1]["p0"] = 1.5.into()).says("episode 2, step 1: the context");
+    change(|case| case["steps"][0]["action"] = 4.into())
+        .says("episode 2, step 0: expected an action from 0 to 3, found 4");
+    change(|case| case["steps"][1]["context"] = 2.into())
+        .says("episode 2, step 1: expected `context` 0 or 1");
+    change(|case| case["steps"][1]["p0"] = 1.5.into())
+        .says("episode 2, step 1: expected `context` 0 or 1");
     change(|case| case["horizon"] = 1.into()).says("step 1 comes after the end");
     change(|case| case["horizon"] = "long".into()).says("changed.json");
     folder.write("changed.json", "{\"cases\": [");

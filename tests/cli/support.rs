@@ -1,4 +1,4 @@
-//! A working folder that runs the binary, and what its store holds.
+//! A working folder that runs the program, and the content of its store.
 
 use std::fs::{self, File};
 use std::path::PathBuf;
@@ -9,29 +9,29 @@ use std::time::{Duration, Instant};
 use rusqlite::{Connection, OpenFlags};
 use tempfile::TempDir;
 
-/// Longest that a test waits for something that must happen.
+/// Maximum time that a test waits for an expected event.
 const PATIENCE: Duration = Duration::from_secs(120);
-/// Time between two looks at it.
+/// Time between two checks of the event.
 const GLANCE: Duration = Duration::from_millis(2);
 
-/// Columns that tell of a run's circumstances; a job's content does not decide them.
+/// Columns that depend on the circumstances of a run, not on the content of its job.
 const CIRCUMSTANCES: [&str; 5] =
     ["attempt", "wall_seconds", "started_at", "ended_at", "code_version"];
 
-/// How long the jobs of a [`manifest`] take.
+/// The duration of the jobs of a [`manifest`].
 #[derive(Clone, Copy, Debug)]
 pub enum Effort {
     /// Milliseconds.
     Trivial,
-    /// Some 100 ms.
+    /// About 100 ms.
     Short,
-    /// Some 2 s.
+    /// About 2 s.
     Long,
     /// Longer than any test.
     Endless,
 }
 
-/// A manifest of P-H-D with both agents; `sigma` and `seeds` as TOML writes them.
+/// A manifest of P-H-D with both agents; `sigma` and `seeds` are in TOML.
 pub fn manifest(name: &str, sigma: &str, seeds: &str, effort: Effort) -> String {
     let (dqn, reinforce) = match effort {
         Effort::Trivial => (10, 10),
@@ -60,7 +60,7 @@ layers = [32]
     )
 }
 
-/// A folder of its own to run the program in; its store is the default one.
+/// A temporary folder in which the program runs; its store is the default one.
 pub struct Folder(TempDir);
 
 impl Folder {
@@ -75,7 +75,7 @@ impl Folder {
         folder
     }
 
-    /// A folder in which the jobs of the manifest `sweep.toml` are completed.
+    /// A folder in which all jobs of the manifest `sweep.toml` are completed.
     pub fn completed(manifest: &str) -> Self {
         let folder = Folder::with(manifest);
         folder.jitai(["run", "sweep.toml"]).succeeded();
@@ -98,7 +98,7 @@ impl Folder {
         self.command_of(env!("CARGO_BIN_EXE_jitai"), arguments)
     }
 
-    /// Another program in this folder.
+    /// A command for another program in this folder.
     pub fn command_of<'a>(
         &self,
         program: &str,
@@ -120,7 +120,7 @@ impl Folder {
         Running::of(self.command(arguments))
     }
 
-    /// The store, past the program.
+    /// A connection to the store that bypasses the program.
     pub fn store(&self) -> Connection {
         Connection::open_with_flags(
             self.path("jitai.sqlite"),
@@ -136,12 +136,12 @@ impl Folder {
             .unwrap_or_else(|error| panic!("{sql}: {error}"))
     }
 
-    /// Runs of any status.
+    /// Number of runs of any status.
     pub fn runs(&self) -> i64 {
         self.number("SELECT count(*) FROM run")
     }
 
-    /// A number from the store; `None` before there is one.
+    /// A number from the store; `None` if it cannot be read yet.
     pub fn count_if_there(&self, sql: &str) -> Option<i64> {
         let store = Connection::open_with_flags(
             self.path("jitai.sqlite"),
@@ -150,18 +150,20 @@ impl Folder {
         store.ok()?.query_row(sql, [], |row| row.get(0)).ok()
     }
 
-    /// Whether a run is under way; not before there is a store.
+    /// Whether a run is under way; `false` if there is no store yet.
     pub fn is_running_a_job(&self) -> bool {
         self.count_if_there("SELECT count(*) FROM run WHERE status = 'running'") > Some(0)
     }
 
-    /// All that the jobs decided: every public view without the columns that tell of
-    /// circumstances and without interrupted runs, and the weights; in a fixed order.
+    /// Everything that the jobs determine, in a fixed order: the weights and every public view, without
+    /// the columns of circumstances and without interrupted runs.
     pub fn dump(&self) -> Vec<String> {
         let store = self.store();
         let mut lines = Vec::new();
-        // What arm_summary says of a job depends on the other jobs of its experiment.
-        for view in views(&store).into_iter().filter(|view| view != "arm_summary") {
+        // A row of arm_summary depends on the other jobs of its experiment, and a row of manifest
+        // depends on the time of the run.
+        let left_out = ["arm_summary", "manifest"];
+        for view in views(&store).into_iter().filter(|view| !left_out.contains(&view.as_str())) {
             let columns: Vec<String> = columns(&store, &view)
                 .into_iter()
                 .filter(|column| !CIRCUMSTANCES.contains(&column.as_str()))
@@ -200,7 +202,7 @@ pub fn columns(store: &Connection, view: &str) -> Vec<String> {
     statement.column_names().map(str::to_owned).collect()
 }
 
-/// The rows of an answer as text; numbers with every digit.
+/// The rows of an answer as text, with all digits of numbers.
 fn rows(store: &Connection, sql: &str) -> Vec<String> {
     let mut statement = store.prepare(sql).unwrap();
     let columns = statement.column_count();
@@ -212,7 +214,7 @@ fn rows(store: &Connection, sql: &str) -> Vec<String> {
     statement.query_map([], row_text).unwrap().collect::<Result<_, _>>().unwrap()
 }
 
-/// Fails with the first row that only one of two dumps has.
+/// Fails with the first row that only one of the two dumps has.
 #[track_caller]
 pub fn assert_same_rows(ours: &[String], theirs: &[String]) {
     let differing = ours.iter().zip(theirs).find(|(one, other)| one != other);
@@ -233,7 +235,7 @@ pub fn until(what: &str, mut condition: impl FnMut() -> bool) {
     }
 }
 
-/// A program under way; killed if the test ends before it does.
+/// A running program; killed if the test ends first.
 pub struct Running {
     child: Child,
     streams: TempDir,
@@ -249,12 +251,12 @@ impl Running {
         Running { child, streams }
     }
 
-    /// What it has written to standard error so far.
+    /// Standard error so far.
     pub fn stderr(&self) -> String {
         self.stream("stderr")
     }
 
-    /// What it has written to standard output so far.
+    /// Standard output so far.
     pub fn stdout(&self) -> String {
         self.stream("stdout")
     }
@@ -278,19 +280,19 @@ impl Running {
         assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success(), "{kill}");
     }
 
-    /// Ends it as SIGKILL does.
+    /// Kills the program with SIGKILL.
     pub fn kill(mut self) {
         self.child.kill().unwrap();
         self.child.wait().unwrap();
     }
 
-    /// Waits for its end.
+    /// Waits for the end of the program.
     #[track_caller]
     pub fn wait(self) -> Finished {
         self.wait_for(PATIENCE)
     }
 
-    /// Waits for its end so long at most.
+    /// Waits for the end of the program, for at most `patience`.
     #[track_caller]
     pub fn wait_for(mut self, patience: Duration) -> Finished {
         let mut status: Option<ExitStatus> = None;
@@ -312,7 +314,7 @@ impl Running {
 
 impl Drop for Running {
     fn drop(&mut self) {
-        // It may have ended, which is what is wanted.
+        // The program may already have ended.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
@@ -341,14 +343,14 @@ impl Finished {
         self
     }
 
-    /// Asserts that standard error has a text.
+    /// Asserts that standard error contains a text.
     #[track_caller]
     pub fn says(self, text: &str) -> Self {
         assert!(self.stderr.contains(text), "{text:?} is not in {:?}", self.stderr);
         self
     }
 
-    /// Asserts that standard output has a text.
+    /// Asserts that standard output contains a text.
     #[track_caller]
     pub fn prints(self, text: &str) -> Self {
         assert!(self.stdout.contains(text), "{text:?} is not in {:?}", self.stdout);

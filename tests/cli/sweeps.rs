@@ -1,8 +1,8 @@
-//! What runs, and what does not run again.
+//! Which jobs run, and which do not run again.
 
 use crate::support::{Effort, Folder, assert_same_rows, manifest};
 
-/// Jobs by experiment.
+/// Number of jobs of an experiment.
 fn jobs_of(folder: &Folder, experiment: &str) -> i64 {
     let sql = "SELECT count(*) FROM run_summary WHERE experiment = ?1";
     folder.store().query_row(sql, [experiment], |row| row.get(0)).unwrap()
@@ -85,12 +85,11 @@ fn an_edit_that_drops_jobs_keeps_their_runs() {
         folder.jitai(["plan", "sweep.toml"].iter().chain(arguments).copied()).succeeded()
     };
     for filter in [&[][..], &["--filter", "seed=1"]] {
-        plan(filter)
-            .says("sweep has 4 jobs in the store that this manifest and this version do not");
+        plan(filter).says("sweep has 4 jobs in the store that this manifest no longer has");
     }
     let narrowed = folder.jitai(["run", "sweep.toml"]).succeeded();
     for filter in [&[][..], &["--filter", "seed=1"]] {
-        assert!(!plan(filter).stderr.contains("do not make"));
+        assert!(!plan(filter).stderr.contains("no longer has"));
     }
     narrowed.says("nothing to run: all 4 jobs").says("sweep no longer has 4 jobs that it had");
     assert_eq!(jobs_of(&folder, "sweep"), 4);
@@ -100,7 +99,7 @@ fn an_edit_that_drops_jobs_keeps_their_runs() {
     folder.write("sweep.toml", manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial));
     folder.jitai(["run", "sweep.toml"]).succeeded().says("nothing to run: all 8 jobs");
     assert_same_rows(&folder.dump(), &before);
-    // The same jobs by another name.
+    // The same jobs with another agent name.
     let renamed = manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial).replace("\"dqn\"", "\"q\"");
     folder.write("sweep.toml", &renamed);
     let renamed = folder.jitai(["run", "sweep.toml"]).succeeded();
@@ -108,7 +107,13 @@ fn an_edit_that_drops_jobs_keeps_their_runs() {
     assert!(!renamed.stderr.contains("no longer"), "{}", renamed.stderr);
     for style in [&["--quiet"][..], &["--format", "json"]] {
         folder.write("sweep.toml", manifest("sweep", "0.6", "1", Effort::Trivial));
-        let run = folder.jitai(["run", "sweep.toml"].iter().chain(style).copied()).succeeded();
+        let refused = folder.jitai(["run", "sweep.toml"].iter().chain(style).copied()).ended(2);
+        refused.says("add --replace to remove 6 of 8 jobs from sweep");
+        let shard = folder.jitai(["run", "sweep.toml", "--shard", "1/2"]).ended(2);
+        shard.says("add --replace to remove 6 of 8 jobs from sweep");
+        assert_eq!(jobs_of(&folder, "sweep"), 8);
+        let replacing = ["run", "sweep.toml", "--replace"];
+        let run = folder.jitai(replacing.iter().chain(style).copied()).succeeded();
         run.says("sweep no longer has 6 jobs that it had");
         folder.write("sweep.toml", manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial));
         folder.jitai(["run", "sweep.toml"]).succeeded();
@@ -139,7 +144,7 @@ fn the_store_is_where_the_option_or_the_environment_says() {
     assert!(!folder.path("jitai.sqlite").exists());
 }
 
-/// The commands that a run proposes, without those behind the last.
+/// The commands that a run suggests after `next:`.
 fn proposed(stdout: &[u8]) -> Vec<String> {
     let text = std::str::from_utf8(stdout).unwrap();
     let (_, next) = text.split_once("\nnext:\n").unwrap();
@@ -173,7 +178,7 @@ fn the_query_that_a_run_proposes_has_a_row_for_every_arm() {
 #[test]
 fn what_a_run_proposes_is_about_its_store_and_its_experiments() {
     let folder = Folder::with(&manifest("it's odd", "0.6", "2", Effort::Trivial));
-    // The store's other experiment has jobs of the same arms.
+    // The store's other experiment has jobs in the same arms.
     folder.write("other.toml", manifest("other", "0.6", "4", Effort::Trivial));
     for (variable, option, expected) in [
         (None, None, ""),
@@ -200,7 +205,7 @@ fn what_a_run_proposes_is_about_its_store_and_its_experiments() {
         for (line, verb) in proposed.iter().zip(verbs) {
             let begins = format!("jitai {verb}{expected}");
             assert!(line.starts_with(&begins), "{line:?} does not begin with {begins:?}");
-            // As a shell would run it.
+            // The command as a shell would run it.
             let line = line.replacen("jitai", "\"$0\"", 1);
             let mut shell = folder.command_of("sh", ["-c", &line, env!("CARGO_BIN_EXE_jitai")]);
             if let Some(variable) = variable {

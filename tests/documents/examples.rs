@@ -1,5 +1,4 @@
-//! The store of the documents' examples: experiments by the names that the documents use, of short
-//! jobs.
+//! The store of the documents' examples: short jobs in experiments with the names in the documents.
 
 use std::fs;
 use std::path::Path;
@@ -7,7 +6,7 @@ use std::process::{Command, Output};
 
 use jitai::store::Value;
 
-/// A value of an answer as text; nothing where there is none.
+/// A value of an answer as text; empty for NULL.
 pub fn cell(value: &Value<'_>) -> String {
     match value {
         Value::Null => String::new(),
@@ -18,13 +17,13 @@ pub fn cell(value: &Value<'_>) -> String {
     }
 }
 
-/// What `jitai` answers in a folder.
+/// The output of `jitai` in a folder.
 pub fn jitai<'a>(folder: &Path, arguments: impl IntoIterator<Item = &'a str>) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_jitai"));
     command.args(arguments).current_dir(folder).env_remove("JITAI_STORE").output().unwrap()
 }
 
-/// A manifest of short jobs under a name that the documents use.
+/// A manifest of short jobs under a name from the documents.
 pub fn manifest_of_short_jobs(name: &str, environment: &str) -> String {
     format!(
         "format = 1
@@ -49,7 +48,7 @@ test_episodes = 20
     )
 }
 
-/// A manifest of a rule that needs no training, in the cells of the quickstart.
+/// A manifest with a rule that needs no training, in the cells of the quickstart.
 fn manifest_of_the_optimum() -> String {
     "format = 1
 name = \"reference\"
@@ -64,7 +63,7 @@ rule = \"optimal\"
     .to_owned()
 }
 
-/// A manifest whose one job's loss overflows.
+/// A manifest with one job, whose loss overflows.
 fn manifest_that_diverges() -> String {
     format!(
         "format = 1
@@ -84,21 +83,38 @@ learning_rate = 1.0
     )
 }
 
-/// Makes `jitai.sqlite` in a folder, with the quickstart alone.
+/// Creates `jitai.sqlite` in a folder, with the quickstart alone.
 pub fn fill_with_quickstart(folder: &Path) {
     let text = manifest_of_short_jobs("quickstart", "sigma = [0.4, 0.6]");
     fs::write(folder.join("quickstart.toml"), text).unwrap();
     run(folder, &["run", "quickstart.toml"], 0);
 }
 
-/// A manifest of the trial of docs/decisions.md, with few episodes.
+/// The manifest of the trial in docs/decisions.md, with few episodes.
 fn manifest_of_the_trial() -> String {
     let shipped = fs::read_to_string("experiments/trial.toml").unwrap();
     format!("{shipped}test_episodes = 200\n")
 }
 
-/// Makes `jitai.sqlite` in a folder, with the experiments that the documents ask about: two share
-/// jobs, one fails and is tried again.
+/// A manifest with participants who differ, and with agents that need no training.
+fn manifest_of_people() -> &'static str {
+    "format = 1
+name = \"population\"
+scenarios = [\"P-H-D\"]
+seeds = 2
+environment.sigma = 0.6
+evaluation.test_episodes = 50
+[population]
+epsilon_d = [{ uniform = [0.0, 0.4] }, { uniform = [0.4, 0.8] }]
+[[agent]]
+name = \"tailored\"
+algorithm = \"rule\"
+rule = \"tailored\"
+"
+}
+
+/// Creates `jitai.sqlite` in a folder, with the experiments of the documents' questions: two share
+/// jobs, and one fails and is run again.
 pub fn fill_store(folder: &Path) {
     fill_with_quickstart(folder);
     let manifests = [
@@ -110,6 +126,7 @@ pub fn fill_store(folder: &Path) {
         ),
         ("reference", manifest_of_the_optimum(), 0),
         ("trial", manifest_of_the_trial(), 0),
+        ("population", manifest_of_people().to_owned(), 0),
         ("too-fast", manifest_that_diverges(), 1),
     ];
     for (name, text, code) in manifests {

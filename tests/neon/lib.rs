@@ -1,6 +1,6 @@
-//! The two modules of the library that compute with instruction sets and bits, and their tests.
+//! The two modules of the library that depend on instruction sets and bits, with their tests.
 
-// What the rest of the library calls.
+// The callers of some items are in the rest of the library.
 #![allow(dead_code, unused_imports)]
 
 #[path = "../../src/kernel/mod.rs"]

@@ -1,11 +1,11 @@
-"""Writes statistics.json: what scipy, statsmodels, mpmath and R answer where jitai answers itself.
+"""Writes statistics.json: reference values from scipy, statsmodels, mpmath and R for jitai's statistics.
 
     pip install scipy==1.17.1 statsmodels==0.15.0 mpmath==1.4.1 numpy==2.4.6
     python statistics.py       # writes statistics.json beside this file; needs Rscript; minutes
 
-Tails and the noncentral t distribution come from mpmath, by integrals of 20 digits: the double
-precision of the libraries does not reach there. Samples come from NumPy's generator with a fixed
-seed and are written with the answers, so that the file is complete in itself.
+Tails and the noncentral t distribution are computed by mpmath with 20 digits, because the double
+precision of the libraries is not sufficient. Samples come from NumPy's generator with a fixed seed
+and are written beside the results, so that the file is self-contained.
 """
 
 import itertools
@@ -54,7 +54,7 @@ def noncentral(t, df, shift):
     root = mpmath.sqrt(df)
     top = root + 12
     places = {mpmath.mpf(0), top, root}
-    # The normal distribution function rises around here.
+    # The normal distribution function rises around this point.
     if t:
         middle, width = shift * root / t, 12 * root / abs(t)
         places |= {p for k in (-1, -0.5, 0, 0.5, 1) if 0 < (p := middle + k * width) < top}
@@ -78,7 +78,7 @@ def correction(df):
 
 
 def newcombe(seen, m, n):
-    """Method 5, by the squared equation: (p - seen)^2 = z^2 variance(p)."""
+    """Newcombe's method 5: the roots of (p - seen)^2 = z^2 variance(p)."""
     larger = (m + n) / 2 - 1
 
     def excess(p):
@@ -103,7 +103,7 @@ def t_test(result):
 
 
 def permutation_p(first, second, kind):
-    """Counted by scipy; the statistic is the size of the difference, so that both tails count."""
+    """The p value of scipy; the statistic is the absolute difference, so that both tails count."""
     distance = lambda x, y, axis=-1: numpy.abs(numpy.mean(x, axis=axis) - numpy.mean(y, axis=axis))
     result = stats.permutation_test(
         (first, second),
@@ -185,14 +185,14 @@ def multiplicity():
 
 
 def detectable_shift(df):
-    """The shift that statsmodels looks for, to the end: its own search stops at 1e-6."""
+    """The shift that statsmodels searches for, to full precision; its own search stops at 1e-6."""
     bound = stats.t.isf(0.025, df)
     missed = lambda shift: noncentral(bound, df, shift) - noncentral(-bound, df, shift)
     return optimize.brentq(lambda shift: missed(shift) - 0.2, 1, 10 + 2 * bound, xtol=1e-13)
 
 
 def power():
-    """Seeds, the standardised difference by statsmodels, and the same to the end."""
+    """Rows of seeds, the standardised difference by statsmodels, and the same to full precision."""
     rows = {"independent": [], "paired": []}
     for m, n in [(2, 2), (3, 3), (3, 10), (5, 5), (10, 10), (10, 20), (50, 50), (300, 700)]:
         d = TTestIndPower().solve_power(nobs1=m, ratio=n / m, alpha=0.05, power=0.8)
@@ -209,7 +209,7 @@ def middle_mean(values, axis=None):
 
 
 def bootstrap_interval(statistic, strata, resamples=200_000):
-    """Percentile interval; `statistic` takes one array a stratum, of one row a resample."""
+    """Percentile interval; `statistic` takes one array per stratum, with one row per resample."""
     generator = numpy.random.default_rng(7)
     parts = []
     for _ in range(resamples // 20_000):
@@ -242,7 +242,7 @@ def quantiles():
 
 
 def moving_means():
-    """Points are spread over their episodes, and the episodes averaged one by one."""
+    """Moving means over single episodes; each episode has the value of the point that covers it."""
     generator = numpy.random.default_rng(9)
     for episodes, stride, window in [(40, 1, 10), (200, 10, 100), (205, 10, 35), (30, 7, 12)]:
         ends = [*range(stride, episodes + 1, stride)]

@@ -1,4 +1,4 @@
-//! A cluster on loopback for one test, and a folder in which the program is used with it.
+//! A cluster on loopback for one test, and a folder in which the program uses the cluster.
 
 use std::collections::HashMap;
 use std::fs;
@@ -14,12 +14,12 @@ use tempfile::TempDir;
 
 use crate::support::{Finished, Folder, Running, assert_same_rows};
 
-/// Longest that a test waits for something: two cores may run all tests at the same time.
+/// Maximum time that a test waits: two cores may run all tests at the same time.
 const PATIENCE: Duration = Duration::from_secs(400);
-/// Time between two looks at it.
+/// Time between two checks of a condition.
 const GLANCE: Duration = Duration::from_millis(100);
 
-/// The variable without which the tests are skipped: they start daemons, as root.
+/// The variable that enables the tests, which start daemons as root.
 const VARIABLE: &str = "JITAI_TEST_SLURM";
 
 /// A Slurm cluster with three nodes.
@@ -50,7 +50,7 @@ impl Cluster {
         self.folder.path().join("slurm.conf")
     }
 
-    /// What a program of Slurm prints.
+    /// The output of a Slurm program.
     pub fn slurm(&self, program: &str, arguments: &[&str]) -> String {
         let output = self.try_slurm(program, arguments);
         assert!(output.status.success(), "{program} {arguments:?}: {}", text(&output.stderr));
@@ -62,13 +62,13 @@ impl Cluster {
         command.args(arguments).env("SLURM_CONF", self.configuration()).output().unwrap()
     }
 
-    /// Cuts the power of a node, which the controller notices at once.
+    /// Cuts the power of a node; the controller notices at once.
     pub fn kill_node(&self, node: &str) {
         self.script(&["kill-node", node.trim_start_matches('n')], &[]);
         self.down(node);
     }
 
-    /// Makes the controller take a node for lost.
+    /// Makes the controller consider a node lost.
     pub fn down(&self, node: &str) {
         let node = format!("nodename={node}");
         self.slurm("scontrol", &["update", &node, "state=down", "reason=test"]);
@@ -105,12 +105,12 @@ pub struct Lab {
 }
 
 impl Lab {
-    /// A lab for a manifest; `None`, with a message, where tests with Slurm are not wanted.
+    /// A lab for a manifest; `None`, with a message, if tests with Slurm are disabled.
     pub fn with(manifest: &str, profile: &str) -> Option<Lab> {
         Lab::with_arrays_of(1001, manifest, profile)
     }
 
-    /// The same, with arrays of so many tasks at most.
+    /// The same lab, with at most `most_tasks` tasks per array.
     pub fn with_arrays_of(most_tasks: u32, manifest: &str, profile: &str) -> Option<Lab> {
         if std::env::var_os(VARIABLE).is_none() {
             eprintln!("skipped: no Slurm is tried; `make test-slurm` does that");
@@ -128,7 +128,7 @@ impl Lab {
         Some(Lab { folder, cluster, manifest: manifest.to_owned() })
     }
 
-    /// The program with arguments, where it finds the cluster.
+    /// The program with arguments, in an environment in which it finds the cluster.
     pub fn command(&self, arguments: &[&str]) -> Command {
         let mut command = self.folder.command(arguments.iter().copied());
         command.env("SLURM_CONF", self.cluster.configuration());
@@ -146,14 +146,15 @@ impl Lab {
         self.start(arguments).wait_for(PATIENCE)
     }
 
-    /// Submits, with further arguments.
+    /// Submits the manifest, with further arguments.
     #[track_caller]
     pub fn submit(&self, more: &[&str]) -> Finished {
         let arguments = [&["submit", "sweep.toml", "--cluster", "cluster.toml"], more].concat();
         self.jitai(&arguments)
     }
 
-    /// The program with a folder of programs before Slurm's own; `body` is the one called `name`.
+    /// Submits with a folder of programs that precedes Slurm's own in the path; the program `name` has
+    /// this `body`.
     pub fn submit_with_program(&self, name: &str, body: &str) -> Running {
         let bin = self.folder.path("bin");
         fs::create_dir_all(&bin).unwrap();
@@ -167,7 +168,7 @@ impl Lab {
         Running::of(command)
     }
 
-    /// The submissions, as `status` shows them.
+    /// The submissions, as shown by `status`.
     pub fn submissions(&self) -> Vec<Value> {
         let shown = self.jitai(&["status", "--submissions", "--format", "json"]).succeeded();
         shown.json().as_array().unwrap().clone()
@@ -184,7 +185,7 @@ impl Lab {
         self.submissions_made().pop().expect("one was made")
     }
 
-    /// What the attempts of the latest submission say of themselves, the earliest first.
+    /// The recorded attempts of the latest submission, the earliest first.
     pub fn attempts(&self) -> Vec<Value> {
         let mut attempts: Vec<Value> = files(&self.submission().join("attempts"))
             .iter()
@@ -208,7 +209,7 @@ impl Lab {
         parts
     }
 
-    /// Waits until a task has begun to run jobs; returns its node.
+    /// Waits until a task runs jobs; returns its node.
     #[track_caller]
     pub fn until_running(&self) -> String {
         until("a task runs jobs", || {
@@ -238,7 +239,7 @@ impl Lab {
         self.tasks().first().map(|(process, _)| *process)
     }
 
-    /// The same for a task whose chunk has a job, once its attempt is on record.
+    /// A process that runs a task whose chunk contains the job, once its attempt is recorded.
     pub fn task_process_with(&self, key: &str) -> Option<u32> {
         let has_it = |(_, words): &(u32, Vec<String>)| {
             let (folder, chunk) = (Path::new(&words[2]), &words[4]);
@@ -265,14 +266,14 @@ impl Lab {
         processes().into_iter().find(is_daemon).expect("the node is up")
     }
 
-    /// Submits and follows until every job has ended, and compares with one machine.
+    /// Submits, waits until every job has ended, and compares the results with those of one machine.
     #[track_caller]
     pub fn finish(&self) {
         self.submit(&["--wait"]).succeeded();
         self.assert_as_on_one_machine();
     }
 
-    /// Compares all that the jobs decided with a run of the manifest on this machine alone.
+    /// Compares everything that the jobs determine with a run of the manifest on this machine alone.
     #[track_caller]
     pub fn assert_as_on_one_machine(&self) {
         static DUMPS: LazyLock<Mutex<HashMap<String, Vec<String>>>> = LazyLock::new(Mutex::default);
@@ -298,7 +299,7 @@ impl Drop for Lab {
     }
 }
 
-/// The files of a folder, sorted; without those that are being written.
+/// The files in a folder, sorted, without unfinished files.
 pub fn files(folder: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
     let is_shown = |path: &PathBuf| !path.file_name().unwrap().to_string_lossy().starts_with('.');
@@ -314,9 +315,19 @@ fn processes() -> Vec<u32> {
 
 /// The parent of a process.
 pub fn parent(process: u32) -> u32 {
-    let stat = fs::read_to_string(format!("/proc/{process}/stat")).unwrap();
-    let behind_name = stat.rsplit_once(')').unwrap().1;
-    behind_name.split_whitespace().nth(1).unwrap().parse().unwrap()
+    stat(process).unwrap()[1].parse().unwrap()
+}
+
+/// Whether a process has ended. It may still be a zombie.
+pub fn has_ended(process: u32) -> bool {
+    stat(process).is_none_or(|stat| stat[0] == "Z" || stat[0] == "X")
+}
+
+/// The fields of `/proc/<process>/stat` after the name: the state, the parent and so on.
+fn stat(process: u32) -> Option<Vec<String>> {
+    let stat = fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
+    let behind_name = stat.rsplit_once(')')?.1;
+    Some(behind_name.split_whitespace().map(str::to_owned).collect())
 }
 
 /// Sends a signal to a process.

@@ -75,7 +75,7 @@ start() {
     echo $! >"$folder/process/$name"
 }
 
-# Ends a recorded process, if it is still the one that was started: its environment says so.
+# Ends a recorded process, if its environment shows that it is the process that was started.
 end() {
     local name=$1 signal=$2 process
     [ -e "$folder/process/$name" ] || return 0

@@ -4,14 +4,14 @@ use std::fs;
 use std::thread;
 use std::time::Duration;
 
-use crate::cluster::{Lab, parent, signal, until};
+use crate::cluster::{Lab, has_ended, parent, signal, until};
 use crate::support::{Effort, manifest};
 
 /// One chunk of six jobs.
 const ONE_CHUNK: &str = "chunk_minutes = 1000\nhand_in_minutes = 0.1";
 
 fn six_jobs() -> String {
-    manifest("lost", "0.6", "3", Effort::Long).replace("episodes = 4000\n", "episodes = 1000\n")
+    manifest("lost", "0.6", "3", Effort::Long).replace("episodes = 4000\n", "episodes = 3000\n")
 }
 
 #[test]
@@ -48,18 +48,20 @@ fn a_frozen_task_that_wakes_up_after_its_replacement_has_handed_in() {
     let Some(lab) = Lab::with(&six_jobs(), "chunk_minutes = 1000") else { return };
     lab.submit(&[]).succeeded();
     let node = lab.until_running();
-    // The node freezes: its daemon and the first process of its namespace too, on which all hang.
+    // The node freezes: its first process, the ancestor of all others, is stopped first.
     let task = lab.task_process().unwrap();
     let script = parent(task);
     let step = parent(script);
     let daemon = lab.node_daemon(&node);
     let first = parent(daemon);
     signal(first, "STOP");
-    // Slurm on it is gone, so that nobody ends the task when it wakes up. This comes before the task
-    // stops: a stopped process whose group loses its parent gets a SIGHUP and wakes up.
+    // Slurm on the node is killed, so that it cannot end the task when the task wakes up. The task is
+    // stopped only after this: a stopped process whose group loses its parent gets a SIGHUP and wakes
+    // up.
     for process in [step, daemon] {
         signal(process, "KILL");
     }
+    until("Slurm on the node is gone", || has_ended(step) && has_ended(daemon));
     for process in [script, task] {
         signal(process, "STOP");
     }
@@ -111,7 +113,7 @@ fn a_job_that_brings_its_task_down_three_times_has_failed_and_the_others_go_on()
         }
         waiting.has_ended()
     });
-    waiting.wait().ended(1).says("three tasks died with it (crashed)");
+    waiting.wait().ended(1).says("failed (crashed): three tasks died while running it");
     assert_eq!(killed, 3);
     assert_eq!(lab.folder.number("SELECT count(*) FROM run WHERE status = 'completed'"), 4);
     let crashed = "SELECT count(*) FROM run WHERE failure_kind = 'crashed'";

@@ -1,4 +1,4 @@
-//! Submitting, and a controller that does not answer.
+//! Submission, and a controller that does not answer.
 
 use std::fs;
 use std::thread;
@@ -14,7 +14,7 @@ fn jobs(seeds: &str, effort: Effort) -> String {
 #[test]
 fn the_controller_down_for_30_s_during_submit() {
     let Some(lab) = Lab::with(&jobs("4", Effort::Short), "chunk_minutes = 0.01") else { return };
-    // Down from the moment at which sbatch is called.
+    // The controller is down from the moment at which sbatch is called.
     let asked = lab.folder.path("asked");
     let body = format!(
         "[ -e {asked} ] || {{ touch {asked}; while [ ! -e {asked}.down ]; do sleep 0.1; done; }}\n\
@@ -34,17 +34,17 @@ fn the_controller_down_for_30_s_during_submit() {
 
 #[test]
 fn the_controller_down_for_30_s_during_status() {
-    // Jobs for as long as the program waits for answers, twice, and the controller is down.
+    // The jobs outlast two waits of the program for an answer, and the time without a controller.
     let Some(lab) = Lab::with(&jobs("40", Effort::Long), "chunk_minutes = 1000") else { return };
     lab.submit(&[]).succeeded();
     lab.until_running();
     lab.cluster.kill_controller();
-    let status = lab.jitai(&["status"]).succeeded().says("what the cluster holds is unknown");
+    let status = lab.jitai(&["status"]).succeeded().says("the state on the cluster is unknown");
     assert!(status.stdout.contains("unknown"), "{}", status.stdout);
     let shown = &lab.submissions()[0];
     assert_eq!(shown["state"], "unknown");
     assert_eq!((&shown["unknown"], &shown["finished"]), (&1.into(), &0.into()));
-    // What is unknown is not submitted again.
+    // Jobs in an unknown state are not submitted again.
     lab.submit(&[]).ended(3);
     assert_eq!(lab.submissions().len(), 1);
     thread::sleep(Duration::from_secs(30));
@@ -60,7 +60,7 @@ fn submit_killed_before_sbatch() {
     assert_eq!(killed.code, None);
     let shown = &lab.submissions()[0];
     assert_eq!((&shown["finished"], &shown["lost"]), (&0.into(), &shown["chunks"]), "{shown}");
-    lab.submit(&["--wait"]).succeeded().says("was never given to the cluster");
+    lab.submit(&["--wait"]).succeeded().says("never reached the cluster");
     lab.assert_as_on_one_machine();
     assert_eq!(lab.submissions()[0]["state"], "abandoned");
 }
@@ -81,7 +81,7 @@ fn submit_killed_after_sbatch() {
 #[test]
 fn a_manifest_edited_while_its_submission_runs() {
     let Some(lab) = Lab::with(&jobs("3", Effort::Long), "chunk_minutes = 0.2") else { return };
-    // Tasks wait until the edit is done.
+    // The tasks wait until the edit is done.
     lab.cluster.slurm("scontrol", &["update", "partition=main", "state=down"]);
     lab.submit(&[]).succeeded();
     lab.folder.write("sweep.toml", jobs("[7, 8]", Effort::Short));
@@ -106,7 +106,7 @@ fn an_array_larger_than_max_array_size() {
 #[test]
 fn sbatch_absent() {
     let Some(lab) = Lab::with(&jobs("1", Effort::Trivial), "") else { return };
-    // The rest of Slurm is there.
+    // All other Slurm programs are present.
     let bin = lab.folder.path("few");
     fs::create_dir(&bin).unwrap();
     for program in ["scontrol", "squeue"] {
@@ -115,7 +115,7 @@ fn sbatch_absent() {
     for path in [bin.as_path(), "/nowhere".as_ref()] {
         let mut command = lab.command(&["submit", "sweep.toml"]);
         command.env("PATH", path);
-        crate::support::Running::of(command).wait().ended(3).says("is Slurm installed");
+        crate::support::Running::of(command).wait().ended(3).says("check that Slurm is installed");
     }
     assert!(lab.submissions().is_empty());
 }
@@ -123,7 +123,7 @@ fn sbatch_absent() {
 #[test]
 fn sbatch_refusing() {
     let Some(lab) = Lab::with(&jobs("1", Effort::Trivial), "partition = \"wrong\"") else { return };
-    let refused = lab.submit(&[]).ended(3).says("`sbatch` says: ");
+    let refused = lab.submit(&[]).ended(3).says("`sbatch` failed: ");
     assert!(refused.stderr.contains("invalid partition specified"), "{}", refused.stderr);
     assert!(lab.submissions().is_empty(), "a refused array is no submission");
     lab.folder.write("cluster.toml", "engine = \"slurm\"\npartition = \"main\"\n");

@@ -1,4 +1,4 @@
-//! Disks that are full.
+//! Full disks.
 
 use std::fs::{self, File};
 use std::io::Write;
@@ -12,7 +12,7 @@ use tempfile::TempDir;
 use crate::cluster::{Lab, until};
 use crate::support::{Effort, manifest};
 
-/// A disk of a few megabytes, on which a cluster that is brought up later may work.
+/// A disk of a few megabytes, which a cluster that starts later may use.
 struct SmallDisk {
     folder: TempDir,
 }
@@ -35,7 +35,7 @@ impl SmallDisk {
         self.path().join("filler")
     }
 
-    /// Fills it to the last byte.
+    /// Fills the disk to the last byte.
     fn fill(&self) {
         let mut file = File::create(self.filler()).unwrap();
         while file.write(&[0; 4096]).is_ok_and(|written| written > 0) {}
@@ -48,7 +48,7 @@ impl SmallDisk {
 
 impl Drop for SmallDisk {
     fn drop(&mut self) {
-        // Lazily: a task of a failed test may still be on it.
+        // The unmount is lazy, because a task of a failed test may still use the disk.
         let _ = Command::new("umount").arg("--lazy").arg(self.path()).status();
     }
 }
@@ -62,7 +62,7 @@ fn the_shared_folder_full_while_a_part_is_handed_in() {
     let profile = format!("chunk_minutes = 1000\nfolder = \"{}\"", disk.path().display());
     let manifest = manifest("full", "0.6", "2", Effort::Short);
     let Some(lab) = Lab::with(&manifest, &profile) else { return };
-    // Nothing runs before the disk is full.
+    // No task runs before the disk is full.
     lab.cluster.slurm("scontrol", &["update", "partition=main", "state=down"]);
     lab.submit(&[]).succeeded();
     let log = lab.submission().join("logs/0.log");

@@ -1,4 +1,4 @@
-//! Claims: one run a job, whoever asks, is killed or comes back.
+//! Claims: a job has one run at a time, whichever process asks, is killed or comes back.
 
 use std::collections::HashSet;
 use std::thread;
@@ -185,7 +185,7 @@ fn dead_sessions_are_released_and_living_ones_are_not() {
     assert_eq!(sample.store.release_dead_sessions(session).unwrap(), 0);
 
     sample.kill(dead);
-    // However long ago its last heartbeat was: it may be stopped.
+    // The age of the last heartbeat is irrelevant, because the process may be stopped.
     let old = "UPDATE session SET heartbeat_at = '2026-01-31T12:00:00.000Z'";
     sample.raw().execute(old, []).unwrap();
     assert_eq!(sample.store.release_dead_sessions(session).unwrap(), 1);

@@ -1,4 +1,4 @@
-//! A condition means the same in memory and in SQL.
+//! A condition has the same meaning in memory and in SQL.
 
 use std::ops::ControlFlow;
 
@@ -11,7 +11,7 @@ use jitai::store::{self, Answer, DataQuery, Parts, Reader};
 
 use crate::sample::{Sample, completed, experiment};
 
-/// Agents with different keys, and values of every type.
+/// A manifest whose agents have different keys, with values of every type.
 const MANIFEST: &str = r#"
 format = 1
 name = "sweep"
@@ -75,7 +75,7 @@ fn in_sql(query: &DataQuery, reader: &Reader) -> Rows {
     rows
 }
 
-/// Every condition on one value, of those that the manifest's jobs have and of some that none has.
+/// A condition on each value that the manifest's jobs have, and on some values that no job has.
 fn conditions(manifest: &Manifest) -> Vec<Condition> {
     let mut conditions: Vec<Condition> =
         manifest.scenarios.iter().map(|one| Condition::Scenario(vec![one.clone()])).collect();
@@ -107,7 +107,7 @@ fn a_condition_selects_the_same_jobs_in_memory_and_in_sql() {
     for (place, planned) in jobs().enumerate() {
         let Outcome::Completed(results) = completed() else { panic!("it completes") };
         let weights = results.weights.clone().filter(|_| planned.job.agent.episodes() > 0);
-        // Some are left open.
+        // Some jobs stay without a run.
         if place % 5 != 0 {
             sample.run(&planned.job, &Outcome::Completed(Results { weights, ..results }));
         }

@@ -1,6 +1,5 @@
-//! Experiments, and what can be read about their jobs.
+//! Experiments, and the information about their jobs.
 
-use std::collections::BTreeMap;
 use std::fs;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -36,7 +35,7 @@ fn registering_again_writes_nothing() {
     assert!(before == after, "the log has grown");
 }
 
-/// Jobs that differ in their seed.
+/// Jobs that differ only in their seeds.
 fn many(jobs: u64) -> impl Iterator<Item = (&'static str, Job)> {
     (1..=jobs).map(|seed| ("dqn", dqn(0.4, seed)))
 }
@@ -49,7 +48,7 @@ fn a_large_registration_lets_others_write_and_stops_between_its_parts() {
     let stop = AtomicBool::new(false);
     let jobs = many(25_000).map(|(agent, job)| {
         if job.seed == 10_001 {
-            // The first ten thousand are there for all, and the lock is free.
+            // Other connections see the first ten thousand jobs, and the lock is free.
             let known = number(&stranger, "SELECT count(*) FROM experiment_job");
             assert_eq!(known, 10_000);
             stranger.execute_batch("BEGIN IMMEDIATE; ROLLBACK").unwrap();
@@ -90,7 +89,7 @@ fn an_edited_manifest_replaces_the_jobs_and_keeps_their_runs() {
     let edited = Experiment { manifest: "format = 1\nseeds = [2, 3]", ..experiment("sweep") };
     let jobs = [("dueling", dqn(0.4, 2)), ("dueling", dqn(0.4, 3))];
     let registered = sample.store.register(&edited, jobs).unwrap();
-    // One of the two is held by another name now.
+    // One of the two jobs now has another agent name.
     assert_eq!(registered, Registered { jobs: 2, added: 2, dropped: 1 });
     assert_eq!(counts(&sample, "sweep"), Counts { pending: 2, ..Counts::default() });
     let raw = sample.raw();
@@ -133,7 +132,8 @@ fn jobs_are_counted_by_what_became_of_them() {
     sample.run(&jobs[3], &Outcome::Interrupted);
     sample.run(&jobs[3], &completed());
     sample.claim(&jobs[4]);
-    // A failed one again: once running, once interrupted; and an interrupted one, running.
+    // A failed job runs again: one such run is running, another is interrupted; an interrupted job is
+    // running.
     sample.run(&jobs[5], &failed());
     sample.run(&jobs[6], &failed());
     sample.run(&jobs[7], &Outcome::Interrupted);
@@ -204,22 +204,22 @@ fn a_job_completed_under_another_version_is_found_by_its_content() {
 }
 
 #[test]
-fn paces_are_means_over_completed_runs_by_algorithm() {
-    let jobs = [dqn(0.4, 1), dqn(0.4, 2), reinforce(0.4, 1)];
+fn paces_are_of_jobs_that_differ_in_seeds_alone() {
+    let jobs = [dqn(0.4, 1), dqn(0.4, 2), dqn(0.6, 1), reinforce(0.4, 1)];
     let mut sample = Sample::with(&jobs);
-    for (job, seconds) in jobs.iter().zip([10.0, 20.0, 30.0]) {
+    for (job, seconds) in jobs.iter().zip([10.0, 20.0, 5.0, 40.0]) {
         let claim = sample.claim(job);
         sample.store.finish(&claim, &completed(), seconds).unwrap();
     }
-    let paces = Reader::open(&sample.path).unwrap().paces().unwrap();
-    let [dqn, reinforce] = paces.as_slice() else { panic!("{paces:?}") };
-    assert_eq!((dqn.algorithm.as_str(), dqn.runs, dqn.seconds_per_job), ("dueling_dqn", 2, 15.0));
-    assert_eq!(dqn.seconds_per_episode, 30.0 / 2000.0);
-    assert_eq!(reinforce.seconds_per_episode, 30.0 / 15_000.0);
+    let mut paces = Reader::open(&sample.path).unwrap().paces().unwrap();
+    paces.sort_by(|one, other| one.seconds.total_cmp(&other.seconds));
+    let found = paces.iter().map(|pace| (pace.job.algorithm(), pace.runs, pace.seconds));
+    let expected = [("dueling_dqn", 1, 5.0), ("dueling_dqn", 2, 30.0), ("reinforce", 1, 40.0)];
+    assert_eq!(found.collect::<Vec<_>>(), expected);
 }
 
 #[test]
-fn what_is_left_is_counted_in_training_episodes() {
+fn what_is_left_is_counted_in_jobs_that_differ_in_seeds_alone() {
     let jobs = [dqn(0.4, 1), dqn(0.4, 2), dqn(0.4, 3), reinforce(0.4, 1), reinforce(0.4, 2)];
     let mut sample = Sample::with(&jobs);
     sample.run(&jobs[0], &completed());
@@ -227,8 +227,8 @@ fn what_is_left_is_counted_in_training_episodes() {
     sample.claim(&jobs[2]);
     sample.run(&jobs[3], &failed());
     let all = Reader::open(&sample.path).unwrap().experiment_counts().unwrap();
-    let left = BTreeMap::from([("dueling_dqn".to_owned(), 2000), ("reinforce".to_owned(), 15_000)]);
-    assert_eq!(all[0].episodes_left, left);
+    let left = all[0].left.iter().map(|(job, jobs)| (job.algorithm(), *jobs));
+    assert_eq!(left.collect::<Vec<_>>(), [("dueling_dqn", 2), ("reinforce", 1)]);
 }
 
 #[test]
@@ -266,7 +266,7 @@ fn a_data_set_has_the_planned_jobs_with_what_became_of_them() {
 
 #[test]
 fn weights_are_found_by_the_beginning_of_a_key() {
-    // Two keys with the same first digit, and one that starts with another.
+    // At least two keys with the same first digit, and one key with another digit.
     let jobs: Vec<Job> = (1..=40).map(|seed| dqn(0.123_456_789_012_345_67, seed)).collect();
     let mut sample = Sample::with(&jobs);
     let digit = |job: &Job| job.key().to_string().remove(0);
@@ -287,7 +287,7 @@ fn weights_are_found_by_the_beginning_of_a_key() {
     assert_eq!(found.safetensors, Some(vec![8, 0, 0, 0]));
     assert_eq!(weights(&first.key().to_string()).unwrap(), found);
     assert!(weights(&other.key().to_string()).unwrap_err().contains("has no completed run"));
-    assert!(weights(&"0".repeat(32)).unwrap_err().starts_with("no job's key begins with"));
+    assert!(weights(&"0".repeat(32)).unwrap_err().starts_with("no job key begins with"));
     for text in ["", "xyz", "a%", &"a".repeat(33)] {
         assert!(weights(text).unwrap_err().contains("is not a job key"), "{text}");
     }

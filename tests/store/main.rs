@@ -1,4 +1,4 @@
-//! The store: its rules, its claims, what it answers, and what it refuses.
+//! The store: its rules, claims, answers and refusals.
 
 mod claims;
 mod conditions;

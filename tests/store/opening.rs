@@ -1,4 +1,4 @@
-//! What can be opened, and what is refused without a trace.
+//! Files that can be opened as stores, and files that are rejected without a trace.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -50,7 +50,7 @@ fn a_store_whose_newer_version_is_still_in_the_log_is_left_untouched() {
     newer.execute_batch(&format!("PRAGMA user_version = {}", SCHEMA_VERSION + 1)).unwrap();
     let before = contents(folder.path());
     refused(&path, &format!("schema version {}", SCHEMA_VERSION + 1));
-    // The index of the log (-shm) holds locks and is not part of the data.
+    // The index of the log (-shm) contains locks and is not part of the data.
     let data = |files: Vec<(PathBuf, Vec<u8>)>| -> Vec<_> {
         files.into_iter().filter(|(path, _)| !path.to_str().unwrap().ends_with("-shm")).collect()
     };
@@ -78,7 +78,7 @@ fn a_database_of_another_program_is_left_untouched() {
         let path = folder.path().join("notes.sqlite");
         Connection::open(&path).unwrap().execute_batch(schema).unwrap();
         let before = contents(folder.path()).remove(0);
-        refused(&path, "a SQLite file that jitai did not make");
+        refused(&path, "a SQLite file of another program");
         assert_eq!(contents(folder.path()).remove(0), before, "{schema}");
     }
 }
@@ -96,7 +96,7 @@ fn what_is_no_database_is_refused() {
     refused(&file("long.txt", &[b'x'; 5000]), message);
     refused(&file("cut.sqlite", b"SQLite format 3\0"), message);
     refused(folder.path(), "is a folder, not a store");
-    refused(&folder.path().join("absent/a.sqlite"), "make it first");
+    refused(&folder.path().join("absent/a.sqlite"), "create it first");
     refused(Path::new("/dev/null"), "is a device or pipe, not a store");
     assert_eq!(fs::read(folder.path().join("notes.txt")).unwrap(), b"hello");
 }
@@ -106,7 +106,7 @@ fn what_is_no_database_is_refused() {
 fn a_place_that_cannot_be_written_is_refused() {
     let error = Store::open(Path::new("/proc/jitai.sqlite")).unwrap_err().to_string();
     assert!(error.starts_with("cannot open `/proc/jitai.sqlite`: "), "{error}");
-    assert!(error.ends_with("check the rights of the file and its folder"), "{error}");
+    assert!(error.ends_with("check the permissions of the file and its folder"), "{error}");
 }
 
 #[test]

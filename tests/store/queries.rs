@@ -1,4 +1,4 @@
-//! Queries of the user: they read the store and do nothing else.
+//! Queries of users: they only read the store.
 
 use std::fs;
 use std::ops::ControlFlow;
@@ -16,7 +16,7 @@ fn sample() -> Sample {
     sample
 }
 
-/// The answer as lines of text.
+/// An answer as lines of text.
 fn ask(reader: &Reader, sql: &str) -> Result<Vec<String>, QueryError> {
     let mut lines = Vec::new();
     reader.query(sql, |answer| {
@@ -135,7 +135,7 @@ fn a_query_cannot_reach_outside_by_any_way_that_sql_has() {
     let before = fs::read(&sample.path).unwrap();
     let reader = Reader::open(&sample.path).unwrap();
     for sql in [
-        // Writing, in disguise.
+        // Disguised writes.
         "WITH x AS (SELECT 1) INSERT INTO metric_name (name) SELECT 'x' FROM x",
         "WITH x AS (SELECT 1) DELETE FROM experiment_job",
         "REPLACE INTO metric_name (id, name) VALUES (1, 'x')",
@@ -162,7 +162,7 @@ fn a_query_cannot_reach_outside_by_any_way_that_sql_has() {
         "SELECT load_extension('other', 'sqlite3_extension_init') FROM run",
         "SELECT (SELECT load_extension('other'))",
         "WITH x AS (SELECT load_extension('other') AS a) SELECT a FROM x",
-        // Settings, and locks on others.
+        // Settings, and locks on other processes.
         "PRAGMA locking_mode = EXCLUSIVE",
         "PRAGMA hard_heap_limit = 0",
         "PRAGMA trusted_schema = ON",
@@ -234,14 +234,14 @@ fn faulty_sql_is_shown_with_its_place() {
     assert!(error.starts_with("no such column: x at") && error.ends_with('^'), "{error}");
     let error = ask(&reader, "SELECT * FORM metric").unwrap_err();
     assert!(error.to_string().starts_with("near \"FORM\": syntax error at line 1, column 10\n"));
-    // No place is known for an unfinished statement.
+    // SQLite reports no position for an unfinished statement.
     let error = ask(&reader, "SELECT * FROM").unwrap_err();
     assert!(error.to_string().contains("incomplete input"), "{error}");
     let error = ask(&reader, "SELECT * FROM runs").unwrap_err();
     assert_eq!(
         error.to_string(),
         "no such table: runs; the views are run_summary, parameter, metric, learning_curve, \
-         evaluation_episode, action_choice, arm_summary, decision"
+         evaluation_episode, action_choice, arm_summary, decision, participant, manifest"
     );
 }
 
@@ -283,7 +283,7 @@ fn a_query_can_be_interrupted_from_another_thread() {
         "WITH RECURSIVE n (i) AS (VALUES (1) UNION ALL SELECT i + 1 FROM n) SELECT count(*) FROM n";
     let ended = AtomicBool::new(false);
     thread::scope(|scope| {
-        // An interrupt before the query begins is none.
+        // An interrupt before the query begins has no effect.
         scope.spawn(|| {
             while !ended.load(Ordering::Relaxed) {
                 thread::sleep(Duration::from_millis(20));

@@ -1,4 +1,4 @@
-//! States that must not be are refused by the file itself, whoever writes them.
+//! The file itself rejects invalid states, whichever program writes them.
 
 use rusqlite::Connection;
 use rusqlite::types::Value;
@@ -12,7 +12,7 @@ const RESULTS: &str =
     INSERT INTO test_episode VALUES (1, 1, 2.5, 50, 0);
     INSERT INTO trained_weights VALUES (1, x'00');";
 
-/// A store whose run 1, of job 1, is running.
+/// A store in which run 1, of job 1, is running.
 fn running() -> (Sample, Connection) {
     let job = dqn(0.4, 1);
     let mut sample = Sample::with(std::slice::from_ref(&job));
@@ -86,7 +86,7 @@ fn a_completed_run_has_every_metric_of_the_summary() {
         format!("UPDATE run SET status = 'completed', {END}, wall_seconds = 1, {DIGEST}");
     for missing in 1..=4 {
         let (_sample, raw) = running();
-        // As many metrics, but one of them is not in the summary.
+        // The same number of metrics, but one of them is not in the summary.
         let other = RESULTS.replace(&format!("(1, {missing}, "), "(1, 5, ");
         raw.execute_batch(&other).unwrap();
         refused(&raw, &complete, "a completed run has its metrics and test episodes");
@@ -232,7 +232,7 @@ fn only_a_run_in_progress_takes_results() {
             refused(&sample.raw(), insert, "results belong to a run in progress");
         }
     }
-    // And results without a run belong to nothing.
+    // Results without a run are rejected as well.
     let empty = Sample::new();
     for insert in inserts {
         refused(&empty.raw(), insert, "results belong to a run in progress");
@@ -410,7 +410,7 @@ fn results_are_written_once() {
             refused(&raw, &insert, "results belong to a run in progress");
         }
         refused(&raw, &instead(1), "results belong to a run in progress");
-        // What a run in progress replaces is its own.
+        // A run in progress may replace only its own results.
         raw.execute_batch(&format!("INSERT {}", of(2))).unwrap();
         let before = rows(2);
         refused(&raw, &format!("INSERT {}", of(2)), "UNIQUE constraint failed");

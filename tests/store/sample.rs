@@ -1,9 +1,9 @@
-//! Jobs, results and stores to test with.
+//! Jobs, results and stores for tests.
 
 use std::path::{Path, PathBuf};
 
 use jitai::agent::{Agent, DecisionRule, DuelingDqn, Reinforce, RuleParameters};
-use jitai::env::Environment;
+use jitai::env::{Environment, Population};
 use jitai::manifest::Evaluation;
 use jitai::plan::Job;
 use jitai::record::{
@@ -13,7 +13,7 @@ use jitai::record::{
 use jitai::store::{Claim, Claimed, Experiment, Isolation, RetryFailed, SessionId, Store};
 use rusqlite::Connection;
 
-/// A store in a folder of its own, with a session of this process.
+/// A store in its own folder, with a session of this process.
 pub struct Sample {
     _folder: tempfile::TempDir,
     pub path: PathBuf,
@@ -30,14 +30,14 @@ impl Sample {
         Sample { _folder: folder, path, store, session }
     }
 
-    /// A store whose experiment `sweep` holds these jobs, under the name `dqn`.
+    /// A store whose experiment `sweep` holds these jobs, with the agent name `dqn`.
     pub fn with(jobs: &[Job]) -> Self {
         let mut sample = Sample::new();
         sample.store.register(&experiment("sweep"), jobs.iter().map(|job| ("dqn", job))).unwrap();
         sample
     }
 
-    /// Claims a job that must be free.
+    /// Claims a job, which must be free.
     pub fn claim(&mut self, job: &Job) -> Claim {
         match self
             .store
@@ -55,17 +55,17 @@ impl Sample {
         self.store.finish(&claim, outcome, 1.5).unwrap();
     }
 
-    /// The file, past all the rules of the library.
+    /// A connection to the file that bypasses the library.
     pub fn raw(&self) -> Connection {
         raw(&self.path)
     }
 
-    /// Makes a session look like one of a process that has ended.
+    /// Makes a session look like that of a process that has ended.
     pub fn kill(&self, session: SessionId) {
         let mut child = std::process::Command::new("true").spawn().unwrap();
         child.wait().unwrap();
         let raw = self.raw();
-        // The id is private, but its debug form shows it.
+        // The id is private, but its debug output shows it.
         let id: i64 =
             format!("{session:?}").trim_matches(|c: char| !c.is_ascii_digit()).parse().unwrap();
         let rule: String = raw
@@ -75,7 +75,7 @@ impl Sample {
                 |row| row.get(0),
             )
             .unwrap();
-        // No client could do this.
+        // No client could make this change.
         raw.execute_batch("DROP TRIGGER session_stays_the_same_process").unwrap();
         raw.execute("UPDATE session SET process_id = ?1 WHERE id = ?2", (child.id(), id)).unwrap();
         raw.execute_batch(&rule).unwrap();
@@ -110,6 +110,7 @@ pub fn provenance() -> Provenance {
 pub fn dqn(sigma: f64, seed: u64) -> Job {
     Job {
         environment: Environment::paper(sigma),
+        population: Population::default(),
         scenario: "P-H-D".parse().unwrap(),
         agent: Agent::of(&DuelingDqn::default()),
         evaluation: Evaluation::default(),
@@ -125,7 +126,7 @@ pub fn rule(sigma: f64, seed: u64) -> Job {
     Job { agent: Agent::of(&RuleParameters::new(DecisionRule::Tailored)), ..dqn(sigma, seed) }
 }
 
-/// Results as small as they can be.
+/// The smallest valid results.
 pub fn results() -> Results {
     Results {
         metrics: (1..)
@@ -139,6 +140,7 @@ pub fn results() -> Results {
         ],
         actions: vec![ActionCount { bin: 9, context: 0, action: 2, count: 17 }],
         decisions: Vec::new(),
+        participants: Vec::new(),
         weights: Some(vec![8, 0, 0, 0]),
     }
 }
@@ -155,15 +157,16 @@ pub fn failed() -> Outcome {
     })
 }
 
-/// Results as large as those of a real job with the default settings.
+/// Results of the size of a real job with the default settings.
 pub fn realistic(job: &Job) -> Results {
     let (metrics, weights) = match job.algorithm() {
-        // One test network: 3 entries, 128-128, heads of 1 and 4; or 128 and 4.
+        // The DQN has one test network: 3 inputs, layers of 128 and 128, and heads of 1 and 4.
+        // REINFORCE has a layer of 128 and 4 outputs.
         "dueling_dqn" => (5, 4 * (3 * 128 + 128 + 128 * 128 + 128 + 128 * 5 + 5) + 600),
         "reinforce" => (4, 4 * (3 * 128 + 128 + 128 * 4 + 4) + 400),
         other => panic!("{other} has neither curve nor weights"),
     };
-    // Any numbers that do not compress: the bits of a multiplicative generator.
+    // Incompressible numbers from a linear congruential generator.
     let mut state = job.seed;
     let mut uniform = move || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
@@ -187,6 +190,7 @@ pub fn realistic(job: &Job) -> Results {
             .map(|i: u8| ActionCount { bin: i / 8, context: i / 4 % 2, action: i % 4, count: 600 })
             .collect(),
         decisions: Vec::new(),
+        participants: Vec::new(),
         weights: Some((0..weights).map(|_| (256.0 * uniform()) as u8).collect()),
     }
 }

@@ -1,4 +1,4 @@
-//! A policy gradient with a network and a loss of one's own, by Burn's automatic differentiation.
+//! A policy gradient with a user-defined network and loss, differentiated by Burn.
 
 use std::io;
 
@@ -15,17 +15,18 @@ use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// A policy whose network and loss are written with Burn's operations.
 pub trait PolicyGradient: Clone + Send + 'static {
-    /// Shapes of the weight matrices, for observations of so many entries. The last has one column
-    /// for each action.
+    /// Shapes of the weight matrices for observations of `inputs` entries. The last matrix has one
+    /// column per action.
     fn shapes(&self, inputs: usize) -> Vec<[usize; 2]>;
 
     /// The logits of the actions, \[rows, actions\], of observations, \[rows, inputs\].
     fn logits(&self, weights: &[Tensor<2>], observations: Tensor<2>) -> Tensor<2>;
 
-    /// What an update minimises; one number.
+    /// The loss that an update minimises; one number.
     ///
-    /// **Shapes**: `log_probabilities` of all actions are \[rows, actions\]; `taken`, those of the
-    /// actions taken, and the discounted rewards to go `returns` are \[rows, 1\].
+    /// **Shapes**: `log_probabilities` holds the log-probabilities of all actions, \[rows,
+    /// actions\]; `taken` holds those of the actions taken and `returns` the discounted rewards to
+    /// go, both \[rows, 1\].
     fn loss(&self, log_probabilities: Tensor<2>, taken: Tensor<2>, returns: Tensor<2>)
     -> Tensor<1>;
 }
@@ -35,7 +36,7 @@ pub trait PolicyGradient: Clone + Send + 'static {
 pub struct AutodiffPolicy<P> {
     policy: P,
     shapes: Vec<[usize; 2]>,
-    /// The weight matrices one after the other, row by row.
+    /// The weight matrices one after the other, each in row-major order.
     weights: Vec<f32>,
     adam: Adam,
 }
@@ -51,7 +52,7 @@ impl<P: PolicyGradient> AutodiffPolicy<P> {
 
     /// The policy with trained weights.
     ///
-    /// **Errors**: the weights do not fit it.
+    /// **Errors**: an array is missing or of another shape.
     pub fn trained(policy: P, inputs: usize, weights: &Weights) -> Result<Self, WeightsError> {
         let shapes = policy.shapes(inputs);
         let mut values = Vec::new();
@@ -66,7 +67,7 @@ impl<P: PolicyGradient> AutodiffPolicy<P> {
         matrices.map(|(rows, values)| matrix(values.to_vec(), rows, device)).collect()
     }
 
-    /// Rows and values of each weight matrix.
+    /// Number of rows and values of each weight matrix.
     fn matrices(&self) -> Vec<(usize, &[f32])> {
         let mut rest = &self.weights[..];
         let mut next = |[rows, columns]: &[usize; 2]| {
@@ -78,7 +79,7 @@ impl<P: PolicyGradient> AutodiffPolicy<P> {
     }
 }
 
-/// The name of the weight matrix in this place.
+/// The name of the weight matrix at this index.
 fn name(place: usize) -> String {
     format!("matrix.{place}")
 }
@@ -94,7 +95,7 @@ impl<P: PolicyGradient> ActionNetwork for AutodiffPolicy<P> {
 impl<P: PolicyGradient> ReinforceEngine for AutodiffPolicy<P> {
     type Network = Self;
 
-    /// One step of Adam on the policy's own loss.
+    /// One step of Adam on the loss of the policy.
     fn update(&mut self, trajectories: &Trajectories) -> f32 {
         let device = device::training();
         let weights = self.tensors(&device).into_iter().map(Tensor::require_grad);
@@ -152,7 +153,7 @@ mod tests {
     use super::*;
     use crate::env::Action;
 
-    /// Logits that are the weights of the one input.
+    /// A policy whose logits are the weights of its single input.
     #[derive(Clone)]
     struct Linear;
 
@@ -190,8 +191,9 @@ mod tests {
         let mut policy = AutodiffPolicy::new(Linear, 1, 0.01, 7);
         let before = policy.weights.clone();
         let loss = policy.update(&one_step(2));
-        // The loss is -G log p; its gradient G (p - 1) for the action and G p for the others. Adam's
-        // first step is the learning rate against the sign of the gradient.
+        // The loss is -G log p. Its gradient is G (p - 1) for the action taken and G p for the
+        // others. Adam's first step has the size of the learning rate, against the sign of the
+        // gradient.
         let sum: f32 = before.iter().map(|logit| logit.exp()).sum();
         assert!((loss + 3.0 * (before[2].exp() / sum).ln()).abs() < 1e-5, "{loss}");
         for (place, (after, before)) in policy.weights.iter().zip(&before).enumerate() {

@@ -1,11 +1,11 @@
-//! The tensor backend: the one place that names it.
+//! The tensor backend; no other file names it.
 
 use burn::tensor::Device;
 
 /// The device on which networks are evaluated.
 #[cfg(not(feature = "burn-flex"))]
 pub fn inference() -> Device {
-    // Deprecated upstream in favour of flex; `--features burn-flex` takes that.
+    // Upstream has deprecated ndarray in favour of flex, which `--features burn-flex` selects.
     #[allow(deprecated)]
     Device::ndarray()
 }
@@ -16,7 +16,7 @@ pub fn inference() -> Device {
     Device::flex()
 }
 
-/// The device on which networks are trained: the same one, recording gradients.
+/// The device on which networks are trained: the inference device with recording of gradients.
 pub fn training() -> Device {
     inference().autodiff()
 }

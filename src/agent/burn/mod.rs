@@ -1,13 +1,16 @@
 //! Training by Burn: modules, automatic differentiation and Burn's Adam.
 //!
-//! In: weights and hyper-parameters. Out: engines for the algorithms. This is the plain way, which
-//! any new agent can take first; the kernels of [`super::fused`] do the same arithmetic in a
-//! fraction of the time and are tested against it.
+//! In: weights and hyper-parameters. Out: engines for the algorithms. A new agent can start with
+//! these plain implementations. The kernels of [`super::fused`] do the same arithmetic in a
+//! fraction of the time and are tested against them.
 
 mod autodiff;
 pub(super) mod device;
 mod dueling_dqn;
 mod network;
+mod ppo;
+mod recurrent;
+mod recurrent_dqn;
 mod reinforce;
 mod state;
 
@@ -18,30 +21,33 @@ use crate::env::{Action, Observations};
 
 pub use autodiff::{AutodiffPolicy, PolicyGradient};
 pub use dueling_dqn::BurnDuelingDqn;
-pub use network::{DuelingQNetwork, PolicyNetwork};
+pub use network::{ActorCritic, DuelingQNetwork, PolicyNetwork};
+pub use ppo::{BurnActorCritic, BurnPpo};
+pub use recurrent::{RecurrentActorCritic, RecurrentDuelingQNetwork};
+pub use recurrent_dqn::BurnRecurrentDqn;
 pub use reinforce::BurnReinforce;
 
 /// Adam's epsilon in PyTorch and in the paper; Burn's own default is 1e-5.
 const ADAM_EPSILON: f32 = 1e-8;
 
-/// Observations as a matrix, one-hots written out: \[rows, inputs\].
+/// Observations as a matrix with the one-hots expanded: \[rows, inputs\].
 pub fn input(observations: &Observations, device: &Device) -> Tensor<2> {
     matrix(observations.written_out(), observations.rows(), device)
 }
 
-/// A matrix of so many rows.
+/// A matrix of `rows` rows from row-major values.
 fn matrix(values: Vec<f32>, rows: usize, device: &Device) -> Tensor<2> {
     let columns = values.len() / rows;
     Tensor::from_data(TensorData::new(values, [rows, columns]), device)
 }
 
-/// Numbers of actions as a column: \[rows, 1\].
+/// Indices of actions as a column: \[rows, 1\].
 pub fn column(actions: &[Action], device: &Device) -> Tensor<2, Int> {
     let indices: Vec<i64> = actions.iter().map(|action| action.index() as i64).collect();
     Tensor::from_data(TensorData::new(indices, [actions.len(), 1]), device)
 }
 
-/// A matrix as numbers, row by row.
+/// The values of a matrix in row-major order.
 fn numbers(matrix: Tensor<2>) -> Vec<f32> {
     matrix.into_data().try_to_vec().expect("networks compute in f32")
 }

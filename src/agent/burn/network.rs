@@ -1,4 +1,4 @@
-//! The networks, as Burn modules.
+//! The networks without memory, as Burn modules.
 
 use burn::module::{Module, Param};
 use burn::nn::Linear;
@@ -6,9 +6,13 @@ use burn::tensor::{Device, Tensor, activation};
 
 use crate::agent::layers::{self, Layer};
 use crate::agent::weights::{Tensor as WeightTensor, Weights, WeightsError};
-use crate::agent::{Activation, DuelingDqn, Reinforce};
+use crate::agent::{Activation, DuelingDqn, Ppo, Reinforce};
 
-fn linear(layer: &Layer, weights: &Weights, device: &Device) -> Result<Linear, WeightsError> {
+pub(super) fn linear(
+    layer: &Layer,
+    weights: &Weights,
+    device: &Device,
+) -> Result<Linear, WeightsError> {
     let weight = weights.tensor(&layer.weight(), &[layer.inputs, layer.outputs])?;
     let bias = weights.tensor(&layer.bias(), &[layer.outputs])?;
     Ok(Linear {
@@ -17,7 +21,7 @@ fn linear(layer: &Layer, weights: &Weights, device: &Device) -> Result<Linear, W
     })
 }
 
-fn store_linear(name: &str, linear: &Linear, weights: &mut Weights) {
+pub(super) fn store_linear(name: &str, linear: &Linear, weights: &mut Weights) {
     let mut insert = |kind: &str, tensor: WeightTensor| {
         weights.tensors.insert(format!("{name}.{kind}"), tensor);
     };
@@ -29,14 +33,14 @@ fn store_linear(name: &str, linear: &Linear, weights: &mut Weights) {
 
 /// A stack of hidden layers, each with its activation.
 #[derive(Module, Debug)]
-struct HiddenLayers {
+pub(super) struct HiddenLayers {
     layers: Vec<Linear>,
     #[module(skip)]
     activation: Activation,
 }
 
 impl HiddenLayers {
-    fn from_weights(
+    pub(super) fn from_weights(
         layers: &[Layer],
         activation: Activation,
         weights: &Weights,
@@ -47,7 +51,7 @@ impl HiddenLayers {
     }
 
     /// **Shapes**: \[rows, width\] to \[rows, last layer's width\].
-    fn forward(&self, input: Tensor<2>) -> Tensor<2> {
+    pub(super) fn forward(&self, input: Tensor<2>) -> Tensor<2> {
         self.layers.iter().fold(input, |x, layer| {
             let x = layer.forward(x);
             match self.activation {
@@ -57,7 +61,7 @@ impl HiddenLayers {
         })
     }
 
-    fn store(&self, name: &str, weights: &mut Weights) {
+    pub(super) fn store(&self, name: &str, weights: &mut Weights) {
         for (i, layer) in self.layers.iter().enumerate() {
             store_linear(&format!("{name}.{i}"), layer, weights);
         }
@@ -70,9 +74,10 @@ impl HiddenLayers {
 /// equation 9.
 #[derive(Module, Debug)]
 pub struct DuelingQNetwork {
-    /// Hidden layers of the state value; of both streams when there is no second stack.
+    /// Hidden layers of the state value, and also of the advantages unless `advantage_trunk` is
+    /// set.
     value_trunk: HiddenLayers,
-    /// Hidden layers of the advantages, when the streams are separate.
+    /// Hidden layers of the advantages if the streams are separate.
     advantage_trunk: Option<HiddenLayers>,
     value: Linear,
     advantage: Linear,
@@ -174,6 +179,63 @@ impl PolicyNetwork {
     }
 }
 
+/// A policy and a state value with separate layers.
+#[derive(Module, Debug)]
+pub struct ActorCritic {
+    policy_trunk: HiddenLayers,
+    logits: Linear,
+    value_trunk: HiddenLayers,
+    value: Linear,
+}
+
+impl ActorCritic {
+    /// Networks with these weights, for observations of `width` entries.
+    ///
+    /// **Errors**: an array is missing or of another shape.
+    pub fn from_weights(
+        parameters: &Ppo,
+        width: usize,
+        weights: &Weights,
+        device: &Device,
+    ) -> Result<Self, WeightsError> {
+        let [policy, value] = layers::actor_critic(parameters, width);
+        let trunk = |stack: &layers::Stack| {
+            HiddenLayers::from_weights(&stack.hidden, parameters.activation, weights, device)
+        };
+        Ok(ActorCritic {
+            policy_trunk: trunk(&policy)?,
+            logits: linear(&policy.heads[0], weights, device)?,
+            value_trunk: trunk(&value)?,
+            value: linear(&value.heads[0], weights, device)?,
+        })
+    }
+
+    /// Logits and values of observations.
+    ///
+    /// **Shapes**: \[rows, width\] to \[rows, actions\] and \[rows, 1\].
+    pub fn forward(&self, observations: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
+        let values = self.value.forward(self.value_trunk.forward(observations.clone()));
+        (self.logits(observations), values)
+    }
+
+    /// Logits of observations.
+    ///
+    /// **Shapes**: \[rows, width\] to \[rows, actions\].
+    pub fn logits(&self, observations: Tensor<2>) -> Tensor<2> {
+        self.logits.forward(self.policy_trunk.forward(observations))
+    }
+
+    /// The weights, by name.
+    pub fn weights(&self) -> Weights {
+        let mut weights = Weights::default();
+        self.policy_trunk.store("policy_trunk", &mut weights);
+        self.value_trunk.store("value_trunk", &mut weights);
+        store_linear("logits", &self.logits, &mut weights);
+        store_linear("value", &self.value, &mut weights);
+        weights
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -196,7 +258,7 @@ mod tests {
 
     #[test]
     fn advantages_are_centred_by_hand() {
-        // One hidden unit that passes x on, V = 2x, A = (1, 2, 3, 4)x: Q = 2x + A - 2.5x.
+        // One hidden unit that passes x through, V = 2x, A = (1, 2, 3, 4)x: Q = 2x + A - 2.5x.
         let parameters = DuelingDqn { layers: vec![1], ..DuelingDqn::default() };
         let array = |shape: &[usize], values: &[f32]| WeightTensor {
             shape: shape.to_vec(),

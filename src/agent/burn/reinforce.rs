@@ -58,7 +58,7 @@ impl ReinforceEngine for BurnReinforce {
         let value: f32 = loss.clone().into_scalar();
         if value.is_finite() {
             let gradients = GradientsParams::from_grads(loss.backward(), &self.network);
-            // The optimiser takes the module and gives it back.
+            // The optimiser consumes the module and returns the updated one.
             self.network = self.optimizer.step(self.learning_rate, self.network.clone(), gradients);
         }
         value

@@ -1,7 +1,7 @@
-//! The state of modules and of their optimiser, in Burn's own format.
+//! Saves and restores modules and their optimisers, in Burn's own format.
 //!
-//! The optimiser finds its moments by the identities of a module's parameters, which are drawn anew
-//! for every module that is made: both are written, and both come back with those they had.
+//! The optimiser stores its moments by the ids of a module's parameters, and every new module draws
+//! new ids. Modules and moments are therefore saved together and restored with the saved ids.
 
 use std::io;
 
@@ -17,14 +17,14 @@ pub(super) fn save_module(module: &impl Module, out: &mut StateWriter<'_>) -> io
     out.many(&bytes[..])
 }
 
-/// Replaces the parameters of a module by those of one that was made like it.
+/// Replaces the parameters of a module by saved parameters of a module of the same structure.
 pub(super) fn restore_module<M: Module>(
     module: &mut M,
     from: &mut StateReader<'_>,
 ) -> Result<(), StateError> {
     let misfit = |_| StateError::Misfit("weights");
     let record = ModuleRecord::from_bytes(bytes(from, "weights")?).map_err(misfit)?;
-    // The record is put into a module, and gives it back.
+    // Loading a record consumes a module and returns it.
     *module = module.clone().try_load_record(record).map_err(misfit)?;
     Ok(())
 }

@@ -17,7 +17,7 @@ use crate::state::{Resumable, StateError, StateReader, StateWriter};
 #[derive(Clone, Debug)]
 pub struct FusedDuelingNetwork {
     isa: Isa,
-    /// One stack with the outputs V, A_0 … A_3, or one for V and one for the advantages.
+    /// One stack with the outputs V, A_0 … A_3, or one stack for V and one for the advantages.
     stacks: Vec<Stack>,
     parameters: Aligned,
     workspaces: Vec<Workspace>,
@@ -51,7 +51,7 @@ impl FusedDuelingNetwork {
         self.named(&self.parameters)
     }
 
-    /// Numbers that stand where the parameters do, by the names of the weights.
+    /// The values of a flat array laid out like the parameters, by the names of the weights.
     fn named(&self, flat: &[f32]) -> Weights {
         let mut weights = Weights::default();
         self.stacks.iter().for_each(|stack| stack.store(flat, &mut weights));
@@ -64,7 +64,8 @@ impl FusedDuelingNetwork {
         }
     }
 
-    /// Sets the derivatives by the outputs of a row from that by the value of an action.
+    /// Sets the derivatives by the outputs of a row, given the derivative by the value of one
+    /// action.
     fn derive_outputs(&mut self, row: usize, action: usize, by_value: f32) {
         let last = self.stacks.len() - 1;
         let mut set = |stack: usize, from: usize, derivatives: &[f32]| {
@@ -91,7 +92,7 @@ impl FusedDuelingNetwork {
 }
 
 /// Q = V + A - mean A, \[actions\].
-fn action_values((value, advantages): (f32, &[f32])) -> [f32; Action::COUNT] {
+pub(super) fn action_values((value, advantages): (f32, &[f32])) -> [f32; Action::COUNT] {
     let mean = advantages.iter().sum::<f32>() * (1.0 / Action::COUNT as f32);
     std::array::from_fn(|action| value + (advantages[action] - mean))
 }
@@ -143,7 +144,7 @@ impl FusedDuelingDqn {
         gradient
     }
 
-    /// The loss of a batch; adds its gradient to the one in memory.
+    /// Returns the loss of a batch and adds its gradient to the stored gradient.
     fn differentiate(&mut self, batch: &Batch) -> f32 {
         let FusedDuelingDqn { network, gradient, .. } = self;
         let rows = batch.actions.len();
@@ -199,7 +200,7 @@ impl DuelingDqnEngine for FusedDuelingDqn {
 }
 
 impl Resumable for FusedDuelingDqn {
-    // The gradient is 0 between updates.
+    // The gradient is not saved, because it is 0 between updates.
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
         out.many(&self.network.parameters)?;
         out.many(&self.target.parameters)?;

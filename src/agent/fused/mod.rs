@@ -1,15 +1,29 @@
 //! Training by kernels: the same arithmetic as Burn's, in a fraction of the time.
 //!
 //! In: weights and hyper-parameters. Out: engines for the algorithms. Weights and Adam's moments
-//! stay in flat arrays for the life of a job, padded so that rows fill whole registers; gradients
-//! are written out by hand. Tests hold them against Burn's automatic differentiation and against
-//! PyTorch, and hold equal the bits of every instruction set. It knows no replay buffer and no
-//! random number.
+//! stay in flat arrays for the duration of a job, padded to whole registers. Gradients are derived
+//! by hand. Tests compare them with Burn's automatic differentiation and with PyTorch, and check
+//! that every instruction set gives the same bits. The module knows neither replay buffers nor
+//! random numbers.
 
+mod actor_critic;
+mod dense;
 mod dueling_dqn;
+mod ppo;
+mod ppo_loss;
+mod ppo_network;
+mod recurrent;
+mod recurrent_actor_critic;
+mod recurrent_dqn;
+mod recurrent_network;
 mod reinforce;
+mod sequences;
 mod stack;
 mod state;
 
+pub use actor_critic::FusedActorCritic;
 pub use dueling_dqn::{FusedDuelingDqn, FusedDuelingNetwork};
+pub use ppo::FusedPpo;
+pub use recurrent_actor_critic::FusedRecurrentActorCritic;
+pub use recurrent_dqn::{FusedRecurrentDqn, FusedRecurrentDuelingNetwork};
 pub use reinforce::{FusedPolicyNetwork, FusedReinforce};

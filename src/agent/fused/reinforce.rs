@@ -43,7 +43,7 @@ impl FusedPolicyNetwork {
         self.named(&self.parameters)
     }
 
-    /// Numbers that stand where the parameters do, by the names of the weights.
+    /// The values of a flat array laid out like the parameters, by the names of the weights.
     fn named(&self, flat: &[f32]) -> Weights {
         let mut weights = Weights::default();
         self.stack.store(flat, &mut weights);
@@ -70,7 +70,7 @@ pub struct FusedReinforce {
     gradient: Aligned,
     adam: Adam,
     loss_divisor: f64,
-    /// Probabilities of the actions taken, then their logarithms.
+    /// Buffer for the probabilities of the actions taken, then for their logarithms.
     likelihoods: [f64; BLOCK],
 }
 
@@ -103,7 +103,7 @@ impl FusedReinforce {
         gradient
     }
 
-    /// The loss of trajectories; adds its gradient to the one in memory.
+    /// Returns the loss of trajectories and adds its gradient to the stored gradient.
     fn differentiate(&mut self, trajectories: &Trajectories) -> f32 {
         let FusedReinforce { network, gradient, likelihoods, .. } = self;
         let FusedPolicyNetwork { isa, stack, parameters, workspace } = network;
@@ -129,15 +129,16 @@ impl FusedReinforce {
     }
 }
 
-/// The loss of steps by the likelihoods of their actions, not yet divided, and its derivatives by
-/// the logits.
+/// Computes the loss of steps, before division, from the likelihoods of their actions, and the
+/// derivatives of the divided loss by the logits.
 ///
-/// **Shapes**: all are \[rows\]; there is room for [`BLOCK`] derivatives and likelihoods.
+/// **Shapes**: all arrays are \[rows\]; `derivatives` and `likelihoods` have room for [`BLOCK`]
+/// rows.
 struct Likelihoods<'a> {
     preferences: &'a [[f32; Action::COUNT]],
     actions: &'a [Action],
     returns: &'a [f32],
-    /// 1 / the divisor of the loss.
+    /// 1 / the loss divisor.
     scale: f32,
     derivatives: &'a mut [[f32; Action::COUNT]],
     likelihoods: &'a mut [f64; BLOCK],
@@ -205,7 +206,7 @@ impl ReinforceEngine for FusedReinforce {
 }
 
 impl Resumable for FusedReinforce {
-    // The gradient is 0 between updates.
+    // The gradient is not saved, because it is 0 between updates.
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
         out.many(&self.network.parameters)?;
         self.adam.save(out)

@@ -3,31 +3,33 @@
 use std::ops::Range;
 
 use crate::agent;
+use crate::agent::fused::dense::padded;
 use crate::agent::layers::{self, Layer};
 use crate::agent::weights::{Tensor, Weights, WeightsError};
 use crate::env::{Action, Observations};
 use crate::kernel::{
-    Activation, Aligned, Isa, LANES, MOST_INPUTS, OUTPUTS, Product, Shallow, ShallowGradient,
-    Start, dot, transpose,
+    Activation, Aligned, Isa, MOST_INPUTS, OUTPUTS, Product, Shallow, ShallowGradient, Start, dot,
+    transpose,
 };
 
-/// Most rows computed at a time: what is between two layers of them stays in the nearest caches.
+/// Maximum number of rows computed at a time, so that the values between two layers stay in the
+/// nearest caches.
 pub(super) const BLOCK: usize = 64;
 
-/// A hidden layer: where its parameters stand, and its sizes.
+/// A hidden layer: its sizes and the positions of its parameters.
 #[derive(Clone, Debug)]
 struct Hidden {
-    /// Start of the weights, \[inputs, stride\]; the entries of a one-hot are the last inputs.
+    /// Start of the weights, \[inputs, stride\]. The last inputs are the entries of the one-hot.
     weight: usize,
     /// Start of the bias, \[stride\].
     bias: usize,
     units: usize,
-    /// Units with their padding, whose weights are 0 and stay so.
+    /// Units with padding. The weights of the padding are always 0.
     stride: usize,
 }
 
-/// Where the parameters of a stack stand in a flat array. All heads are one matrix, \[outputs,
-/// stride\], so that a row of it meets a row of hidden units.
+/// The positions of a stack's parameters in a flat array. All heads form one matrix, \[outputs,
+/// stride\], so that its rows align with rows of hidden units.
 #[derive(Clone, Debug)]
 pub(super) struct Stack {
     /// Names and sizes.
@@ -40,37 +42,34 @@ pub(super) struct Stack {
     range: Range<usize>,
 }
 
-/// Buffers for the numbers between the layers, for [`BLOCK`] rows.
+/// Buffers for the values between the layers, for [`BLOCK`] rows.
 #[derive(Clone, Debug)]
 pub(super) struct Workspace {
-    /// Values of each hidden layer's units, \[rows, stride\].
+    /// Activations of each hidden layer, \[rows, stride\].
     hidden: Vec<Aligned>,
     /// \[rows, outputs\].
     pub(super) outputs: Vec<f32>,
     /// Derivatives of the loss by the outputs, \[rows, outputs\].
     pub(super) by_outputs: Vec<f32>,
-    /// Derivatives by a hidden layer's units, \[rows, stride\].
+    /// Derivatives by a hidden layer's units before the activation, \[rows, stride\].
     by_units: Aligned,
-    /// Derivatives by what the activation makes of them, \[rows, stride\].
+    /// Derivatives by the activations, \[rows, stride\].
     by_active: Aligned,
-    /// The weights of each hidden layer but the first, \[units, stride of the layer before\].
+    /// The transposed weights of each hidden layer but the first, \[units, stride of the layer
+    /// before\].
     transposed: Vec<Aligned>,
 }
 
-/// The rows of observations, at most [`BLOCK`] at a time.
+/// The row ranges of observations, at most [`BLOCK`] rows each.
 pub(super) fn blocks(rows: usize) -> impl Iterator<Item = Range<usize>> {
     (0..rows).step_by(BLOCK).map(move |start| start..rows.min(start + BLOCK))
 }
 
-// The kernels for one layer have the outputs of a policy.
+// The kernels for one hidden layer have as many outputs as a policy.
 const _: () = assert!(OUTPUTS == Action::COUNT);
 
-fn padded(len: usize) -> usize {
-    len.next_multiple_of(LANES)
-}
-
 impl Stack {
-    /// A stack whose parameters start at `start`.
+    /// A stack with parameters from position `start` on.
     pub(super) fn new(layers: layers::Stack, activation: agent::Activation, start: usize) -> Self {
         let mut end = start;
         let mut take = |len: usize| {
@@ -98,12 +97,12 @@ impl Stack {
         Stack { layers, activation, hidden, head_weight, head_bias, outputs, range }
     }
 
-    /// The parameters' end in the flat array.
+    /// The position after the last parameter in the flat array.
     pub(super) fn end(&self) -> usize {
         self.range.end
     }
 
-    /// Outputs of all heads.
+    /// Number of outputs of all heads.
     pub(super) fn outputs(&self) -> usize {
         self.outputs
     }
@@ -121,7 +120,7 @@ impl Stack {
         }
     }
 
-    /// Copies weights to their places.
+    /// Copies weights to their positions in the flat array.
     ///
     /// **Errors**: an array is missing or of another shape.
     pub(super) fn load(&self, weights: &Weights, flat: &mut [f32]) -> Result<(), WeightsError> {
@@ -150,7 +149,7 @@ impl Stack {
         Ok(())
     }
 
-    /// Copies weights, or their gradient, from their places.
+    /// Copies weights, or their gradient, from the flat array to arrays by name.
     pub(super) fn store(&self, flat: &[f32], weights: &mut Weights) {
         let mut insert = |layer: &Layer, weight: Vec<f32>, bias: &[f32]| {
             let shape = vec![layer.inputs, layer.outputs];
@@ -196,8 +195,8 @@ impl Stack {
         }
     }
 
-    /// Computes what [`Stack::backward`] needs of at most [`BLOCK`] observations, where the outputs
-    /// are known.
+    /// Computes the values that [`Stack::backward`] needs for at most [`BLOCK`] observations whose
+    /// outputs are already known.
     pub(super) fn remember(
         &self,
         isa: Isa,
@@ -210,7 +209,7 @@ impl Stack {
         }
     }
 
-    /// The stack for the kernels that do it in one go, if it is one for them.
+    /// The stack for the fused kernels of one hidden layer, if these kernels support it.
     fn shallow<'a>(
         &self,
         flat: &'a [f32],
@@ -278,7 +277,8 @@ impl Stack {
         dot(isa, last, weight, stride, bias, &mut workspace.outputs[..count * self.outputs]);
     }
 
-    /// Makes the first layer's units the bias and the weights of the one-hots' entries that are 1.
+    /// Initialises the first layer's units with the bias plus the weights of the active one-hot
+    /// entries.
     fn start_with_one_hots(
         &self,
         flat: &[f32],
@@ -306,8 +306,8 @@ impl Stack {
         }
     }
 
-    /// Adds to `gradient` the gradient that the derivatives by the outputs make, after
-    /// [`Stack::forward`] or [`Stack::remember`] of the same observations.
+    /// Adds the gradient of the parameters to `gradient`, given the derivatives by the outputs,
+    /// after [`Stack::forward`] or [`Stack::remember`] of the same observations.
     pub(super) fn backward(
         &self,
         isa: Isa,
@@ -332,10 +332,10 @@ impl Stack {
         network.backward(isa, by_outputs, gradient);
     }
 
-    /// The gradient by the heads' biases.
+    /// Adds the gradient by the heads' biases.
     fn add_head_biases(&self, by_outputs: &[f32], gradient: &mut [f32]) {
         let bias = &mut gradient[self.head_bias..self.head_bias + self.outputs];
-        // The value, the advantages or logits, and both.
+        // One output for a value, four for advantages or logits, five for both heads.
         match self.outputs {
             1 => add_rows::<1>(by_outputs, bias),
             4 => add_rows::<4>(by_outputs, bias),
@@ -394,7 +394,8 @@ impl Stack {
         }
     }
 
-    /// The heads' part of [`Stack::backward`], down to the derivatives by the last hidden units.
+    /// The heads' part of [`Stack::backward`], down to the derivatives by the units of the last
+    /// hidden layer.
     fn backward_heads(
         &self,
         isa: Isa,
@@ -426,8 +427,8 @@ impl Stack {
     }
 }
 
-/// to\[i, j\] += Σ_row left\[row, i\] right\[row, j\], with the rows of `left` `stride` apart and `columns`
-/// long.
+/// to\[i, j\] += Σ_row left\[row, i\] right\[row, j\]. The rows of `left` have `columns` entries
+/// and row stride `stride`.
 fn outer(
     isa: Isa,
     (left, stride, columns): (&[f32], usize, usize),
@@ -448,7 +449,7 @@ fn outer(
     .write_to(isa, to);
 }
 
-/// to\[j\] += Σ_row rows\[row, j\], the sums held in registers.
+/// to\[j\] += Σ_row rows\[row, j\], with the sums held in registers.
 fn add_rows<const N: usize>(rows: &[f32], to: &mut [f32]) {
     let to: &mut [f32; N] = to.try_into().expect("a bias for every output");
     let mut sums = *to;
@@ -458,7 +459,7 @@ fn add_rows<const N: usize>(rows: &[f32], to: &mut [f32]) {
     *to = sums;
 }
 
-/// to\[j\] += Σ_row values\[row, j\], of at most [`BLOCK`] rows.
+/// to\[j\] += Σ_row values\[row, j\] over at most [`BLOCK`] rows.
 fn sums_of_columns(isa: Isa, values: &[f32], count: usize, to: &mut [f32]) {
     outer(isa, (&[1.0; BLOCK][..count], 1, 1), values, count, to);
 }

@@ -1,91 +1,108 @@
-//! What an algorithm declares of itself, and the agent that a job holds.
+//! The declarations of an algorithm, and the agent of a job.
 
 use std::any::TypeId;
 use std::fmt;
+use std::marker::PhantomData;
 
 use crate::agent::actor::Actor;
-use crate::agent::constraint::Constraint;
+use crate::agent::constraint::{Constraint, FIRST_TESTED, FIRST_TRAINED};
 use crate::agent::learner::{Actions, Learner};
 use crate::agent::memory::OutOfMemory;
+use crate::agent::network::Engine;
 use crate::agent::weights::{Weights, WeightsError};
 use crate::env::{
-    Action, Environment, ObservationSpec, Observer, PhysicalActivity, Scenario, VectorEnvironment,
+    Action, Environment, ObservationSpec, Observer, PhysicalActivity, Population, PopulationPhases,
+    Scenario, VectorEnvironment,
 };
-use crate::key::{Key, Keyed, Value};
+use crate::key::{Key, Keyed, Kind, Value};
 use crate::optimum::NoOptimum;
 
-/// What an agent is to learn or to act in: an environment, what it observes of it, and a seed.
+/// The task of an agent: an environment, the scenario that it observes, and a seed.
 #[derive(Clone, Copy, Debug)]
 pub struct Task<'s> {
     /// Parameters of the simulation.
     pub environment: &'s Environment,
-    /// What the agent observes.
+    /// How the parameters differ between participants.
+    pub population: &'s Population,
+    /// The scenario that the agent observes.
     pub scenario: &'s Scenario,
     /// Seed of the job's random streams.
     pub seed: u64,
+    /// Number of observations seen at a time: the current one and earlier ones. An [`Agent`] sets
+    /// it to its own history.
+    pub history: u32,
 }
 
 impl Task<'_> {
-    /// What an agent observes.
+    /// The specification of the agent's observations.
     pub fn observations(&self) -> ObservationSpec {
-        Observer::new(self.environment, self.scenario).spec()
+        Observer::new(self.environment, self.scenario).spec().stacked(self.history as usize)
     }
 
-    /// Steps of this number of episodes, if none ends early.
+    /// Number of steps of this number of episodes, if no episode ends early.
     pub fn steps(&self, episodes: u32) -> u64 {
         u64::from(episodes) * u64::from(self.environment.horizon)
     }
 
-    /// The simulation with this number of lanes.
+    /// The simulation for training, with this number of lanes.
     pub fn simulation(&self, lanes: usize) -> PhysicalActivity {
-        PhysicalActivity::new(self.environment, self.scenario, lanes)
+        let simulation = PhysicalActivity::new(self.environment, self.scenario, lanes);
+        let simulation = match self.population.phases {
+            PopulationPhases::All => simulation.with_population(self.population),
+            PopulationPhases::Test => simulation,
+        };
+        simulation.with_history(self.history as usize)
     }
 }
 
-/// Why an agent cannot begin.
+/// Why an agent cannot start.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum StartError {
-    /// There is no memory for what it needs.
+    /// Memory is short.
     #[error(transparent)]
     OutOfMemory(#[from] OutOfMemory),
-    /// It acts optimally, and the optimum is not computed.
+    /// The agent acts optimally, and the optimum cannot be computed.
     #[error(transparent)]
     NoOptimum(#[from] NoOptimum),
-    /// The environment has another number of actions.
+    /// The environment has a different number of actions.
     #[error(
         "the environment has {actions} actions; the agents choose among exactly {}",
         Action::COUNT
     )]
     Actions {
-        /// Its actions.
+        /// Number of actions.
         actions: usize,
     },
-    /// The environment has another number of lanes.
-    #[error("the environment has {lanes} lanes; this agent trains on {expected}")]
+    /// The environment has a different number of lanes.
+    #[error("the environment has {lanes} lanes, but this agent trains on {expected}")]
     Lanes {
-        /// Its lanes.
+        /// Number of lanes.
         lanes: usize,
-        /// The lanes that the agent trains on.
+        /// Number of lanes that the agent trains on.
         expected: usize,
     },
-    /// What starts is not what the algorithm declares.
+    /// The agent is a user's program, which only a run starts.
+    #[error("the agent is an outside program; only `jitai run` starts it")]
+    Outside,
+    /// What the algorithm starts, or its number of training episodes, contradicts
+    /// [`AlgorithmParameters::LEARNS`].
     #[error(
         "the algorithm `{algorithm}` declares {}",
         if *learns {
-            "LEARNS = true, so that it starts a learner and has training episodes"
+            "LEARNS = true, so it must start a learner and have training episodes"
         } else {
-            "LEARNS = false, so that it starts an actor and has no training episodes"
+            "LEARNS = false, so it must start an actor and have no training episodes"
         }
     )]
     Inconsistent {
         /// The algorithm.
         algorithm: &'static str,
-        /// What it declares.
+        /// The declared value of [`AlgorithmParameters::LEARNS`].
         learns: bool,
     },
 }
 
-/// Fails unless an environment has the expected lanes, and as many actions as agents have.
+/// Fails unless an environment has the expected number of lanes and the agents' number of actions.
 pub(super) fn unless_fit(
     environment: &impl VectorEnvironment,
     expected: usize,
@@ -105,39 +122,38 @@ pub enum Start {
     Actor(Box<dyn Actor>),
 }
 
-/// The actor of an agent that was trained before.
+/// The actor of a previously trained agent.
 ///
-/// **Errors**: the weights do not fit the agent; an algorithm that does not train has none.
+/// **Errors**: the weights do not fit the agent; an algorithm that does not train has no weights.
 pub type Trained = Result<Box<dyn Actor>, WeightsError>;
 
-/// How much arithmetic an agent takes where no episode ends early, in multiply-adds. What is no
-/// multiply-add counts as the multiply-adds that take as long.
+/// The arithmetic of an agent in multiply-adds, if no episode ends early. Other operations count as
+/// the number of multiply-adds that take equally long.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Work {
-    /// The whole training, the simulation aside.
+    /// The whole training, without the simulation.
     pub training: u64,
-    /// A choice of an action by the trained agent.
+    /// One choice of an action by the trained agent.
     pub choice: u64,
 }
 
-/// Multiply-adds that take as long as what a step of training costs, however few lanes take it
-/// together.
+/// Fixed cost of a training step for any number of lanes, in multiply-adds.
 pub(super) const PER_STEP: u64 = 3500;
 
-/// Multiply-adds that take as long as an optimiser's update of one weight.
+/// Cost of an optimiser's update of one weight, in multiply-adds.
 const PER_UPDATED_WEIGHT: u64 = 14;
 
 impl Work {
-    /// That of an agent which trains a network of so many weights: `rows` rows of a batch in all,
-    /// `updates` times.
+    /// The work of training a network of `weights` weights on `rows` batch rows in total, with
+    /// `updates` updates.
     pub fn of_network(weights: u64, rows: u64, updates: u64) -> Work {
-        // Forward; and backward once for the weights and once for the layer before.
+        // Forward, and backward once for the weights and once for the previous layer.
         let passes = rows.saturating_mul(3).saturating_mul(weights);
         let steps = updates.saturating_mul(PER_UPDATED_WEIGHT).saturating_mul(weights);
         Work { training: passes.saturating_add(steps), choice: weights }
     }
 
-    /// This with so much more training.
+    /// This work plus additional training.
     pub fn plus(self, training: u64) -> Work {
         Work { training: self.training.saturating_add(training), ..self }
     }
@@ -146,40 +162,48 @@ impl Work {
 /// Weights of a network of two hidden layers of 128 units.
 const USUAL_WEIGHTS: u64 = 128 * 128;
 
-/// The hyper-parameters of an algorithm, and with them everything that the program has to know of
-/// it.
+/// The hyper-parameters of an algorithm, and all that the program needs to know about it.
 pub trait AlgorithmParameters: Keyed + 'static {
-    /// The word that manifests, jobs and the store write.
+    /// The name in manifests, jobs and the store.
     const NAME: &'static str;
-    /// Whether it trains, so that its completed jobs have weights; true unless declared otherwise.
+    /// Whether the algorithm trains; true by default.
     const LEARNS: bool = true;
-    /// What its jobs must satisfy beyond the ranges of single keys; nothing unless declared.
+    /// Whether completed jobs of the algorithm have weights; equal to
+    /// [`AlgorithmParameters::LEARNS`] by default.
+    const HAS_WEIGHTS: bool = Self::LEARNS;
+    /// Constraints on jobs beyond the ranges of single keys; none by default.
     const CONSTRAINTS: &'static [Constraint] = &[];
 
-    /// The version of its code, 1 unless declared; raise it whenever a change gives the same job
-    /// other results.
+    /// The version of its code; 1 by default. Raise it whenever a change of the code changes results.
     fn version(&self) -> u32 {
         1
     }
 
-    /// Episodes of training: the job's budget. 0 for an algorithm that does not train.
+    /// Number of training episodes, the budget of the job; 0 for an algorithm that does not train.
     fn episodes(&self) -> u32;
 
-    /// How much arithmetic it takes, from which times are estimated and shards are cut. Unless
-    /// declared, that of a network with two hidden layers of 128 units, updated at every step.
+    /// The arithmetic of a job, used to estimate times and to balance shards. The default is a
+    /// network with two hidden layers of 128 units and one update per step.
     fn work(&self, task: &Task) -> Work {
         let steps = task.steps(self.episodes());
         Work::of_network(USUAL_WEIGHTS, steps, steps).plus(steps.saturating_mul(PER_STEP))
     }
 
-    /// An agent at the start of its job.
+    /// Multiply-adds of training per second on one core of a recent server processor; see
+    /// [`Engine::speed`]. Measured times in a store replace it.
+    fn speed(&self) -> f64 {
+        Engine::Fused.speed()
+    }
+
+    /// The agent at the start of its job.
     ///
-    /// **Errors**: there is no memory for what it needs, or it is a rule that cannot be computed.
+    /// **Errors**: memory is short, or an optimal rule cannot be computed.
     fn start(&self, task: &Task) -> Result<Start, StartError>;
 
-    /// The actor of an agent that was trained before, on the engine that trained it.
+    /// The actor of a previously trained agent, on the engine that trained it.
     ///
-    /// **Errors**: the weights do not fit the agent; an algorithm that does not train has none.
+    /// **Errors**: the weights do not fit the agent; an algorithm that does not train has no
+    /// weights.
     fn trained(
         &self,
         task: &Task,
@@ -188,17 +212,22 @@ pub trait AlgorithmParameters: Keyed + 'static {
     ) -> Result<Box<dyn Actor>, WeightsError>;
 }
 
-/// A registered algorithm: what [`AlgorithmParameters`] declare, for all types alike.
+/// A registered algorithm: the declarations of [`AlgorithmParameters`], independent of the type.
+#[derive(Clone, Copy)]
 pub struct Algorithm {
     name: &'static str,
     parameters: TypeId,
     keys: &'static [Key],
+    /// Number of keys that the algorithm itself declares.
+    own_keys: usize,
     learns: bool,
+    has_weights: bool,
     constraints: &'static [Constraint],
     are_values: fn(&[Value]) -> bool,
     version: fn(&[Value]) -> u32,
     episodes: fn(&[Value]) -> u32,
     work: fn(&[Value], &Task) -> Work,
+    speed: fn(&[Value]) -> f64,
     start: fn(&[Value], &Task) -> Result<Start, StartError>,
     trained: TrainedBy,
 }
@@ -212,13 +241,21 @@ impl Algorithm {
         Algorithm {
             name: P::NAME,
             parameters: TypeId::of::<P>(),
-            keys: P::KEYS,
+            keys: KeysOf::<P>::ALL,
+            own_keys: P::KEYS.len(),
             learns: P::LEARNS,
+            has_weights: P::HAS_WEIGHTS,
             constraints: P::CONSTRAINTS,
-            are_values: |values| P::from_values(values).is_some(),
+            are_values: |values| {
+                let own = values.get(..P::KEYS.len()).and_then(P::from_values);
+                let history = values.get(P::KEYS.len());
+                let fits = !P::LEARNS || history.is_some_and(|value| HISTORY.kind.admits(value));
+                own.is_some() && fits
+            },
             version: |values| typed::<P>(values).version(),
             episodes: |values| typed::<P>(values).episodes(),
             work: |values, task| typed::<P>(values).work(task),
+            speed: |values| typed::<P>(values).speed(),
             start: |values, task| typed::<P>(values).start(task),
             trained: |values, task, weights, actions| {
                 typed::<P>(values).trained(task, weights, actions)
@@ -226,35 +263,82 @@ impl Algorithm {
         }
     }
 
-    /// The word that manifests, jobs and the store write.
+    /// The name in manifests, jobs and the store.
     pub fn name(&self) -> &'static str {
         self.name
     }
 
-    /// Its keys, in the order the documentation lists them.
+    /// Its keys, in the order of the documentation.
     pub fn keys(&self) -> &'static [Key] {
         self.keys
     }
 
-    /// Whether it trains, so that its completed jobs have weights.
+    /// Whether it trains.
     pub fn learns(&self) -> bool {
         self.learns
     }
 
-    /// What its jobs must satisfy beyond the ranges of single keys.
-    pub fn constraints(&self) -> &'static [Constraint] {
-        self.constraints
+    /// Whether its completed jobs have weights.
+    pub fn has_weights(&self) -> bool {
+        self.has_weights
+    }
+
+    /// The same algorithm with different keys, whose values its functions receive unchanged.
+    pub(super) fn with_keys(&self, keys: &'static [Key]) -> Algorithm {
+        Algorithm { keys, ..*self }
+    }
+
+    /// Constraints on its jobs beyond the ranges of single keys.
+    pub fn constraints(&self) -> impl Iterator<Item = &'static Constraint> {
+        let shared = if self.learns { &FIRST_TRAINED } else { &FIRST_TESTED };
+        self.constraints.iter().chain([shared])
     }
 }
 
-fn typed<P: Keyed>(values: &[Value]) -> P {
-    P::from_values(values).expect("an agent's values are of the types of its keys")
+/// Maximum number of keys of an algorithm.
+const MOST_KEYS: usize = 64;
+
+/// The key that every agent that learns has.
+const HISTORY: Key = Key {
+    name: "history",
+    kind: Kind::Integer { min: 1, max: 1000 },
+    written_doc: " number of observations that the agent sees per step: the current one and its \
+                  predecessors, oldest first, zeros before the first step",
+    default: Some(|| Value::Integer(1)),
+    before: Some(|| Value::Integer(1)),
+};
+
+/// The keys of an algorithm: its own, followed by those of every agent that learns.
+struct KeysOf<P>(PhantomData<P>);
+
+impl<P: AlgorithmParameters> KeysOf<P> {
+    const FILLED: &'static [Key; MOST_KEYS] = &{
+        let mut all = [HISTORY; MOST_KEYS];
+        let mut place = 0;
+        while place < P::KEYS.len() {
+            all[place] = P::KEYS[place];
+            place += 1;
+        }
+        all
+    };
+    const ALL: &'static [Key] = {
+        let shared = if P::LEARNS { 1 } else { 0 };
+        assert!(P::KEYS.len() < MOST_KEYS, "an algorithm has fewer keys");
+        Self::FILLED.split_at(P::KEYS.len() + shared).0
+    };
 }
 
-// An algorithm is the type that declares it: two that are not registered may have one name.
+fn typed<P: Keyed>(values: &[Value]) -> P {
+    P::from_values(&values[..P::KEYS.len()])
+        .expect("an agent's values are of the types of its keys")
+}
+
+// Algorithms are compared by their type, because two unregistered algorithms may have the same
+// name. Outside programs share a type and are compared by the names of their parameters.
 impl PartialEq for Algorithm {
     fn eq(&self, other: &Self) -> bool {
-        self.parameters == other.parameters
+        let names = |algorithm: &Algorithm| algorithm.keys.iter().map(|key| key.name);
+        self.parameters == other.parameters && names(self).eq(names(other))
     }
 }
 
@@ -276,13 +360,38 @@ pub struct Agent {
 impl Agent {
     /// The agent with these hyper-parameters.
     pub fn of<P: AlgorithmParameters>(parameters: &P) -> Agent {
-        Agent { algorithm: const { &Algorithm::of::<P>() }, values: parameters.to_values() }
+        let mut values = parameters.to_values();
+        values.extend(P::LEARNS.then_some(Value::Integer(1)));
+        Agent { algorithm: const { &Algorithm::of::<P>() }, values }
     }
 
-    /// The agent with these values, one for each of the algorithm's keys in their order; `None` if
-    /// one is of another type, or if there are too many or too few.
+    /// The same agent with this history, the number of observations at a time, at least 1. An agent
+    /// that does not learn always has history 1.
+    pub fn with_history(mut self, history: u32) -> Agent {
+        if self.algorithm.learns {
+            self.values[self.algorithm.own_keys] = Value::Integer(history.into());
+        }
+        self
+    }
+
+    /// Number of observations seen at a time.
+    pub fn history(&self) -> u32 {
+        match self.values.get(self.algorithm.own_keys).filter(|_| self.algorithm.learns) {
+            Some(Value::Integer(history)) => (*history).try_into().unwrap_or(u32::MAX),
+            Some(_) | None => 1,
+        }
+    }
+
+    /// A task as this agent sees it.
+    fn seen<'t>(&self, task: &Task<'t>) -> Task<'t> {
+        Task { history: self.history(), ..*task }
+    }
+
+    /// The agent with these values, one for each of the algorithm's keys in their order. `None` if
+    /// the number of values or a type is wrong.
     pub fn with_values(algorithm: &'static Algorithm, values: Vec<Value>) -> Option<Agent> {
-        (algorithm.are_values)(&values).then_some(Agent { algorithm, values })
+        let fits = values.len() == algorithm.keys.len() && (algorithm.are_values)(&values);
+        fits.then_some(Agent { algorithm, values })
     }
 
     /// The algorithm.
@@ -298,7 +407,7 @@ impl Agent {
     /// The hyper-parameters, if they are of this type.
     pub fn parameters<P: AlgorithmParameters>(&self) -> Option<P> {
         let is_of_type = self.algorithm.parameters == TypeId::of::<P>();
-        if is_of_type { P::from_values(&self.values) } else { None }
+        if is_of_type { Some(typed(&self.values)) } else { None }
     }
 
     /// The version of the algorithm's code; see [`AlgorithmParameters::version`].
@@ -311,17 +420,22 @@ impl Agent {
         (self.algorithm.episodes)(&self.values)
     }
 
-    /// How much arithmetic it takes; see [`AlgorithmParameters::work`].
+    /// The arithmetic of a job; see [`AlgorithmParameters::work`].
     pub fn work(&self, task: &Task) -> Work {
-        (self.algorithm.work)(&self.values, task)
+        (self.algorithm.work)(&self.values, &self.seen(task))
+    }
+
+    /// Multiply-adds of training per second; see [`AlgorithmParameters::speed`].
+    pub fn speed(&self) -> f64 {
+        (self.algorithm.speed)(&self.values)
     }
 
     /// The agent at the start of its job.
     ///
-    /// **Errors**: there is no memory for what it needs, it is a rule that cannot be computed, or its
-    /// algorithm does not start what it declares.
+    /// **Errors**: memory is short, an optimal rule cannot be computed, or what the algorithm
+    /// starts contradicts its declaration.
     pub fn start(&self, task: &Task) -> Result<Start, StartError> {
-        let start = (self.algorithm.start)(&self.values, task)?;
+        let start = (self.algorithm.start)(&self.values, &self.seen(task))?;
         let (algorithm, learns) = (self.algorithm.name, self.algorithm.learns);
         let consistent = match start {
             Start::Learner(_) => learns && self.episodes() > 0,
@@ -330,15 +444,16 @@ impl Agent {
         if consistent { Ok(start) } else { Err(StartError::Inconsistent { algorithm, learns }) }
     }
 
-    /// The actor of an agent that was trained before; see [`AlgorithmParameters::trained`].
+    /// The actor of a previously trained agent; see [`AlgorithmParameters::trained`].
     ///
-    /// **Errors**: the weights do not fit the agent; an algorithm that does not train has none.
+    /// **Errors**: the weights do not fit the agent; an algorithm that does not train has no
+    /// weights.
     pub fn trained(
         &self,
         task: &Task,
         weights: &Weights,
         actions: Actions,
     ) -> Result<Box<dyn Actor>, WeightsError> {
-        (self.algorithm.trained)(&self.values, task, weights, actions)
+        (self.algorithm.trained)(&self.values, &self.seen(task), weights, actions)
     }
 }

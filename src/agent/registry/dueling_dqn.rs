@@ -2,18 +2,23 @@
 
 use crate::agent::actor::Actor;
 use crate::agent::burn::device::inference;
-use crate::agent::burn::{BurnDuelingDqn, DuelingQNetwork};
-use crate::agent::constraint::{
-    Assignment, CURVE_FITS, Constraint, DECISIONS_FIT, EPISODES, HORIZON, LAYERS, ONE_HOT,
-    batch_fits, network_fits, replay_fits,
+use crate::agent::burn::{
+    BurnDuelingDqn, BurnRecurrentDqn, DuelingQNetwork, RecurrentDuelingQNetwork,
 };
-use crate::agent::dueling_dqn::{DuelingDqn, DuelingDqnLearner};
-use crate::agent::fused::{FusedDuelingDqn, FusedDuelingNetwork};
-use crate::agent::layers;
+use crate::agent::constraint::{
+    Assignment, CURVE_FITS, Constraint, DECISIONS_FIT, EPISODES, GRU_HAS_ITS_LAYERS, HISTORY,
+    HORIZON, LAYERS, ONE_HOT, RECURRENT, UNITS, Violation, batch_fits, gru_parameters,
+    gru_row_numbers, has_gru, network_fits, replay_fits,
+};
+use crate::agent::dueling_dqn::{DuelingDqn, DuelingDqnLearner, RecurrentDqnLearner};
+use crate::agent::fused::{
+    FusedDuelingDqn, FusedDuelingNetwork, FusedRecurrentDqn, FusedRecurrentDuelingNetwork,
+};
 use crate::agent::learner::{Actions, Learner};
-use crate::agent::network::Engine;
+use crate::agent::network::{Engine, Recurrent};
 use crate::agent::policy::EpsilonGreedy;
 use crate::agent::weights::{Weights, WeightsError};
+use crate::agent::{layers, orthogonal};
 use crate::env::{ObservationSpec, VectorEnvironment};
 use crate::kernel::Isa;
 use crate::key::Parameter;
@@ -23,12 +28,25 @@ use super::algorithm::{AlgorithmParameters, PER_STEP, Start, StartError, Task, W
 const TRUNK: Parameter = Parameter::Agent("trunk");
 const BATCH: Parameter = Parameter::Agent("batch");
 const BUFFER: Parameter = Parameter::Agent("buffer");
+const SEQUENCE: Parameter = Parameter::Agent("sequence");
+const BURN_IN: Parameter = Parameter::Agent("burn_in");
 const EPSILON_START: Parameter = Parameter::Agent("epsilon_start");
 const EPSILON_FLOOR: Parameter = Parameter::Agent("epsilon_floor");
 
-/// Stacks of hidden layers.
+/// Number of stacks of hidden layers.
 fn stacks(assignment: &Assignment) -> u64 {
     if assignment.is_word(TRUNK, "separate") { 2 } else { 1 }
+}
+
+/// Number of rows of a batch: transitions, or with a GRU episodes with the state after each.
+fn batch_rows(assignment: &Assignment) -> u64 {
+    let each = if has_gru(assignment) { assignment.whole(HORIZON).saturating_add(1) } else { 1 };
+    assignment.whole(BATCH).saturating_mul(each)
+}
+
+/// The violation `says` unless the condition holds.
+fn unless(holds: bool, says: &str) -> Option<Violation> {
+    (!holds).then(|| Violation::Contradiction(says.to_owned()))
 }
 
 impl AlgorithmParameters for DuelingDqn {
@@ -50,21 +68,91 @@ impl AlgorithmParameters for DuelingDqn {
                 })
             },
         },
+        GRU_HAS_ITS_LAYERS,
         Constraint {
-            parameters: &[Parameter::Scenario, LAYERS, TRUNK, HORIZON, ONE_HOT],
+            parameters: &[RECURRENT, TRUNK],
             violation: |assignment| {
-                network_fits(assignment.network_parameters(stacks(assignment), 5))
+                let holds = !has_gru(assignment) || assignment.is_word(TRUNK, "shared");
+                unless(
+                    holds,
+                    "`recurrent = \"gru\"` needs `trunk = \"shared\"`, found \"separate\"",
+                )
             },
         },
         Constraint {
-            parameters: &[Parameter::Scenario, BATCH, LAYERS, TRUNK, HORIZON, ONE_HOT],
+            parameters: &[BURN_IN, SEQUENCE],
             violation: |assignment| {
-                let each = stacks(assignment) * assignment.row_numbers();
-                batch_fits(assignment.whole(BATCH).saturating_mul(each))
+                let holds = assignment.whole(BURN_IN) == 0 || assignment.whole(SEQUENCE) > 0;
+                let burn_in = assignment.shown(BURN_IN);
+                unless(
+                    holds,
+                    &format!(
+                        "`burn_in` must be 0 with whole episodes (`sequence = 0`), which begin with the \
+                     true state, found {burn_in}"
+                    ),
+                )
             },
         },
         Constraint {
-            parameters: &[Parameter::Scenario, BUFFER, EPISODES, HORIZON, ONE_HOT],
+            parameters: &[SEQUENCE, RECURRENT],
+            violation: |assignment| {
+                let holds = assignment.whole(SEQUENCE) == 0 || has_gru(assignment);
+                unless(holds, "`sequence` needs `recurrent = \"gru\"`, found \"none\"")
+            },
+        },
+        Constraint {
+            parameters: &[RECURRENT, BATCH, BUFFER, HORIZON],
+            violation: |assignment| {
+                let episodes = assignment.whole(BATCH).saturating_add(1);
+                let most = episodes.saturating_mul(assignment.whole(HORIZON));
+                let holds = !has_gru(assignment) || most <= assignment.whole(BUFFER);
+                let [batch, buffer, horizon] =
+                    [BATCH, BUFFER, HORIZON].map(|key| assignment.shown(key));
+                unless(
+                    holds,
+                    &format!(
+                        "with a GRU the `buffer` must hold one episode more than a `batch`, which is {most} \
+                     steps for `batch` = {batch} and `horizon` = {horizon}, found {buffer}"
+                    ),
+                )
+            },
+        },
+        Constraint {
+            parameters: &[
+                Parameter::Scenario,
+                LAYERS,
+                TRUNK,
+                RECURRENT,
+                UNITS,
+                HORIZON,
+                ONE_HOT,
+                HISTORY,
+            ],
+            violation: |assignment| {
+                let layers = assignment.network_parameters(stacks(assignment), 5);
+                network_fits(layers.saturating_add(gru_parameters(assignment)))
+            },
+        },
+        Constraint {
+            parameters: &[
+                Parameter::Scenario,
+                BATCH,
+                LAYERS,
+                TRUNK,
+                RECURRENT,
+                UNITS,
+                HORIZON,
+                ONE_HOT,
+                HISTORY,
+            ],
+            violation: |assignment| {
+                let layers = stacks(assignment) * assignment.row_numbers();
+                let each = layers.saturating_add(gru_row_numbers(assignment));
+                batch_fits(batch_rows(assignment).saturating_mul(each))
+            },
+        },
+        Constraint {
+            parameters: &[Parameter::Scenario, BUFFER, EPISODES, HORIZON, ONE_HOT, HISTORY],
             violation: |assignment| {
                 let steps = assignment.whole(EPISODES).saturating_mul(assignment.whole(HORIZON));
                 replay_fits(assignment, assignment.whole(BUFFER).min(steps))
@@ -82,13 +170,31 @@ impl AlgorithmParameters for DuelingDqn {
         self.episodes
     }
 
-    /// One update a step, and one row to choose its action. The target network sees a transition once
-    /// in a period, which counts as nothing.
+    /// One forward row per choice of an action, and updates from batches. The target network
+    /// evaluates a transition once per period, which is neglected; with a GRU it evaluates every
+    /// batch.
     fn work(&self, task: &Task) -> Work {
-        let weights = layers::weights(&layers::dueling(self, task.observations().inputs())) as u64;
+        let layers = layers::dueling_layers(self, task.observations().inputs());
+        let weights = layers::numbers(&layers) as u64;
         let steps = task.steps(self.episodes);
-        Work::of_network(weights, steps.saturating_mul(u64::from(self.batch)), steps)
-            .plus(steps.saturating_mul(weights + PER_STEP))
+        let updates = steps / u64::from(self.update_interval.max(1));
+        let batch = u64::from(self.batch);
+        let acting = steps.saturating_mul(weights + PER_STEP);
+        let (rows, of_target) = match self.recurrent {
+            Recurrent::None => (updates.saturating_mul(batch), 0),
+            Recurrent::Gru => {
+                let sequence = u64::from(self.sequence + self.burn_in);
+                let whole = task.steps(1);
+                let each = if self.sequence == 0 { whole } else { sequence.min(whole) };
+                let rows = updates.saturating_mul(batch).saturating_mul(each);
+                (rows, rows.saturating_mul(weights))
+            }
+        };
+        Work::of_network(weights, rows, updates).plus(acting).plus(of_target)
+    }
+
+    fn speed(&self) -> f64 {
+        self.engine.speed()
     }
 
     fn start(&self, task: &Task) -> Result<Start, StartError> {
@@ -105,11 +211,11 @@ impl AlgorithmParameters for DuelingDqn {
     }
 }
 
-/// A dueling DQN before its first episode in any environment of one lane, on the engine that its
-/// parameters name.
+/// A dueling DQN before its first episode in any environment of one lane, on the engine given by
+/// its parameters.
 ///
-/// **Errors**: the environment does not have one lane and four actions; there is no memory for the
-/// network.
+/// **Errors**: the environment does not have one lane and four actions; memory for the network is
+/// short.
 pub fn learner_in<Env: VectorEnvironment + 'static>(
     parameters: &DuelingDqn,
     environment: Env,
@@ -117,6 +223,9 @@ pub fn learner_in<Env: VectorEnvironment + 'static>(
 ) -> Result<Box<dyn Learner<Env>>, StartError> {
     unless_fit(&environment, LANES)?;
     let inputs = environment.observation_spec().inputs();
+    if parameters.recurrent == Recurrent::Gru {
+        return recurrent_learner(parameters, environment, seed);
+    }
     let stacks = layers::dueling(parameters, inputs);
     let weights = layers::initial(&stacks, COPIES, seed)?;
     Ok(match parameters.engine {
@@ -132,8 +241,30 @@ pub fn learner_in<Env: VectorEnvironment + 'static>(
     })
 }
 
-/// The policy of a dueling DQN that was trained before, on the engine that trained it. As trained, it
-/// explores at the rate that is kept with its weights.
+/// [`learner_in`] with a GRU.
+fn recurrent_learner<Env: VectorEnvironment + 'static>(
+    parameters: &DuelingDqn,
+    environment: Env,
+    seed: u64,
+) -> Result<Box<dyn Learner<Env>>, StartError> {
+    let inputs = environment.observation_spec().inputs();
+    let layers = layers::dueling_layers(parameters, inputs);
+    let weights = orthogonal::initial(&layers, COPIES, seed)?;
+    Ok(match parameters.engine {
+        Engine::Fused => {
+            let engine = FusedRecurrentDqn::new(parameters, inputs, &weights, Isa::chosen());
+            let engine = engine.expect(layers::DRAWN);
+            Box::new(RecurrentDqnLearner::new(engine, parameters, environment, seed))
+        }
+        Engine::Burn => {
+            let engine = BurnRecurrentDqn::new(parameters, inputs, &weights).expect(layers::DRAWN);
+            Box::new(RecurrentDqnLearner::new(engine, parameters, environment, seed))
+        }
+    })
+}
+
+/// The policy of a previously trained dueling DQN, on the engine that trained it. With
+/// [`Actions::AsTrained`], it explores at the rate stored with its weights.
 ///
 /// **Errors**: the weights do not fit the network.
 pub fn trained<Env: VectorEnvironment>(
@@ -148,21 +279,31 @@ pub fn trained<Env: VectorEnvironment>(
         Actions::AsTrained => weights.number("epsilon")?,
         Actions::Greedy => 0.0,
     };
-    Ok(match parameters.engine {
-        Engine::Fused => Box::new(EpsilonGreedy::new(
-            FusedDuelingNetwork::new(parameters, inputs, weights, Isa::chosen())?,
-            epsilon,
-            observations,
-        )),
-        Engine::Burn => Box::new(EpsilonGreedy::new(
-            DuelingQNetwork::from_weights(parameters, inputs, weights, &inference())?,
-            epsilon,
-            observations,
-        )),
+    let isa = Isa::chosen();
+    Ok(match (parameters.engine, parameters.recurrent) {
+        (Engine::Fused, Recurrent::None) => {
+            let network = FusedDuelingNetwork::new(parameters, inputs, weights, isa)?;
+            Box::new(EpsilonGreedy::new(network, epsilon, observations))
+        }
+        (Engine::Fused, Recurrent::Gru) => {
+            let network = FusedRecurrentDuelingNetwork::new(parameters, inputs, weights, isa)?;
+            Box::new(EpsilonGreedy::new(network, epsilon, observations))
+        }
+        (Engine::Burn, Recurrent::None) => {
+            let network = DuelingQNetwork::from_weights(parameters, inputs, weights, &inference())?;
+            Box::new(EpsilonGreedy::new(network, epsilon, observations))
+        }
+        (Engine::Burn, Recurrent::Gru) => {
+            let device = inference();
+            let network =
+                RecurrentDuelingQNetwork::from_weights(parameters, inputs, weights, &device)?;
+            Box::new(EpsilonGreedy::new(network, epsilon, observations))
+        }
     })
 }
 
-/// Lanes that it trains on.
+/// Number of lanes in training.
 const LANES: usize = 1;
-/// The weights as drawn and as trained, their gradient, Adam's two moments, and the target network.
+/// Copies of the network in memory: the initial weights, the trained weights, their gradient,
+/// Adam's two moments, and the target network.
 const COPIES: usize = 6;

@@ -1,16 +1,23 @@
 //! The registry: every algorithm that a manifest can name, in one list.
 //!
-//! In: types that implement [`AlgorithmParameters`]. Out: [`Algorithm`]s by name. A program that uses
-//! the library adds its own with [`register_algorithm`]; nothing else in the library lists algorithms.
+//! In: types that implement [`AlgorithmParameters`]. Out: [`Algorithm`]s by name. A program that
+//! uses the library adds its own algorithms with [`register_algorithm`]. No other module lists
+//! algorithms.
 
 mod algorithm;
 mod dueling_dqn;
+mod external;
+mod linear_thompson;
+mod ppo;
 mod reinforce;
 mod rule;
 
 use std::sync::{PoisonError, RwLock};
 
 use crate::agent::dueling_dqn::DuelingDqn;
+use crate::agent::external::External;
+use crate::agent::linear_thompson::LinearThompson;
+use crate::agent::ppo::Ppo;
 use crate::agent::reinforce::Reinforce;
 use crate::agent::rule::RuleParameters;
 
@@ -18,31 +25,39 @@ pub use algorithm::{
     Agent, Algorithm, AlgorithmParameters, Start, StartError, Task, Trained, Work,
 };
 pub use dueling_dqn::{learner_in as dueling_dqn_learner, trained as trained_dueling_dqn};
+pub use external::free_key;
+pub use linear_thompson::{
+    learner_in as linear_thompson_learner, trained as trained_linear_thompson,
+};
+pub use ppo::{learner_in as ppo_learner, trained as trained_ppo};
 pub use reinforce::{learner_in as reinforce_learner, trained as trained_reinforce};
 
-/// The algorithms that come with the library, in the order the documentation lists them.
-static BUILT_IN: [Algorithm; 3] = [
+/// The algorithms that come with the library, in the order of the documentation.
+static BUILT_IN: [Algorithm; 6] = [
     Algorithm::of::<DuelingDqn>(),
     Algorithm::of::<Reinforce>(),
+    Algorithm::of::<LinearThompson>(),
+    Algorithm::of::<Ppo>(),
     Algorithm::of::<RuleParameters>(),
+    Algorithm::of::<External>(),
 ];
 
-/// The algorithms that programs have added, in their order.
+/// The algorithms that programs have registered, in order of registration.
 static REGISTERED: RwLock<Vec<&'static Algorithm>> = RwLock::new(Vec::new());
 
 /// Why an algorithm cannot be registered.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RegistrationError {
     /// Another algorithm has its name.
-    #[error("there is an algorithm called `{0}` already")]
+    #[error("an algorithm called `{0}` is already registered")]
     NameTaken(&'static str),
     /// One of its keys has a name that manifests use for something else.
-    #[error("`{0}` cannot be the name of a key of an algorithm; manifests use it for every agent")]
+    #[error("`{0}` cannot be a key of an algorithm, because manifests use it for every agent")]
     ReservedKey(&'static str),
 }
 
-/// Names that the table of an agent in a manifest uses beside the keys of its algorithm.
-const RESERVED: [&str; 2] = ["algorithm", "name"];
+/// Names in the table of an agent that are not keys of its own algorithm.
+const RESERVED: [&str; 3] = ["algorithm", "history", "name"];
 
 /// Adds an algorithm, so that manifests and stores that name it can be read.
 ///
@@ -67,7 +82,7 @@ impl Algorithm {
         BUILT_IN.iter().chain(registered.iter().copied()).collect()
     }
 
-    /// The registered algorithm of this name.
+    /// The registered algorithm with this name.
     pub fn named(name: &str) -> Option<&'static Algorithm> {
         Algorithm::all().into_iter().find(|algorithm| algorithm.name() == name)
     }

@@ -4,7 +4,7 @@ use crate::agent::actor::Actor;
 use crate::agent::burn::device::inference;
 use crate::agent::burn::{BurnReinforce, PolicyNetwork};
 use crate::agent::constraint::{
-    CURVE_FITS, Constraint, DECISIONS_FIT, EPISODES, HORIZON, LAYERS, ONE_HOT, batch_fits,
+    CURVE_FITS, Constraint, DECISIONS_FIT, EPISODES, HISTORY, HORIZON, LAYERS, ONE_HOT, batch_fits,
     network_fits,
 };
 use crate::agent::fused::{FusedPolicyNetwork, FusedReinforce};
@@ -40,11 +40,18 @@ impl AlgorithmParameters for Reinforce {
             },
         },
         Constraint {
-            parameters: &[Parameter::Scenario, LAYERS, HORIZON, ONE_HOT],
+            parameters: &[Parameter::Scenario, LAYERS, HORIZON, ONE_HOT, HISTORY],
             violation: |assignment| network_fits(assignment.network_parameters(1, 4)),
         },
         Constraint {
-            parameters: &[Parameter::Scenario, TRAJECTORIES_PER_UPDATE, LAYERS, HORIZON, ONE_HOT],
+            parameters: &[
+                Parameter::Scenario,
+                TRAJECTORIES_PER_UPDATE,
+                LAYERS,
+                HORIZON,
+                ONE_HOT,
+                HISTORY,
+            ],
             violation: |assignment| {
                 let each = assignment.whole(TRAJECTORIES_PER_UPDATE);
                 let rows = each.saturating_mul(assignment.whole(HORIZON));
@@ -63,7 +70,8 @@ impl AlgorithmParameters for Reinforce {
         self.episodes
     }
 
-    /// One update for so many trajectories. Every step is seen twice, to choose and to learn.
+    /// Counts one update per batch of trajectories. The network processes every step twice: to
+    /// choose an action, and to learn.
     fn work(&self, task: &Task) -> Work {
         let weights = layers::weights(&[layers::policy(self, task.observations().inputs())]) as u64;
         let steps = task.steps(self.episodes);
@@ -71,6 +79,10 @@ impl AlgorithmParameters for Reinforce {
         Work::of_network(weights, steps, updates.into())
             .plus(steps.saturating_mul(weights))
             .plus(task.steps(updates).saturating_mul(PER_STEP))
+    }
+
+    fn speed(&self) -> f64 {
+        self.engine.speed()
     }
 
     fn start(&self, task: &Task) -> Result<Start, StartError> {
@@ -89,10 +101,10 @@ impl AlgorithmParameters for Reinforce {
 }
 
 /// REINFORCE before its first update in any environment of `trajectories_per_update` lanes, on the
-/// engine that its parameters name.
+/// engine given by its parameters.
 ///
-/// **Errors**: the environment does not have these lanes and four actions; there is no memory for the
-/// network.
+/// **Errors**: the environment does not have this number of lanes and four actions; memory for the
+/// network is short.
 pub fn learner_in<Env: VectorEnvironment + 'static>(
     parameters: &Reinforce,
     environment: Env,
@@ -115,7 +127,7 @@ pub fn learner_in<Env: VectorEnvironment + 'static>(
     })
 }
 
-/// The policy of REINFORCE that was trained before, on the engine that trained it.
+/// The policy of previously trained REINFORCE, on the engine that trained it.
 ///
 /// **Errors**: the weights do not fit the network.
 pub fn trained<Env: VectorEnvironment>(
@@ -140,5 +152,6 @@ pub fn trained<Env: VectorEnvironment>(
     })
 }
 
-/// The weights as drawn and as trained, their gradient, and Adam's two moments.
+/// Copies of the network in memory: the initial weights, the trained weights, their gradient, and
+/// Adam's two moments.
 const COPIES: usize = 5;

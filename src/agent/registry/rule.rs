@@ -5,21 +5,21 @@ use crate::agent::constraint::{Assignment, Constraint, HORIZON, TEST_DECISIONS_F
 use crate::agent::learner::Actions;
 use crate::agent::rule::{DecisionRule, RuleParameters, RulePolicy};
 use crate::agent::weights::{Weights, WeightsError};
-use crate::env::Environment;
+use crate::env::{Environment, Population};
 use crate::key::{Key, Keyed, Parameter, Value};
-use crate::optimum::{LONGEST_OPTIMUM, NoOptimum, check};
+use crate::optimum::{LONGEST_OPTIMUM, NoOptimum, check, check_people};
 
 use super::algorithm::{AlgorithmParameters, Start, StartError, Task, Work};
 
 const RULE: Parameter = Parameter::Agent("rule");
 
-/// Multiply-adds that take as long as computing an optimum does per step of its horizon.
+/// Cost of computing an optimum per step of its horizon, in multiply-adds that take equally long.
 const OPTIMUM_PER_STEP: u64 = 100_000_000;
 
 /// Keys of the environment.
 const KEYS: &[Key] = Environment::KEYS;
 
-/// The rule, and every key of the environment in their order.
+/// The rule and all keys of the environment, in their order.
 const RULE_AND_ENVIRONMENT: [Parameter; KEYS.len() + 1] = {
     let mut all = [RULE; KEYS.len() + 1];
     let mut place = 0;
@@ -30,12 +30,40 @@ const RULE_AND_ENVIRONMENT: [Parameter; KEYS.len() + 1] = {
     all
 };
 
-/// The environment of the values of [`RULE_AND_ENVIRONMENT`].
+const POPULATION: &[Key] = Population::KEYS;
+
+/// The rule and all keys of the population, in their order.
+const RULE_AND_POPULATION: [Parameter; POPULATION.len() + 1] = {
+    let mut all = [RULE; POPULATION.len() + 1];
+    let mut place = 0;
+    while place < POPULATION.len() {
+        all[place + 1] = Parameter::Population(POPULATION[place].name);
+        place += 1;
+    }
+    all
+};
+
+/// The population, given the values of [`RULE_AND_POPULATION`].
+fn population(assignment: &Assignment) -> Option<Population> {
+    let is_of_population = |key: &Parameter| matches!(key, Parameter::Population(_));
+    let of_population = assignment.keys.iter().filter(|(key, _)| is_of_population(key));
+    let values: Vec<Value> = of_population.map(|(_, value)| (*value).clone()).collect();
+    Population::from_values(&values)
+}
+
+/// The environment, given the values of [`RULE_AND_ENVIRONMENT`].
 fn environment(assignment: &Assignment) -> Option<Environment> {
     let is_of_environment = |key: &Parameter| matches!(key, Parameter::Environment(_));
     let of_environment = assignment.keys.iter().filter(|(key, _)| is_of_environment(key));
     let values: Vec<Value> = of_environment.map(|(_, value)| (*value).clone()).collect();
     Environment::from_values(&values)
+}
+
+fn not_possible(error: &NoOptimum) -> Violation {
+    Violation::Impossible {
+        says: format!("rule = \"optimal\" is not possible: {error}"),
+        help: "use another rule, or leave out these cells with [[exclude]]".to_owned(),
+    }
 }
 
 fn is_optimal(assignment: &Assignment) -> bool {
@@ -78,10 +106,14 @@ impl AlgorithmParameters for RuleParameters {
                 let not_known = |error: &NoOptimum| matches!(error, NoOptimum::NotKnown { .. });
                 let environment = environment(assignment).filter(|_| is_optimal(assignment))?;
                 let error = check(&environment, assignment.scenario).err().filter(not_known)?;
-                Some(Violation::Impossible {
-                    says: format!("rule = \"optimal\" is not possible: {error}"),
-                    help: "take another rule, or leave such cells out with [[exclude]]".to_owned(),
-                })
+                Some(not_possible(&error))
+            },
+        },
+        Constraint {
+            parameters: &RULE_AND_POPULATION,
+            violation: |assignment| {
+                let population = population(assignment).filter(|_| is_optimal(assignment))?;
+                check_people(&population).err().as_ref().map(not_possible)
             },
         },
     ];
@@ -97,12 +129,13 @@ impl AlgorithmParameters for RuleParameters {
         }
     }
 
-    /// None: a rule learns nothing.
+    /// 0, because a rule does not learn.
     fn episodes(&self) -> u32 {
         0
     }
 
-    /// A rule looks at a number or two; the optimal one is computed before its first episode.
+    /// A rule reads one or two numbers per step; the optimal rule is computed before its first
+    /// episode.
     fn work(&self, task: &Task) -> Work {
         let training = match self.rule {
             DecisionRule::Optimal => task.steps(1).saturating_mul(OPTIMUM_PER_STEP),
@@ -116,7 +149,12 @@ impl AlgorithmParameters for RuleParameters {
     }
 
     fn start(&self, task: &Task) -> Result<Start, StartError> {
-        Ok(Start::Actor(Box::new(RulePolicy::new(self, task.environment, task.scenario)?)))
+        if self.rule == DecisionRule::Optimal {
+            check_people(task.population)?;
+        }
+        let policy = RulePolicy::new(self, task.environment, task.scenario)?;
+        let widest = task.population.widest(task.environment);
+        Ok(Start::Actor(Box::new(policy.among(&widest, task.scenario))))
     }
 
     fn trained(&self, _: &Task, _: &Weights, _: Actions) -> Result<Box<dyn Actor>, WeightsError> {

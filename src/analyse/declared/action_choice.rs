@@ -4,7 +4,7 @@ use super::arm::{ArmId, arms};
 use crate::analyse::{Interval, mean_interval};
 use crate::record::{CompletedRun, JobRecord, PROBABILITY_BINS};
 
-/// Actions there are: none, untailored, tailored to context 0, tailored to context 1.
+/// Number of actions: none, untailored, tailored to context 0, tailored to context 1.
 const ACTIONS: usize = 4;
 
 /// The choices of an arm.
@@ -12,14 +12,14 @@ const ACTIONS: usize = 4;
 pub struct ActionPanel {
     /// The arm.
     pub name: ArmId,
-    /// Seeds completed, and of how many.
+    /// Numbers of completed seeds and of all seeds.
     pub seeds: (usize, usize),
     /// The bins, by probability.
     pub bins: Vec<BinShares>,
 }
 
 impl ActionPanel {
-    /// The share of tailored actions in the bin of this number, if a seed has a step in it.
+    /// The share of tailored actions in a bin, if a seed has a step in it.
     pub fn tailored(&self, bin: usize) -> Option<f64> {
         let shares = self.bins.get(bin)?.shares?;
         Some(shares[2].0 + shares[3].0)
@@ -33,17 +33,17 @@ pub struct BinShares {
     pub low: f64,
     /// Upper end.
     pub high: f64,
-    /// Seeds that have a step in it.
+    /// Number of seeds that have a step in the bin.
     pub seeds: usize,
-    /// Test steps of all seeds.
+    /// Number of test steps of all seeds.
     pub steps: u64,
-    /// Mean over seeds of each action's share, with its interval where one is defined; `None`
-    /// where no seed has a step.
+    /// Mean over seeds of each action's share, with its interval if defined; `None` if no seed has
+    /// a step in the bin.
     pub shares: Option<[(f64, Option<Interval>); ACTIONS]>,
 }
 
-/// A panel an arm, in the manifest's order. A seed weighs as much as another, whatever its steps;
-/// one without a step in a bin has no share there.
+/// One panel per arm, in the manifest's order. Every seed has the same weight, whatever its number
+/// of steps. A seed without a step in a bin is left out of that bin.
 pub fn panels(bins: u8, jobs: &[&JobRecord]) -> Vec<ActionPanel> {
     let panel = |arm: super::Arm| {
         let runs: Vec<&CompletedRun> = arm.jobs.iter().filter_map(|job| job.completed()).collect();

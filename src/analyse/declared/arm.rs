@@ -1,12 +1,13 @@
 //! Arms: jobs that differ in their seed alone, and the parameters that distinguish them.
 
+use std::cmp::Reverse;
 use std::collections::{HashMap, HashSet};
 
 use crate::analyse::{Sample, lower_quartile};
 use crate::manifest::{Condition, Setting, Varying};
 use crate::record::{JobRecord, JobStatus};
 
-/// What distinguishes an arm from the others of its analysis.
+/// The identity of an arm within its analysis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ArmId {
     /// Agent's name in the manifest.
@@ -20,15 +21,15 @@ pub struct ArmId {
 /// The jobs of an arm.
 #[derive(Clone, Debug)]
 pub struct Arm<'j> {
-    /// What distinguishes it from the others.
+    /// The identity of the arm.
     pub name: ArmId,
     /// Its jobs, in the manifest's order.
     pub jobs: Vec<&'j JobRecord>,
 }
 
 impl Arm<'_> {
-    /// The metric of its seeds. A seed that comes twice is taken once: its jobs are one job that
-    /// two agents of equal content share.
+    /// The metric of its seeds. A repeated seed counts once, because two agents of equal content share
+    /// its job.
     pub fn sample(&self, metric: &str) -> Sample {
         let mut seen = HashSet::new();
         let (mut values, mut failed, mut open) = (Vec::new(), 0, 0);
@@ -37,7 +38,7 @@ impl Arm<'_> {
                 continue;
             }
             match &job.status {
-                // One that completed without this metric is lost as one that is not finite.
+                // A completed job without this metric counts as a value that is not finite.
                 JobStatus::Completed(_) => {
                     values.push((job.seed, value(job, metric).unwrap_or(f64::NAN)));
                 }
@@ -48,16 +49,16 @@ impl Arm<'_> {
         Sample::new(values, failed, open).expect("every seed is taken once")
     }
 
-    /// The best mean return that any policy can reach where the arm is, if it is known.
+    /// The best mean return that any policy can reach in the arm's environment, if it is known.
     pub fn optimum(&self) -> Option<f64> {
         self.jobs.iter().find_map(|job| job.optimum)
     }
 }
 
-/// Messages sent in a test episode, on average: the product of two recorded metrics.
+/// Mean number of messages per test episode: the product of two recorded metrics.
 pub const MESSAGES: &str = "messages_per_episode";
 
-/// A completed job's value of a metric.
+/// The value of a metric of a completed job.
 pub fn value(job: &JobRecord, metric: &str) -> Option<f64> {
     let run = job.completed()?;
     match metric {
@@ -67,7 +68,7 @@ pub fn value(job: &JobRecord, metric: &str) -> Option<f64> {
     }
 }
 
-/// An arm's name without what its side decides.
+/// An arm's name without the part that distinguishes the sides.
 pub fn shared(side: &Condition, name: ArmId) -> ArmId {
     match side {
         Condition::Scenario(_) => ArmId { scenario: String::new(), ..name },
@@ -76,7 +77,7 @@ pub fn shared(side: &Condition, name: ArmId) -> ArmId {
     }
 }
 
-/// Whether a job matches a row's name; an empty word matches any.
+/// Whether a job matches a row's name. An empty agent or scenario matches any.
 pub fn is_at(job: &JobRecord, name: &ArmId) -> bool {
     let is = |wanted: &str, found: &str| wanted.is_empty() || wanted == found;
     let set = |(key, value): &(String, Setting)| job.setting(key) == Some(value);
@@ -85,7 +86,7 @@ pub fn is_at(job: &JobRecord, name: &ArmId) -> bool {
         && name.settings.iter().all(set)
 }
 
-/// The parameters that differ between jobs of one agent, by name.
+/// The parameters that differ between jobs of one agent, sorted by name.
 pub fn varying(jobs: &[&JobRecord]) -> Vec<String> {
     let values = jobs.iter().flat_map(|job| {
         job.settings.iter().map(|(name, value)| (job.agent.as_str(), name.as_str(), value))
@@ -95,8 +96,51 @@ pub fn varying(jobs: &[&JobRecord]) -> Vec<String> {
     names
 }
 
-/// The arms of some jobs, in the order in which they first appear. `aside` are parameters that do
-/// not tell arms apart.
+/// The varying parameters that are functions of the parameter `by`: among the jobs of each agent,
+/// each value of `by` occurs with a single value of the parameter. Keys zipped with `by` are an
+/// example. Empty if `by` does not vary.
+pub fn decided_by(by: &str, jobs: &[&JobRecord]) -> Vec<String> {
+    let decides = |name: &String| {
+        let mut values: HashMap<(&str, String), Option<&Setting>> = HashMap::new();
+        jobs.iter().all(|job| {
+            let value = job.setting(name);
+            let Some(at) = job.setting(by) else { return value.is_none() };
+            let known = values.entry((job.agent.as_str(), at.to_string())).or_insert(value);
+            *known == value
+        })
+    };
+    let is_varied = varying(jobs).iter().any(|name| name == by);
+    let names = if is_varied { varying(jobs) } else { Vec::new() };
+    names.into_iter().filter(|name| name != by && decides(name)).collect()
+}
+
+/// The varying parameters that other parameters of the experiment determine, so that names are
+/// distinct without them. Among parameters that determine each other, parameters in `kept` stay;
+/// otherwise the parameter with the most values stays, and text comes before numbers.
+pub fn implied(jobs: &[&JobRecord], kept: &[String]) -> Vec<String> {
+    let mut names = varying(jobs);
+    if names.len() < 2 {
+        return Vec::new();
+    }
+    names.sort_by_cached_key(|name| {
+        let values: HashSet<String> =
+            jobs.iter().filter_map(|job| job.setting(name)).map(ToString::to_string).collect();
+        let is_word = jobs.iter().any(|job| matches!(job.setting(name), Some(Setting::Text(_))));
+        (!kept.contains(name), Reverse(values.len()), !is_word)
+    });
+    let mut implied: Vec<String> = Vec::new();
+    for name in &names {
+        if !implied.contains(name) {
+            let decided = decided_by(name, jobs);
+            implied.extend(decided.into_iter().filter(|one| !kept.contains(one)));
+        }
+    }
+    implied.sort();
+    implied.dedup();
+    implied
+}
+
+/// The arms of some jobs, in order of first appearance. Parameters in `aside` do not distinguish arms.
 pub fn arms<'j>(jobs: &[&'j JobRecord], aside: &[&str]) -> Vec<Arm<'j>> {
     let mut names = varying(jobs);
     names.retain(|name| !aside.contains(&name.as_str()));
@@ -118,9 +162,62 @@ pub fn arms<'j>(jobs: &[&'j JobRecord], aside: &[&str]) -> Vec<Arm<'j>> {
     arms
 }
 
-/// Numbers in ascending order, none twice.
+/// The distinct numbers in ascending order.
 pub fn distinct(mut numbers: Vec<f64>) -> Vec<f64> {
     numbers.sort_by(f64::total_cmp);
     numbers.dedup();
     numbers
+}
+
+#[cfg(test)]
+mod tests {
+    use std::slice;
+
+    use super::*;
+    use crate::manifest::parse;
+    use crate::plan;
+
+    fn jobs(keys: &str) -> Vec<JobRecord> {
+        let text = format!(
+            "format = 1\nextends = \"paper\"\nname = \"t\"\nscenarios = [\"P-H-D\"]\nseeds = 2\n{keys}"
+        );
+        let manifest = parse("t", text.as_bytes()).unwrap();
+        plan::jobs(&manifest)
+            .map(|planned| JobRecord::new(&planned, planned.form.key(), JobStatus::Pending))
+            .collect()
+    }
+
+    const ZIPPED: &str = "zip = [[\"environment.state_noise\", \"environment.kappa_h\", \"environment.kappa_d\"]]\n\
+                          [environment]\nsigma = [0.4, 0.6]\nstate_noise = [\"none\", \"beta\", \"beta\"]\n\
+                          kappa_h = [0.0, 5.0, 10.0]\nkappa_d = [0.0, 9.0, 9.0]\n";
+
+    #[test]
+    fn zipped_keys_are_decided_by_one_that_has_more_values_and_others_are_not() {
+        let jobs = jobs(ZIPPED);
+        let jobs: Vec<&JobRecord> = jobs.iter().collect();
+        let decided = |by| decided_by(by, &jobs);
+        let (noise, kappa_d) = ("environment.state_noise", "environment.kappa_d");
+        assert_eq!(decided("environment.kappa_h"), [kappa_d, noise]);
+        assert_eq!(decided(noise), [kappa_d]);
+        assert!(decided("environment.sigma").is_empty());
+        assert!(decided("environment.horizon").is_empty(), "it is not varied");
+    }
+
+    #[test]
+    fn names_of_arms_are_distinct_without_implied_keys() {
+        let jobs = jobs(ZIPPED);
+        let jobs: Vec<&JobRecord> = jobs.iter().collect();
+        let (noise, kappa_d) =
+            ("environment.state_noise".to_owned(), "environment.kappa_d".to_owned());
+        assert_eq!(implied(&jobs, &[]), [kappa_d.clone(), noise.clone()]);
+        assert_eq!(implied(&jobs, slice::from_ref(&noise)), slice::from_ref(&kappa_d));
+        // Of two keys with equally many values, the key with text values stays.
+        let two = jobs.iter().filter(|job| job.number("environment.kappa_h") != Some(5.0));
+        let two: Vec<&JobRecord> = two.copied().collect();
+        assert_eq!(implied(&two, &[]), [kappa_d, "environment.kappa_h".to_owned()]);
+        let arms = arms(&jobs, &implied(&jobs, &[]).iter().map(String::as_str).collect::<Vec<_>>());
+        // Two agents, two sigmas, three versions of the noise.
+        assert_eq!(arms.len(), 12);
+        assert!(arms.iter().all(|arm| arm.jobs.len() == 2));
+    }
 }

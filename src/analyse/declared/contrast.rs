@@ -4,18 +4,17 @@ use std::collections::BTreeMap;
 
 use super::arm::{ArmId, arms, is_at, shared, varying};
 use crate::analyse::{self, Corrected, Design, Sample, Tests, Undefined, correct};
-use crate::env::inference_error;
 use crate::manifest::{Condition, Contrast, Pairing, Published, Setting, Sides};
 use crate::record::JobRecord;
 
 /// A difference at one setting of the other parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ContrastRow {
-    /// The sides' words, first and second.
+    /// The labels of the first and second side.
     pub sides: (String, String),
-    /// What the sides share: the agent or scenario that is no side, if it is one.
+    /// The agent or scenario that both sides share, and the other settings.
     pub name: ArmId,
-    /// Context inference error, where the jobs have a sigma that both sides share.
+    /// Context inference error, if both sides share it.
     pub error: Option<f64>,
     /// The metric of the first side's seeds.
     pub first: Sample,
@@ -25,7 +24,7 @@ pub struct ContrastRow {
     pub contrast: analyse::Contrast,
     /// The family over which p values are corrected.
     pub family: String,
-    /// P values corrected over it.
+    /// P values corrected over the family.
     pub corrected: Result<Corrected, Undefined>,
     /// Published difference and p value.
     pub published: Option<(f64, f64)>,
@@ -37,19 +36,18 @@ impl ContrastRow {
         matches!(self.contrast.tests, Tests::Matched { .. })
     }
 
-    /// Seeds of each side that have a value and, where seeds are matched, no partner.
+    /// Numbers of seeds of each side that have a value but, if seeds are matched, no partner.
     pub fn unmatched(&self) -> (usize, usize) {
         let (first, second) = self.contrast.seeds;
         (self.first.n() - first, self.second.n() - second)
     }
 
-    /// Seeds of each side that ended without a value.
+    /// Numbers of seeds of each side that ended without a value.
     pub fn lost(&self) -> (usize, usize) {
         (self.first.lost().ended() as usize, self.second.lost().ended() as usize)
     }
 
-    /// The means of the sides: of the seeds that are compared, so that they differ by the
-    /// difference.
+    /// The means of the sides over the compared seeds, whose difference is the contrast's difference.
     pub fn means(&self) -> (Result<f64, Undefined>, Result<f64, Undefined>) {
         match self.contrast.design {
             Design::Independent => (self.first.mean(), self.second.mean()),
@@ -103,8 +101,8 @@ pub fn rows(
     rows
 }
 
-/// The parameters that the sides decide: that of their key, and those zipped with it, which have
-/// one value on each side and another on the other.
+/// The parameters that the sides determine: the key of the sides, and the parameters zipped with
+/// it, which have a single value on each side and differ between the sides.
 fn decided(sides: &Sides, both: &[&JobRecord]) -> Vec<String> {
     let by = sides.key();
     if by.is_empty() {
@@ -123,7 +121,7 @@ fn decided(sides: &Sides, both: &[&JobRecord]) -> Vec<String> {
     names
 }
 
-/// The value that all these jobs have of a parameter; `None` if they differ or lack it.
+/// The value of a parameter that all jobs share; `None` if values differ or a job lacks it.
 fn only<'j>(name: &str, jobs: &[&'j JobRecord]) -> Option<&'j Setting> {
     let value = jobs.first()?.setting(name)?;
     jobs.iter().all(|job| job.setting(name) == Some(value)).then_some(value)
@@ -151,6 +149,8 @@ fn row(
     }
     let sigma_of = |arm: &super::Arm<'_>| arm.jobs.first()?.number("environment.sigma");
     let sigma = sigma_of(&first).filter(|sigma| sigma_of(&second) == Some(*sigma));
+    let error_of = |arm: &super::Arm<'_>| arm.jobs.first()?.context_error;
+    let error = error_of(&first).filter(|error| error_of(&second) == Some(*error));
     let (first, second) = (first.sample(metric), second.sample(metric));
     let words = (sides.first.settings()[0].to_string(), sides.second.settings()[0].to_string());
     let published = published.filter(|_| metric == "mean_return");
@@ -163,7 +163,7 @@ fn row(
                 (format!("{key}={}", words.0), format!("{key}={}", words.1))
             }
         },
-        error: sigma.map(inference_error),
+        error,
         contrast: analyse::Contrast::new(&first, &second, design),
         family: family.to_owned(),
         corrected: Err(Undefined::NoSeeds),

@@ -1,6 +1,6 @@
 //! A metric along a parameter.
 
-use super::arm::{ArmId, arms, distinct};
+use super::arm::{ArmId, arms, decided_by, distinct};
 use crate::analyse::{Sample, Undefined, welch_t_test};
 use crate::env::inference_error;
 use crate::manifest::{CurveAxis, ERROR_AXIS, Published};
@@ -9,7 +9,7 @@ use crate::record::JobRecord;
 /// Lines along one axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CurveFigure {
-    /// What the horizontal axis shows: `context_inference_error` or a dotted name.
+    /// The horizontal axis: `context_inference_error` or a dotted name.
     pub axis: String,
     /// The lines.
     pub lines: Vec<CurveLine>,
@@ -18,7 +18,7 @@ pub struct CurveFigure {
 /// An arm along the axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CurveLine {
-    /// The arm; the axis' parameter is not among its settings.
+    /// The arm, without the parameter of the axis among its settings.
     pub name: ArmId,
     /// Its points, by x.
     pub points: Vec<CurvePoint>,
@@ -32,31 +32,31 @@ pub struct CurveLine {
 /// A point of a line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CurvePoint {
-    /// Where it stands on the axis.
+    /// Its position on the axis.
     pub x: f64,
-    /// The value of the axis' parameter.
+    /// The value of the parameter of the axis.
     pub parameter: f64,
     /// The metric of its seeds.
     pub sample: Sample,
 }
 
-/// Below this, a corrected p value counts as a finding.
+/// Level below which a corrected p value counts as a finding.
 pub const ALPHA: f64 = 0.05;
 
-/// What can be said of two means.
+/// The comparison of two means.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Apart {
-    /// They differ by more than chance.
+    /// The difference is significant.
     Surely,
-    /// Chance makes such differences.
+    /// The difference is not significant.
     Perhaps,
     /// There are too few seeds for a test.
     Untested,
 }
 
 impl Apart {
-    /// Whether two means differ, as one of `pairs` comparisons: by Welch's t, with Bonferroni's
-    /// correction. Means of seeds that are all alike differ if they are not the same.
+    /// Whether two means differ, by Welch's t test with Bonferroni's correction for `pairs`
+    /// comparisons. If the seeds of both arms have no variance, unequal means count as different.
     fn of(one: &Sample, other: &Sample, pairs: usize) -> Apart {
         match welch_t_test(one.values(), other.values()) {
             Ok(test) if test.p * (pairs as f64) < ALPHA => Apart::Surely,
@@ -67,30 +67,31 @@ impl Apart {
     }
 }
 
-/// How lines go from their first to their last point.
+/// Directions of lines from their first to their last point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Trends {
     /// Lines with a point.
     pub lines: usize,
-    /// Lines that fall by more than chance.
+    /// Lines that fall significantly.
     pub falls: usize,
-    /// Lines that rise by more than chance.
+    /// Lines that rise significantly.
     pub rises: usize,
 }
 
 /// The ends of a line.
 #[derive(Clone, Copy, Debug)]
 pub struct Ends<'l> {
-    /// The first point that has a mean, with it.
+    /// The first point that has a mean, and its mean.
     pub first: (&'l CurvePoint, f64),
-    /// The last one.
+    /// The last point that has a mean, and its mean.
     pub last: (&'l CurvePoint, f64),
     /// Whether the means differ.
     pub apart: Apart,
 }
 
 impl CurveLine {
-    /// The first and the last point that have a mean, as one of `pairs` comparisons.
+    /// The first and the last point that have a mean, compared with correction for `pairs`
+    /// comparisons.
     pub fn ends(&self, pairs: usize) -> Option<Ends<'_>> {
         let mut seen =
             self.points.iter().filter_map(|point| Some((point, point.sample.mean().ok()?)));
@@ -100,7 +101,7 @@ impl CurveLine {
         Some(Ends { first, last, apart })
     }
 
-    /// The best mean return that any policy can reach at a place of the axis, if it is known.
+    /// The best mean return that any policy can reach at a position on the axis, if it is known.
     pub fn optimum_at(&self, x: f64) -> Option<f64> {
         self.optimum.iter().find(|(at, _)| *at == x).map(|(_, best)| *best)
     }
@@ -112,7 +113,8 @@ impl CurveFigure {
         self.axis == ERROR_AXIS
     }
 
-    /// How many lines fall and rise beyond chance, each as one of all lines; `None` without points.
+    /// The numbers of lines that fall and rise significantly, corrected for the number of lines;
+    /// `None` if no line has a point.
     pub fn trends(&self) -> Option<Trends> {
         let pairs = self.lines.len();
         let mut trends = Trends::default();
@@ -126,8 +128,9 @@ impl CurveFigure {
         (trends.lines > 0).then_some(trends)
     }
 
-    /// Where two lines are furthest apart: the point of the first line, the difference of the means
-    /// and whether it is beyond chance, as one of all points; of those beyond chance, if any are.
+    /// The widest gap between two lines: the point of the first line, the difference of the means,
+    /// and whether it is significant, corrected for the number of points. Significant gaps take
+    /// precedence over wider gaps.
     pub fn widest_gap(&self) -> Option<(&CurvePoint, f64, Apart)> {
         let [first, second] = self.lines.as_slice() else { return None };
         let pairs = first.points.len();
@@ -166,7 +169,10 @@ pub fn figure(
         CurveAxis::ContextInferenceError => inference_error(value),
         CurveAxis::Swept(_) => value,
     };
-    let lines = arms(jobs, &[&parameter]).into_iter().map(|arm| {
+    // Parameters zipped with the axis vary along a line.
+    let along = [vec![parameter.clone()], decided_by(&parameter, jobs)].concat();
+    let along: Vec<&str> = along.iter().map(String::as_str).collect();
+    let lines = arms(jobs, &along).into_iter().map(|arm| {
         let numbers = arm.jobs.iter().filter_map(|job| job.number(&parameter)).collect();
         let mut optimum = Vec::new();
         let points = distinct(numbers).into_iter().map(|value| {
@@ -202,8 +208,8 @@ pub fn figure(
 mod tests {
     use super::*;
 
-    /// A line of an arm, with three seeds at 1, 2 and so on: a mean, and how far the other two
-    /// seeds are from it.
+    /// A line with three seeds at each of x = 1, 2, …. `points` holds the mean and the distance of
+    /// the two outer seeds from it.
     fn line(points: &[(f64, f64)]) -> CurveLine {
         let point = |(x, (mean, spread)): (f64, &(f64, f64))| {
             let values = [(1, *mean), (2, mean - spread), (3, mean + spread)];
@@ -238,7 +244,7 @@ mod tests {
             line(&[(90.0, 1.0), (50.0, 1.0), (20.0, 1.0)]),
             line(&[(20.0, 1.0), (90.0, 1.0)]),
             line(&[(20.0, 90.0), (30.0, 90.0)]),
-            // Without a spread, every difference counts.
+            // Without variance, every difference counts.
             line(&[(50.0, 0.0), (55.0, 0.0)]),
             line(&[(50.0, 0.0), (50.0, 0.0)]),
             one_seed,

@@ -1,6 +1,6 @@
 //! Means, or differences of means, over two parameters.
 
-use super::arm::{arms, distinct, is_at, shared};
+use super::arm::{arms, decided_by, distinct, is_at, shared};
 use super::{Arm, ArmId};
 use crate::analyse::{Contrast, Design, Interval, Moments, Sample, Undefined, mean_interval};
 use crate::key::Parameter;
@@ -10,11 +10,13 @@ use crate::record::JobRecord;
 /// A map of one arm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeatFigure {
+    /// The name that distinguishes it from the other maps.
+    pub name: ArmId,
     /// The agent; empty where agents are the sides.
     pub agent: String,
-    /// The scenario, or both sides as `first - second`, and what else distinguishes the map.
+    /// The scenario, or both sides as `first - second`, and the settings that distinguish the map.
     pub subject: String,
-    /// Whether its values are differences.
+    /// Whether its values are means or differences.
     pub scale: Scale,
     /// Dotted name and values of the columns, ascending.
     pub x: (String, Vec<f64>),
@@ -24,21 +26,21 @@ pub struct HeatFigure {
     pub tiles: Vec<HeatTile>,
 }
 
-/// What the values of a map mean.
+/// The kind of values in a map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scale {
     /// Means.
     Mean,
-    /// Differences, for which 0 is nothing.
+    /// Differences, centred at 0.
     Difference,
 }
 
 /// A tile of a map.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeatTile {
-    /// Of its column.
+    /// The value of its column.
     pub x: f64,
-    /// Of its row.
+    /// The value of its row.
     pub y: f64,
     /// The mean or difference.
     pub value: Result<f64, Undefined>,
@@ -51,21 +53,20 @@ pub struct HeatTile {
 }
 
 impl HeatTile {
-    /// Whether its interval leaves out 0.
+    /// Whether its interval excludes 0.
     pub fn is_beyond_zero(&self) -> bool {
         self.interval.is_ok_and(|interval| interval.low > 0.0 || interval.high < 0.0)
     }
 }
 
-/// The ends of the colours that all maps of an analysis share: the least and the most of their
-/// values, so that a colour is one number in all of them.
+/// The colour range shared by all maps of an analysis: their smallest and largest value.
 pub fn heat_range(figures: &[HeatFigure]) -> (f64, f64) {
     let values = figures.iter().flat_map(|figure| &figure.tiles);
     let values = values.filter_map(|tile| tile.value.ok());
     values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), v| (l.min(v), m.max(v)))
 }
 
-/// A map an arm: what the axes and the sides do not decide makes maps of their own.
+/// One map per arm; parameters other than axes and sides distinguish maps.
 pub fn figures(
     (x, y): (Parameter, Parameter),
     sides: Option<&Sides>,
@@ -76,7 +77,10 @@ pub fn figures(
     let by = sides.map_or_else(String::new, Sides::key);
     let axes = (x.to_string(), y.to_string());
     let mut names: Vec<ArmId> = Vec::new();
-    for arm in arms(jobs, &[&axes.0, &axes.1, &by]) {
+    // Parameters zipped with an axis vary along it.
+    let zipped = [&axes.0, &axes.1].map(|axis| decided_by(axis, jobs)).concat();
+    let along = [&axes.0, &axes.1, &by].into_iter().chain(&zipped);
+    for arm in arms(jobs, &along.map(String::as_str).collect::<Vec<_>>()) {
         let name = match sides {
             Some(sides) => shared(&sides.first, arm.name),
             None => arm.name,
@@ -135,7 +139,8 @@ fn figure(
         x: (x.clone(), columns),
         y: (y.clone(), rows),
         subject: contrast + &settings.collect::<String>(),
-        agent: name.agent,
+        agent: name.agent.clone(),
+        name,
         tiles,
     }
 }

@@ -1,14 +1,14 @@
-//! How often the most likely context is wrong.
+//! The rate at which the more probable context is wrong.
 
 use super::arm::distinct;
 use crate::env::inference_error;
 use crate::manifest::Published;
 use crate::record::JobRecord;
 
-/// Error along sigma: by the formula, as tested, as published.
+/// The error along sigma: by the formula, in test steps, and as published.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ErrorFigure {
-    /// A point a sigma.
+    /// One point per sigma.
     pub points: Vec<ErrorPoint>,
     /// Published rates: sigma and rate.
     pub published: Vec<(f64, f64)>,
@@ -19,10 +19,10 @@ pub struct ErrorFigure {
 pub struct ErrorPoint {
     /// Feature noise.
     pub sigma: f64,
-    /// By the formula.
+    /// The error by the formula.
     pub exact: f64,
-    /// Share of the test steps of all completed runs at which the more probable context was not
-    /// the true one; `None` without such steps.
+    /// Share of the test steps of all completed runs at which the more probable context was wrong;
+    /// `None` without test steps.
     pub seen: Option<f64>,
     /// Test steps.
     pub steps: u64,
@@ -31,7 +31,8 @@ pub struct ErrorPoint {
 }
 
 impl ErrorFigure {
-    /// The published rate that is furthest from the exact one: its sigma, and how much it is higher.
+    /// The sigma at which the published rate is furthest from the exact rate, and the published
+    /// minus the exact rate there.
     pub fn furthest_published(&self) -> Option<(f64, f64)> {
         let gaps = self.published.iter().filter_map(|(sigma, rate)| {
             let point = self.points.iter().find(|point| point.sigma == *sigma)?;
@@ -51,7 +52,7 @@ pub fn figure(jobs: &[&JobRecord], published: Option<&Published>) -> ErrorFigure
         let (mut steps, mut wrong) = (0, 0);
         for count in runs.iter().flat_map(|run| &run.actions) {
             steps += count.count;
-            // Bins from 5 on are those in which context 0 is the more probable one.
+            // Context 0 is more probable in bins from 5 on.
             let likely = u8::from(count.bin < 5);
             wrong += if likely == count.context { 0 } else { count.count };
         }

@@ -4,10 +4,10 @@ use super::arm::{ArmId, arms};
 use crate::analyse::{Interval, mean_interval, moving_mean};
 use crate::record::JobRecord;
 
-/// Learning curves, a panel a scenario.
+/// Learning curves, one panel per scenario.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LearningFigure {
-    /// Training episodes of the moving mean.
+    /// Window of the moving mean, in training episodes.
     pub window: u32,
     /// The panels, in the manifest's order.
     pub panels: Vec<LearningPanel>,
@@ -34,7 +34,7 @@ impl LearningFigure {
 pub struct LearningPanel {
     /// The scenario.
     pub scenario: String,
-    /// A line an arm.
+    /// One line per arm.
     pub lines: Vec<LearningLine>,
 }
 
@@ -43,7 +43,7 @@ pub struct LearningPanel {
 pub struct LearningLine {
     /// The arm.
     pub name: ArmId,
-    /// Seeds completed, and of how many.
+    /// Numbers of completed seeds and of all seeds.
     pub seeds: (usize, usize),
     /// The best mean return that any policy can reach, where it is known.
     pub optimum: Option<f64>,
@@ -51,8 +51,8 @@ pub struct LearningLine {
     pub points: Vec<(u32, f64, Option<Interval>)>,
 }
 
-/// The learning curves of the jobs. Where seeds end at different episodes, a line goes
-/// as far as all of them do. Agents that do not learn have none.
+/// The learning curves of the jobs. A line ends at the last point that all of its completed seeds
+/// have. Agents that do not learn have no line.
 pub fn figure(window: u32, jobs: &[&JobRecord]) -> LearningFigure {
     let mut panels: Vec<LearningPanel> = Vec::new();
     let learners: Vec<&JobRecord> = jobs.iter().filter(|job| job.learns).copied().collect();

@@ -1,8 +1,8 @@
 //! The analyses that a manifest declares, carried out on the jobs of its experiment.
 //!
-//! In: analyses, jobs with what has become of them, published numbers. Out: [`Finding`]s, the
-//! numbers of a figure or table with the seeds behind them. What cannot be computed is told by an
-//! [`Undefined`](super::Undefined), and seeds that are missing are counted.
+//! In: analyses, jobs with their outcomes, published numbers. Out: [`Finding`]s, the numbers of a
+//! figure or table with the seeds behind them. A number that cannot be computed is an
+//! [`Undefined`](super::Undefined) with its reason, and missing seeds are counted.
 //!
 //! It does not know how a finding is drawn or written.
 
@@ -13,36 +13,40 @@ mod curve;
 mod heat_map;
 mod inference_error;
 mod learning_curve;
+mod recovery;
 mod reproduction;
 mod selection;
 mod summary;
 
 pub use action_choice::{ActionPanel, BinShares};
-pub use arm::{Arm, ArmId, varying};
+pub use arm::{Arm, ArmId, implied, is_at, varying};
 pub use contrast::ContrastRow;
 pub use curve::{ALPHA, Apart, CurveFigure, CurveLine, CurvePoint, Ends, Trends};
 pub use heat_map::{HeatFigure, HeatTile, Scale, heat_range};
 pub use inference_error::{ErrorFigure, ErrorPoint};
 pub use learning_curve::{LearningFigure, LearningLine, LearningPanel};
+pub use recovery::RecoveryRow;
 pub use reproduction::{Comparison, Distance, Reproduction, Subject, reproduce};
 pub use selection::{Candidate, Ranking};
 pub use summary::{AgentSummary, ArmSummary, share_of_optimum, summarise_agents, summarise_arms};
 
-use crate::manifest::{Analysis, AnalysisKind, Published};
+use crate::manifest::{Analysis, AnalysisKind, ParticipantRange, Published};
 use crate::record::{JobRecord, JobStatus};
 
-/// What an analysis came to.
+/// The result of an analysis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finding {
-    /// What files and links call it.
+    /// The name in files and links.
     pub name: String,
-    /// What a reader sees above it.
+    /// The heading in the report.
     pub title: String,
-    /// The metric that it is about.
+    /// The metric analysed.
     pub metric: &'static str,
-    /// The jobs that it is about.
+    /// The participants whose test episodes are analysed; all if `None`.
+    pub participants: Option<ParticipantRange>,
+    /// The numbers of jobs analysed.
     pub jobs: JobCounts,
-    /// Its numbers.
+    /// The numbers of the finding.
     pub content: Content,
 }
 
@@ -53,20 +57,22 @@ pub enum Content {
     Contrast(Vec<ContrastRow>),
     /// A metric along a parameter.
     Curve(CurveFigure),
-    /// Learning curves, a panel a scenario.
+    /// Learning curves, one panel per scenario.
     LearningCurve(LearningFigure),
-    /// Maps over two parameters, one an agent.
+    /// Maps over two parameters, one per agent.
     HeatMap(Vec<HeatFigure>),
-    /// Shares of actions, a panel an arm.
+    /// Shares of actions, one panel per arm.
     ActionChoice(Vec<ActionPanel>),
-    /// Settings in order, a ranking per agent.
+    /// Ranked settings, one ranking per agent.
     Selection(Vec<Ranking>),
+    /// Recovered shares of a loss.
+    Recovery(Vec<RecoveryRow>),
     /// Context inference error along sigma.
     InferenceError(ErrorFigure),
 }
 
 impl Content {
-    /// The rows of a contrast, if it is one.
+    /// The rows, if the content is a contrast.
     fn contrast_mut(&mut self) -> Option<&mut Vec<ContrastRow>> {
         match self {
             Content::Contrast(rows) => Some(rows),
@@ -75,24 +81,25 @@ impl Content {
             | Content::HeatMap(_)
             | Content::ActionChoice(_)
             | Content::Selection(_)
+            | Content::Recovery(_)
             | Content::InferenceError(_) => None,
         }
     }
 }
 
-/// How many jobs are in each state.
+/// The number of jobs in each state.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct JobCounts {
-    /// With their completed run.
+    /// Jobs with a completed run.
     pub completed: usize,
-    /// Whose last run failed.
+    /// Jobs whose last run failed.
     pub failed: usize,
-    /// That have not ended.
+    /// Unfinished jobs.
     pub open: usize,
 }
 
 impl JobCounts {
-    /// Counts jobs.
+    /// Counts jobs by state.
     pub fn of<'j>(jobs: impl IntoIterator<Item = &'j JobRecord>) -> JobCounts {
         let mut counts = JobCounts::default();
         for job in jobs {
@@ -107,14 +114,14 @@ impl JobCounts {
         counts
     }
 
-    /// All of them.
+    /// All jobs.
     pub fn total(&self) -> usize {
         self.completed + self.failed + self.open
     }
 }
 
-/// Carries out analyses, each on the jobs that it is about. P values are corrected over the families
-/// that contrasts declare.
+/// Runs analyses, each on its own jobs. P values are corrected over the families that contrasts
+/// declare.
 pub fn carry_out(
     analyses: &[(&Analysis, Vec<&JobRecord>)],
     published: Option<&Published>,
@@ -123,6 +130,7 @@ pub fn carry_out(
         name: analysis.name.clone(),
         title: analysis.title.clone().unwrap_or_else(|| analysis.name.clone()),
         metric: analysis.metric,
+        participants: analysis.participants,
         jobs: JobCounts::of(jobs.iter().copied()),
         content: content(analysis, jobs, published),
     };
@@ -133,6 +141,15 @@ pub fn carry_out(
 }
 
 fn content(analysis: &Analysis, jobs: &[&JobRecord], published: Option<&Published>) -> Content {
+    let Some(range) = analysis.participants else {
+        return content_of(analysis, jobs, published);
+    };
+    // Published numbers are over all participants, so they are not compared with a subset.
+    let among: Vec<JobRecord> = jobs.iter().map(|job| job.among(range)).collect();
+    content_of(analysis, &among.iter().collect::<Vec<_>>(), None)
+}
+
+fn content_of(analysis: &Analysis, jobs: &[&JobRecord], published: Option<&Published>) -> Content {
     let metric = analysis.metric;
     match &analysis.kind {
         AnalysisKind::Contrast(contrast) => {
@@ -152,6 +169,9 @@ fn content(analysis: &Analysis, jobs: &[&JobRecord], published: Option<&Publishe
         }
         AnalysisKind::Selection { rule, reporting_seeds: _ } => {
             Content::Selection(selection::rankings(*rule, metric, jobs))
+        }
+        AnalysisKind::Recovery(recovery) => {
+            Content::Recovery(recovery::rows(recovery, metric, jobs))
         }
         AnalysisKind::InferenceError => {
             Content::InferenceError(inference_error::figure(jobs, published))

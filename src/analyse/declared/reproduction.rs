@@ -1,4 +1,4 @@
-//! Published numbers beside ours: what agrees, and what does not.
+//! Comparison of published numbers with ours.
 
 use std::collections::BTreeMap;
 
@@ -11,30 +11,30 @@ use crate::env::inference_error;
 use crate::manifest::Published;
 use crate::record::JobRecord;
 
-/// Seeds behind every published mean.
+/// Number of seeds behind every published mean.
 const PUBLISHED_SEEDS: f64 = 3.0;
 
-/// Half the width within which a published curve was read off its figure, in steps; taken as
-/// uniform, of which the standard deviation is this by the root of 3.
+/// Half-width of the error of reading a published curve off its figure, in steps. The error is taken
+/// as uniform, so its standard deviation is this divided by the square root of 3.
 const READING_ERROR: f64 = 15.0;
 
 /// The smallest p that is not printed as 0.00000.
 const SMALLEST_P: f64 = 5e-6;
 
-/// Samples behind a published error rate.
+/// Number of samples behind a published error rate.
 const ERROR_SAMPLES: f64 = 1000.0;
 
-/// Every published number that the jobs have an answer to.
+/// The comparisons of all published numbers that the jobs cover.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Reproduction {
     /// The comparisons, in the order of the published file.
     pub comparisons: Vec<Comparison>,
 }
 
-/// What a published number is about.
+/// The kind of a published number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Subject {
-    /// A difference of a table of t tests.
+    /// A difference in a table of t tests.
     Effect,
     /// A point of a curve.
     CurvePoint,
@@ -45,7 +45,7 @@ pub enum Subject {
 }
 
 impl Subject {
-    /// Its word in tables.
+    /// The name in tables.
     pub fn name(self) -> &'static str {
         match self {
             Subject::Effect => "effect",
@@ -59,7 +59,7 @@ impl Subject {
 /// A published number and ours.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Comparison {
-    /// What it is about.
+    /// The kind of number.
     pub subject: Subject,
     /// The agent, or both as `first - second`; empty where there is none.
     pub agent: String,
@@ -69,21 +69,21 @@ pub struct Comparison {
     pub settings: Vec<(&'static str, f64)>,
     /// The published number.
     pub published: f64,
-    /// Its standard error, as far as it can be known.
+    /// Its standard error, if it can be derived.
     pub published_error: Result<f64, Undefined>,
-    /// The published p value, of an effect.
+    /// The published p value, for effects only.
     pub published_p: Option<f64>,
     /// Our number.
     pub ours: Result<f64, Undefined>,
     /// Its standard error.
     pub our_error: Result<f64, Undefined>,
-    /// Our seeds, of the smaller side.
+    /// Our number of seeds, of the smaller side.
     pub seeds: usize,
-    /// Ours minus the published, with the joint interval.
+    /// Our number minus the published number, with the joint interval.
     pub agreement: Result<Agreement, Undefined>,
 }
 
-/// How far an agent's numbers are from the published ones, as ours minus published.
+/// The distance of an agent's numbers from the published ones, as ours minus published.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Distance {
     /// The agent.
@@ -92,12 +92,12 @@ pub struct Distance {
     pub mean: f64,
     /// Root of the mean squared difference.
     pub root_mean_square: f64,
-    /// Over how many numbers.
+    /// Number of comparisons.
     pub numbers: usize,
 }
 
 impl Reproduction {
-    /// Comparisons of a subject: inside the joint interval, outside, and without an answer.
+    /// Numbers of comparisons of a subject whose verdict is inside, outside and undefined.
     pub fn counts(&self, subject: Subject) -> (usize, usize, usize) {
         let mut counts = (0, 0, 0);
         for comparison in self.comparisons.iter().filter(|one| one.subject == subject) {
@@ -110,8 +110,8 @@ impl Reproduction {
         counts
     }
 
-    /// How far ours are from the published numbers of a subject, by agent. Numbers that each are
-    /// within chance can still be too high all together.
+    /// The distance of our numbers from the published numbers of a subject, by agent. Numbers can
+    /// be too high on average although each of them agrees.
     pub fn distances(&self, subject: Subject) -> Vec<Distance> {
         let mut agents: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
         for one in self.comparisons.iter().filter(|one| one.subject == subject) {
@@ -133,7 +133,8 @@ impl Reproduction {
         agents.into_iter().map(distance).collect()
     }
 
-    /// Effects whose published p is below 0.01: how many have our sign, and how many there are.
+    /// Among effects with a published p below 0.01: the number whose sign equals ours, and the number
+    /// compared.
     pub fn signs(&self) -> (usize, usize) {
         let clear = |one: &&Comparison| one.published_p.is_some_and(|p| p < 0.01);
         let answered = self.comparisons.iter().filter(clear).filter_map(|one| {
@@ -145,8 +146,8 @@ impl Reproduction {
     }
 }
 
-/// Compares every published number with the jobs that answer it. Numbers that no declared job is
-/// about are left out.
+/// Compares every published number with the jobs that measure it. Numbers without a declared job are
+/// left out.
 pub fn reproduce(published: &Published, jobs: &[JobRecord]) -> Reproduction {
     let jobs: Vec<&JobRecord> = jobs.iter().collect();
     let mut comparisons = effects(published, &jobs);
@@ -156,7 +157,7 @@ pub fn reproduce(published: &Published, jobs: &[JobRecord]) -> Reproduction {
     Reproduction { comparisons }
 }
 
-/// The seeds of the one arm with these words and settings; `None` if there is none, or several.
+/// The sample of the only arm with this agent, scenario and settings; `None` if no arm or several match.
 fn arm(
     jobs: &[&JobRecord],
     agent: &str,
@@ -222,7 +223,7 @@ fn curve_points(published: &Published, jobs: &[&JobRecord]) -> Vec<Comparison> {
     comparisons
 }
 
-/// A published point of a curve and our seeds there.
+/// The comparison of a published point of a curve with our seeds at that point.
 fn curve_point(published: f64, sample: &Sample) -> Comparison {
     let reading_sd = READING_ERROR / 3f64.sqrt();
     let likeness = Likeness::new(&[sample.values()], PUBLISHED_SEEDS, reading_sd);
@@ -255,7 +256,7 @@ fn heat_tiles(published: &Published, jobs: &[&JobRecord]) -> Vec<Comparison> {
     comparisons
 }
 
-/// A published tile of a heat map of differences and our seeds of both sides.
+/// The comparison of a published tile of a heat map of differences with our seeds of both sides.
 fn heat_tile(published: f64, first: &Sample, second: &Sample) -> Comparison {
     let likeness = Likeness::new(&[first.values(), second.values()], PUBLISHED_SEEDS, 0.0);
     let ours = estimate(first, second);
@@ -275,7 +276,7 @@ fn error_rates(published: &Published, jobs: &[&JobRecord]) -> Vec<Comparison> {
     });
     let comparison = |(&sigma, &rate): (&f64, &f64)| {
         let ours = inference_error(sigma);
-        // The spread of a count whose true rate is ours; ours itself has none.
+        // The binomial standard error of a published rate whose true value is ours. Our rate is exact.
         let standard_error = (ours * (1.0 - ours) / ERROR_SAMPLES).sqrt();
         let exact = |value| Estimate { value, standard_error: 0.0, df: ERROR_SAMPLES - 1.0 };
         let theirs = Ok(Estimate { standard_error, ..exact(rate) });
@@ -288,7 +289,7 @@ fn error_rates(published: &Published, jobs: &[&JobRecord]) -> Vec<Comparison> {
     declared.map(comparison).collect()
 }
 
-/// A published difference with an uncertainty of its own and our seeds of both sides.
+/// The comparison of a published difference, which has its own uncertainty, with our seeds of both sides.
 fn difference(
     first: &Sample,
     second: &Sample,
@@ -305,12 +306,12 @@ fn estimate(first: &Sample, second: &Sample) -> Result<Estimate, Undefined> {
     Ok(Estimate::of_test(&welch_t_test(first.values(), second.values())?))
 }
 
-/// The difference of the means of two arms, which needs one seed of each.
+/// The difference of the means of two arms, which needs one seed per arm.
 fn gap(first: &Sample, second: &Sample) -> Result<f64, Undefined> {
     finite(Moments::of(first.values())?.mean - Moments::of(second.values())?.mean)
 }
 
-/// A comparison with a published number without uncertainty, which is taken to be like ours.
+/// A comparison with a number published without uncertainty, whose seeds are assumed to vary as much as ours.
 fn alike(
     published: f64,
     likeness: Result<Likeness, Undefined>,
@@ -322,7 +323,7 @@ fn alike(
         (Err(reason), _) | (_, Err(reason)) => Err(*reason),
     };
     let published_error = likeness.map(|likeness| likeness.published_error);
-    told(published, published_error, ours, seeds, agreement)
+    unlabelled(published, published_error, ours, seeds, agreement)
 }
 
 /// A comparison of two independent numbers.
@@ -340,11 +341,11 @@ fn compared(
         (Err(reason), _) | (_, Err(reason)) => Err(*reason),
     };
     let published_error = theirs.map(|theirs| theirs.standard_error);
-    told(published, published_error, ours, seeds, agreement)
+    unlabelled(published, published_error, ours, seeds, agreement)
 }
 
-/// A comparison of which the subject and its words are still to be filled in.
-fn told(
+/// A comparison whose subject and labels the caller fills in.
+fn unlabelled(
     published: f64,
     published_error: Result<f64, Undefined>,
     ours: Result<Estimate, Undefined>,
@@ -378,10 +379,10 @@ mod tests {
     use super::*;
     use crate::rng::{Purpose, Stream};
 
-    /// True agreements that are simulated.
+    /// Number of simulated comparisons in which both numbers have the same true value.
     const ROUNDS: usize = 4000;
 
-    /// So many normal values.
+    /// `n` normally distributed values with mean 0.
     ///
     /// **Source**: Box and Muller, "A note on the generation of random normal deviates", 1958.
     fn normal(stream: &mut Stream, n: usize, sd: f64) -> Vec<f64> {
@@ -396,12 +397,12 @@ mod tests {
         Sample::new((1..).zip(values.iter().copied()), 0, 0).unwrap()
     }
 
-    /// A mean of as many seeds as are behind a published one.
+    /// A mean of `PUBLISHED_SEEDS` values.
     fn published_mean(stream: &mut Stream, sd: f64) -> f64 {
         normal(stream, PUBLISHED_SEEDS as usize, sd).iter().sum::<f64>() / PUBLISHED_SEEDS
     }
 
-    /// The share of simulated comparisons that are inside.
+    /// The share of simulated comparisons whose verdict is inside.
     fn coverage(mut simulated: impl FnMut() -> Comparison) -> f64 {
         let inside = (0..ROUNDS).filter(|_| {
             simulated().agreement.is_ok_and(|agreement| agreement.verdict == Verdict::Inside)
@@ -409,13 +410,13 @@ mod tests {
         inside.count() as f64 / ROUNDS as f64
     }
 
-    // Chance moves a coverage of 95 % over so many rounds by 0.34 % (one standard deviation).
-    // Degrees of freedom that were counted twice would give 90 % with three seeds.
+    // Over `ROUNDS` rounds, a coverage of 95 % has a standard deviation of 0.34 %.
+    // Counting degrees of freedom twice would give 90 % with three seeds.
 
     #[test]
     fn ninety_five_of_a_hundred_curve_points_with_one_truth_are_inside() {
-        // The reading error is known, but not to the degrees of freedom: where it is of the size of
-        // the standard error, a few more are inside.
+        // The degrees of freedom ignore the known reading error. Where it is about as large as the
+        // standard error, the coverage is slightly higher.
         for (n, sd, most) in
             [(3, 50.0, 0.985), (3, 200.0, 0.965), (10, 50.0, 0.97), (10, 200.0, 0.965)]
         {

@@ -5,26 +5,34 @@ use crate::analyse::{Interval, Moments, Sample, Undefined, mean_interval};
 use crate::manifest::{SelectionRule, Setting};
 use crate::record::JobRecord;
 
-/// The settings of one agent where it is, the best first: in one scenario and environment, for a
-/// setting that met an easier one is no better by that.
+/// The settings of one agent in one scenario and environment, best first. Rankings do not mix
+/// environments, because the same setting has a better metric in an easier environment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ranking {
-    /// The agent, its scenario, and what distinguishes the environment.
+    /// The agent, its scenario, and the settings that distinguish the environment and its
+    /// participants.
     pub place: ArmId,
-    /// The rule's word.
+    /// The name of the rule.
     pub rule: &'static str,
     /// Its settings in the order of the rule; those that cannot be ranked come last.
     pub candidates: Vec<Candidate>,
 }
 
 impl Ranking {
-    /// How many settings have a completed run.
+    /// The best setting; `None` if there is only one setting, or if the rule cannot rank the first.
+    pub fn winner(&self) -> Option<&Candidate> {
+        let rule = SelectionRule::named(self.rule)?;
+        let best = self.candidates.first()?;
+        (self.candidates.len() > 1 && best.rank(rule).is_some()).then_some(best)
+    }
+
+    /// The number of settings with a completed run.
     pub fn tried(&self) -> usize {
         self.candidates.iter().filter(|candidate| candidate.sample.n() > 0).count()
     }
 }
 
-/// Settings that were tried.
+/// One combination of settings, with its results.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
     /// The settings, dotted names and values.
@@ -37,13 +45,23 @@ pub struct Candidate {
     pub interval: Result<Interval, Undefined>,
 }
 
-/// The candidates of every agent, ranked among those of their scenario and environment.
+impl Candidate {
+    /// The number by which the rule ranks the candidate, if it is defined.
+    fn rank(&self, rule: SelectionRule) -> Option<f64> {
+        match rule {
+            SelectionRule::HighestMean => self.mean.ok(),
+            SelectionRule::HighestLowerBound => self.interval.ok().map(|interval| interval.low),
+        }
+    }
+}
+
+/// The rankings of every agent's candidates, one per scenario and environment.
 pub fn rankings(rule: SelectionRule, metric: &str, jobs: &[&JobRecord]) -> Vec<Ranking> {
     let mut places: Vec<Ranking> = Vec::new();
     for arm in arms(jobs, &[]) {
         let sample = arm.sample(metric);
         let (environment, settings) =
-            arm.name.settings.into_iter().partition(|(name, _)| name.starts_with("environment."));
+            arm.name.settings.into_iter().partition(|(name, _)| is_surrounding(name));
         let place = ArmId { settings: environment, ..arm.name };
         let candidate = Candidate {
             mean: Moments::of(sample.values()).map(|moments| moments.mean),
@@ -58,15 +76,16 @@ pub fn rankings(rule: SelectionRule, metric: &str, jobs: &[&JobRecord]) -> Vec<R
             }
         }
     }
-    let rank = |candidate: &Candidate| match rule {
-        SelectionRule::HighestMean => candidate.mean.ok(),
-        SelectionRule::HighestLowerBound => candidate.interval.ok().map(|interval| interval.low),
-    };
     for ranking in &mut places {
         ranking.candidates.sort_by(|a, b| {
-            let of = |one| rank(one).unwrap_or(f64::NEG_INFINITY);
+            let of = |one: &Candidate| one.rank(rule).unwrap_or(f64::NEG_INFINITY);
             f64::total_cmp(&of(b), &of(a))
         });
     }
     places
+}
+
+/// Whether a parameter belongs to the environment or its participants rather than to the agent.
+fn is_surrounding(name: &str) -> bool {
+    ["environment.", "population."].iter().any(|section| name.starts_with(section))
 }

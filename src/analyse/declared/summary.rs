@@ -1,13 +1,13 @@
-//! What every arm came to, and every agent over its arms, whatever analyses are declared.
+//! Summaries of every arm and every agent, independent of declared analyses.
 
 use super::arm::{ArmId, MESSAGES, arms};
 use crate::analyse::{Aggregate, Sample, Undefined, interquartile_mean};
 use crate::record::JobRecord;
 
-/// What an arm came to.
+/// The results of an arm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ArmSummary {
-    /// What distinguishes it from the others.
+    /// The identity of the arm.
     pub name: ArmId,
     /// Mean returns of its seeds.
     pub returns: Sample,
@@ -15,12 +15,14 @@ pub struct ArmSummary {
     pub lower_quartiles: Sample,
     /// Shares of the test episodes that ended in disengagement.
     pub disengagement: Sample,
-    /// Messages a test episode.
+    /// Messages per test episode.
     pub messages: Sample,
-    /// The best mean return that any policy can reach, where it is known.
+    /// The best mean return that any policy can reach; `None` if it was not computed.
     pub optimum: Option<f64>,
     /// Feature noise of its jobs, if they have one.
     pub sigma: Option<f64>,
+    /// Context inference error; `None` if it differs between participants.
+    pub context_error: Option<f64>,
 }
 
 impl ArmSummary {
@@ -29,7 +31,7 @@ impl ArmSummary {
         interquartile_mean(&[&self.returns])
     }
 
-    /// Seeds that are declared, whatever has become of them.
+    /// Number of declared seeds.
     pub fn declared(&self) -> usize {
         let lost = self.returns.lost();
         self.returns.n() + (lost.ended() + lost.open) as usize
@@ -41,23 +43,23 @@ impl ArmSummary {
     }
 }
 
-/// What an agent came to in a scenario, over all settings of the other parameters.
+/// The results of an agent in a scenario, over all settings of the other parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AgentSummary {
     /// The agent.
     pub agent: String,
     /// The scenario.
     pub scenario: String,
-    /// Its arms that have a result.
+    /// Number of its arms that have a result.
     pub arms: usize,
-    /// Its results: seeds of all arms.
+    /// Number of results: seeds of all arms.
     pub runs: usize,
-    /// Seeds with a result of the arm that has fewest; 0 without an arm.
+    /// Smallest number of seeds with a result in an arm; 0 without an arm.
     pub fewest: usize,
-    /// Inter-quartile mean of the mean returns; its interval draws seeds anew within arms.
+    /// Inter-quartile mean of the mean returns; its bootstrap resamples seeds within arms.
     pub returns: Result<Aggregate, Undefined>,
-    /// The same of their shares of the optimum, over the arms where it is known; `None` where it is
-    /// known of none.
+    /// The same for shares of the optimum, over the arms with a known optimum; `None` if there are
+    /// results but no known optimum.
     pub shares: Option<Result<Aggregate, Undefined>>,
 }
 
@@ -71,6 +73,7 @@ pub fn summarise_arms(jobs: &[JobRecord]) -> Vec<ArmSummary> {
         messages: arm.sample(MESSAGES),
         optimum: arm.optimum(),
         sigma: arm.jobs[0].number("environment.sigma"),
+        context_error: arm.jobs[0].context_error,
         name: arm.name,
     };
     arms(&jobs, &[]).into_iter().map(summary).collect()
@@ -105,7 +108,7 @@ pub fn summarise_agents(arms: &[ArmSummary]) -> Vec<AgentSummary> {
     names.into_iter().map(row).collect()
 }
 
-/// The mean returns of an arm's seeds as shares of the optimum; `None` where it is not known, or
+/// The mean returns of an arm's seeds as shares of the optimum; `None` if the optimum is unknown or
 /// not above 0.
 fn shares(arm: &ArmSummary) -> Option<Sample> {
     let values = arm.returns.seeds().iter().zip(arm.returns.values());
@@ -115,7 +118,7 @@ fn shares(arm: &ArmSummary) -> Option<Sample> {
     Some(Sample::new(shares, lost.failed, lost.open).expect("a sample has every seed once"))
 }
 
-/// A return as a share of the optimum; `None` where that is not known, or not above 0.
+/// A return as a share of the optimum; `None` if the optimum is unknown or not above 0.
 pub fn share_of_optimum(value: f64, optimum: Option<f64>) -> Option<f64> {
     optimum.filter(|optimum| *optimum > 0.0).map(|optimum| value / optimum)
 }
@@ -139,6 +142,7 @@ mod tests {
             messages: Sample::default(),
             optimum,
             sigma: None,
+            context_error: None,
         }
     }
 

@@ -14,7 +14,7 @@ fn action(index: usize) -> Action {
     Action::from_index(index).unwrap()
 }
 
-/// Lanes at their first step.
+/// Lanes at the first step of an episode.
 fn begun(parameters: &Environment, lanes: usize, streams: &mut LaneStreams) -> PhysicalActivity {
     let mut lanes = PhysicalActivity::new(parameters, &"P-H-D".parse().unwrap(), lanes);
     lanes.reset(LaneSet::All, streams);
@@ -25,7 +25,7 @@ fn begun(parameters: &Environment, lanes: usize, streams: &mut LaneStreams) -> P
 fn rewards_follow_the_paper_by_hand() {
     let mut lanes = begun(&Environment::paper(0.0), 4, &mut shared());
     let mut rewards = [0.0; 4];
-    // Context 0 in every lane: nothing, untailored, right, wrong.
+    // Context 0 in every lane: no message, an untailored, a suitable and a wrong one.
     lanes.apply_actions(&[action(0), action(1), action(2), action(3)], &mut rewards);
     let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
     for (ours, hand) in rewards.into_iter().zip([0.1, 0.1 + 0.85 * 50.0, 0.1 + 0.85 * 200.0, 0.1]) {
@@ -97,7 +97,7 @@ fn a_sampled_first_context_draws_and_a_fixed_one_does_not() {
     for lane in 0..3 {
         assert_eq!(lanes.context(lane), ContextDraw::draw(0.6, &mut again));
     }
-    // A partial reset draws for the lanes that it resets, in lane order.
+    // A partial reset draws only for the lanes that it resets, in lane order.
     let mut streams = shared();
     let kept = lanes.context(1);
     lanes.reset(LaneSet::Masked(&[true, false, true]), &mut streams);

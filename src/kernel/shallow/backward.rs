@@ -5,11 +5,11 @@ use pulp::{Simd, WithSimd};
 use super::network::{MOST_INPUTS, OUTPUTS, Shallow, ShallowGradient};
 use crate::kernel::Isa;
 
-/// How many rows a moment has to last on average to be kept in a register meanwhile.
+/// The average number of consecutive rows per moment from which its gradient is kept in a register.
 const LONG_RUN: usize = 4;
 
 impl Shallow<'_> {
-    /// Adds the gradient that the derivatives by the outputs make: \[rows, outputs\], row by row.
+    /// Adds the gradient for the derivatives with respect to the outputs, \[rows, outputs\], row-major.
     pub fn backward(self, isa: Isa, by_outputs: &[f32], gradient: ShallowGradient<'_>) {
         self.check();
         assert_eq!(by_outputs.len(), self.rows * OUTPUTS, "derivatives for every row");
@@ -25,10 +25,10 @@ impl Shallow<'_> {
     }
 }
 
-/// Adds to a gradient what the derivatives by the outputs make.
+/// Adds the gradient for the derivatives with respect to the outputs.
 struct Backward<'a, const K: usize> {
     network: Shallow<'a>,
-    /// \[rows, outputs\], row by row.
+    /// \[rows, outputs\], row-major.
     by_outputs: &'a [f32],
     gradient: ShallowGradient<'a>,
 }
@@ -53,9 +53,9 @@ impl<const K: usize> WithSimd for Backward<'_, K> {
 }
 
 impl<const K: usize> Backward<'_, K> {
-    /// One register of units, counted in registers, over all rows, which have moments or have none.
-    /// With `RUNS`, rows of one moment that follow each other share its entry in a register; without,
-    /// every row reads and writes it, which takes less time where a moment lasts a few rows at most.
+    /// One register of units over all rows; `column` counts registers, and `MOMENTS` is whether rows have
+    /// moments. With `RUNS`, consecutive rows with the same moment accumulate its gradient in a register.
+    /// Without, every row loads and stores it, which is faster if moments last only a few rows.
     #[inline(always)]
     #[allow(clippy::needless_range_loop)]
     fn column<S: Simd, const MOMENTS: bool, const RUNS: bool>(&mut self, simd: S, column: usize) {
@@ -80,7 +80,7 @@ impl<const K: usize> Backward<'_, K> {
         }
         let (start, mut by_start) = (bias[column], *by_bias);
         let inputs = &inputs.as_chunks::<K>().0[..rows];
-        // Read again rather than kept, for which there are not registers enough.
+        // Reads the inputs a second time, because there are not enough registers to keep them.
         let again = &std::hint::black_box(inputs)[..rows];
         let by_outputs = &self.by_outputs.as_chunks::<OUTPUTS>().0[..rows];
         let (entries, by_entries) = if MOMENTS {
@@ -106,7 +106,7 @@ impl<const K: usize> Backward<'_, K> {
                 for k in 0..K {
                     hidden = simd.mul_add_f32s(simd.splat_f32s(inputs[row][k]), weights[k], hidden);
                 }
-                // What is not a number may become 0 here or not: such a training fails either way.
+                // NaN may or may not become 0 here; such a training fails either way.
                 hidden = simd.max_f32s(hidden, zero);
                 let mut by_hidden = zero;
                 for j in 0..OUTPUTS {

@@ -1,19 +1,19 @@
-//! The outputs: a register of rows at a time where there are enough of them, else of units.
+//! The outputs: registers hold rows if there are enough rows, and units otherwise.
 //!
-//! Both ways take the same sums in the same order: those of the virtual lanes, then by halves.
+//! Both ways compute the same sums in the same order: per virtual lane, then by halves.
 
 use pulp::{Simd, WithSimd, bytemuck};
 
 use super::network::{MOST_INPUTS, OUTPUTS, Shallow};
 use crate::kernel::{Isa, LANES};
 
-/// The virtual lanes in an order in which the halves that are added follow each other.
+/// The virtual lanes, ordered so that the halves to be added follow each other.
 const BY_HALVES: [usize; LANES] = [0, 8, 4, 12, 2, 10, 6, 14, 1, 9, 5, 13, 3, 11, 7, 15];
 /// How often the virtual lanes can be halved.
 const HALVINGS: usize = LANES.ilog2() as usize;
 
 impl Shallow<'_> {
-    /// Writes the outputs, \[rows, outputs\], row by row, with `start`, \[outputs\], added.
+    /// Writes the outputs plus `start`, \[outputs\], to `out`, \[rows, outputs\], row-major.
     pub fn forward(self, isa: Isa, start: &[f32], out: &mut [f32]) {
         self.check();
         assert_eq!(out.len(), self.rows * OUTPUTS, "outputs for every row");
@@ -29,12 +29,12 @@ impl Shallow<'_> {
     }
 }
 
-/// Writes the outputs, with `start` added.
+/// Writes the outputs plus `start`.
 struct Forward<'a, const K: usize> {
     network: Shallow<'a>,
     /// \[outputs\]
     start: &'a [f32],
-    /// \[rows, outputs\], row by row.
+    /// \[rows, outputs\], row-major.
     out: &'a mut [f32],
 }
 
@@ -43,8 +43,8 @@ impl<const K: usize> WithSimd for Forward<'_, K> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
-        // By rows, the registers of rows at a time; by units, the registers of the virtual lanes, and
-        // the rows at a time.
+        // The parameters of `by_rows` are registers of rows per tile; those of `by_units` are registers per
+        // set of virtual lanes, and rows per tile.
         match S::F32_LANES {
             16 => {
                 let row = self.by_rows::<S, 3>(simd, 0);
@@ -67,8 +67,8 @@ impl<const K: usize> WithSimd for Forward<'_, K> {
 }
 
 impl<const K: usize> Forward<'_, K> {
-    /// The rows from `row` on by as many registers of rows as there are full ones, if they share
-    /// their moment; returns the first row that is left.
+    /// Computes the rows from `row` in full tiles of R registers, if all rows share one moment; returns the
+    /// first row that remains.
     #[inline(always)]
     fn by_rows<S: Simd, const R: usize>(&mut self, simd: S, mut row: usize) -> usize {
         let Shallow { moments, rows, .. } = self.network;
@@ -88,7 +88,7 @@ impl<const K: usize> Forward<'_, K> {
         row
     }
 
-    /// All rows from `row` on.
+    /// Computes all rows from `row`.
     #[inline(always)]
     fn by_units<S: Simd, const V: usize, const R: usize>(&mut self, simd: S, mut row: usize) {
         while row + R <= self.network.rows {
@@ -107,11 +107,13 @@ impl<const K: usize> Forward<'_, K> {
         }
     }
 
-    /// R registers of rows of one moment: a virtual lane after the other, so that the sums across
-    /// lanes are sums of registers. `MOMENTS` is whether there are moments, `waiting` room for sums:
-    /// the sum of a half of 2^i lanes waits at i, so the last place has the total. Nothing that adds
-    /// to the sums is a closure, and they are stored one register at a time: the compiler would keep
-    /// in memory what is assigned as a whole.
+    /// R registers of rows with one moment. The tile computes one virtual lane after the other, so that sums
+    /// across lanes are sums of registers. `MOMENTS` is whether there are moments. `waiting` is scratch
+    /// space: place i holds the sum of 2^i lanes until the other half is complete, and the last place
+    /// receives the total.
+    ///
+    /// There are no closures around the sums, and they are stored one register at a time. Closures and
+    /// assignments of whole arrays would make the compiler spill the sums to the stack.
     #[inline(always)]
     #[allow(clippy::needless_range_loop)]
     fn tall_tile<S: Simd, const R: usize, const MOMENTS: bool>(
@@ -150,7 +152,7 @@ impl<const K: usize> Forward<'_, K> {
                         hidden[r] = simd.mul_add_f32s(factors[k][r], weight, hidden[r]);
                     }
                 }
-                // What is not a number may become 0 here or not: such a training fails either way.
+                // NaN may or may not become 0 here; such a training fails either way.
                 for r in 0..R {
                     hidden[r] = simd.max_f32s(hidden[r], zero);
                 }
@@ -162,7 +164,7 @@ impl<const K: usize> Forward<'_, K> {
                 }
                 unit += LANES;
             }
-            // The sum of a half that is whole is added to the one that waits for it.
+            // Adds a completed half to the half that waits for it.
             let whole = at.trailing_ones() as usize;
             for half in &waiting[..whole] {
                 for j in 0..OUTPUTS {
@@ -185,14 +187,14 @@ impl<const K: usize> Forward<'_, K> {
         }
     }
 
-    /// R rows. Nothing in it is a closure: the compiler would put the sums into memory.
+    /// R rows. There are no closures here: they would make the compiler spill the sums to the stack.
     #[inline(always)]
     #[allow(clippy::needless_range_loop, clippy::manual_memcpy)]
     fn wide_tile<S: Simd, const V: usize, const R: usize>(&mut self, simd: S, row: usize) {
         let Shallow { weight, bias, head, inputs, moments, .. } = self.network;
         let units = bias.len();
         let zero = simd.splat_f32s(0.0);
-        // Registers of every row of weights, so that a unit is one index for all.
+        // Every row of weights as registers, so that all rows share the index of a unit.
         let (start, _) = S::as_simd_f32s(bias);
         let (mut weights, mut heads) = ([start; K], [start; OUTPUTS]);
         for k in 0..K {
@@ -238,8 +240,8 @@ impl<const K: usize> Forward<'_, K> {
                 }
             }
         }
-        // First all to memory, then the adding up: as one loop it would not be unrolled, and the sums
-        // would be in memory from the start.
+        // Stores all sums first and adds them up in a second step. A single loop would not be unrolled, and
+        // the compiler would keep the sums on the stack throughout.
         let mut lanes = [[[0.0; LANES]; OUTPUTS]; R];
         for r in 0..R {
             for j in 0..OUTPUTS {
@@ -259,7 +261,7 @@ impl<const K: usize> Forward<'_, K> {
     }
 }
 
-/// The sums of the virtual lanes of every output: by halves, each half of all outputs at once.
+/// The sums of the virtual lanes of every output: by halves, for all outputs at once.
 #[inline(always)]
 #[allow(clippy::needless_range_loop)]
 fn all_by_halves(lanes: &[[f32; LANES]; OUTPUTS]) -> [f32; OUTPUTS] {

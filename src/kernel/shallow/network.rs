@@ -1,30 +1,30 @@
-//! What both directions are given: the parameters of a network, and its inputs.
+//! The arguments of both directions: the parameters of a network and its inputs.
 
 use crate::kernel::LANES;
 
-/// Outputs of such a network.
+/// The number of outputs of the network.
 pub const OUTPUTS: usize = 4;
-/// Most inputs of such a network, its one-hot aside.
+/// The most inputs of the network, without its one-hot.
 pub const MOST_INPUTS: usize = 6;
 
-/// The parameters of a network, and what it is given.
+/// The parameters of a network and its inputs.
 #[derive(Clone, Copy, Debug)]
 pub struct Shallow<'a> {
-    /// \[inputs and entries of the one-hot, units\], row by row.
+    /// \[inputs and entries of the one-hot, units\], row-major.
     pub weight: &'a [f32],
     /// \[units\]; a multiple of [`LANES`].
     pub bias: &'a [f32],
-    /// \[outputs, units\], row by row.
+    /// \[outputs, units\], row-major.
     pub head: &'a [f32],
-    /// \[rows, inputs\], row by row; at least one and at most [`MOST_INPUTS`] inputs.
+    /// \[rows, inputs\], row-major; 1 to [`MOST_INPUTS`] inputs.
     pub inputs: &'a [f32],
-    /// \[rows\]: which entry of the one-hot is 1; empty where there is none.
+    /// \[rows\]: the index of the one-hot entry that is 1; empty without a one-hot.
     pub moments: &'a [u32],
-    /// How many rows there are.
+    /// The number of rows.
     pub rows: usize,
 }
 
-/// The gradient by the parameters, laid out as they are; it is added to.
+/// The gradient with respect to the parameters, in the same layout; new gradients are added to it.
 #[derive(Debug)]
 pub struct ShallowGradient<'a> {
     /// See [`Shallow::weight`].
@@ -36,7 +36,7 @@ pub struct ShallowGradient<'a> {
 }
 
 impl Shallow<'_> {
-    /// **Panics**: sizes do not fit each other.
+    /// Checks the sizes. **Panics** if they do not match.
     pub(super) fn check(&self) {
         assert!(self.rows > 0, "at least one row");
         assert_eq!(self.bias.len() % LANES, 0, "rows are padded");

@@ -1,4 +1,4 @@
-//! Both directions against plain loops.
+//! Both directions compared with plain loops.
 
 use super::{OUTPUTS, Shallow, ShallowGradient};
 use crate::kernel::test_numbers::{bits, numbers};
@@ -11,13 +11,13 @@ struct Case {
     rows: usize,
     /// Entries of the one-hot; 0 without.
     entries: usize,
-    /// After how many rows the moment is another one.
+    /// The number of consecutive rows with the same moment.
     run: usize,
 }
 
 impl Case {
     fn all() -> impl Iterator<Item = Case> {
-        // Every width of tiles and what is left of them, and one row.
+        // Every width of tiles, every remainder, and a single row.
         let sizes: &[_] = if cfg!(miri) {
             &[(3, 16, 9)]
         } else {
@@ -31,7 +31,7 @@ impl Case {
                 (6, 64, 17),
             ]
         };
-        // Without a one-hot, and with moments that are each row's own, of a few rows, of all.
+        // Without a one-hot; and with moments that change every row, every few rows, and never.
         let moments = [(0, 1), (50, 1), (5, 9), (3, 100)];
         sizes.iter().flat_map(move |&(inputs, units, rows)| {
             moments.map(|(entries, run)| Case { inputs, units, rows, entries, run })
@@ -50,7 +50,7 @@ impl Case {
     }
 }
 
-/// The hidden units, \[rows, units\], one operation after the other.
+/// The hidden units, \[rows, units\], computed one operation at a time.
 fn hidden(network: &Shallow<'_>, inputs: usize) -> Vec<f32> {
     let units = network.bias.len();
     let mut all = Vec::new();
@@ -137,7 +137,7 @@ fn both_directions_are_the_plain_loops_to_the_bit_on_every_instruction_set() {
             moments: &moments,
             rows,
         };
-        // A gradient is added to what there is.
+        // A gradient is added to previous values.
         let before = [weight.len(), units, head.len()].map(|len| numbers(len, 7));
         let hidden = hidden(&network, inputs);
         let expected = outputs(&network, &hidden, &start);

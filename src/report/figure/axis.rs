@@ -1,4 +1,4 @@
-//! Axes: from numbers to places, with round numbers to read them by.
+//! Axes, which map numbers to positions, with round numbers as ticks.
 
 use super::{FAINT, GRID, INK, Numbers, TEXT, fitting, rising_title, text};
 use crate::report::data_table::shown;
@@ -7,31 +7,31 @@ use crate::report::scene::{Anchor, Mark, Shape, Stroke, Weight};
 /// An axis of a chart.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
-    /// What it shows, with its unit.
+    /// Title with unit.
     pub title: String,
     /// The numbers at its ends.
     pub range: (f64, f64),
-    /// How numbers become places.
+    /// The mapping of numbers to positions.
     pub scale: AxisScale,
     /// How its numbers are written.
     pub numbers: Numbers,
 }
 
-/// How numbers become places.
+/// The mapping of numbers to positions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AxisScale {
-    /// Evenly.
+    /// Linear.
     Linear,
-    /// Evenly by powers of ten.
+    /// Logarithmic.
     Log,
 }
 
 /// The rectangle between the axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
-    /// Of its left edge.
+    /// Position of its left edge.
     pub left: f64,
-    /// Of its upper edge.
+    /// Position of its upper edge.
     pub top: f64,
     /// Width.
     pub width: f64,
@@ -40,7 +40,7 @@ pub struct Frame {
 }
 
 impl Axis {
-    /// Where on the way from the first end to the other a number stands.
+    /// The position of a number along the axis: 0 at the first end, 1 at the second.
     pub fn share(&self, number: f64) -> f64 {
         let (low, high) = self.range;
         match self.scale {
@@ -49,7 +49,7 @@ impl Axis {
         }
     }
 
-    /// Round numbers along the axis, about `wanted` of them.
+    /// About `wanted` round numbers along the axis.
     pub fn ticks(&self, wanted: usize) -> Vec<f64> {
         let (low, high) = self.range;
         match self.scale {
@@ -76,7 +76,7 @@ impl Axis {
         }
     }
 
-    /// A number as it is written at the axis.
+    /// The label of a number.
     pub fn written(&self, number: f64, step: f64) -> String {
         let (number, step) = match self.numbers {
             Numbers::Plain => (number, step),
@@ -93,14 +93,14 @@ impl Axis {
     }
 }
 
-/// Ends of an axis that the numbers fill to a round one.
+/// The range from `low` to `high`, extended to round numbers.
 pub fn round_range(low: f64, high: f64) -> (f64, f64) {
     let span = if high > low { high - low } else { high.abs().max(1.0) };
     let step = round_step(span / 8.0);
     ((low / step).floor() * step, (high / step).ceil() * step)
 }
 
-/// The largest of 1, 2, 2.5 and 5 times a power of ten that is not above `step` by much.
+/// The smallest of 1, 2, 2.5, 5 and 10 times a power of ten that is at least `step`, with 1 % tolerance.
 fn round_step(step: f64) -> f64 {
     let power = 10_f64.powf(step.log10().floor());
     let digit = [1.0, 2.0, 2.5, 5.0, 10.0].into_iter().find(|digit| digit * power >= step * 0.99);
@@ -108,9 +108,9 @@ fn round_step(step: f64) -> f64 {
 }
 
 impl Frame {
-    /// The place of a point.
+    /// The position of a point.
     pub fn place(&self, (x, y): (&Axis, &Axis), at: (f64, f64)) -> (f64, f64) {
-        // What lies beyond the ends is drawn to the edge.
+        // Points beyond the ends are drawn at the edge.
         let down = (1.0 - y.share(at.1)).clamp(0.0, 1.0);
         (self.left + x.share(at.0) * self.width, self.top + down * self.height)
     }

@@ -1,143 +1,33 @@
-//! Lines along an axis, with intervals, labelled where they end.
+//! Lines along an axis, with intervals: one chart per panel, all with the same axes.
 
 use super::Numbers;
 use super::axis::{Axis, AxisScale, Frame, round_range};
-use super::look::{Look, Looks, Marker, labels};
-use super::room::{free_height, spread_out};
-use super::{FAINT, INK, NOTE, TEXT, WIDTH, fitting, text};
-use crate::analyse::declared::ArmId;
-use crate::report::data_table::shown;
-use crate::report::scene::{
-    Anchor, Color, Fill, Mark, Point, Scene, Shape, Stroke, Weight, rectangle, width,
-};
+use super::label::{Placing, below, beside, end_labels, placing};
+use super::line::{Chart, GAP, LEAST_PLOT, LEFT, Line, Place, Spread, marker};
+use super::style::Style;
+use super::{FAINT, INK, NOTE, TEXT, fitting, text};
+use crate::report::scene::{Anchor, Fill, Mark, Point, Scene, Shape, Stroke, Weight};
 use crate::report::words::metric_title;
 
 const HEIGHT: f64 = 236.0;
 const TOP: f64 = 12.0;
 const HEADING: f64 = 14.0;
-const LEFT: f64 = 48.0;
-/// Room below the frame: numbers, title, note.
-const BOTTOM: f64 = 46.0;
-/// Width of the frame, at least; long labels make a figure wider.
-const LEAST_PLOT: f64 = 160.0;
-/// From label to label, at least; many make a figure higher.
-const GAP: f64 = TEXT + 1.5;
-/// Labels that find room above the ends of lines that end early; more stand beside the frame.
-const MOST_INSIDE: usize = 3;
-/// Room of a sample of a line, before its label.
-const SAMPLE: f64 = 20.0;
+/// Space below the frame for numbers and title.
+const BOTTOM: f64 = 35.0;
+/// Minimum height of the frame.
+const LEAST_HEIGHT: f64 = 60.0;
 
-/// A chart before it is drawn.
-pub struct Chart {
-    pub heading: Option<String>,
-    pub description: String,
-    pub axes: (Axis, Axis),
-    pub lines: Vec<Line>,
-    pub note: String,
-}
-
-/// A line of a chart.
-pub struct Line {
-    pub label: String,
-    pub look: Look,
-    pub points: Vec<Place>,
-    /// The same published, as x and y.
-    pub reference: Vec<(f64, f64)>,
-    pub spread: Spread,
-}
-
-/// How a line shows its intervals.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub enum Spread {
-    /// As bars at marked points.
-    Bars,
-    /// As a band.
-    Band,
-    /// Marked points without a line, which have none.
-    Points,
-    /// A line without marks, which is exact.
-    Exact,
-}
-
-/// A point of a line.
-pub struct Place {
-    pub x: f64,
-    pub y: f64,
-    pub interval: Option<(f64, f64)>,
-    pub tip: String,
-}
-
-/// Lines of the best mean return that any policy can reach, none twice; where there are several,
-/// their labels say of what.
-pub fn optimum_lines<'n>(
-    optima: impl Iterator<Item = (&'n ArmId, Vec<(f64, f64)>)>,
-    looks: &Looks,
-) -> Vec<Line> {
-    // Whatever the agent is, the optimum is the same; agents may have it at different places.
-    let (mut names, mut of_names): (Vec<ArmId>, Vec<Optimum>) = (Vec::new(), Vec::new());
-    for (name, points) in optima.filter(|(_, points)| !points.is_empty()) {
-        let mut of = ArmId { agent: String::new(), ..name.clone() };
-        of.settings.retain(|(key, _)| !key.starts_with("agent."));
-        if let Some(at) = names.iter().position(|known| *known == of) {
-            of_names[at].points.extend(points);
-            continue;
-        }
-        names.push(of);
-        of_names.push(Optimum { labels: Vec::new(), look: looks.of_optimum(name), points });
-    }
-    // Names whose optimum is the same share a line.
-    let mut distinct: Vec<Optimum> = Vec::new();
-    for (mut one, label) in of_names.into_iter().zip(labels(&names.iter().collect::<Vec<_>>())) {
-        one.points.sort_by(|one, other| one.0.total_cmp(&other.0));
-        one.points.dedup_by_key(|(x, _)| *x);
-        match distinct.iter_mut().find(|known| known.points == one.points) {
-            Some(known) => known.labels.push(label),
-            None => distinct.push(Optimum { labels: vec![label], ..one }),
-        }
-    }
-    let is_alone = distinct.len() == 1;
-    distinct.into_iter().map(|optimum| optimum.line(is_alone)).collect()
-}
-
-/// A line of the optimum, before it is drawn.
-struct Optimum {
-    /// Of what it is the optimum.
-    labels: Vec<String>,
-    look: Look,
-    points: Vec<(f64, f64)>,
-}
-
-impl Optimum {
-    fn line(self, is_alone: bool) -> Line {
-        let label = match self.labels.as_slice() {
-            [one] if !is_alone => format!("optimum {one}"),
-            [one, other] if !is_alone => format!("optimum {one}, {other}"),
-            [one, others @ ..] if !is_alone => format!("optimum {one} and {} more", others.len()),
-            _ => "optimum".to_owned(),
-        };
-        let of = self.labels.join(", ");
-        let place = |(x, y): &(f64, f64)| {
-            let tip = format!("optimum {of}: {}", shown(*y, 0));
-            Place { x: *x, y: *y, interval: None, tip }
-        };
-        Line {
-            label,
-            look: self.look,
-            points: self.points.iter().map(place).collect(),
-            reference: Vec::new(),
-            spread: Spread::Exact,
-        }
-    }
-}
-
-/// The axes of lines of a metric: the horizontal one as it is named, both with round ends.
+/// The axes for all lines of a metric. The horizontal axis has the given title and reaches from the
+/// first to the last point. The vertical axis has round ends, unless the style declares others.
 pub fn axes(
-    lines: &[Line],
+    charts: &[Chart],
     (x_title, x_numbers, scale): (String, Numbers, AxisScale),
     (metric, y_numbers): (&str, Numbers),
+    style: &Style,
 ) -> (Axis, Axis) {
-    let points = || lines.iter().flat_map(|line| &line.points);
-    let references = || lines.iter().flat_map(|line| &line.reference);
+    let lines = || charts.iter().flat_map(|chart| &chart.lines);
+    let points = || lines().flat_map(|line| &line.points);
+    let references = || lines().flat_map(|line| &line.reference);
     let xs = points().map(|point| point.x).chain(references().map(|at| at.0));
     let (left, right) =
         xs.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, r), x| (l.min(x), r.max(x)));
@@ -146,23 +36,37 @@ pub fn axes(
         .chain(references().map(|at| at.1));
     let high = ys.fold(f64::NEG_INFINITY, f64::max);
     let low = points().map(|point| point.y).fold(0.0, f64::min);
-    let (left, right) = if left < right { (left, right) } else { (0.0, 1.0) };
-    let low_x =
-        if scale == AxisScale::Linear && left > 0.0 && left < right / 2.0 { 0.0 } else { left };
+    let (left, right) = if left < right { (left, right) } else { around(left, scale) };
     let (low, high) = round_range(low, if high.is_finite() { high } else { 1.0 });
     let cap = if y_numbers == Numbers::Percent { 1.0 } else { f64::INFINITY };
+    let low = style.limits.0.unwrap_or(low);
+    let high = style.limits.1.unwrap_or(high.min(cap));
     let y = Axis {
         title: metric_title(metric),
-        range: (low, high.min(cap).max(low + 1e-9)),
+        // A declared end may lie beyond the other end.
+        range: (low, if high > low { high } else { low + high.abs().max(low.abs()).max(1.0) }),
         scale: AxisScale::Linear,
         numbers: y_numbers,
     };
-    let has_marks = lines.iter().any(|line| line.spread == Spread::Bars);
-    let range = if has_marks { padded((low_x, right), scale) } else { (low_x, right) };
+    let has_marks = lines().any(|line| line.spread == Spread::Bars);
+    let range = if has_marks { padded((left, right), scale) } else { (left, right) };
     (Axis { title: x_title, range, scale, numbers: x_numbers }, y)
 }
 
-/// Ends of an axis a little beyond the first and the last point, whose marks would lie on numbers.
+/// The range of an axis whose points are all at one place, or which has no points.
+fn around(place: f64, scale: AxisScale) -> (f64, f64) {
+    match scale {
+        _ if !place.is_finite() => (0.0, 1.0),
+        AxisScale::Log => (place / 2.0, place * 2.0),
+        AxisScale::Linear => {
+            let half = (place.abs() / 2.0).max(f64::MIN_POSITIVE.sqrt());
+            (place - half, place + half)
+        }
+    }
+}
+
+/// The range of an axis, extended slightly beyond the first and the last point so that their marks
+/// do not cover numbers.
 fn padded((low, high): (f64, f64), scale: AxisScale) -> (f64, f64) {
     const PART: f64 = 0.03;
     match scale {
@@ -171,23 +75,43 @@ fn padded((low, high): (f64, f64), scale: AxisScale) -> (f64, f64) {
     }
 }
 
-/// The chart, drawn.
-pub fn draw(chart: &Chart) -> Scene {
-    let (x, y) = (&chart.axes.0, &chart.axes.1);
-    let wide = |line: &Line| width(&line.label, TEXT, Weight::SemiBold);
-    let room = chart.lines.iter().map(wide).fold(0.0, f64::max) + 12.0;
-    let room = room + if is_crowded(chart) { SAMPLE } else { 0.0 };
-    let top = TOP + if chart.heading.is_some() { HEADING } else { 0.0 };
-    let of_labels = GAP * chart.lines.len() as f64;
+/// The charts, drawn with these axes. All charts have the same size, and all frames have the same size.
+pub fn draw(charts: &[Chart], axes: &(Axis, Axis), style: &Style) -> Vec<Scene> {
+    let placing = placing(charts, style);
+    let has_heading = |chart: &Chart| chart.heading.is_some();
+    let headings = charts.iter().any(has_heading) && (charts.len() > 1 || style.has_titles());
+    let top = TOP + if headings { HEADING } else { 0.0 };
+    let (room, beneath) = match placing {
+        Placing::Beside { room, .. } => (room, 0.0),
+        Placing::Below { rows } => (14.0, rows as f64 * GAP + 2.0),
+    };
+    let bottom = BOTTOM + style.note() + beneath;
+    let of_labels = match placing {
+        Placing::Beside { .. } => {
+            GAP * charts.iter().map(|chart| chart.lines.len()).max().unwrap_or(0) as f64
+        }
+        Placing::Below { .. } => LEAST_HEIGHT,
+    };
+    let beneath_grows = style.height(HEIGHT + beneath);
     let frame = Frame {
         left: LEFT,
         top,
-        width: (WIDTH - LEFT - room).max(LEAST_PLOT),
-        height: (HEIGHT - top - BOTTOM).max(of_labels),
+        width: (style.width() - LEFT - room).max(LEAST_PLOT.min(style.width() - LEFT - 10.0)),
+        height: (beneath_grows - top - bottom).max(of_labels).max(LEAST_HEIGHT),
     };
-    let whole = (LEFT + frame.width + room, top + frame.height + BOTTOM);
+    let size = (LEFT + frame.width + room, top + frame.height + bottom);
+    let chart = |chart: &Chart| draw_one(chart, axes, (&frame, size), (&placing, style, headings));
+    charts.iter().map(chart).collect()
+}
+
+fn draw_one(
+    chart: &Chart,
+    (x, y): &(Axis, Axis),
+    (frame, whole): (&Frame, (f64, f64)),
+    (placing, style, has_heading): (&Placing, &Style, bool),
+) -> Scene {
     let mut marks = frame.axes((x, y));
-    if let Some(heading) = &chart.heading {
+    if let Some(heading) = chart.heading.as_ref().filter(|_| has_heading) {
         let at = (LEFT, TOP + 6.0);
         marks.push(text(at, heading, (TEXT + 1.0, Weight::SemiBold), INK, Anchor::Start).into());
     }
@@ -196,34 +120,38 @@ pub fn draw(chart: &Chart) -> Scene {
         let words = "no completed jobs yet";
         marks.push(text(at, words, (TEXT, Weight::Regular), FAINT, Anchor::Middle).into());
     }
-    // Points lie on the lines of all, hollow ones below filled ones, which are smaller: where one of
-    // each meet, both are seen.
+    // Points are drawn above all lines. Filled points are drawn above hollow points, which are
+    // larger, so that both are visible where they coincide.
     let of_each = chart.lines.iter().enumerate();
     let dodges = dodges(&chart.lines);
     marks.extend(of_each.clone().flat_map(|(series, line)| {
-        line_marks(line, (x, y), &frame, dodges[series])
-            .into_iter()
-            .map(move |mark| mark.of(series))
+        line_marks(line, (x, y), frame, dodges[series]).into_iter().map(move |mark| mark.of(series))
     }));
     for hollow in [true, false] {
         let of_kind = of_each.clone().filter(|(_, line)| line.look.marker.is_hollow() == hollow);
         marks.extend(of_kind.flat_map(|(series, line)| {
-            point_marks(line, (x, y), &frame, dodges[series])
+            point_marks(line, (x, y), frame, dodges[series])
                 .into_iter()
                 .map(move |mark| mark.of(series))
         }));
     }
-    marks.extend(end_labels(chart, &frame));
-    let at = (whole.0 / 2.0, whole.1 - 5.0);
-    marks.push(fitting(at, &chart.note, (NOTE, whole.0 - 8.0), FAINT).into());
-    let (width, height) = whole;
-    Scene { width, height, description: chart.description.clone(), marks }
+    marks.extend(match placing {
+        Placing::Beside { is_crowded: true, .. } => beside(chart, (x, y), frame),
+        Placing::Beside { is_crowded: false, .. } => end_labels(chart, (x, y), frame),
+        Placing::Below { .. } => below(chart, style, frame.top + frame.height + BOTTOM + GAP - 3.0),
+    });
+    if style.has_titles() {
+        let at = (whole.0 / 2.0, whole.1 - 5.0);
+        marks.push(fitting(at, &chart.note, (NOTE, whole.0 - 8.0), FAINT).into());
+    }
+    let series = chart.lines.iter().map(|line| line.facets.clone()).collect();
+    let ((width, height), description) = (whole, chart.description.clone());
+    Scene { width, height, description, marks, series }
 }
 
-/// How far each line is moved to the right, so that intervals of several arms at one place stand
-/// beside each other.
+/// The horizontal shift of each line, so that intervals of several arms at one position stand side by side.
 fn dodges(lines: &[Line]) -> Vec<f64> {
-    /// From line to line, and from the first to the last of many.
+    /// Maximum distance between neighbouring lines, and between the first and the last line.
     const STEP: f64 = 2.4;
     const WHOLE: f64 = 8.0;
     let with_bars: Vec<usize> =
@@ -263,25 +191,71 @@ fn line_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, dodge: f64) -> V
         }
     }
     let moved = |(x, y): Point| (x + dodge, y);
-    let points: Vec<Point> =
-        line.points.iter().map(|point| moved(place(point.x, point.y))).collect();
-    if points.len() > 1 && line.spread != Spread::Points {
+    let points: Vec<(f64, f64)> = line.points.iter().map(|point| (point.x, point.y)).collect();
+    if line.spread != Spread::Points {
         let width = match line.spread {
             Spread::Bars => 1.6,
             Spread::Band => 1.3,
             Spread::Points | Spread::Exact => 1.0,
         };
         let stroke = Stroke { color, width, dash: line.look.dash, opacity: 1.0 };
-        marks.push(Shape::Line { points, stroke }.into());
+        for part in clipped(&points, axes.1.range) {
+            let points = part.into_iter().map(|(x, y)| moved(place(x, y))).collect();
+            marks.push(Shape::Line { points, stroke }.into());
+        }
     }
     marks
 }
 
-/// The points of a line: where they are marked, and where they say something. Intervals lie above
-/// what fills a hollow mark, which would hide short ones.
+/// The parts of a line between two heights; each part has at least two points.
+fn clipped(points: &[(f64, f64)], (low, high): (f64, f64)) -> Vec<Vec<(f64, f64)>> {
+    let mut parts: Vec<Vec<(f64, f64)>> = vec![Vec::new()];
+    for pair in points.windows(2) {
+        let ((x, y), (next_x, next_y)) = (pair[0], pair[1]);
+        // The shares of the segment at which the line enters and leaves.
+        let (mut enter, mut leave) = (0.0_f64, 1.0_f64);
+        let rise = next_y - y;
+        for (wall, is_upper) in [(low, false), (high, true)] {
+            let beyond = if is_upper { y - wall } else { wall - y };
+            let towards = if is_upper { rise } else { -rise };
+            match towards {
+                0.0 if beyond > 0.0 => leave = -1.0,
+                0.0 => {}
+                towards if towards > 0.0 => leave = leave.min(-beyond / towards),
+                towards => enter = enter.max(-beyond / towards),
+            }
+        }
+        if enter > leave {
+            parts.push(Vec::new());
+            continue;
+        }
+        let at = |share: f64| match share {
+            0.0 => (x, y),
+            1.0 => (next_x, next_y),
+            share => (x + share * (next_x - x), y + share * rise),
+        };
+        if let Some(part) = parts.last_mut() {
+            if part.is_empty() {
+                part.push(at(enter));
+            }
+            part.push(at(leave));
+        }
+        if leave < 1.0 {
+            parts.push(Vec::new());
+        }
+    }
+    parts.retain(|part| part.len() > 1);
+    parts
+}
+
+/// The points of a line that are marked or have a tooltip. Intervals are drawn above the fill of
+/// hollow marks, which would hide short intervals.
 fn point_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, dodge: f64) -> Vec<Mark> {
     let is_marked = matches!(line.spread, Spread::Bars | Spread::Points);
+    let (low, high) = axes.1.range;
+    let is_inside = |point: &&Place| (low..=high).contains(&point.y);
     let said = line.points.iter().filter(|point| is_marked || !point.tip.is_empty());
+    let said = said.filter(is_inside);
     let place = |x, y| {
         let (across, down) = frame.place(axes, (x, y));
         (across + dodge, down)
@@ -306,152 +280,19 @@ fn point_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, dodge: f64) -> 
     said.flat_map(|point| std::iter::once(mark(point)).chain(bar(point))).collect()
 }
 
-/// The mark of a point.
-pub fn marker(at: Point, look: &Look, radius: f64) -> Shape {
-    let solid = Fill { color: look.color, opacity: 1.0 };
-    let white = Fill { color: Color::WHITE, opacity: 1.0 };
-    let rim = Some(Stroke::solid(look.color, 1.3));
-    let (x, y) = at;
-    match look.marker {
-        Marker::Disc => Shape::Circle { centre: at, radius, fill: solid, stroke: None },
-        Marker::Ring => Shape::Circle { centre: at, radius, fill: white, stroke: rim },
-        Marker::Square => Shape::Area {
-            points: rectangle(x - radius, y - radius, 2.0 * radius, 2.0 * radius),
-            fill: solid,
-            stroke: None,
-        },
-        Marker::Diamond => Shape::Area {
-            points: vec![(x, y - radius), (x + radius, y), (x, y + radius), (x - radius, y)],
-            fill: white,
-            stroke: rim,
-        },
-    }
-}
-
-/// Whether more lines end early than can be labelled there.
-fn is_crowded(chart: &Chart) -> bool {
-    let last = |line: &Line| line.points.last().map(|point| point.x);
-    let farthest = chart.lines.iter().filter_map(last).fold(f64::NEG_INFINITY, f64::max);
-    let early = chart.lines.iter().filter_map(last).filter(|x| *x < farthest);
-    early.count() > MOST_INSIDE
-}
-
-/// The labels of the lines at their ends, moved apart where they would overlap: beside the frame,
-/// with a hair to their line where they were moved far; above or below the end of a line that ends
-/// early. If many do, all stand beside the frame, each with a sample of its line.
-fn end_labels(chart: &Chart, frame: &Frame) -> Vec<Mark> {
-    let axes = (&chart.axes.0, &chart.axes.1);
-    let right = frame.left + frame.width;
-    let is_crowded = is_crowded(chart);
-    let mut ends: Vec<(usize, Point, f64)> = Vec::new();
-    let mut inside: Vec<(usize, Point, f64)> = Vec::new();
-    for (series, line) in chart.lines.iter().enumerate() {
-        if let Some(last) = line.points.last() {
-            let end = frame.place(axes, (last.x, last.y));
-            match end.0 < right - 40.0 && !is_crowded {
-                true => inside.push((series, end, inside_height(chart, frame, series, end))),
-                false => ends.push((series, end, end.1)),
-            }
-        }
-    }
-    for list in [&mut ends, &mut inside] {
-        list.sort_by(|one, other| one.2.total_cmp(&other.2));
-        spread_out(list, GAP, (frame.top, frame.top + frame.height));
-    }
-    let label = |series: usize, at: Point, rim: Option<Stroke>| {
-        let line = &chart.lines[series];
-        // Light colours are hard to read as letters.
-        let darker = if line.look.color.lightness() > 0.5 { 0.35 } else { 0.0 };
-        let color = line.look.color.towards(INK, darker);
-        let looks = (TEXT, Weight::SemiBold);
-        let mut letters = text(at, &line.label, looks, color, Anchor::Start);
-        if let Shape::Text { rim: of_letters, .. } = &mut letters {
-            *of_letters = rim;
-        }
-        Mark::from(letters).of(series)
-    };
-    // Letters stand out from the lines and bands that they lie on.
-    let white = Some(Stroke::solid(Color::WHITE, 2.5));
-    let mut marks: Vec<Mark> = inside
-        .into_iter()
-        .map(|(series, end, height)| {
-            let (left, _) = inside_label(&chart.lines[series], frame, end);
-            label(series, (left, height + TEXT * 0.35), white)
-        })
-        .collect();
-    for (series, end, height) in ends {
-        if is_crowded {
-            let Look { color, dash, .. } = chart.lines[series].look;
-            let points = vec![(right + 6.0, height), (right + SAMPLE, height)];
-            let stroke = Stroke { color, width: 1.3, dash, opacity: 1.0 };
-            marks.push(Mark::from(Shape::Line { points, stroke }).of(series));
-            marks.push(label(series, (right + 6.0 + SAMPLE, height + TEXT * 0.35), None));
-            continue;
-        }
-        if (height - end.1).abs() > TEXT {
-            let color = chart.lines[series].look.color;
-            let stroke = Stroke { color, width: 0.5, dash: None, opacity: 0.6 };
-            let points = vec![(end.0 + 3.0, end.1), (right + 5.0, height)];
-            marks.push(Mark::from(Shape::Line { points, stroke }).of(series));
-        }
-        marks.push(label(series, (right + 6.0, height + TEXT * 0.35), None));
-    }
-    marks
-}
-
-/// The left and right end of the label of a line that ends early, which stands before its end.
-fn inside_label(line: &Line, frame: &Frame, end: Point) -> (f64, f64) {
-    let wide = width(&line.label, TEXT, Weight::SemiBold);
-    let left = (end.0 - wide).max(frame.left + 3.0);
-    (left, left + wide)
-}
-
-/// The height at which the label of a line that ends early lies on no other line.
-fn inside_height(chart: &Chart, frame: &Frame, series: usize, end: Point) -> f64 {
-    let axes = (&chart.axes.0, &chart.axes.1);
-    let others = chart.lines.iter().enumerate().filter(|(other, _)| *other != series);
-    let place = |line: &Line| -> Vec<Point> {
-        line.points.iter().map(|point| frame.place(axes, (point.x, point.y))).collect()
-    };
-    let others: Vec<Vec<Point>> = others.map(|(_, line)| place(line)).collect();
-    let limits = (frame.top + TEXT / 2.0, frame.top + frame.height - TEXT / 2.0);
-    free_height(&others, inside_label(&chart.lines[series], frame, end), end.1, limits)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::manifest::Setting;
+    use crate::report::figure::{Look, Marker};
+    use crate::report::scene::Facets;
 
     #[test]
-    fn optima_that_are_the_same_share_a_line_and_names_have_one() {
-        let name = |agent: &str, scenario: &str, sigma: f64| ArmId {
-            agent: agent.into(),
-            scenario: scenario.into(),
-            settings: vec![
-                ("agent.layers".into(), Setting::Text("[64]".into())),
-                ("environment.sigma".into(), Setting::Number(sigma)),
-            ],
-        };
-        let (dqn, reinforce) = (name("dqn", "P-H-D", 0.6), name("reinforce", "P-H-D", 0.6));
-        let (blind, noisier) = (name("dqn", "H-D", 0.6), name("dqn", "H-D", 1.0));
-        let optima = [
-            // Two agents at different places.
-            (&dqn, vec![(2.0, 90.0), (3.0, 80.0)]),
-            (&reinforce, vec![(1.0, 95.0), (3.0, 80.0)]),
-            // Who sees no context is as well off whatever sigma is.
-            (&blind, vec![(1.0, 40.0)]),
-            (&noisier, vec![(1.0, 40.0)]),
-        ];
-        let looks = Looks::of(optima.iter().map(|(name, _)| *name));
-        let lines = optimum_lines(optima.clone().into_iter(), &looks);
-        let labels: Vec<&str> = lines.iter().map(|line| line.label.as_str()).collect();
-        assert_eq!(labels, ["optimum P-H-D sigma=0.6", "optimum H-D sigma=0.6, H-D sigma=1"]);
-        let places: Vec<(f64, f64)> = lines[0].points.iter().map(|p| (p.x, p.y)).collect();
-        assert_eq!(places, [(1.0, 95.0), (2.0, 90.0), (3.0, 80.0)]);
-        let alone = optimum_lines(optima.into_iter().take(2), &looks);
-        assert_eq!(alone.len(), 1);
-        assert_eq!(alone[0].label, "optimum");
+    fn a_line_is_drawn_between_the_declared_ends_of_its_axis() {
+        let line = [(0.0, 5.0), (1.0, 15.0), (2.0, 5.0), (3.0, -5.0)];
+        let inside = [vec![(0.0, 5.0), (0.5, 10.0)], vec![(1.5, 10.0), (2.0, 5.0), (2.5, 0.0)]];
+        assert_eq!(clipped(&line, (0.0, 10.0)), inside);
+        assert_eq!(clipped(&line, (-5.0, 15.0)), [line.to_vec()]);
+        assert!(clipped(&line, (20.0, 30.0)).is_empty());
     }
 
     #[test]
@@ -465,6 +306,7 @@ mod tests {
                 .collect(),
             reference: Vec::new(),
             spread,
+            facets: Facets::new(),
         };
         let arm = |xs| line(xs, Spread::Bars);
         let exact = || line(&[1.0], Spread::Exact);

@@ -1,12 +1,12 @@
-//! The looks of arms: the same arm looks the same in every figure of a report.
+//! The looks of arms. An arm looks the same in every figure of a report.
 
 use super::INK;
 use crate::analyse::declared::ArmId;
 use crate::manifest::Setting;
-use crate::report::scene::Color;
+use crate::report::scene::{Color, Facets};
 
-/// The colours of Okabe and Ito, told apart by colour-blind readers too; black and yellow, which
-/// text and paper need, are left out.
+/// The colours of Okabe and Ito, which colour-blind readers can distinguish. Black and yellow are
+/// left out: they are hard to separate from text and paper.
 const COLORS: [Color; 6] = [
     Color(0, 114, 178),
     Color(213, 94, 0),
@@ -16,7 +16,7 @@ const COLORS: [Color; 6] = [
     Color(230, 159, 0),
 ];
 
-/// Scenarios that papers know, with their colours: they look the same in every report, too.
+/// Scenarios of published papers with fixed colours, so that they look the same in every report.
 const KNOWN: [(&str, Color); 6] = [
     ("P-H-D", COLORS[0]),
     ("L-H-D", COLORS[1]),
@@ -26,7 +26,7 @@ const KNOWN: [(&str, Color); 6] = [
     ("C-T", COLORS[5]),
 ];
 
-/// The colours of agents, where colours tell these.
+/// The colours of agents, if colours distinguish agents.
 const OF_AGENTS: [Color; 8] = [
     COLORS[0],
     COLORS[1],
@@ -42,32 +42,32 @@ const OF_AGENTS: [Color; 8] = [
 const DASHES: [Option<(f64, f64)>; 4] =
     [None, Some((5.0, 2.5)), Some((1.5, 2.0)), Some((8.0, 2.0))];
 
-/// How an arm looks.
+/// The look of an arm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Look {
-    /// By scenario, or by agent.
+    /// Colour, by scenario or by agent.
     pub color: Color,
-    /// By agent, or by scenario.
+    /// Dash by agent, or by scenario if colours are by agent.
     pub dash: Option<(f64, f64)>,
-    /// By agent, or by scenario.
+    /// Marker by agent, or by scenario if colours are by agent.
     pub marker: Marker,
 }
 
-/// How a point of an arm is drawn.
+/// The mark of an arm's points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Marker {
     /// A filled circle.
     Disc,
     /// A circle filled with white.
     Ring,
-    /// A square.
+    /// A filled square.
     Square,
-    /// A diamond.
+    /// A diamond filled with white.
     Diamond,
 }
 
 impl Marker {
-    /// Whether it is a rim around white.
+    /// Whether it is an outline filled with white.
     pub(super) fn is_hollow(self) -> bool {
         match self {
             Marker::Ring | Marker::Diamond => true,
@@ -78,8 +78,8 @@ impl Marker {
 
 const MARKERS: [Marker; 4] = [Marker::Disc, Marker::Ring, Marker::Square, Marker::Diamond];
 
-/// The looks of a report's arms: colours by scenario, dashes and markers by agent; the other way
-/// round where there are more agents than dashes.
+/// The looks of a report's arms: colours by scenario, dashes and markers by agent. If there are
+/// more agents than dashes, colours are by agent, dashes and markers by scenario.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Looks {
     agents: Vec<String>,
@@ -106,7 +106,7 @@ impl Looks {
         looks
     }
 
-    /// The look of the best that any policy can reach where an arm is.
+    /// The look of the optimum in an arm's environment.
     pub fn of_optimum(&self, name: &ArmId) -> Look {
         let color = match self.tells_agents() {
             true => INK,
@@ -125,7 +125,7 @@ impl Looks {
             (false, Some((_, color))) => (*color, agent),
             (false, None) => (COLORS[(4 + self.unknown(name)) % COLORS.len()], agent),
         };
-        // Arms that differ in settings alone are shades of one colour.
+        // Arms that differ only in settings are shades of one colour.
         let shade = match self.settings.iter().position(|known| *known == words(name)) {
             Some(at) => at as f64 / self.settings.len() as f64 * 0.6,
             None => 0.0,
@@ -137,14 +137,26 @@ impl Looks {
         }
     }
 
-    /// The place of a scenario among those without a colour of their own.
+    /// The position of a scenario among the scenarios without a fixed colour.
     fn unknown(&self, name: &ArmId) -> usize {
         let is_known = |scenario: &&String| KNOWN.iter().any(|(known, _)| known == scenario);
         let unknown = self.scenarios.iter().filter(|scenario| !is_known(scenario));
         unknown.take_while(|scenario| **scenario != name.scenario).count()
     }
 
-    /// Whether colours tell agents, and dashes scenarios: where there are more agents than dashes.
+    /// The colour of a value of a facet, if colours distinguish that facet.
+    pub fn color_of(&self, facet: &str, value: &str) -> Option<Color> {
+        let stands = if self.tells_agents() { "agent" } else { "scenario" };
+        let list = if self.tells_agents() { &self.agents } else { &self.scenarios };
+        let is_known = facet == stands && list.iter().any(|known| known == value);
+        let (agent, scenario) = match facet {
+            "agent" => (value.to_owned(), String::new()),
+            _ => (String::new(), value.to_owned()),
+        };
+        is_known.then(|| self.look(&ArmId { agent, scenario, settings: Vec::new() }).color)
+    }
+
+    /// Whether colours distinguish agents, and dashes scenarios: true if there are more agents than dashes.
     fn tells_agents(&self) -> bool {
         self.agents.len() > DASHES.len()
     }
@@ -158,14 +170,26 @@ fn words(name: &ArmId) -> Vec<(String, String)> {
     name.settings.iter().map(|(key, value)| (key.clone(), value.to_string())).collect()
 }
 
-/// An arm in full: `dqn P-H-D sigma=0.6`.
+/// The names and values that identify an arm, without empty ones.
+pub fn facets(name: &ArmId) -> Facets {
+    let words = [("agent", &name.agent), ("scenario", &name.scenario)];
+    let words = words.into_iter().filter(|(_, word)| !word.is_empty());
+    let words = words.map(|(key, word)| (key.to_owned(), word.clone()));
+    let settings = name
+        .settings
+        .iter()
+        .map(|(key, value)| (key.rsplit('.').next().unwrap_or(key).to_owned(), value.to_string()));
+    words.chain(settings).collect()
+}
+
+/// The full label of an arm: `dqn P-H-D sigma=0.6`.
 pub fn arm_label(name: &ArmId) -> String {
     let parts = [name.agent.clone(), name.scenario.clone()].into_iter();
     let settings = [settings_label(&name.settings)];
     parts.chain(settings).filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" ")
 }
 
-/// Settings in a line: `learning_rate=0.001 sigma=0.6`.
+/// Settings on one line: `learning_rate=0.001 sigma=0.6`.
 pub fn settings_label(settings: &[(String, Setting)]) -> String {
     let word = |(key, value): &(String, Setting)| {
         format!("{}={value}", key.rsplit('.').next().unwrap_or(key))
@@ -173,7 +197,7 @@ pub fn settings_label(settings: &[(String, Setting)]) -> String {
     settings.iter().map(word).collect::<Vec<_>>().join(" ")
 }
 
-/// The labels of arms that are seen together: what all of them share is left out.
+/// The labels of arms that are shown together, without the parts that all of them share.
 pub fn labels(names: &[&ArmId]) -> Vec<String> {
     let same = |word: fn(&ArmId) -> &String| {
         names.len() > 1 && names.windows(2).all(|pair| word(pair[0]) == word(pair[1]))

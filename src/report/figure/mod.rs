@@ -1,22 +1,31 @@
-//! What figures are drawn with: axes, charts of lines, the looks of arms, letters.
+//! Elements of figures: axes, charts of lines, the looks of arms, text.
 //!
-//! Scenes have the width of a journal's column, or more where labels need it. It does not know any
-//! kind of analysis and does not compute statistics.
+//! Scenes have the width of a journal column, or more if labels need it. The module does not know
+//! any kind of analysis and does not compute statistics.
 
 mod axis;
 mod chart;
+mod label;
+mod line;
 mod look;
+mod optimum;
+mod panel;
 mod room;
+mod style;
 
 pub use axis::{Axis, AxisScale, round_range};
-pub use chart::{Chart, Line, Place, Spread, axes, draw, marker, optimum_lines};
-pub use look::{Look, Looks, Marker, arm_label, labels, settings_label};
+pub use chart::{axes, draw};
+pub use line::{Chart, Line, Place, Spread, marker};
+pub use look::{Look, Looks, Marker, arm_label, facets, settings_label};
+pub use optimum::optimum_lines;
+pub use panel::{MOST_ARMS, Panel, Panels};
+pub use style::Style;
 
 use super::scene::{Anchor, Color, Direction, Point, Shape, Weight, width};
 pub use super::words::Numbers;
 
-/// Width of a figure: 85 mm, the column of a journal, at 96 units an inch. What needs more room for
-/// its words is wider, not smaller.
+/// Width of a figure: 85 mm, the column of a journal, at 96 units per inch. Figures whose text
+/// needs more space are wider; their text is not smaller.
 pub(super) const WIDTH: f64 = 321.0;
 
 /// Height of letters at axes and lines.
@@ -25,19 +34,19 @@ pub(super) const TEXT: f64 = 9.5;
 /// Height of letters of notes.
 pub(super) const NOTE: f64 = 8.0;
 
-/// Of text and axes.
+/// Colour of text and axes.
 pub(super) const INK: Color = Color(34, 34, 34);
 
-/// Of notes and grids.
+/// Colour of notes and grids.
 pub(super) const FAINT: Color = Color(105, 105, 105);
 
-/// Of published numbers beside ours: no arm has it.
+/// Colour reserved for published numbers.
 pub(super) const PUBLISHED: Color = Color(150, 150, 150);
 
-/// Of grid lines.
+/// Colour of grid lines.
 pub(super) const GRID: Color = Color(229, 229, 229);
 
-/// A line of text that runs to the right.
+/// A horizontal line of text.
 pub(super) fn text(
     at: Point,
     words: impl Into<String>,
@@ -49,7 +58,7 @@ pub(super) fn text(
     Shape::Text { at, text: words.into(), size, weight, color, anchor, direction, rim: None }
 }
 
-/// A line of text about a middle, smaller where it would not fit its room.
+/// A centred line of text, in smaller letters if it would not fit its space.
 pub(super) fn fitting(
     at: Point,
     words: impl Into<String>,
@@ -65,7 +74,7 @@ fn fitted(words: &str, size: f64, room: f64) -> f64 {
     size * (room / width(words, size, Weight::Regular)).min(1.0)
 }
 
-/// The title of a vertical axis, upwards, with its middle at a point, in so much room.
+/// The title of a vertical axis, running upwards, centred at a point, in a space of length `room`.
 pub(super) fn rising_title(at: Point, words: String, room: f64) -> Shape {
     let (weight, color, anchor) = (Weight::Regular, INK, Anchor::Middle);
     let size = fitted(&words, TEXT, room);
@@ -73,7 +82,7 @@ pub(super) fn rising_title(at: Point, words: String, room: f64) -> Shape {
     Shape::Text { at, text: words, size, weight, color, anchor, direction, rim: None }
 }
 
-/// How many seeds, in words: `n = 3 seeds`, or `n = 2–3 seeds` where they differ.
+/// The number of seeds in words: `n = 3 seeds`, or `n = 2–3 seeds` if counts differ.
 pub(super) fn seeds(counts: impl Iterator<Item = usize>) -> String {
     let counts: Vec<usize> = counts.collect();
     match (counts.iter().min(), counts.iter().max()) {

@@ -1,9 +1,9 @@
-//! Room for the labels of lines: apart from each other, and not on other lines.
+//! Placement of line labels, so that they overlap neither each other nor other lines.
 
 use super::TEXT;
 use crate::report::scene::Point;
 
-/// Moves heights, which ascend, at least `gap` apart and between the limits.
+/// Moves ascending heights at least `gap` apart and between the limits.
 pub(super) fn spread_out(ends: &mut [(usize, Point, f64)], gap: f64, (top, bottom): (f64, f64)) {
     let mut least = top;
     for end in ends.iter_mut() {
@@ -17,17 +17,17 @@ pub(super) fn spread_out(ends: &mut [(usize, Point, f64)], gap: f64, (top, botto
     }
 }
 
-/// The height nearest above or below `end`, within the limits, at which letters from left to right lie
-/// on none of the lines; just above `end` if there is none.
+/// The height nearest to `end`, above or below it and within the limits, at which text from left to
+/// right overlaps no line; just above `end` if there is no such height.
 pub(super) fn free_height(
     lines: &[Vec<Point>],
     (left, right): (f64, f64),
     end: f64,
     (top, bottom): (f64, f64),
 ) -> f64 {
-    /// From one height that is tried to the next.
+    /// Distance between the heights that are tried.
     const STEP: f64 = 12.0;
-    /// Most steps.
+    /// Maximum number of steps.
     const STEPS: u32 = 8;
     let is_free = |height: &f64| {
         let letters = (left, right, height - TEXT * 0.7, height + TEXT * 0.7);
@@ -63,7 +63,7 @@ mod tests {
         assert_eq!(place(&[]), 88.0);
         assert_eq!(place(&[level(88.0)]), 112.0);
         assert_eq!(place(&[level(90.0), level(112.0)]), 76.0);
-        // A line beside the label does not count, and of a rising one the part behind the label does.
+        // A line beside the label does not count. For a rising line, only the part behind the label counts.
         assert_eq!(place(&[vec![(100.0, 88.0), (200.0, 88.0)]]), 88.0);
         assert_eq!(place(&[vec![(0.0, 50.0), (200.0, 150.0)]]), 112.0);
         let full: Vec<Vec<Point>> = (0..20).map(|line| level(10.0 * f64::from(line))).collect();

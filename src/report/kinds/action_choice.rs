@@ -1,30 +1,38 @@
-//! Choices of action: shares by the probability of context 0, a stack a bin.
+//! Choices of action: shares by the probability of context 0, with one stack per bin.
 
-use super::Drawn;
+use super::{Drawn, Sheet};
 use crate::analyse::declared::{ActionPanel, ArmId, BinShares};
 use crate::analyse::quantile;
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{
-    FAINT, INK, Looks, NOTE, TEXT, WIDTH, arm_label, fitting, rising_title, seeds, text,
+    FAINT, INK, NOTE, Panels, Style, TEXT, arm_label, facets, fitting, rising_title, seeds, text,
 };
 use crate::report::scene::{
-    Anchor, Color, Fill, Mark, Scene, Shape, Stroke, Weight, rectangle, width,
+    Anchor, Color, Fill, Mark, Point, Scene, Shape, Stroke, Weight, rectangle, width,
 };
 use crate::report::tables::{between, high, in_unit, low, no_interval};
 
-/// Panels that a figure has at most, one below the other.
+/// Maximum number of panels of a figure, which stand one below the other.
 const PANELS: usize = 12;
 
 impl Drawn for Vec<ActionPanel> {
-    fn figures(&self, stem: &str, _: &str, _: &Looks) -> Vec<(String, Scene)> {
-        let figure = |(at, panels): (usize, &[ActionPanel])| {
-            let stem = match at {
-                0 => stem.to_owned(),
-                at => format!("{stem}-part-{}", at + 1),
-            };
-            (stem, action_figure(panels))
-        };
-        self.chunks(PANELS).enumerate().map(figure).collect()
+    fn figures(&self, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
+        let panels: Vec<&ActionPanel> = self.iter().collect();
+        if sheet.style.panel.is_none() {
+            return parts(&panels, sheet.stem, sheet.style);
+        }
+        let groups = Panels::of(&self.arms(), sheet.style.panel, None);
+        let of_group =
+            groups.panels.iter().zip(groups.stems(sheet.stem)).flat_map(|(group, stem)| {
+                let members: Vec<&ActionPanel> =
+                    group.members.iter().map(|at| &self[*at]).collect();
+                parts(&members, &stem, sheet.style)
+            });
+        of_group.collect()
+    }
+
+    fn has_panels(&self) -> bool {
+        false
     }
 
     fn table(&self, title: &str, _: &str) -> DataTable {
@@ -50,7 +58,7 @@ impl Drawn for Vec<ActionPanel> {
         let bin = self.first().map(|panel| &panel.bins[panel.bins.len() / 2])?;
         Some(format!(
             "{likely} of the actions are tailored where context 1 is likely, and {unsure} where the \
-             probability is {} to {} (means, without a test)",
+             probability of context 0 is {} to {} (means, not tested)",
             shown(bin.low, 1),
             shown(bin.high, 1)
         ))
@@ -61,7 +69,7 @@ impl Drawn for Vec<ActionPanel> {
     }
 }
 
-/// Colours and meanings of the actions, which are no arms.
+/// Colours and meanings of the actions. No arm has these looks.
 const ACTIONS: [(Color, &str); 4] = [
     (Color(200, 200, 200), "0 none"),
     (Color(240, 228, 66), "1 untailored"),
@@ -76,15 +84,33 @@ const PANEL: f64 = 112.0;
 const STACK: f64 = 82.0;
 const BOTTOM: f64 = 34.0;
 
-/// The panels of an analysis, one below the other.
-fn action_figure(panels: &[ActionPanel]) -> Scene {
-    let height = TOP + PANEL * panels.len() as f64 + BOTTOM;
+/// Figures of at most [`PANELS`] panels each.
+fn parts(panels: &[&ActionPanel], stem: &str, style: &Style) -> Vec<(String, Scene)> {
+    let figure = |(at, panels): (usize, &[&ActionPanel])| {
+        let stem = match at {
+            0 => stem.to_owned(),
+            at => format!("{stem}-part-{}", at + 1),
+        };
+        (stem, action_figure(panels, style))
+    };
+    panels.chunks(PANELS).enumerate().map(figure).collect()
+}
+
+/// Panels, one below the other.
+fn action_figure(panels: &[&ActionPanel], style: &Style) -> Scene {
+    let whole = style.width();
+    let beside = TOP + BOTTOM - if style.has_titles() { 0.0 } else { NOTE + 3.0 };
+    let high = style.row(PANEL, panels.len(), beside);
+    let height = beside + high * panels.len() as f64;
     let mut marks = legend();
     for (at, panel) in panels.iter().enumerate() {
-        marks.extend(panel_marks(panel, TOP + PANEL * at as f64));
+        let stack = high - (PANEL - STACK);
+        let of_panel = panel_marks(panel, TOP + high * at as f64, (whole, stack));
+        marks.extend(of_panel.into_iter().map(|mark| mark.of(at)));
     }
     let plain = (TEXT, Weight::Regular);
-    let at = (LEFT + (WIDTH - LEFT - RIGHT) / 2.0, height - 20.0);
+    let under = height - style.note() - 9.0;
+    let at = (LEFT + (whole - LEFT - RIGHT) / 2.0, under);
     let title = "inferred probability of context 0";
     marks.push(text(at, title, plain, INK, Anchor::Middle).into());
     let note = format!(
@@ -92,23 +118,26 @@ fn action_figure(panels: &[ActionPanel]) -> Scene {
         seeds(panels.iter().map(|panel| panel.seeds.0)),
         half_width_words(panels)
     );
-    let at = (WIDTH / 2.0, height - 5.0);
-    marks.push(fitting(at, note, (NOTE, WIDTH - 8.0), FAINT).into());
+    if style.has_titles() {
+        let at = (whole / 2.0, height - 5.0);
+        marks.push(fitting(at, note, (NOTE, whole - 8.0), FAINT).into());
+    }
     let description = "shares of actions by the probability of context 0".to_owned();
-    Scene { width: WIDTH, height, description, marks }
+    let series = panels.iter().map(|panel| facets(&panel.name)).collect();
+    Scene { width: whole, height, description, marks, series }
 }
 
-/// The median and the largest half of an interval, over the labelled shares that have one. Shares
-/// near 0, whose intervals are short, would make all seem certain.
-fn half_width_words(panels: &[ActionPanel]) -> String {
+/// The median and the largest half-width of the intervals of labelled shares. Shares near 0 have
+/// short intervals and would make the estimates seem too precise.
+fn half_width_words(panels: &[&ActionPanel]) -> String {
     let shares = panels.iter().flat_map(|panel| &panel.bins).filter_map(|bin| bin.shares);
-    let labelled = shares.flatten().filter(|(share, _)| is_labelled(*share));
+    let labelled = shares.flatten().filter(|(share, _)| is_labelled(*share, STACK));
     let intervals = labelled.filter_map(|(_, interval)| interval);
     let mut halves: Vec<f64> =
         intervals.map(|interval| (interval.high - interval.low) / 2.0).collect();
     halves.sort_by(f64::total_cmp);
     let words = |half: f64| match half {
-        // Of a share between 0 and 100 % such an interval says nothing.
+        // Such an interval covers all shares from 0 to 100 %.
         half if half >= 1.0 => "100 or more".to_owned(),
         half => shown(half * 100.0, 0),
     };
@@ -122,9 +151,9 @@ fn half_width_words(panels: &[ActionPanel]) -> String {
     }
 }
 
-/// Whether the segment of a share is high enough for its number.
-fn is_labelled(share: f64) -> bool {
-    share * STACK > NOTE + 3.0
+/// Whether the segment of a share is high enough to hold its number.
+fn is_labelled(share: f64, stack: f64) -> bool {
+    share * stack > NOTE + 3.0
 }
 
 fn legend() -> Vec<Mark> {
@@ -141,22 +170,22 @@ fn legend() -> Vec<Mark> {
     marks
 }
 
-fn panel_marks(panel: &ActionPanel, top: f64) -> Vec<Mark> {
+fn panel_marks(panel: &ActionPanel, top: f64, (whole, high): (f64, f64)) -> Vec<Mark> {
     let plain = (NOTE, Weight::Regular);
     let label = arm_label(&panel.name);
     let mut marks: Vec<Mark> =
         vec![text((LEFT, top + 11.0), &label, (TEXT, Weight::SemiBold), INK, Anchor::Start).into()];
-    let slot = (WIDTH - LEFT - RIGHT) / panel.bins.len().max(1) as f64;
-    let base = top + 16.0 + STACK;
-    let middle = (10.0, base - STACK / 2.0);
-    marks.push(rising_title(middle, "share, %".to_owned(), STACK).into());
+    let slot = (whole - LEFT - RIGHT) / panel.bins.len().max(1) as f64;
+    let base = top + 16.0 + high;
+    let middle = (10.0, base - high / 2.0);
+    marks.push(rising_title(middle, "share, %".to_owned(), high).into());
     for (share, words) in [(0.0, "0"), (0.5, "50"), (1.0, "100")] {
-        let at = (LEFT - 3.0, base - share * STACK + 3.0);
+        let at = (LEFT - 3.0, base - share * high + 3.0);
         marks.push(text(at, words, plain, FAINT, Anchor::End).into());
     }
     for (at, bin) in panel.bins.iter().enumerate() {
         let left = LEFT + at as f64 * slot;
-        marks.extend(stack(bin, &label, (left + 2.0, base, slot - 4.0)));
+        marks.extend(stack(bin, &label, (left + 2.0, base), (slot - 4.0, high)));
         let words = format!("{}–{}", shown(bin.low, 1), shown(bin.high, 1));
         let at = (left + slot / 2.0, base + 10.0);
         marks.push(text(at, words, plain, FAINT, Anchor::Middle).into());
@@ -164,16 +193,21 @@ fn panel_marks(panel: &ActionPanel, top: f64) -> Vec<Mark> {
     marks
 }
 
-fn stack(bin: &BinShares, label: &str, (left, base, width): (f64, f64, f64)) -> Vec<Mark> {
+fn stack(
+    bin: &BinShares,
+    label: &str,
+    (left, base): Point,
+    (width, high): (f64, f64),
+) -> Vec<Mark> {
     let mut marks: Vec<Mark> = Vec::new();
     let Some(shares) = &bin.shares else {
-        let at = (left + width / 2.0, base - STACK / 2.0);
+        let at = (left + width / 2.0, base - high / 2.0);
         let words = text(at, "no steps", (NOTE, Weight::Regular), FAINT, Anchor::Middle);
         return vec![words.into()];
     };
     let mut below = 0.0;
     for ((share, interval), (color, name)) in shares.iter().zip(ACTIONS) {
-        let height = share * STACK;
+        let height = share * high;
         let top = base - below - height;
         below += height;
         if height <= 0.0 {
@@ -183,10 +217,11 @@ fn stack(bin: &BinShares, label: &str, (left, base, width): (f64, f64, f64)) -> 
             format!(" ± {}", shown((interval.high - interval.low) * 50.0, 1))
         });
         let tip = format!(
-            "{label}, probability {} to {}, action {name}: {}{spread} %, {} test steps",
+            "{label}, probability {} to {}, action {name}: {}{spread} %, {}, {} test steps",
             bin.low,
             bin.high,
             shown(share * 100.0, 1),
+            seeds(std::iter::once(bin.seeds)),
             bin.steps
         );
         let area = Shape::Area {
@@ -195,7 +230,7 @@ fn stack(bin: &BinShares, label: &str, (left, base, width): (f64, f64, f64)) -> 
             stroke: Some(Stroke::solid(Color::WHITE, 0.5)),
         };
         marks.push(Mark::from(area).saying(tip));
-        if is_labelled(*share) {
+        if is_labelled(*share, high) {
             let at = (left + width / 2.0, top + height / 2.0 + 3.0);
             let words = shown(share * 100.0, 0);
             marks.push(text(at, words, (NOTE, Weight::Regular), INK, Anchor::Middle).into());
@@ -257,18 +292,18 @@ mod tests {
 
     #[test]
     fn the_note_tells_the_intervals_of_the_shares_that_are_labelled() {
-        // 0.05 is too low for a number: its certainty is none of the others'.
+        // The segment of 0.05 is too low for a label, so its interval does not count.
         let shares = [(0.4, Some(0.3)), (0.35, Some(1.39)), (0.2, Some(0.12)), (0.05, Some(0.01))];
         assert_eq!(
-            half_width_words(&[panel(shares)]),
+            half_width_words(&[&panel(shares)]),
             "; 95 % half-width of labelled ones: median 30, largest 100 or more points"
         );
         let two = [(0.5, Some(0.1)), (0.5, Some(0.2)), (0.0, None), (0.0, None)];
         assert_eq!(
-            half_width_words(&[panel(two)]),
+            half_width_words(&[&panel(two)]),
             "; 95 % half-width of labelled ones: median 15, largest 20 points"
         );
         let one_seed = [(0.5, None), (0.5, None), (0.0, None), (0.0, None)];
-        assert_eq!(half_width_words(&[panel(one_seed)]), "");
+        assert_eq!(half_width_words(&[&panel(one_seed)]), "");
     }
 }

@@ -1,12 +1,12 @@
-//! Curves: a metric along a parameter, a line an arm.
+//! Curves: a metric along a parameter, one line per arm.
 
-use super::{Drawn, amount};
-use crate::analyse::declared::{ALPHA, Apart, ArmId, CurveFigure, CurveLine, CurvePoint, Ends};
+use super::{Drawn, Sheet, amount};
+use crate::analyse::declared::{ALPHA, Apart, ArmId, CurveFigure, CurvePoint, Ends};
 use crate::manifest::short_name;
 use crate::report::arm_tables::{optimum, share};
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{
-    AxisScale, Chart, Line, Looks, Numbers, Place, Spread, arm_label, axes, draw, labels,
+    AxisScale, Chart, Line, Numbers, Panel, Panels, Place, Spread, arm_label, axes, draw, facets,
     optimum_lines, seeds,
 };
 use crate::report::scene::Scene;
@@ -14,8 +14,12 @@ use crate::report::tables::{between, high, in_unit, low};
 use crate::report::words::{metric_title, unit_numbers};
 
 impl Drawn for CurveFigure {
-    fn figures(&self, stem: &str, metric: &str, looks: &Looks) -> Vec<(String, Scene)> {
-        vec![(stem.to_owned(), curve_figure(self, metric, looks))]
+    fn figures(&self, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
+        curve_figures(self, sheet)
+    }
+
+    fn split(&self) -> Option<Panels> {
+        Some(Panels::of(&self.arms(), None, None))
     }
 
     fn table(&self, title: &str, metric: &str) -> DataTable {
@@ -30,7 +34,7 @@ impl Drawn for CurveFigure {
         let counts = self.lines.iter().flat_map(|line| &line.points).map(|point| point.sample.n());
         let seeds = seeds(counts.filter(|n| *n > 0));
         format!(
-            "Mean and its 95 % interval of {} against {axis}, {seeds} a point",
+            "Mean and its 95 % interval of {} against {axis}, {seeds} per point",
             metric_title(metric)
         )
     }
@@ -53,7 +57,7 @@ impl Drawn for CurveFigure {
                 }
                 Some((_, _, Apart::Perhaps)) => {
                     return Some(format!(
-                        "{one} and {other} differ at no point by more than chance (Welch’s t, \
+                        "{one} and {other} do not differ significantly at any point (Welch’s t, \
                          Bonferroni-corrected p < {ALPHA})"
                     ));
                 }
@@ -75,8 +79,8 @@ impl Drawn for CurveFigure {
                     "{name} {verb} from {from} at {first} to {to} at {last} (Welch’s t, p < {ALPHA})"
                 ),
                 Apart::Perhaps => format!(
-                    "{name} is at {from} at {first} and at {to} at {last}, no further apart than \
-                     chance makes them (Welch’s t, p < {ALPHA})"
+                    "{name} is at {from} at {first} and at {to} at {last}, not a significant \
+                     difference (Welch’s t, p < {ALPHA})"
                 ),
                 Apart::Untested => format!(
                     "{name} is at {from} at {first} and at {to} at {last}, with too few seeds for a \
@@ -86,8 +90,8 @@ impl Drawn for CurveFigure {
         }
         let trends = self.trends()?;
         Some(format!(
-            "Of {} lines {} fall and {} rise from their first to their last point by more than \
-             chance (Welch’s t, Bonferroni-corrected p < {ALPHA})",
+            "Of {} lines, {} fall and {} rise significantly from their first to their last point \
+             (Welch’s t, Bonferroni-corrected p < {ALPHA})",
             trends.lines, trends.falls, trends.rises
         ))
     }
@@ -95,65 +99,75 @@ impl Drawn for CurveFigure {
     fn arms(&self) -> Vec<&ArmId> {
         self.lines.iter().map(|line| &line.name).collect()
     }
-
-    fn series(&self) -> Vec<String> {
-        labels(&self.arms())
-    }
 }
 
-/// A curve: means over seeds with their intervals, and the published line.
-fn curve_figure(figure: &CurveFigure, metric: &str, looks: &Looks) -> Scene {
+/// Means over seeds with their intervals, and the published lines, with one figure per panel.
+fn curve_figures(figure: &CurveFigure, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
+    let (metric, style) = (sheet.metric, sheet.style);
     let names: Vec<&ArmId> = figure.lines.iter().map(|line| &line.name).collect();
+    let panels = Panels::of(&names, style.panel, None);
     let numbers = unit_numbers(metric).0;
     let is_error = figure.is_error();
-    let line = |(line, label): (&CurveLine, String)| {
-        let seen = line.points.iter().filter(|point| point.sample.n() > 0);
-        Line {
-            label,
-            look: looks.look(&line.name),
-            points: seen.map(|point| curve_place(point, &line.name, (metric, is_error))).collect(),
-            reference: line.published.clone(),
-            spread: Spread::Bars,
-        }
-    };
-    let mut lines: Vec<Line> = figure.lines.iter().zip(labels(&names)).map(line).collect();
-    let optima = figure.lines.iter().map(|line| (&line.name, line.optimum.clone()));
-    lines.extend(optimum_lines(optima, looks));
-    let counts = figure.lines.iter().flat_map(|line| line.points.iter().map(|p| p.sample.n()));
-    let has_reference = lines.iter().any(|line| !line.reference.is_empty());
-    let note = format!(
-        "Mean and 95 % interval, {}.{}",
-        seeds(counts.filter(|n| *n > 0)),
-        if has_reference { " Thin: published." } else { "" }
-    );
     let (x_title, x_numbers) = match is_error {
         true => ("context inference error, %".to_owned(), Numbers::Percent),
         false => (short_name(&figure.axis).to_owned(), Numbers::Plain),
     };
-    let agents = shared_word(&names);
-    let scale = if is_error { AxisScale::Linear } else { scale_of(&lines) };
+    let line = |at: usize| {
+        let (line, label) = (&figure.lines[at], panels.labels[at].clone());
+        let seen = line.points.iter().filter(|point| point.sample.n() > 0);
+        Line {
+            label,
+            look: sheet.looks.look(&line.name),
+            points: seen.map(|point| curve_place(point, &line.name, (metric, figure))).collect(),
+            reference: line.published.clone(),
+            spread: Spread::Bars,
+            facets: facets(&line.name),
+        }
+    };
+    let chart = |panel: &Panel| {
+        let members = || panel.members.iter().map(|at| &figure.lines[*at]);
+        let mut lines: Vec<Line> = panel.members.iter().map(|at| line(*at)).collect();
+        let optima = members().map(|line| (&line.name, line.optimum.clone()));
+        lines.extend(optimum_lines(optima, sheet.looks));
+        let counts = members().flat_map(|line| line.points.iter().map(|p| p.sample.n()));
+        let has_reference = lines.iter().any(|line| !line.reference.is_empty());
+        let note = format!(
+            "Mean and 95 % interval, {}.{}",
+            seeds(counts.filter(|n| *n > 0)),
+            if has_reference { " Thin: published." } else { "" }
+        );
+        let heading = match panels.is_one() && panel.heading.is_empty() {
+            true => shared_word(&names),
+            false => Some(panel.heading.clone()),
+        };
+        let description = format!("{} against {x_title}", metric_title(metric));
+        Chart { heading, description, lines, note }
+    };
+    let charts: Vec<Chart> = panels.panels.iter().map(chart).collect();
+    let scale = match is_error {
+        true => AxisScale::Linear,
+        false => scale_of(charts.iter().flat_map(|chart| &chart.lines)),
+    };
     let x_title = match scale {
         AxisScale::Log => format!("{x_title} (logarithmic)"),
-        AxisScale::Linear => x_title,
+        AxisScale::Linear => x_title.clone(),
     };
-    let axes = axes(&lines, (x_title, x_numbers, scale), (metric, numbers));
-    let description = format!("{} against {}", metric_title(metric), axes.0.title);
-    draw(&Chart { heading: agents, description, axes, lines, note })
+    let axes = axes(&charts, (x_title, x_numbers, scale), (metric, numbers), style);
+    panels.stems(sheet.stem).into_iter().zip(draw(&charts, &axes, style)).collect()
 }
 
-/// The scale along which values of a parameter are told apart: by powers of ten where the largest
-/// is many times the smallest.
-fn scale_of(lines: &[Line]) -> AxisScale {
+/// The scale of a parameter's axis: logarithmic if the largest value is many times the smallest.
+fn scale_of<'l>(lines: impl Iterator<Item = &'l Line> + Clone) -> AxisScale {
     const MANY_TIMES: f64 = 30.0;
-    let points = || lines.iter().flat_map(|line| &line.points).map(|point| point.x);
-    let published = || lines.iter().flat_map(|line| &line.reference).map(|(x, _)| *x);
+    let points = || lines.clone().flat_map(|line| &line.points).map(|point| point.x);
+    let published = || lines.clone().flat_map(|line| &line.reference).map(|(x, _)| *x);
     let values = || points().chain(published());
     let (least, most) = (values().fold(f64::INFINITY, f64::min), values().fold(0.0, f64::max));
     if least > 0.0 && most >= MANY_TIMES * least { AxisScale::Log } else { AxisScale::Linear }
 }
 
-/// A point of a curve; the axis shows the context inference error, or a parameter.
-fn curve_place(point: &CurvePoint, name: &ArmId, (metric, is_error): (&str, bool)) -> Place {
+/// A point of a curve with its tooltip. The axis shows the context inference error or a parameter.
+fn curve_place(point: &CurvePoint, name: &ArmId, (metric, of): (&str, &CurveFigure)) -> Place {
     let scaled = |value: f64| match unit_numbers(metric) {
         (Numbers::Percent, decimals) => format!("{} %", shown(value * 100.0, decimals)),
         (Numbers::Plain, decimals) => shown(value, decimals),
@@ -163,16 +177,16 @@ fn curve_place(point: &CurvePoint, name: &ArmId, (metric, is_error): (&str, bool
     let spread = interval.map_or_else(String::new, |interval| {
         format!(", 95 % interval {} to {}", scaled(interval.low), scaled(interval.high))
     });
-    let at = match is_error {
+    let at = match of.is_error() {
         true => format!("σ = {}, error {} %", point.parameter, shown(point.x * 100.0, 1)),
-        false => point.parameter.to_string(),
+        false => format!("{} = {}", short_name(&of.axis), point.parameter),
     };
     let n = seeds(std::iter::once(point.sample.n()));
     let tip = format!("{}, {at}: {}{spread}, {n}", arm_label(name), scaled(y));
     Place { x: point.x, y, interval: interval.map(|i| (i.low, i.high)), tip }
 }
 
-/// What all arms of a figure share: an agent or a scenario.
+/// The agent or scenario that all arms of a figure share.
 fn shared_word(names: &[&ArmId]) -> Option<String> {
     let first = names.first()?;
     let same_agent = names.iter().all(|name| name.agent == first.agent);
@@ -199,7 +213,7 @@ fn table(title: &str, figure: &CurveFigure, metric: &str) -> DataTable {
         (".high", ""),
         ("sd", "SD over seeds"),
         (if has_optimum { "optimum" } else { ".optimum" }, "Optimum"),
-        (if has_optimum { "share_of_optimum" } else { ".share_of_optimum" }, "Share of it, %"),
+        (if has_optimum { "share_of_optimum" } else { ".share_of_optimum" }, "Share of optimum, %"),
         ("published", "Published"),
     ];
     let mut table = DataTable::new(title, &columns);
@@ -244,13 +258,15 @@ mod tests {
                 .collect(),
             reference: Vec::new(),
             spread: Spread::Bars,
+            facets: Vec::new(),
         };
-        assert_eq!(scale_of(&[line(&[1e-5, 1e-3])]), AxisScale::Log);
-        assert_eq!(scale_of(&[line(&[1e-5]), line(&[1e-3])]), AxisScale::Log);
-        assert_eq!(scale_of(&[line(&[0.4, 2.0])]), AxisScale::Linear);
-        assert_eq!(scale_of(&[line(&[0.0, 2.0])]), AxisScale::Linear);
+        let of = |lines: &[Line]| scale_of(lines.iter());
+        assert_eq!(of(&[line(&[1e-5, 1e-3])]), AxisScale::Log);
+        assert_eq!(of(&[line(&[1e-5]), line(&[1e-3])]), AxisScale::Log);
+        assert_eq!(of(&[line(&[0.4, 2.0])]), AxisScale::Linear);
+        assert_eq!(of(&[line(&[0.0, 2.0])]), AxisScale::Linear);
         let published = Line { reference: vec![(0.0, 1.0)], ..line(&[1e-5, 1e-3]) };
-        assert_eq!(scale_of(&[published]), AxisScale::Linear);
-        assert_eq!(scale_of(&[]), AxisScale::Linear);
+        assert_eq!(of(&[published]), AxisScale::Linear);
+        assert_eq!(of(&[]), AxisScale::Linear);
     }
 }

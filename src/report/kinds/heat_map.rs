@@ -1,13 +1,14 @@
 //! Heat maps over two parameters: numbers on colours.
 
-use super::{Drawn, amount};
-use crate::analyse::declared::{HeatFigure, HeatTile, Scale, heat_range};
+use super::{Drawn, Sheet, amount};
+use crate::analyse::declared::{ArmId, HeatFigure, HeatTile, Scale, heat_range};
 use crate::manifest::short_name;
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::escape::file_stem;
 use crate::report::figure::{
-    FAINT, INK, Looks, NOTE, Numbers, TEXT, WIDTH, fitting, rising_title, seeds, text,
+    FAINT, INK, NOTE, Numbers, Panels, Style, TEXT, facets, fitting, rising_title, seeds, text,
 };
+use crate::report::names::Names;
 use crate::report::scene::{
     Anchor, Color, Fill, Mark, Scene, Shape, Stroke, Weight, rectangle, width,
 };
@@ -15,13 +16,22 @@ use crate::report::tables::{between, high, in_unit as entry_in_unit, low};
 use crate::report::words::{metric_title, unit_numbers};
 
 impl Drawn for Vec<HeatFigure> {
-    fn figures(&self, stem: &str, metric: &str, _: &Looks) -> Vec<(String, Scene)> {
+    fn figures(&self, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
         let range = heat_range(self);
         let figure = |figure: &HeatFigure| {
-            let panel = file_stem(&format!("{} {}", figure.agent, figure.subject));
-            (format!("{stem}-{panel}"), heat_figure(figure, metric, range))
+            let panel = file_stem(&Names::plain(&format!("{} {}", figure.agent, figure.subject)));
+            (
+                format!("{}-{panel}", sheet.stem),
+                heat_figure(figure, (sheet.metric, sheet.style), range),
+            )
         };
-        self.iter().map(figure).collect()
+        // Every map is already a panel. A declared key only groups the maps that share its value.
+        let names: Vec<&ArmId> = self.iter().map(|map| &map.name).collect();
+        let ordered = match sheet.style.panel {
+            Some(_) => Panels::of(&names, sheet.style.panel, None).panels,
+            None => return self.iter().map(figure).collect(),
+        };
+        ordered.iter().flat_map(|panel| &panel.members).map(|at| figure(&self[*at])).collect()
     }
 
     fn table(&self, title: &str, metric: &str) -> DataTable {
@@ -32,7 +42,7 @@ impl Drawn for Vec<HeatFigure> {
         let is_difference = self.first().is_some_and(|map| map.scale == Scale::Difference);
         let counts = self.iter().flat_map(|map| &map.tiles).map(|tile| tile.seeds);
         format!(
-            "{} of {} ± half of the 95 % interval, {} a tile",
+            "{} of {} ± half of the 95 % interval, {} per tile",
             if is_difference { "Difference" } else { "Mean" },
             metric_title(metric),
             seeds(counts.filter(|n| *n > 0))
@@ -48,7 +58,7 @@ impl Drawn for Vec<HeatFigure> {
         let least = tiles().map(|(_, _, value)| value).fold(most, f64::min);
         let (all, least, most) = (tiles().count(), amount(least, metric), amount(most, metric));
         if least == most {
-            return Some(format!("It is {most} in every tile"));
+            return Some(format!("Every tile has {most}"));
         }
         let tied = tiles().filter(|(_, _, value)| amount(*value, metric) == most).count();
         let place = match tied {
@@ -63,56 +73,69 @@ impl Drawn for Vec<HeatFigure> {
             ),
             tied => format!("in {tied} of {all} tiles"),
         };
-        let range = format!("It goes from {least} to {most}, the most {place}");
+        let range = format!("Values range from {least} to {most}; the largest is {place}");
         if map.scale == Scale::Mean {
             return Some(range);
         }
         let beyond = tiles().filter(|(_, tile, _)| tile.is_beyond_zero()).count();
-        Some(format!("{range}; {beyond} of {all} intervals leave out 0 (Welch’s t, not corrected)"))
+        Some(format!("{range}; {beyond} of {all} intervals exclude 0 (Welch’s t, not corrected)"))
     }
 }
 
-/// Room on the left beside the rows' values.
+/// Space on the left beside the rows' values.
 const LEFT: f64 = 26.0;
 const TOP: f64 = 26.0;
 const RIGHT: f64 = 8.0;
-/// Numbers, title, and two lines of notes.
+/// Space for numbers, title, and two lines of notes.
 const BOTTOM: f64 = 60.0;
 const TILE_HEIGHT: f64 = 44.0;
+/// Height of three lines of numbers.
+const LEAST_TILE: f64 = 36.0;
 
-/// A map of one agent, coloured between the ends of its analysis.
-fn heat_figure(figure: &HeatFigure, metric: &str, range: (f64, f64)) -> Scene {
+/// A map of one agent, with the colour range of its analysis.
+fn heat_figure(figure: &HeatFigure, (metric, style): (&str, &Style), range: (f64, f64)) -> Scene {
     let (columns, rows) = (&figure.x.1, &figure.y.1);
     let first = left(figure);
-    let height = TOP + BOTTOM + TILE_HEIGHT * rows.len() as f64;
-    let tile_width = (WIDTH - first - RIGHT) / columns.len().max(1) as f64;
+    // The explanation of colours is also shown in print, because no caption contains it.
+    let bottom = BOTTOM - if style.has_titles() { 0.0 } else { NOTE + 3.0 };
+    let tile_height = style.row(TILE_HEIGHT, rows.len(), TOP + bottom).max(LEAST_TILE);
+    let height = TOP + bottom + tile_height * rows.len() as f64;
+    let tile_width = (style.width() - first - RIGHT) / columns.len().max(1) as f64;
     let mut marks: Vec<Mark> = Vec::new();
     for tile in &figure.tiles {
         let place =
             |list: &[f64], value: f64| list.iter().position(|one| *one == value).unwrap_or(0);
         let left = first + place(columns, tile.x) as f64 * tile_width;
-        // Small values stand below, as on an axis.
-        let top = TOP + (rows.len() - 1 - place(rows, tile.y)) as f64 * TILE_HEIGHT;
+        // Small values are at the bottom, as on an axis.
+        let top = TOP + (rows.len() - 1 - place(rows, tile.y)) as f64 * tile_height;
         let color = match tile.value {
             Ok(value) => color(value, range, figure.scale),
             Err(_) => Color(240, 240, 240),
         };
-        marks.extend(tile_marks(tile, (figure, metric), color, (left, top, tile_width)));
+        marks.extend(tile_marks(
+            tile,
+            (figure, metric),
+            color,
+            (left, top, (tile_width, tile_height)),
+        ));
     }
-    marks.extend(frame((figure, metric), range, (first, tile_width), height));
+    let facets = facets(&figure.name);
+    let mut marks: Vec<Mark> = marks.into_iter().map(|mark| mark.of(0)).collect();
+    marks.extend(frame((figure, metric, style), range, (first, tile_width, tile_height), height));
     let title = metric_title(metric);
     let description =
         format!("{title}: {} of {} over two parameters", figure.subject, figure.agent);
-    Scene { width: WIDTH, height, description, marks }
+    Scene { width: style.width(), height, description, marks, series: vec![facets] }
 }
 
-/// Where the tiles begin: right of the rows' values.
+/// The left edge of the tiles, right of the rows' values.
 fn left(figure: &HeatFigure) -> f64 {
     let wide = |value: &f64| width(&value.to_string(), TEXT, Weight::Regular);
     LEFT + figure.y.1.iter().map(wide).fold(20.0, f64::max)
 }
 
-/// White for the least or for 0, dark for the most; vermillion below 0, blue above.
+/// The colour of a value. Means range from near white for the smallest to dark blue for the
+/// largest. Differences are white at 0, vermillion below and blue above.
 fn color(value: f64, (least, most): (f64, f64), scale: Scale) -> Color {
     let blue = Color(0, 92, 160);
     match scale {
@@ -125,7 +148,7 @@ fn color(value: f64, (least, most): (f64, f64), scale: Scale) -> Color {
     }
 }
 
-/// A value in the unit in which a metric is read.
+/// A value in the displayed unit of its metric.
 fn in_unit(value: f64, metric: &str) -> String {
     match unit_numbers(metric) {
         (Numbers::Percent, decimals) => shown(value * 100.0, decimals),
@@ -133,7 +156,7 @@ fn in_unit(value: f64, metric: &str) -> String {
     }
 }
 
-/// What the colours mean, in words; nothing where no tile has a value.
+/// The meaning of the colours in words; empty if no tile has a value.
 fn scale_words(scale: Scale, (least, most): (f64, f64), metric: &str) -> String {
     if least > most {
         return String::new();
@@ -159,7 +182,7 @@ fn tile_marks(
     tile: &HeatTile,
     (figure, metric): (&HeatFigure, &str),
     color: Color,
-    (left, top, width): (f64, f64, f64),
+    (left, top, (width, height)): (f64, f64, (f64, f64)),
 ) -> Vec<Mark> {
     let ink = if color.lightness() < 0.55 { Color::WHITE } else { INK };
     let middle = left + width / 2.0;
@@ -168,7 +191,7 @@ fn tile_marks(
     };
     let fill = Fill { color, opacity: 1.0 };
     let rim = Some(Stroke::solid(Color::WHITE, 1.0));
-    let area = Shape::Area { points: rectangle(left, top, width, TILE_HEIGHT), fill, stroke: rim };
+    let area = Shape::Area { points: rectangle(left, top, width, height), fill, stroke: rim };
     let in_unit = |value: f64| in_unit(value, metric);
     let mut marks = Vec::new();
     let value = match tile.value {
@@ -190,7 +213,7 @@ fn tile_marks(
         published.as_ref().map_or_else(String::new, |words| format!("; {words}"))
     );
     marks.push(Mark::from(area).saying(tip));
-    let first = if published.is_some() { 15.0 } else { 20.0 };
+    let first = height / 2.0 - if published.is_some() { 7.0 } else { 2.0 };
     match tile.value {
         Ok(_) => marks.push(line(first, value, TEXT + 1.0, Weight::SemiBold)),
         Err(_) => marks.push(line(first, "–".to_owned(), TEXT + 1.0, Weight::Regular)),
@@ -204,16 +227,16 @@ fn tile_marks(
     marks
 }
 
-/// Heading, the parameters' values and names, and the note.
+/// The heading, the values and names of the parameters, and the note.
 fn frame(
-    (figure, metric): (&HeatFigure, &str),
+    (figure, metric, style): (&HeatFigure, &str, &Style),
     range: (f64, f64),
-    (left, tile_width): (f64, f64),
+    (left, tile_width, tile_height): (f64, f64, f64),
     height: f64,
 ) -> Vec<Mark> {
     let plain = (TEXT, Weight::Regular);
     let (columns, rows) = (&figure.x.1, &figure.y.1);
-    let bottom = TOP + TILE_HEIGHT * rows.len() as f64;
+    let bottom = TOP + tile_height * rows.len() as f64;
     let subject = figure.subject.replace(" - ", " − ");
     let heading = match figure.agent.as_str() {
         "" => subject,
@@ -227,7 +250,7 @@ fn frame(
         marks.push(text(at, value.to_string(), plain, FAINT, Anchor::Middle).into());
     }
     for (at, value) in rows.iter().rev().enumerate() {
-        let at = (left - 5.0, TOP + (at as f64 + 0.5) * TILE_HEIGHT + 3.0);
+        let at = (left - 5.0, TOP + (at as f64 + 0.5) * tile_height + 3.0);
         marks.push(text(at, value.to_string(), plain, FAINT, Anchor::End).into());
     }
     let at = (left + tile_width * columns.len() as f64 / 2.0, bottom + 27.0);
@@ -241,9 +264,10 @@ fn frame(
         metric_title(metric),
         seeds(figure.tiles.iter().map(|tile| tile.seeds).filter(|n| *n > 0))
     );
-    for (up, note) in [(16.0, note), (5.0, scale_words(figure.scale, range, metric))] {
-        let at = (WIDTH / 2.0, height - up);
-        marks.push(fitting(at, note, (NOTE, WIDTH - 8.0), FAINT).into());
+    let notes = [(16.0, note), (5.0, scale_words(figure.scale, range, metric))];
+    for (up, note) in notes.into_iter().skip(usize::from(!style.has_titles())) {
+        let at = (style.width() / 2.0, height - up);
+        marks.push(fitting(at, note, (NOTE, style.width() - 8.0), FAINT).into());
     }
     marks
 }
@@ -251,9 +275,9 @@ fn frame(
 /// A parameter as papers write it.
 fn symbol(dotted: &str) -> String {
     match dotted {
-        "environment.epsilon_d" => "disengagement increment (epsilon_d)".to_owned(),
-        "environment.delta_d" => "disengagement decay (delta_d)".to_owned(),
-        "environment.sigma" => "feature noise σ".to_owned(),
+        "environment.ε_d" => "disengagement increment ε_d".to_owned(),
+        "environment.δ_d" => "disengagement decay δ_d".to_owned(),
+        "environment.σ" => "feature noise σ".to_owned(),
         other => short_name(other).to_owned(),
     }
 }

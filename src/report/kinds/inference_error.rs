@@ -1,17 +1,18 @@
 //! The rate of context inference error along the feature noise.
 
-use super::Drawn;
+use super::{Drawn, Sheet};
 use crate::analyse::declared::ErrorFigure;
 use crate::env::inference_error;
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{
-    Axis, AxisScale, Chart, INK, Line, Look, Looks, Marker, Numbers, PUBLISHED, Place, Spread, draw,
+    Axis, AxisScale, Chart, INK, Line, Look, Marker, Numbers, PUBLISHED, Place, Spread, Style, draw,
 };
 use crate::report::scene::Scene;
 
 impl Drawn for ErrorFigure {
-    fn figures(&self, stem: &str, _: &str, _: &Looks) -> Vec<(String, Scene)> {
-        vec![(stem.to_owned(), error_figure(self))]
+    fn figures(&self, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
+        let stem = std::iter::once(sheet.stem.to_owned());
+        stem.zip(error_figure(self, sheet.style)).collect()
     }
 
     fn table(&self, title: &str, _: &str) -> DataTable {
@@ -29,7 +30,8 @@ impl Drawn for ErrorFigure {
     fn finds(&self, _: &str) -> Option<String> {
         if let Some((sigma, gap)) = self.furthest_published() {
             return Some(format!(
-                "The published rates are counts of 1000 draws; the furthest is off by {} points, at σ \
+                "The published rates are counts of 1000 draws; the largest difference is {} \
+                 points, at σ \
                  = {sigma}",
                 shown(gap * 100.0, 1)
             ));
@@ -44,7 +46,7 @@ impl Drawn for ErrorFigure {
 }
 
 /// The error of context inference along sigma.
-fn error_figure(figure: &ErrorFigure) -> Scene {
+fn error_figure(figure: &ErrorFigure, style: &Style) -> Vec<Scene> {
     const STEPS: usize = 80;
     let most = figure.points.iter().map(|point| point.sigma).fold(0.1, f64::max);
     let look = |color, marker| Look { color, dash: None, marker };
@@ -74,6 +76,7 @@ fn error_figure(figure: &ErrorFigure) -> Scene {
         points,
         reference: Vec::new(),
         spread,
+        facets: Vec::new(),
     };
     let mut lines = vec![
         line("Φ(−1/(2σ))", look(INK, Marker::Disc), exact.collect(), Spread::Band),
@@ -85,7 +88,7 @@ fn error_figure(figure: &ErrorFigure) -> Scene {
     let drawn = if figure.published.is_empty() { "" } else { "; published: 1000 draws each" };
     let note = format!("Line: exact. Points: test steps of n = {runs} runs{drawn}.");
     let description = "context inference error against feature noise".to_owned();
-    draw(&Chart { heading: None, description, axes: error_axes(most), lines, note })
+    draw(&[Chart { heading: None, description, lines, note }], &error_axes(most), style)
 }
 
 fn error_axes(most: f64) -> (Axis, Axis) {

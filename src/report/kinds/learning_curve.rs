@@ -1,24 +1,24 @@
-//! Learning curves: the moving mean of the return in training, a panel a scenario.
+//! Learning curves: the moving mean of the return in training, one panel per scenario.
 
-use super::Drawn;
+use super::{Drawn, Sheet};
 use crate::analyse::Interval;
 use crate::analyse::declared::{ArmId, LearningFigure, LearningLine, LearningPanel};
+use crate::manifest::PanelKey;
 use crate::report::data_table::{DataTable, Entry, shown};
-use crate::report::escape::file_stem;
 use crate::report::figure::{
-    AxisScale, Chart, Line, Looks, Numbers, Place, Spread, arm_label, axes, draw, labels,
-    optimum_lines, seeds,
+    AxisScale, Chart, Line, Looks, Numbers, Panel, Panels, Place, Spread, arm_label, axes, draw,
+    facets, optimum_lines, seeds,
 };
 use crate::report::scene::Scene;
 use crate::report::tables::{between, high, low, no_interval};
 
 impl Drawn for LearningFigure {
-    fn figures(&self, stem: &str, _: &str, looks: &Looks) -> Vec<(String, Scene)> {
-        let figure = |panel: &LearningPanel| {
-            let stem = format!("{stem}-{}", file_stem(&panel.scenario));
-            (stem, learning_figure(panel, self.window, looks))
-        };
-        self.panels.iter().map(figure).collect()
+    fn figures(&self, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
+        learning_figures(self, sheet)
+    }
+
+    fn split(&self) -> Option<Panels> {
+        Some(Panels::of(&self.arms(), None, Some(PanelKey::Scenario)))
     }
 
     fn table(&self, title: &str, _: &str) -> DataTable {
@@ -50,73 +50,82 @@ impl Drawn for LearningFigure {
     fn arms(&self) -> Vec<&ArmId> {
         self.lines().map(|line| &line.name).collect()
     }
-
-    fn series(&self) -> Vec<String> {
-        let first = self.panels.first().map_or(&[][..], |panel| &panel.lines[..]);
-        labels(&first.iter().map(|line| &line.name).collect::<Vec<_>>())
-    }
 }
 
-/// Learning curves of a scenario.
-fn learning_figure(panel: &LearningPanel, window: u32, looks: &Looks) -> Scene {
-    const TIPS: usize = 60;
-    let names: Vec<&ArmId> = panel.lines.iter().map(|line| &line.name).collect();
-    let line = |(line, label): (&LearningLine, String)| {
-        let every = line.points.len().div_ceil(TIPS).max(1);
-        let last = line.points.len().saturating_sub(1);
-        let place = |(at, (episode, mean, interval)): (usize, &(u32, f64, Option<_>))| {
-            let interval: Option<Interval> = *interval;
-            let spread = interval.map_or_else(String::new, |interval| {
-                format!(", 95 % interval {:.0} to {:.0}", interval.low, interval.high)
-            });
-            let tip = match at % every == 0 || at == last {
-                true => format!(
-                    "{}, episode {episode}: {}{spread}",
-                    arm_label(&line.name),
-                    shown(*mean, 0)
-                ),
-                false => String::new(),
-            };
-            let interval = interval.map(|interval| (interval.low, interval.high));
-            Place { x: f64::from(*episode), y: *mean, interval, tip }
-        };
-        Line {
-            label,
-            look: looks.look(&line.name),
-            points: thinned(&line.points)
-                .into_iter()
-                .map(|at| place((at, &line.points[at])))
-                .collect(),
-            reference: Vec::new(),
-            spread: Spread::Band,
-        }
-    };
-    let mut lines: Vec<Line> = panel.lines.iter().zip(labels(&names)).map(line).collect();
-    let longest = |line: &Line| line.points.last().map_or(0.0, |point| point.x);
-    let most = lines.iter().map(longest).fold(0.0, f64::max);
-    let least = lines.iter().map(longest).fold(f64::INFINITY, f64::min);
-    let first = |line: &Line| line.points.first().map_or(f64::INFINITY, |point| point.x);
-    let start = lines.iter().map(first).fold(most, f64::min);
+/// Learning curves, with one figure per panel; panels are scenarios unless another key is declared.
+fn learning_figures(figure: &LearningFigure, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
+    let all: Vec<&LearningLine> = figure.lines().collect();
+    if all.is_empty() {
+        return Vec::new();
+    }
+    let names: Vec<&ArmId> = all.iter().map(|line| &line.name).collect();
+    let panels = Panels::of(&names, sheet.style.panel, Some(PanelKey::Scenario));
+    let ends = || all.iter().filter_map(|line| line.points.last()).map(|last| f64::from(last.0));
+    let starts = all.iter().filter_map(|line| line.points.first()).map(|first| f64::from(first.0));
+    let (most, least) = (ends().fold(0.0, f64::max), ends().fold(f64::INFINITY, f64::min));
+    let start = starts.fold(most, f64::min);
     let level = |line: &LearningLine| {
         line.optimum.map_or_else(Vec::new, |best| vec![(start, best), (most, best)])
     };
-    lines.extend(optimum_lines(panel.lines.iter().map(|l| (&l.name, level(l))), looks));
+    let chart = |panel: &Panel| {
+        let members = || panel.members.iter().map(|at| all[*at]);
+        let labelled = panel.members.iter().map(|at| (all[*at], panels.labels[*at].clone()));
+        let mut lines: Vec<Line> =
+            labelled.map(|(line, label)| drawn_line(line, label, sheet.looks)).collect();
+        lines.extend(optimum_lines(members().map(|l| (&l.name, level(l))), sheet.looks));
+        let note = format!(
+            "Moving mean over {} episodes; mean and 95 % interval, {}.",
+            figure.window,
+            seeds(members().map(|line| line.seeds.0).filter(|n| *n > 0))
+        );
+        let heading = panel.heading.clone();
+        let description = format!("learning curves, {heading}");
+        Chart { heading: Some(heading), description, lines, note }
+    };
+    let charts: Vec<Chart> = panels.panels.iter().map(chart).collect();
     let scale = if most > 4.0 * least { AxisScale::Log } else { AxisScale::Linear };
     let title = match scale {
         AxisScale::Log => "training episodes (logarithmic)".to_owned(),
         AxisScale::Linear => "training episodes".to_owned(),
     };
-    let note = format!(
-        "Moving mean over {window} episodes; mean and 95 % interval, {}.",
-        seeds(panel.lines.iter().map(|line| line.seeds.0).filter(|n| *n > 0))
-    );
-    let axes = axes(&lines, (title, Numbers::Plain, scale), ("mean_return", Numbers::Plain));
-    let description = format!("learning curves in scenario {}", panel.scenario);
-    draw(&Chart { heading: Some(panel.scenario.clone()), description, axes, lines, note })
+    let y = ("mean_return", Numbers::Plain);
+    let axes = axes(&charts, (title, Numbers::Plain, scale), y, sheet.style);
+    panels.stems(sheet.stem).into_iter().zip(draw(&charts, &axes, sheet.style)).collect()
 }
 
-/// Places of at most some hundred points, evenly along the logarithm of their number: what a line
-/// of a printed figure can show.
+/// A learning curve, with tooltips at some of its points.
+fn drawn_line(line: &LearningLine, label: String, looks: &Looks) -> Line {
+    const TIPS: usize = 60;
+    let every = line.points.len().div_ceil(TIPS).max(1);
+    let last = line.points.len().saturating_sub(1);
+    let n = seeds(std::iter::once(line.seeds.0));
+    let place = |at: usize| {
+        let (episode, mean, interval) = &line.points[at];
+        let spread = interval.map_or_else(String::new, |Interval { low, high }| {
+            format!(", 95 % interval {} to {}", shown(low, 0), shown(high, 0))
+        });
+        let tip = match at.is_multiple_of(every) || at == last {
+            true => {
+                let name = arm_label(&line.name);
+                format!("{name}, episode {episode}: {}{spread}, {n}", shown(*mean, 0))
+            }
+            false => String::new(),
+        };
+        let interval = interval.map(|interval| (interval.low, interval.high));
+        Place { x: f64::from(*episode), y: *mean, interval, tip }
+    };
+    Line {
+        label,
+        look: looks.look(&line.name),
+        points: thinned(&line.points).into_iter().map(place).collect(),
+        reference: Vec::new(),
+        spread: Spread::Band,
+        facets: facets(&line.name),
+    }
+}
+
+/// Positions of at most a few hundred points, which are enough for a printed line. Half of them are
+/// spaced evenly on a logarithmic scale, half on a linear scale.
 fn thinned<T>(points: &[T]) -> Vec<usize> {
     const MOST: usize = 240;
     if points.len() <= MOST {

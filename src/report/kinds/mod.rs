@@ -1,25 +1,48 @@
-//! How each kind of finding is drawn: its figures, its table and its caption, a file a kind.
+//! The presentation of each kind of finding: its figures, table and caption, with one file per kind.
 
 mod action_choice;
 mod contrast;
 mod curve;
+mod forest;
 mod heat_map;
 mod inference_error;
 mod learning_curve;
+mod recovery;
 mod selection;
 
-use super::data_table::{DataTable, shown};
-use super::figure::{Looks, Numbers};
+use super::data_table::{DataTable, p_value, shown};
+use super::figure::{Looks, Numbers, Panels, Style};
+use super::names::Names;
 use super::scene::Scene;
 use super::words::unit_numbers;
 use crate::analyse::declared::{ArmId, Content, Finding};
 
-/// A kind of finding, as readers see it.
-pub(super) trait Drawn {
-    /// Its figures, with the stems of their files, which begin with `stem`.
-    fn figures(&self, stem: &str, metric: &str, looks: &Looks) -> Vec<(String, Scene)>;
+/// Inputs that all figures of a finding share.
+pub(super) struct Sheet<'s> {
+    /// The beginning of the stems of their files.
+    pub stem: &'s str,
+    pub metric: &'s str,
+    pub looks: &'s Looks,
+    pub style: &'s Style,
+}
 
-    /// Whether it is drawn, where there are results.
+/// The presentation of a kind of finding.
+pub(super) trait Drawn {
+    /// Its figures, with the stems of their files, in a layout that [`Style::set`] scales.
+    fn figures(&self, sheet: &Sheet<'_>) -> Vec<(String, Scene)>;
+
+    /// Whether several figures are panels that also make one figure.
+    fn has_panels(&self) -> bool {
+        true
+    }
+
+    /// The panels that its arms are split into if none is declared; `None` if the kind does not
+    /// draw arms together.
+    fn split(&self) -> Option<Panels> {
+        None
+    }
+
+    /// Whether it has figures if there are results.
     fn has_figures(&self) -> bool {
         true
     }
@@ -27,13 +50,13 @@ pub(super) trait Drawn {
     /// Its numbers.
     fn table(&self, title: &str, metric: &str) -> DataTable;
 
-    /// What is shown, with n and what the intervals are; a sentence without its full stop.
+    /// The content, with n and the kind of intervals; a sentence without its full stop.
     fn shows(&self, metric: &str) -> String;
 
-    /// The main finding with its test, if there is any; a sentence without its full stop.
+    /// The main finding with its test, if there is one; a sentence without its full stop.
     fn finds(&self, metric: &str) -> Option<String>;
 
-    /// What is missing beside jobs, if anything is.
+    /// The missing data other than jobs, if any.
     fn lacks(&self) -> Option<String> {
         None
     }
@@ -43,18 +66,13 @@ pub(super) trait Drawn {
         Vec::new()
     }
 
-    /// Labels of the lines that a reader can hide; those of the first panel, which all panels share.
-    fn series(&self) -> Vec<String> {
-        Vec::new()
-    }
-
-    /// Whether it is a table in papers, which readers see at once.
+    /// Whether papers present it as a table. The page then shows the table open.
     fn is_table(&self) -> bool {
         false
     }
 }
 
-/// The finding as its kind is drawn.
+/// The presentation of a finding.
 pub(super) fn drawn(content: &Content) -> &dyn Drawn {
     match content {
         Content::Contrast(rows) => rows,
@@ -63,11 +81,12 @@ pub(super) fn drawn(content: &Content) -> &dyn Drawn {
         Content::HeatMap(figures) => figures,
         Content::ActionChoice(panels) => panels,
         Content::Selection(rankings) => rankings,
+        Content::Recovery(rows) => rows,
         Content::InferenceError(figure) => figure,
     }
 }
 
-/// What a reader sees, in at most three sentences: what is shown, what is found, what is missing.
+/// The caption of a finding, in at most three sentences: content, main result, missing data.
 pub(super) fn caption(finding: &Finding) -> String {
     let drawn = drawn(&finding.content);
     let jobs = finding.jobs;
@@ -77,15 +96,41 @@ pub(super) fn caption(finding: &Finding) -> String {
     let open = (open > 0).then(|| format!("{open} of {} jobs{failed}", jobs.total()));
     let missing: Vec<String> = open.into_iter().chain(drawn.lacks()).collect();
     let missing = (!missing.is_empty()).then(|| format!("Missing: {}", missing.join("; ")));
-    let sentences = [Some(drawn.shows(finding.metric)), drawn.finds(finding.metric), missing];
+    let shown = drawn.shows(finding.metric) + &among(finding);
+    let sentences = [Some(shown), drawn.finds(finding.metric), missing];
     sentences.into_iter().flatten().map(|one| one + ".").collect::<Vec<_>>().join(" ")
 }
 
+/// The table of a finding.
+pub(super) fn table(finding: &Finding) -> DataTable {
+    let mut table = drawn(&finding.content).table(&finding.title, finding.metric);
+    table.caption += &among(finding);
+    table
+}
+
+/// The participants to whom an analysis is restricted, as the end of a caption.
+fn among(finding: &Finding) -> String {
+    let among = finding.participants.map(|range| {
+        let symbol = Names::key(range.parameter);
+        format!(", among {range}").replace(range.parameter, &symbol)
+    });
+    among.unwrap_or_default()
+}
+
 /// A metric's number with its unit.
-fn amount(value: f64, metric: &str) -> String {
+pub(super) fn amount(value: f64, metric: &str) -> String {
     match unit_numbers(metric) {
         (Numbers::Percent, decimals) => format!("{} %", shown(value * 100.0, decimals)),
         (Numbers::Plain, decimals) => shown(value, decimals),
+    }
+}
+
+/// A p value with its relation: "= 0.03" or "< 0.001".
+fn related(p: f64) -> String {
+    let shown = p_value(p);
+    match shown.strip_prefix('<') {
+        Some(least) => format!("< {}", least.trim_start()),
+        None => format!("= {shown}"),
     }
 }
 
@@ -99,7 +144,7 @@ mod tests {
         JobCounts, LearningFigure, LearningLine, LearningPanel, Ranking,
     };
     use crate::analyse::{Contrast, Corrected, Design, Sample, Undefined};
-    use crate::manifest::Setting;
+    use crate::manifest::{ParticipantRange, Setting};
     use crate::report::data_table::Entry;
 
     fn name() -> ArmId {
@@ -143,7 +188,7 @@ mod tests {
 
     #[test]
     fn means_of_matched_seeds_differ_by_the_difference() {
-        // Seeds 2 and 3 are pairs: 30 and 35 in the mean.
+        // Seeds 2 and 3 are matched, with means of 30 and 35.
         let first = sample(&[(1, 900.0), (2, 20.0), (3, 40.0)], 0);
         let second = sample(&[(2, 25.0), (3, 45.0), (4, 1.0), (5, 2.0)], 0);
         let table = vec![row(first, second, Design::Matched)].table("", "mean_return");
@@ -172,7 +217,7 @@ mod tests {
             vec![row(first, second, Design::Independent)].table("", "disengagement_rate")
         };
         assert!(is_shown(&of(9), "detectable") && !is_shown(&of(10), "detectable"));
-        // The deviation of 1, 2, 3 % is 1 %, and three seeds detect 3.1 deviations.
+        // The standard deviation of 1, 2, 3 % is 1 %, and three seeds detect 3.1 standard deviations.
         assert_eq!(entry(&of(3), "detectable").shown(), "3.1");
         assert!(of(3).markdown().contains("Detectable (80 % power)"));
     }
@@ -201,13 +246,14 @@ mod tests {
                 assert_eq!(*entry(&table, "interval"), Entry::Missing(reason.to_string()));
             }
         }
-        // Of three seeds that completed, one has a step in the bin.
+        // One of three completed seeds has a step in the bin.
         assert_eq!(number(&actions_of(1), "seeds"), 1.0);
     }
 
     fn said(content: Content, jobs: JobCounts) -> String {
         let (name, title) = (String::new(), String::new());
-        caption(&Finding { name, title, metric: "mean_return", jobs, content })
+        let metric = "mean_return";
+        caption(&Finding { name, title, metric, participants: None, jobs, content })
     }
 
     const ALL: JobCounts = JobCounts { completed: 4, failed: 0, open: 0 };
@@ -227,14 +273,78 @@ mod tests {
         assert_eq!(
             said(Content::Contrast(rows), jobs),
             "Differences in mean return, steps walked between a and b with their 95 % intervals, n = \
-             2 seeds a side. a is above b in 1 of 2 comparisons, by 50 at most, at dqn P-H-D; 1 \
-             differ by more than chance (Welch’s t, Holm-corrected p < 0.05). Missing: 4 of 13 jobs, \
-             3 of which failed; 1 of 3 comparisons (no seed completed)."
+             2 seeds per side. a is above b in 1 of 2 comparisons and below it in 1; it is furthest above \
+             for dqn P-H-D, by 50 (t = 35.36, Holm-corrected p = 0.010); 1 of 2 differences is \
+             significant (Welch’s t, Holm-corrected p < 0.05). Missing: 4 of 13 jobs, 3 of which failed; 1 of 3 comparisons (no seed completed)."
         );
     }
 
     #[test]
-    fn the_caption_of_a_curve_states_what_is_beyond_chance_alone() {
+    fn the_caption_of_one_comparison_answers_it_with_its_test() {
+        let one = |holm: f64| ContrastRow {
+            corrected: Ok(Corrected { holm, benjamini_hochberg: holm }),
+            ..row(
+                sample(&[(1, 1.0), (2, 3.0)], 0),
+                sample(&[(1, 51.0), (2, 53.5)], 0),
+                Design::Matched,
+            )
+        };
+        let range = ParticipantRange { parameter: "epsilon_d", place: 4, from: 0.8, to: 1.0 };
+        let finding = |p| Finding {
+            name: String::new(),
+            title: String::new(),
+            metric: "mean_return",
+            participants: Some(range),
+            jobs: ALL,
+            content: Content::Contrast(vec![one(p)]),
+        };
+        // Differences -50 and -50.5: mean -50.25, standard error 0.25.
+        assert_eq!(
+            caption(&finding(0.003_2)),
+            "Differences in mean return, steps walked between a and b with their 95 % intervals, n = \
+             2 seeds per side, among the 20 % of participants with the largest ε_d. a is below b \
+             by 50, for dqn P-H-D: significant (paired t = -201.00, 1.0 degrees of \
+             freedom, Holm-corrected p = 0.0032)."
+        );
+        assert!(caption(&finding(0.2)).contains("not significant (paired t"));
+        assert_eq!(
+            table(&finding(0.2)).caption,
+            ": mean return, steps walked, paired by seed, among the 20 % of participants with the largest ε_d"
+        );
+    }
+
+    #[test]
+    fn the_caption_of_several_comparisons_says_in_words_on_which_side_the_largest_is() {
+        // As in experiments/population.toml: two agents, trained on the average person or on people.
+        let of = |agent: &str, second: f64| {
+            let row = row(
+                sample(&[(1, 100.0), (2, 110.0), (3, 90.0)], 0),
+                sample(&[(1, second), (2, second + 4.0), (3, second - 4.0)], 0),
+                Design::Matched,
+            );
+            ContrastRow {
+                sides: ("population.phases=test".into(), "population.phases=all".into()),
+                corrected: Ok(Corrected { holm: 0.5, benjamini_hochberg: 0.5 }),
+                name: ArmId { agent: agent.into(), ..name() },
+                ..row
+            }
+        };
+        let finds = |rows: Vec<ContrastRow>| rows.finds("mean_return").unwrap();
+        assert_eq!(
+            finds(vec![of("dqn", 100.5), of("reinforce", 124.0)]),
+            "population.phases=test is below population.phases=all in all 2 comparisons; it is furthest \
+             below for reinforce P-H-D, by 24 (t = -6.93, Holm-corrected p = 0.500); no difference is \
+             significant (paired t, Holm-corrected p < 0.05)"
+        );
+        assert!(finds(vec![of("dqn", 60.0), of("reinforce", 124.0)]).starts_with(
+            "population.phases=test is above population.phases=all in 1 of 2 comparisons and below it \
+             in 1; it is furthest above for dqn P-H-D, by 40"
+        ));
+        assert!(!finds(vec![of("dqn", 60.0), of("dqn", 60.0)]).contains(". "));
+    }
+
+    #[test]
+    fn the_caption_of_a_curve_states_only_what_is_significant() {
         let line = |agent: &str, points: &[(f64, f64)]| CurveLine {
             name: ArmId { agent: agent.into(), ..name() },
             points: (1..)
@@ -255,7 +365,7 @@ mod tests {
             assert_eq!(
                 shown,
                 "Mean and its 95 % interval of mean return, steps walked against delta_d, n = 3 seeds \
-                 a point"
+                 per point"
             );
             found.to_owned()
         };
@@ -268,10 +378,10 @@ mod tests {
             of(slice::from_ref(falls)),
             "a P-H-D falls from 90 at delta_d = 1 to 20 at delta_d = 3 (Welch’s t, p < 0.05)."
         );
-        assert!(of(slice::from_ref(noise)).contains("no further apart than chance makes them"));
+        assert!(of(slice::from_ref(noise)).contains("not a significant difference"));
         assert_eq!(
             of(&[falls.clone(), noise.clone()]),
-            "a P-H-D and b P-H-D differ at no point by more than chance (Welch’s t, \
+            "a P-H-D and b P-H-D do not differ significantly at any point (Welch’s t, \
              Bonferroni-corrected p < 0.05)."
         );
         let other = line("c", &[(90.0, 1.0), (10.0, 1.0), (20.0, 1.0)]);
@@ -279,12 +389,13 @@ mod tests {
             "a P-H-D and c P-H-D are furthest apart at delta_d = 2, by 40 (Welch’s t"
         ));
         assert!(
-            of(&[falls.clone(), noise.clone(), other]).starts_with("Of 3 lines 2 fall and 0 rise")
+            of(&[falls.clone(), noise.clone(), other])
+                .starts_with("Of 3 lines, 2 fall and 0 rise significantly")
         );
     }
 
     #[test]
-    fn the_caption_of_a_search_counts_the_settings_that_have_run() {
+    fn the_caption_of_a_search_counts_the_settings_tried() {
         let candidate = |rate: f64, values: &[(u64, f64)]| {
             let sample = sample(values, 0);
             Candidate {
@@ -301,6 +412,6 @@ mod tests {
         ];
         let ranking = Ranking { place: name(), rule: "highest_mean", candidates };
         let said = said(Content::Selection(vec![ranking]), ALL);
-        assert!(said.contains("learning_rate=0.1: 91 (best of 2 settings that have run"), "{said}");
+        assert!(said.contains("learning_rate=0.1: 91 (best of 2 settings tried"), "{said}");
     }
 }

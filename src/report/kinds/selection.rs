@@ -1,16 +1,16 @@
 //! Selections: settings in the order of a rule.
 
-use super::{Drawn, amount};
+use super::{Drawn, Sheet, amount};
 use crate::analyse::Interval;
 use crate::analyse::declared::Ranking;
 use crate::report::data_table::{DataTable, Entry};
-use crate::report::figure::{Looks, arm_label, seeds, settings_label};
+use crate::report::figure::{arm_label, seeds, settings_label};
 use crate::report::scene::Scene;
 use crate::report::tables::{between, high, in_unit, low};
 use crate::report::words::metric_title;
 
 impl Drawn for Vec<Ranking> {
-    fn figures(&self, _: &str, _: &str, _: &Looks) -> Vec<(String, Scene)> {
+    fn figures(&self, _: &Sheet<'_>) -> Vec<(String, Scene)> {
         Vec::new()
     }
 
@@ -34,12 +34,13 @@ impl Drawn for Vec<Ranking> {
     }
 
     fn finds(&self, metric: &str) -> Option<String> {
-        // Of a single setting nothing is chosen.
+        // A ranking of a single setting is not a search.
         let searched: Vec<&Ranking> = self.iter().filter(|one| one.candidates.len() > 1).collect();
         let [ranking] = searched.as_slice() else {
             let count = searched.len();
-            return (count > 0)
-                .then(|| format!("The first of each of {count} searches is in the table"));
+            return (count > 0).then(|| {
+                format!("The table lists the best setting of each of {count} searches first")
+            });
         };
         let best = ranking.candidates.first()?;
         let mean = amount(best.mean.ok()?, metric);
@@ -50,7 +51,7 @@ impl Drawn for Vec<Ranking> {
             },
         );
         Some(format!(
-            "{} does best with {}: {mean} (best of {} settings that have run{spread})",
+            "{} does best with {}: {mean} (best of {} settings tried{spread})",
             arm_label(&ranking.place),
             settings_label(&best.settings),
             ranking.tried()

@@ -1,11 +1,13 @@
-//! The page: one HTML file that needs no network, no server and no script to be read.
+//! The page: one HTML file that is readable without network, server or script.
 //!
-//! Figures stand in it as SVG, tables as tables; the script only adds sorting, pointing and hiding.
+//! Figures are inline SVG, tables are HTML tables. The script only adds sorting, tooltips and hiding.
 
 mod parts;
 
 use maud::{DOCTYPE, Markup, PreEscaped, Render, html};
 use parts::{figure_card, html_table, provenance};
+
+pub use parts::Hosts;
 
 use super::escape::file_stem;
 use super::scene::web_font;
@@ -16,12 +18,17 @@ use crate::analyse::declared::{JobCounts, Reproduction, Subject};
 const STYLE: &str = include_str!("style.css");
 const SCRIPT: &str = include_str!("script.js");
 
-/// What the page may load: what is in it, and pictures beside it.
+/// The content security policy: the page loads only its own content and images beside it.
 const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; \
                       font-src data:; img-src 'self' data:; base-uri 'none'; form-action 'none'";
 
 /// The page of these experiments.
-pub fn index(sections: &[Section<'_>], reproduction: &Reproduction, store: &str) -> String {
+pub fn index(
+    sections: &[Section<'_>],
+    reproduction: &Reproduction,
+    store: &str,
+    hosts: Hosts,
+) -> String {
     let experiments: Vec<&ReportedExperiment> =
         sections.iter().map(|section| section.experiment).collect();
     let names: Vec<&str> = experiments.iter().map(|one| one.name.as_str()).collect();
@@ -44,7 +51,7 @@ pub fn index(sections: &[Section<'_>], reproduction: &Reproduction, store: &str)
                     (reproduced(reproduction))
                     @for one in sections { (section(one)) }
                     (failures(&experiments))
-                    (provenance(&experiments, store))
+                    (provenance(&experiments, store, hosts))
                 }
                 div #tip role="tooltip" hidden {}
                 script { (PreEscaped(SCRIPT)) }
@@ -54,7 +61,7 @@ pub fn index(sections: &[Section<'_>], reproduction: &Reproduction, store: &str)
     page.into_string()
 }
 
-/// A heading's place in links.
+/// The anchor of an experiment's heading.
 fn anchor(experiment: &ReportedExperiment) -> String {
     format!("experiment-{}", file_stem(&experiment.name))
 }
@@ -69,7 +76,7 @@ fn header(
     let state = match jobs {
         JobCounts { completed, failed: 0, open: 0 } => format!("All {completed} jobs completed"),
         JobCounts { completed, failed, open } => format!(
-            "{completed} of {} jobs completed, {failed} failed, {open} not ended",
+            "{completed} of {} jobs completed, {failed} failed, {open} unfinished",
             jobs.total()
         ),
     };
@@ -91,8 +98,8 @@ fn header(
                 ". Every mean is over trained policies (seeds), never over test episodes."
             }
             p.note {
-                "The links to CSV, Markdown, LaTeX, SVG and PNG files open files in the folder of this \
-                 page. To pass them on, send the whole folder; everything else is in this one file."
+                "Links to CSV, Markdown, LaTeX, SVG, PDF and PNG files point into the folder of this page; \
+                 share the whole folder to keep them. Everything else is in this file."
             }
             @if jobs.completed != jobs.total() {
                 p.warning { "This report is partial: " (state) "." }
@@ -153,11 +160,11 @@ fn reproduced(reproduction: &Reproduction) -> Markup {
             h2 { "Reproduction" }
             p.lead { (sentences.join(" ")) }
             p {
-                "Uncertainty of the published numbers: of effects, what their printed p values imply \
-                 for two groups of three; of curve points and heat-map tiles, which are printed \
-                 without any, as much as ours would have with three seeds, and ± 15 steps of reading \
-                 for points; of error rates, that of 1000 draws. 5 in 100 true agreements fall \
-                 outside by chance."
+                "The uncertainty of a published effect is derived from its p value for two groups of \
+                 three seeds, and that of an error rate from 1000 draws. Curve points and heat-map \
+                 tiles are published without uncertainty: they get that of our runs with three seeds, \
+                 plus ± 15 steps for reading points off the figure. By chance, 5 % of true \
+                 agreements fall outside the interval."
             }
             p.links { (parts::table_links("reproduction", &numbers)) }
             details {
@@ -169,7 +176,7 @@ fn reproduced(reproduction: &Reproduction) -> Markup {
 }
 
 fn section(section: &Section<'_>) -> Markup {
-    let Section { experiment, shown, tables } = section;
+    let Section { experiment, shown, tables, legend } = section;
     let prose = [("Question", &experiment.question), ("Hypothesis", &experiment.hypothesis)];
     let counts = JobCounts::of(&experiment.jobs);
     html! {
@@ -182,12 +189,13 @@ fn section(section: &Section<'_>) -> Markup {
             }
             p.state {
                 (counts.completed) " of " (counts.total()) " jobs completed, "
-                (counts.failed) " failed, " (counts.open) " not ended."
+                (counts.failed) " failed, " (counts.open) " unfinished."
             }
             @if shown.is_empty() {
                 p { "The manifest declares no " code { "[[analysis]]" } "." }
             }
-            div.cards { @for one in shown { (figure_card(one)) } }
+            (parts::switches(legend))
+            div.cards { @for one in shown { (figure_card(one, legend)) } }
             (parts::arm_tables(tables))
             details.manifest { summary { "Manifest" } pre { (experiment.manifest) } }
         }
@@ -201,7 +209,7 @@ fn failures(experiments: &[&ReportedExperiment]) -> Markup {
         section #failures {
             h2 { "Failed jobs" }
             @if table.rows.is_empty() {
-                p { "None. Failed jobs would be listed here with their reasons." }
+                p { "No job failed." }
             } @else {
                 (html_table(&table))
             }

@@ -4,16 +4,21 @@ use std::collections::BTreeMap;
 
 use maud::{Markup, PreEscaped, html};
 
+use crate::analyse::declared::Content;
 use crate::report::data_table::{DataTable, Entry};
 use crate::report::latex::is_printed;
-use crate::report::scene::inline_svg;
+use crate::report::legend::{Legend, LegendValue};
+use crate::report::scene::{Color, Level, inline_svg, runs};
 use crate::report::section::{ArmTables, ReportedExperiment, Shown};
 
-/// Rows of a table that a page holds; all of them are in the CSV file.
+/// Maximum number of rows of a table on the page; the CSV file has all rows.
 const MOST_ROWS: usize = 400;
 
-/// A finding: title, figures, what is seen, data.
-pub fn figure_card(shown: &Shown<'_>) -> Markup {
+/// A finding: title, figures, caption, data.
+pub fn figure_card(shown: &Shown<'_>, legend: &Legend) -> Markup {
+    // The text of maps names their colours, so a dark theme must not change them.
+    let is_map = matches!(shown.finding.content, Content::HeatMap(_));
+    let files = [("svg", "SVG"), ("pdf", "PDF"), ("png", "PNG")];
     let size = match shown.scenes.len() {
         1 if shown.table.shown_columns().count() <= 10 => "card",
         _ => "card wide",
@@ -21,51 +26,57 @@ pub fn figure_card(shown: &Shown<'_>) -> Markup {
     html! {
         article class=(size) id=(shown.stem) {
             h3 { (shown.finding.title) }
-            (switches(&shown.series))
             div.figures {
                 @for (stem, scene) in &shown.scenes {
-                    figure {
-                        (PreEscaped(inline_svg(scene)))
-                        figcaption.links {
-                            (links(&format!("figures/{stem}"), &[("svg", "SVG"), ("png", "PNG")]))
-                        }
+                    figure.map[is_map] {
+                        (PreEscaped(inline_svg(scene, &|series| legend.classes(series))))
+                        figcaption.links { (links(&format!("figures/{stem}"), &files)) }
                     }
                 }
                 @if shown.lacks_figure {
                     p.note {
-                        "No figure: there is no comparison with completed jobs on both sides."
+                        "No figure: no comparison has completed jobs on both sides."
                     }
                 }
             }
             p.seen { (sentences(&shown.caption)) }
+            @if shown.whole.is_some() {
+                p.links { "All panels: " (links(&format!("figures/{}", shown.stem), &files)) }
+            }
             p.links {
                 (table_links(&format!("tables/{}", shown.stem), &shown.table)) " "
                 (links(&format!("sql/{}", shown.stem), &[("sql", "SQL")]))
+                @if shown.winners.is_some() {
+                    " " (links(&format!("tables/{}", shown.stem), &[("toml", "TOML")]))
+                }
+            }
+            @if let Some(winners) = shown.winners {
+                details open { summary { "Best settings as TOML" } pre { (winners) } }
             }
             details open[shown.is_table] {
                 summary { "Numbers (" (shown.table.rows.len()) " rows)" }
                 (html_table(&shown.table))
             }
-            details { summary { "SQL that reads this data" } pre { (shown.sql) } }
+            details { summary { "SQL query for this data" } pre { (shown.sql) } }
         }
     }
 }
 
-/// Letters of the longest word with a hyphen that is kept on one line; scenarios have seven.
+/// Maximum length of a hyphenated word that is not broken across lines; scenarios have seven letters.
 const KEPT_WHOLE: usize = 9;
 
-/// Sentences whose lines break neither within a scenario, such as `P-H-D`, nor before a `%`.
+/// Text without line breaks inside a scenario, such as `P-H-D`, or before a `%`.
 fn sentences(text: &str) -> Markup {
     let is_whole = |word: &str| word.contains('-') && word.chars().count() <= KEPT_WHOLE;
     html! {
         @for (place, word) in text.replace(" %", "\u{a0}%").split(' ').enumerate() {
             @if place > 0 { " " }
-            @if is_whole(word) { span.whole { (word) } } @else { (word) }
+            @if is_whole(word) { span.whole { (word) } } @else { (symbols(word)) }
         }
     }
 }
 
-/// What every agent and every arm of an experiment came to.
+/// The tables of the agents and arms of an experiment.
 pub fn arm_tables(tables: &ArmTables) -> Markup {
     html! {
         article.card.arms id=(tables.arms.0) {
@@ -81,14 +92,37 @@ pub fn arm_tables(tables: &ArmTables) -> Markup {
     }
 }
 
-/// Boxes that show and hide series; there is nothing to choose of one.
-fn switches(series: &[String]) -> Markup {
+/// Checkboxes that show and hide arms in all figures of an experiment at once.
+pub fn switches(legend: &Legend) -> Markup {
+    let dot = |Color(red, green, blue): Color| format!("background:rgb({red} {green} {blue})");
     html! {
-        @if series.len() > 1 {
-            div.switches {
-                @for (place, label) in series.iter().enumerate() {
-                    label { input type="checkbox" checked data-toggle=(place); (label) }
+        @if !legend.facets.is_empty() {
+            details.switches open {
+                summary { "Show in all figures of this experiment" }
+                @for (facet, (name, values)) in legend.facets.iter().enumerate() {
+                    fieldset {
+                        legend { (symbols(name)) }
+                        @for (place, LegendValue { value, color }) in values.iter().enumerate() {
+                            label {
+                                input type="checkbox" checked data-toggle=(legend.class(facet, place));
+                                @if let Some(color) = color { span.dot style=(dot(*color)) {} }
+                                (symbols(value))
+                            }
+                        }
+                    }
                 }
+            }
+        }
+    }
+}
+
+/// A text with its subscripts as HTML.
+pub fn symbols(text: &str) -> Markup {
+    html! {
+        @for run in runs(text) {
+            @match run.level {
+                Level::Base => (run.text),
+                Level::Subscript => sub { (run.text) },
             }
         }
     }
@@ -120,13 +154,15 @@ pub fn html_table(table: &DataTable) -> Markup {
         .collect();
     let every = table.rows.len().div_ceil(MOST_ROWS).max(1);
     html! {
-        div.scroll {
+        div.table {
+          p.hint hidden { "Scroll sideways for more columns →" }
+          div.scroll tabindex="0" {
             table {
                 thead {
                     tr {
                         @for (place, class) in &columns {
                             th scope="col" class=[class] aria-sort="none" {
-                                button type="button" { (table.columns[*place].heading) }
+                                button type="button" { (symbols(&table.columns[*place].heading)) }
                             }
                         }
                     }
@@ -137,10 +173,11 @@ pub fn html_table(table: &DataTable) -> Markup {
                     }
                 }
             }
+          }
         }
         @if every > 1 {
             p.note {
-                "One row in " (every) ", and the last of each arm; all of them are in the CSV file."
+                "Shows one row in " (every) ", and the last row of each arm; the CSV file has all rows."
             }
         }
     }
@@ -152,7 +189,7 @@ fn html_entry(entry: &Entry, class: Option<&str>) -> Markup {
         Entry::Missing(reason) => (None, Some(reason)),
         Entry::Text(_) => (None, None),
     };
-    html! { td class=[class] data-value=[value] title=[reason] { (entry.shown()) } }
+    html! { td class=[class] data-value=[value] title=[reason] { (symbols(entry.shown())) } }
 }
 
 /// One row in `every`, spread evenly over each run of rows with the same words, and the last of
@@ -176,8 +213,18 @@ fn thinned(rows: &[Vec<Entry>], every: usize) -> impl Iterator<Item = &Vec<Entry
     })
 }
 
-/// What made the page and the runs, and where they are.
-pub fn provenance(experiments: &[&ReportedExperiment], store: &str) -> Markup {
+/// Whether a report names the machines that made its runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Hosts {
+    /// Runs of all machines with the same processor and version are counted together.
+    #[default]
+    Unnamed,
+    /// The table of provenance has a column of host names.
+    Named,
+}
+
+/// The provenance of the page and of its runs.
+pub fn provenance(experiments: &[&ReportedExperiment], store: &str, hosts: Hosts) -> Markup {
     let mut makers: BTreeMap<[&str; 5], (usize, &str, &str, f64)> = BTreeMap::new();
     let mut seen = std::collections::HashSet::new();
     let jobs = experiments.iter().flat_map(|experiment| &experiment.jobs);
@@ -189,7 +236,10 @@ pub fn provenance(experiments: &[&ReportedExperiment], store: &str) -> Markup {
             &made.git_revision,
             &made.backend,
             &made.processor,
-            &made.host,
+            match hosts {
+                Hosts::Named => &made.host,
+                Hosts::Unnamed => "",
+            },
         ];
         let ended = run.ended_at.as_str();
         let entry = makers.entry(key).or_insert((0, ended, ended, 0.0));
@@ -198,39 +248,44 @@ pub fn provenance(experiments: &[&ReportedExperiment], store: &str) -> Markup {
         entry.2 = entry.2.max(ended);
         entry.3 += run.wall_seconds;
     }
-    let columns = [
+    let mut columns = vec![
         ("runs", "Runs"),
         ("code_version", "jitai"),
         ("git_revision", "Git revision"),
-        ("backend", "Tensor backend of the build"),
+        ("backend", "Tensor backend"),
         ("processor", "Processor"),
-        ("host", "Host"),
-        ("first", "First ended"),
-        ("last", "Last ended"),
-        ("seconds", "Seconds of work"),
+        ("first", "First run ended"),
+        ("last", "Last run ended"),
+        ("seconds", "Training time, s"),
     ];
+    if hosts == Hosts::Named {
+        columns.push(("host", "Host"));
+    }
     let mut table = DataTable::new("Provenance", &columns);
     for ([version, revision, backend, processor, host], (runs, first, last, seconds)) in makers {
-        table.rows.push(vec![
+        let mut row = vec![
             Entry::number(runs as f64, 0),
             Entry::text(version),
             Entry::text(revision),
             Entry::text(backend),
             Entry::text(processor),
-            Entry::text(host),
             Entry::text(first),
             Entry::text(last),
             Entry::number(seconds, 0),
-        ]);
+        ];
+        if hosts == Hosts::Named {
+            row.push(Entry::text(host));
+        }
+        table.rows.push(row);
     }
     html! {
         section #provenance {
             h2 { "Provenance" }
             p {
                 "Made from " code { (store) } " by jitai " (env!("CARGO_PKG_VERSION")) " ("
-                code { (env!("JITAI_GIT_REVISION")) } "), of runs that these versions made. \
-                 A revision that ends in " code { "-dirty" }
-                " was built with changes that are not in it."
+                code { (env!("JITAI_GIT_REVISION")) } "). The table lists the versions that made the \
+                 runs. A revision ending in " code { "-dirty" }
+                " was built with uncommitted changes."
             }
             (html_table(&table))
         }

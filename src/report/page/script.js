@@ -29,7 +29,7 @@ for (const button of document.querySelectorAll("th button")) {
   });
 }
 
-// Pointing: the value nearest to the pointer is told.
+// The tooltip shows the value nearest to the pointer.
 const tip = document.getElementById("tip");
 const reach = 26;
 const middle = (mark) => {
@@ -64,7 +64,7 @@ for (const svg of document.querySelectorAll("figure svg")) {
   svg.querySelector("title")?.remove();
   svg.addEventListener("pointermove", (event) => point(svg, event));
   svg.addEventListener("pointerdown", (event) => point(svg, event));
-  // A finger leaves as it is lifted; what it tapped stays told until it taps elsewhere.
+  // Lifting a finger counts as leaving; the tooltip of a tap stays until the next tap.
   svg.addEventListener("pointerleave", (event) => {
     if (event.pointerType !== "touch") tip.hidden = true;
   });
@@ -73,10 +73,22 @@ document.addEventListener("pointerdown", (event) => {
   if (!event.target.closest("figure svg")) tip.hidden = true;
 });
 
-// Hiding: a box switches the lines of its number in all figures of its card.
-for (const box of document.querySelectorAll("[data-toggle]")) {
-  box.addEventListener("change", () => {
-    const marks = box.closest("article").querySelectorAll(`[data-series="${box.dataset.toggle}"]`);
-    for (const mark of marks) mark.classList.toggle("off", !box.checked);
+// Hiding: what has a value whose box is empty is hidden in all figures of its experiment.
+for (const list of document.querySelectorAll(".switches")) {
+  const section = list.closest("section");
+  const boxes = [...list.querySelectorAll("[data-toggle]")];
+  list.addEventListener("change", () => {
+    const hidden = boxes.filter((box) => !box.checked).map((box) => box.dataset.toggle);
+    for (const mark of section.querySelectorAll("figure svg [data-series]")) {
+      mark.classList.toggle("off", hidden.some((value) => mark.classList.contains(value)));
+    }
   });
 }
+
+// A table that is wider than its place says so.
+const hint = (scroll) => {
+  const more = scroll.scrollWidth > scroll.clientWidth + 1;
+  scroll.previousElementSibling.hidden = !more;
+};
+const sizes = new ResizeObserver((entries) => entries.forEach((entry) => hint(entry.target)));
+for (const scroll of document.querySelectorAll(".scroll")) sizes.observe(scroll);

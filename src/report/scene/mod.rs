@@ -1,49 +1,59 @@
-//! A drawing as plain data, and its two forms: SVG and PNG.
+//! A drawing as plain data, and its three forms: SVG, PNG and PDF.
 //!
-//! In: marks placed in the drawing's own units. Out: text or bytes that depend on nothing else, so
-//! that equal scenes are equal files. Letters are measured and drawn with a font that is compiled
-//! in: a bare machine has none.
+//! In: marks placed in the drawing's own units. Out: text or bytes that depend only on the scene,
+//! so that equal scenes make equal files. Text is measured and drawn with a font that is compiled
+//! in, because a machine may have no fonts.
 //!
-//! It does not know axes, arms or statistics.
+//! The module does not know axes, arms or statistics.
 
+mod compose;
 mod font;
+mod pdf;
 mod png;
+mod script;
 mod svg;
 
 pub use font::{Weight, web_font, width};
+pub use pdf::pdf;
 pub use png::png;
+pub(crate) use script::{Level, runs};
 pub use svg::{inline_svg, svg};
 
-/// A drawing. Units are CSS pixels at the size that it is printed at.
+/// A drawing. Units are CSS pixels at printed size.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
     /// Width.
     pub width: f64,
     /// Height.
     pub height: f64,
-    /// What the drawing shows, for readers who do not see it.
+    /// Description of the drawing, for screen readers.
     pub description: String,
     /// The marks, later ones above earlier ones.
     pub marks: Vec<Mark>,
+    /// The facets of each series of marks.
+    pub series: Vec<Facets>,
 }
+
+/// Names and values, such as an agent and a scenario, by which a page shows and hides a series.
+pub type Facets = Vec<(String, String)>;
 
 /// A colour without transparency.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Color(pub u8, pub u8, pub u8);
 
-/// A point, from the upper left corner.
+/// A point, measured from the upper left corner.
 pub type Point = (f64, f64);
 
-/// How a line is drawn.
+/// The style of a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stroke {
     /// Colour.
     pub color: Color,
     /// Width.
     pub width: f64,
-    /// Lengths of dash and gap; none for a solid line.
+    /// Lengths of dash and gap; `None` for a solid line.
     pub dash: Option<(f64, f64)>,
-    /// 0 for invisible to 1.
+    /// Opacity, from 0 (invisible) to 1.
     pub opacity: f64,
 }
 
@@ -54,16 +64,16 @@ impl Stroke {
     }
 }
 
-/// How an area is filled.
+/// The fill of an area.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fill {
     /// Colour.
     pub color: Color,
-    /// 0 for invisible to 1.
+    /// Opacity, from 0 (invisible) to 1.
     pub opacity: f64,
 }
 
-/// Which point of a text is placed.
+/// The point of a text to which its position refers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Anchor {
     /// Its beginning.
@@ -74,7 +84,7 @@ pub enum Anchor {
     End,
 }
 
-/// Which way a text runs.
+/// The direction of a text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
     /// To the right.
@@ -83,18 +93,18 @@ pub enum Direction {
     Up,
 }
 
-/// Something that is drawn.
+/// A drawn element.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mark {
     /// The shape.
     pub shape: Shape,
     /// The number of the series that it belongs to, by which a page shows and hides it.
     pub series: Option<usize>,
-    /// What a page says about it when it is pointed at.
+    /// The tooltip on the page.
     pub tip: Option<String>,
 }
 
-/// A shape with its looks.
+/// A shape with its style.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Shape {
     /// Straight lines from point to point.
@@ -126,21 +136,21 @@ pub enum Shape {
     },
     /// A line of text.
     Text {
-        /// Where its anchor stands, on the base line.
+        /// Position of its anchor, on the baseline.
         at: Point,
         /// The text.
         text: String,
         /// Height of the letters with their ascenders and descenders.
         size: f64,
-        /// How bold it is.
+        /// Weight.
         weight: Weight,
         /// Colour.
         color: Color,
-        /// Which of its points stands at `at`.
+        /// The point of the text at `at`.
         anchor: Anchor,
-        /// Which way it runs.
+        /// Direction.
         direction: Direction,
-        /// The line around its letters, beneath them, if they have one.
+        /// The outline beneath its letters, if they have one.
         rim: Option<Stroke>,
     },
 }
@@ -157,7 +167,7 @@ impl Mark {
         Mark { series: Some(series), ..self }
     }
 
-    /// The mark with something to say.
+    /// The mark with a tooltip.
     pub fn saying(self, tip: impl Into<String>) -> Mark {
         Mark { tip: Some(tip.into()), ..self }
     }
@@ -173,7 +183,7 @@ impl Color {
     /// White.
     pub const WHITE: Color = Color(255, 255, 255);
 
-    /// The colour so far on the way from this one to another, from 0 to 1.
+    /// The mixture of this colour with another, whose share is from 0 to 1.
     pub fn towards(self, other: Color, share: f64) -> Color {
         let share = share.clamp(0.0, 1.0);
         let mix = |from: u8, to: u8| {

@@ -6,9 +6,10 @@ use tiny_skia::{
     Transform,
 };
 
+use super::script::runs;
 use super::{Anchor, Color, Direction, Fill, Point, Scene, Shape, Stroke, Weight, width};
 
-/// Dots a unit: about 380 dots an inch at the width of a column.
+/// Dots per unit: about 380 dots per inch at the width of a column.
 const DOTS: f32 = 4.0;
 
 /// The scene as the bytes of a PNG file; `None` for a scene without area.
@@ -45,8 +46,8 @@ pub fn png(scene: &Scene) -> Option<Vec<u8>> {
     canvas.encode_png().ok().map(with_resolution)
 }
 
-/// The chunk that tells how large the picture is meant: DOTS units of 96 an inch are 15118 dots a
-/// metre, in both directions (PNG, third edition, 11.3.4.3), and the checksum.
+/// The chunk that sets the physical size of the picture, with its checksum: DOTS dots per unit of
+/// 1/96 inch are 15118 dots per metre in both directions (PNG, third edition, 11.3.4.3).
 const RESOLUTION: [u8; 21] = [
     0, 0, 0, 9, b'p', b'H', b'Y', b's', 0, 0, 0x3b, 0x0e, 0, 0, 0x3b, 0x0e, 1, 0xcc, 0xb6, 0xa1,
     0x83,
@@ -106,27 +107,31 @@ fn letters(text: &str, size: f64, weight: Weight, anchor: Anchor) -> Option<Path
         Anchor::Middle => -width(text, size, weight) / 2.0,
         Anchor::End => -width(text, size, weight),
     };
-    let scale = size / face.units_per_em;
     let mut builder = PathBuilder::new();
-    for character in text.chars() {
-        let glyph = face.glyph(character);
-        let mut outline = Outline { builder: &mut builder, left: pen as f32, scale: scale as f32 };
-        face.draw(glyph, &mut outline);
-        pen += face.advance(glyph) * size;
+    for run in runs(text) {
+        let (size, drop) = run.level.size_and_drop(size);
+        let scale = (size / face.units_per_em) as f32;
+        for character in run.text.chars() {
+            let glyph = face.glyph(character);
+            let (left, base) = (pen as f32, drop as f32);
+            face.draw(glyph, &mut Outline { builder: &mut builder, left, base, scale });
+            pen += face.advance(glyph) * size;
+        }
     }
     builder.finish()
 }
 
-/// Puts the outline of a glyph, whose y grows upwards, at its place.
+/// Places the outline of a glyph, whose y axis points up.
 struct Outline<'b> {
     builder: &'b mut PathBuilder,
     left: f32,
+    base: f32,
     scale: f32,
 }
 
 impl Outline<'_> {
     fn at(&self, x: f32, y: f32) -> (f32, f32) {
-        (self.left + x * self.scale, -y * self.scale)
+        (self.left + x * self.scale, self.base - y * self.scale)
     }
 }
 
@@ -169,11 +174,11 @@ mod tests {
 
     #[test]
     fn a_picture_knows_its_resolution() {
-        // The checksum of the algorithm's usual example.
+        // The standard check value of CRC-32.
         assert_eq!(crc(b"123456789"), 0xcbf4_3926);
         let dots_a_metre = (f64::from(DOTS) * 96.0 / 0.0254).round() as u32;
-        let scene =
-            Scene { width: 4.0, height: 2.0, description: String::new(), marks: Vec::new() };
+        let (description, marks, series) = (String::new(), Vec::new(), Vec::new());
+        let scene = Scene { width: 4.0, height: 2.0, description, marks, series };
         let bytes = png(&scene).unwrap();
         assert_eq!(&bytes[37..41], b"pHYs");
         assert_eq!(bytes[41..45], dots_a_metre.to_be_bytes());

@@ -4,25 +4,30 @@ use std::fmt::Write as _;
 
 use maud::html;
 
-use super::{Anchor, Color, Direction, Fill, Mark, Point, Scene, Shape, Stroke, web_font};
+use super::script::{Level, runs};
+use super::{Anchor, Color, Direction, Facets, Fill, Mark, Point, Scene, Shape, Stroke, web_font};
 
-/// Millimetres of a unit, which is a CSS pixel.
+/// Millimetres per unit, which is a CSS pixel.
 const MILLIMETRES: f64 = 25.4 / 96.0;
 
-/// The scene as a file of its own, with its font.
+/// The scene as a standalone file, with its font.
 pub fn svg(scene: &Scene) -> String {
     let [width, height] = [scene.width, scene.height].map(|units| number(units * MILLIMETRES));
     let size = format!(" width=\"{width}mm\" height=\"{height}mm\"");
     let font = format!("<defs><style>{}</style></defs>", web_font());
-    format!("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n{}\n", element(scene, &size, &font))
+    format!(
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n{}\n",
+        element(scene, &size, &font, &|_| String::new())
+    )
 }
 
-/// The scene as an element of a page that brings the font.
-pub fn inline_svg(scene: &Scene) -> String {
-    element(scene, "", "")
+/// The scene as an element of a page that contains the font. `classes` returns the CSS classes of a series.
+pub fn inline_svg(scene: &Scene, classes: &dyn Fn(&Facets) -> String) -> String {
+    element(scene, "", "", classes)
 }
 
-fn element(scene: &Scene, size: &str, head: &str) -> String {
+fn element(scene: &Scene, size: &str, head: &str, classes: &dyn Fn(&Facets) -> String) -> String {
+    let classes: Vec<String> = scene.series.iter().map(classes).collect();
     let (width, height) = (number(scene.width), number(scene.height));
     let mut out = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\"{size} \
@@ -31,16 +36,20 @@ fn element(scene: &Scene, size: &str, head: &str) -> String {
         escaped(&scene.description)
     );
     for mark in &scene.marks {
-        write_mark(&mut out, mark);
+        write_mark(&mut out, mark, &classes);
     }
     out.push_str("</svg>");
     out
 }
 
-fn write_mark(out: &mut String, mark: &Mark) {
+fn write_mark(out: &mut String, mark: &Mark, classes: &[String]) {
     let mut more = String::new();
     if let Some(series) = mark.series {
         let _ = write!(more, " data-series=\"{series}\"");
+    }
+    let of_series = mark.series.and_then(|series| classes.get(series));
+    if let Some(classes) = of_series.filter(|classes| !classes.is_empty()) {
+        let _ = write!(more, " class=\"{classes}\"");
     }
     if let Some(tip) = &mark.tip {
         let _ = write!(more, " data-tip=\"{}\"", escaped(tip));
@@ -84,11 +93,34 @@ fn write_mark(out: &mut String, mark: &Mark) {
                 number(*size),
                 weight.number(),
                 hex(*color),
-                escaped(text)
+                spans(text, *size)
             )
         }
     };
     written.expect("writing to a string cannot fail");
+}
+
+/// The content of a text, with its subscripts lowered.
+fn spans(text: &str, size: f64) -> String {
+    let mut out = String::new();
+    // The drop of the previous letters below the baseline.
+    let mut below = 0.0;
+    for run in runs(text) {
+        let (small, drop) = run.level.size_and_drop(size);
+        let words = escaped(run.text);
+        match (run.level, drop - below) {
+            (Level::Base, 0.0) => out.push_str(&words),
+            (Level::Base, down) => {
+                let _ = write!(out, "<tspan dy=\"{}\">{words}</tspan>", number(down));
+            }
+            (Level::Subscript, down) => {
+                let (down, small) = (number(down), number(small));
+                let _ = write!(out, "<tspan dy=\"{down}\" font-size=\"{small}\">{words}</tspan>");
+            }
+        }
+        below = drop;
+    }
+    out
 }
 
 /// A number with at most two decimals.
@@ -98,8 +130,7 @@ pub(crate) fn number(value: f64) -> String {
     if text == "-0" { "0".to_owned() } else { text.to_owned() }
 }
 
-/// Text for an element or a double-quoted attribute. XML cannot hold the characters that are
-/// replaced.
+/// Text for an element or a double-quoted attribute. Characters that XML cannot contain are replaced.
 fn escaped(text: &str) -> String {
     let is_foreign = |character: char| match character {
         '\t' | '\n' => false,

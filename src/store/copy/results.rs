@@ -1,4 +1,4 @@
-//! The rows of a run's results on their way from one store to another: read, hashed, inserted.
+//! The rows of a run's results during a copy between stores: read, hashed and inserted.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -7,21 +7,21 @@ use std::sync::{Arc, LazyLock};
 use rusqlite::types::Value;
 use rusqlite::{CachedStatement, Connection};
 
-use crate::record::{CURVE_METRICS, METRICS};
-use crate::store::decision;
+use crate::record::is_metric;
 use crate::store::digest::ResultsDigest;
 use crate::store::results::metric_id;
+use crate::store::{decision, participant};
 
 use super::sql::{Written, read_rows, read_values, written};
 
 /// A table of results.
 struct ResultTable {
     name: &'static str,
-    /// Its columns beside the run, the rest of its key first.
+    /// The columns besides the run, starting with the rest of the key.
     columns: &'static [&'static str],
-    /// How many of them belong to the key.
+    /// The number of these columns that belong to the key.
     in_key: usize,
-    /// Whether the first is a metric, which has another id in every store.
+    /// Whether the first column is a metric, whose id differs between stores.
     by_metric: bool,
 }
 
@@ -35,7 +35,7 @@ impl ResultTable {
     }
 }
 
-/// Every table of results, in the order in which digests take them.
+/// All tables of results, in the order of the digest.
 const TABLES: [ResultTable; 5] = [
     ResultTable::new("run_metric", &["metric", "value"], 1).by_metric(),
     ResultTable::new("curve_point", &["metric", "episode", "value"], 2).by_metric(),
@@ -44,13 +44,13 @@ const TABLES: [ResultTable; 5] = [
     ResultTable::new("trained_weights", &["safetensors"], 0),
 ];
 
-/// Rows that one statement inserts. More are hardly faster.
+/// The number of rows that one statement inserts. More rows are hardly faster.
 const ROWS: usize = 32;
 
-/// What a row counts for in a batch, in bytes.
+/// The size of a row in the accounting of batches, in bytes.
 const BYTES_PER_ROW: usize = 32;
 
-/// What a number of a recorded decision counts for in a batch, in bytes.
+/// The size of a number of a recorded decision in the accounting of batches, in bytes.
 const BYTES_PER_NUMBER: usize = 8;
 
 /// The statements of a table.
@@ -60,7 +60,7 @@ struct Statements {
     insert_many: String,
 }
 
-/// Those of [`TABLES`].
+/// The statements of [`TABLES`].
 static STATEMENTS: LazyLock<Vec<Statements>> =
     LazyLock::new(|| TABLES.iter().map(Statements::of).collect());
 
@@ -85,11 +85,13 @@ impl Statements {
     }
 }
 
-/// The results of a run: of each of [`TABLES`] the values of its rows, one row after the other.
+/// The results of a run: for each of [`TABLES`], the values of all rows in sequence.
 pub(super) struct ResultRows {
     tables: Vec<Vec<Value>>,
-    /// Recorded decisions, whose rows name the run in a way of their own.
+    /// Recorded decisions, whose row ids include the run.
     decisions: Vec<Value>,
+    /// Parameters of participants, whose row ids also include the run.
+    participants: Vec<Value>,
     metrics: Arc<MetricNames>,
 }
 
@@ -106,11 +108,15 @@ impl ResultRows {
             true => read_values(from, &decision::SELECT, run)?,
             false => Vec::new(),
         };
-        Some(ResultRows { tables, decisions, metrics: metrics.clone() })
+        let participants = match participant::are_known(from).ok()? {
+            true => read_values(from, participant::SELECT, run)?,
+            false => Vec::new(),
+        };
+        Some(ResultRows { tables, decisions, participants, metrics: metrics.clone() })
     }
 
-    /// The digest of these results of the job with this key, as [`crate::store::digest::of_run`]
-    /// takes it; `None` if the name of a metric cannot be read.
+    /// The digest of these results for the job with this key, equal to [`crate::store::digest::of_run`];
+    /// `None` if the name of a metric cannot be read.
     pub(super) fn digest(&self, job_key: &str) -> Option<[u8; 32]> {
         let mut digest = ResultsDigest::new(job_key);
         for (table, values) in TABLES.iter().zip(&self.tables) {
@@ -127,10 +133,11 @@ impl ResultRows {
             }
         }
         self.decisions.iter().for_each(|value| digest.add(value.into()));
+        self.participants.iter().for_each(|value| digest.add(value.into()));
         Some(digest.finish())
     }
 
-    /// The names of the metrics of rows in alphabetical order, with the places of each one's values.
+    /// The names of the rows' metrics in alphabetical order, each with the range of its values.
     fn by_name(&self, values: &[Value], columns: usize) -> Option<Vec<(&str, Range<usize>)>> {
         let mut found: Vec<(&str, Range<usize>)> = Vec::new();
         let mut last = None;
@@ -147,11 +154,11 @@ impl ResultRows {
         Some(found)
     }
 
-    /// What they count for in a batch, in bytes.
+    /// The size of the results in the accounting of batches, in bytes.
     pub(super) fn bytes(&self) -> usize {
         let rows = TABLES.iter().zip(&self.tables);
         let rows: usize = rows.map(|(table, values)| values.len() / table.columns.len()).sum();
-        let decisions = self.decisions.len() * BYTES_PER_NUMBER;
+        let decisions = (self.decisions.len() + self.participants.len()) * BYTES_PER_NUMBER;
         let blobs = self.tables.iter().flatten().map(|value| match value {
             Value::Blob(bytes) => bytes.len(),
             Value::Null | Value::Integer(_) | Value::Real(_) | Value::Text(_) => 0,
@@ -159,8 +166,8 @@ impl ResultRows {
         rows * BYTES_PER_ROW + decisions + blobs.sum::<usize>()
     }
 
-    /// Inserts them as the results of run `own` of the target. `metrics` are the target's ids of the
-    /// source's metrics, as far as they are known; further ones are added.
+    /// Inserts the results as those of run `own` of the target. `metrics` maps the source's metrics to the
+    /// target's ids as far as they are known; missing ones are added.
     pub(super) fn insert(
         &self,
         target: &Connection,
@@ -182,10 +189,13 @@ impl ResultRows {
                 return Ok(Written::Refused);
             }
         }
-        written(decision::insert_copied(target, own, &self.decisions))
+        match written(decision::insert_copied(target, own, &self.decisions))? {
+            Written::Refused => Ok(Written::Refused),
+            Written::Yes => written(participant::insert_copied(target, own, &self.participants)),
+        }
     }
 
-    /// Makes `metrics` have the metric of every row.
+    /// Adds the metrics of all rows to `metrics`.
     fn add_metrics(
         &self,
         target: &Connection,
@@ -210,7 +220,7 @@ impl ResultRows {
     }
 }
 
-/// Inserts the rows of a table, [`ROWS`] per statement and the remaining ones singly.
+/// Inserts the rows of a table: [`ROWS`] per statement, and the remaining rows one by one.
 fn insert_rows(
     target: &Connection,
     table: &ResultTable,
@@ -253,11 +263,9 @@ fn insert_rows(
 pub(super) struct MetricNames(HashMap<i64, String>);
 
 impl MetricNames {
-    /// Reads them. They stand in the table and in its index; where a damaged store has two names for
-    /// one id, a name that this program gives is the right one.
+    /// Reads the names. They are stored in both the table and its index. If a damaged store has two names for
+    /// one id, a name that this program uses takes precedence.
     pub(super) fn read(from: &Connection) -> MetricNames {
-        let known =
-            |name: &str| METRICS.iter().chain(CURVE_METRICS).any(|(metric, _)| *metric == name);
         let mut names: HashMap<i64, String> = HashMap::new();
         for sql in [
             "SELECT id, name FROM metric_name NOT INDEXED",
@@ -265,7 +273,7 @@ impl MetricNames {
         ] {
             for row in read_rows(from, sql, &[]).unwrap_or_default() {
                 let [Value::Integer(id), Value::Text(name)] = row else { continue };
-                if names.get(&id).is_none_or(|earlier| !known(earlier)) {
+                if names.get(&id).is_none_or(|earlier| !is_metric(earlier)) {
                     names.insert(id, name);
                 }
             }

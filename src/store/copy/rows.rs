@@ -1,4 +1,4 @@
-//! Rows on their way from one store to another. Ids are those of the source.
+//! Rows during a copy between stores. Ids are those of the source.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ pub(in crate::store) enum Ended {
     Completed,
     /// With a failure.
     Failed,
-    /// From outside, without results.
+    /// Stopped from outside, without results.
     Interrupted,
 }
 
@@ -27,7 +27,7 @@ impl Ended {
         }
     }
 
-    /// How a run with this status has ended; `None` for one in progress.
+    /// How a run with this status ended; `None` for a run in progress.
     pub(super) fn of(status: &Value) -> Option<Ended> {
         let Value::Text(status) = status else { return None };
         [Ended::Completed, Ended::Failed, Ended::Interrupted]
@@ -36,7 +36,7 @@ impl Ended {
     }
 }
 
-/// A row that a unique text in its first column identifies in every store.
+/// A row that the text in its first column identifies in every store.
 pub(in crate::store) struct NamedRow<const COLUMNS: usize> {
     pub(super) id: i64,
     pub(super) columns: [Value; COLUMNS],
@@ -44,6 +44,12 @@ pub(in crate::store) struct NamedRow<const COLUMNS: usize> {
 
 /// `name`, `question`, `hypothesis`, `manifest`, `created_at`, `updated_at`.
 pub(in crate::store) type ExperimentRow = NamedRow<6>;
+
+/// The intact earlier manifests of an experiment of the source.
+pub(in crate::store) struct EarlierManifests {
+    pub(super) experiment: i64,
+    pub(super) texts: Vec<[Value; 4]>,
+}
 
 /// `key`, `environment_version`, `algorithm_version`, `canonical`.
 pub(in crate::store) type JobRow = NamedRow<4>;
@@ -59,7 +65,7 @@ pub(in crate::store) struct SessionRow {
     pub(super) ended_at: Value,
 }
 
-/// Columns that tell one session from another, and what made its runs.
+/// The columns that identify a session across stores, including the code and machine that made its runs.
 pub(super) const SESSION: [&str; 10] = [
     "host",
     "boot_id",
@@ -73,16 +79,16 @@ pub(super) const SESSION: [&str; 10] = [
     "started_at",
 ];
 
-/// A run of the source that has ended, with what it left.
+/// A run of the source that has ended, with its results.
 pub(in crate::store) struct CopiedRun {
-    /// How it ended.
+    /// How the run ended.
     pub(in crate::store) ended: Ended,
-    /// The key of its job; `None` if the job cannot be read or is not as it was stored.
+    /// The key of the run's job; `None` if the job cannot be read or has changed since it was stored.
     pub(in crate::store) job_key: Option<String>,
     pub(super) job: i64,
     pub(super) attempt: Value,
     pub(super) session: i64,
-    /// `None` if it cannot be read.
+    /// `None` if the session cannot be read.
     pub(super) session_row: Option<Arc<SessionRow>>,
     pub(super) started_at: Value,
     /// `ended_at`, `wall_seconds`, `failure_kind`, `failure_message`, `failure_episode`, `suspects`.
@@ -91,21 +97,21 @@ pub(in crate::store) struct CopiedRun {
     pub(super) content: Content,
 }
 
-/// What a run left, as far as it verifies.
+/// The verified results of a run.
 pub(super) enum Content {
     /// The results of a completed run.
     Results(ResultRows),
-    /// A failed or interrupted run has none.
+    /// No results: the run failed or was interrupted.
     Nothing,
-    /// Not read, because the target has this run.
+    /// Results that were not read, because the target has this run.
     KnownToTarget,
-    /// It does not verify.
+    /// Results that do not verify; with the reason.
     Damaged(String),
 }
 
-/// What is copied in one transaction.
+/// The content of one transaction.
 pub(in crate::store) enum Batch {
-    Experiments(Vec<ExperimentRow>),
+    Experiments(Vec<ExperimentRow>, Vec<EarlierManifests>),
     Jobs(Vec<JobRow>),
     Memberships(Vec<MembershipRow>),
     Runs(Vec<CopiedRun>),

@@ -1,4 +1,4 @@
-//! Reading the source: what is to be copied, checked and cut into batches.
+//! Reading the source: selects, checks and batches the data to copy.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -6,32 +6,33 @@ use std::sync::Arc;
 use rusqlite::Connection;
 use rusqlite::types::Value;
 
+use crate::store::earlier_manifest;
 use crate::store::verify::{self, CheckWeights, row_ids};
 
 use super::results::{MetricNames, ResultRows};
 use super::rows::{
-    Batch, Content, CopiedRun, Ended, ExperimentRow, JobRow, MembershipRow, NamedRow, SESSION,
-    SessionRow,
+    Batch, Content, CopiedRun, EarlierManifests, Ended, ExperimentRow, JobRow, MembershipRow,
+    NamedRow, SESSION, SessionRow,
 };
 use super::sql::{read_row, read_rows};
 
-/// Rows of jobs and memberships that one transaction inserts.
+/// The number of rows of jobs and memberships per transaction.
 const ROWS_PER_BATCH: usize = 10_000;
 
-/// Bytes of runs that one transaction inserts: less than a second of work.
+/// The number of bytes of runs per transaction: less than a second of work.
 const BYTES_PER_BATCH: usize = 8 << 20;
 
-/// What a run counts for in a batch before its results are counted: a small run takes as long to
-/// insert as this many bytes of results.
+/// The size of a run in the accounting of batches, without its results: inserting a small run takes as long
+/// as this many bytes of results.
 const BYTES_PER_RUN: usize = 4096;
 
-/// What of a store is copied.
+/// The part of a store that is copied.
 #[derive(Clone, Copy)]
 pub(in crate::store) enum Extent<'a> {
-    /// Whatever can be read and whose weights pass this check.
+    /// All readable data whose weights pass this check.
     Everything(CheckWeights<'a>),
-    /// Completed and failed runs and what the experiments declare. Results that the target has
-    /// already, as this connection reads it, are not read.
+    /// Completed and failed runs, and the declarations of the experiments. Skips results that the target
+    /// already has, according to this connection.
     Results(&'a Connection),
 }
 
@@ -46,35 +47,36 @@ impl Extent<'_> {
     }
 }
 
-/// A source of which every statement sees the same snapshot.
+/// A source whose statements all see the same snapshot.
 pub(in crate::store) struct Source<'a> {
     connection: &'a Connection,
     extent: Extent<'a>,
     metrics: Arc<MetricNames>,
-    /// Keys of the jobs that are as they were stored, as numbers.
+    /// The keys of the intact jobs, as numbers.
     job_keys: HashMap<i64, u128>,
-    /// Sessions of runs; `None` for one that cannot be read.
+    /// The sessions of runs; `None` for a session that cannot be read.
     sessions: HashMap<i64, Option<Arc<SessionRow>>>,
 }
 
 impl<'a> Source<'a> {
-    /// The source that a connection sees. The caller has begun a transaction on it.
+    /// The source as a connection sees it. The caller has begun a transaction on the connection.
     pub(in crate::store) fn new(connection: &'a Connection, extent: Extent<'a>) -> Self {
         let metrics = Arc::new(MetricNames::read(connection));
         let (job_keys, sessions) = (HashMap::new(), HashMap::new());
         Source { connection, extent, metrics, job_keys, sessions }
     }
 
-    /// Hands every batch to `give`; returns whether part of the list of runs cannot be read.
+    /// Passes every batch to `give`; returns whether part of the list of runs is unreadable.
     ///
-    /// **Errors**: those of `give`.
+    /// **Errors**: the errors of `give`.
     pub(in crate::store) fn read<E>(
         mut self,
         mut give: impl FnMut(Batch) -> Result<(), E>,
     ) -> Result<bool, E> {
         let experiments = self.experiments();
         let experiment_ids: Vec<i64> = experiments.iter().map(|row| row.id).collect();
-        give(Batch::Experiments(experiments))?;
+        let earlier = self.earlier_manifests(&experiment_ids);
+        give(Batch::Experiments(experiments, earlier))?;
         for ids in self.job_ids().chunks(ROWS_PER_BATCH) {
             let jobs = self.jobs(ids);
             give(Batch::Jobs(jobs))?;
@@ -90,6 +92,18 @@ impl<'a> Source<'a> {
         Ok(!whole)
     }
 
+    /// The earlier manifests of these experiments, as far as they are readable.
+    fn earlier_manifests(&self, experiments: &[i64]) -> Vec<EarlierManifests> {
+        if !earlier_manifest::are_known(self.connection).unwrap_or(false) {
+            return Vec::new();
+        }
+        let of = |experiment: &i64| {
+            let texts = earlier_manifest::intact(self.connection, *experiment).unwrap_or_default();
+            EarlierManifests { experiment: *experiment, texts }
+        };
+        experiments.iter().map(of).collect()
+    }
+
     fn experiments(&self) -> Vec<ExperimentRow> {
         let select = "SELECT name, question, hypothesis, manifest, created_at, updated_at
              FROM experiment NOT INDEXED WHERE id = ?1";
@@ -98,7 +112,7 @@ impl<'a> Source<'a> {
         row_ids(self.connection, "experiment").0.into_iter().filter_map(row).collect()
     }
 
-    /// The jobs to be looked at.
+    /// The jobs to check and copy.
     fn job_ids(&self) -> Vec<i64> {
         let needed = "SELECT id FROM job WHERE id IN (SELECT job FROM experiment_job)
                 OR id IN (SELECT job FROM run WHERE status IN ('completed', 'failed'))
@@ -114,7 +128,7 @@ impl<'a> Source<'a> {
         .unwrap_or_else(|| row_ids(self.connection, "job").0)
     }
 
-    /// Those of the jobs that are as they were stored.
+    /// The intact jobs among these ids.
     fn jobs(&mut self, ids: &[i64]) -> Vec<JobRow> {
         let select = "SELECT key, environment_version, algorithm_version, canonical
              FROM job NOT INDEXED WHERE id = ?1";
@@ -133,7 +147,7 @@ impl<'a> Source<'a> {
         self.job_keys.get(&job).map(|key| format!("{key:032x}"))
     }
 
-    /// Hands out which experiments hold which jobs, a page at a time.
+    /// Passes on which experiments hold which jobs, one page at a time.
     fn memberships<E>(
         &self,
         experiments: &[i64],
@@ -150,7 +164,7 @@ impl<'a> Source<'a> {
             after = [experiment.clone(), job.clone(), agent.clone()];
             give(page)?;
         }
-        // Part of the table cannot be read; what is behind that part is found pair by pair.
+        // Part of the table is unreadable; rows behind that part are found pair by pair.
         let pair = format!("{columns} WHERE experiment = ?1 AND job = ?2");
         let pairs =
             self.job_keys.keys().flat_map(|job| experiments.iter().map(move |e| [*e, *job]));
@@ -160,7 +174,7 @@ impl<'a> Source<'a> {
         give(rows.flatten().collect())
     }
 
-    /// Runs until the batch is full or none is left.
+    /// Runs until the batch is full or no run is left.
     fn runs(&mut self, ids: &mut impl Iterator<Item = i64>) -> Vec<CopiedRun> {
         let mut bytes = 0;
         let mut batch = Vec::new();
@@ -177,7 +191,7 @@ impl<'a> Source<'a> {
         batch
     }
 
-    /// The run with its results, if it has ended and is to be copied.
+    /// The run with its results, if it has ended and should be copied.
     fn run(&mut self, id: i64) -> Option<CopiedRun> {
         let select = "SELECT status, job, attempt, session, started_at, results_sha256, ended_at,
                 wall_seconds, failure_kind, failure_message, failure_episode, suspects
@@ -189,7 +203,7 @@ impl<'a> Source<'a> {
         let job_key = self.job_key(job);
         let content = match &job_key {
             Some(key) => self.content(id, ended, key, &digest),
-            None => Content::Damaged("its job is not as it was stored".to_owned()),
+            None => Content::Damaged("the row of its job is missing or damaged".to_owned()),
         };
         let session_row = self.session(session);
         Some(CopiedRun {
@@ -216,7 +230,7 @@ impl<'a> Source<'a> {
                 };
                 let taken = results.digest(job_key).map(|taken| Value::Blob(taken.into()));
                 if taken.as_ref() != Some(digest) {
-                    let fault = "its results are not those that were stored";
+                    let fault = "its results do not match their digest";
                     return Content::Damaged(fault.to_owned());
                 }
                 match self.weights_fault(run) {
@@ -237,7 +251,7 @@ impl<'a> Source<'a> {
         let Extent::Results(target) = self.extent else { return false };
         let same = "SELECT 1 FROM job JOIN run ON run.job = job.id AND run.status = 'completed'
              WHERE job.key = ?1 AND run.results_sha256 = ?2";
-        // Whatever keeps the target from being read is met again when it is written.
+        // An error that prevents reading the target occurs again when the target is written.
         let found = target.prepare_cached(same).and_then(|mut same| same.exists((job_key, digest)));
         found.unwrap_or(false)
     }
@@ -246,7 +260,8 @@ impl<'a> Source<'a> {
         match self.extent {
             Extent::Everything(check) => verify::weights_fault(self.connection, run, check)
                 .unwrap_or_else(|error| Some(format!("its weights: {error}"))),
-            // They are those that were stored, and what makes a policy of them may be unknown here.
+            // The weights passed the digest check, and this program may not know the algorithm that uses
+            // them.
             Extent::Results(_) => None,
         }
     }

@@ -1,9 +1,9 @@
-//! Statements on the two ends of a copy: a source that may be damaged, a target with rules.
+//! Statements on both ends of a copy: a source that may be damaged, and a target with constraints.
 
 use rusqlite::types::Value;
 use rusqlite::{Connection, ErrorCode, OptionalExtension, params_from_iter};
 
-/// The row of an answer of the source; `None` if there is none or it cannot be read.
+/// The row of a query on the source; `None` if there is no row or it cannot be read.
 pub(super) fn read_row<const COLUMNS: usize>(
     from: &Connection,
     sql: &str,
@@ -12,7 +12,7 @@ pub(super) fn read_row<const COLUMNS: usize>(
     read_rows(from, sql, &[Value::Integer(id)])?.pop()
 }
 
-/// The rows of an answer of the source; `None` if one of them cannot be read.
+/// The rows of a query on the source; `None` if a row cannot be read.
 pub(super) fn read_rows<const COLUMNS: usize>(
     from: &Connection,
     sql: &str,
@@ -29,8 +29,7 @@ pub(super) fn read_rows<const COLUMNS: usize>(
     rows.ok()?.collect::<rusqlite::Result<_>>().ok()
 }
 
-/// The values of all rows of an answer of the source, one row after the other; `None` if one of them
-/// cannot be read.
+/// The values of all rows of a query on the source, in sequence; `None` if a row cannot be read.
 pub(super) fn read_values(from: &Connection, sql: &str, id: i64) -> Option<Vec<Value>> {
     let mut statement = from.prepare_cached(sql).ok()?;
     let columns = statement.column_count();
@@ -44,7 +43,7 @@ pub(super) fn read_values(from: &Connection, sql: &str, id: i64) -> Option<Vec<V
     Some(values)
 }
 
-/// The id that a query of the target finds first.
+/// The first id that a query on the target finds.
 pub(super) fn find(
     target: &Connection,
     sql: &str,
@@ -54,11 +53,11 @@ pub(super) fn find(
     statement.query_row(params_from_iter(values), |row| row.get(0)).optional()
 }
 
-/// Whether the target took what was written.
+/// Whether the target accepted a row.
 #[derive(Clone, Copy)]
 pub(super) enum Written {
     Yes,
-    /// A rule of its schema refused it.
+    /// A constraint of the schema rejected it.
     Refused,
 }
 
@@ -68,7 +67,7 @@ pub(super) fn write(target: &Connection, sql: &str, values: &[Value]) -> rusqlit
     written(rows)
 }
 
-/// Whether the target took a statement, by the statement's result.
+/// Whether the target accepted a statement, according to the statement's result.
 pub(super) fn written<T>(result: rusqlite::Result<T>) -> rusqlite::Result<Written> {
     match result {
         Ok(_) => Ok(Written::Yes),

@@ -1,4 +1,4 @@
-//! Writing the target: what it lacks is inserted, what it has is kept.
+//! Writing the target: inserts missing rows and keeps existing ones.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -6,62 +6,64 @@ use std::sync::Arc;
 use rusqlite::types::Value;
 use rusqlite::{Connection, OptionalExtension};
 
+use crate::store::earlier_manifest;
 use crate::store::transaction::NOW;
 
 use super::rows::{
-    Content, CopiedRun, Ended, ExperimentRow, JobRow, MembershipRow, NamedRow, SESSION, SessionRow,
+    Content, CopiedRun, EarlierManifests, Ended, ExperimentRow, JobRow, MembershipRow, NamedRow,
+    SESSION, SessionRow,
 };
 use super::sql::{Written, find, write};
 
-/// What became of a run of the source.
+/// The result of copying a run of the source.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(in crate::store) enum RunCopy {
-    /// It was copied.
+    /// The run was copied.
     Copied,
-    /// The target has this run, or, for a run without results, the job's completed run.
+    /// The target has this run or, for a run without results, a completed run of the job.
     AlreadyThere,
-    /// The target has a completed run of the same job with other results, which it keeps.
+    /// The target has a completed run of the same job with different results, and keeps it.
     Conflict(Box<Origins>),
-    /// A process is running the job in the target. Copy again when it has ended.
+    /// A process is running the job in the target. Copy again when that run has ended.
     InProgress,
-    /// It does not verify, and was left out; with the reason.
+    /// The run does not verify, and was omitted; with the reason.
     Damaged(String),
 }
 
-/// Two runs of a job with other results.
+/// Two runs of a job with different results.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(in crate::store) struct Origins {
-    /// Of the source's run.
+    /// The origin of the source's run.
     pub(in crate::store) theirs: Origin,
-    /// Of the target's run.
+    /// The origin of the target's run.
     pub(in crate::store) ours: Origin,
 }
 
-/// Which results a run has, and what made them.
+/// The digest of a run's results, and the machine and code that made them.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Origin {
-    /// The digest of the results, as hexadecimal digits.
+    /// The digest of the results, in hexadecimal.
     pub results_sha256: String,
-    /// Name of the machine.
+    /// The name of the machine.
     pub host: String,
-    /// Its processor.
+    /// The processor of the machine.
     pub processor: String,
-    /// Version of jitai.
+    /// The version of jitai.
     pub code_version: String,
-    /// Revision of its source.
+    /// The git revision of its source.
     pub git_revision: String,
 }
 
-/// What became of experiments.
+/// The result of copying experiments.
 #[derive(Debug, Default)]
 pub(in crate::store) struct ExperimentsCopied {
-    /// How many were inserted.
+    /// The number of experiments inserted.
     pub(in crate::store) inserted: usize,
-    /// Names of those that have another manifest in the target, which keeps its own.
+    /// The names of experiments with a different manifest in the target, which keeps its own.
     pub(in crate::store) differing: Vec<String>,
 }
 
-/// The target of a copy: the row ids that rows of the present source have in it.
+/// The target of a copy: maps row ids of the current source to row ids of the target.
 #[derive(Default)]
 pub(in crate::store) struct Target {
     experiments: HashMap<i64, i64>,
@@ -70,7 +72,7 @@ pub(in crate::store) struct Target {
     metrics: HashMap<i64, i64>,
 }
 
-/// A table whose rows a unique text identifies in every store.
+/// A table whose rows are identified by a unique text in every store.
 struct NamedTable {
     find: &'static str,
     insert: &'static str,
@@ -89,7 +91,7 @@ const JOB: NamedTable = NamedTable {
          VALUES (?1, ?2, ?3, ?4)",
 };
 
-/// Inserts the rows that the target lacks; returns how many. `ids` gets the target's id of each.
+/// Inserts the rows that the target lacks; returns their number. `ids` receives the target's id of each row.
 fn insert_missing<const COLUMNS: usize>(
     target: &Connection,
     table: &NamedTable,
@@ -114,7 +116,7 @@ fn insert_missing<const COLUMNS: usize>(
 }
 
 impl Target {
-    /// Copies the experiments that the target does not know by name.
+    /// Copies the experiments whose names the target lacks.
     pub(in crate::store) fn experiments(
         &mut self,
         target: &Connection,
@@ -133,7 +135,21 @@ impl Target {
         Ok(ExperimentsCopied { inserted, differing })
     }
 
-    /// Copies the jobs that the target does not know by key; returns how many.
+    /// Copies the earlier manifests that the target's experiments lack.
+    pub(in crate::store) fn earlier_manifests(
+        &self,
+        target: &Connection,
+        earlier: &[EarlierManifests],
+    ) -> rusqlite::Result<()> {
+        for EarlierManifests { experiment, texts } in earlier {
+            if let Some(own) = self.experiments.get(experiment) {
+                earlier_manifest::copy(target, *own, texts)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Copies the jobs whose keys the target lacks; returns their number.
     pub(in crate::store) fn jobs(
         &mut self,
         target: &Connection,
@@ -142,7 +158,7 @@ impl Target {
         insert_missing(target, &JOB, rows, &mut self.jobs)
     }
 
-    /// Makes the target's experiments hold these jobs, where they do not yet.
+    /// Adds jobs to the target's experiments where they are missing.
     pub(in crate::store) fn hold(
         &self,
         target: &Connection,
@@ -160,7 +176,7 @@ impl Target {
         Ok(())
     }
 
-    /// Copies a run, unless the target has it or another one in its place.
+    /// Copies a run, unless the target has it or another run in its place.
     pub(in crate::store) fn run(
         &mut self,
         target: &Connection,
@@ -170,7 +186,7 @@ impl Target {
             return Ok(RunCopy::Damaged(reason.clone()));
         }
         let Some(&job) = self.jobs.get(&run.job) else {
-            return Ok(RunCopy::Damaged("its job is not as it was stored".to_owned()));
+            return Ok(RunCopy::Damaged("the row of its job is missing or damaged".to_owned()));
         };
         let current: Option<(i64, bool, Value)> = target
             .prepare_cached(
@@ -196,14 +212,14 @@ impl Target {
                 Ok(match self.insert(target, job, run)? {
                     Written::Yes => RunCopy::Copied,
                     Written::Refused => {
-                        RunCopy::Damaged("it breaks a rule of the store".to_owned())
+                        RunCopy::Damaged("it violates a constraint of the store".to_owned())
                     }
                 })
             }
         }
     }
 
-    /// Inserts a run with its results, or nothing of it.
+    /// Inserts a run with its results, or nothing at all.
     fn insert(
         &mut self,
         target: &Connection,
@@ -215,7 +231,7 @@ impl Target {
         let written = self.insert_whole(target, job, session, run)?;
         if let Written::Refused = written {
             target.prepare_cached("ROLLBACK TO run")?.execute([])?;
-            // Some of them may have been inserted with the run; they are looked up again.
+            // The rolled-back rows may include metrics and sessions, so their ids are looked up again.
             self.metrics.clear();
             self.sessions.clear();
         }
@@ -230,7 +246,7 @@ impl Target {
         session: i64,
         run: &CopiedRun,
     ) -> rusqlite::Result<Written> {
-        // Another attempt at the job may have taken the number in the target.
+        // Another attempt at the job may use the same number in the target.
         let begin = "INSERT INTO run (job, attempt, session, status, started_at)
              SELECT ?1, CASE WHEN EXISTS (SELECT 1 FROM run WHERE job = ?1 AND attempt = ?2)
                 THEN (SELECT max(attempt) + 1 FROM run WHERE job = ?1) ELSE ?2 END,
@@ -255,11 +271,11 @@ impl Target {
         write(target, finish, &ended)
     }
 
-    /// The target's id of a run's session, copied if the target lacks it. It has not ended, as the
-    /// schema demands of a session that takes runs; [`Target::end_sessions`] ends it.
+    /// The target's id of a run's session, which is copied if the target lacks it. The copy has not ended,
+    /// because the schema requires this of a session that receives runs; [`Target::end_sessions`] ends it.
     ///
-    /// A session that cannot be read is replaced by one whose process is unknown, so that its runs
-    /// have one.
+    /// A session that cannot be read is replaced by one with an unknown process, because every run needs a
+    /// session.
     fn session(&mut self, target: &Connection, run: &CopiedRun) -> rusqlite::Result<i64> {
         if let Some(&own) = self.sessions.get(&run.session) {
             return Ok(own);
@@ -276,7 +292,7 @@ impl Target {
         Ok(own)
     }
 
-    /// Ends those of the target's sessions that have ended in the source.
+    /// Ends the target's sessions that have ended in the source.
     pub(in crate::store) fn end_sessions(
         &self,
         target: &Connection,
@@ -332,7 +348,7 @@ fn origin_of(target: &Connection, run: i64) -> rusqlite::Result<Origin> {
         })
 }
 
-/// Whether the target has this attempt at a job, under whatever number.
+/// Whether the target has this attempt at a job, under any number.
 fn has_attempt(target: &Connection, job: i64, run: &CopiedRun) -> rusqlite::Result<bool> {
     let same = "SELECT id FROM run
          WHERE job = ?1 AND status = ?2 AND started_at = ?3 AND ended_at = ?4";
@@ -341,7 +357,7 @@ fn has_attempt(target: &Connection, job: i64, run: &CopiedRun) -> rusqlite::Resu
     Ok(find(target, same, &ids)?.is_some())
 }
 
-/// The session of the target that is this one and has not ended.
+/// The target's session that equals this one and has not ended.
 fn same_session(target: &Connection, row: &SessionRow) -> rusqlite::Result<Option<i64>> {
     let same = SESSION.map(|column| format!("{column} IS ?")).join(" AND ");
     let sql = format!("SELECT id FROM session WHERE ended_at IS NULL AND {same}");
@@ -363,7 +379,7 @@ fn copy_session(target: &Connection, row: &SessionRow) -> rusqlite::Result<Optio
     })
 }
 
-/// A session of the target whose process is unknown, inserted if there is none.
+/// A session of the target with an unknown process, inserted if there is none.
 fn unknown_session(target: &Connection) -> rusqlite::Result<i64> {
     let known = "SELECT id FROM session
          WHERE host = 'unknown' AND code_version = 'unknown' AND ended_at IS NULL";

@@ -1,4 +1,4 @@
-//! Copying between stores that the store itself has written.
+//! Copying between stores that the store module has written.
 
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ use crate::store::{Experiment, SessionId, Store};
 
 use super::{Copied, Ended, Origins, RunCopy, copy};
 
-/// A store with a session of its own, in a folder that lives as long.
+/// A store with its own session, in a temporary folder.
 struct Sample {
     _folder: tempfile::TempDir,
     path: PathBuf,
@@ -44,7 +44,7 @@ impl Sample {
         self.store.connection.query_row(sql, [], |row| row.get(0)).unwrap()
     }
 
-    /// Copies the runs of another store; what was copied, and what became of each run.
+    /// Copies the runs of another store; returns the numbers copied and the result for each run.
     fn copy(&mut self, from: &Path) -> (Copied, Vec<(Ended, RunCopy)>) {
         let from = Connection::open(from).unwrap();
         let mut heard = Vec::new();
@@ -54,7 +54,7 @@ impl Sample {
         (copied.unwrap(), heard)
     }
 
-    /// As [`Sample::copy`], what became of each run alone.
+    /// Copies the runs of another store; returns the result for each run as a word.
     fn became(&mut self, from: &Path) -> Vec<&'static str> {
         let word = |(_, became)| match became {
             RunCopy::Copied => "copied",
@@ -66,7 +66,7 @@ impl Sample {
         self.copy(from).1.into_iter().map(word).collect()
     }
 
-    /// Every row that does not depend on the ids and times of one store.
+    /// All rows that do not depend on the ids and times of one store.
     fn rows(&self) -> Vec<String> {
         let sql = "SELECT concat_ws('|', experiment, job_key, agent, status, attempt, mean_return,
                 wall_seconds, started_at, ended_at, code_version, failure_kind, failure_message)
@@ -99,7 +99,7 @@ fn completed() -> Outcome {
     Outcome::Completed(Results { curve, decisions: decisions(), ..results() })
 }
 
-/// Of two phases, and more than a row of the table holds.
+/// Decisions of two phases, more than one row of the table can hold.
 fn decisions() -> Vec<Decision> {
     let of = |phase| {
         (0..13).map(move |step| Decision {
@@ -131,7 +131,7 @@ fn failed() -> Outcome {
     Outcome::Failed(Failure { kind: FailureKind::Diverged, message, episode: 3 })
 }
 
-/// A store with two completed jobs, one of them after an interruption, and a failed one.
+/// A store with two completed jobs, one of which was interrupted first, and a failed job.
 fn source() -> Sample {
     let mut source = Sample::new();
     source.run(&seed(1), &completed());
@@ -223,7 +223,7 @@ fn attempts_of_two_stores_are_numbered_on() {
     source.run(&seed(1), &Outcome::Interrupted);
     source.run(&seed(1), &completed());
     let mut target = Sample::new();
-    // Metrics that the source meets in another order.
+    // The target has metrics in another order than the source.
     let first = CurvePoint { episode: 10, metric: "epsilon", value: 0.5 };
     target.run(&seed(7), &Outcome::Completed(Results { curve: vec![first], ..results() }));
     target.run(&seed(1), &Outcome::Interrupted);

@@ -1,4 +1,4 @@
-//! Batches from a source to a target, a transaction each.
+//! Copying batches from a source to a target, in one transaction each.
 
 use rusqlite::Connection;
 
@@ -12,16 +12,16 @@ use super::target::{RunCopy, Target};
 
 const ACTION: &str = "copy runs to the store";
 
-/// What was copied beside the runs.
+/// The numbers of copied rows besides runs.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(in crate::store) struct Copied {
-    /// Experiments inserted.
+    /// The number of experiments inserted.
     pub(in crate::store) experiments: usize,
-    /// Names of experiments that have another manifest in the target.
+    /// The names of experiments with a different manifest in the target.
     pub(in crate::store) differing: Vec<String>,
-    /// Jobs inserted.
+    /// The number of jobs inserted.
     pub(in crate::store) jobs: usize,
-    /// Whether part of the source's list of runs cannot be read.
+    /// Whether part of the source's list of runs is unreadable.
     pub(in crate::store) runs_unreadable: bool,
 }
 
@@ -33,9 +33,9 @@ pub(in crate::store) struct Copier {
 }
 
 impl Copier {
-    /// Writes a batch. `report` hears what became of every run, once that is on the disk.
+    /// Writes a batch. Calls `report` with the result for every run, once the result is on the disk.
     ///
-    /// **Errors**: `to` cannot be written. Batches that were committed before stay.
+    /// **Errors**: `to` cannot be written. Batches that were committed before remain.
     pub(in crate::store) fn write(
         &mut self,
         to: &mut Store,
@@ -44,8 +44,12 @@ impl Copier {
     ) -> Result<(), StoreError> {
         let target = &mut self.target;
         match batch {
-            Batch::Experiments(rows) => {
-                let copied = to.write(ACTION, |open| Ok(target.experiments(open, rows)?))?;
+            Batch::Experiments(rows, earlier) => {
+                let copied = to.write(ACTION, |open| {
+                    let copied = target.experiments(open, rows)?;
+                    target.earlier_manifests(open, earlier)?;
+                    Ok(copied)
+                })?;
                 self.copied.experiments += copied.inserted;
                 self.copied.differing.extend(copied.differing);
             }
@@ -67,10 +71,10 @@ impl Copier {
     }
 }
 
-/// Copies from `from`, which may be damaged, whatever `to` lacks. `report` hears of every run that
-/// ended and what became of it, once that is on the disk.
+/// Copies everything that `to` lacks from `from`, which may be damaged. Calls `report` with the result for
+/// every run that ended, once the result is on the disk.
 ///
-/// **Errors**: `to` cannot be written. Batches that were committed before stay.
+/// **Errors**: `to` cannot be written. Batches that were committed before remain.
 pub(in crate::store) fn copy(
     from: &Connection,
     to: &mut Store,

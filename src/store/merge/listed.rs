@@ -1,4 +1,4 @@
-//! Which stores a merge reads: files that are named, and those in folders that are named.
+//! The stores that a merge reads: named files, and the stores in named folders.
 
 use std::fs;
 use std::io;
@@ -9,11 +9,11 @@ use crate::store::error::StoreError;
 /// The folder of a submission that holds its parts.
 const PARTS: &str = "parts";
 
-/// The stores that `from` names, in its order and none twice, to be merged into the one at `into`. A
-/// folder stands for every file in it, and in its folder `parts`, whose name ends in `.sqlite`, by
-/// name; without `into`.
+/// The stores that `from` names, in order and without duplicates, to be merged into the store at `into`. A
+/// folder stands for all files in it and in its subfolder `parts` whose names end in `.sqlite`, sorted by
+/// name, except `into`.
 ///
-/// **Errors**: nothing is at a path, a folder cannot be read, or `into` itself is named.
+/// **Errors**: a path does not exist, a folder cannot be read, or `into` itself is named.
 pub fn stores_of(from: &[PathBuf], into: &Path) -> Result<Vec<PathBuf>, StoreError> {
     let place = |path: &Path| path.canonicalize().ok();
     let target = place(into);
@@ -42,7 +42,7 @@ pub fn stores_of(from: &[PathBuf], into: &Path) -> Result<Vec<PathBuf>, StoreErr
     Ok(stores)
 }
 
-/// The stores in a folder and in its folder of parts.
+/// The stores in a folder and in its subfolder of parts.
 fn stores_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     let mut stores = listed(folder)?;
     let parts = folder.join(PARTS);

@@ -1,60 +1,60 @@
-//! What a merge did, and what it left out.
+//! The result of a merge.
 
 use std::path::PathBuf;
 
 use crate::store::copy::Origin;
 
-/// What a merge copied, and what it did not.
+/// The result of a merge: the numbers of copied rows, and what was not copied.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Merged {
-    /// Stores that were read.
+    /// The number of stores read.
     pub sources: usize,
-    /// Experiments that were copied.
+    /// The number of experiments copied.
     pub experiments: usize,
-    /// Jobs that were copied.
+    /// The number of jobs copied.
     pub jobs: usize,
-    /// Completed runs that were copied, each with all its results.
+    /// The number of completed runs copied, each with all its results.
     pub completed: usize,
-    /// Failed runs that were copied.
+    /// The number of failed runs copied.
     pub failed: usize,
-    /// Runs that the target had already, and failed runs of jobs that it has completed.
+    /// The number of runs that the target already had, including failed runs of jobs that are completed in
+    /// the target.
     pub already_there: usize,
-    /// Runs whose jobs a process is running in the target. Merging again, when these have ended,
-    /// settles them.
+    /// The number of runs whose jobs a process is running in the target. Merge again when those have ended.
     pub in_progress: usize,
-    /// Jobs that two stores completed with other results. The target keeps its own.
+    /// Jobs with different results in two stores. The target keeps its own.
     pub conflicts: Vec<Conflict>,
-    /// What was left out because it is not as it was stored.
+    /// Damaged data, which was not copied.
     pub damaged: Vec<Damage>,
-    /// Experiments that have another manifest in the target, which keeps its own.
+    /// Experiments with a different manifest in the target, which keeps its own.
     pub differing: Vec<OtherManifest>,
 }
 
-/// A job that two stores completed with other results.
+/// A job with different results in two stores.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Conflict {
     /// The store that was read.
     pub source: PathBuf,
     /// The job.
     pub job_key: String,
-    /// The run that was left out.
+    /// The run that was not copied.
     pub theirs: Origin,
     /// The run that the target keeps.
     pub ours: Origin,
 }
 
-/// What cannot be trusted of a store.
+/// Damage found in a store.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Damage {
     /// The store.
     pub source: PathBuf,
-    /// The job whose run is damaged; `None` if it cannot be told, or if more than a run is damaged.
+    /// The job whose run is damaged; `None` if it is unknown, or if more than one run is damaged.
     pub job_key: Option<String>,
     /// What is wrong, as a fragment.
     pub what: String,
 }
 
-/// An experiment that has another manifest in the target.
+/// An experiment with a different manifest in the target.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OtherManifest {
     /// The store that was read.
@@ -63,11 +63,11 @@ pub struct OtherManifest {
     pub experiment: String,
 }
 
-/// How far a merge is.
+/// The progress of a merge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MergeProgress {
-    /// Runs that have been copied or left out.
+    /// The number of runs handled so far.
     pub done: usize,
-    /// Runs in all.
+    /// The total number of runs.
     pub of: usize,
 }

@@ -10,14 +10,14 @@ use crate::store::error::StoreError;
 use crate::store::migrate::{self, SCHEMA_VERSION};
 use crate::store::{file, schema};
 
-/// Pages that are copied between two looks at the source.
+/// The number of pages per step of the backup.
 const PAGES_AT_A_TIME: i32 = 1024;
 
-/// A connection to the store at `path` with the schema of this program, in a transaction: every
-/// statement sees the store as it was at one moment, whoever writes to it meanwhile. A store of an
-/// earlier release is migrated in a temporary copy, which nobody else sees.
+/// A connection to the store at `path` with this program's schema, in a transaction. Every statement sees the
+/// same snapshot, even if other processes write. A store of an earlier release is migrated in a private
+/// temporary copy.
 ///
-/// **Errors**: nothing is at `path`, or no store, or a store of a newer release.
+/// **Errors**: `path` does not exist, is not a store, or is a store of a newer release.
 pub(super) fn open(path: &Path) -> Result<Connection, StoreError> {
     let (connection, path) = open_as_it_is(path)?;
     let failed = |source| StoreError::sqlite(&path, "read the store", source);
@@ -27,7 +27,7 @@ pub(super) fn open(path: &Path) -> Result<Connection, StoreError> {
     if version == SCHEMA_VERSION {
         return Ok(connection);
     }
-    // A file without a name, which goes with its connection.
+    // An unnamed temporary file, which is deleted with its connection.
     let mut copy = Connection::open("").map_err(failed)?;
     let copied = Backup::new(&connection, &mut copy)
         .and_then(|backup| backup.run_to_completion(PAGES_AT_A_TIME, Duration::ZERO, None));
@@ -43,11 +43,11 @@ pub(super) fn open(path: &Path) -> Result<Connection, StoreError> {
 pub(super) fn count(path: &Path) -> Result<usize, StoreError> {
     let (connection, _) = open_as_it_is(path)?;
     let count = "SELECT count(*) FROM run WHERE status IN ('completed', 'failed')";
-    // What cannot be counted is met again when it is read.
+    // An error here occurs again when the runs are read.
     Ok(connection.query_row(count, [], |row| row.get(0)).unwrap_or(0))
 }
 
-/// A connection to the store with the schema that it has, in a transaction, and the absolute path.
+/// A connection to the store with its own schema, in a transaction, and the absolute path.
 fn open_as_it_is(path: &Path) -> Result<(Connection, PathBuf), StoreError> {
     let (connection, path) = file::open_reader(path).map_err(in_words_of_a_merge)?;
     connection
@@ -57,17 +57,17 @@ fn open_as_it_is(path: &Path) -> Result<(Connection, PathBuf), StoreError> {
     Ok((connection, path))
 }
 
-/// An error of opening, without the advice to name another target.
+/// Converts an error of opening a store to one without advice about the target.
 fn in_words_of_a_merge(error: StoreError) -> StoreError {
     let not_mergeable =
         |path, reason: &str| StoreError::NotMergeable { path, reason: reason.to_owned() };
     match error {
-        StoreError::Missing { path } => not_mergeable(path, "no store is there"),
-        StoreError::MissingFolder { path, .. } => not_mergeable(path, "no store is there"),
+        StoreError::Missing { path } => not_mergeable(path, "it does not exist"),
+        StoreError::MissingFolder { path, .. } => not_mergeable(path, "it does not exist"),
         StoreError::Empty { path } => not_mergeable(path, "it is an empty file"),
         StoreError::NotAStore { path, what } => not_mergeable(path, &format!("it is {what}")),
         StoreError::Foreign { path } => {
-            not_mergeable(path, "it is a SQLite file that jitai did not make")
+            not_mergeable(path, "it is a SQLite file of another program")
         }
         other => other,
     }

@@ -1,4 +1,4 @@
-//! Sources read on several threads, and written on one in their order.
+//! Reading sources on several threads, and writing them on one thread in order.
 
 use std::collections::VecDeque;
 use std::num::NonZeroUsize;
@@ -15,16 +15,16 @@ use crate::store::writer::Store;
 use super::merged::{Conflict, Damage, MergeProgress, Merged, OtherManifest};
 use super::snapshot;
 
-/// Threads that read at most: one that writes is kept busy by two or three.
+/// The maximum number of reading threads: two or three suffice for one writer.
 const MOST_READERS: usize = 4;
 
-/// Batches of a source that wait to be written.
+/// The number of batches of a source that may wait to be written.
 const WAITING: usize = 1;
 
-/// Part of a source, as a reading thread hands it over.
+/// A part of a source, as sent by a reading thread.
 enum Message {
     Batch(Batch),
-    /// The last one: whether part of the list of runs cannot be read, or why none can be.
+    /// The last message: whether part of the list of runs is unreadable, or why the source could not be read.
     End(Result<bool, StoreError>),
 }
 
@@ -34,26 +34,45 @@ struct Task<'a> {
     to: SyncSender<Message>,
 }
 
-/// Copies the completed runs of the stores at `sources` whose results are as they were stored, and
-/// the failed runs, with their jobs and experiments, into `into`, where it lacks them. Merging again
-/// inserts nothing. `hear` is told after every transaction how far the merge is.
+/// Stores that can be merged: each could be opened, and is of this or an earlier release.
+#[derive(Clone, Debug)]
+pub struct Sources {
+    paths: Vec<PathBuf>,
+    runs: usize,
+}
+
+impl Sources {
+    /// The stores at `paths`. Call this before opening the target, so that a rejected merge creates no empty
+    /// target.
+    ///
+    /// **Errors**: a path holds no store, or a store of a newer release. A damaged store is not an error
+    /// here: [`merge`] reports it.
+    pub fn open(paths: Vec<PathBuf>) -> Result<Sources, StoreError> {
+        let mut runs = 0;
+        for path in &paths {
+            runs += match snapshot::count(path) {
+                Err(StoreError::Damaged { .. }) => 0,
+                counted => counted?,
+            };
+        }
+        Ok(Sources { paths, runs })
+    }
+}
+
+/// Copies the verified completed runs and the failed runs of `sources`, with their jobs and experiments, into
+/// `into`, unless it has them. Merging again inserts nothing. Calls `hear` after every transaction.
 ///
-/// A source that another process is writing to is read as it was at one moment.
+/// If another process is writing to a source, the merge reads a snapshot of it.
 ///
-/// **Errors**: a source is no store, or a store of a newer release, and then nothing has been
-/// written; `into` cannot be written. Runs that were copied before stay.
+/// **Errors**: a source can no longer be read, or `into` cannot be written. Runs that were copied before
+/// remain.
 pub fn merge(
-    sources: &[PathBuf],
+    sources: &Sources,
     into: &mut Store,
     mut hear: impl FnMut(MergeProgress),
 ) -> Result<Merged, StoreError> {
-    let mut progress = MergeProgress { done: 0, of: 0 };
-    for path in sources {
-        progress.of += match snapshot::count(path) {
-            Err(StoreError::Damaged { .. }) => 0,
-            counted => counted?,
-        };
-    }
+    let Sources { paths: sources, runs } = sources;
+    let mut progress = MergeProgress { done: 0, of: *runs };
     into.release_all_dead_sessions()?;
     let target = into.path().to_owned();
     let cores = thread::available_parallelism().map_or(1, NonZeroUsize::get);
@@ -69,7 +88,7 @@ pub fn merge(
         let mut ahead = sources.iter();
         let mut begun: VecDeque<(&Path, Receiver<Message>)> = VecDeque::new();
         loop {
-            // No source is read long before it is written, so that few batches wait.
+            // Sources are read only shortly before they are written, so that few batches wait.
             while begun.len() <= readers
                 && let Some(path) = ahead.next()
             {
@@ -86,7 +105,7 @@ pub fn merge(
     })
 }
 
-/// Reads one source after the other until there is no more, or nobody takes what is read.
+/// Reads one source after the other until no source is left or the receiver is gone.
 fn read_all(tasks: &Mutex<Receiver<Task<'_>>>, target: &Path) {
     loop {
         let task = tasks.lock().unwrap_or_else(PoisonError::into_inner).recv();
@@ -109,7 +128,7 @@ fn read_all(tasks: &Mutex<Receiver<Task<'_>>>, target: &Path) {
     }
 }
 
-/// Writes one source; `handled` is told of how many runs after each transaction.
+/// Writes one source; calls `handled` with the number of runs after each transaction.
 fn take(
     merged: &mut Merged,
     path: &Path,
@@ -119,7 +138,7 @@ fn take(
 ) -> Result<(), StoreError> {
     let damage = |what: String| Damage { source: path.to_owned(), job_key: None, what };
     let mut copier = Copier::default();
-    // A thread that panicked sends no end, and the scope passes its panic on.
+    // A thread that panicked sends no last message; the scope propagates its panic.
     for message in from {
         match message {
             Message::Batch(batch) => {

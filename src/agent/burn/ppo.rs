@@ -1,0 +1,276 @@
+//! Updates of PPO.
+
+use std::io;
+
+use burn::module::{Module, ModuleVisitor, Param};
+use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
+use burn::tensor::{Device, Tensor, activation};
+
+use crate::agent::Weights;
+use crate::agent::burn::recurrent::Unrolled;
+use crate::agent::burn::state::{restore_module, restore_optimizer, save_module, save_optimizer};
+use crate::agent::burn::{
+    ActorCritic, RecurrentActorCritic, column, device, input, matrix, numbers,
+};
+use crate::agent::policy::ActionNetwork;
+use crate::agent::ppo::{ADAM_EPSILON, Losses, Minibatch, Ppo, PpoEngine, Sequences};
+use crate::env::Observations;
+use crate::kernel::LEAST_NORM;
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
+
+/// A module that PPO trains.
+pub trait BurnActorCritic: Module + ActionNetwork + Send + 'static {
+    /// Logits, \[rows, actions\], and values, \[rows, 1\], of the next observations of episodes;
+    /// `memory` is as in [`ActionNetwork::recall`].
+    fn outputs(&self, observations: &Observations, memory: &mut [f32]) -> (Tensor<2>, Tensor<2>);
+
+    /// Logits and values as in [`BurnActorCritic::outputs`] for the rows of a minibatch. A network
+    /// with memory replays their sequences.
+    fn replay(&self, minibatch: &Minibatch, device: &Device) -> (Tensor<2>, Tensor<2>);
+
+    /// The weights, by name.
+    fn weights(&self) -> Weights;
+}
+
+/// The policy and value networks with their optimiser.
+pub struct BurnPpo<N = ActorCritic> {
+    network: N,
+    /// The network without gradients; set by the first evaluation after an update.
+    evaluated: Option<N>,
+    optimizer: ModuleOptimizer,
+    parameters: Ppo,
+}
+
+/// The loss and its parts, each a tensor of one element.
+pub struct LossTensors {
+    /// The loss that is minimised.
+    pub loss: Tensor<1>,
+    /// See [`Losses::policy`].
+    pub policy: Tensor<1>,
+    /// See [`Losses::value`].
+    pub value: Tensor<1>,
+    /// See [`Losses::entropy`].
+    pub entropy: Tensor<1>,
+    /// See [`Losses::approx_kl`].
+    pub approx_kl: Tensor<1>,
+}
+
+impl<N: BurnActorCritic> BurnPpo<N> {
+    /// An engine that starts from this network.
+    pub fn new(parameters: &Ppo, network: N) -> Self {
+        BurnPpo {
+            network,
+            evaluated: None,
+            optimizer: AdamConfig::new().with_epsilon(ADAM_EPSILON).init(),
+            parameters: parameters.clone(),
+        }
+    }
+
+    /// The loss of a minibatch.
+    pub fn loss(network: &N, minibatch: &Minibatch, parameters: &Ppo) -> LossTensors {
+        let device = device::training();
+        let rows = minibatch.rows();
+        let column_of = |numbers: &[f32]| matrix(numbers.to_vec(), rows, &device);
+        let steps = minibatch.steps() as f64;
+        let real = minibatch.sequences.as_ref().map(|sequences| {
+            let real: Vec<f32> = sequences.real.iter().map(|real| f32::from(*real)).collect();
+            column_of(&real)
+        });
+        // The mean over the steps that count.
+        let mean = |numbers: Tensor<2>| match &real {
+            Some(real) => (numbers * real.clone()).sum().div_scalar(steps),
+            None => numbers.mean(),
+        };
+        let (logits, values) = network.replay(minibatch, &device);
+
+        let logs = activation::log_softmax(logits, 1);
+        let entropy = mean((logs.clone().exp() * logs.clone()).sum_dim(1)).neg();
+        let chosen = logs.gather(1, column(&minibatch.actions, &device));
+        let log_ratio = chosen - column_of(&minibatch.log_probabilities);
+        let ratio = log_ratio.clone().exp();
+        let approx_kl = mean(ratio.clone() - log_ratio).sub_scalar(1.0);
+        let losses = column_of(&minibatch.advantages).neg();
+        let bounded = ratio.clone().clamp(1.0 - parameters.clip, 1.0 + parameters.clip);
+        let policy = mean((ratio * losses.clone()).max_pair(bounded * losses));
+
+        let returns = column_of(&minibatch.returns);
+        let squares = (values.clone() - returns.clone()).square();
+        let squares = if parameters.clip_value_loss {
+            let old = column_of(&minibatch.values);
+            let moved = (values - old.clone()).clamp(-parameters.clip, parameters.clip);
+            squares.max_pair((old + moved - returns).square())
+        } else {
+            squares
+        };
+        let value = mean(squares).mul_scalar(0.5);
+
+        let loss = policy.clone() - entropy.clone().mul_scalar(parameters.ent_coef)
+            + value.clone().mul_scalar(parameters.vf_coef);
+        LossTensors { loss, policy, value, entropy, approx_kl }
+    }
+
+    /// The gradients of a loss, scaled so that their norm over all parameters is at most
+    /// `max_grad_norm`.
+    fn gradients(&self, loss: Tensor<1>) -> GradientsParams {
+        let mut squares = Squares(GradientsParams::from_grads(loss.backward(), &self.network), 0.0);
+        self.network.visit(&mut squares);
+        let Squares(gradients, sum) = squares;
+        let factor = self.parameters.max_grad_norm / (sum.sqrt() + f64::from(LEAST_NORM));
+        if factor >= 1.0 {
+            return gradients;
+        }
+        let mut scaled = Scaled(gradients, factor);
+        self.network.visit(&mut scaled);
+        scaled.0
+    }
+}
+
+/// Accumulates the squares of the gradients of all parameters.
+struct Squares(GradientsParams, f64);
+
+impl ModuleVisitor for Squares {
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        if let Some(gradient) = self.0.get::<D>(param.id) {
+            self.1 += f64::from(gradient.square().sum().into_scalar::<f32>());
+        }
+    }
+}
+
+/// Scales the gradients of all parameters by a factor.
+struct Scaled(GradientsParams, f64);
+
+impl ModuleVisitor for Scaled {
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        if let Some(gradient) = self.0.remove::<D>(param.id) {
+            self.0.register(param.id, gradient.mul_scalar(self.1));
+        }
+    }
+}
+
+impl<N: BurnActorCritic> PpoEngine for BurnPpo<N> {
+    type Network = N;
+
+    fn memory(&self) -> usize {
+        self.network.memory()
+    }
+
+    fn evaluate(
+        &mut self,
+        observations: &Observations,
+        memory: &mut [f32],
+        logits: &mut Vec<f32>,
+        values: &mut Vec<f32>,
+    ) {
+        let network = self.evaluated.get_or_insert_with(|| self.network.valid());
+        let (of_actions, of_states) = network.outputs(observations, memory);
+        *logits = numbers(of_actions);
+        *values = numbers(of_states);
+    }
+
+    fn update(&mut self, minibatch: &Minibatch, learning_rate: f64) -> Losses {
+        let found = BurnPpo::loss(&self.network, minibatch, &self.parameters);
+        let losses = Losses {
+            loss: found.loss.clone().into_scalar(),
+            policy: found.policy.into_scalar(),
+            value: found.value.into_scalar(),
+            entropy: found.entropy.into_scalar(),
+            approx_kl: found.approx_kl.into_scalar(),
+        };
+        if losses.loss.is_finite() {
+            let gradients = self.gradients(found.loss);
+            self.evaluated = None;
+            // The optimiser consumes the module and returns the updated one.
+            self.network = self.optimizer.step(learning_rate, self.network.clone(), gradients);
+        }
+        losses
+    }
+
+    fn network(&self) -> N {
+        self.network.valid()
+    }
+
+    fn weights(&self) -> Weights {
+        self.network.weights()
+    }
+}
+
+impl BurnActorCritic for ActorCritic {
+    fn outputs(&self, observations: &Observations, _: &mut [f32]) -> (Tensor<2>, Tensor<2>) {
+        self.forward(input(observations, &device::inference()))
+    }
+
+    fn replay(&self, minibatch: &Minibatch, device: &Device) -> (Tensor<2>, Tensor<2>) {
+        self.forward(input(&minibatch.observations, device))
+    }
+
+    fn weights(&self) -> Weights {
+        ActorCritic::weights(self)
+    }
+}
+
+impl ActionNetwork for ActorCritic {
+    fn evaluate(&mut self, observations: &Observations, out: &mut Vec<f32>) {
+        *out = numbers(self.logits(input(observations, &device::inference())));
+    }
+}
+
+impl RecurrentActorCritic {
+    /// Advances the memory by one step; returns the new states.
+    fn recalled(&self, observations: &Observations, memory: &mut [f32]) -> Tensor<2> {
+        let device = device::inference();
+        let states = matrix(memory.to_vec(), observations.rows(), &device);
+        let states = self.step(input(observations, &device), states);
+        memory.copy_from_slice(&numbers(states.clone()));
+        states
+    }
+}
+
+impl BurnActorCritic for RecurrentActorCritic {
+    fn outputs(&self, observations: &Observations, memory: &mut [f32]) -> (Tensor<2>, Tensor<2>) {
+        self.heads(self.recalled(observations, memory))
+    }
+
+    fn replay(&self, minibatch: &Minibatch, device: &Device) -> (Tensor<2>, Tensor<2>) {
+        let sequences = minibatch.sequences.as_ref().expect("a network with memory has sequences");
+        let Sequences { lanes, memory, firsts, .. } = sequences;
+        let sequences = Unrolled {
+            observations: &minibatch.observations,
+            lanes: *lanes,
+            memory: Some(memory),
+            firsts,
+            cuts: &[],
+        };
+        self.heads(self.unroll(&sequences, device))
+    }
+
+    fn weights(&self) -> Weights {
+        RecurrentActorCritic::weights(self)
+    }
+}
+
+impl ActionNetwork for RecurrentActorCritic {
+    fn evaluate(&mut self, observations: &Observations, out: &mut Vec<f32>) {
+        self.recall(observations, &mut vec![0.0; observations.rows() * self.units()], out);
+    }
+
+    fn memory(&self) -> usize {
+        self.units()
+    }
+
+    fn recall(&mut self, observations: &Observations, memory: &mut [f32], out: &mut Vec<f32>) {
+        *out = numbers(self.outputs(observations, memory).0);
+    }
+}
+
+impl<N: BurnActorCritic> Resumable for BurnPpo<N> {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        save_module(&self.network, out)?;
+        save_optimizer(&self.optimizer, out)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.evaluated = None;
+        restore_module(&mut self.network, from)?;
+        restore_optimizer(&mut self.optimizer, from)
+    }
+}

@@ -1,0 +1,243 @@
+//! Networks with a GRU, as Burn modules.
+
+use burn::module::Module;
+use burn::nn::Linear;
+use burn::tensor::{Device, Tensor, activation};
+
+use crate::agent::burn::matrix;
+use crate::agent::burn::network::{HiddenLayers, linear, store_linear};
+use crate::agent::layers::{self, Layer};
+use crate::agent::weights::{Weights, WeightsError};
+use crate::agent::{Activation, DuelingDqn, Ppo};
+use crate::env::Observations;
+
+/// A GRU between hidden layers.
+///
+/// **Source**: Cho et al., "Learning phrase representations using RNN encoder-decoder for
+/// statistical machine translation", 2014, in PyTorch's form: the reset gate multiplies the output
+/// of the linear layer on the state, bias included, instead of the state itself.
+#[derive(Module, Debug)]
+struct GruLayers {
+    trunk: HiddenLayers,
+    gru_input: Linear,
+    gru_hidden: Linear,
+    trunk_after: HiddenLayers,
+}
+
+/// Sequences of observations, side by side.
+pub(super) struct Unrolled<'a> {
+    pub(super) observations: &'a Observations,
+    /// The number of sequences.
+    pub(super) lanes: usize,
+    /// \[lanes, units\]: the states before the first step; `None` for zeros.
+    pub(super) memory: Option<&'a [f32]>,
+    /// \[rows\]: whether a step is the first of an episode, at which the state is zero.
+    pub(super) firsts: &'a [bool],
+    /// \[rows\]: whether no gradient passes from a step to the step before; empty if all gradients
+    /// pass.
+    pub(super) cuts: &'a [bool],
+}
+
+impl GruLayers {
+    fn from_weights(
+        layers: &layers::Recurrent,
+        activation: Activation,
+        weights: &Weights,
+        device: &Device,
+    ) -> Result<Self, WeightsError> {
+        let hidden =
+            |layers: &[Layer]| HiddenLayers::from_weights(layers, activation, weights, device);
+        Ok(GruLayers {
+            trunk: hidden(&layers.before)?,
+            gru_input: linear(&layers.gru[0], weights, device)?,
+            gru_hidden: linear(&layers.gru[1], weights, device)?,
+            trunk_after: hidden(&layers.after)?,
+        })
+    }
+
+    fn units(&self) -> usize {
+        self.gru_hidden.weight.dims()[0]
+    }
+
+    /// The states after observations, given the states before.
+    ///
+    /// **Shapes**: \[rows, width\] and \[rows, units\] to \[rows, units\].
+    fn step(&self, observations: Tensor<2>, states: Tensor<2>) -> Tensor<2> {
+        let units = self.units();
+        let gates = |all: &Tensor<2>| all.clone().narrow(1, 0, 2 * units);
+        let new = |all: Tensor<2>| all.narrow(1, 2 * units, units);
+        let from_input = self.gru_input.forward(self.trunk.forward(observations));
+        let from_state = self.gru_hidden.forward(states.clone());
+        let both = activation::sigmoid(gates(&from_input) + gates(&from_state));
+        let (reset, update) = (both.clone().narrow(1, 0, units), both.narrow(1, units, units));
+        let new = activation::tanh(new(from_input) + reset * new(from_state));
+        new.clone() + update * (states - new)
+    }
+
+    /// The states after every step of sequences, \[rows, units\].
+    ///
+    /// Each step's observations become a tensor of their own. Slicing one tensor of all steps would
+    /// cost a gradient of the size of all steps per slice.
+    fn unroll(&self, sequences: &Unrolled<'_>, device: &Device) -> Tensor<2> {
+        let Unrolled { observations, lanes, memory, firsts, cuts } = *sequences;
+        let written = observations.written_out();
+        let width = written.len() / observations.rows();
+        let zeros = || vec![0.0; lanes * self.units()];
+        let mut states = matrix(memory.map_or_else(zeros, <[f32]>::to_vec), lanes, device);
+        let marked = |marks: &[bool]| {
+            let marks = marks.iter().map(|mark| f32::from(*mark)).collect();
+            matrix(marks, lanes, device)
+        };
+        let steps = written.chunks_exact(lanes * width).enumerate();
+        let each = steps.map(|(step, observations)| {
+            let rows = step * lanes..(step + 1) * lanes;
+            let firsts = &firsts[rows.clone()];
+            if firsts.contains(&true) {
+                let kept: Vec<bool> = firsts.iter().map(|first| !first).collect();
+                states = states.clone() * marked(&kept);
+            }
+            if let Some(cuts) = cuts.get(rows).filter(|cuts| cuts.contains(&true)) {
+                let cut = marked(cuts);
+                let passed = cut.clone().neg().add_scalar(1.0);
+                states = states.clone() * passed + states.clone().detach() * cut;
+            }
+            states = self.step(matrix(observations.to_vec(), lanes, device), states.clone());
+            states.clone()
+        });
+        Tensor::cat(each.collect(), 0)
+    }
+
+    /// The units of the last hidden layer, given states.
+    fn after(&self, states: Tensor<2>) -> Tensor<2> {
+        self.trunk_after.forward(states)
+    }
+
+    fn store(&self, weights: &mut Weights) {
+        self.trunk.store("trunk", weights);
+        self.trunk_after.store("trunk_after", weights);
+        store_linear("gru_input", &self.gru_input, weights);
+        store_linear("gru_hidden", &self.gru_hidden, weights);
+    }
+}
+
+/// A policy and a state value that share a GRU between hidden layers.
+#[derive(Module, Debug)]
+pub struct RecurrentActorCritic {
+    layers: GruLayers,
+    logits: Linear,
+    value: Linear,
+}
+
+impl RecurrentActorCritic {
+    /// Networks with these weights, for observations of `width` entries.
+    ///
+    /// **Errors**: an array is missing or of another shape.
+    pub fn from_weights(
+        parameters: &Ppo,
+        width: usize,
+        weights: &Weights,
+        device: &Device,
+    ) -> Result<Self, WeightsError> {
+        let layers = layers::Recurrent::actor_critic(parameters, width);
+        Ok(RecurrentActorCritic {
+            logits: linear(&layers.heads[0], weights, device)?,
+            value: linear(&layers.heads[1], weights, device)?,
+            layers: GruLayers::from_weights(&layers, parameters.activation, weights, device)?,
+        })
+    }
+
+    /// Units of the GRU.
+    pub fn units(&self) -> usize {
+        self.layers.units()
+    }
+
+    /// The states after observations, given the states before.
+    ///
+    /// **Shapes**: \[rows, width\] and \[rows, units\] to \[rows, units\].
+    pub fn step(&self, observations: Tensor<2>, states: Tensor<2>) -> Tensor<2> {
+        self.layers.step(observations, states)
+    }
+
+    /// The states after every step of sequences, \[rows, units\].
+    pub(super) fn unroll(&self, sequences: &Unrolled<'_>, device: &Device) -> Tensor<2> {
+        self.layers.unroll(sequences, device)
+    }
+
+    /// Logits and values in states.
+    ///
+    /// **Shapes**: \[rows, units\] to \[rows, actions\] and \[rows, 1\].
+    pub fn heads(&self, states: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
+        let shared = self.layers.after(states);
+        (self.logits.forward(shared.clone()), self.value.forward(shared))
+    }
+
+    /// The weights, by name.
+    pub fn weights(&self) -> Weights {
+        let mut weights = Weights::default();
+        self.layers.store(&mut weights);
+        store_linear("logits", &self.logits, &mut weights);
+        store_linear("value", &self.value, &mut weights);
+        weights
+    }
+}
+
+/// Action values Q = V + A - mean A behind a GRU.
+#[derive(Module, Debug)]
+pub struct RecurrentDuelingQNetwork {
+    layers: GruLayers,
+    advantage: Linear,
+    value: Linear,
+}
+
+impl RecurrentDuelingQNetwork {
+    /// A network with these weights, for observations of `width` entries.
+    ///
+    /// **Errors**: an array is missing or of another shape.
+    pub fn from_weights(
+        parameters: &DuelingDqn,
+        width: usize,
+        weights: &Weights,
+        device: &Device,
+    ) -> Result<Self, WeightsError> {
+        let layers = layers::Recurrent::dueling(parameters, width);
+        Ok(RecurrentDuelingQNetwork {
+            advantage: linear(&layers.heads[0], weights, device)?,
+            value: linear(&layers.heads[1], weights, device)?,
+            layers: GruLayers::from_weights(&layers, parameters.activation, weights, device)?,
+        })
+    }
+
+    /// Units of the GRU.
+    pub fn units(&self) -> usize {
+        self.layers.units()
+    }
+
+    /// The states after observations, given the states before; shapes as in
+    /// [`RecurrentActorCritic::step`].
+    pub fn step(&self, observations: Tensor<2>, states: Tensor<2>) -> Tensor<2> {
+        self.layers.step(observations, states)
+    }
+
+    /// The states after every step of sequences, \[rows, units\].
+    pub(super) fn unroll(&self, sequences: &Unrolled<'_>, device: &Device) -> Tensor<2> {
+        self.layers.unroll(sequences, device)
+    }
+
+    /// Action values in states.
+    ///
+    /// **Shapes**: \[rows, units\] to \[rows, actions\].
+    pub fn values(&self, states: Tensor<2>) -> Tensor<2> {
+        let shared = self.layers.after(states);
+        let advantage = self.advantage.forward(shared.clone());
+        self.value.forward(shared) + advantage.clone() - advantage.mean_dim(1)
+    }
+
+    /// The weights, by name.
+    pub fn weights(&self) -> Weights {
+        let mut weights = Weights::default();
+        self.layers.store(&mut weights);
+        store_linear("advantage", &self.advantage, &mut weights);
+        store_linear("value", &self.value, &mut weights);
+        weights
+    }
+}

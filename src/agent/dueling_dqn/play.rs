@@ -1,0 +1,158 @@
+//! The part that dueling DQNs with and without memory share: play one episode at a time, explore,
+//! and count updates. It knows neither networks nor replay buffers.
+
+use std::{io, mem};
+
+use crate::agent::actor::StepObserver;
+use crate::agent::dueling_dqn::DuelingDqn;
+use crate::agent::learner::{Actions, Diverged, LearnerError, TrainedEpisode};
+use crate::agent::policy::{epsilon_greedy_probability, explore};
+use crate::agent::replay::Transition;
+use crate::env::{Action, EpisodeStatus, LaneSet, LaneStreams, Observations, VectorEnvironment};
+use crate::rng::{Purpose, Stream};
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
+
+/// The running episode of a dueling DQN, and its progress in training.
+pub(super) struct Play<Env> {
+    pub(super) parameters: DuelingDqn,
+    epsilon: f64,
+    updates: u64,
+    /// The running episode, if there is one: its environment, and its record so far.
+    pub(super) environment: Env,
+    episode: TrainedEpisode,
+    environment_streams: LaneStreams,
+    exploration_stream: Stream,
+    pub(super) replay_stream: Stream,
+    /// The current observation; between a step and [`Play::move_on`], the observation before the
+    /// step.
+    pub(super) observation: Observations,
+    /// The observation after a step.
+    pub(super) next_observation: Observations,
+}
+
+impl<Env: VectorEnvironment> Play<Env> {
+    /// The state before the first episode, in an environment of one lane.
+    pub(super) fn new(parameters: &DuelingDqn, environment: Env, seed: u64) -> Self {
+        let none = environment.observation_spec().observations();
+        Play {
+            parameters: parameters.clone(),
+            epsilon: parameters.epsilon_start,
+            updates: 0,
+            environment,
+            episode: TrainedEpisode::default(),
+            environment_streams: LaneStreams::Shared(Stream::new(seed, Purpose::Environment)),
+            exploration_stream: Stream::new(seed, Purpose::Exploration),
+            replay_stream: Stream::new(seed, Purpose::Replay),
+            observation: none.clone(),
+            next_observation: none,
+        }
+    }
+
+    /// A random action, if the agent explores in this step.
+    pub(super) fn explore(&mut self) -> Option<Action> {
+        explore(self.epsilon, &mut self.exploration_stream)
+    }
+
+    /// The probability of an action, given whether it is the greedy action.
+    pub(super) fn probability(&self, is_greedy: bool) -> f64 {
+        epsilon_greedy_probability(self.epsilon, is_greedy)
+    }
+
+    /// Begins an episode.
+    pub(super) fn begin(&mut self) {
+        self.environment.reset(LaneSet::All, &mut self.environment_streams);
+        self.environment.observe(&mut self.observation);
+        self.episode = TrainedEpisode::default();
+    }
+
+    /// Takes a step; returns the transition for the replay buffer, and the step's part of the
+    /// return.
+    pub(super) fn step(
+        &mut self,
+        action: Action,
+        observer: Option<&mut dyn StepObserver<Env>>,
+    ) -> (Transition, f64) {
+        let mut reward = [0.0];
+        self.environment.step(&[action], &mut reward, &mut self.environment_streams);
+        if let Some(observer) = observer {
+            observer.paid(&self.environment, &reward);
+        }
+        let status = self.environment.statuses()[0];
+        let scaled = (reward[0] / self.parameters.reward_scale) as f32;
+        self.environment.observe(&mut self.next_observation);
+        let outcome = self.environment.outcomes(&reward)[0];
+        (Transition { action, reward: scaled, status }, outcome)
+    }
+
+    /// Makes the observation after a step the current one.
+    pub(super) fn move_on(&mut self) {
+        mem::swap(&mut self.observation, &mut self.next_observation);
+    }
+
+    /// Adds a step to the record of the episode; returns whether an update may follow.
+    pub(super) fn count_step(&mut self, outcome: f64) -> bool {
+        self.episode.total_reward += outcome;
+        self.episode.length += 1;
+        self.episode.length.is_multiple_of(self.parameters.update_interval)
+    }
+
+    /// Whether the target network is renewed before the next update.
+    pub(super) fn renews_target(&self) -> bool {
+        self.updates.is_multiple_of(u64::from(self.parameters.target_period))
+    }
+
+    /// Counts an update and lowers the exploration rate.
+    ///
+    /// **Errors**: the loss is not finite.
+    pub(super) fn count_update(&mut self, loss: f32) -> Result<(), LearnerError> {
+        self.updates += 1;
+        if !loss.is_finite() {
+            return Err(Diverged { update: self.updates, loss }.into());
+        }
+        self.epsilon =
+            (self.epsilon - self.parameters.epsilon_decrement).max(self.parameters.epsilon_floor);
+        self.episode.loss_sum += f64::from(loss);
+        self.episode.updates += 1;
+        Ok(())
+    }
+
+    /// The record of the episode that has ended.
+    pub(super) fn finished(&mut self) -> TrainedEpisode {
+        self.episode.terminated = self.environment.statuses()[0] == EpisodeStatus::Terminated;
+        self.episode.epsilon = Some(self.epsilon);
+        self.episode
+    }
+
+    /// The exploration rate in tests of the policy.
+    pub(super) fn tested_epsilon(&self, actions: Actions) -> f64 {
+        match actions {
+            Actions::AsTrained => self.epsilon,
+            Actions::Greedy => 0.0,
+        }
+    }
+}
+
+impl<Env: VectorEnvironment> Resumable for Play<Env> {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        out.one(self.epsilon)?;
+        out.one(self.updates)?;
+        self.environment.save(out)?;
+        self.episode.save(out)?;
+        self.environment_streams.save(out)?;
+        self.exploration_stream.save(out)?;
+        self.replay_stream.save(out)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.epsilon = from.one()?;
+        self.updates = from.one()?;
+        self.environment.restore(from)?;
+        self.episode.restore(from)?;
+        self.environment_streams.restore(from)?;
+        self.exploration_stream.restore(from)?;
+        self.replay_stream.restore(from)?;
+        // Between steps, the environment itself gives the current observation.
+        self.environment.observe(&mut self.observation);
+        Ok(())
+    }
+}

@@ -1,0 +1,28 @@
+//! The declaration of an outside program as an agent.
+
+use crate::key::Kind;
+use crate::keys;
+
+keys! {
+    /// A program of the author's that trains and acts; `docs/external.md` has its protocol.
+    pub struct External {
+        /// the program and its arguments, started without a shell in the folder of the manifest
+        command: Vec<String>, in Kind::Words { most: 1000, longest: 10_000 };
+        /// version of the program, a text; another version makes other jobs
+        version: String, in Kind::Text { most: 100 };
+        /// maximum number of training episodes
+        episodes: u32 = 1000, in Kind::EPISODES;
+    }
+}
+
+impl External {
+    /// The command as a user would type it.
+    pub fn shown(&self) -> String {
+        let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,+@%".contains(c);
+        let shown = |word: &String| match !word.is_empty() && word.chars().all(is_plain) {
+            true => word.clone(),
+            false => format!("'{}'", word.replace('\'', "'\\''")),
+        };
+        self.command.iter().map(shown).collect::<Vec<_>>().join(" ")
+    }
+}

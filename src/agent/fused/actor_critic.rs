@@ -1,0 +1,148 @@
+//! Policy and value of PPO, each with layers of its own.
+
+use crate::agent::fused::ppo_loss::{Objective, PpoLoss, ROWS, Sums};
+use crate::agent::fused::ppo_network::FusedPpoNetwork;
+use crate::agent::fused::stack::{BLOCK, Stack, Workspace, blocks};
+use crate::agent::policy::ActionNetwork;
+use crate::agent::ppo::{Losses, Minibatch, Ppo};
+use crate::agent::{Weights, WeightsError, layers};
+use crate::env::{Action, Observations};
+use crate::kernel::{Aligned, Isa};
+
+/// Policy and value networks of PPO in flat arrays; as an [`ActionNetwork`] it is the policy.
+#[derive(Clone, Debug)]
+pub struct FusedActorCritic {
+    isa: Isa,
+    policy: Stack,
+    value: Stack,
+    parameters: Aligned,
+    policy_workspace: Workspace,
+    value_workspace: Workspace,
+}
+
+impl FusedActorCritic {
+    /// Networks with these weights, for observations of `inputs` entries.
+    ///
+    /// **Errors**: an array is missing or of another shape.
+    pub fn new(
+        parameters: &Ppo,
+        inputs: usize,
+        weights: &Weights,
+        isa: Isa,
+    ) -> Result<Self, WeightsError> {
+        let [policy, value] = layers::actor_critic(parameters, inputs);
+        let policy = Stack::new(policy, parameters.activation, 0);
+        let value = Stack::new(value, parameters.activation, policy.end());
+        let mut flat = Aligned::zeros(value.end());
+        policy.load(weights, &mut flat)?;
+        value.load(weights, &mut flat)?;
+        Ok(FusedActorCritic {
+            isa,
+            policy_workspace: policy.workspace(),
+            value_workspace: value.workspace(),
+            policy,
+            value,
+            parameters: flat,
+        })
+    }
+
+    /// Replaces `out` by the values of observations, \[rows\].
+    fn values(&mut self, observations: &Observations, out: &mut Vec<f32>) {
+        out.clear();
+        for rows in blocks(observations.rows()) {
+            let count = rows.len();
+            let observations = (observations, rows);
+            self.value.forward(self.isa, &self.parameters, observations, &mut self.value_workspace);
+            out.extend_from_slice(&self.value_workspace.outputs[..count]);
+        }
+    }
+}
+
+impl ActionNetwork for FusedActorCritic {
+    fn evaluate(&mut self, observations: &Observations, out: &mut Vec<f32>) {
+        out.clear();
+        for rows in blocks(observations.rows()) {
+            let count = rows.len() * Action::COUNT;
+            let observations = (observations, rows);
+            let workspace = &mut self.policy_workspace;
+            self.policy.forward(self.isa, &self.parameters, observations, workspace);
+            out.extend_from_slice(&workspace.outputs[..count]);
+        }
+    }
+}
+
+impl FusedPpoNetwork for FusedActorCritic {
+    fn from_weights(
+        parameters: &Ppo,
+        inputs: usize,
+        weights: &Weights,
+        isa: Isa,
+    ) -> Result<Self, WeightsError> {
+        FusedActorCritic::new(parameters, inputs, weights, isa)
+    }
+
+    fn isa(&self) -> Isa {
+        self.isa
+    }
+
+    fn parameters(&self) -> &Aligned {
+        &self.parameters
+    }
+
+    fn parameters_mut(&mut self) -> &mut Aligned {
+        &mut self.parameters
+    }
+
+    fn named(&self, flat: &[f32]) -> Weights {
+        let mut weights = Weights::default();
+        self.policy.store(flat, &mut weights);
+        self.value.store(flat, &mut weights);
+        weights
+    }
+
+    fn outputs(
+        &mut self,
+        observations: &Observations,
+        _: &mut [f32],
+        logits: &mut Vec<f32>,
+        values: &mut Vec<f32>,
+    ) {
+        self.evaluate(observations, logits);
+        self.values(observations, values);
+    }
+
+    fn differentiate(
+        &mut self,
+        minibatch: &Minibatch,
+        objective: &Objective,
+        loss: &mut PpoLoss,
+        gradient: &mut [f32],
+    ) -> Losses {
+        let FusedActorCritic { isa, policy, value, parameters, policy_workspace, value_workspace } =
+            self;
+        policy.prepare(parameters, policy_workspace);
+        value.prepare(parameters, value_workspace);
+        let mut sums = Sums::default();
+        for block in blocks(minibatch.rows()) {
+            let observations = (&minibatch.observations, block.clone());
+            policy.forward(*isa, parameters, observations.clone(), policy_workspace);
+            value.forward(*isa, parameters, observations.clone(), value_workspace);
+            loss.load(minibatch, block.clone());
+            loss.load_outputs(
+                &policy_workspace.outputs[..block.len() * Action::COUNT],
+                &value_workspace.outputs[..block.len()],
+            );
+            sums.add(&loss.compute(*isa, objective, minibatch.rows()));
+            loss.store(
+                &mut policy_workspace.by_outputs[..block.len() * Action::COUNT],
+                &mut value_workspace.by_outputs[..block.len()],
+            );
+            policy.backward(*isa, parameters, observations.clone(), policy_workspace, gradient);
+            value.backward(*isa, parameters, observations, value_workspace, gradient);
+        }
+        sums.losses(objective, minibatch.rows())
+    }
+}
+
+// A block of rows of the layers is also a block of rows of the loss.
+const _: () = assert!(BLOCK == ROWS);

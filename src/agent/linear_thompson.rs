@@ -1,0 +1,148 @@
+//! Linear Thompson sampling: Bayesian linear regressions of the reward on the observation.
+//!
+//! Each action has its own regression, r = x'θ_a + N(0, noise_sd²), with a Gaussian prior. With
+//! action centring, all actions share one regression, in which the regressors of the actions are
+//! centred by the probabilities of the actions. The probability of an action is its posterior
+//! probability of being the best. The agent first computes the probabilities and then draws the
+//! action from them, so that the recorded probability is exact.
+//!
+//! **Source**: Karine, Murphy and Marlin, "BOTS: Batch Bayesian Optimization of Extended Thompson
+//! Sampling for Severely Episode-Limited RL Settings", 2024 (prior, noise, bias per action); Liao
+//! et al., "Personalized HeartSteps", 2020, and Greenewald et al., "Action centered contextual
+//! bandits", 2017 (centring). The centring extends Liao et al. to several messages.
+
+mod features;
+mod learner;
+mod normal;
+mod policy;
+mod posterior;
+mod regression;
+mod sampler;
+#[cfg(test)]
+mod tests;
+
+use crate::key::{Keyed, Kind};
+use crate::{choices, keys};
+
+pub use learner::LinearThompsonLearner;
+pub use policy::LinearThompsonPolicy;
+
+pub(super) use features::Design;
+pub(super) use posterior::Posterior;
+
+keys! {
+    /// Hyper-parameters of linear Thompson sampling; the defaults are those of BOTS.
+    pub struct LinearThompson {
+        /// episodes of training, those of the warm-up included
+        episodes: u32 = 1500, in Kind::EPISODES;
+        /// mean of every coefficient before any data
+        prior_mean: f64 = 0.0, in Kind::ANY_REAL;
+        /// standard deviation of every coefficient before any data
+        prior_sd: f64 = 10.0, in Kind::POSITIVE;
+        /// standard deviation of a reward around the regression
+        noise_sd: f64 = 25.0, in Kind::POSITIVE;
+        /// regressors of the reward: "linear", an intercept and the observation, or
+        /// "interactions", the products of two features as well
+        features: BanditFeatures = BanditFeatures::Linear;
+        /// whether all actions share one regression, in which action indicators are centred by
+        /// their probabilities; requires pi_min above 0
+        action_centring: bool = false;
+        /// episodes of uniformly random actions at the start of the training
+        warm_up: u32 = 0, in Kind::Integer { min: 0, max: 10_000_000 };
+        /// when new data change the policy: "step", at once, "episode", between episodes, or
+        /// "once", after the warm-up
+        update: BanditUpdate = BanditUpdate::Step;
+        /// episodes between two updates with the data of all earlier episodes
+        update_interval: u32 = 1, in Kind::EPISODES;
+        /// episodes between the warm-up and the first of these updates; 0 for update_interval
+        first_update: u32 = 0, in Kind::Integer { min: 0, max: 10_000_000 };
+        /// whether the posterior is "carried" from episode to episode, or "reset" to the one after the
+        /// warm-up
+        posterior: BanditPosterior = BanditPosterior::Carried;
+        /// whether coefficients are drawn for each "step" or for a whole "episode"
+        draw: BanditDraw = BanditDraw::Step;
+        /// bias added to the drawn reward of each action before the maximum is taken
+        action_bias: Vec<f64> = vec![0.0; 4], in Kind::Reals { count: 4, min: -1e6, max: 1e6 };
+        /// minimum probability of an action: p becomes pi_min + (1 - 4 pi_min) p
+        pi_min: f64 = 0.0, in Kind::Real { min: 0.0, max: 0.25 };
+        /// slope of a softmax over the drawn rewards, in 1/steps, which replaces the maximum; 0 for
+        /// the maximum
+        smoothing: f64 = 0.0, in Kind::NON_NEGATIVE;
+        /// number of draws that compute action probabilities; read with action_centring or
+        /// smoothing
+        probability_draws: u32 = 1000, in Kind::Integer { min: 100, max: 100_000 };
+    }
+}
+
+impl Default for LinearThompson {
+    fn default() -> Self {
+        LinearThompson::with_required(&[])
+    }
+}
+
+choices! {
+    /// The regressors of the reward.
+    pub enum BanditFeatures {
+        /// An intercept, the features, and the one-hot of time if observations have one.
+        Linear = "linear",
+        /// Also the products of pairs of different features.
+        Interactions = "interactions",
+    }
+}
+
+choices! {
+    /// When observed rewards change the choice of actions.
+    pub enum BanditUpdate {
+        /// After every step.
+        Step = "step",
+        /// Between episodes.
+        Episode = "episode",
+        /// Once, after the warm-up.
+        Once = "once",
+    }
+}
+
+choices! {
+    /// The posterior at the start of an episode.
+    pub enum BanditPosterior {
+        /// The posterior after all earlier episodes.
+        Carried = "carried",
+        /// The posterior after the warm-up.
+        Reset = "reset",
+    }
+}
+
+choices! {
+    /// How long drawn coefficients are used.
+    pub enum BanditDraw {
+        /// For one step; the probabilities of actions are averaged over draws.
+        Step = "step",
+        /// For a whole episode.
+        Episode = "episode",
+    }
+}
+
+impl LinearThompson {
+    /// Whether the posterior at the start of episodes is updated after this number of finished
+    /// episodes.
+    fn renews_after(&self, finished: u32) -> bool {
+        let Some(after) = finished.checked_sub(self.warm_up).filter(|after| *after > 0) else {
+            return finished > 0 && finished == self.warm_up;
+        };
+        let interval = self.update_interval.max(1);
+        let first = if self.first_update == 0 { interval } else { self.first_update };
+        let is_due = after >= first && (after - first).is_multiple_of(interval);
+        match (self.posterior, self.update) {
+            (BanditPosterior::Reset, _) | (_, BanditUpdate::Once) => false,
+            (BanditPosterior::Carried, BanditUpdate::Step | BanditUpdate::Episode) => is_due,
+        }
+    }
+
+    /// Whether a step changes later choices within its own episode.
+    fn learns_within(&self) -> bool {
+        match self.update {
+            BanditUpdate::Step => true,
+            BanditUpdate::Episode | BanditUpdate::Once => false,
+        }
+    }
+}

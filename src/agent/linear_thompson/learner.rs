@@ -1,0 +1,191 @@
+//! Linear Thompson sampling in training, one episode at a time.
+
+use std::io;
+
+use crate::agent::actor::{Actor, StepObserver, reborrowed};
+use crate::agent::learner::{Actions, Learner, LearnerError, Span, TrainedEpisode};
+use crate::agent::linear_thompson::posterior::{Acting, Decision, restore_drawn};
+use crate::agent::linear_thompson::sampler::{Sampler, pick};
+use crate::agent::linear_thompson::{Design, LinearThompson, LinearThompsonPolicy, Posterior};
+use crate::agent::weights::Weights;
+use crate::env::{
+    Action, EpisodeStatus, LaneSet, LaneStreams, Observations, PhysicalActivity, VectorEnvironment,
+};
+use crate::rng::{Purpose, Stream, unit_from_bits};
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
+
+/// A bandit in training, in an environment of one lane.
+pub struct LinearThompsonLearner<Env = PhysicalActivity> {
+    parameters: LinearThompson,
+    seed: u64,
+    design: Design,
+    sampler: Sampler,
+    /// Number of episodes that have ended.
+    finished: u32,
+    /// Number of steps learned from.
+    updates: u64,
+    /// The posterior after all steps so far.
+    learned: Posterior,
+    /// The posterior at the start of episodes.
+    known: Posterior,
+    /// The posterior from which actions are chosen.
+    acting: Acting,
+    /// Coefficients drawn for the episode; empty if none are drawn.
+    drawn: Vec<f64>,
+    decision: Decision,
+    /// The running episode, if there is one: its environment, and its record so far.
+    environment: Env,
+    episode: TrainedEpisode,
+    environment_streams: LaneStreams,
+    exploration_stream: Stream,
+    observations: Observations,
+}
+
+impl<Env: VectorEnvironment> LinearThompsonLearner<Env> {
+    /// A learner before its first episode, in an environment of one lane.
+    pub fn new(parameters: &LinearThompson, environment: Env, seed: u64) -> Self {
+        let spec = environment.observation_spec();
+        let design = Design::new(parameters.features, &spec);
+        let prior = Posterior::prior(parameters, design.width());
+        LinearThompsonLearner {
+            parameters: parameters.clone(),
+            seed,
+            design,
+            sampler: Sampler::new(parameters, seed),
+            finished: 0,
+            updates: 0,
+            learned: prior.clone(),
+            known: prior.clone(),
+            acting: Acting::new(prior).expect("a diagonal of positive numbers has a root"),
+            drawn: Vec::new(),
+            decision: Decision::default(),
+            environment,
+            episode: TrainedEpisode::default(),
+            environment_streams: LaneStreams::Shared(Stream::new(seed, Purpose::Environment)),
+            exploration_stream: Stream::new(seed, Purpose::Exploration),
+            observations: spec.observations(),
+        }
+    }
+
+    fn is_warm_up(&self) -> bool {
+        self.finished < self.parameters.warm_up
+    }
+
+    /// Chooses an action in the current state.
+    fn choose(&mut self) -> Result<(), LearnerError> {
+        self.environment.observe(&mut self.observations);
+        self.design.fill(&self.observations, 0, &mut self.decision.features);
+        let word = self.exploration_stream.bits();
+        if self.is_warm_up() {
+            let uniform = [1.0 / Action::COUNT as f64; Action::COUNT];
+            self.decision.probabilities = uniform;
+            self.decision.action = pick(&uniform, unit_from_bits(word));
+            return Ok(());
+        }
+        self.acting.refresh().map_err(|_| LearnerError::Singular { steps: self.updates })?;
+        let known = (&mut self.acting, &mut self.drawn);
+        let Decision { features, probabilities, action } = &mut self.decision;
+        (*probabilities, *action) = self.sampler.choose(Actions::AsTrained, known, features, word);
+        Ok(())
+    }
+
+    /// Takes one step in the running episode and learns from it.
+    fn step(
+        &mut self,
+        mut observer: Option<&mut dyn StepObserver<Env>>,
+    ) -> Result<(), LearnerError> {
+        self.choose()?;
+        let action = self.decision.action;
+        if let Some(observer) = &mut observer {
+            let probability = self.decision.probabilities[action.index()];
+            observer.chosen(&self.environment, &[action], &[probability]);
+        }
+        let mut reward = [0.0];
+        self.environment.step(&[action], &mut reward, &mut self.environment_streams);
+        if let Some(observer) = observer {
+            observer.paid(&self.environment, &reward);
+        }
+        if !self.is_warm_up() {
+            let error = reward[0] - self.acting.predict(&self.decision);
+            self.episode.loss_sum += error * error;
+            self.episode.updates += 1;
+            if self.parameters.learns_within() {
+                self.acting.learn(&self.decision, reward[0]);
+            }
+        }
+        self.learned.learn(&self.decision, reward[0]);
+        self.updates += 1;
+        self.episode.total_reward += self.environment.outcomes(&reward)[0];
+        self.episode.length += 1;
+        Ok(())
+    }
+}
+
+impl<Env: VectorEnvironment> Learner<Env> for LinearThompsonLearner<Env> {
+    fn advance(
+        &mut self,
+        finished: &mut Vec<TrainedEpisode>,
+        mut observer: Option<&mut dyn StepObserver<Env>>,
+        pause: &dyn Fn() -> bool,
+    ) -> Result<Span, LearnerError> {
+        if !self.environment.any_running() {
+            self.environment.reset(LaneSet::All, &mut self.environment_streams);
+            self.acting.begin(&self.known);
+            self.drawn.clear();
+            self.episode = TrainedEpisode::default();
+        }
+        while self.environment.any_running() {
+            if pause() {
+                return Ok(Span::BrokenOff);
+            }
+            self.step(reborrowed(&mut observer))?;
+        }
+        self.episode.terminated = self.environment.statuses()[0] == EpisodeStatus::Terminated;
+        self.finished += 1;
+        if self.parameters.renews_after(self.finished) {
+            self.known.copy_from(&self.learned);
+        }
+        finished.push(self.episode);
+        Ok(Span::Whole)
+    }
+
+    fn policy(&self, actions: Actions) -> Box<dyn Actor<Env>> {
+        let shape = (self.design.clone(), self.environment.observation_spec().observations());
+        let known = self.known.clone();
+        let policy = LinearThompsonPolicy::new(&self.parameters, shape, known, actions, self.seed);
+        Box::new(policy.expect("weights that are finite come from a posterior with a root"))
+    }
+
+    /// The posterior with which the next episode starts.
+    fn weights(&self) -> Weights {
+        self.known.weights()
+    }
+}
+
+impl<Env: VectorEnvironment> Resumable for LinearThompsonLearner<Env> {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        out.one(self.finished)?;
+        out.one(self.updates)?;
+        self.learned.save(out)?;
+        self.known.save(out)?;
+        self.acting.save(out)?;
+        out.many(&self.drawn)?;
+        self.environment.save(out)?;
+        self.episode.save(out)?;
+        self.environment_streams.save(out)?;
+        self.exploration_stream.save(out)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.finished = from.one()?;
+        self.updates = from.one()?;
+        self.learned.restore(from)?;
+        self.known.restore(from)?;
+        self.acting.restore(from)?;
+        self.drawn = restore_drawn(self.acting.coefficients(), from)?;
+        self.environment.restore(from)?;
+        self.episode.restore(from)?;
+        self.environment_streams.restore(from)?;
+        self.exploration_stream.restore(from)
+    }
+}

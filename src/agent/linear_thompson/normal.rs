@@ -1,0 +1,246 @@
+//! The probability of each of four independent normal variables being the largest.
+//!
+//! **Source**: P(a is the largest) = ∫ φ_a(u) Π_{b≠a} Φ_b(u) du, by Gauss-Legendre quadrature on
+//! panels whose width is proportional to the narrowest standard deviation of the densities that
+//! reach them. For two variables, P = Φ of the standardised difference.
+
+use std::sync::OnceLock;
+
+use crate::env::Action;
+
+/// Number of variables: one per action.
+const COUNT: usize = Action::COUNT;
+
+/// Distance from the mean, in standard deviations, beyond which a density counts as 0. The two
+/// tails beyond it have probability 1.2e-15.
+const REACH: f64 = 8.0;
+
+/// Width of a panel in standard deviations of the narrowest density that reaches it.
+const PANEL: f64 = 2.0;
+
+/// Positive nodes and weights of the ten-point Gauss-Legendre rule on [-1, 1]. Each entry stands
+/// for two nodes, ± the value.
+const NODES: [(f64, f64); 5] = [
+    (0.148_874_338_981_631_21, 0.295_524_224_714_752_87),
+    (0.433_395_394_129_247_2, 0.269_266_719_309_996_36),
+    (0.679_409_568_299_024_4, 0.219_086_362_515_982_05),
+    (0.865_063_366_688_984_5, 0.149_451_349_150_580_6),
+    (0.973_906_528_517_171_7, 0.066_671_344_308_688_14),
+];
+
+/// Minimum standard deviation, relative to the largest absolute value of all means and standard
+/// deviations.
+const NARROWEST: f64 = 1e-8;
+
+/// The probability of each of the independent normal variables being the largest.
+pub fn win_probabilities(means: &[f64; COUNT], sds: &[f64; COUNT]) -> [f64; COUNT] {
+    let table = NormalTable::shared();
+    // A narrower density could fall between adjacent floating-point numbers around its mean.
+    let scale = means.iter().chain(sds).fold(0.0, |scale: f64, number| scale.max(number.abs()));
+    let sds = &sds.map(|sd| sd.max(NARROWEST * scale));
+    let mut best = 0;
+    for index in 1..COUNT {
+        if means[index] > means[best] {
+            best = index;
+        }
+    }
+    // Leaves out variables that exceed the best with a probability below 1e-16.
+    let mut rivals = [best; COUNT];
+    let mut count = 1;
+    for index in (0..COUNT).filter(|index| *index != best) {
+        if standardised(means, sds, index, best) > -REACH - 0.25 {
+            rivals[count] = index;
+            count += 1;
+        }
+    }
+    let mut probabilities = [0.0; COUNT];
+    match rivals[..count] {
+        [one] => probabilities[one] = 1.0,
+        [one, other] => {
+            probabilities[other] = table.both(standardised(means, sds, other, one)).0;
+            probabilities[one] = 1.0 - probabilities[other];
+        }
+        ref rivals => integrate(table, means, sds, rivals, &mut probabilities),
+    }
+    probabilities
+}
+
+/// The difference of the means of two variables, in standard deviations of the difference.
+fn standardised(means: &[f64; COUNT], sds: &[f64; COUNT], one: usize, other: usize) -> f64 {
+    let variance = sds[one] * sds[one] + sds[other] * sds[other];
+    (means[one] - means[other]) / variance.sqrt()
+}
+
+fn integrate(
+    table: &NormalTable,
+    means: &[f64; COUNT],
+    sds: &[f64; COUNT],
+    rivals: &[usize],
+    probabilities: &mut [f64; COUNT],
+) {
+    // Below the highest lower end, the variable with this end is larger. Above the highest upper
+    // end, all densities count as 0.
+    let ends = |side: f64| rivals.iter().map(move |&a| means[a] + side * REACH * sds[a]);
+    let mut low = ends(-1.0).fold(f64::NEG_INFINITY, f64::max);
+    let high = ends(1.0).fold(f64::NEG_INFINITY, f64::max);
+    while low < high {
+        let reaching = rivals.iter().filter(|&&a| low < means[a] + REACH * sds[a]);
+        let narrowest = reaching.map(|&a| sds[a]).fold(f64::INFINITY, f64::min);
+        let next = (low + PANEL * narrowest).min(high);
+        if next <= low {
+            break;
+        }
+        let (middle, half) = (0.5 * (low + next), 0.5 * (next - low));
+        for (node, weight) in NODES {
+            for node in [-node, node] {
+                let u = half * node + middle;
+                let mut below = [1.0; COUNT];
+                let mut density = [0.0; COUNT];
+                for &a in rivals {
+                    let (cumulated, dense) = table.both((u - means[a]) / sds[a]);
+                    (below[a], density[a]) = (cumulated, dense / sds[a]);
+                }
+                let (first, last) = (below[0] * below[1], below[2] * below[3]);
+                let others = [below[1] * last, below[0] * last, first * below[3], first * below[2]];
+                for a in 0..COUNT {
+                    probabilities[a] += weight * half * density[a] * others[a];
+                }
+            }
+        }
+        low = next;
+    }
+    let total: f64 = probabilities.iter().sum();
+    probabilities.iter_mut().for_each(|probability| *probability /= total);
+}
+
+/// Number of points of the table per standard deviation.
+const POINTS: f64 = 16.0;
+/// The table covers [-END, END].
+const END: f64 = 8.5;
+
+/// Taylor coefficients of the distribution function around points of [-END, END].
+struct NormalTable(Vec<[f64; 8]>);
+
+impl NormalTable {
+    /// The table, computed once per process.
+    fn shared() -> &'static NormalTable {
+        static TABLE: OnceLock<NormalTable> = OnceLock::new();
+        TABLE.get_or_init(|| {
+            let points = (2.0 * END * POINTS) as usize;
+            NormalTable(
+                (0..=points).map(|point| coefficients(point as f64 / POINTS - END)).collect(),
+            )
+        })
+    }
+
+    /// The distribution function and the density of the standard normal distribution, within 1e-12.
+    #[inline(always)]
+    fn both(&self, z: f64) -> (f64, f64) {
+        if z <= -END {
+            return (0.0, 0.0);
+        }
+        if z >= END {
+            return (1.0, 0.0);
+        }
+        let point = ((z + END) * POINTS + 0.5) as usize;
+        let d = z - (point as f64 / POINTS - END);
+        // Evaluates the polynomial and its derivative by Horner's rule.
+        let (mut distribution, mut density) = (0.0, 0.0);
+        for coefficient in self.0[point].iter().rev() {
+            density = density * d + distribution;
+            distribution = distribution * d + coefficient;
+        }
+        (distribution, density)
+    }
+}
+
+/// Coefficients of powers 0 to 7. The derivative of order n is (-1)^(n-1) He_(n-1)(z) φ(z), with
+/// the Hermite polynomials He.
+fn coefficients(z: f64) -> [f64; 8] {
+    let density = libm::exp(-0.5 * z * z) / libm::sqrt(std::f64::consts::TAU);
+    let mut all = [0.5 * libm::erfc(-z * std::f64::consts::FRAC_1_SQRT_2); 8];
+    let (mut before, mut hermite, mut factor) = (0.0, 1.0, density);
+    for (power, coefficient) in all.iter_mut().enumerate().skip(1) {
+        factor /= power as f64;
+        *coefficient = factor * hermite;
+        factor = -factor;
+        (before, hermite) = (hermite, z * hermite - (power - 1) as f64 * before);
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::{Purpose, Stream};
+
+    #[test]
+    fn the_table_is_the_normal_distribution() {
+        for step in -9000..=9000 {
+            let z = f64::from(step) / 1000.0 + 1e-4;
+            let (distribution, density) = NormalTable::shared().both(z);
+            let exact = 0.5 * libm::erfc(-z * std::f64::consts::FRAC_1_SQRT_2);
+            let dense = libm::exp(-0.5 * z * z) / std::f64::consts::TAU.sqrt();
+            assert!((distribution - exact).abs() < 1e-14, "{z}: {distribution} {exact}");
+            assert!((density - dense).abs() < 1e-12, "{z}: {density} {dense}");
+        }
+    }
+
+    /// The probabilities by a trapezium rule whose only error is rounding.
+    fn by_brute_force(means: &[f64; 4], sds: &[f64; 4]) -> [f64; 4] {
+        let narrowest = sds.iter().copied().fold(f64::INFINITY, f64::min);
+        let low = (0..4).map(|a| means[a] - 9.0 * sds[a]).fold(f64::INFINITY, f64::min);
+        let high = (0..4).map(|a| means[a] + 9.0 * sds[a]).fold(f64::NEG_INFINITY, f64::max);
+        let width = narrowest / 8.0;
+        let distribution = |a: usize, u: f64| {
+            0.5 * libm::erfc((means[a] - u) / sds[a] * std::f64::consts::FRAC_1_SQRT_2)
+        };
+        let mut sums = [0.0; 4];
+        for step in 0..((high - low) / width) as usize {
+            let u = low + width * step as f64;
+            for (a, sum) in sums.iter_mut().enumerate() {
+                let z = (u - means[a]) / sds[a];
+                let others: f64 = (0..4).filter(|b| *b != a).map(|b| distribution(b, u)).product();
+                let density = libm::exp(-0.5 * z * z) / std::f64::consts::TAU.sqrt() / sds[a];
+                *sum += width * density * others;
+            }
+        }
+        sums
+    }
+
+    #[test]
+    fn probabilities_are_those_of_a_fine_trapezium_rule() {
+        let mut stream = Stream::new(1, Purpose::Exploration);
+        let mut cases = vec![
+            ([0.0; 4], [1.0; 4]),
+            ([3.0, 2.0, 1.0, 0.0], [12.0, 1.0, 1.0, 12.0]),
+            ([170.0, 0.0, 20.0, 5.0], [1.5, 14.0, 9.0, 30.0]),
+            ([100.0, 0.0, 99.0, 98.0], [0.5, 10.0, 6.0, 40.0]),
+        ];
+        for _ in 0..200 {
+            let means = [(); 4].map(|()| 60.0 * stream.unit());
+            let sds = [(); 4].map(|()| 20.0 * stream.unit().powi(3) + 0.05);
+            cases.push((means, sds));
+        }
+        for (means, sds) in cases {
+            let (ours, exact) = (win_probabilities(&means, &sds), by_brute_force(&means, &sds));
+            for (one, other) in ours.iter().zip(exact) {
+                assert!((one - other).abs() < 1e-9, "{means:?} {sds:?}: {ours:?} {exact:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn scales_far_apart_still_give_probabilities() {
+        for sds in [[1e-12, 1.0, 1e6, 1.0], [1e-300, 1e-300, 1.0, 1.0], [1e6; 4]] {
+            let ours = win_probabilities(&[0.0, 0.1, -0.1, 0.0], &sds);
+            assert!((ours.iter().sum::<f64>() - 1.0).abs() < 1e-12, "{sds:?}: {ours:?}");
+            assert!(ours.iter().all(|p| (0.0..=1.0).contains(p)), "{sds:?}: {ours:?}");
+        }
+        // Phi(0.2) Phi(0.1): the second variable is effectively constant and exceeds the first.
+        let ours = win_probabilities(&[0.0, 0.1, -0.1, 0.0], &[1e-300, 1e-300, 1.0, 1.0]);
+        assert!((ours[1] - 0.579_259_709_439 * 0.539_827_837_277).abs() < 1e-8, "{ours:?}");
+        let ours = win_probabilities(&[100.0; 4], &[1e-18; 4]);
+        assert!(ours.iter().all(|p| (p - 0.25).abs() < 1e-8), "{ours:?}");
+    }
+}

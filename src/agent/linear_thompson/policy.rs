@@ -1,0 +1,157 @@
+//! A trained bandit in the episodes of its test.
+
+use std::io;
+
+use crate::agent::Actions;
+use crate::agent::actor::Actor;
+use crate::agent::linear_thompson::posterior::{Acting, Decision, restore_drawn};
+use crate::agent::linear_thompson::sampler::Sampler;
+use crate::agent::linear_thompson::{BanditPosterior, Design, LinearThompson, Posterior};
+use crate::agent::weights::WeightsError;
+use crate::env::{Action, EpisodeStatus, LaneSet, Observations, VectorEnvironment};
+use crate::rng::Stream;
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
+
+/// The policy of a trained agent.
+///
+/// A carried posterior is frozen, so that the test measures what training learned. A posterior that
+/// is reset learns within every episode from this episode alone, as in training, unless it is
+/// updated only once, after the warm-up.
+pub struct LinearThompsonPolicy {
+    sampler: Sampler,
+    design: Design,
+    choice: Actions,
+    /// The posterior at the start of episodes.
+    known: Posterior,
+    /// The same posterior with its Cholesky factors. All lanes act by it unless they learn.
+    shared: Acting,
+    learns: bool,
+    lanes: Vec<Lane>,
+    observations: Observations,
+}
+
+/// The state of a lane in its episode.
+struct Lane {
+    /// The lane's own posterior; `None` if the policy does not learn.
+    acting: Option<Acting>,
+    /// Coefficients drawn for the episode; empty if none are drawn.
+    drawn: Vec<f64>,
+    decision: Decision,
+    is_running: bool,
+}
+
+impl Lane {
+    /// A lane at the start of an episode.
+    fn new(own: Option<&Acting>) -> Self {
+        let acting = own.cloned();
+        Lane { acting, drawn: Vec::new(), decision: Decision::default(), is_running: false }
+    }
+}
+
+impl LinearThompsonPolicy {
+    /// The policy of a posterior.
+    ///
+    /// **Errors**: a precision is not positive definite.
+    pub fn new(
+        parameters: &LinearThompson,
+        (design, observations): (Design, Observations),
+        known: Posterior,
+        choice: Actions,
+        seed: u64,
+    ) -> Result<Self, WeightsError> {
+        let shared = Acting::new(known.clone()).map_err(|_| WeightsError::NotPositiveDefinite)?;
+        let learns = match parameters.posterior {
+            BanditPosterior::Carried => false,
+            BanditPosterior::Reset => parameters.learns_within(),
+        };
+        Ok(LinearThompsonPolicy {
+            sampler: Sampler::new(parameters, seed),
+            design,
+            choice,
+            known,
+            shared,
+            learns,
+            lanes: Vec::new(),
+            observations,
+        })
+    }
+}
+
+impl<Env: VectorEnvironment> Actor<Env> for LinearThompsonPolicy {
+    fn reset(&mut self, lanes: LaneSet<'_>) {
+        for (lane, own) in self.lanes.iter_mut().enumerate() {
+            if lanes.contains(lane) {
+                own.drawn.clear();
+                own.acting.iter_mut().for_each(|acting| acting.begin(&self.known));
+            }
+        }
+    }
+
+    fn act(
+        &mut self,
+        environment: &Env,
+        stream: &mut Stream,
+        actions: &mut [Action],
+        probabilities: Option<&mut [f64]>,
+    ) {
+        environment.observe(&mut self.observations);
+        let own = self.learns.then_some(&self.shared);
+        self.lanes.resize_with(environment.lanes(), || Lane::new(own));
+        let LinearThompsonPolicy { sampler, design, choice, observations, shared, .. } = self;
+        for (lane, (own, action)) in self.lanes.iter_mut().zip(&mut *actions).enumerate() {
+            own.is_running = environment.statuses()[lane] == EpisodeStatus::Running;
+            let word = match choice {
+                Actions::AsTrained => stream.bits(),
+                Actions::Greedy => 0,
+            };
+            if !own.is_running {
+                (own.decision.action, *action) = (Action::default(), Action::default());
+                own.decision.probabilities = [1.0; Action::COUNT];
+                continue;
+            }
+            let Lane { acting, drawn, decision, .. } = own;
+            let acting = acting.as_mut().unwrap_or(shared);
+            // If the latest precision cannot be factored, the previous factor remains in use.
+            let _ = acting.refresh();
+            design.fill(observations, lane, &mut decision.features);
+            (decision.probabilities, decision.action) =
+                sampler.choose(*choice, (acting, drawn), &decision.features, word);
+            *action = decision.action;
+        }
+        if let Some(probabilities) = probabilities {
+            for (probability, own) in probabilities.iter_mut().zip(&self.lanes) {
+                *probability = own.decision.probabilities[own.decision.action.index()];
+            }
+        }
+    }
+
+    fn observe(&mut self, _: &Env, rewards: &[f64]) {
+        for (own, reward) in self.lanes.iter_mut().zip(rewards) {
+            if let (Some(acting), true) = (&mut own.acting, own.is_running) {
+                acting.learn(&own.decision, *reward);
+            }
+        }
+    }
+}
+
+/// Saves the posteriors and drawn coefficients of the lanes. The learner saves the posterior from
+/// which they start.
+impl Resumable for LinearThompsonPolicy {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        out.each(self.lanes.iter(), |out, lane| {
+            lane.acting.iter().try_for_each(|acting| acting.save(out))?;
+            out.many(&lane.drawn)
+        })
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let own = self.learns.then_some(&self.shared);
+        self.lanes = from.each(usize::MAX, "lanes", |from| {
+            let mut lane = Lane::new(own);
+            lane.acting.iter_mut().try_for_each(|acting| acting.restore(from))?;
+            lane.drawn = restore_drawn(self.shared.coefficients(), from)?;
+            Ok(lane)
+        })?;
+        Ok(())
+    }
+}

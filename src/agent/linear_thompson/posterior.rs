@@ -1,0 +1,257 @@
+//! The posterior of the rewards of all actions.
+
+use std::collections::BTreeMap;
+use std::io;
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::agent::linear_thompson::LinearThompson;
+use crate::agent::linear_thompson::regression::{Factored, NotPositiveDefinite, Regression};
+use crate::agent::weights::{Tensor, Weights, WeightsError};
+use crate::env::Action;
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
+
+/// Number of actions other than action 0.
+pub const MESSAGES: usize = Action::COUNT - 1;
+
+/// Number of blocks of regressors with action centring: one for the baseline, one for the
+/// probability of each message, and one for the centred indicator of each message, whose
+/// coefficients are the effects.
+const BLOCKS: usize = 1 + 2 * MESSAGES;
+
+/// A step from which an agent learns.
+#[derive(Clone, Debug, Default)]
+pub struct Decision {
+    /// The features of the state.
+    pub features: Vec<f64>,
+    /// The probabilities from which the action was drawn.
+    pub probabilities: [f64; Action::COUNT],
+    /// The action taken.
+    pub action: Action,
+}
+
+/// The posterior of all coefficients: one regression per action, or one shared regression with
+/// action centring.
+#[derive(Clone, Debug)]
+pub struct Posterior {
+    noise_variance: f64,
+    /// One regression per action, or a single shared one.
+    regressions: Vec<Regression>,
+    /// Buffer for the regressors of a step with action centring.
+    row: Vec<f64>,
+}
+
+impl Posterior {
+    /// The prior of an agent whose states have `width` features.
+    pub fn prior(parameters: &LinearThompson, width: usize) -> Self {
+        let (count, width) = shape(parameters, width);
+        let prior = Regression::prior(width, parameters.prior_mean, parameters.prior_sd);
+        Posterior {
+            noise_variance: parameters.noise_sd * parameters.noise_sd,
+            regressions: vec![prior; count],
+            row: Vec::new(),
+        }
+    }
+
+    /// The posterior from weights that [`Posterior::weights`] wrote.
+    ///
+    /// **Errors**: an array is missing or of another shape.
+    pub fn trained(
+        parameters: &LinearThompson,
+        width: usize,
+        weights: &Weights,
+    ) -> Result<Self, WeightsError> {
+        let mut posterior = Posterior::prior(parameters, width);
+        let (count, width) = shape(parameters, width);
+        let precisions = weights.double("precision", &[count, width, width])?;
+        let informations = weights.double("information", &[count, width])?;
+        let stored = precisions.values.chunks_exact(width * width);
+        let stored = stored.zip(informations.values.chunks_exact(width));
+        for (regression, (precision, information)) in posterior.regressions.iter_mut().zip(stored) {
+            regression.precision = DMatrix::from_column_slice(width, width, precision);
+            regression.information = DVector::from_column_slice(information);
+        }
+        Ok(posterior)
+    }
+
+    /// The regressions as arrays: `precision` Λ, `information` Λm, and for readers the `mean` m.
+    /// The mean is NaN if the precision is not positive definite.
+    pub fn weights(&self) -> Weights {
+        let (count, width) = (self.regressions.len(), self.regressions[0].information.len());
+        let all = |values: fn(&Regression) -> &[f64]| -> Vec<f64> {
+            self.regressions.iter().flat_map(|one| values(one).iter().copied()).collect()
+        };
+        let mean = |regression: &Regression| {
+            let factored = Factored::new(regression);
+            factored.map_or(vec![f64::NAN; width], |factored| factored.mean().to_vec())
+        };
+        let precision = all(|one| one.precision.as_slice());
+        let information = all(|one| one.information.as_slice());
+        let mean = self.regressions.iter().flat_map(mean).collect();
+        Weights {
+            doubles: BTreeMap::from([
+                ("mean".to_owned(), Tensor { shape: vec![count, width], values: mean }),
+                (
+                    "precision".to_owned(),
+                    Tensor { shape: vec![count, width, width], values: precision },
+                ),
+                (
+                    "information".to_owned(),
+                    Tensor { shape: vec![count, width], values: information },
+                ),
+            ]),
+            ..Weights::default()
+        }
+    }
+
+    /// Copies another posterior of the same shape.
+    pub fn copy_from(&mut self, other: &Posterior) {
+        let pairs = self.regressions.iter_mut().zip(&other.regressions);
+        pairs.for_each(|(own, other)| own.copy_from(other));
+    }
+
+    /// Learns the reward of a step; returns the index of the regression that changed.
+    pub fn learn(&mut self, decision: &Decision, reward: f64) -> usize {
+        if let [joint] = &mut self.regressions[..] {
+            centred(decision, &mut self.row);
+            joint.learn(&self.row, reward, self.noise_variance);
+            return 0;
+        }
+        let place = decision.action.index();
+        self.regressions[place].learn(&decision.features, reward, self.noise_variance);
+        place
+    }
+
+    /// The regressions.
+    #[cfg(test)]
+    pub fn regressions(&self) -> &[Regression] {
+        &self.regressions
+    }
+}
+
+/// The number of regressions of an agent, and the number of regressors of each.
+fn shape(parameters: &LinearThompson, width: usize) -> (usize, usize) {
+    if parameters.action_centring { (1, BLOCKS * width) } else { (Action::COUNT, width) }
+}
+
+/// Writes the regressors of a step with action centring: the features f; p_k f for each message k;
+/// and (1\[A = k\] - p_k) f for each message k.
+fn centred(decision: &Decision, row: &mut Vec<f64>) {
+    let Decision { features, probabilities, action } = decision;
+    row.clear();
+    row.extend_from_slice(features);
+    for probability in &probabilities[1..] {
+        row.extend(features.iter().map(|feature| probability * feature));
+    }
+    for (message, probability) in (1..).zip(&probabilities[1..]) {
+        let indicator = if action.index() == message { 1.0 } else { 0.0 };
+        row.extend(features.iter().map(|feature| (indicator - probability) * feature));
+    }
+}
+
+impl Resumable for Posterior {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        self.regressions.iter().try_for_each(|regression| regression.save(out))
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.regressions.iter_mut().try_for_each(|regression| regression.restore(from))
+    }
+}
+
+/// A posterior with the factors of its precisions, from which actions are chosen.
+#[derive(Clone, Debug)]
+pub struct Acting {
+    posterior: Posterior,
+    factored: Vec<Factored>,
+    /// Whether a regression has changed since it was last factored, per regression.
+    stale: Vec<bool>,
+}
+
+impl Acting {
+    /// The posterior at the start of an episode.
+    ///
+    /// **Errors**: a precision is not positive definite.
+    pub fn new(posterior: Posterior) -> Result<Self, NotPositiveDefinite> {
+        let factored = posterior.regressions.iter().map(Factored::new);
+        Ok(Acting {
+            factored: factored.collect::<Result<_, _>>()?,
+            stale: vec![false; posterior.regressions.len()],
+            posterior,
+        })
+    }
+
+    /// Starts another episode with the given posterior.
+    pub fn begin(&mut self, known: &Posterior) {
+        self.posterior.copy_from(known);
+        self.stale.fill(true);
+    }
+
+    /// Learns the reward of a step.
+    pub fn learn(&mut self, decision: &Decision, reward: f64) {
+        let changed = self.posterior.learn(decision, reward);
+        self.stale[changed] = true;
+    }
+
+    /// Factors the regressions that have changed.
+    ///
+    /// **Errors**: a precision is not positive definite; its previous factor remains.
+    pub fn refresh(&mut self) -> Result<(), NotPositiveDefinite> {
+        let regressions = self.factored.iter_mut().zip(&self.posterior.regressions);
+        for ((factored, regression), stale) in regressions.zip(&mut self.stale) {
+            if std::mem::take(stale) {
+                factored.renew(regression)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The regressions as last factored.
+    pub fn factored(&mut self) -> &mut [Factored] {
+        &mut self.factored
+    }
+
+    /// The reward that the posterior means predict for a decision.
+    pub fn predict(&mut self, decision: &Decision) -> f64 {
+        if let [joint] = &self.factored[..] {
+            centred(decision, &mut self.posterior.row);
+            return joint.predict(&self.posterior.row);
+        }
+        self.factored[decision.action.index()].predict(&decision.features)
+    }
+
+    /// Appends coefficients of all regressions, one regression after the other, to the empty
+    /// `drawn`; `deviate` returns standard normal deviates.
+    pub fn draw(&mut self, drawn: &mut Vec<f64>, mut deviate: impl FnMut() -> f64) {
+        let width = self.factored[0].mean().len();
+        drawn.extend((0..self.factored.len() * width).map(|_| deviate()));
+        let coefficients = drawn.chunks_exact_mut(width);
+        coefficients.zip(&mut self.factored).for_each(|(some, factored)| factored.draw(some));
+    }
+
+    /// Number of coefficients that [`Acting::draw`] draws.
+    pub fn coefficients(&self) -> usize {
+        self.factored.len() * self.factored[0].mean().len()
+    }
+}
+
+/// Saves the posterior; the factors are recomputed.
+impl Resumable for Acting {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        self.posterior.save(out)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.posterior.restore(from)?;
+        self.stale.fill(true);
+        Ok(())
+    }
+}
+
+/// Reads the coefficients drawn for an episode: `most` coefficients, or none.
+pub fn restore_drawn(most: usize, from: &mut StateReader<'_>) -> Result<Vec<f64>, StateError> {
+    const WHAT: &str = "drawn coefficients";
+    let drawn = from.many(most, WHAT)?;
+    let fits = drawn.is_empty() || drawn.len() == most;
+    if fits { Ok(drawn) } else { Err(StateError::Misfit(WHAT)) }
+}

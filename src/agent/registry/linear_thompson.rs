@@ -1,0 +1,189 @@
+//! The registration of linear Thompson sampling.
+
+use crate::agent::actor::Actor;
+use crate::agent::constraint::{
+    Assignment, CURVE_FITS, Constraint, DECISIONS_FIT, EPISODES, HISTORY, HORIZON, ONE_HOT,
+    Violation,
+};
+use crate::agent::learner::{Actions, Learner};
+use crate::agent::linear_thompson::{
+    BanditDraw, Design, LinearThompson, LinearThompsonLearner, LinearThompsonPolicy, Posterior,
+};
+use crate::agent::weights::{Weights, WeightsError};
+use crate::env::{Action, ObservationSpec, VectorEnvironment};
+use crate::key::Parameter;
+
+use super::algorithm::{AlgorithmParameters, Start, StartError, Task, Work, unless_fit};
+
+const FEATURES: Parameter = Parameter::Agent("features");
+const CENTRING: Parameter = Parameter::Agent("action_centring");
+const PI_MIN: Parameter = Parameter::Agent("pi_min");
+const WARM_UP: Parameter = Parameter::Agent("warm_up");
+const UPDATE: Parameter = Parameter::Agent("update");
+const POSTERIOR: Parameter = Parameter::Agent("posterior");
+
+/// Maximum number of regressors of a regression: the time of a step grows with their cube, and the
+/// stored precision with their square.
+const MOST_REGRESSORS: u64 = 500;
+
+/// Maximum number of regressors if a thousand test episodes learn at once, each with its own
+/// regressions, which takes half a gigabyte.
+const MOST_REGRESSORS_OF_EACH: u64 = 64;
+
+impl AlgorithmParameters for LinearThompson {
+    const NAME: &'static str = "linear_thompson";
+    const CONSTRAINTS: &'static [Constraint] = &[
+        Constraint {
+            parameters: &[EPISODES, WARM_UP],
+            violation: |assignment| {
+                let violated = assignment.whole(WARM_UP) > assignment.whole(EPISODES);
+                violated.then(|| assignment.contradiction(WARM_UP, "must not exceed", EPISODES))
+            },
+        },
+        Constraint {
+            parameters: &[CENTRING, PI_MIN],
+            violation: |assignment| {
+                let is_centred = assignment.is_set(CENTRING);
+                (is_centred && assignment.real(PI_MIN) == 0.0).then(|| Violation::Impossible {
+                    says:
+                        "action_centring = true requires every action to be possible, but pi_min \
+                         is 0.0"
+                            .to_owned(),
+                    help: "set pi_min above 0, such as 0.05".to_owned(),
+                })
+            },
+        },
+        Constraint {
+            parameters: &[UPDATE, WARM_UP],
+            violation: |assignment| {
+                let never = assignment.is_word(UPDATE, "once") && assignment.whole(WARM_UP) == 0;
+                never.then(|| Violation::Impossible {
+                    says: "update = \"once\" updates after the warm-up, but warm_up is 0"
+                        .to_owned(),
+                    help: "set warm_up to the number of warm-up episodes, such as 10".to_owned(),
+                })
+            },
+        },
+        Constraint {
+            parameters: &[UPDATE, POSTERIOR],
+            violation: |assignment| {
+                let is_reset = assignment.is_word(POSTERIOR, "reset");
+                (is_reset && assignment.is_word(UPDATE, "episode")).then(|| Violation::Impossible {
+                    says: "with posterior = \"reset\" and update = \"episode\" the agent never \
+                           learns"
+                        .to_owned(),
+                    help: "use update = \"step\", which learns within episodes".to_owned(),
+                })
+            },
+        },
+        Constraint {
+            parameters: &[
+                Parameter::Scenario,
+                FEATURES,
+                CENTRING,
+                POSTERIOR,
+                HORIZON,
+                ONE_HOT,
+                HISTORY,
+            ],
+            violation: |assignment| {
+                let size = regressors(assignment);
+                let most = match assignment.is_word(POSTERIOR, "reset") {
+                    true => MOST_REGRESSORS_OF_EACH,
+                    false => MOST_REGRESSORS,
+                };
+                let (what, unit) = ("the regression has", "coefficients");
+                (size > most).then_some(Violation::TooLarge { what, unit, size, most })
+            },
+        },
+        CURVE_FITS,
+        DECISIONS_FIT,
+    ];
+
+    fn episodes(&self) -> u32 {
+        self.episodes
+    }
+
+    /// Per step, one factorisation of a posterior and one prediction per action or effect, and
+    /// unless coefficients are drawn per episode, the probabilities by an integral or by draws.
+    fn work(&self, task: &Task) -> Work {
+        let width = Design::new(self.features, &task.observations()).width() as u64;
+        let width = if self.action_centring { 7 * width } else { width };
+        let choices = if self.action_centring { 3 } else { Action::COUNT as u64 };
+        let predicted = choices * width * (width + PER_PREDICTION);
+        let learned = width * width * width / 6 + 4 * width * width + PER_FACTOR;
+        let drawn = u64::from(self.probability_draws) * PER_DRAW;
+        let chosen = match self.draw {
+            BanditDraw::Episode => choices * width,
+            BanditDraw::Step if self.smoothing > 0.0 => predicted + drawn * SOFTMAX,
+            BanditDraw::Step if self.action_centring => predicted + drawn,
+            BanditDraw::Step => predicted + PER_INTEGRAL,
+        };
+        let steps = task.steps(self.episodes);
+        Work { training: steps.saturating_mul(chosen + learned), choice: chosen }
+    }
+
+    fn start(&self, task: &Task) -> Result<Start, StartError> {
+        Ok(Start::Learner(learner_in(self, task.simulation(LANES), task.seed)?))
+    }
+
+    fn trained(
+        &self,
+        task: &Task,
+        weights: &Weights,
+        actions: Actions,
+    ) -> Result<Box<dyn Actor>, WeightsError> {
+        trained(self, &task.observations(), weights, actions, task.seed)
+    }
+}
+
+/// Number of coefficients of a regression, given the values of a cell.
+fn regressors(assignment: &Assignment) -> u64 {
+    let (letters, one_hot) = (assignment.letters(), assignment.one_hot());
+    let pairs = if assignment.is_word(FEATURES, "interactions") {
+        letters.saturating_mul(letters.max(1) - 1) / 2
+    } else {
+        0
+    };
+    let features = pairs.saturating_add(1 + letters + one_hot);
+    if assignment.is_set(CENTRING) { features.saturating_mul(7) } else { features }
+}
+
+/// Linear Thompson sampling before its first episode in any environment of one lane.
+///
+/// **Errors**: the environment does not have one lane and four actions.
+pub fn learner_in<Env: VectorEnvironment + 'static>(
+    parameters: &LinearThompson,
+    environment: Env,
+    seed: u64,
+) -> Result<Box<dyn Learner<Env>>, StartError> {
+    unless_fit(&environment, LANES)?;
+    Ok(Box::new(LinearThompsonLearner::new(parameters, environment, seed)))
+}
+
+/// The policy of previously trained linear Thompson sampling, with a seed for its fixed draws.
+///
+/// **Errors**: the weights are not a posterior of this agent.
+pub fn trained<Env: VectorEnvironment>(
+    parameters: &LinearThompson,
+    observations: &ObservationSpec,
+    weights: &Weights,
+    actions: Actions,
+    seed: u64,
+) -> Result<Box<dyn Actor<Env>>, WeightsError> {
+    let design = Design::new(parameters.features, observations);
+    let posterior = Posterior::trained(parameters, design.width(), weights)?;
+    let shape = (design, observations.observations());
+    Ok(Box::new(LinearThompsonPolicy::new(parameters, shape, posterior, actions, seed)?))
+}
+
+/// Number of lanes in training.
+const LANES: usize = 1;
+/// Costs of parts of a step, in multiply-adds that take equally long, as timed by
+/// `benches/jobs.rs`.
+const PER_PREDICTION: u64 = 500;
+const PER_FACTOR: u64 = 20_000;
+const PER_INTEGRAL: u64 = 100_000;
+const PER_DRAW: u64 = 500;
+/// Cost of a draw with the softmax, relative to a draw with the maximum.
+const SOFTMAX: u64 = 8;

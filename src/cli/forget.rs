@@ -1,0 +1,89 @@
+//! `jitai forget`: removes an experiment from a store.
+
+use std::io::{self, Write};
+
+use crate::cli::output::counted;
+use crate::cli::{Error, Exit, StoreArgument, confirm};
+use crate::manifest::printable;
+use crate::store::{Belongings, Counts, Forgotten, Reader, Store};
+
+/// Remove an experiment from a store; the results of its jobs stay, unless --results is given
+///
+/// First shows what would be removed, and asks. Results of jobs that an edit of the manifest has dropped
+/// from the experiment stay, and so do all results without --results: to remove them later, run the
+/// manifest that has their jobs again, and forget it with --results. Jobs that another experiment holds always stay. The
+/// file keeps its size: SQLite uses the free space for later results. No command brings back what was
+/// removed, so copy the store first if in doubt.
+#[derive(clap::Args)]
+pub(super) struct Arguments {
+    /// The experiment: the `name` of its manifest
+    #[arg(value_name = "EXPERIMENT")]
+    experiment: String,
+    /// Also remove the jobs that no other experiment holds, with all their runs and results
+    #[arg(long)]
+    results: bool,
+    /// Do not ask
+    #[arg(long)]
+    yes: bool,
+    #[command(flatten)]
+    store: StoreArgument,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
+    let Arguments { experiment, results, yes, store } = arguments;
+    let name = printable(experiment);
+    let file = printable(&store.store.display().to_string());
+    let unknown = || Error::Usage(format!("{file} has no experiment `{name}`; see `jitai status`"));
+    let belongings = Reader::open(&store.store)?.belongings(experiment)?.ok_or_else(unknown)?;
+    let Belongings { jobs, alone } = belongings;
+    writeln!(io::stderr(), "{name} has {}; {}", described(&jobs), only_here(&jobs, &alone))?;
+    let what = if *results {
+        format!("remove {name} and the results of {}", counted(alone.total(), "job"))
+    } else {
+        format!("remove {name}; all results stay in the store")
+    };
+    if !*yes && !confirm::asked(&what, "--yes")? {
+        return Ok(Exit::Differs);
+    }
+    match Store::open(&store.store)?.forget(experiment, *results)? {
+        Forgotten::Unknown => Err(unknown()),
+        Forgotten::Running => {
+            let what = "a process runs jobs of it; stop the process, or wait until it ends";
+            Err(Error::Usage(format!("nothing was removed from {file}: {what}")))
+        }
+        Forgotten::Removed(Belongings { jobs, alone }) => {
+            let (removed, without_results) =
+                if *results { (alone.total(), alone.completed) } else { (0, 0) };
+            let stay = jobs.completed - without_results;
+            writeln!(
+                io::stdout(),
+                "{name} removed from {file}, with {}; the results of {} stay",
+                counted(removed, "job"),
+                counted(stay, "job")
+            )?;
+            Ok(Exit::Done)
+        }
+    }
+}
+
+/// Jobs by state; states without jobs are left out.
+fn described(jobs: &Counts) -> String {
+    let states = [
+        (jobs.completed, "completed"),
+        (jobs.failed, "failed"),
+        (jobs.running, "running"),
+        (jobs.interrupted, "interrupted"),
+        (jobs.pending, "pending"),
+    ];
+    let states = states.iter().filter(|(count, _)| *count > 0);
+    let states: Vec<String> = states.map(|(count, state)| format!("{count} {state}")).collect();
+    let jobs = counted(jobs.total(), "job");
+    if states.is_empty() { jobs } else { format!("{jobs} ({})", states.join(", ")) }
+}
+
+fn only_here(jobs: &Counts, alone: &Counts) -> String {
+    match jobs.total() - alone.total() {
+        0 => "no other experiment holds them".to_owned(),
+        shared => format!("other experiments hold {shared} of them, too"),
+    }
+}

@@ -1,0 +1,215 @@
+//! The process of a program, from its start to the end of its group.
+
+use std::ffi::OsStr;
+use std::io;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::Path;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
+use serde::Serialize;
+
+use super::error::ProgramError;
+use super::message::FromProgram;
+use super::pipes::{Line, Tail, read_lines, write_all};
+use super::watchdog::Watchdog;
+
+/// Interval of the checks for a stop and for the end of the program.
+const LOOK: Duration = Duration::from_millis(20);
+/// Time for a program to end after its input was closed, at the end of its job.
+const GRACE: Duration = Duration::from_secs(2);
+/// Time for a program to end after it broke the protocol.
+const SHORT_GRACE: Duration = Duration::from_millis(500);
+/// Time for a program to end after a stop, because jitai must end within two seconds.
+const STOP_GRACE: Duration = Duration::from_millis(300);
+
+/// A running program.
+pub struct Program {
+    command: String,
+    child: Child,
+    group: Option<Pid>,
+    /// `None` once its input is closed.
+    to: Option<Sender<Vec<u8>>>,
+    from: Receiver<Line>,
+    tail: Tail,
+    /// `None` once the group has been killed.
+    watchdog: Option<Watchdog>,
+    status: Option<ExitStatus>,
+}
+
+impl Program {
+    /// Starts a command in a folder, without a shell. Messages show the command as `shown`. The program
+    /// inherits jitai's environment variables.
+    ///
+    /// **Errors**: the program or the folder does not exist, or the system has no more processes.
+    pub fn start(words: &[String], shown: &str, folder: &Path) -> Result<Program, ProgramError> {
+        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        let failed = |source: io::Error| {
+            let help = match source.kind() {
+                io::ErrorKind::NotFound => {
+                    "; install it on this machine, or correct `command`; a path with a slash starts in \
+                     the folder of the manifest"
+                }
+                io::ErrorKind::PermissionDenied => "; make the file executable",
+                _ => "",
+            };
+            let folder = folder.display().to_string();
+            ProgramError::NotStarted { command: shown.to_owned(), folder, source, help }
+        };
+        let first = words.first().map_or("", String::as_str);
+        // A relative path starts from the folder, not from the working directory of jitai.
+        let folder_path = folder.canonicalize().map_err(failed)?;
+        let program = match first.contains('/') {
+            true => folder_path.join(first).into_os_string(),
+            false => OsStr::new(first).to_owned(),
+        };
+        let mut command = Command::new(program);
+        command.args(words.iter().skip(1)).current_dir(&folder_path).process_group(0);
+        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = command.spawn().map_err(failed)?;
+        let group = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
+        let watchdog = Watchdog::over(child.id());
+        let piped = "a pipe was asked for";
+        let (input, output) = (child.stdin.take().expect(piped), child.stdout.take().expect(piped));
+        let errors = child.stderr.take().expect(piped);
+        let pipes = || Ok((write_all(input)?, read_lines(output)?, Tail::of(errors)?));
+        match pipes() {
+            Ok((to, from, tail)) => Ok(Program {
+                command: shown.to_owned(),
+                child,
+                group,
+                to: Some(to),
+                from,
+                tail,
+                watchdog,
+                status: None,
+            }),
+            Err(error) => {
+                let _ = group.map(|group| kill_process_group(group, Signal::KILL));
+                let _ = child.wait();
+                Err(failed(error))
+            }
+        }
+    }
+
+    /// Sends a message. If the program does not read it, the next [`Program::receive`] reports the error.
+    pub fn send(&mut self, message: &impl Serialize) {
+        let mut line = serde_json::to_vec(message).expect("messages are finite numbers and texts");
+        line.push(b'\n');
+        if let Some(to) = &self.to {
+            let _ = to.send(line);
+        }
+    }
+
+    /// The next message of the program. Errors name the `expected` message and, in `when`, what the program
+    /// was doing.
+    ///
+    /// **Errors**: the program ends or sends something else, or `stop` returns true.
+    pub fn receive(
+        &mut self,
+        expected: &str,
+        when: &str,
+        stop: &dyn Fn() -> bool,
+    ) -> Result<FromProgram, ProgramError> {
+        loop {
+            if stop() {
+                return Err(ProgramError::Stopped);
+            }
+            let line = match self.from.recv_timeout(LOOK) {
+                Ok(line) => line,
+                // A process that the program left behind can keep its output open.
+                Err(RecvTimeoutError::Timeout) if self.has_ended() => match self.from.try_recv() {
+                    Ok(line) => line,
+                    Err(_) => return Err(self.ended(expected, when)),
+                },
+                Err(RecvTimeoutError::Timeout) => continue,
+                Err(RecvTimeoutError::Disconnected) => return Err(self.ended(expected, when)),
+            };
+            let line = line.whole(expected);
+            if line.as_ref().is_ok_and(|line| line.trim_ascii().is_empty()) {
+                continue;
+            }
+            let message = line.and_then(|line| FromProgram::read(&line, expected));
+            return message.map_err(|fault| self.broke(fault));
+        }
+    }
+
+    /// Ends a program that broke the protocol, and returns the error.
+    pub fn broke(&mut self, fault: String) -> ProgramError {
+        self.end(SHORT_GRACE, &|| false);
+        ProgramError::Protocol { command: self.command.clone(), fault, said: self.tail.said() }
+    }
+
+    /// Ends a program whose job is done; it has two seconds to exit by itself.
+    pub fn finish(mut self, stop: &dyn Fn() -> bool) {
+        self.end(GRACE, stop);
+    }
+
+    /// Ends a program that has exited or closed its standard output, and returns the error.
+    fn ended(&mut self, expected: &str, when: &str) -> ProgramError {
+        let by_itself = self.end(SHORT_GRACE, &|| false);
+        let end = match self.status.filter(|_| by_itself) {
+            Some(status) => match (status.code(), status.signal()) {
+                (Some(code), _) => format!("exited with code {code}"),
+                (None, Some(signal)) => format!("was ended by signal {signal}"),
+                (None, None) => "ended".to_owned(),
+            },
+            None => "closed its standard output".to_owned(),
+        };
+        let when = format!("{when}, where {expected} was expected");
+        ProgramError::Ended { command: self.command.clone(), end, when, said: self.tail.said() }
+    }
+
+    /// Whether the program itself has exited. It remains a zombie until its group is killed, so that its
+    /// group number is not reused.
+    fn has_ended(&self) -> bool {
+        let Some(group) = self.group else { return true };
+        let options = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
+        !matches!(waitid(WaitId::Pid(group), options), Ok(None))
+    }
+
+    /// Closes the program's input, waits for its exit, and kills the rest of its group. Returns whether the
+    /// program exited by itself.
+    fn end(&mut self, grace: Duration, stop: &dyn Fn() -> bool) -> bool {
+        self.to = None;
+        let begun = Instant::now();
+        let mut pause = Duration::from_millis(1);
+        while begun.elapsed() < grace && !stop() && !self.has_ended() {
+            thread::sleep(pause);
+            pause = (pause * 2).min(LOOK);
+        }
+        let by_itself = self.has_ended();
+        self.kill();
+        by_itself
+    }
+
+    /// Kills the group with SIGKILL.
+    fn kill(&mut self) {
+        if self.status.is_some() {
+            return;
+        }
+        if let Some(group) = self.group {
+            let _ = kill_process_group(group, Signal::KILL);
+        }
+        self.status = self.child.wait().ok();
+        self.watchdog = None;
+    }
+
+    /// Sends SIGTERM to the group, and kills it after a short grace period.
+    pub fn stop(mut self) {
+        if let Some(group) = self.group.filter(|_| self.status.is_none()) {
+            let _ = kill_process_group(group, Signal::TERM);
+        }
+        self.end(STOP_GRACE, &|| false);
+    }
+}
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        self.to = None;
+        self.kill();
+    }
+}

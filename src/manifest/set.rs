@@ -1,0 +1,391 @@
+//! `--set KEY=VALUE`: replaces the value of a manifest's key for one command.
+//!
+//! In: the text of a valid manifest and overrides. Out: the text with the new values, with all other keys
+//! and comments unchanged, and a last line that lists the overrides. The edited text is validated like any
+//! other, and is the text that the store and a submission keep.
+
+use std::fmt;
+use std::path::Path;
+use std::str::FromStr;
+
+use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Table, TableLike, Value};
+
+use super::condition::short_name;
+use super::declared::Manifest;
+use super::fault::{Fault, Faults, nearest};
+use super::load::{load, parse};
+use super::parameter::parameters;
+use crate::agent::free_key;
+use crate::key::Parameter;
+
+/// Top-level keys that can be set.
+const TOP: [&str; 6] =
+    ["name", "question", "hypothesis", "time_limit_seconds", "scenarios", "seeds"];
+
+/// A key and its value in TOML, in the notation of `--set`: `agent.gamma=0.9`.
+///
+/// The key is a top-level key, `environment.KEY`, `population.KEY`, `evaluation.KEY`, `agent.KEY` for every
+/// agent with this key, `agent.NAME.KEY` for one agent, or `KEY` alone if only one section has the key.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Override {
+    key: String,
+    value: String,
+}
+
+/// An argument that does not have the form `KEY=VALUE`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("expected a key, an equals sign and a value, such as agent.gamma=0.9")]
+pub struct OverrideForm;
+
+impl FromStr for Override {
+    type Err = OverrideForm;
+
+    fn from_str(text: &str) -> Result<Self, OverrideForm> {
+        let (key, value) = text.split_once('=').ok_or(OverrideForm)?;
+        let (key, value) = (key.trim().to_owned(), value.trim().to_owned());
+        if key.is_empty() || value.is_empty() {
+            return Err(OverrideForm);
+        }
+        Ok(Override { key, value })
+    }
+}
+
+impl fmt::Display for Override {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}={}", self.key, self.value)
+    }
+}
+
+/// The place of an override in the manifest.
+enum Place<'m> {
+    Top(&'static str),
+    Section(&'static str, &'static str),
+    Agents(Vec<&'m str>, &'static str),
+}
+
+/// Reads and validates the manifest at `path` with overrides; later overrides replace earlier ones.
+///
+/// # Errors
+/// Every fault of the file; or the first override whose key the manifest cannot have; or every fault of the
+/// manifest with its overrides.
+pub fn load_with(path: &Path, overrides: &[Override]) -> Result<Manifest, Faults> {
+    let manifest = load(path)?;
+    if overrides.is_empty() {
+        return Ok(manifest);
+    }
+    let text =
+        with(&manifest, overrides).map_err(|fault| Faults::of_file(&manifest.path, fault))?;
+    parse(&manifest.path, text.as_bytes())
+}
+
+/// The manifest's text with overrides.
+fn with(manifest: &Manifest, overrides: &[Override]) -> Result<String, Fault> {
+    let unreadable = |error| Fault::whole(format!("cannot be edited: {error}"));
+    let mut document: DocumentMut = manifest.source.parse().map_err(unreadable)?;
+    for set in overrides {
+        match place(manifest, set)? {
+            Place::Top(key) => put(document.as_table_mut(), key, set.value_of(key)),
+            Place::Section(section, key) => {
+                let table = document.entry(section).or_insert_with(|| Item::Table(Table::new()));
+                let table = table.as_table_like_mut().ok_or_else(|| set.not_editable(section))?;
+                put(table, key, set.value_of(key));
+            }
+            Place::Agents(agents, key) => {
+                let list = document
+                    .entry("agent")
+                    .or_insert_with(|| Item::ArrayOfTables(ArrayOfTables::new()));
+                for agent in agents {
+                    set_agent(list, agent, key, set)?;
+                }
+            }
+        }
+    }
+    let mut text = document.to_string();
+    if !text.ends_with('\n') {
+        text.push('\n');
+    }
+    let named: Vec<String> = overrides.iter().map(|set| format!("--set {set}")).collect();
+    // A value may contain a line break; a comment may not.
+    let comment: String =
+        named.join(" ").chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+    Ok(format!("{text}# {comment}\n"))
+}
+
+/// Sets a key of one agent, in its table or in a new table that is laid over the preset's agent.
+fn set_agent(list: &mut Item, agent: &str, key: &str, set: &Override) -> Result<(), Fault> {
+    let value = set.value_of(key);
+    if free_key(key).is_some() {
+        return set_free(list, agent, key, set);
+    }
+    match list {
+        Item::ArrayOfTables(tables) => {
+            let is_named =
+                |table: &&mut Table| table.get("name").and_then(Item::as_str) == Some(agent);
+            if let Some(table) = tables.iter_mut().find(is_named) {
+                put(table, key, value);
+            } else {
+                let mut table = Table::new();
+                table.insert("name", Item::Value(agent.into()));
+                put(&mut table, key, value);
+                tables.push(table);
+            }
+            Ok(())
+        }
+        Item::Value(Value::Array(tables)) => {
+            let tables = tables.iter_mut().filter_map(Value::as_inline_table_mut);
+            let mut named = tables.filter(|t| t.get("name").and_then(Value::as_str) == Some(agent));
+            let table = named.next().ok_or_else(|| set.not_editable("agent"))?;
+            put(table, key, value);
+            Ok(())
+        }
+        Item::None | Item::Value(_) | Item::Table(_) => Err(set.not_editable("agent")),
+    }
+}
+
+/// Sets a parameter of an agent that is an outside program and has the parameter.
+fn set_free(list: &mut Item, agent: &str, key: &str, set: &Override) -> Result<(), Fault> {
+    let not_editable = || set.not_editable("agent");
+    let (section, name) = key.split_once('.').ok_or_else(not_editable)?;
+    let is_named = |table: &dyn TableLike| table.get("name").and_then(Item::as_str) == Some(agent);
+    let parameters = match list {
+        Item::ArrayOfTables(tables) => {
+            let mut named = tables.iter_mut().filter(|table| is_named(&**table));
+            named.next().and_then(|table| table.get_mut(section)?.as_table_like_mut())
+        }
+        Item::Value(Value::Array(tables)) => {
+            let tables = tables.iter_mut().filter_map(Value::as_inline_table_mut);
+            let mut named = tables.filter(|table| is_named(&**table));
+            let parameters = named.next().and_then(|table| table.get_mut(section));
+            parameters.and_then(Value::as_inline_table_mut).map(|table| table as &mut dyn TableLike)
+        }
+        Item::None | Item::Value(_) | Item::Table(_) => None,
+    };
+    let parameters = parameters.ok_or_else(not_editable)?;
+    put(parameters, name, set.value_of(name));
+    Ok(())
+}
+
+/// Sets a key, and keeps the comments above it and behind it.
+fn put(table: &mut dyn TableLike, key: &str, mut value: Value) {
+    match table.get_mut(key) {
+        Some(Item::Value(present)) => {
+            *value.decor_mut() = present.decor().clone();
+            *present = value;
+        }
+        Some(Item::None | Item::Table(_) | Item::ArrayOfTables(_)) | None => {
+            table.insert(key, Item::Value(value));
+        }
+    }
+}
+
+impl Override {
+    /// The value as TOML; text if it is not valid TOML. A single scenario becomes a list of one.
+    fn value_of(&self, key: &str) -> Value {
+        let value = self.value.parse().unwrap_or_else(|_| Value::from(self.value.as_str()));
+        match value {
+            Value::String(_) if key == "scenarios" => Value::Array(Array::from_iter([value])),
+            value => value,
+        }
+    }
+
+    fn not_editable(&self, section: &str) -> Fault {
+        Fault::whole(format!("--set {self}: `{section}` of the manifest cannot be edited"))
+            .help(format!("write `{section}` as tables"))
+    }
+}
+
+/// The place of an override in a manifest.
+fn place<'m>(manifest: &'m Manifest, set: &Override) -> Result<Place<'m>, Fault> {
+    let key = match set.key.as_str() {
+        "scenario" => "scenarios",
+        "seed" => "seeds",
+        key => key,
+    };
+    if let Some(top) = TOP.into_iter().find(|top| *top == key) {
+        return Ok(Place::Top(top));
+    }
+    let fault = |message: String| Fault::whole(format!("--set {set}: {message}"));
+    let free = key.strip_prefix("agent.").unwrap_or(key);
+    if free_key(free).is_some() {
+        return agents(manifest, free, |_| true)
+            .ok_or_else(|| fault(format!("no agent has a key `{free}`")));
+    }
+    // A bare name that is not a key can be a parameter of an outside program.
+    let is_key = |dotted: &str| short_name(dotted) == key;
+    if !key.contains('.')
+        && !parameters().iter().any(|known| is_key(&known.to_string()))
+        && let Some(place) = agents(manifest, &format!("parameters.{key}"), |_| true)
+    {
+        return Ok(place);
+    }
+    // Names of agents may contain dots. Keys contain none, except parameters of outside programs.
+    let of_agent = key.strip_prefix("agent.").and_then(|rest| {
+        let (name, short) = rest.rsplit_once('.')?;
+        let free = name.strip_suffix(".parameters").map(|name| (name, &rest[name.len() + 1..]));
+        Some(free.unwrap_or((name, short)))
+    });
+    if let Some((name, short)) = of_agent {
+        let names = || manifest.agents.iter().map(|agent| agent.name.as_str());
+        let Some(agent) = names().find(|known| *known == name) else {
+            return Err(fault(format!("no agent is named `{name}`")).nearest(name, names()));
+        };
+        return agents(manifest, short, |known| known == agent)
+            .ok_or_else(|| fault(format!("agent `{name}` has no key `{short}`")));
+    }
+    let known: Vec<Parameter> = parameters();
+    let meant: Vec<Parameter> = known
+        .iter()
+        .copied()
+        .filter(|parameter| {
+            let dotted = parameter.to_string();
+            dotted == key || (!key.contains('.') && short_name(&dotted) == key)
+        })
+        .collect();
+    match meant.as_slice() {
+        [Parameter::Environment(key)] => Ok(Place::Section("environment", key)),
+        [Parameter::Population(key)] => Ok(Place::Section("population", key)),
+        [Parameter::Evaluation(key)] => Ok(Place::Section("evaluation", key)),
+        [Parameter::Agent(key)] => agents(manifest, key, |_| true)
+            .ok_or_else(|| fault(format!("no agent has a key `{key}`"))),
+        [Parameter::Scenario | Parameter::Seed] | [] => {
+            let names: Vec<String> = known.iter().map(Parameter::to_string).collect();
+            let words = names.iter().flat_map(|name| [name.as_str(), short_name(name)]);
+            let starts_with_an_agent = |name: &str| key.strip_prefix(name)?.strip_prefix('.');
+            let is_of_agent =
+                manifest.agents.iter().any(|agent| starts_with_an_agent(&agent.name).is_some());
+            let meant = match is_of_agent {
+                true => Some(format!("agent.{key}")),
+                false => nearest(key, words.chain(TOP)).map(str::to_owned),
+            };
+            let unknown = fault(format!("no key `{key}`"));
+            Err(match meant {
+                Some(meant) => unknown.help(format!("did you mean `{meant}`?")),
+                None => unknown,
+            })
+        }
+        several => {
+            let names: Vec<String> = several.iter().map(|name| format!("`{name}`")).collect();
+            Err(fault(format!("`{key}` is ambiguous; use one of {}", names.join(", "))))
+        }
+    }
+}
+
+/// The agents that have a key and whose names meet a condition.
+fn agents<'m>(
+    manifest: &'m Manifest,
+    key: &str,
+    is_meant: impl Fn(&str) -> bool,
+) -> Option<Place<'m>> {
+    let mut found = None;
+    let mut names = Vec::new();
+    for agent in manifest.agents.iter().filter(|agent| is_meant(&agent.name)) {
+        if let Some(known) = agent.algorithm.keys().iter().find(|known| known.name == key) {
+            found = Some(known.name);
+            names.push(agent.name.as_str());
+        }
+    }
+    Some(Place::Agents(names, found?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan;
+
+    const TEXT: &str = "# A comment.\nformat = 1\nname = \"t\"\nextends = \"paper\"\n\
+                        scenarios = [\"P\"] # one\nseeds = 2\nenvironment.sigma = 0.6\n\
+                        [[agent]]\nname = \"own\"\nalgorithm = \"dueling_dqn\"\nepisodes = 5\n";
+
+    fn set(overrides: &[&str]) -> Result<Manifest, String> {
+        let overrides: Vec<Override> = overrides.iter().map(|text| text.parse().unwrap()).collect();
+        let manifest = parse("t.toml", TEXT.as_bytes()).unwrap();
+        let text = with(&manifest, &overrides).map_err(|fault| fault.message().to_owned())?;
+        parse("t.toml", text.as_bytes()).map_err(|faults| faults.to_string())
+    }
+
+    fn values(manifest: &Manifest, name: &str) -> Vec<String> {
+        let jobs = plan::jobs(manifest);
+        let values = jobs.flat_map(|planned| {
+            let parameters = planned.job.parameters();
+            let found = parameters.into_iter().find(|(known, _)| known == name);
+            found.map(|(_, value)| format!("{}={value:?}", planned.agent))
+        });
+        let mut values: Vec<String> = values.collect();
+        values.dedup();
+        values
+    }
+
+    #[test]
+    fn keys_are_set_in_sections_agents_and_above_all_tables() {
+        let manifest = set(&[
+            "environment.sigma=[0.2, 0.4]",
+            "first_context=sampled",
+            "evaluation.test_episodes=7",
+            "seeds=[5]",
+            "population.delta_d={ uniform = [0.1, 0.2] }",
+            "scenario=C-T",
+        ])
+        .unwrap();
+        assert_eq!(manifest.seeds, [5]);
+        assert_eq!(manifest.scenarios[0].to_string(), "C-T");
+        assert_eq!(plan::count(&manifest), 3 * 2);
+        assert_eq!(values(&manifest, "environment.first_context")[0], "dqn=Text(\"sampled\")");
+        assert_eq!(values(&manifest, "evaluation.test_episodes")[0], "dqn=Integer(7)");
+        assert!(manifest.source.starts_with("# A comment.\nformat = 1\n"), "{}", manifest.source);
+        assert!(manifest.source.ends_with(
+            "# --set environment.sigma=[0.2, 0.4] --set \
+            first_context=sampled --set evaluation.test_episodes=7 --set seeds=[5] --set \
+            population.delta_d={ uniform = [0.1, 0.2] } --set \
+            scenario=C-T\n"
+        ));
+    }
+
+    #[test]
+    fn keys_of_agents_are_set_for_all_that_have_them_or_for_one() {
+        let all = set(&["agent.gamma=0.5"]).unwrap();
+        let expected = ["dqn=Real(0.5)", "reinforce=Real(0.5)", "own=Real(0.5)"];
+        let mut found = values(&all, "agent.gamma");
+        found.sort_by_key(|value| expected.iter().position(|known| known == value));
+        assert_eq!(found, expected);
+        let one = set(&["agent.own.gamma=0.5", "batch=32"]).unwrap();
+        assert!(values(&one, "agent.gamma").contains(&"dqn=Real(0.99)".to_owned()));
+        assert!(values(&one, "agent.gamma").contains(&"own=Real(0.5)".to_owned()));
+        assert_eq!(values(&one, "agent.batch").len(), 2);
+    }
+
+    #[test]
+    fn comments_and_layout_are_kept_where_values_change() {
+        let text = "# Title.\nformat = 1\nname   =   'n' # its name\n# Where it is.\nscenarios = [\"P\"] # one\n\
+                    # How often.\nseeds = 2 # few\n[environment] # table\n# How noisy.\nsigma = [\n  0.6, # usual\n] # \
+                    noise\n\n[[agent]]\n# It learns.\nname = \"own\"\nalgorithm = \"dueling_dqn\"\n# Far sight.\n\
+                    gamma = 0.9 # below 1\n# The end.\n";
+        let manifest = parse("t.toml", text.as_bytes()).unwrap();
+        let overrides = ["name=m", "scenario=C-T", "seeds=3", "sigma=0.2", "agent.own.gamma=0.5"];
+        let overrides: Vec<Override> = overrides.iter().map(|set| set.parse().unwrap()).collect();
+        let expected = text
+            .replace("'n'", "\"m\"")
+            .replace("[\"P\"]", "[\"C-T\"]")
+            .replace("= 2", "= 3")
+            .replace("[\n  0.6, # usual\n]", "0.2")
+            .replace("= 0.9", "= 0.5");
+        let found = with(&manifest, &overrides).unwrap();
+        let last = "# --set name=m --set scenario=C-T --set seeds=3 --set sigma=0.2 --set agent.own.gamma=0.5\n";
+        assert_eq!(found, expected + last);
+    }
+
+    #[test]
+    fn what_cannot_be_set_is_named() {
+        for (text, expected) in [
+            ("siggma=1", "--set siggma=1: no key `siggma`"),
+            ("agent.nobody.gamma=1", "no agent is named `nobody`"),
+            ("agent.reinforce.batch=1", "agent `reinforce` has no key `batch`"),
+            ("environment.sigma=-1", "`sigma`"),
+            ("seeds=none", "`seeds`"),
+        ] {
+            let error = set(&[text]).unwrap_err();
+            assert!(error.contains(expected), "{text}: {error}");
+        }
+        assert_eq!("gamma".parse::<Override>(), Err(OverrideForm));
+        assert_eq!("=1".parse::<Override>(), Err(OverrideForm));
+    }
+}

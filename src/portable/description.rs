@@ -1,0 +1,127 @@
+//! The description of a policy: `policy.json`.
+
+use data_encoding::HEXLOWER;
+use serde_json::{Value as Json, json};
+use sha2::{Digest, Sha256};
+
+use crate::agent::{Activation, Architecture, Choice};
+use crate::env::{Feature, ObservationSpec};
+use crate::plan::Job;
+use crate::store::StoredWeights;
+
+/// The version of the description's form.
+const FORMAT: u32 = 1;
+
+/// The meaning of the actions, by number.
+const ACTIONS: [&str; 4] = [
+    "nothing",
+    "a message that is not tailored",
+    "a message tailored to context 0",
+    "a message tailored to context 1",
+];
+
+/// The meaning, unit and scale of an entry of an observation.
+fn meaning(job: &Job, feature: Feature) -> (String, &'static str, f64) {
+    let environment = &job.environment;
+    let (meaning, unit, scale) = match feature {
+        Feature::Context => ("true context".to_owned(), "0 or 1", 1.0),
+        Feature::Probability => {
+            let context = environment.observed_probability;
+            (format!("inferred probability of context {context}"), "probability", 1.0)
+        }
+        Feature::Likely => ("most likely context".to_owned(), "0 or 1", 1.0),
+        Feature::Habituation => ("habituation".to_owned(), "0 to 1", 1.0),
+        Feature::Disengagement => ("disengagement risk".to_owned(), "0 to 1", 1.0),
+        Feature::Time => {
+            let (period, clock) =
+                (environment.time_indicator_period, environment.time_indicator.word());
+            (format!("clock ({clock}) modulo {period}"), "steps of the episode", 1.0)
+        }
+        Feature::Available => ("whether a message can be sent".to_owned(), "0 or 1", 1.0),
+        Feature::Budget => {
+            let budget = environment.message_budget;
+            (format!("remaining share of the {budget} messages"), "0 to 1", 1.0)
+        }
+        Feature::PreviousAction => ("action taken in the last step".to_owned(), "0 or 1", 1.0),
+        Feature::PreviousSteps => ("steps walked in the last step".to_owned(), "steps", 0.01),
+    };
+    (meaning, unit, scale)
+}
+
+/// The entries of the observations of a job, in their order.
+pub fn describe_observations(job: &Job) -> Vec<Json> {
+    let ObservationSpec { features, one_hot } = job.task().observations();
+    let letters = job.scenario.features().iter();
+    let meanings =
+        letters.flat_map(|feature| std::iter::repeat_n(meaning(job, *feature), feature.width()));
+    // With a history, the features repeat for each observation of the history.
+    let meanings: Vec<_> = meanings.collect();
+    let meanings = meanings.into_iter().cycle();
+    // JSON has no infinity: an infinite bound becomes `null`.
+    let bound = |bound: f32| bound.is_finite().then_some(bound);
+    let features = features.iter().zip(meanings).map(|(spec, (meaning, unit, scale))| {
+        json!({
+            "name": spec.name, "meaning": meaning, "unit": unit, "scale": scale,
+            "low": bound(spec.low), "high": bound(spec.high),
+        })
+    });
+    let clock = job.environment.time_indicator.word();
+    let times = (0..one_hot).map(|time| {
+        json!({
+            "name": format!("t{time}"), "meaning": format!("clock ({clock}) is {time}"),
+            "unit": "0 or 1", "scale": 1.0, "low": 0.0, "high": 1.0,
+        })
+    });
+    features.chain(times).collect()
+}
+
+fn digest(bytes: &[u8]) -> String {
+    HEXLOWER.encode(&Sha256::digest(bytes))
+}
+
+/// The description of a policy, which refers to its other files.
+pub(super) fn describe(
+    stored: &StoredWeights,
+    architecture: &Architecture,
+    weights: &[u8],
+    onnx: &[u8],
+) -> Json {
+    let job = &stored.job;
+    let versions = job.versions();
+    let stacks: Vec<Json> = architecture
+        .stacks
+        .iter()
+        .map(|stack| json!({ "hidden": stack.hidden, "heads": stack.heads }))
+        .collect();
+    let activation = match architecture.activation {
+        Activation::Relu => "relu",
+        Activation::Tanh => "tanh",
+    };
+    let (output, choice) = match architecture.choice {
+        Choice::EpsilonGreedy { epsilon } => {
+            ("dueling", json!({ "rule": "epsilon_greedy", "epsilon": epsilon }))
+        }
+        Choice::Softmax => ("logits", json!({ "rule": "softmax" })),
+    };
+    json!({
+        "format": FORMAT,
+        "job_key": stored.job_key.to_string(),
+        "seed": job.seed,
+        "algorithm": job.algorithm(),
+        "scenario": job.scenario.to_string(),
+        "versions": {
+            "jitai": env!("CARGO_PKG_VERSION"),
+            "environment": versions.environment,
+            "algorithm": versions.algorithm,
+        },
+        "job": serde_json::from_str::<Json>(&job.canonical()).unwrap_or_default(),
+        "features": describe_observations(job),
+        "actions": ACTIONS,
+        "network": { "activation": activation, "stacks": stacks, "output": output },
+        "choice": choice,
+        "files": {
+            "weights": { "name": "weights.safetensors", "sha256": digest(weights) },
+            "onnx": { "name": "policy.onnx", "sha256": digest(onnx) },
+        },
+    })
+}

@@ -1,0 +1,167 @@
+//! Exports a policy as an ONNX graph.
+//!
+//! Input: `observations`, \[rows, inputs\]. Outputs: `values`, the network's output for each action,
+//! \[rows, actions\]; `probabilities`, the probability of each action, \[rows, actions\]; and `best`, the
+//! action with the highest value, \[rows\].
+//!
+//! **Source**: `onnx.proto3` of ONNX 1.10 (IR version 8), operators of opset 13.
+
+use crate::agent::{Activation, Architecture, Choice, WeightTensor, Weights};
+use crate::env::Action;
+
+use super::protobuf::Message;
+
+const IR_VERSION: u64 = 8;
+const OPSET: u64 = 13;
+
+// Types of tensors and attributes.
+const FLOAT: u64 = 1;
+const INT64: u64 = 7;
+const INT_ATTRIBUTE: u64 = 2;
+const INTS_ATTRIBUTE: u64 = 7;
+
+const OBSERVATIONS: &str = "observations";
+const VALUES: &str = "values";
+const PROBABILITIES: &str = "probabilities";
+const BEST: &str = "best";
+
+/// A graph under construction.
+#[derive(Default)]
+struct Graph {
+    nodes: Vec<Message>,
+    initializers: Vec<Message>,
+}
+
+/// The value of an attribute, with the attribute's name: one whole number or several.
+enum Attribute {
+    Int(&'static str, u64),
+    Ints(&'static str, &'static [u64]),
+}
+
+impl Attribute {
+    fn message(&self) -> Message {
+        match self {
+            Attribute::Int(name, value) => {
+                Message::default().bytes(1, name).number(3, *value).number(20, INT_ATTRIBUTE)
+            }
+            Attribute::Ints(name, values) => {
+                let named = Message::default().bytes(1, name);
+                let valued = values.iter().fold(named, |all, value| all.number(8, *value));
+                valued.number(20, INTS_ATTRIBUTE)
+            }
+        }
+    }
+}
+
+impl Graph {
+    /// Adds an operation.
+    fn node(&mut self, operator: &str, inputs: &[&str], output: &str, attributes: &[Attribute]) {
+        let message = Message::default();
+        let message = inputs.iter().fold(message, |all, input| all.bytes(1, input));
+        let message = message.bytes(2, output).bytes(3, output).bytes(4, operator);
+        let attributes: Vec<_> = attributes.iter().map(Attribute::message).collect();
+        self.nodes.push(message.messages(5, &attributes));
+    }
+
+    /// Adds a constant.
+    fn constant(&mut self, name: &str, shape: &[usize], data_type: u64, bytes: &[u8]) {
+        let message = Message::default();
+        let message = shape.iter().fold(message, |all, length| all.number(1, *length as u64));
+        self.initializers.push(message.number(2, data_type).bytes(8, name).bytes(9, bytes));
+    }
+
+    fn reals(&mut self, name: &str, shape: &[usize], values: &[f32]) {
+        let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+        self.constant(name, shape, FLOAT, &bytes);
+    }
+
+    /// Adds a linear layer, with its weights, and returns the name of its output.
+    fn layer(&mut self, name: &str, input: &str, weights: &Weights) -> String {
+        let (weight, bias, output) =
+            (format!("{name}.weight"), format!("{name}.bias"), format!("{name}.out"));
+        for array in [&weight, &bias] {
+            if let Some(WeightTensor { shape, values }) = weights.tensors.get(array) {
+                self.reals(array, shape, values);
+            }
+        }
+        self.node("Gemm", &[input, &weight, &bias], &output, &[]);
+        output
+    }
+
+    /// Adds the probabilities of epsilon-greedy choices; the best actions must have been added.
+    fn epsilon_greedy(&mut self, epsilon: f64) {
+        let explored = epsilon / Action::COUNT as f64;
+        let chosen = 1.0 - epsilon + explored;
+        self.constant("actions", &[1], INT64, &(Action::COUNT as i64).to_le_bytes());
+        self.reals("explored_and_chosen", &[2], &[explored as f32, chosen as f32]);
+        let inputs = [BEST, "actions", "explored_and_chosen"];
+        self.node("OneHot", &inputs, PROBABILITIES, &[]);
+    }
+}
+
+/// An input or output: a tensor with one row per observation on its first axis.
+fn tensor(name: &str, element: u64, columns: Option<usize>) -> Message {
+    let rows = Message::default().bytes(2, "rows");
+    let columns = columns.map(|length| Message::default().number(1, length as u64));
+    let axes: Vec<Message> = [rows].into_iter().chain(columns).collect();
+    let shape = Message::default().messages(1, &axes);
+    let tensor_type = Message::default().number(1, element).message(2, &shape);
+    Message::default().bytes(1, name).message(2, &Message::default().message(1, &tensor_type))
+}
+
+/// The policy as an ONNX model.
+pub(super) fn model(weights: &Weights, architecture: &Architecture, inputs: usize) -> Vec<u8> {
+    let mut graph = Graph::default();
+    let activation = match architecture.activation {
+        Activation::Relu => "Relu",
+        Activation::Tanh => "Tanh",
+    };
+    let mut heads: Vec<String> = Vec::new();
+    for stack in &architecture.stacks {
+        let mut last = OBSERVATIONS.to_owned();
+        for name in &stack.hidden {
+            let output = graph.layer(name, &last, weights);
+            last = format!("{name}.active");
+            graph.node(activation, &[&output], &last, &[]);
+        }
+        heads.extend(stack.heads.iter().map(|name| graph.layer(name, &last, weights)));
+    }
+    let along_actions = || Attribute::Int("axis", 1);
+    match (architecture.choice, heads.as_slice()) {
+        (Choice::EpsilonGreedy { epsilon }, [value, advantage]) => {
+            let mean = [Attribute::Ints("axes", &[1]), Attribute::Int("keepdims", 1)];
+            graph.node("ReduceMean", &[advantage], "advantage.mean", &mean);
+            graph.node("Sub", &[advantage, "advantage.mean"], "advantage.centred", &[]);
+            graph.node("Add", &[value, "advantage.centred"], VALUES, &[]);
+            let best = [along_actions(), Attribute::Int("keepdims", 0)];
+            graph.node("ArgMax", &[VALUES], BEST, &best);
+            graph.epsilon_greedy(epsilon);
+        }
+        (_, heads) => {
+            let logits: Vec<&str> = heads.iter().map(String::as_str).collect();
+            graph.node("Identity", &logits, VALUES, &[]);
+            let best = [along_actions(), Attribute::Int("keepdims", 0)];
+            graph.node("ArgMax", &[VALUES], BEST, &best);
+            graph.node("Softmax", &[VALUES], PROBABILITIES, &[along_actions()]);
+        }
+    }
+    let outputs = [
+        tensor(VALUES, FLOAT, Some(Action::COUNT)),
+        tensor(PROBABILITIES, FLOAT, Some(Action::COUNT)),
+        tensor(BEST, INT64, None),
+    ];
+    let graph = Message::default()
+        .messages(1, &graph.nodes)
+        .bytes(2, "policy")
+        .messages(5, &graph.initializers)
+        .message(11, &tensor(OBSERVATIONS, FLOAT, Some(inputs)))
+        .messages(12, &outputs);
+    let opset = Message::default().bytes(1, "").number(2, OPSET);
+    Message::default()
+        .number(1, IR_VERSION)
+        .bytes(2, "jitai")
+        .bytes(3, env!("CARGO_PKG_VERSION"))
+        .message(7, &graph)
+        .message(8, &opset)
+        .into_bytes()
+}

@@ -1,0 +1,75 @@
+//! Lines before they are drawn, and the marks of their points.
+
+use super::TEXT;
+use super::look::{Look, Marker};
+use crate::report::scene::{Color, Facets, Fill, Point, Shape, Stroke, rectangle};
+
+/// Space left of the frame for numbers and title.
+pub(super) const LEFT: f64 = 48.0;
+/// Minimum width of the frame. Long labels widen the figure, or stand below it.
+pub(super) const LEAST_PLOT: f64 = 160.0;
+/// Minimum distance between labels. Many labels make a figure higher.
+pub(super) const GAP: f64 = TEXT + 1.5;
+
+/// A chart before it is drawn.
+pub struct Chart {
+    pub heading: Option<String>,
+    pub description: String,
+    pub lines: Vec<Line>,
+    pub note: String,
+}
+
+/// A line of a chart.
+pub struct Line {
+    pub label: String,
+    pub look: Look,
+    pub points: Vec<Place>,
+    /// The published line, as x and y.
+    pub reference: Vec<(f64, f64)>,
+    pub spread: Spread,
+    /// The facets of its arm.
+    pub facets: Facets,
+}
+
+/// The display of a line and its intervals.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Spread {
+    /// Marked points with intervals as bars.
+    Bars,
+    /// A line with intervals as a band.
+    Band,
+    /// Marked points without line or intervals.
+    Points,
+    /// A line without marks or intervals, for exact values.
+    Exact,
+}
+
+/// A point of a line.
+pub struct Place {
+    pub x: f64,
+    pub y: f64,
+    pub interval: Option<(f64, f64)>,
+    pub tip: String,
+}
+
+/// The mark of a point.
+pub fn marker(at: Point, look: &Look, radius: f64) -> Shape {
+    let solid = Fill { color: look.color, opacity: 1.0 };
+    let white = Fill { color: Color::WHITE, opacity: 1.0 };
+    let rim = Some(Stroke::solid(look.color, 1.3));
+    let (x, y) = at;
+    match look.marker {
+        Marker::Disc => Shape::Circle { centre: at, radius, fill: solid, stroke: None },
+        Marker::Ring => Shape::Circle { centre: at, radius, fill: white, stroke: rim },
+        Marker::Square => Shape::Area {
+            points: rectangle(x - radius, y - radius, 2.0 * radius, 2.0 * radius),
+            fill: solid,
+            stroke: None,
+        },
+        Marker::Diamond => Shape::Area {
+            points: vec![(x, y - radius), (x + radius, y), (x, y + radius), (x - radius, y)],
+            fill: white,
+            stroke: rim,
+        },
+    }
+}

@@ -1,0 +1,265 @@
+//! The figures of contrasts: forest plots around zero, with one row per comparison.
+
+use super::{Sheet, amount, related};
+use crate::analyse::declared::{ArmId, ContrastRow};
+use crate::report::data_table::shown;
+use crate::report::figure::{
+    Axis, AxisScale, FAINT, GRID, INK, Look, Marker, NOTE, PUBLISHED, Panel, Panels, Style, TEXT,
+    facets, fitting, marker, round_range, seeds, text,
+};
+use crate::report::scene::{Anchor, Mark, Scene, Shape, Stroke, Weight, width};
+use crate::report::words::{metric_title, unit_numbers};
+
+const TOP: f64 = 24.0;
+const ROW: f64 = 15.0;
+/// Space below the rows for numbers and title.
+const BOTTOM: f64 = 39.0;
+/// Minimum width of the axis.
+const LEAST_PLOT: f64 = 120.0;
+
+/// The horizontal layout, the same in all panels.
+struct Across {
+    axis: Axis,
+    left: f64,
+    right: f64,
+    whole: f64,
+}
+
+impl Across {
+    fn place(&self, value: f64) -> f64 {
+        self.left + self.axis.share(value).clamp(0.0, 1.0) * (self.right - self.left)
+    }
+}
+
+/// The rows of a contrast, with one figure per panel.
+pub(super) fn forest_figures(rows: &[ContrastRow], sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
+    let names: Vec<&ArmId> = rows.iter().map(|row| &row.name).collect();
+    let panels = match sheet.style.panel {
+        Some(_) => Panels::of(&names, sheet.style.panel, None),
+        None => Panels::whole(&names),
+    };
+    let written: Vec<String> = rows.iter().map(|row| words(row, sheet.metric)).collect();
+    let widest = |texts: &[String], size: f64| {
+        texts.iter().map(|text| width(text, size, Weight::Regular)).fold(0.0, f64::max)
+    };
+    let left = (widest(&panels.labels, TEXT) + 12.0).max(44.0);
+    let beside = widest(&written, NOTE) + 12.0;
+    let right = (sheet.style.width() - beside).max(left + LEAST_PLOT);
+    let across = Across { axis: axis(rows, sheet.metric), left, right, whole: right + beside };
+    let figure = |panel: &Panel| {
+        let shown = panel.members.iter();
+        let shown =
+            shown.map(|at| (&rows[*at], panels.labels[*at].as_str(), written[*at].as_str()));
+        forest(&shown.collect::<Vec<_>>(), &panel.heading, (&across, sheet.metric, sheet.style))
+    };
+    panels.stems(sheet.stem).into_iter().zip(panels.panels.iter().map(figure)).collect()
+}
+
+/// The difference of a row with its corrected p value, for the end of its line.
+fn words(row: &ContrastRow, metric: &str) -> String {
+    let Ok(difference) = row.contrast.difference else { return "–".to_owned() };
+    let difference = amount(difference, metric);
+    match row.corrected {
+        Ok(p) => format!("{difference}, p {}", related(p.holm)),
+        Err(_) => difference,
+    }
+}
+
+fn forest(
+    rows: &[(&ContrastRow, &str, &str)],
+    heading: &str,
+    (across, metric, style): (&Across, &str, &Style),
+) -> Scene {
+    let Across { left, right, whole, .. } = *across;
+    let beside = TOP + BOTTOM + style.note();
+    let high = style.row(ROW, rows.len(), beside);
+    let bottom = TOP + high * rows.len() as f64;
+    let mut marks = ruler(across, bottom);
+    if let Some((row, ..)) = rows.first().filter(|_| style.has_titles() || !heading.is_empty()) {
+        let sides = format!("{} − {}", row.sides.0, row.sides.1);
+        let heading = if heading.is_empty() { sides } else { format!("{heading}: {sides}") };
+        let (size, weight) = (TEXT + 1.0, Weight::SemiBold);
+        let room = width(&heading, size, weight);
+        // Above the axis, moved left or made smaller if it would cross the edge.
+        let from = left.min(whole - room - 4.0).max(4.0);
+        let size = size * ((whole - from - 4.0) / room).min(1.0);
+        marks.push(text((from, 15.0), heading, (size, weight), INK, Anchor::Start).into());
+    }
+    for (at, (row, label, words)) in rows.iter().enumerate() {
+        let middle = TOP + high * (at as f64 + 0.5);
+        let plain = (TEXT, Weight::Regular);
+        let place = (left - 6.0, middle + TEXT * 0.35);
+        let mut of_row: Vec<Mark> = vec![text(place, *label, plain, INK, Anchor::End).into()];
+        let place = (whole - 4.0, middle + NOTE * 0.35);
+        of_row.push(text(place, *words, (NOTE, Weight::Regular), INK, Anchor::End).into());
+        of_row.extend(row_marks(row, label, middle, (across, metric)));
+        marks.extend(of_row.into_iter().map(|mark| mark.of(at)));
+    }
+    let compared = rows.iter().map(|(row, ..)| row.contrast.seeds.0.min(row.contrast.seeds.1));
+    let is_published = rows.iter().any(|(row, ..)| row.published.is_some());
+    let note = format!(
+        "Difference, 95 % interval and Holm-corrected p{}, {} per side.{}",
+        if rows.iter().any(|(row, ..)| row.is_paired()) { ", paired by seed" } else { "" },
+        seeds(compared.filter(|n| *n > 0)),
+        if is_published { " Diamonds: published." } else { "" }
+    );
+    let height = bottom + BOTTOM + style.note();
+    if style.has_titles() {
+        marks.push(fitting((whole / 2.0, height - 5.0), note, (NOTE, whole - 8.0), FAINT).into());
+    }
+    let description = format!("differences in {}", metric_title(metric));
+    let series = rows.iter().map(|(row, ..)| facets(&row.name)).collect();
+    debug_assert!(right < whole);
+    Scene { width: whole, height, description, marks, series }
+}
+
+/// The axis of differences, with at least one tick on each side of zero.
+fn axis(rows: &[ContrastRow], metric: &str) -> Axis {
+    let mut numbers = vec![0.0];
+    for row in rows {
+        numbers.extend(row.contrast.difference.ok());
+        numbers.extend(row.published.map(|(effect, _)| effect));
+        let interval = row.contrast.test().map(|test| test.interval);
+        numbers.extend(interval.iter().flat_map(|interval| [interval.low, interval.high]));
+    }
+    let low = numbers.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let mut axis = Axis {
+        title: format!("difference in {}", metric_title(metric)),
+        range: round_range(low, high.max(low + 1e-9)),
+        scale: AxisScale::Linear,
+        numbers: unit_numbers(metric).0,
+    };
+    // A wider range may have wider steps.
+    for _ in 0..3 {
+        let step = step(&axis.ticks(TICKS));
+        axis.range = (axis.range.0.min(-step), axis.range.1.max(step));
+    }
+    axis
+}
+
+/// Approximate number of ticks.
+const TICKS: usize = 4;
+
+fn step(ticks: &[f64]) -> f64 {
+    ticks.get(1).map_or(1.0, |second| second - ticks[0])
+}
+
+fn ruler(across: &Across, bottom: f64) -> Vec<Mark> {
+    let Across { axis, left, right, whole } = across;
+    let mut marks = Vec::new();
+    let ticks = axis.ticks(TICKS);
+    let step = step(&ticks);
+    for tick in &ticks {
+        let x = across.place(*tick);
+        let stroke =
+            if *tick == 0.0 { Stroke::solid(FAINT, 1.0) } else { Stroke::solid(GRID, 0.6) };
+        marks.push(Shape::Line { points: vec![(x, TOP), (x, bottom)], stroke }.into());
+        let at = (x, bottom + 4.0 + TEXT);
+        let words = axis.written(*tick, step);
+        marks.push(text(at, words, (TEXT, Weight::Regular), FAINT, Anchor::Middle).into());
+    }
+    // Centred under the axis, moved if it would cross an edge of the figure.
+    let half = width(&axis.title, TEXT, Weight::Regular) / 2.0;
+    let middle = ((left + right) / 2.0).min(whole - 4.0 - half).max(half + 4.0);
+    let at = (middle, bottom + 7.0 + 2.0 * TEXT);
+    marks.push(fitting(at, &axis.title, (TEXT, whole - 8.0), INK).into());
+    marks
+}
+
+fn row_marks(
+    row: &ContrastRow,
+    label: &str,
+    middle: f64,
+    (across, metric): (&Across, &str),
+) -> Vec<Mark> {
+    /// Half the height of the end marks of an interval, which are visible beside the point even if
+    /// the interval is short.
+    const END: f64 = 4.0;
+    let mut marks = Vec::new();
+    let interval = row.contrast.test().ok().map(|test| test.interval);
+    if let Some(interval) = interval {
+        let (low, high) = (across.place(interval.low), across.place(interval.high));
+        let mut line = |points, width| {
+            marks.push(Shape::Line { points, stroke: Stroke::solid(INK, width) }.into());
+        };
+        line(vec![(low, middle), (high, middle)], 1.4);
+        line(vec![(low, middle - END), (low, middle + END)], 0.9);
+        line(vec![(high, middle - END), (high, middle + END)], 0.9);
+    }
+    if let Ok(difference) = row.contrast.difference {
+        let spread = interval.map_or_else(String::new, |interval| {
+            let [low, high] = [interval.low, interval.high].map(|end| amount(end, metric));
+            format!(", 95 % interval {low} to {high}")
+        });
+        let (first, second) = row.contrast.seeds;
+        let n = seeds([first, second].into_iter());
+        let words = words(row, metric);
+        let tip = format!("{label}: {words}{spread}, {n} per side");
+        let look = Look { color: INK, dash: None, marker: Marker::Disc };
+        marks.push(Mark::from(marker((across.place(difference), middle), &look, 2.4)).saying(tip));
+    }
+    // Above our point, whose rim remains visible if both coincide.
+    if let Some((effect, p)) = row.published {
+        let look = Look { color: PUBLISHED, dash: None, marker: Marker::Diamond };
+        let tip = format!("{label}: published {} (p = {p})", shown(effect, 0));
+        marks.push(Mark::from(marker((across.place(effect), middle), &look, 3.2)).saying(tip));
+    }
+    marks
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::analyse::{Contrast, Corrected, Design, Sample};
+
+    fn row(first: &[(u64, f64)], second: &[(u64, f64)]) -> ContrastRow {
+        let sample = |values: &[(u64, f64)]| Sample::new(values.iter().copied(), 0, 0).unwrap();
+        let (first, second) = (sample(first), sample(second));
+        ContrastRow {
+            sides: ("a".into(), "b".into()),
+            name: ArmId { agent: "dqn".into(), scenario: "P".into(), settings: Vec::new() },
+            error: None,
+            contrast: Contrast::new(&first, &second, Design::Independent),
+            family: String::new(),
+            corrected: Ok(Corrected { holm: 0.0001, benjamini_hochberg: 0.1 }),
+            published: None,
+            first,
+            second,
+        }
+    }
+
+    #[test]
+    fn a_number_stands_on_both_sides_of_zero() {
+        let high = row(&[(1, 900.0), (2, 903.0)], &[(1, 1.0), (2, 2.0)]);
+        let low = row(&[(1, 0.0), (2, 0.2)], &[(1, 0.31), (2, 0.5)]);
+        for rows in [vec![high.clone()], vec![low.clone()], vec![high, low]] {
+            let ticks = axis(&rows, "mean_return").ticks(TICKS);
+            assert!(ticks.iter().any(|tick| *tick < 0.0), "{ticks:?}");
+            assert!(ticks.contains(&0.0) && ticks.iter().any(|tick| *tick > 0.0), "{ticks:?}");
+        }
+    }
+
+    #[test]
+    fn the_end_of_a_line_has_the_difference_with_its_corrected_p() {
+        let row = row(&[(1, 900.0), (2, 903.0)], &[(1, 1.0), (2, 2.0)]);
+        assert_eq!(words(&row, "mean_return"), "900, p = 0.0001");
+        let across = Across {
+            axis: axis(std::slice::from_ref(&row), "mean_return"),
+            left: 50.0,
+            right: 250.0,
+            whole: 321.0,
+        };
+        let marks = row_marks(&row, "dqn P", 100.0, (&across, "mean_return"));
+        // An interval of ±13 steps on an axis of more than 1000: its end marks are higher than the point.
+        let ends = marks.iter().filter(|mark| match &mark.shape {
+            Shape::Line { points, .. } => {
+                points[0].0 == points[1].0 && points[1].1 - points[0].1 == 8.0
+            }
+            Shape::Area { .. } | Shape::Circle { .. } | Shape::Text { .. } => false,
+        });
+        assert_eq!(ends.count(), 2);
+        let tip = marks.iter().find_map(|mark| mark.tip.clone()).unwrap();
+        assert!(tip.contains("95 % interval 887 to 913, n = 2 seeds per side"), "{tip}");
+    }
+}

@@ -1,0 +1,213 @@
+//! Recoveries: recovered shares of a loss.
+
+use super::{Drawn, Sheet};
+use crate::analyse::declared::RecoveryRow;
+use crate::analyse::{Interval, Recovered, Undefined};
+use crate::report::arm_tables;
+use crate::report::data_table::{DataTable, Entry};
+use crate::report::figure::{arm_label, seeds, settings_label};
+use crate::report::scene::Scene;
+use crate::report::tables::{high, in_unit, low};
+
+/// Maximum number of rows whose shares a caption lists individually.
+const LISTED: usize = 6;
+
+impl Drawn for Vec<RecoveryRow> {
+    fn figures(&self, _: &Sheet<'_>) -> Vec<(String, Scene)> {
+        Vec::new()
+    }
+
+    fn has_figures(&self) -> bool {
+        false
+    }
+
+    fn table(&self, title: &str, metric: &str) -> DataTable {
+        let columns = [
+            ("with", "With"),
+            ("without", "Without"),
+            ("return_with", "Return with"),
+            ("return_without", "Return without"),
+            ("optimum", "Optimum"),
+            ("seeds_with", "n with"),
+            ("seeds_without", "n without"),
+            ("recovered", "Recovered, %"),
+            ("interval", "95 % interval, %"),
+            (".low", ""),
+            (".high", ""),
+        ];
+        let mut table = DataTable::new(title, &columns);
+        for row in self {
+            let [with, without] = &row.returns;
+            let interval = row.recovered.and_then(|found| found.interval);
+            table.rows.push(vec![
+                Entry::text(arm_label(&row.with)),
+                Entry::text(arm_label(&row.without)),
+                in_unit(with.mean(), metric),
+                in_unit(without.mean(), metric),
+                arm_tables::optimum(row.optimum),
+                Entry::number(with.n() as f64, 0),
+                Entry::number(without.n() as f64, 0),
+                percent(row.recovered.map(|found| found.share)),
+                match interval {
+                    Ok(Interval { low, high }) => {
+                        Entry::text(format!("{:.1} to {:.1}", 100.0 * low, 100.0 * high))
+                    }
+                    Err(reason) => Entry::Missing(reason.to_string()),
+                },
+                low(interval),
+                high(interval),
+            ]);
+        }
+        table
+    }
+
+    fn shows(&self, _: &str) -> String {
+        let counts = self.iter().flat_map(|row| row.returns.iter().map(|sample| sample.n()));
+        format!(
+            "Share of the distance to the exact optimum that is recovered, with its 95 % interval \
+             (Fieller’s), {} each",
+            seeds(counts.filter(|n| *n > 0))
+        )
+    }
+
+    /// One sentence: the recovered shares with their intervals, and the losses.
+    fn finds(&self, _: &str) -> Option<String> {
+        let known = self.iter().filter_map(|row| Some((row, row.recovered.ok()?)));
+        let mut known: Vec<(&RecoveryRow, Recovered)> = known.collect();
+        let (first, _) = known.first()?;
+        let same = |row: &RecoveryRow| {
+            let arm = |row: &RecoveryRow| {
+                let name =
+                    |id: &crate::analyse::declared::ArmId| (id.agent.clone(), id.scenario.clone());
+                (name(&row.with), name(&row.without))
+            };
+            arm(row) == arm(first)
+        };
+        if known.len() <= LISTED && known.iter().all(|(row, _)| same(row)) {
+            let shares: Vec<String> = known.iter().map(|(row, found)| share(row, found)).collect();
+            return Some(format!(
+                "{} {} recovers {} of what {} {} loses against the optimum",
+                first.with.agent,
+                first.with.scenario,
+                shares.join(", "),
+                first.without.agent,
+                first.without.scenario,
+            ));
+        }
+        known.sort_by(|(_, a), (_, b)| f64::total_cmp(&a.share, &b.share));
+        let ends: Vec<String> = [known.first()?, known.last()?]
+            .iter()
+            .map(|(row, found)| {
+                format!("{} ({} against {})", share(row, found), row.with.agent, row.without.agent)
+            })
+            .collect();
+        Some(format!(
+            "Of the distance to the optimum, between {} are recovered in {} comparisons",
+            ends.join(" and "),
+            known.len()
+        ))
+    }
+
+    fn lacks(&self) -> Option<String> {
+        if self.is_empty() {
+            return Some("no two arms in the same environment".to_owned());
+        }
+        let unknown: Vec<Undefined> = self.iter().filter_map(|row| row.recovered.err()).collect();
+        let reason = unknown.first()?;
+        Some(format!("{} of {} shares ({reason})", unknown.len(), self.len()))
+    }
+
+    fn is_table(&self) -> bool {
+        true
+    }
+}
+
+fn percent(value: Result<f64, Undefined>) -> Entry {
+    match value {
+        Ok(value) => Entry::Number { value, shown: format!("{:.1}", 100.0 * value) },
+        Err(reason) => Entry::Missing(reason.to_string()),
+    }
+}
+
+/// A share with its interval: "93 % (91 to 95 %) at sigma=0.4".
+fn share(row: &RecoveryRow, found: &Recovered) -> String {
+    let spread = match found.interval {
+        Ok(Interval { low, high }) => format!(" ({:.1} to {:.1} %)", 100.0 * low, 100.0 * high),
+        Err(reason) => format!(" (no interval: {reason})"),
+    };
+    let environment: Vec<_> = row
+        .with
+        .settings
+        .iter()
+        .filter(|(name, _)| name.starts_with("environment."))
+        .cloned()
+        .collect();
+    let at = match settings_label(&environment) {
+        label if label.is_empty() => label,
+        label => format!(" at {label}"),
+    };
+    format!("{:.1} %{spread}{at}", 100.0 * found.share)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::analyse::declared::ArmId;
+    use crate::analyse::{Sample, recovered};
+    use crate::manifest::Setting;
+
+    fn row(sigma: f64, with: [f64; 2], without: [f64; 2], optimum: Option<f64>) -> RecoveryRow {
+        let name = |agent: &str, scenario: &str| ArmId {
+            agent: agent.into(),
+            scenario: scenario.into(),
+            settings: vec![("environment.sigma".into(), Setting::Number(sigma))],
+        };
+        let sample = |values: [f64; 2]| Sample::new((1..).zip(values), 0, 0).unwrap();
+        RecoveryRow {
+            with: name("ppo-gru", "P-M-S"),
+            without: name("ppo", "P-T"),
+            returns: [sample(with), sample(without)],
+            optimum,
+            recovered: optimum
+                .ok_or(Undefined::NoOptimum)
+                .and_then(|optimum| recovered(&with, &without, optimum)),
+        }
+    }
+
+    #[test]
+    fn one_sentence_says_how_much_is_won_back() {
+        // The arm of the loss has no variance. The share is 30 of 40. Its half-width is 12.7062,
+        // the t with one degree of freedom, times a standard error of 1, divided by 40.
+        let rows = vec![
+            row(0.4, [89.0, 91.0], [60.0, 60.0], Some(100.0)),
+            row(0.6, [50.0, 50.5], [50.0, 50.5], None),
+        ];
+        assert_eq!(
+            rows.finds("mean_return").unwrap(),
+            "ppo-gru P-M-S recovers 75.0 % (43.2 to 106.8 %) at sigma=0.4 of what ppo P-T loses \
+             against the optimum"
+        );
+        assert_eq!(
+            rows.lacks().unwrap(),
+            "1 of 2 shares (no optimum known: the analysis needs jobs of a scenario that shows H and \
+             D)"
+        );
+        let table = rows.table("", "mean_return");
+        assert_eq!(table.rows.len(), 2);
+        assert!(table.markdown().contains("43.2 to 106.8"));
+    }
+
+    #[test]
+    fn many_shares_are_summed_up_by_their_ends() {
+        let rows: Vec<RecoveryRow> = (1..=8)
+            .map(|i| {
+                let mean = 60.0 + 5.0 * f64::from(i);
+                row(f64::from(i), [mean - 1.0, mean + 1.0], [60.0, 60.0], Some(100.0))
+            })
+            .collect();
+        let found = rows.finds("mean_return").unwrap();
+        assert!(found.starts_with("Of the distance to the optimum, between 12.5 %"), "{found}");
+        assert!(found.contains("and 100.0 %") && found.ends_with("in 8 comparisons"), "{found}");
+        assert!(Vec::<RecoveryRow>::new().lacks().is_some());
+    }
+}

@@ -1,0 +1,191 @@
+//! Displayed names in figures and tables: labels of agents, symbols of parameters.
+//!
+//! CSV files keep the names of keys. Everything else is made from findings with displayed names.
+
+use super::section::ReportedExperiment;
+use crate::analyse::declared::{
+    ActionPanel, AgentSummary, ArmId, ArmSummary, Content, ContrastRow, CurveFigure, Finding,
+    HeatFigure, LearningFigure, Ranking, implied,
+};
+use crate::manifest::{PanelKey, Setting, short_name};
+use crate::record::JobRecord;
+
+/// Keys that papers write as symbols; `_` begins a subscript.
+const SYMBOLS: [(&str, &str); 10] = [
+    ("sigma", "σ"),
+    ("sigma_s", "σ_s"),
+    ("mu", "μ"),
+    ("gamma", "γ"),
+    ("delta_h", "δ_h"),
+    ("delta_d", "δ_d"),
+    ("epsilon_h", "ε_h"),
+    ("epsilon_d", "ε_d"),
+    ("rho_1", "ρ_1"),
+    ("rho_2", "ρ_2"),
+];
+
+/// The labels of an experiment's agents, and the keys that names of arms leave out.
+#[derive(Clone, Debug, Default)]
+pub struct Names {
+    /// Names of agents with their labels.
+    labels: Vec<(String, String)>,
+    /// Dotted names of keys that other keys of the experiment determine, such as zipped keys.
+    implied: Vec<String>,
+}
+
+impl Names {
+    /// The names of an experiment.
+    pub fn of(experiment: &ReportedExperiment) -> Names {
+        let jobs: Vec<&JobRecord> = experiment.jobs.iter().collect();
+        let panels = experiment.styles.iter().filter_map(|style| match style.panel? {
+            PanelKey::Key(parameter) => Some(parameter.to_string()),
+            PanelKey::Agent | PanelKey::Scenario => None,
+        });
+        let kept: Vec<String> = panels.collect();
+        Names { labels: experiment.labels.clone(), implied: implied(&jobs, &kept) }
+    }
+
+    /// A dotted name with its last part as a symbol, if it has one.
+    pub fn key(dotted: &str) -> String {
+        let (section, key) = match dotted.rsplit_once('.') {
+            Some((section, key)) => (Some(section), key),
+            None => (None, dotted),
+        };
+        let symbol = SYMBOLS.iter().find(|(known, _)| *known == key);
+        match (section, symbol) {
+            (_, None) => dotted.to_owned(),
+            (None, Some((_, symbol))) => (*symbol).to_owned(),
+            (Some(section), Some((_, symbol))) => format!("{section}.{symbol}"),
+        }
+    }
+
+    /// A text with symbols replaced by the names of their keys, for file names.
+    pub fn plain(text: &str) -> String {
+        // Symbols that begin with another symbol come first.
+        let symbols = SYMBOLS.iter().filter(|(key, _)| key.contains('_'));
+        let symbols = symbols.chain(SYMBOLS.iter().filter(|(key, _)| !key.contains('_')));
+        symbols.fold(text.to_owned(), |text, (key, symbol)| text.replace(symbol, key))
+    }
+
+    fn agent(&self, name: &str) -> String {
+        let label = self.labels.iter().find(|(known, _)| known == name);
+        label.map_or(name, |(_, label)| label).to_owned()
+    }
+
+    /// Words such as `delta_d=0.1`, and names of agents if `has_agents`, as they are displayed.
+    fn words(&self, text: &str, has_agents: bool) -> String {
+        let word = |word: &str| match word.split_once('=') {
+            Some((key, value)) => format!("{}={value}", Names::key(key)),
+            None if has_agents => self.agent(word),
+            None => word.to_owned(),
+        };
+        text.split(' ').map(word).collect::<Vec<_>>().join(" ")
+    }
+
+    fn arm(&self, name: &mut ArmId) {
+        name.agent = self.agent(&name.agent);
+        name.settings.retain(|(key, _)| !self.implied.contains(key));
+        settings(&mut name.settings);
+    }
+
+    /// The summaries as they are displayed.
+    pub fn arms(&self, summaries: &[ArmSummary]) -> Vec<ArmSummary> {
+        let mut summaries = summaries.to_vec();
+        summaries.iter_mut().for_each(|summary| self.arm(&mut summary.name));
+        summaries
+    }
+
+    /// The summaries as they are displayed.
+    pub fn agents(&self, summaries: &[AgentSummary]) -> Vec<AgentSummary> {
+        let mut summaries = summaries.to_vec();
+        summaries.iter_mut().for_each(|summary| summary.agent = self.agent(&summary.agent));
+        summaries
+    }
+
+    /// The finding as it is displayed.
+    pub fn finding(&self, finding: &Finding) -> Finding {
+        let mut finding = finding.clone();
+        match &mut finding.content {
+            Content::Contrast(rows) => rows.iter_mut().for_each(|row| self.contrast(row)),
+            Content::Curve(CurveFigure { axis, lines }) => {
+                *axis = Names::key(axis);
+                lines.iter_mut().for_each(|line| self.arm(&mut line.name));
+            }
+            Content::LearningCurve(LearningFigure { panels, .. }) => {
+                let lines = panels.iter_mut().flat_map(|panel| &mut panel.lines);
+                lines.for_each(|line| self.arm(&mut line.name));
+            }
+            Content::HeatMap(maps) => maps.iter_mut().for_each(|map| self.map(map)),
+            Content::ActionChoice(panels) => {
+                panels.iter_mut().for_each(|panel: &mut ActionPanel| self.arm(&mut panel.name));
+            }
+            Content::Selection(rankings) => {
+                rankings.iter_mut().for_each(|ranking: &mut Ranking| {
+                    self.arm(&mut ranking.place);
+                    ranking.candidates.iter_mut().for_each(|one| settings(&mut one.settings));
+                })
+            }
+            Content::Recovery(rows) => rows.iter_mut().for_each(|row| {
+                self.arm(&mut row.with);
+                self.arm(&mut row.without);
+            }),
+            Content::InferenceError(_) => {}
+        }
+        finding
+    }
+
+    fn contrast(&self, row: &mut ContrastRow) {
+        // The sides are agents if the rows have none.
+        let has_agents = row.name.agent.is_empty();
+        for side in [&mut row.sides.0, &mut row.sides.1] {
+            *side = self.words(side, has_agents);
+        }
+        self.arm(&mut row.name);
+    }
+
+    fn map(&self, map: &mut HeatFigure) {
+        let is_implied = |word: &str| {
+            let key = word.split_once('=').map(|(key, _)| key);
+            key.is_some_and(|key| self.implied.iter().any(|one| short_name(one) == key))
+        };
+        let words = map.subject.split(' ').filter(|word| !is_implied(word));
+        let subject = words.collect::<Vec<_>>().join(" ");
+        map.subject = self.words(&subject, map.agent.is_empty());
+        map.agent = self.agent(&map.agent);
+        self.arm(&mut map.name);
+        map.x.0 = Names::key(&map.x.0);
+        map.y.0 = Names::key(&map.y.0);
+    }
+}
+
+fn settings(settings: &mut [(String, Setting)]) {
+    settings.iter_mut().for_each(|(name, _)| *name = Names::key(name));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_key_has_a_symbol_and_an_agent_its_label() {
+        assert_eq!(Names::key("environment.delta_d"), "environment.δ_d");
+        assert_eq!(Names::key("agent.learning_rate"), "agent.learning_rate");
+        assert_eq!(Names::key("sigma"), "σ");
+        let names = Names {
+            labels: vec![("dqn".to_owned(), "Deep Q".to_owned())],
+            implied: vec!["environment.kappa_h".to_owned()],
+        };
+        let mut arm = ArmId {
+            agent: "dqn".to_owned(),
+            scenario: "P-H-D".to_owned(),
+            settings: vec![
+                ("environment.kappa_h".to_owned(), Setting::Number(10.0)),
+                ("environment.rho_1".to_owned(), Setting::Number(50.0)),
+            ],
+        };
+        names.arm(&mut arm);
+        assert_eq!((arm.agent.as_str(), arm.settings[0].0.as_str()), ("Deep Q", "environment.ρ_1"));
+        assert_eq!(names.words("dqn - ppo epsilon_d=0.2", true), "Deep Q - ppo ε_d=0.2");
+        assert_eq!(names.words("dqn", false), "dqn");
+    }
+}

@@ -1,0 +1,148 @@
+//! The best settings of a search, as tables for other manifests, with their results on held-out seeds.
+//!
+//! In: the rankings of a selection. Out: TOML with the numbers in comments. Held-out seeds are read
+//! from the whole store, because another experiment runs them.
+
+use super::kinds::amount;
+use super::words::metric_title;
+use crate::analyse::declared::{Arm, ArmId, Candidate, Content, Finding, Ranking, is_at};
+use crate::analyse::{Interval, Sample, mean_interval};
+use crate::manifest::{Analysis, AnalysisKind, Manifest, printable};
+use crate::plan::{self, Job, PlannedJob};
+use crate::record::{JobRecord, JobStatus};
+use crate::store::{Parts, Reader, StoreError};
+
+/// The best settings that each analysis of the manifest chose; `None` unless it is a selection with
+/// a winner. `findings` has one finding per analysis of the manifest.
+pub fn winners(
+    reader: &Reader,
+    manifest: &Manifest,
+    findings: &[Finding],
+) -> Result<Vec<Option<String>>, StoreError> {
+    let of_one = |(analysis, finding): (&Analysis, &Finding)| {
+        let (AnalysisKind::Selection { reporting_seeds, .. }, Content::Selection(rankings)) =
+            (&analysis.kind, &finding.content)
+        else {
+            return Ok(None);
+        };
+        let search = Search { reader, manifest, analysis, reporting_seeds };
+        let chosen = rankings.iter().filter_map(|ranking| Some((ranking, ranking.winner()?)));
+        let tables = chosen.map(|(ranking, winner)| search.table(ranking, winner));
+        let tables: Vec<String> =
+            tables.filter_map(Result::transpose).collect::<Result<_, StoreError>>()?;
+        Ok((!tables.is_empty()).then(|| tables.join("\n")))
+    };
+    manifest.analyses.iter().zip(findings).map(of_one).collect()
+}
+
+/// A selection of a manifest.
+struct Search<'s> {
+    reader: &'s Reader,
+    manifest: &'s Manifest,
+    analysis: &'s Analysis,
+    reporting_seeds: &'s [u64],
+}
+
+impl Search<'_> {
+    /// The winner of a ranking as TOML; `None` if the manifest has no such job.
+    fn table(&self, ranking: &Ranking, winner: &Candidate) -> Result<Option<String>, StoreError> {
+        let settings = [&ranking.place.settings[..], &winner.settings].concat();
+        let name = ArmId { settings, ..ranking.place.clone() };
+        // The name lacks keys that the analysis fixes.
+        let conditions: Vec<_> = self.analysis.of_jobs().collect();
+        let is_winner = |planned: &PlannedJob| {
+            let record = JobRecord::new(planned, planned.form.key(), JobStatus::Pending);
+            is_at(&record, &name) && conditions.iter().all(|condition| condition.is_met_by(&record))
+        };
+        let agent = self.manifest.agents.iter().find(|agent| agent.name == name.agent);
+        let (Some(agent), Some(planned)) = (agent, plan::jobs(self.manifest).find(is_winner))
+        else {
+            return Ok(None);
+        };
+        let held_out = self.held_out(&planned)?;
+        let mut out = String::new();
+        for line in self.comments(ranking, winner, &held_out) {
+            out += &format!("# {}\n", printable(&line));
+        }
+        Ok(Some(out + &agent.chosen(|parameter| planned.job.value(parameter))))
+    }
+
+    /// The metric of the job on the reporting seeds, whichever experiment ran them.
+    fn held_out(&self, winner: &PlannedJob) -> Result<Sample, StoreError> {
+        let planned = self.reporting_seeds.iter().map(|seed| {
+            let job = Job { seed: *seed, ..winner.job.clone() };
+            PlannedJob { agent: winner.agent.clone(), form: job.form(), job }
+        });
+        let parts = Parts { curve: false, actions: false, returns: true };
+        let mut data = self.reader.data_set_of(&self.manifest.name, planned, parts, |_| {})?;
+        if let Some(range) = self.analysis.participants {
+            self.reader.read_participants(&mut data.jobs, &[range])?;
+            data.jobs = data.jobs.iter().map(|job| job.among(range)).collect();
+        }
+        let agent = winner.agent.to_string();
+        let name = ArmId { agent, scenario: String::new(), settings: Vec::new() };
+        Ok(Arm { name, jobs: data.jobs.iter().collect() }.sample(self.analysis.metric))
+    }
+
+    fn comments(&self, ranking: &Ranking, winner: &Candidate, held_out: &Sample) -> Vec<String> {
+        let metric = self.analysis.metric;
+        let ArmId { agent, scenario, settings } = &ranking.place;
+        let written = |settings: &mut dyn Iterator<Item = &(String, crate::manifest::Setting)>| {
+            settings.map(|(key, value)| format!(", {key} = {value}")).collect::<String>()
+        };
+        let (experiment, name) = (&self.manifest.name, &self.analysis.name);
+        let around = written(&mut settings.iter());
+        let mut lines = vec![
+            format!("Search `{name}` of experiment `{experiment}`: {agent}, {scenario}{around}"),
+            format!(
+                "Best of {} settings tried, by the {} of {}",
+                ranking.tried(),
+                ranking.rule.replace('_', " "),
+                metric_title(metric)
+            ),
+            format!("On the seeds of the search: {}", mean(&winner.sample, metric)),
+        ];
+        // Keys outside the agent belong elsewhere in the other manifest.
+        let others = |(key, _): &&(String, _)| !key.starts_with("agent.");
+        let others = written(&mut winner.settings.iter().filter(others));
+        if let Some(others) = others.strip_prefix(", ") {
+            lines.push(format!("Chosen as well, outside this table: {others}"));
+        }
+        let reporting = self.reporting_seeds.len();
+        if held_out.n() == 0 {
+            lines.push(format!(
+                "On held-out seeds: none of {reporting} completed with this environment and evaluation; run them, because the best of several means is too high"
+            ));
+            return lines;
+        }
+        let of = match held_out.n() {
+            all if all == reporting => String::new(),
+            _ => format!(" of {reporting}"),
+        };
+        lines.push(format!("On held-out seeds: {}{of}", mean(held_out, metric)));
+        // The search mean was selected, so it is no sample of its expectation: only the held-out mean is uncertain.
+        if let (Ok(search), Ok(new)) = (winner.sample.mean(), held_out.mean()) {
+            let interval = mean_interval(held_out.values());
+            let interval = interval.map(|Interval { low, high }| {
+                between(Interval { low: search - high, high: search - low }, metric)
+            });
+            lines.push(format!(
+                "Expected shrinkage on new seeds: {}{}",
+                amount(search - new, metric),
+                interval.unwrap_or_default()
+            ));
+        }
+        lines
+    }
+}
+
+/// The mean of a sample with its interval and its number of seeds.
+fn mean(sample: &Sample, metric: &str) -> String {
+    let shown = sample.mean().map_or_else(|reason| reason.to_string(), |it| amount(it, metric));
+    let interval = mean_interval(sample.values()).map(|interval| between(interval, metric));
+    format!("{shown}{}, n = {}", interval.unwrap_or_default(), sample.n())
+}
+
+fn between(Interval { low, high }: Interval, metric: &str) -> String {
+    format!(" (95 % interval {} to {})", amount(low, metric), amount(high, metric))
+}

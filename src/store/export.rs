@@ -1,0 +1,114 @@
+//! The content of an export: the rows of every view, the meanings of their columns, and the manifests.
+
+use super::error::StoreError;
+use super::read::Reader;
+
+/// The public views, with the order of their rows.
+const ORDERS: [(&str, &str); 10] = [
+    ("run_summary", "experiment, job_key, agent, attempt"),
+    ("parameter", "job_key, name"),
+    ("metric", "job_key, name"),
+    ("learning_curve", "job_key, metric, episode"),
+    ("evaluation_episode", "job_key, episode"),
+    ("action_choice", "job_key, p_low, context, action"),
+    ("arm_summary", "experiment, job_key, agent"),
+    ("decision", "job_key, phase, episode, step"),
+    ("participant", "job_key, phase, episode, name"),
+    ("manifest", "experiment, used_from"),
+];
+
+/// The documentation of the views, which defines their columns.
+const REFERENCE: &str = include_str!("../../docs/store.md");
+
+/// The public views, each with the query for all its rows in a fixed order. If `experiments` is not empty,
+/// only the rows of these experiments and their jobs.
+pub fn exports(experiments: &[String]) -> impl Iterator<Item = (&'static str, String)> {
+    let quoted: Vec<String> =
+        experiments.iter().map(|name| format!("'{}'", name.replace('\'', "''"))).collect();
+    let quoted = quoted.join(", ");
+    ORDERS.into_iter().map(move |(view, order)| {
+        let of_experiment = order.starts_with("experiment");
+        let only = match of_experiment {
+            _ if quoted.is_empty() => String::new(),
+            true => format!(" WHERE experiment IN ({quoted})"),
+            false => format!(
+                " WHERE job_key IN (SELECT job.key FROM experiment
+                    JOIN experiment_job ON experiment_job.experiment = experiment.id
+                    JOIN job ON job.id = experiment_job.job WHERE experiment.name IN ({quoted}))"
+            ),
+        };
+        (view, format!("SELECT * FROM {view}{only} ORDER BY {order}"))
+    })
+}
+
+/// The documentation of a view's column.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Column {
+    /// The view.
+    pub view: &'static str,
+    /// The column.
+    pub name: &'static str,
+    /// The type of its values: `integer`, `real` or `text`, or several of these.
+    pub kind: &'static str,
+    /// The unit; empty if there is none.
+    pub unit: &'static str,
+    /// The meaning of its values.
+    pub meaning: &'static str,
+}
+
+/// The columns of all views, in order: the tables of `docs/store.md`.
+pub fn columns() -> impl Iterator<Item = Column> {
+    let mut view = "";
+    REFERENCE.lines().filter_map(move |line| {
+        if let Some(title) = line.strip_prefix("### ") {
+            view = title;
+        }
+        let cells = line.strip_prefix('|')?.strip_suffix('|')?;
+        let cells: Vec<&'static str> = cells.split('|').map(str::trim).collect();
+        let [name, kind, unit, meaning] = cells[..] else { return None };
+        let is_header = name == "column" || name.starts_with("---");
+        (!is_header).then_some(Column { view, name, kind, unit, meaning })
+    })
+}
+
+impl Reader {
+    /// The experiments, each with the text of its manifest, in the order of their first run.
+    pub fn manifests(&self) -> Result<Vec<(String, String)>, StoreError> {
+        self.read("read the manifests", |connection| {
+            let mut statement =
+                connection.prepare_cached("SELECT name, manifest FROM experiment ORDER BY id")?;
+            let rows = statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?;
+            Ok(rows.collect::<rusqlite::Result<_>>()?)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashMap;
+
+    use super::*;
+    use crate::store::{Store, VIEWS};
+
+    #[test]
+    fn the_dictionary_has_every_column_of_every_view_in_order() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(&folder.path().join("jitai.sqlite")).unwrap();
+        let mut known: HashMap<&str, Vec<&str>> = HashMap::new();
+        for column in columns() {
+            known.entry(column.view).or_default().push(column.name);
+            assert!(!column.meaning.is_empty() && !column.kind.is_empty(), "{column:?}");
+        }
+        assert_eq!(known.len(), VIEWS.len());
+        for view in VIEWS {
+            let statement = store.connection.prepare(&format!("SELECT * FROM {view}")).unwrap();
+            assert_eq!(statement.column_names().collect::<Vec<_>>(), known[view], "{view}");
+        }
+    }
+
+    #[test]
+    fn every_view_is_exported() {
+        let exported: Vec<&str> = exports(&[]).map(|(view, _)| view).collect();
+        assert_eq!(exported, VIEWS);
+    }
+}

@@ -1,0 +1,153 @@
+//! Removal of an experiment: the only deletion of rows that others may rely on.
+
+use rusqlite::{Connection, OptionalExtension};
+
+use super::error::StoreError;
+use super::read::{Reader, holders};
+use super::state::{Counts, JobState, States};
+use super::writer::Store;
+
+/// The data that the store has of an experiment.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Belongings {
+    /// The experiment's jobs by state, each counted once.
+    pub jobs: Counts,
+    /// The jobs among these that no other experiment holds.
+    pub alone: Counts,
+}
+
+/// The result of an attempt to remove an experiment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Forgotten {
+    /// The store has no experiment of this name.
+    Unknown,
+    /// A living process is running jobs of the experiment; nothing was removed.
+    Running,
+    /// The experiment was removed.
+    Removed(Belongings),
+}
+
+/// Tables whose rows belong to a run, with the condition for the rows of run `?1`. The ids of recorded
+/// decisions and participants contain the run in their upper bits.
+const OF_RUN: [(&str, &str); 8] = [
+    ("run_metric", "run = ?1"),
+    ("curve_point", "run = ?1"),
+    ("test_episode", "run = ?1"),
+    ("action_count", "run = ?1"),
+    ("trained_weights", "run = ?1"),
+    ("recorded_decision", BY_ID),
+    ("recorded_participant", BY_ID),
+    ("run", "id = ?1"),
+];
+
+const BY_ID: &str = "id BETWEEN ?1 << 39 AND (?1 << 39) + 549755813887";
+
+impl Reader {
+    /// The data that the store has of an experiment; `None` for an unknown experiment.
+    pub fn belongings(&self, experiment: &str) -> Result<Option<Belongings>, StoreError> {
+        self.read("read an experiment", |connection| {
+            let Some(id) = id_of(connection, experiment)? else { return Ok(None) };
+            Ok(Some(Held::read(connection, id)?.belongings()))
+        })
+    }
+}
+
+impl Store {
+    /// Removes an experiment. With `results`, also removes the jobs that no other experiment holds, with all
+    /// their runs and results. One transaction removes everything or nothing.
+    ///
+    /// **Errors**: the store fails.
+    pub fn forget(&mut self, experiment: &str, results: bool) -> Result<Forgotten, StoreError> {
+        self.write_durably("forget an experiment", |transaction| {
+            let Some(id) = id_of(transaction, experiment)? else { return Ok(Forgotten::Unknown) };
+            let held = Held::read(transaction, id)?;
+            let belongings = held.belongings();
+            if belongings.jobs.running > 0 {
+                return Ok(Forgotten::Running);
+            }
+            without_guards(transaction, || {
+                for table in ["experiment_job", "earlier_manifest"] {
+                    let delete = format!("DELETE FROM {table} WHERE experiment = ?1");
+                    transaction.execute(&delete, [id])?;
+                }
+                transaction.execute("DELETE FROM experiment WHERE id = ?1", [id])?;
+                if results { delete_jobs(transaction, &held) } else { Ok(()) }
+            })?;
+            Ok(Forgotten::Removed(belongings))
+        })
+    }
+}
+
+fn id_of(connection: &Connection, experiment: &str) -> rusqlite::Result<Option<i64>> {
+    connection
+        .query_row("SELECT id FROM experiment WHERE name = ?1", [experiment], |row| row.get(0))
+        .optional()
+}
+
+/// The jobs of an experiment: row id, state, and whether no other experiment holds the job.
+struct Held(Vec<(i64, JobState, bool)>);
+
+impl Held {
+    fn read(connection: &Connection, experiment: i64) -> rusqlite::Result<Held> {
+        let states = States::read(connection, &holders(connection)?.alive)?;
+        let mut statement = connection.prepare(
+            "SELECT DISTINCT job, NOT EXISTS (SELECT 1 FROM experiment_job AS other
+                WHERE other.job = held.job AND other.experiment <> ?1)
+             FROM experiment_job AS held WHERE experiment = ?1",
+        )?;
+        let rows = statement.query_map([experiment], |row| {
+            let job = row.get(0)?;
+            Ok((job, states.of(job), row.get(1)?))
+        })?;
+        Ok(Held(rows.collect::<rusqlite::Result<_>>()?))
+    }
+
+    fn belongings(&self) -> Belongings {
+        let mut belongings = Belongings::default();
+        for (_, state, alone) in &self.0 {
+            belongings.jobs.add(*state, 1);
+            if *alone {
+                belongings.alone.add(*state, 1);
+            }
+        }
+        belongings
+    }
+}
+
+/// Runs `delete` without the triggers that forbid deletions. The triggers are restored before the transaction
+/// ends; if `delete` fails, rolling back the transaction restores them.
+fn without_guards(
+    connection: &Connection,
+    delete: impl FnOnce() -> rusqlite::Result<()>,
+) -> rusqlite::Result<()> {
+    let guards: Vec<(String, String)> = connection
+        .prepare(
+            "SELECT name, sql FROM sqlite_schema
+             WHERE type = 'trigger' AND sql LIKE '%BEFORE DELETE ON%'",
+        )?
+        .query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?
+        .collect::<rusqlite::Result<_>>()?;
+    for (name, _) in &guards {
+        connection.execute_batch(&format!("DROP TRIGGER {name}"))?;
+    }
+    delete()?;
+    guards.iter().try_for_each(|(_, sql)| connection.execute_batch(sql))
+}
+
+/// Deletes the jobs that only this experiment holds, with their runs and results.
+fn delete_jobs(connection: &Connection, held: &Held) -> rusqlite::Result<()> {
+    let mut runs = connection.prepare("SELECT id FROM run WHERE job = ?1")?;
+    let mut of_run = OF_RUN
+        .iter()
+        .map(|(table, rows)| connection.prepare(&format!("DELETE FROM {table} WHERE {rows}")))
+        .collect::<rusqlite::Result<Vec<_>>>()?;
+    let mut job_row = connection.prepare("DELETE FROM job WHERE id = ?1")?;
+    for (job, ..) in held.0.iter().filter(|(.., alone)| *alone) {
+        let ids = runs.query_map([job], |row| row.get(0))?;
+        for run in ids.collect::<rusqlite::Result<Vec<i64>>>()? {
+            of_run.iter_mut().try_for_each(|delete| delete.execute([run]).map(drop))?;
+        }
+        job_row.execute([job])?;
+    }
+    Ok(())
+}

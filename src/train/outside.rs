@@ -1,0 +1,174 @@
+//! A job whose agent is an outside program. We count every episode of its training, and we play its test.
+//!
+//! In: a job, the declaration of its program, and a [`TrainingControl`]. Out: an [`Outcome`], as for any job.
+//! There are no checkpoints, because the state of a program cannot be saved: a stopped job starts over.
+
+mod broken;
+mod choice;
+mod lanes;
+mod record;
+mod testing;
+
+use serde_json::{Map, Value as Json, json};
+
+use crate::agent::External;
+use crate::env::{Action, Population};
+use crate::external::{FromProgram, PROTOCOL, Program, ProgramError, ToProgram};
+use crate::key::{Keyed, Value};
+use crate::plan::Job;
+use crate::record::Outcome;
+use crate::train::control::TrainingControl;
+use crate::train::decision_log::DecisionLog;
+use crate::train::test::Test;
+use crate::train::training::out_of_memory;
+
+use broken::{Broken, unexpected};
+use lanes::Lanes;
+use record::TrainingRecord;
+
+/// The most lanes in which a program can train.
+const MOST_LANES: usize = 4096;
+
+/// Trains and tests an outside program.
+pub(super) fn run(job: &Job, external: &External, control: &dyn TrainingControl) -> Outcome {
+    let mut record = TrainingRecord::new(job, control);
+    let stop = || control.stop_requested();
+    let started = Program::start(&external.command, &external.shown(), control.folder());
+    let mut program = match started {
+        Ok(program) => program,
+        Err(error) => return record.failed(&error),
+    };
+    let mut session = Session { job, stop: &stop, program: &mut program };
+    match session.converse(external, &mut record) {
+        Ok(test) => {
+            program.finish(&stop);
+            Outcome::Completed(record.results(test))
+        }
+        Err(Broken::Program(ProgramError::Stopped)) => {
+            program.stop();
+            Outcome::Interrupted
+        }
+        Err(Broken::Program(error)) => record.failed(&error),
+        Err(Broken::OutOfMemory(error)) => {
+            Outcome::Failed(out_of_memory(&error, record.episodes()))
+        }
+    }
+}
+
+/// The conversation with the program of a job.
+struct Session<'s> {
+    job: &'s Job,
+    stop: &'s dyn Fn() -> bool,
+    program: &'s mut Program,
+}
+
+impl Session<'_> {
+    /// Conducts the whole conversation; returns the test, which ends it.
+    fn converse(
+        &mut self,
+        external: &External,
+        record: &mut TrainingRecord<'_>,
+    ) -> Result<Test, Broken> {
+        self.program.send(&assignment(self.job, external));
+        let lanes = self.ready()?;
+        self.train(lanes, record)?;
+        let test = testing::play(self.job, self.program, self.stop)?;
+        self.program.send(&ToProgram::End {});
+        Ok(test)
+    }
+
+    /// The number of lanes that the program requests in its answer.
+    fn ready(&mut self) -> Result<usize, ProgramError> {
+        const READY: &str = "\"ready\"";
+        let message = self.program.receive(READY, "before training", self.stop)?;
+        let FromProgram::Ready { protocol, lanes } = message else {
+            return Err(unexpected(self.program, &message, READY));
+        };
+        if protocol != PROTOCOL {
+            let fault = format!(
+                "expected protocol {PROTOCOL}, found {protocol}; use versions of the program and \
+                 of jitai with the same protocol"
+            );
+            return Err(self.program.broke(fault));
+        }
+        if !(1..=MOST_LANES).contains(&lanes) {
+            let fault = format!("`lanes`: expected a number from 1 to {MOST_LANES}, found {lanes}");
+            return Err(self.program.broke(fault));
+        }
+        Ok(lanes)
+    }
+
+    /// Serves the training until the program reports its end.
+    fn train(&mut self, lanes: usize, record: &mut TrainingRecord<'_>) -> Result<(), Broken> {
+        const EXPECTED: &str =
+            "\"reset\", \"step\", \"episodes\", \"update\" or \"trained\" in training";
+        let mut lanes = Lanes::new(self.job, lanes);
+        loop {
+            let episodes = record.episodes();
+            let when = format!("in training, after {episodes} episodes");
+            let answered = match self.program.receive(EXPECTED, &when, self.stop)? {
+                FromProgram::Reset(reset) => lanes.reset(&reset, record, self.program),
+                FromProgram::Step(step) => lanes.step(&step, record, self.program)?,
+                FromProgram::Episodes(episodes) => record.add(&episodes)?,
+                FromProgram::Update(update) => {
+                    record.update(update);
+                    Ok(())
+                }
+                FromProgram::Trained {} => return Ok(()),
+                other @ (FromProgram::Ready { .. } | FromProgram::Choices(_)) => {
+                    return Err(unexpected(self.program, &other, EXPECTED).into());
+                }
+            };
+            answered.map_err(|fault| self.program.broke(fault))?;
+            record.log.as_ref().map_or(Ok(()), DecisionLog::check)?;
+        }
+    }
+}
+
+/// The first message: everything that a program needs to know about its job.
+fn assignment(job: &Job, external: &External) -> Json {
+    let spec = job.task().observations();
+    let bound = |bound: f32| bound.is_finite().then_some(bound);
+    let feature = |(name, low, high): (&str, f32, f32)| json!({ "name": name, "low": bound(low), "high": bound(high) });
+    let features = spec.features.iter();
+    let features = features.map(|one| feature((&one.name, one.low, one.high)));
+    let moments = (0..spec.one_hot).map(|step| feature((&format!("T={step}"), 0.0, 1.0)));
+    let parameters = job.agent.free_parameters();
+    let parameters: Map<String, Json> =
+        parameters.map(|(name, value)| (name.to_owned(), json!(value))).collect();
+    json!({
+        "type": "job",
+        "protocol": PROTOCOL,
+        "jitai": env!("CARGO_PKG_VERSION"),
+        "job_key": job.key().to_string(),
+        "version": external.version,
+        "seed": job.seed,
+        "episodes": external.episodes,
+        "parameters": parameters,
+        "scenario": job.scenario.to_string(),
+        "history": job.agent.history(),
+        "observation": features.chain(moments).collect::<Vec<_>>(),
+        "actions": Action::COUNT,
+        "horizon": job.environment.horizon,
+        "environment": job.environment.to_json(),
+        "population": population(&job.population),
+        "evaluation": job.evaluation.to_json(),
+    })
+}
+
+/// The keys of a population that differ from their defaults, as the tables of a manifest.
+fn population(of: &Population) -> Map<String, Json> {
+    let keys = Population::KEYS.iter().zip(of.to_values());
+    let given = keys.filter(|(key, value)| key.default().as_ref() != Some(value));
+    let written = given.map(|(key, value)| {
+        let table = match &value {
+            Value::Distribution(of) => {
+                toml::from_str::<Map<String, Json>>(&format!("x = {}", of.text()))
+            }
+            _ => Ok(Map::new()),
+        };
+        let read = table.ok().and_then(|mut table| table.remove("x"));
+        (key.name.to_owned(), read.unwrap_or_else(|| json!(value)))
+    });
+    written.collect()
+}

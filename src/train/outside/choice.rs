@@ -1,0 +1,33 @@
+//! Actions and probabilities as programs write them.
+
+use crate::env::{Action, PhysicalActivity};
+
+/// Whether a message can be sent in each of these lanes; `None` if messages are available in all of them.
+pub(super) fn available(simulation: &PhysicalActivity, lanes: &[usize]) -> Option<Vec<bool>> {
+    // Includes the budget of messages: without availability or budget, every choice results in no message.
+    let is_free = |lane: &usize| simulation.taken(*lane, Action::UNTAILORED) == Action::UNTAILORED;
+    let available: Vec<bool> = lanes.iter().map(is_free).collect();
+    available.contains(&false).then_some(available)
+}
+
+/// The action with this number.
+///
+/// **Errors**: a description, if no action has this number.
+pub(super) fn action(number: Option<i64>, lane: usize) -> Result<Action, String> {
+    let last = Action::COUNT - 1;
+    let index = number.and_then(|number| usize::try_from(number).ok());
+    index.and_then(Action::from_index).ok_or_else(|| {
+        let found = number.map_or_else(|| "null".to_owned(), |number| number.to_string());
+        format!("expected an action from 0 to {last} for lane {lane}, found {found}")
+    })
+}
+
+/// Checks the probability of an action that was taken.
+///
+/// **Errors**: a description, if the value cannot be such a probability.
+pub(super) fn probability(of: f64, lane: usize) -> Result<f64, String> {
+    if of > 0.0 && of <= 1.0 {
+        return Ok(of);
+    }
+    Err(format!("expected a probability above 0 and at most 1 for lane {lane}, found {of}"))
+}

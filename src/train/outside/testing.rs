@@ -1,0 +1,239 @@
+//! The test of a program, on the same episodes as for every agent of the seed.
+
+use crate::agent::Actions;
+use crate::env::{Action, EpisodeStatus, PhysicalActivity, VectorEnvironment};
+use crate::external::{
+    Choices, FromProgram, Probabilities, Program, ProgramError, Rows, ToProgram,
+};
+use crate::plan::Job;
+use crate::rng::Stream;
+use crate::train::test::Test;
+
+use super::broken::{Broken, unexpected};
+use super::choice::{action, available, probability};
+
+/// How far the sum of the actions' probabilities may be from 1.
+const TOLERANCE: f64 = 1e-3;
+
+/// Plays the test of a job with the choices of a program.
+pub(super) fn play(
+    job: &Job,
+    program: &mut Program,
+    stop: &dyn Fn() -> bool,
+) -> Result<Test, Broken> {
+    let mut test = Test::new(job);
+    let mut observations = job.task().observations().observations();
+    let mut running: Vec<usize> = Vec::new();
+    while !test.is_over() {
+        let mut lanes = 0;
+        let mut is_announced = false;
+        let mut choose = |simulation: &PhysicalActivity,
+                          stream: &mut Stream,
+                          actions: &mut [Action],
+                          probabilities: &mut [f64]|
+         -> Result<(), Broken> {
+            if !std::mem::replace(&mut is_announced, true) {
+                program.send(&ToProgram::Test { lanes: simulation.lanes() });
+            }
+            running.clear();
+            let statuses = simulation.statuses().iter().enumerate();
+            let is_running =
+                |(_, status): &(usize, &EpisodeStatus)| **status == EpisodeStatus::Running;
+            running.extend(statuses.filter(is_running).map(|(lane, _)| lane));
+            simulation.observe(&mut observations);
+            let values = observations.take_written_out();
+            let available = available(simulation, &running);
+            program.send(&ToProgram::Act {
+                lanes: &running,
+                observations: Rows {
+                    width: values.len() / simulation.lanes(),
+                    values: &values,
+                    only: Some(&running),
+                },
+                available: available.as_deref(),
+            });
+            const EXPECTED: &str = "\"choices\"";
+            let choices = match program.receive(EXPECTED, "in the test", stop)? {
+                FromProgram::Choices(choices) => choices,
+                other => return Err(unexpected(program, &other, EXPECTED).into()),
+            };
+            let chosen = Chosen { running: &running, actions, probabilities };
+            chosen.read(&choices, job.evaluation.test_actions.into(), stream).map_err(|fault| {
+                let error: ProgramError = program.broke(fault);
+                error.into()
+            })
+        };
+        test.play_batch(|count| lanes = count, &mut choose)?;
+        debug_assert!(lanes > 0, "a batch has lanes");
+    }
+    Ok(test)
+}
+
+/// The destination of the choices of a step.
+struct Chosen<'a> {
+    running: &'a [usize],
+    actions: &'a mut [Action],
+    probabilities: &'a mut [f64],
+}
+
+impl Chosen<'_> {
+    /// Reads choices. If the probabilities of all actions are given, draws from the stream once per running
+    /// lane.
+    ///
+    /// **Errors**: a description of the fault in the choices.
+    fn read(self, choices: &Choices, how: Actions, stream: &mut Stream) -> Result<(), String> {
+        let count = self.running.len();
+        let sized = |what: &str, found: usize| match found == count {
+            true => Ok(()),
+            false => {
+                Err(format!("expected {count} {what}, one for each lane of \"act\", found {found}"))
+            }
+        };
+        match (&choices.actions, &choices.probabilities) {
+            (Some(actions), probabilities) => {
+                sized("actions", actions.len())?;
+                let with = match probabilities {
+                    None => None,
+                    Some(Probabilities::OfActions(with)) => Some(with),
+                    // An empty list could be either kind.
+                    Some(Probabilities::OfAll(_)) => {
+                        return Err(
+                            "expected one probability for each of `actions`, found lists".into()
+                        );
+                    }
+                };
+                if let Some(with) = with {
+                    sized("probabilities", with.len())?;
+                }
+                for (place, lane) in self.running.iter().enumerate() {
+                    self.actions[*lane] = action(Some(actions[place]), *lane)?;
+                    let with = with.map_or(1.0, |with| with[place]);
+                    self.probabilities[*lane] = probability(with, *lane)?;
+                }
+            }
+            (None, Some(Probabilities::OfAll(rows))) => {
+                sized("rows of probabilities", rows.len())?;
+                for (row, lane) in rows.iter().zip(self.running) {
+                    let row = shares(row, *lane)?;
+                    let chosen = match how {
+                        Actions::AsTrained => drawn(&row, stream.unit()),
+                        Actions::Greedy => likeliest(&row),
+                    };
+                    self.actions[*lane] = Action::from_index(chosen).expect("one of four");
+                    self.probabilities[*lane] = match how {
+                        Actions::AsTrained => row[chosen],
+                        Actions::Greedy => 1.0,
+                    };
+                }
+            }
+            (None, Some(Probabilities::OfActions(_)) | None) => {
+                return Err(
+                    "expected `actions`, or `probabilities` with a list of 4 for each lane; found \
+                     neither"
+                        .to_owned(),
+                );
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The probabilities of a row, normalised to sum to 1.
+fn shares(row: &[f64], lane: usize) -> Result<[f64; Action::COUNT], String> {
+    let sum: f64 = row.iter().sum();
+    let four: Option<[f64; Action::COUNT]> = row.try_into().ok();
+    let fits = row.iter().all(|share| *share >= 0.0) && (sum - 1.0).abs() <= TOLERANCE;
+    four.filter(|_| fits).map(|four| four.map(|share| share / sum)).ok_or_else(|| {
+        format!(
+            "expected {} probabilities that sum to 1 for lane {lane}, found {row:?}",
+            Action::COUNT
+        )
+    })
+}
+
+/// The action that a number in [0, 1) selects.
+fn drawn(shares: &[f64; Action::COUNT], unit: f64) -> usize {
+    let mut below = 0.0;
+    let found = shares.iter().position(|share| {
+        below += share;
+        unit < below
+    });
+    // Rounding can leave the sum below the number, which then selects the last action with a positive
+    // probability.
+    let last = shares.iter().rposition(|share| *share > 0.0).unwrap_or_default();
+    found.unwrap_or(last)
+}
+
+/// The action with the highest probability; ties go to the first.
+fn likeliest(shares: &[f64; Action::COUNT]) -> usize {
+    let best = |best: usize, one: usize| if shares[one] > shares[best] { one } else { best };
+    (0..Action::COUNT).fold(0, best)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::Purpose;
+
+    fn read(choices: Choices, how: Actions) -> Result<(Vec<usize>, Vec<f64>), String> {
+        let mut actions = [Action::default(); 3];
+        let mut probabilities = [1.0; 3];
+        let chosen =
+            Chosen { running: &[0, 2], actions: &mut actions, probabilities: &mut probabilities };
+        chosen.read(&choices, how, &mut Stream::new(1, Purpose::TestActions))?;
+        Ok((actions.iter().map(|action| action.index()).collect(), probabilities.to_vec()))
+    }
+
+    #[test]
+    fn choices_go_to_the_running_lanes() {
+        let with = Some(Probabilities::OfActions(vec![0.5, 0.25]));
+        let choices = Choices { actions: Some(vec![3, 1]), probabilities: with };
+        let read_as = read(choices, Actions::Greedy).unwrap();
+        assert_eq!(read_as, (vec![3, 0, 1], vec![0.5, 1.0, 0.25]));
+        let rows = vec![vec![0.0, 0.6, 0.4, 0.0], vec![0.25; 4]];
+        let all =
+            || Choices { actions: None, probabilities: Some(Probabilities::OfAll(rows.clone())) };
+        assert_eq!(read(all(), Actions::Greedy).unwrap(), (vec![1, 0, 0], vec![1.0; 3]));
+        let (actions, probabilities) = read(all(), Actions::AsTrained).unwrap();
+        assert!(actions[0] == 1 || actions[0] == 2);
+        assert_eq!(probabilities[0], rows[0][actions[0]]);
+        assert_eq!(probabilities[2], 0.25);
+    }
+
+    #[test]
+    fn draws_follow_the_shares() {
+        let shares = [0.1, 0.0, 0.6, 0.3];
+        for (unit, expected) in [(0.0, 0), (0.099, 0), (0.1, 2), (0.69, 2), (0.71, 3), (0.999, 3)] {
+            assert_eq!(drawn(&shares, unit), expected, "{unit}");
+        }
+        assert_eq!(drawn(&[0.5, 0.49, 0.0, 0.0], 0.999), 1);
+        assert_eq!(likeliest(&[0.1, 0.4, 0.4, 0.1]), 1);
+    }
+
+    #[test]
+    fn faulty_choices_are_described() {
+        let of = |actions: &[i64], with: Option<Probabilities>| {
+            let actions = (!actions.is_empty()).then(|| actions.to_vec());
+            read(Choices { actions, probabilities: with }, Actions::AsTrained).unwrap_err()
+        };
+        let all = |rows: Vec<Vec<f64>>| Some(Probabilities::OfAll(rows));
+        for (fault, expected) in [
+            (of(&[1], None), "expected 2 actions, one for each lane of \"act\", found 1"),
+            (of(&[1, 4], None), "expected an action from 0 to 3 for lane 2, found 4"),
+            (of(&[-1, 0], None), "expected an action from 0 to 3 for lane 0, found -1"),
+            (of(&[], None), "found neither"),
+            (
+                of(&[], all(vec![vec![0.5; 4]; 2])),
+                "sum to 1 for lane 0, found [0.5, 0.5, 0.5, 0.5]",
+            ),
+            (of(&[], all(vec![vec![1.0]; 2])), "expected 4 probabilities"),
+            (of(&[], all(vec![vec![1.5, -0.5, 0.0, 0.0]; 2])), "sum to 1 for lane 0"),
+            (
+                of(&[1, 1], Some(Probabilities::OfActions(vec![0.0, 1.0]))),
+                "expected a probability above 0 and at most 1 for lane 0, found 0",
+            ),
+        ] {
+            assert!(fault.contains(expected), "{fault}");
+        }
+    }
+}

@@ -1,0 +1,116 @@
+//! `forget`: removes an experiment, and nothing that another experiment holds.
+
+use std::fs;
+
+use crate::support::{Effort, Folder, assert_same_rows, manifest};
+
+/// Two experiments; the second shares the jobs of one sigma with the first.
+fn two() -> Folder {
+    let folder = Folder::with(&manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial));
+    let other = manifest("other", "[0.6, 0.8]", "2", Effort::Trivial);
+    let recorded = "evaluation.record_decisions = \"all\"\npopulation.delta_d = 0.2\n[[agent]]";
+    folder.write("recorded.toml", {
+        let recording = manifest("recorded", "0.6", "1", Effort::Trivial);
+        recording.replacen("[[agent]]", recorded, 1)
+    });
+    folder.write("other.toml", other);
+    folder.jitai(["run", "sweep.toml", "--quiet"]).succeeded();
+    folder
+}
+
+#[test]
+fn forgetting_shows_what_there_is_and_needs_a_yes() {
+    let folder = two();
+    let before = fs::read(folder.path("jitai.sqlite")).unwrap();
+    let refused = folder.jitai(["forget", "sweep"]).ended(2);
+    refused.says("sweep has 8 jobs (8 completed); no other experiment holds them");
+    folder.jitai(["forget", "sweep"]).ended(2).says("add --yes to remove sweep; all results stay");
+    let results = folder.jitai(["forget", "sweep", "--results"]).ended(2);
+    results.says("add --yes to remove sweep and the results of 8 jobs");
+    folder.jitai(["forget", "swep"]).ended(2).says("has no experiment `swep`");
+    assert_eq!(fs::read(folder.path("jitai.sqlite")).unwrap(), before);
+}
+
+#[test]
+fn a_forgotten_experiment_comes_back_with_its_results() {
+    let folder = two();
+    let before = folder.dump();
+    folder
+        .jitai(["forget", "sweep", "--yes"])
+        .succeeded()
+        .prints("sweep removed")
+        .prints("the results of 8 jobs stay");
+    assert!(!folder.jitai(["status"]).succeeded().stdout.contains("sweep"));
+    assert_eq!(folder.number("SELECT count(*) FROM run_summary"), 0);
+    assert_eq!(folder.number("SELECT count(DISTINCT job_key) FROM metric"), 8);
+    folder.jitai(["run", "sweep.toml"]).succeeded().says("nothing to run: all 8 jobs");
+    assert_same_rows(&folder.dump(), &before);
+}
+
+#[test]
+fn results_that_another_experiment_holds_stay() {
+    let folder = two();
+    folder.jitai(["run", "other.toml", "recorded.toml", "--quiet"]).succeeded();
+    let forget = ["forget", "sweep", "--results", "--yes"];
+    let forgotten = folder.jitai(forget).succeeded();
+    forgotten.says("other experiments hold 4 of them, too").prints("with 4 jobs");
+    folder.jitai(["doctor"]).succeeded().prints("is healthy");
+    assert_eq!(folder.number("SELECT count(*) FROM run_summary WHERE experiment = 'other'"), 8);
+    assert_eq!(folder.number("SELECT count(DISTINCT job_key) FROM parameter"), 8 + 2);
+    // The rest equals a store that never had the experiment.
+    let fresh = Folder::with(&folder.read("other.toml"));
+    fresh.write("recorded.toml", folder.read("recorded.toml"));
+    fresh.jitai(["run", "sweep.toml", "recorded.toml", "--quiet"]).succeeded();
+    assert_same_rows(&folder.dump(), &fresh.dump());
+    folder.jitai(["forget", "recorded", "--results", "--yes"]).succeeded();
+    assert_eq!(folder.number("SELECT count(*) FROM recorded_decision"), 0);
+    folder.jitai(["doctor"]).succeeded().prints("is healthy");
+    // The triggers that protect runs are in place again.
+    let raw = rusqlite::Connection::open(folder.path("jitai.sqlite")).unwrap();
+    let refused = raw.execute("DELETE FROM run", []).unwrap_err();
+    drop(raw);
+    assert!(refused.to_string().contains("a run is never deleted"), "{refused}");
+    folder.jitai(["run", "sweep.toml", "--quiet"]).succeeded();
+    assert_eq!(folder.number("SELECT count(*) FROM run_summary WHERE experiment = 'sweep'"), 8);
+}
+
+#[test]
+fn every_text_of_a_manifest_is_kept_and_status_shows_what_changed() {
+    let folder = two();
+    assert!(!folder.jitai(["status"]).succeeded().stdout.contains("changed"));
+    let first = folder.read("sweep.toml");
+    let second = manifest("sweep", "[0.4, 0.6]", "[1, 2, 3]", Effort::Trivial);
+    folder.write("sweep.toml", &second);
+    folder.jitai(["run", "sweep.toml", "--quiet"]).succeeded();
+    folder.jitai(["run", "sweep.toml", "--quiet"]).succeeded();
+    let status = folder.jitai(["status"]).succeeded();
+    status
+        .prints("the manifest of sweep changed at 20")
+        .prints("  - seeds = 2\n  + seeds = [1, 2, 3]\n");
+    folder.write("sweep.toml", &first);
+    folder.jitai(["run", "sweep.toml", "--quiet"]).succeeded();
+    let status = folder.jitai(["status", "--format", "json"]).succeeded().json();
+    let changes = status[0]["manifest_changes"].as_array().unwrap();
+    assert_eq!(changes.len(), 2);
+    assert_eq!(changes[0]["added"], changes[1]["removed"]);
+    let texts = "SELECT manifest FROM manifest WHERE experiment = 'sweep' ORDER BY used_from";
+    let kept = folder.jitai(["query", texts, "--format", "json"]).succeeded().json();
+    let kept: Vec<&str> =
+        kept.as_array().unwrap().iter().map(|row| row["manifest"].as_str().unwrap()).collect();
+    assert_eq!(kept, [first.as_str(), &second, &first]);
+    folder.jitai(["doctor"]).succeeded().prints("is healthy");
+    // Merged and salvaged stores keep the texts, too.
+    folder.jitai(["merge", "jitai.sqlite", "--store", "merged.sqlite"]).succeeded();
+    folder.jitai(["doctor", "--salvage", "saved.sqlite"]).succeeded();
+    for store in ["merged.sqlite", "saved.sqlite"] {
+        let texts = ["query", texts, "--format", "json", "--store", store];
+        assert_eq!(folder.jitai(texts).succeeded().json().as_array().unwrap().len(), 3, "{store}");
+        folder.jitai(["doctor", "--store", store]).succeeded().prints("is healthy");
+    }
+    let mut bytes = fs::read(folder.path("saved.sqlite")).unwrap();
+    let at = bytes.windows(second.len()).position(|window| window == second.as_bytes()).unwrap();
+    bytes[at] ^= 1;
+    folder.write("saved.sqlite", bytes);
+    let damaged = folder.jitai(["doctor", "--store", "saved.sqlite"]).ended(3);
+    damaged.prints("an earlier manifest of sweep does not match its digest");
+}
