@@ -55,7 +55,7 @@ pairs <- merge(
 pairs$gain <- pairs$mean_return.x - pairs$mean_return.y
 answers[["2"]] <- pairs[c("agent", "label", "gain")]
 
-# 3. Is the gain there in every seed?
+# 3. Does every seed show the gain?
 columns <- c("agent", "label", "seed", "mean_return")
 pairs <- merge(
   subset(quickstart, scenario == "P-H-D", columns), subset(quickstart, scenario == "L-H-D", columns),
@@ -84,11 +84,11 @@ means <- aggregate(
 means$share_of_best <- means$mean / ave(means$mean, means$environment, FUN = max)
 answers[["5"]] <- means[order(means$label, -means$mean), names(means) != "environment"]
 
-# 6. Which run was the best, which the worst?
+# 6. Which run was best, and which worst?
 columns <- c("agent", "scenario", "label", "seed", "mean_return", "disengagement_rate", "job_key")
 answers[["6"]] <- quickstart[order(-quickstart$mean_return), columns]
 
-# 7. What do the unlucky people get?
+# 7. What return do the least fortunate people get?
 tested <- merge(arms, episodes, by = "job_key")
 quartiles <- function(v) quantile(v, c(0.25, 0.5), type = 1, names = FALSE)
 flat <- function(table) do.call(data.frame, c(unclass(table), check.names = FALSE))
@@ -116,7 +116,7 @@ steps <- aggregate(cbind(steps = count) ~ agent + scenario + label + p_low + p_h
 steps$share <- steps$steps / ave(steps$steps, steps[c("agent", "scenario", "label", "p_low")], FUN = sum)
 answers[["10"]] <- steps
 
-# 11. How many messages are sent, and how many of the tailored ones fit?
+# 11. How many messages are sent, and how many tailored messages fit the context?
 chosen <- merge(arms, choices, by = "job_key")
 of_arm <- function(chosen) {
   steps <- function(which) sum(chosen$count[which])
@@ -140,7 +140,7 @@ moving_mean <- function(v) {
 learning$moving_mean_return <- ave(learning$value, learning[c("job_key", "agent")], FUN = moving_mean)
 answers[["12"]] <- learning[c("agent", "scenario", "label", "seed", "episode", "moving_mean_return")]
 
-# 13. After how many episodes is an agent within 5 % of where it ends?
+# 13. After how many episodes is an agent within 5 % of its final return?
 learning <- merge(arms, subset(curves, metric == "mean_return"), by = "job_key")
 learning <- learning[order(learning$job_key, learning$agent, learning$episode), ]
 moving_mean <- function(v) {
@@ -270,7 +270,7 @@ if (nrow(trial) > 0) {
   answers[["25"]] <- transform(aggregate(of_level, levels, sum), message_rate = sent / steps)
 }
 
-# 26. What does a message change at once?
+# 26. What does a message change immediately?
 randomised <- subset(trial, agent == "random" & available == 1)
 if (nrow(randomised) > 0) {
   randomised$weight <- 1 / randomised$action_probability

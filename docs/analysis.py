@@ -47,7 +47,7 @@ answers[1] = quickstart.groupby(ARM)["mean_return"].agg(
 means = quickstart.pivot_table("mean_return", ["agent", "label"], "scenario")
 answers[2] = (means["P-H-D"] - means["L-H-D"]).rename("gain")
 
-# %% 3. Is the gain there in every seed?
+# %% 3. Does every seed show the gain?
 by_seed = quickstart.pivot(
     index=["agent", "label", "seed"], columns="scenario", values="mean_return"
 )
@@ -75,11 +75,11 @@ mean = arm["mean_return"].mean().to_frame("mean")
 mean["share_of_best"] = mean["mean"] / mean.groupby("environment")["mean"].transform("max")
 answers[5] = mean.droplevel("environment").sort_values(["label", "mean"], ascending=[True, False])
 
-# %% 6. Which run was the best, which the worst?
+# %% 6. Which run was best, and which worst?
 columns = [*ARM, "seed", "mean_return", "disengagement_rate", "job_key"]
 answers[6] = quickstart.sort_values("mean_return", ascending=False)[columns].set_index("job_key")
 
-# %% 7. What do the unlucky people get?
+# %% 7. What return do the least fortunate people get?
 tested = quickstart[["job_key", *ARM]].merge(episodes, on="job_key")
 quartile = lambda returns: np.quantile(returns, 0.25, method="inverted_cdf")
 median = lambda returns: np.quantile(returns, 0.5, method="inverted_cdf")
@@ -106,7 +106,7 @@ steps = chosen.groupby([*ARM, "p_low", "p_high", "action"])["count"].sum().to_fr
 steps["share"] = steps["steps"] / steps.groupby([*ARM, "p_low"])["steps"].transform("sum")
 answers[10] = steps
 
-# %% 11. How many messages are sent, and how many of the tailored ones fit?
+# %% 11. How many messages are sent, and how many tailored messages fit the context?
 chosen = quickstart[["job_key", *ARM]].merge(choices, on="job_key")
 counts = chosen[ARM].assign(
     all=chosen["count"],
@@ -130,7 +130,7 @@ learning["moving_mean_return"] = learning.groupby([*ARM, "seed"])["value"].trans
 )
 answers[12] = learning.set_index([*ARM, "seed", "episode"])["moving_mean_return"]
 
-# %% 13. After how many episodes is an agent within 5 % of where it ends?
+# %% 13. After how many episodes is an agent within 5 % of its final return?
 returns = curves[curves["metric"] == "mean_return"].sort_values("episode")
 learning = quickstart[["job_key", *ARM, "seed"]].merge(returns, on="job_key")
 by_run = learning.groupby([*ARM, "seed"])
@@ -235,7 +235,7 @@ answers[25] = levels.groupby([*ARM, "habituation_from", "disengagement_from"])["
     steps="size", message_rate="mean"
 )
 
-# %% 26. What does a message change at once?
+# %% 26. What does a message change immediately?
 randomised = trial[(trial["agent"] == "random") & (trial["available"] == 1)]
 weight = 1 / randomised["action_probability"]
 weighted = randomised[["label", "context", "action"]].assign(
