@@ -1,0 +1,55 @@
+"""Reinforcement-learning experiments for just-in-time adaptive interventions.
+
+``import jitai`` registers ``jitai/StepCount-v0`` with Gymnasium. ``docs/python.md`` is the manual.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from jitai._jitai import VERSION as __version__
+from jitai._registration import ENVIRONMENT_ID, register
+
+if TYPE_CHECKING:
+    from jitai._environment import StepCountEnv
+    from jitai._policy import Policy
+    from jitai._registration import make, make_vec
+    from jitai._store import Store, open
+    from jitai._vector import StepCountVectorEnv
+
+__all__ = [
+    "ENVIRONMENT_ID",
+    "Policy",
+    "StepCountEnv",
+    "StepCountVectorEnv",
+    "Store",
+    "__version__",
+    "make",
+    "make_vec",
+    "open",
+]
+
+_LAZY = {
+    "Policy": "jitai._policy",
+    "Store": "jitai._store",
+    "open": "jitai._store",
+    "StepCountEnv": "jitai._environment",
+    "StepCountVectorEnv": "jitai._vector",
+    "make": "jitai._registration",
+    "make_vec": "jitai._registration",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _LAZY:
+        import importlib
+
+        return getattr(importlib.import_module(_LAZY[name]), name)
+    raise AttributeError(f"module 'jitai' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
+register()

@@ -1,0 +1,69 @@
+"""Declarations from keywords or manifests, checked by the code for manifests."""
+
+from __future__ import annotations
+
+import operator
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from jitai._jitai import Declaration
+
+#: The default scenario of an environment.
+SCENARIO = "P-H-D"
+#: Seeds are 64-bit numbers, like the seeds of a manifest.
+MOST_SEED = 2**64 - 1
+
+
+def declare(
+    scenario: str | None,
+    extends: str | None,
+    manifest: str | os.PathLike[str] | None,
+    environment: str | Mapping[str, Any] | None,
+    keys: dict[str, Any],
+) -> Declaration:
+    """The declaration with these keywords, which are the keywords of the environments."""
+    if manifest is None:
+        if environment is not None:
+            raise TypeError("environment=… chooses from a manifest; add manifest=…")
+        for name, word in (("scenario", scenario), ("extends", extends)):
+            if word is not None and not isinstance(word, str):
+                raise TypeError(f"`{name}`: expected a word, found {word!r}")
+        return Declaration.of_keys(SCENARIO if scenario is None else scenario, extends, keys)
+    given = [name for name, value in (("scenario", scenario), ("extends", extends)) if value]
+    given += keys
+    if given:
+        raise TypeError(f"the manifest declares {', '.join(given)}; choose by environment=…")
+    if isinstance(environment, Mapping):
+        environment = ",".join(f"{name}={_written(value)}" for name, value in environment.items())
+    return Declaration.of_manifest(os.fspath(manifest), environment)
+
+
+def _written(value: Any) -> str:
+    """A value in the notation of filters."""
+    return str(value).lower() if isinstance(value, (bool, np.bool_)) else str(value)
+
+
+def observation_space(declaration: Declaration) -> spaces.Box:
+    """The space of one observation."""
+    _, low, high = zip(*declaration.entries, strict=True)
+    return spaces.Box(np.array(low, np.float32), np.array(high, np.float32), dtype=np.float32)
+
+
+def checked_seed(seed: Any) -> int:
+    """The seed, after a check of its type and range."""
+    try:
+        number = operator.index(seed)
+    except TypeError:
+        raise TypeError(f"seed: expected a whole number, found {seed!r}") from None
+    if not 0 <= number <= MOST_SEED:
+        raise ValueError(f"seed: expected a whole number from 0 to {MOST_SEED}, found {number}")
+    return number
+
+
+def chosen_seed() -> int:
+    """A random seed from the operating system."""
+    return int.from_bytes(os.urandom(4), "little")

@@ -1,0 +1,81 @@
+"""The single environment."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+from jitai._declaration import checked_seed, chosen_seed, declare, observation_space
+from jitai._jitai import Declaration, Lane
+
+
+class StepCountEnv(gymnasium.Env[npt.NDArray[np.float32], np.int64]):
+    """One person who can receive a message at each step, and walks a number of steps.
+
+    Every key of a manifest's ``[environment]`` is a keyword, ``scenario`` selects the observations, and
+    ``extends`` names a preset. Alternatively, ``manifest`` names a file, and ``environment`` selects one of
+    its environments, as ``--filter`` does. The reward is the steps walked minus the cost of a message.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["ansi", "human"], "render_fps": 10}
+
+    def __init__(
+        self,
+        *,
+        scenario: str | None = None,
+        extends: str | None = None,
+        manifest: str | os.PathLike[str] | None = None,
+        environment: str | Mapping[str, Any] | None = None,
+        render_mode: str | None = None,
+        state_in_info: bool = True,
+        **keys: Any,
+    ) -> None:
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            modes = " or ".join(self.metadata["render_modes"])
+            raise ValueError(f"render_mode: expected {modes}, found {render_mode!r}")
+        #: The declaration of the environment: scenario, keys and entries of an observation.
+        self.declaration: Declaration = declare(scenario, extends, manifest, environment, keys)
+        self.observation_space = observation_space(self.declaration)  # type: ignore[assignment]
+        self.action_space = spaces.Discrete(4)
+        self.render_mode = render_mode
+        self._lane = Lane(self.declaration, bool(state_in_info))
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[npt.NDArray[np.float32], dict[str, Any]]:
+        """Begins an episode, at the start of a seed's random stream or at its current position."""
+        if options:
+            raise ValueError(f"options: this environment has none, found {', '.join(options)}")
+        if seed is not None:
+            seed = checked_seed(seed)
+        elif self._lane.needs_seed:
+            seed = chosen_seed()
+        if seed is not None:
+            super().reset(seed=seed)
+        result = self._lane.reset(seed)
+        if self.render_mode == "human":
+            print(self._lane.line())
+        return result
+
+    def step(
+        self, action: Any
+    ) -> tuple[npt.NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Takes a step: observation, reward, terminated, truncated and the true state."""
+        result = self._lane.step(action)
+        if self.render_mode == "human":
+            print(self._lane.line())
+        return result
+
+    def render(self) -> str | None:
+        """The current step as a line of text, in the mode ``ansi``."""
+        return self._lane.line() if self.render_mode == "ansi" else None
+
+    def close(self) -> None:
+        """Closes the environment; later steps and resets raise an error."""
+        self._lane.close()

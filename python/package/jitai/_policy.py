@@ -1,0 +1,92 @@
+"""Trained policies."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from jitai._declaration import checked_seed
+from jitai._jitai import TrainedPolicy
+
+
+class Policy:
+    """The network that a completed job trained, for observations of its scenario.
+
+    ``act`` takes the same actions as the program, to the bit: by default as the policy was trained,
+    including exploration, or the best actions if ``greedy``.
+    """
+
+    def __init__(self, policy: TrainedPolicy) -> None:
+        self._policy = policy
+
+    @classmethod
+    def from_store(cls, path: str | os.PathLike[str], key: str) -> Policy:
+        """The policy of the only completed job whose key begins with ``key``."""
+        if not isinstance(key, str):
+            raise TypeError(f"key: expected the beginning of a job key, found {key!r}")
+        return cls(TrainedPolicy.from_store(os.fspath(path), key))
+
+    @property
+    def job_key(self) -> str:
+        """The job's key."""
+        return self._policy.job_key
+
+    @property
+    def description(self) -> dict[str, Any]:
+        """The meaning of observations and actions, and the architecture: ``policy.json``."""
+        return self._policy.describe()
+
+    @property
+    def weights(self) -> dict[str, npt.NDArray[np.float32]]:
+        """Arrays by name: ``….weight`` is [inputs, outputs], ``….bias`` is [outputs]."""
+        return self._policy.weights
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """Numbers that the policy needs in addition to the weights, such as ``epsilon``."""
+        return self._policy.numbers
+
+    def reset(self, seed: int | None = None) -> None:
+        """Restarts the random stream of the actions, with a new seed or with the job's seed."""
+        self._policy.reset(None if seed is None else checked_seed(seed))
+
+    def act(
+        self, observations: npt.ArrayLike, *, greedy: bool = False
+    ) -> npt.NDArray[np.int64] | int:
+        """An action for each row of observations, or for a single one."""
+        rows, is_single = _rows(observations)
+        actions = self._policy.act(rows, greedy)
+        return int(actions[0]) if is_single else actions
+
+    def values(self, observations: npt.ArrayLike) -> npt.NDArray[np.float32]:
+        """The network's output for each action: values of a DQN, logits of a policy network."""
+        rows, is_single = _rows(observations)
+        values = self._policy.values(rows)
+        return values[0] if is_single else values
+
+    def probabilities(self, observations: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """The probabilities of the actions, including exploration."""
+        rows, is_single = _rows(observations)
+        probabilities = self._policy.probabilities(rows)
+        return probabilities[0] if is_single else probabilities
+
+    def __repr__(self) -> str:
+        return f"<jitai.Policy of job {self.job_key}>"
+
+
+def _rows(observations: npt.ArrayLike) -> tuple[npt.NDArray[np.float32], bool]:
+    """Observations as rows, and whether the input was a single observation."""
+    given = np.asarray(observations)
+    if given.dtype.kind not in "fiub":
+        raise TypeError(f"observations: expected numbers, found {given.dtype}")
+    # Numbers that are too large become infinite, and are rejected later.
+    with np.errstate(over="ignore", invalid="ignore"):
+        rows = np.ascontiguousarray(given, np.float32)
+    if given.ndim == 1:
+        return rows[np.newaxis], True
+    if given.ndim != 2:
+        raise ValueError(f"observations: expected one or two axes, found {given.ndim}")
+    return rows, False

@@ -1,0 +1,176 @@
+"""The vector environment for Stable-Baselines3."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import VecEnv as BaseVecEnv
+
+from jitai._declaration import MOST_SEED
+from jitai._vector import StepCountVectorEnv
+
+if TYPE_CHECKING:
+    from jitai.external import Job
+
+__all__ = ["JobVecEnv", "VecEnv"]
+
+
+class VecEnv(BaseVecEnv):
+    """Many lanes of the simulation, as a ``VecEnv`` of Stable-Baselines3.
+
+    The keywords are those of :class:`jitai.StepCountEnv`. The infos of lanes whose episode ended have
+    ``terminal_observation``, ``TimeLimit.truncated`` and, as a ``Monitor`` writes it, ``episode`` with
+    the sum of rewards, the length and the time. ``env_method("action_masks")`` gives the masks that
+    ``MaskablePPO`` asks for.
+    """
+
+    def __init__(self, num_envs: int = 1, **keywords: Any) -> None:
+        keywords.setdefault("state_in_info", False)
+        self.env = StepCountVectorEnv(num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **keywords)
+        super().__init__(num_envs, self.env.single_observation_space, self.env.single_action_space)
+        self.metadata = self.env.metadata
+        self._actions = np.zeros(num_envs, np.int64)
+        self._masks = np.ones((num_envs, 4), np.int8)
+        self._returns = np.zeros(num_envs)
+        self._lengths = np.zeros(num_envs, np.int64)
+        self._began = time.time()
+
+    def reset(self) -> np.ndarray:
+        """Begins episodes in all lanes, with the seeds that ``seed`` set."""
+        seeds = None if all(seed is None for seed in self._seeds) else self._seeds
+        observations, infos = self.env.reset(seed=seeds)
+        self._reset_seeds()
+        self._reset_options()
+        self._masks = infos.get("action_mask", self._masks)
+        self._returns[:] = 0.0
+        self._lengths[:] = 0
+        self.reset_infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        return observations
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Takes the actions of the next step."""
+        self._actions = actions
+
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        """Takes the step."""
+        observations, rewards, terminated, truncated, states = self.env.step(self._actions)
+        self._states = states
+        self._masks = states.get("action_mask", self._masks)
+        self._returns += rewards
+        self._lengths += 1
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        done = terminated | truncated
+        if done.any():
+            elapsed = round(time.time() - self._began, 6)
+            for lane in np.flatnonzero(done):
+                infos[lane] = {
+                    "terminal_observation": states["final_obs"][lane],
+                    "TimeLimit.truncated": bool(truncated[lane]),
+                    "episode": {
+                        "r": float(self._returns[lane]),
+                        "l": int(self._lengths[lane]),
+                        "t": elapsed,
+                    },
+                }
+            self._returns[done] = 0.0
+            self._lengths[done] = 0
+        return observations, rewards.astype(np.float32), done, infos
+
+    def close(self) -> None:
+        """Closes the environment."""
+        self.env.close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """An attribute of the vector environment, for each requested lane.
+
+        ``MaskablePPO`` looks for the method ``action_masks`` to detect masks.
+        """
+        if attr_name == "action_masks":
+            lanes = self._get_indices(indices)
+            return [lambda lane=lane: self._masks[lane].astype(bool) for lane in lanes]
+        return [getattr(self.env, attr_name) for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Raises an error: lanes have no attributes of their own."""
+        raise AttributeError(
+            f"lanes have no attribute {attr_name!r} of their own; make another VecEnv"
+        )
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any
+    ) -> list[Any]:
+        """``action_masks``, the only method of lanes."""
+        if method_name != "action_masks":
+            raise AttributeError(f"lanes have only the method action_masks, not {method_name!r}")
+        return [self._masks[lane].astype(bool) for lane in self._get_indices(indices)]
+
+    def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
+        """Whether lanes have a wrapper: true for ``Monitor``, because lanes report episodes as it does."""
+        is_monitor = issubclass(wrapper_class, Monitor)
+        return [is_monitor for _ in self._get_indices(indices)]
+
+    def get_images(self) -> Sequence[np.ndarray | None]:
+        """No images: the environment only renders text."""
+        return [None] * self.num_envs
+
+
+class _Budget(BaseCallback):
+    """Ends the training when the episodes of a job are used up."""
+
+    def __init__(self, job: Job) -> None:
+        super().__init__()
+        self._job = job
+
+    def _on_step(self) -> bool:
+        return self._job.left > 0
+
+
+class JobVecEnv(VecEnv):
+    """The training of an outside agent's job; reports its episodes, up to the budget.
+
+    The seeds of the lanes are derived from the job's seed. Pass :attr:`callback` to ``learn`` to end the
+    training when the budget is used up.
+    """
+
+    def __init__(self, job: Job, num_envs: int) -> None:
+        keywords = job.environment()
+        has_costs = keywords.get("message_cost", 0) > 0
+        has_costs |= "message_cost" in keywords.get("population", {})
+        # Rewards are steps walked minus costs; reported returns are steps walked.
+        super().__init__(num_envs, state_in_info=has_costs, **keywords)
+        self._job, self._has_costs = job, has_costs
+        self._walked = np.zeros(num_envs)
+        self.callback: BaseCallback = _Budget(job)
+        self.seed()
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """The seeds of the lanes, derived from the job's seed; ``seed`` is ignored."""
+        first = (self._job.seed << 16) & MOST_SEED
+        self._seeds = [(first + lane) & MOST_SEED for lane in range(self.num_envs)]
+        return self._seeds
+
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        """Takes the step, and reports the episodes that ended."""
+        observations, rewards, done, infos = super().step_wait()
+        if self._has_costs:
+            steps = self._states["steps_walked"].copy()
+            if done.any():
+                steps[done] = self._states["final_info"]["steps_walked"][done]
+            self._walked += steps
+        ended = np.flatnonzero(done)
+        reported = ended[: self._job.left]
+        if len(reported):
+            of_rewards = [infos[lane]["episode"]["r"] for lane in reported]
+            self._job.report(
+                self._walked[reported] if self._has_costs else of_rewards,
+                [infos[lane]["episode"]["l"] for lane in reported],
+                [not infos[lane]["TimeLimit.truncated"] for lane in reported],
+            )
+        self._walked[ended] = 0.0
+        return observations, rewards, done, infos

@@ -1,0 +1,318 @@
+//! Environments and their observations, declared by keywords or by a manifest, and checked by the code for
+//! manifests.
+
+use std::path::PathBuf;
+
+use jitai::env::INITIAL_STEPS;
+use jitai::environment::{
+    Environment, ObservationSpec, PhysicalActivity, Population, VectorEnvironment,
+};
+use jitai::experiment::{self, Filter, Job, Manifest, PlannedJob};
+use jitai::key::{Keyed, Value};
+use pyo3::exceptions::{PyFileNotFoundError, PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
+use toml::Value as Toml;
+
+/// Maximum nesting of lists in a value; no key needs more than two levels.
+const DEEPEST: usize = 8;
+/// Maximum number of a manifest's environments that a message lists.
+const SHOWN: usize = 5;
+
+/// The keys of a manifest that do not describe an environment.
+const NOT_OF_AN_ENVIRONMENT: [&str; 14] = [
+    "agent",
+    "analysis",
+    "evaluation",
+    "exclude",
+    "extends",
+    "format",
+    "hypothesis",
+    "name",
+    "published",
+    "question",
+    "scenarios",
+    "seeds",
+    "time_limit_seconds",
+    "zip",
+];
+
+/// An environment and its observations.
+#[pyclass(frozen, module = "jitai._jitai")]
+pub(crate) struct Declaration(Job);
+
+impl Declaration {
+    /// The simulation with this number of lanes, none of which has an episode yet.
+    pub(crate) fn simulation(&self, lanes: usize) -> PhysicalActivity {
+        // The participants of the test, whichever participants an agent is trained on.
+        self.0.task().simulation(lanes).with_population(&self.0.population)
+    }
+
+    /// Whether there can be steps at which no message can be sent.
+    pub(crate) fn has_masks(&self) -> bool {
+        let environment = &self.0.environment;
+        self.simulation(1).can_be_unavailable() || environment.message_budget < environment.horizon
+    }
+
+    /// Finite bounds of the steps walked that the letter S shows, the only entry without bounds of its
+    /// own; Gymnasium's checker objects to infinite ones.
+    fn steps_shown(&self) -> [f32; 2] {
+        let spec = self.simulation(1).action_spec();
+        let shown = |steps: f64| (steps / 100.0) as f32;
+        let first = shown(INITIAL_STEPS);
+        [
+            shown(spec.lowest_reward).clamp(f32::MIN, first),
+            shown(spec.highest_reward).clamp(first, f32::MAX),
+        ]
+    }
+
+    fn spec(&self) -> ObservationSpec {
+        self.0.task().observations()
+    }
+}
+
+#[pymethods]
+impl Declaration {
+    /// The environment with these keywords: keys of `[environment]`, and tables of a manifest as dicts.
+    #[staticmethod]
+    fn of_keys(scenario: &str, extends: Option<&str>, keys: &Bound<'_, PyDict>) -> PyResult<Self> {
+        let manifest = manifest_of(scenario, extends, keys)?;
+        let mut jobs = experiment::jobs(&manifest);
+        let first = jobs.next().ok_or_else(|| PyValueError::new_err("no environment"))?.job;
+        if let Some(other) = jobs.find(|other| !is_same(&other.job, &first)) {
+            let swept = differences(&first, &other.job).join("`, `");
+            let message = format!("`{swept}`: expected one value, not a sweep");
+            return Err(PyValueError::new_err(message));
+        }
+        Ok(Declaration(first))
+    }
+
+    /// The environment of a manifest: its only environment, or the only one that meets a filter.
+    #[staticmethod]
+    fn of_manifest(py: Python<'_>, path: PathBuf, filter: Option<&str>) -> PyResult<Self> {
+        if !path.exists() {
+            let message = format!("{}: no such file", path.display());
+            return Err(PyFileNotFoundError::new_err(message));
+        }
+        let filter: Filter = filter.map_or(Ok(Filter::default()), str::parse).map_err(refused)?;
+        py.detach(|| {
+            let manifest = experiment::load(&path).map_err(refused)?;
+            of_manifest(&manifest, &filter).map(Declaration)
+        })
+    }
+
+    /// The declaration in a text of [`Declaration::text`].
+    #[staticmethod]
+    fn of_text(text: &str) -> PyResult<Self> {
+        Job::from_canonical(text).map(Declaration).map_err(refused)
+    }
+
+    /// The declaration as one line of text.
+    fn text(&self) -> String {
+        self.0.canonical()
+    }
+
+    fn __reduce__(slf: &Bound<'_, Self>) -> PyResult<(Py<PyAny>, (String,))> {
+        let read = slf.get_type().getattr("of_text")?;
+        Ok((read.unbind(), (slf.get().text(),)))
+    }
+
+    /// The scenario, such as `P-H-D`.
+    #[getter]
+    fn scenario(&self) -> String {
+        self.0.scenario.to_string()
+    }
+
+    /// Every key of the environment with its value.
+    #[getter]
+    fn keys<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let keys = PyDict::new(py);
+        for (name, value) in self.0.environment.to_json() {
+            keys.set_item(name, json(py, &value)?)?;
+        }
+        Ok(keys)
+    }
+
+    /// The name, the minimum and the maximum of every entry of an observation.
+    #[getter]
+    fn entries(&self) -> Vec<(String, f32, f32)> {
+        let ObservationSpec { features, one_hot } = self.spec();
+        let steps = self.steps_shown();
+        let features = features.into_iter().map(|feature| match feature.low.is_finite() {
+            true => (feature.name, feature.low, feature.high),
+            false => (feature.name, steps[0], steps[1]),
+        });
+        features.chain((0..one_hot).map(|time| (format!("t{time}"), 0.0, 1.0))).collect()
+    }
+
+    /// Number of steps of an episode without disengagement.
+    #[getter]
+    fn longest_episode(&self) -> u32 {
+        let environment = &self.0.environment;
+        environment.horizon + u32::from(environment.unpaid_last_step)
+    }
+}
+
+/// A JSON value as a Python object.
+pub(crate) fn json<'py>(py: Python<'py>, value: &serde_json::Value) -> PyResult<Bound<'py, PyAny>> {
+    py.import("json")?.call_method1("loads", (value.to_string(),))
+}
+
+fn refused(error: impl std::fmt::Display) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}
+
+/// The manifest that declares a single environment.
+fn manifest_of(
+    scenario: &str,
+    extends: Option<&str>,
+    keys: &Bound<'_, PyDict>,
+) -> PyResult<Manifest> {
+    let text = |text: &str| Toml::String(text.to_owned());
+    let agent = [("name", "never"), ("algorithm", "rule"), ("rule", "never")];
+    let agent = agent.map(|(key, word)| (key.to_owned(), text(word))).into_iter().collect();
+    let mut manifest = toml::Table::from_iter([
+        ("format".to_owned(), Toml::Integer(1)),
+        ("name".to_owned(), text("environment")),
+        ("seeds".to_owned(), Toml::Integer(1)),
+        ("scenarios".to_owned(), Toml::Array(vec![text(scenario)])),
+        ("agent".to_owned(), Toml::Array(vec![Toml::Table(agent)])),
+    ]);
+    if let Some(preset) = extends {
+        manifest.insert("extends".to_owned(), text(preset));
+    }
+    let mut environment = toml::Table::new();
+    for (name, value) in keys {
+        let name: String = name.extract()?;
+        let is_key = Environment::KEYS.iter().any(|key| key.name == name);
+        let value = toml_of(&name, &value, 0)?;
+        if value.is_table() && !is_key && !NOT_OF_AN_ENVIRONMENT.contains(&name.as_str()) {
+            manifest.insert(name, value);
+        } else {
+            environment.insert(name, value);
+        }
+    }
+    manifest.insert("environment".to_owned(), Toml::Table(environment));
+    let text = toml::to_string(&manifest).map_err(refused)?;
+    experiment::parse("keywords", text.as_bytes()).map_err(|faults| {
+        let said = faults.list().iter().map(|fault| match fault.hint() {
+            Some(hint) => format!("{} ({hint})", fault.message()),
+            None => fault.message().to_owned(),
+        });
+        PyValueError::new_err(said.collect::<Vec<_>>().join("; "))
+    })
+}
+
+/// A value in the notation of manifests.
+fn toml_of(name: &str, value: &Bound<'_, PyAny>, depth: usize) -> PyResult<Toml> {
+    let of_type = |what: String| {
+        PyTypeError::new_err(format!(
+            "`{name}`: expected a number, a word, true or false, or a list of these, found {what}"
+        ))
+    };
+    if depth > DEEPEST {
+        return Err(of_type("a deeply nested list".to_owned()));
+    }
+    if let Ok(flag) = value.cast::<PyBool>() {
+        return Ok(Toml::Boolean(flag.is_true()));
+    }
+    if value.is_instance_of::<PyInt>() {
+        // The integer exceeds every range; infinity gives the message for numbers that are too large.
+        return Ok(value.extract().map_or(Toml::Float(f64::INFINITY), Toml::Integer));
+    }
+    if let Ok(number) = value.cast::<PyFloat>() {
+        return Ok(Toml::Float(number.value()));
+    }
+    if value.is_instance_of::<PyString>() {
+        return Ok(Toml::String(value.extract()?));
+    }
+    if value.is_instance_of::<PyList>() || value.is_instance_of::<PyTuple>() {
+        let items = value.try_iter()?;
+        let items = items.map(|item| toml_of(name, &item?, depth + 1));
+        return Ok(Toml::Array(items.collect::<PyResult<_>>()?));
+    }
+    if let Ok(table) = value.cast::<PyDict>() {
+        let entries = table.iter().map(|(key, value)| {
+            let key: String =
+                key.extract().map_err(|_| of_type("a key that is not a word".into()))?;
+            let value = toml_of(&format!("{name}.{key}"), &value, depth + 1)?;
+            Ok((key, value))
+        });
+        return Ok(Toml::Table(entries.collect::<PyResult<_>>()?));
+    }
+    // NumPy scalars and arrays.
+    if value.hasattr("tolist")? {
+        return toml_of(name, &value.call_method0("tolist")?, depth + 1);
+    }
+    Err(of_type(value.get_type().name()?.to_string()))
+}
+
+fn of_manifest(manifest: &Manifest, filter: &Filter) -> PyResult<Job> {
+    let mut distinct: Vec<Job> = Vec::new();
+    for PlannedJob { job, .. } in experiment::jobs(manifest).filter(|job| filter.meets(job)) {
+        if distinct.len() <= SHOWN && distinct.iter().all(|other| !is_same(other, &job)) {
+            distinct.push(job);
+        }
+    }
+    match distinct.as_slice() {
+        [] => Err(refused(filter.why_none(|| experiment::jobs(manifest)))),
+        [only] => Ok(only.clone()),
+        [first, others @ ..] => {
+            let mut names: Vec<String> = Vec::new();
+            for name in others.iter().flat_map(|other| differences(first, other)) {
+                if !names.contains(&name) {
+                    names.push(name);
+                }
+            }
+            let mut listed: Vec<String> =
+                distinct.iter().take(SHOWN).map(|job| described(job, &names)).collect();
+            if distinct.len() > SHOWN {
+                listed.push("…".to_owned());
+            }
+            Err(PyValueError::new_err(format!(
+                "{} declares several environments; choose one by environment=\"…\": {}",
+                manifest.path,
+                listed.join("; ")
+            )))
+        }
+    }
+}
+
+/// Whether two jobs have equal environments, populations and observations.
+fn is_same(job: &Job, other: &Job) -> bool {
+    job.environment == other.environment
+        && job.agent.history() == other.agent.history()
+        && job.population == other.population
+        && job.scenario == other.scenario
+}
+
+/// The parameters of a job's environment and population, by their names in filters.
+fn parameters(job: &Job) -> impl Iterator<Item = (String, Value)> {
+    let environment = Environment::KEYS.iter().zip(job.environment.to_values());
+    let population = Population::KEYS.iter().zip(job.population.to_values());
+    environment
+        .map(|(key, value)| (key.name.to_owned(), value))
+        .chain(population.map(|(key, value)| (format!("population.{}", key.name), value)))
+}
+
+/// The names of the parameters in which two jobs' environments differ.
+fn differences(job: &Job, other: &Job) -> Vec<String> {
+    let scenario = (job.scenario != other.scenario).then(|| "scenario".to_owned());
+    let pairs = parameters(job).zip(parameters(other));
+    let keys = pairs.filter(|((_, ours), (_, theirs))| ours != theirs).map(|((name, _), _)| name);
+    scenario.into_iter().chain(keys).collect()
+}
+
+/// The values of these parameters, in the notation of filters.
+fn described(job: &Job, names: &[String]) -> String {
+    let value = |name: &String| match name.as_str() {
+        "scenario" => job.scenario.to_string(),
+        _ => match parameters(job).find(|(known, _)| known == name) {
+            Some((_, Value::Choice(word))) => word.to_owned(),
+            Some((_, value)) => value.to_string(),
+            None => String::new(),
+        },
+    };
+    let terms: Vec<_> = names.iter().map(|name| format!("{name}={}", value(name))).collect();
+    terms.join(",")
+}

@@ -1,0 +1,273 @@
+//! A single environment.
+
+use std::io;
+
+use jitai::environment::{
+    Action, EpisodeStatus, LaneSet, LaneStreams, Observations, PhysicalActivity, Purpose,
+    Resumable, StateReader, StateWriter, Stream, VectorEnvironment,
+};
+use numpy::PyArray1;
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict};
+
+use crate::declaration::Declaration;
+use crate::errors::{closed, gymnasium, reset_needed, unreadable_state};
+use crate::info::{Parts, of_lane};
+
+type Observation<'py> = Bound<'py, PyArray1<f32>>;
+type Info<'py> = Bound<'py, PyDict>;
+
+/// One lane of the simulation, with the random stream of the test of a job with the same seed.
+#[pyclass(module = "jitai._jitai")]
+pub(crate) struct Lane {
+    declaration: Py<Declaration>,
+    parts: Parts,
+    simulation: PhysicalActivity,
+    /// `None` before the first reset.
+    seed: Option<u64>,
+    streams: LaneStreams,
+    observations: Observations,
+    /// The last action of the episode, and the steps walked after it.
+    last: Option<(Action, f64)>,
+    /// Steps walked in the episode so far.
+    total: f64,
+    is_closed: bool,
+}
+
+impl Lane {
+    fn observation<'py>(&mut self, py: Python<'py>) -> Observation<'py> {
+        self.simulation.observe(&mut self.observations);
+        match self.observations.one_hot() {
+            0 => PyArray1::from_slice(py, self.observations.row(0)),
+            _ => PyArray1::from_vec(py, self.observations.take_written_out()),
+        }
+    }
+
+    fn info<'py>(&self, py: Python<'py>) -> PyResult<Info<'py>> {
+        let steps_walked = self.last.map(|(_, steps)| steps);
+        of_lane(py, &self.simulation, 0, steps_walked, self.parts)
+    }
+
+    fn status(&self) -> EpisodeStatus {
+        self.simulation.statuses()[0]
+    }
+
+    fn require_step(&self, py: Python<'_>) -> PyResult<()> {
+        if self.is_closed {
+            Err(closed(py))
+        } else if self.seed.is_none() {
+            Err(reset_needed(py, "call reset() before the first step"))
+        } else if self.status() != EpisodeStatus::Running {
+            Err(reset_needed(py, "the episode has ended; call reset() before the next step"))
+        } else {
+            Ok(())
+        }
+    }
+
+    fn copied(&self, py: Python<'_>) -> Lane {
+        Lane {
+            declaration: self.declaration.clone_ref(py),
+            simulation: self.simulation.clone(),
+            streams: self.streams.clone(),
+            observations: self.observations.clone(),
+            ..*self
+        }
+    }
+
+    fn save(&self) -> io::Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        let mut out = StateWriter::new(&mut bytes);
+        self.simulation.save(&mut out)?;
+        self.streams.save(&mut out)?;
+        out.one(self.total)?;
+        let (action, steps) = self.last.unwrap_or((Action::NONE, 0.0));
+        out.one(if self.last.is_some() { action.index() as u8 } else { Action::COUNT as u8 })?;
+        out.one(steps)?;
+        Ok(bytes)
+    }
+}
+
+#[pymethods]
+impl Lane {
+    #[new]
+    fn new(declaration: Py<Declaration>, state_in_info: bool) -> Self {
+        let declared = declaration.get();
+        let simulation = declared.simulation(1);
+        Lane {
+            parts: Parts { state: state_in_info, masks: declared.has_masks() },
+            observations: simulation.observation_spec().observations(),
+            simulation,
+            declaration,
+            seed: None,
+            streams: LaneStreams::Shared(Stream::new(0, Purpose::TestEnvironment)),
+            last: None,
+            total: 0.0,
+            is_closed: false,
+        }
+    }
+
+    /// Whether a reset needs a seed, because there is no random stream yet.
+    #[getter]
+    fn needs_seed(&self) -> bool {
+        self.seed.is_none()
+    }
+
+    /// Begins an episode, at the start of a seed's stream or at the current position of the stream.
+    #[pyo3(signature = (seed = None))]
+    fn reset<'py>(
+        &mut self,
+        py: Python<'py>,
+        seed: Option<u64>,
+    ) -> PyResult<(Observation<'py>, Info<'py>)> {
+        if self.is_closed {
+            return Err(closed(py));
+        }
+        if let Some(seed) = seed {
+            self.seed = Some(seed);
+            self.streams = LaneStreams::Shared(Stream::new(seed, Purpose::TestEnvironment));
+        } else if self.seed.is_none() {
+            return Err(reset_needed(py, "the first reset needs a seed"));
+        }
+        self.simulation.reset(LaneSet::All, &mut self.streams);
+        (self.last, self.total) = (None, 0.0);
+        Ok((self.observation(py), self.info(py)?))
+    }
+
+    /// Takes a step: observation, reward, whether the episode terminated, whether it was truncated, and the
+    /// true state.
+    #[allow(clippy::type_complexity)]
+    fn step<'py>(
+        &mut self,
+        py: Python<'py>,
+        action: &Bound<'py, PyAny>,
+    ) -> PyResult<(Observation<'py>, f64, bool, bool, Info<'py>)> {
+        self.require_step(py)?;
+        let action = action_of(action)?;
+        let mut reward = [0.0];
+        let taken = self.simulation.taken(0, action);
+        self.simulation.step(&[action], &mut reward, &mut self.streams);
+        let steps = self.simulation.outcomes(&reward)[0];
+        self.last = Some((taken, steps));
+        self.total += steps;
+        let status = self.status();
+        Ok((
+            self.observation(py),
+            reward[0],
+            status == EpisodeStatus::Terminated,
+            status == EpisodeStatus::Truncated,
+            self.info(py)?,
+        ))
+    }
+
+    /// A description of the current step.
+    fn line(&self) -> String {
+        if self.seed.is_none() {
+            return "no episode yet".to_owned();
+        }
+        let draw = self.simulation.context(0);
+        let last = match self.last {
+            None => "episode begins".to_owned(),
+            Some((action, steps)) => format!("action {}, {steps:.1} steps walked", action.index()),
+        };
+        let end = match self.status() {
+            EpisodeStatus::Running => "",
+            EpisodeStatus::Terminated => "; disengaged",
+            EpisodeStatus::Truncated => "; horizon",
+        };
+        format!(
+            "step {:2}: context {}, P(0) {:.2}, habituation {:.2}, disengagement {:.2}; {last}; \
+             return {:.1}{end}",
+            self.simulation.times()[0],
+            draw.context,
+            draw.probability_of_zero,
+            self.simulation.habituation()[0],
+            self.simulation.disengagement()[0],
+            self.total,
+        )
+    }
+
+    /// Closes the environment.
+    fn close(&mut self) {
+        self.is_closed = true;
+    }
+
+    fn __copy__(&self, py: Python<'_>) -> Lane {
+        self.copied(py)
+    }
+
+    fn __deepcopy__(&self, py: Python<'_>, _memo: &Bound<'_, PyAny>) -> Lane {
+        self.copied(py)
+    }
+
+    #[allow(clippy::type_complexity)]
+    fn __reduce__<'py>(
+        slf: &Bound<'py, Self>,
+    ) -> PyResult<(
+        Bound<'py, PyAny>,
+        (Py<Declaration>, bool, Option<u64>, bool, Bound<'py, PyBytes>),
+    )> {
+        let lane = slf.borrow();
+        let bytes = PyBytes::new(slf.py(), &lane.save()?);
+        let declaration = lane.declaration.clone_ref(slf.py());
+        let arguments = (declaration, lane.parts.state, lane.seed, lane.is_closed, bytes);
+        Ok((slf.get_type().getattr("restored")?, arguments))
+    }
+
+    /// Restores a pickled lane.
+    #[staticmethod]
+    fn restored(
+        declaration: Py<Declaration>,
+        state_in_info: bool,
+        seed: Option<u64>,
+        is_closed: bool,
+        state: &[u8],
+    ) -> PyResult<Lane> {
+        let mut lane = Lane::new(declaration, state_in_info);
+        (lane.seed, lane.is_closed) = (seed, is_closed);
+        let seed = seed.unwrap_or_default();
+        lane.streams = LaneStreams::Shared(Stream::new(seed, Purpose::TestEnvironment));
+        let mut bytes = state;
+        let from = &mut StateReader::new(&mut bytes);
+        lane.simulation.restore(from).map_err(unreadable_state)?;
+        lane.streams.restore(from).map_err(unreadable_state)?;
+        lane.total = from.one().map_err(unreadable_state)?;
+        let action: u8 = from.one().map_err(unreadable_state)?;
+        let steps = from.one().map_err(unreadable_state)?;
+        lane.last = Action::from_index(action.into()).map(|action| (action, steps));
+        Ok(lane)
+    }
+}
+
+/// The action for a Python or NumPy integer.
+fn action_of(action: &Bound<'_, PyAny>) -> PyResult<Action> {
+    let index: i64 = match action.extract() {
+        Ok(index) => index,
+        Err(_) => whole(action)?,
+    };
+    let action = usize::try_from(index).ok().and_then(Action::from_index);
+    action.ok_or_else(|| Python::attach(|py| invalid_action(py, index.to_string())))
+}
+
+/// The integer in a value of another type, such as an array with one element.
+fn whole(action: &Bound<'_, PyAny>) -> PyResult<i64> {
+    let py = action.py();
+    if action.is_instance_of::<pyo3::types::PyInt>() {
+        return Err(invalid_action(py, "a number of more than 64 bits".to_owned()));
+    }
+    let refused = |what: String| {
+        PyTypeError::new_err(format!("an action is a whole number from 0 to 3, found {what}"))
+    };
+    let array = py.import("numpy")?.call_method1("asarray", (action,))?;
+    let kind: String = array.getattr("dtype")?.getattr("kind")?.extract()?;
+    let size: usize = array.getattr("size")?.extract()?;
+    if !matches!(kind.as_str(), "i" | "u") || size != 1 {
+        return Err(refused(action.get_type().name()?.to_string()));
+    }
+    let item = array.call_method0("item")?;
+    item.extract().map_err(|_| invalid_action(py, "a number of more than 64 bits".to_owned()))
+}
+
+pub(crate) fn invalid_action(py: Python<'_>, found: String) -> PyErr {
+    gymnasium(py, "InvalidAction", format!("an action is a number from 0 to 3, found {found}"))
+}

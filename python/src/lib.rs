@@ -1,0 +1,33 @@
+//! The native part of the Python module `jitai`: environments, stores and policies as Python objects.
+//!
+//! In: Python values and NumPy arrays. Out: the same. The library computes everything; this crate converts
+//! values, checks inputs, and maps errors to Python exceptions. The package around it, `package/jitai/`,
+//! has the public classes.
+
+mod declaration;
+mod errors;
+mod info;
+mod lane;
+mod lanes;
+mod policy;
+mod store;
+
+use pyo3::prelude::*;
+
+/// The native part of `jitai`; use the package, not this module.
+#[pymodule]
+mod _jitai {
+    #[pymodule_export]
+    use crate::declaration::Declaration;
+    #[pymodule_export]
+    use crate::lane::Lane;
+    #[pymodule_export]
+    use crate::lanes::Lanes;
+    #[pymodule_export]
+    use crate::policy::TrainedPolicy;
+    #[pymodule_export]
+    use crate::store::StoreReader;
+
+    #[pymodule_export]
+    const VERSION: &str = env!("CARGO_PKG_VERSION");
+}

@@ -1,0 +1,252 @@
+//! Trained policies, which act on observations from any source.
+
+use std::io;
+use std::path::PathBuf;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use jitai::algorithm::Weights;
+use jitai::environment::{
+    Action, ActionSpec, EpisodeStatus, LaneSet, LaneStreams, ObservationSpec, Observations,
+    Purpose, Resumable, StateError, StateReader, StateWriter, Stream, VectorEnvironment,
+};
+use jitai::policy::{ActionNetwork, Actions, Actor, Choice, network_of, portable};
+use jitai::results::{Reader, StoredWeights};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyKeyError, PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::declaration::json;
+use crate::store::{dictionary, store_error};
+
+/// An environment that shows given observations and whose steps do nothing.
+struct Given {
+    spec: ObservationSpec,
+    rows: Observations,
+    statuses: Vec<EpisodeStatus>,
+}
+
+impl Resumable for Given {
+    fn save(&self, _: &mut StateWriter<'_>) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn restore(&mut self, _: &mut StateReader<'_>) -> Result<(), StateError> {
+        Ok(())
+    }
+}
+
+impl VectorEnvironment for Given {
+    fn action_spec(&self) -> ActionSpec {
+        ActionSpec { count: Action::COUNT, lowest_reward: 0.0, highest_reward: 0.0 }
+    }
+
+    fn observation_spec(&self) -> ObservationSpec {
+        self.spec.clone()
+    }
+
+    fn reset(&mut self, _: LaneSet<'_>, _: &mut LaneStreams) {}
+
+    fn step(&mut self, _: &[Action], rewards: &mut [f64], _: &mut LaneStreams) {
+        rewards.fill(0.0);
+    }
+
+    fn statuses(&self) -> &[EpisodeStatus] {
+        &self.statuses
+    }
+
+    fn observe(&self, out: &mut Observations) {
+        out.clear();
+        out.extend(&self.rows, 0..self.rows.rows());
+    }
+}
+
+/// The actors of a policy, and their buffers.
+struct Acting {
+    given: Given,
+    as_trained: Box<dyn Actor<Given>>,
+    greedy: Box<dyn Actor<Given>>,
+    network: Box<dyn ActionNetwork + Send>,
+    stream: Stream,
+    actions: Vec<Action>,
+    numbers: Vec<f32>,
+}
+
+/// The trained policy of a job.
+#[pyclass(frozen, module = "jitai._jitai")]
+pub(crate) struct TrainedPolicy {
+    stored: StoredWeights,
+    weights: Weights,
+    choice: Choice,
+    acting: Mutex<Acting>,
+}
+
+impl TrainedPolicy {
+    fn lock(&self) -> MutexGuard<'_, Acting> {
+        self.acting.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn spec(&self) -> ObservationSpec {
+        self.stored.job.task().observations()
+    }
+
+    fn of_stored(stored: StoredWeights) -> PyResult<Self> {
+        let (weights, architecture) = network_of(&stored).map_err(no_policy)?;
+        let spec = stored.job.task().observations();
+        let agent = &stored.job.agent;
+        let unusable = |error: jitai::algorithm::WeightsError| no_policy(error);
+        let actor = |actions| agent.acting_in(&spec, &weights, actions).map_err(unusable);
+        let acting = Acting {
+            as_trained: actor(Actions::AsTrained)?,
+            greedy: actor(Actions::Greedy)?,
+            network: agent.network(spec.inputs(), &weights).map_err(unusable)?,
+            given: Given { rows: spec.observations(), spec: spec.clone(), statuses: Vec::new() },
+            stream: Stream::new(stored.job.seed, Purpose::TestActions),
+            actions: Vec::new(),
+            numbers: Vec::new(),
+        };
+        let choice = architecture.choice;
+        Ok(TrainedPolicy { stored, weights, choice, acting: Mutex::new(acting) })
+    }
+}
+
+#[pymethods]
+impl TrainedPolicy {
+    /// The policy of the only completed job whose key begins with `key`.
+    #[staticmethod]
+    fn from_store(py: Python<'_>, path: PathBuf, key: &str) -> PyResult<Self> {
+        py.detach(|| {
+            let reader = Reader::open(&path).map_err(store_error)?;
+            TrainedPolicy::of_stored(reader.weights(key).map_err(store_error)?)
+        })
+    }
+
+    /// The job's key.
+    #[getter]
+    fn job_key(&self) -> String {
+        self.stored.job_key.to_string()
+    }
+
+    /// The description, as `jitai export --policy` writes it to `policy.json`.
+    fn describe<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let described = py.detach(|| portable(&self.stored)).map_err(no_policy)?;
+        json(py, &described.description)
+    }
+
+    /// Restarts the random stream of the actions, with a new seed or with the job's seed.
+    #[pyo3(signature = (seed = None))]
+    fn reset(&self, py: Python<'_>, seed: Option<u64>) {
+        let seed = seed.unwrap_or(self.stored.job.seed);
+        py.detach(|| self.lock().stream = Stream::new(seed, Purpose::TestActions));
+    }
+
+    /// An action for each row of observations, \[rows\].
+    fn act<'py>(
+        &self,
+        py: Python<'py>,
+        observations: PyReadonlyArray2<'py, f32>,
+        greedy: bool,
+    ) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        let rows = read(&self.spec(), &observations)?;
+        let actions = py.detach(|| {
+            let mut acting = self.lock();
+            let Acting { given, as_trained, greedy: best, stream, actions, .. } = &mut *acting;
+            actions.clear();
+            actions.resize(rows.rows(), Action::NONE);
+            given.statuses.resize(rows.rows(), EpisodeStatus::Running);
+            given.rows = rows;
+            let actor = if greedy { best } else { as_trained };
+            actor.act(given, stream, actions, None);
+            actions.iter().map(|action| action.index() as i64).collect::<Vec<_>>()
+        });
+        Ok(PyArray1::from_vec(py, actions))
+    }
+
+    /// The outputs of the network for every action, \[rows, actions\]: values or logits.
+    fn values<'py>(
+        &self,
+        py: Python<'py>,
+        observations: PyReadonlyArray2<'py, f32>,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let rows = read(&self.spec(), &observations)?;
+        let values = py.detach(|| {
+            let mut acting = self.lock();
+            let Acting { network, numbers, .. } = &mut *acting;
+            network.evaluate(&rows, numbers);
+            numbers.clone()
+        });
+        PyArray1::from_vec(py, values).reshape([rows.rows(), Action::COUNT])
+    }
+
+    /// The probabilities of the actions, \[rows, actions\].
+    fn probabilities<'py>(
+        &self,
+        py: Python<'py>,
+        observations: PyReadonlyArray2<'py, f32>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let values = self.values(py, observations)?.to_vec()?;
+        let rows = values.len() / Action::COUNT;
+        let probabilities = py.detach(|| self.choice.probabilities(&values));
+        PyArray1::from_vec(py, probabilities).reshape([rows, Action::COUNT])
+    }
+
+    /// The weights by name.
+    #[getter]
+    fn weights<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let arrays = self.weights.tensors.iter().map(|(name, tensor)| {
+            let values = PyArray1::from_slice(py, &tensor.values);
+            (name.clone(), values, tensor.shape.clone())
+        });
+        let dict = PyDict::new(py);
+        for (name, values, shape) in arrays {
+            dict.set_item(name, values.call_method1("reshape", (shape,))?)?;
+        }
+        Ok(dict)
+    }
+
+    /// Numbers that the policy needs in addition to its weights, such as `epsilon`.
+    #[getter]
+    fn numbers<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        dictionary(py, self.weights.numbers.iter().map(|(name, value)| (name.clone(), *value)))
+    }
+}
+
+fn no_policy(error: impl std::fmt::Display) -> PyErr {
+    PyKeyError::new_err(error.to_string())
+}
+
+/// Observations from rows whose one-hot entries are written out.
+fn read(spec: &ObservationSpec, given: &PyReadonlyArray2<'_, f32>) -> PyResult<Observations> {
+    let (inputs, width) = (spec.inputs(), spec.features.len());
+    let [rows, columns] = [given.shape()[0], given.shape()[1]];
+    if columns != inputs {
+        let names: Vec<&str> = spec.features.iter().map(|f| f.name.as_str()).collect();
+        return Err(PyValueError::new_err(format!(
+            "observations: expected {inputs} entries per row ({}), found {columns}",
+            names.join(", ")
+        )));
+    }
+    let values = given.as_slice().map_err(|_| {
+        PyTypeError::new_err("observations: expected rows one after the other in memory")
+    })?;
+    let mut observations = spec.observations();
+    for (row, entries) in values.chunks_exact(inputs).enumerate().take(rows) {
+        if let Some(place) = entries.iter().position(|entry| !entry.is_finite()) {
+            return Err(PyValueError::new_err(format!(
+                "observations: entry {place} of row {row} is {}, not a finite number",
+                entries[place]
+            )));
+        }
+        let (features, times) = entries.split_at(width);
+        let moment = times.iter().position(|entry| *entry == 1.0);
+        let is_one_hot = times.iter().filter(|entry| **entry != 0.0).count() == 1;
+        if spec.one_hot > 0 && !(moment.is_some() && is_one_hot) {
+            return Err(PyValueError::new_err(format!(
+                "observations: the last {} entries of row {row} are not a one-hot of the time",
+                spec.one_hot
+            )));
+        }
+        observations.push(features, moment.filter(|_| spec.one_hot > 0).map(|at| at as u32));
+    }
+    Ok(observations)
+}

@@ -1,0 +1,90 @@
+"""Random environments: every key that the simulation has."""
+
+from __future__ import annotations
+
+from hypothesis import strategies as st
+
+LETTERS = "CPLHDTABMS"
+SCENARIOS = st.permutations(LETTERS).flatmap(
+    lambda letters: st.integers(1, len(LETTERS)).map(lambda n: "-".join(letters[:n]))
+)
+
+PROBABILITY = st.floats(0, 1, allow_subnormal=False)
+BASE = {
+    "delta_h": PROBABILITY,
+    "epsilon_h": PROBABILITY,
+    "delta_d": PROBABILITY,
+    "epsilon_d": PROBABILITY,
+    "rho_1": st.floats(-500, 500),
+    "rho_2": st.floats(-500, 500),
+    "rho_3": st.floats(-500, 500),
+    "mu": st.lists(st.floats(-10, 10), min_size=2, max_size=2),
+    "horizon": st.integers(1, 12),
+    "initial_habituation": PROBABILITY,
+    "initial_disengagement": PROBABILITY,
+    "disengagement_threshold": st.floats(0.01, 1),
+    "first_context": st.sampled_from(["fixed", "sampled"]),
+    "time_indicator": st.sampled_from(["lagged", "exact"]),
+    "time_indicator_period": st.integers(1, 5),
+    "time_one_hot": st.booleans(),
+    "observed_probability": st.integers(0, 1),
+    "parameter_spread": st.floats(0, 2),
+    "reward_habituation": st.sampled_from(["expected", "drawn"]),
+    "disengagement_reward": st.sampled_from(["paid", "zero"]),
+    "steps_cut_at_zero": st.booleans(),
+    "unpaid_last_step": st.booleans(),
+    "context_probability": st.floats(0.01, 0.99),
+    "context_persistence": PROBABILITY,
+    "availability": PROBABILITY,
+    "message_cost": st.floats(0, 20),
+    "message_budget": st.integers(0, 12),
+}
+STATE_NOISE = st.one_of(
+    st.just({}),
+    st.builds(lambda a: {"state_noise": "uniform", "state_spread": a}, st.floats(0, 2)),
+    st.builds(
+        lambda h, d: {"state_noise": "beta", "kappa_h": h, "kappa_d": d},
+        st.floats(0.1, 100),
+        st.floats(0.1, 100),
+    ),
+)
+STEP_NOISE = st.one_of(
+    st.just({}),
+    st.builds(lambda s: {"step_noise": "gamma", "sigma_s": s}, st.floats(0.1, 50)),
+)
+
+
+@st.composite
+def environments(draw) -> dict:
+    """Keywords of an environment: some keys set, others at their defaults."""
+    names = draw(st.sets(st.sampled_from(sorted(BASE)), max_size=8))
+    keys = {name: draw(BASE[name]) for name in sorted(names)}
+    keys |= draw(STATE_NOISE) | draw(STEP_NOISE)
+    sigma = draw(st.sampled_from([0.0, 0.3, 0.6, 2.0]))
+    return {"sigma": sigma, "scenario": draw(SCENARIOS), **keys}
+
+
+def _bounds(low: float, high: float) -> st.SearchStrategy[list[float]]:
+    return st.tuples(st.floats(low, high), st.floats(low, high)).map(sorted).map(list)
+
+
+SHARE = st.one_of(
+    _bounds(0, 1).filter(lambda bounds: bounds[0] < bounds[1]).map(lambda b: {"uniform": b}),
+    st.lists(PROBABILITY, min_size=1, max_size=4, unique=True).map(lambda v: {"values": v}),
+)
+PEOPLE = {
+    "epsilon_h": SHARE,
+    "delta_d": SHARE,
+    "epsilon_d": SHARE,
+    "availability": SHARE,
+    "rho_1": st.floats(-50, 50).map(lambda m: {"normal": m, "sd": 9, "from": -99, "to": 99}),
+    "message_cost": st.floats(0.1, 9).map(lambda m: {"log_normal": m, "log_sd": 0.5, "to": 20}),
+}
+
+
+@st.composite
+def populations(draw) -> dict:
+    """The keyword ``population``, or no keyword."""
+    names = draw(st.sets(st.sampled_from(sorted(PEOPLE)), max_size=3))
+    people = {name: draw(PEOPLE[name]) for name in sorted(names)}
+    return {"population": people} if people else {}

@@ -1,0 +1,53 @@
+"""The manual's examples run, in order, in a folder with results of the quickstart."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import shutil
+
+import pytest
+from conftest import ROOT, run
+
+MANUAL = ROOT / "docs" / "python.md"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with the quickstart, and a store with a small experiment of the same name."""
+    folder = tmp_path_factory.mktemp("manual")
+    (folder / "experiments").mkdir()
+    shutil.copy(ROOT / "experiments" / "quickstart.toml", folder / "experiments")
+    (folder / "small.toml").write_text(
+        'format = 1\nname = "quickstart"\nscenarios = ["P-H-D"]\nseeds = 2\n'
+        "environment.sigma = 0.6\nevaluation.test_episodes = 10\n"
+        '[[agent]]\nname = "dqn"\nalgorithm = "dueling_dqn"\nepisodes = 10\n'
+    )
+    ran = run("run", "small.toml", "--quiet", cwd=folder)
+    assert ran.returncode == 0, ran.stderr
+    return folder
+
+
+def examples():
+    blocks = re.findall(r"```python\n(.*?)```", MANUAL.read_text(), re.DOTALL)
+    # An outside agent needs jitai at its other end: test_external.py runs it.
+    blocks = [block for block in blocks if "external.connect" not in block]
+    assert len(blocks) >= 7
+    return blocks
+
+
+def test_the_examples_run(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    names: dict = {}
+    for block in examples():
+        if "Stable-Baselines3" in block and importlib.util.find_spec("stable_baselines3") is None:
+            continue
+        exec(compile(block, str(MANUAL), "exec"), names)
+    assert names["total"] > 0 and len(names["means"]) == 1
+    assert names["policy"].weights["trunk.0.weight"].shape[0] == 3
+
+
+def test_the_example_for_stable_baselines_runs():
+    pytest.importorskip("torch")
+    [block] = [block for block in examples() if "# With Stable-Baselines3." in block]
+    exec(compile(block, str(MANUAL), "exec"), {})

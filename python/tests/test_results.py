@@ -1,0 +1,166 @@
+"""Results as data frames."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+import subprocess
+
+import jitai
+import numpy as np
+import pandas
+import polars
+import pytest
+from conftest import MANIFEST, PROGRAM
+
+VIEWS = {
+    "runs": "run_summary",
+    "arms": "arm_summary",
+    "metrics": "metric",
+    "curves": "learning_curve",
+    "episodes": "evaluation_episode",
+    "action_choices": "action_choice",
+    "decisions": "decision",
+    "participants": "participant",
+    "manifests": "manifest",
+    "parameters": "parameter",
+}
+
+
+@pytest.mark.parametrize("method", VIEWS)
+@pytest.mark.parametrize("frames", ["pandas", "polars"])
+def test_a_frame_has_the_rows_of_its_view(store, method, frames):
+    view = VIEWS[method]
+    with jitai.open(store, frames=frames) as results:
+        frame = getattr(results, method)()
+        of_experiment = getattr(results, method)("small")
+        of_none = getattr(results, method)("o'nobody")
+    if frames == "polars":
+        assert isinstance(frame, polars.DataFrame)
+        frame, of_experiment, of_none = (f.to_pandas() for f in (frame, of_experiment, of_none))
+    with sqlite3.connect(f"file:{store}?mode=ro", uri=True) as connection:
+        columns = [row[1] for row in connection.execute(f"PRAGMA table_info({view})")]
+        rows = connection.execute(f"SELECT count(*) FROM {view}").fetchone()[0]
+    assert list(frame.columns) == columns
+    assert len(frame) == len(of_experiment) == rows > 0
+    assert len(of_none) == 0
+
+
+def test_columns_have_types(store):
+    with jitai.open(store) as results:
+        runs = results.runs()
+        assert (runs.status == "completed").all() and len(runs) == 16
+        assert runs.mean_return.dtype == np.float64 and runs.seed.dtype == np.int64
+        assert isinstance(runs.started_at.dtype, pandas.DatetimeTZDtype)
+        assert (runs.ended_at >= runs.started_at).all()
+        # A rule has no learning curve; a column with only NULLs has no type.
+        assert runs.failure_kind.isna().all()
+        curves = results.curves()
+        assert set(curves.metric) >= {"mean_return", "epsilon"}
+        decisions = results.decisions()
+        assert set(decisions.phase) == {"test"} and decisions.habituation.dtype == np.float64
+        participants = results.participants()
+        assert set(participants.name) == {"epsilon_d"} and participants.value.between(0.2, 0.6).all()
+        manifests = results.manifests()
+        assert manifests.manifest[0] == MANIFEST and manifests.used_until.isna().all()
+        assert isinstance(manifests.used_from.dtype, pandas.DatetimeTZDtype)
+
+
+def test_wide_parameters_have_a_column_each(store):
+    with jitai.open(store) as results:
+        wide = results.parameters(wide=True)
+        tall = results.parameters()
+        runs = results.runs()
+    assert len(wide) == 16 and wide.job_key.is_unique
+    assert set(wide.columns) == {"job_key", *tall.name}
+    assert (
+        wide["environment.sigma"].dtype == np.float64 and (wide["environment.sigma"] == 0.6).all()
+    )
+    assert wide["environment.horizon"].dtype == np.int64
+    assert set(wide["agent.trunk"].dropna()) == {"shared", "separate"}
+    # Only two of three agents have a learning rate.
+    assert wide["agent.learning_rate"].isna().sum() == 4
+    both = runs.merge(wide, on="job_key", suffixes=("", "_parameter"))
+    assert (both.seed == both.seed_parameter).all()
+    polars_wide = jitai.open(store, frames="polars").parameters(wide=True)
+    assert polars_wide["environment.horizon"].dtype == polars.Int64
+    assert polars_wide.shape == wide.shape
+
+
+def test_queries_answer_what_sql_asks(store):
+    with jitai.open(store) as results:
+        frame = results.query(
+            "SELECT 1 AS whole, 1.5 AS real, NULL AS absent, 'a' AS text, x'00ff' AS bytes "
+            "UNION ALL SELECT 2, NULL, NULL, NULL, NULL"
+        )
+        assert frame.whole.tolist() == [1, 2] and frame.real.isna().tolist() == [False, True]
+        assert frame.bytes[0] == b"\x00\xff" and frame.absent.isna().all()
+        mixed = results.query("SELECT 1 AS a UNION ALL SELECT 2.5 UNION ALL SELECT NULL")
+        assert mixed.a.dtype == np.float64
+        large = results.query("SELECT 9007199254740993 AS a UNION ALL SELECT NULL")
+        assert large.a[0] == 9007199254740993
+        for wrong, message in [
+            ("DELETE FROM run", "may only read"),
+            ("SELECT * FROM nowhere", "no such table"),
+            ("SELECT", "syntax|incomplete"),
+            ("", "empty"),
+            ("SELECT 1; SELECT 2", "one statement"),
+            ("SELECT '\0'", "."),
+        ]:
+            with pytest.raises(ValueError, match=message):
+                results.query(wrong)
+
+
+def test_what_is_no_store_is_refused(tmp_path, store):
+    with pytest.raises(FileNotFoundError, match="no store at"):
+        jitai.open(tmp_path / "none.sqlite")
+    text = tmp_path / "text.sqlite"
+    text.write_text("no store\n" * 100)
+    (tmp_path / "empty.sqlite").touch()
+    for path in (text, tmp_path / "empty.sqlite"):
+        with pytest.raises(ValueError):
+            jitai.open(path)
+    with pytest.raises(ValueError, match="pandas or polars"):
+        jitai.open(store, frames="numpy")
+    results = jitai.open(store)
+    results.close()
+    results.close()
+    for use in (results.runs, lambda: results.query("SELECT 1")):
+        with pytest.raises(ValueError, match="closed"):
+            use()
+
+
+def test_results_are_read_while_a_sweep_runs(tmp_path):
+    manifest, path = tmp_path / "long.toml", tmp_path / "long.sqlite"
+    manifest.write_text(MANIFEST.replace("seeds = 2", "seeds = 40"))
+    sweep = subprocess.Popen(
+        [PROGRAM, "run", manifest, "--store", path, "--quiet"], stderr=subprocess.PIPE
+    )
+    counts = []
+    try:
+        while sweep.poll() is None:
+            if path.exists() and path.stat().st_size:
+                try:
+                    with jitai.open(path) as results:
+                        runs = results.runs()
+                        counts.append(int((runs.status == "completed").sum()))
+                except (ValueError, FileNotFoundError):
+                    # The program is still creating the tables.
+                    assert not counts
+    finally:
+        sweep.wait()
+    assert sweep.returncode == 0, sweep.stderr.read()
+    sweep.stderr.close()
+    with jitai.open(path) as results:
+        assert (results.runs().status == "completed").sum() == 320
+    assert counts == sorted(counts) and len(set(counts)) > 2
+
+
+def test_a_store_that_nobody_may_write_to_is_read(tmp_path, store):
+    copy = tmp_path / "copy.sqlite"
+    shutil.copy(store, copy)
+    copy.chmod(0o444)
+    before = copy.read_bytes()
+    with jitai.open(copy) as results:
+        assert len(results.runs()) == 16
+    assert copy.read_bytes() == before
