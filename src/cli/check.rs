@@ -5,42 +5,41 @@ use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
-use crate::cli::output::counted;
+use crate::cli::output::{counted, shell_word};
 use crate::cli::{Error, Exit};
-use crate::manifest::{self, Faults, Manifest, Published};
-use crate::plan;
+use crate::manifest::{self, Faults, Manifest, Override, Published};
+use crate::plan::{self, Factors};
+use crate::report::splits;
 
-/// Validate manifests; every fault at once, each with its line, column and remedy
+/// Validate manifests and report every fault at once, each with line, column and remedy
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Manifests (TOML files)
-    #[arg(required = true, value_name = "MANIFEST")]
-    manifests: Vec<PathBuf>,
-    /// How faults are written
+    #[command(flatten)]
+    manifests: ManifestArguments,
+    /// Output format of the faults
     #[arg(long, value_enum, default_value = "text")]
     format: Format,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Format {
-    /// For reading, on standard error.
+    /// Text for reading, on standard error.
     Text,
-    /// An array of objects on standard output.
+    /// A JSON array of objects, on standard output.
     Json,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
-    let mut faulty = Vec::new();
-    for path in &arguments.manifests {
-        let loaded = manifest::load(path);
+    let (mut valid, mut faulty) = (Vec::new(), Vec::new());
+    for path in &arguments.manifests.paths {
+        let loaded = manifest::load_with(path, &arguments.manifests.set);
         match loaded.and_then(|manifest| Published::of(&manifest).map(|_| manifest)) {
-            Ok(manifest) if arguments.format == Format::Text => {
-                let jobs = counted(plan::count(&manifest), "job");
-                writeln!(io::stdout(), "{}: ok, {jobs}", path.display())?;
-            }
-            Ok(_) => {}
+            Ok(manifest) => valid.push((path, manifest)),
             Err(faults) => faulty.push(faults),
         }
+    }
+    if faulty.is_empty() {
+        check_names(valid.iter().map(|(_, manifest)| manifest))?;
     }
     match arguments.format {
         Format::Json => {
@@ -54,17 +53,74 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
             writeln!(io::stdout(), "{:#}", serde_json::Value::Array(all))?;
             Ok(if faulty.is_empty() { Exit::Done } else { Exit::Usage })
         }
-        Format::Text if faulty.is_empty() => Ok(Exit::Done),
-        Format::Text => Err(Error::Manifests(faulty)),
+        Format::Text => {
+            let shown = valid.iter().try_for_each(|(path, manifest)| show(path, manifest));
+            // Faults are reported even if nobody reads the output to its end.
+            if !faulty.is_empty() {
+                return Err(Error::Manifests(faulty));
+            }
+            shown?;
+            Ok(Exit::Done)
+        }
     }
 }
 
-/// Loads manifests; every fault of every one is reported.
-pub(super) fn load_all<P: AsRef<Path>>(paths: &[P]) -> Result<Vec<Manifest>, Error> {
+/// Prints that a manifest is valid, the number of its jobs as a product of factors, and hints.
+fn show(path: &Path, manifest: &Manifest) -> io::Result<()> {
+    let (path, factors) = (path.display(), Factors::of(manifest));
+    let mut out = io::stdout().lock();
+    if let [all] = factors.as_slice() {
+        writeln!(out, "{path}: ok, {all}")?;
+    } else {
+        writeln!(out, "{path}: ok, {}", counted(plan::count(manifest), "job"))?;
+        for some in &factors {
+            writeln!(out, "  {}: {some}", some.names())?;
+        }
+    }
+    for hint in manifest::hints(manifest).into_iter().chain(splits(manifest)) {
+        writeln!(io::stderr(), "{path}: hint: {hint}")?;
+    }
+    Ok(())
+}
+
+/// Manifests with overrides of their keys.
+#[derive(clap::Args)]
+pub(super) struct ManifestArguments {
+    /// Manifests (TOML files)
+    #[arg(required = true, value_name = "MANIFEST")]
+    pub(super) paths: Vec<PathBuf>,
+    /// Override a key for this command, such as agent.gamma=0.9 or seeds=5; repeatable
+    ///
+    /// KEY is a top-level key, `environment.KEY`, `population.KEY`, `evaluation.KEY`, `agent.KEY` for every agent that
+    /// has the key, `agent.NAME.KEY` for one agent, or KEY alone if only one section has it. VALUE is
+    /// TOML; quotes around words may be left out.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<Override>,
+}
+
+impl ManifestArguments {
+    /// Loads the manifests, or returns all their faults.
+    pub(super) fn load(&self) -> Result<Vec<Manifest>, Error> {
+        load_all(&self.paths, &self.set)
+    }
+
+    /// The arguments, quoted for a shell.
+    pub(super) fn words(&self) -> impl Iterator<Item = String> {
+        let set =
+            self.set.iter().flat_map(|set| ["--set".to_owned(), shell_word(&set.to_string())]);
+        self.paths.iter().map(|path| shell_word(&path.to_string_lossy())).chain(set)
+    }
+}
+
+/// Loads manifests, or returns all their faults.
+pub(super) fn load_all<P: AsRef<Path>>(
+    paths: &[P],
+    set: &[Override],
+) -> Result<Vec<Manifest>, Error> {
     let mut manifests = Vec::new();
     let mut faulty: Vec<Faults> = Vec::new();
     for path in paths {
-        match manifest::load(path.as_ref()) {
+        match manifest::load_with(path.as_ref(), set) {
             Ok(manifest) => manifests.push(manifest),
             Err(faults) => faulty.push(faults),
         }
@@ -72,14 +128,22 @@ pub(super) fn load_all<P: AsRef<Path>>(paths: &[P]) -> Result<Vec<Manifest>, Err
     if !faulty.is_empty() {
         return Err(Error::Manifests(faulty));
     }
-    // Two manifests of one name would take turns at being the same experiment.
-    for (i, manifest) in manifests.iter().enumerate() {
-        if let Some(other) = manifests[..i].iter().find(|other| other.name == manifest.name) {
+    check_names(&manifests)?;
+    Ok(manifests)
+}
+
+/// Makes sure that no two manifests have the same name: they would be one experiment, and one would replace
+/// the other.
+fn check_names<'a>(manifests: impl IntoIterator<Item = &'a Manifest>) -> Result<(), Error> {
+    let mut seen: Vec<&Manifest> = Vec::new();
+    for manifest in manifests {
+        if let Some(other) = seen.iter().find(|other| other.name == manifest.name) {
             return Err(Error::Usage(format!(
-                "{} and {} have the same name, {:?}; give each experiment its own",
+                "{} and {} have the same name, {:?}; give each experiment a name of its own",
                 other.path, manifest.path, manifest.name
             )));
         }
+        seen.push(manifest);
     }
-    Ok(manifests)
+    Ok(())
 }

@@ -1,4 +1,4 @@
-//! Output that nobody reads to its end, or that cannot be written.
+//! Output that is not read to its end, or that cannot be written.
 
 use std::fs::OpenOptions;
 use std::io::{BufRead, BufReader};
@@ -32,6 +32,7 @@ fn head(folder: &Folder, lines: usize, arguments: &[&str]) -> Option<i32> {
 #[test]
 fn a_reader_that_has_read_enough_is_no_error() {
     let folder = completed();
+    folder.write("other.toml", manifest("other", "0.6", "2", Effort::Trivial));
     let endless = "WITH RECURSIVE n (i) AS (VALUES (1) UNION ALL SELECT i + 1 FROM n) \
                    SELECT i FROM n LIMIT 1000000";
     for arguments in [
@@ -43,7 +44,7 @@ fn a_reader_that_has_read_enough_is_no_error() {
         &["status"],
         &["plan", "sweep.toml", "--jobs"],
         &["plan", "sweep.toml", "--resolved"],
-        &["check", "sweep.toml", "sweep.toml"],
+        &["check", "sweep.toml", "other.toml"],
         &["schema"],
         &["--help"],
     ] {
@@ -68,6 +69,19 @@ fn a_sweep_whose_output_nobody_reads_still_tells_of_failures() {
         let folder = Folder::with(&partly_diverging());
         assert_eq!(head(&folder, 0, &["run", "sweep.toml", "--format", format]), Some(1));
     }
+}
+
+#[test]
+fn a_check_whose_output_nobody_reads_still_reports_faults() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "2", Effort::Trivial));
+    folder.write("faulty.toml", manifest("faulty", "-0.6", "2", Effort::Trivial));
+    let mut check = folder.command(["check", "sweep.toml", "faulty.toml"]);
+    let mut child = check.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    drop(child.stdout.take());
+    let ended = child.wait_with_output().unwrap();
+    let stderr = String::from_utf8(ended.stderr).unwrap();
+    assert_eq!(ended.status.code(), Some(2), "{stderr}");
+    assert!(stderr.contains("faulty.toml"), "{stderr}");
 }
 
 #[cfg(target_os = "linux")]
