@@ -168,8 +168,10 @@ impl Reason {
     fn of(self, jobs: u64) -> String {
         let (all, one) = (counted(jobs, "job"), jobs == 1);
         match self {
-            Reason::Interrupted if one => format!("{all} was interrupted; `jitai run` resumes it"),
-            Reason::Interrupted => format!("{all} were interrupted; `jitai run` resumes them"),
+            Reason::Interrupted if one => {
+                format!("{all} was interrupted; `jitai run` continues it")
+            }
+            Reason::Interrupted => format!("{all} were interrupted; `jitai run` continues them"),
             Reason::Failed if one => format!("{all} failed; `--retry-failed` runs it again"),
             Reason::Failed => format!("{all} failed; `--retry-failed` runs them again"),
             Reason::Outdated { .. } => format!("{all} to run again: {self}"),

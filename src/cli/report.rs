@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 
 use crate::cli::check::ManifestArguments;
 use crate::cli::counting::Counting;
+use crate::cli::output::counted;
 use crate::cli::{Error, Exit, StoreArgument, folder};
 use crate::manifest::Published;
-use crate::report::{AssembleError, Hosts, ReportFile, Work, assemble, report};
+use crate::report::{AssembleError, Hosts, ReportFile, ReportedExperiment, Work, assemble, report};
 use crate::store::Reader;
 
 /// Write tables, figures and an HTML page about the results in the store
@@ -55,6 +56,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let hosts = if arguments.hosts { Hosts::Named } else { Hosts::Unnamed };
     let files = report(&experiments, &store, hosts);
     files.iter().try_for_each(|file| write(&arguments.out, file))?;
+    for experiment in &experiments {
+        if let Some(note) = unfinished(experiment) {
+            writeln!(io::stderr(), "note: {note}")?;
+        }
+    }
     let mut out = io::stdout().lock();
     writeln!(out, "{}", arguments.out.join("index.html").display())?;
     // The winners are texts to paste into a manifest.
@@ -62,6 +68,19 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         write!(out, "\n{winners}")?;
     }
     Ok(Exit::Done)
+}
+
+/// The number of jobs without a completed run; `None` if there are none.
+fn unfinished(experiment: &ReportedExperiment) -> Option<String> {
+    let jobs = &experiment.jobs;
+    let missing = jobs.iter().filter(|job| job.completed().is_none()).count();
+    (missing > 0).then(|| {
+        format!(
+            "{missing} of {} of {} have no completed run",
+            counted(jobs.len() as u64, "job"),
+            experiment.name
+        )
+    })
 }
 
 /// Writes a file of the report under a temporary name, and renames it once it is complete.

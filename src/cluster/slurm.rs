@@ -55,7 +55,7 @@ impl Engine for Slurm {
     }
 
     fn limits(&self) -> Result<Limits, EngineError> {
-        let answer = ask("scontrol", &["show", "config"], ANSWER_WITHIN)?;
+        let answer = ask("scontrol", &["show", "config"], ANSWER_WITHIN).map_err(unconfigured)?;
         let most_tasks = answer.lines().find_map(|line| {
             let (name, value) = line.split_once('=')?;
             (name.trim() == "MaxArraySize").then(|| value.trim().parse::<u32>().ok()).flatten()
@@ -70,6 +70,20 @@ impl Engine for Slurm {
                 Err(EngineError::Refused { program: "scontrol", words: not_understood(&answer) })
             }
         }
+    }
+}
+
+/// Adds the remedy: this call comes first, and it fails on machines that belong to no cluster.
+fn unconfigured(error: EngineError) -> EngineError {
+    match error {
+        EngineError::Refused { program, words } => EngineError::Refused {
+            program,
+            words: format!(
+                "{words}\nsubmit on a machine where `scontrol show config` works, such as the cluster's \
+                 login node"
+            ),
+        },
+        other => other,
     }
 }
 

@@ -494,13 +494,16 @@ fn belonging(fault: Fault, here: Option<Section>, found: &str, names: &[&str]) -
     if here.is_some() && TOP_KEYS[..ABOVE_TABLES].contains(&found) {
         return fault.help(format!("`{found}` belongs above the first table"));
     }
-    let elsewhere = Section::all()
+    let elsewhere: Vec<Section> = Section::all()
         .into_iter()
-        .find(|section| Some(*section) != here && section.find(found).is_some());
+        .filter(|section| Some(*section) != here && section.find(found).is_some())
+        .collect();
     let agent_here = here.and_then(algorithm_of);
-    match elsewhere.map(|section| (section, algorithm_of(section), agent_here)) {
-        Some((_, Some(other), Some(_))) => {
-            fault.help(format!("`{found}` is a key of \"{}\"", other.name()))
+    match elsewhere.first().map(|section| (section, algorithm_of(*section), agent_here)) {
+        Some((_, Some(_), Some(_))) => {
+            let others = elsewhere.iter().filter_map(|section| algorithm_of(*section));
+            let others: Vec<String> = others.map(|other| format!("{:?}", other.name())).collect();
+            fault.help(format!("`{found}` is a key of {}", others.join(", ")))
         }
         Some((_, Some(_), None)) => fault.help(format!("`{found}` belongs in [[agent]]")),
         Some((section, None, _)) => {

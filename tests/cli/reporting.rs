@@ -137,6 +137,13 @@ fn two_reports_of_one_store_are_equal_to_the_byte_and_hold_every_analysis() {
     let chosen = text("report/tables/every-kind-chosen.csv");
     let firsts = chosen.lines().filter(|line| line.contains(" delta_d=0.") && line.contains(",1,"));
     assert_eq!((firsts.count(), chosen.lines().count()), (16, 17), "{chosen}");
+    let manual = include_str!("../../docs/report.md");
+    for name in names.iter().filter(|name| name.starts_with("report/tables/")) {
+        let Some(header) = name.ends_with(".csv").then(|| text(name)) else { continue };
+        for column in header.lines().next().unwrap().split(',') {
+            assert!(manual.contains(&format!("`{column}`")), "{name}: {column}");
+        }
+    }
 }
 
 #[test]
@@ -226,7 +233,8 @@ fn the_query_beside_a_difference_reads_its_sides_alone() {
 fn a_partial_store_gives_a_report_that_says_what_is_missing() {
     let folder = prepared();
     folder.jitai(["run", "sweep.toml", "--filter", "agent=reinforce,seed=11"]).succeeded();
-    folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
+    let report = folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
+    report.says("note: 24 of 32 jobs of every <kind> have no completed run\n");
     let page = folder.read("report/index.html");
     assert!(page.contains("This report is partial: 8 of 32 jobs completed"), "{page}");
     assert!(page.contains("no seed completed") || page.contains("too few seeds"));
