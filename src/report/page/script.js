@@ -1,5 +1,5 @@
 "use strict";
-// Sorting: a click on a heading sorts its table, a second one the other way round.
+// A click on a heading sorts its table; a second click reverses the order.
 for (const button of document.querySelectorAll("th button")) {
   button.addEventListener("click", () => {
     const heading = button.parentElement;
@@ -60,7 +60,7 @@ const point = (svg, event) => {
   tip.style.top = `${event.clientY + 16 + window.scrollY}px`;
 };
 for (const svg of document.querySelectorAll("figure svg")) {
-  // The browser's own tip would cover ours.
+  // The browser's own tooltip would cover ours.
   svg.querySelector("title")?.remove();
   svg.addEventListener("pointermove", (event) => point(svg, event));
   svg.addEventListener("pointerdown", (event) => point(svg, event));
@@ -73,7 +73,7 @@ document.addEventListener("pointerdown", (event) => {
   if (!event.target.closest("figure svg")) tip.hidden = true;
 });
 
-// Hiding: what has a value whose box is empty is hidden in all figures of its experiment.
+// An unchecked box hides the marks of its value in all figures of the experiment.
 for (const list of document.querySelectorAll(".switches")) {
   const section = list.closest("section");
   const boxes = [...list.querySelectorAll("[data-toggle]")];
@@ -85,7 +85,7 @@ for (const list of document.querySelectorAll(".switches")) {
   });
 }
 
-// A table that is wider than its place says so.
+// A table that is too wide for the page shows a hint above it.
 const hint = (scroll) => {
   const more = scroll.scrollWidth > scroll.clientWidth + 1;
   scroll.previousElementSibling.hidden = !more;
