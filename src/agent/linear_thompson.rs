@@ -31,9 +31,9 @@ pub(super) use features::Design;
 pub(super) use posterior::Posterior;
 
 keys! {
-    /// Hyper-parameters of linear Thompson sampling; the defaults are those of BOTS.
+    /// Hyper-parameters of linear Thompson sampling, with the defaults of BOTS.
     pub struct LinearThompson {
-        /// episodes of training, those of the warm-up included
+        /// episodes of training, including the warm-up
         episodes: u32 = 1500, in Kind::EPISODES;
         /// mean of every coefficient before any data
         prior_mean: f64 = 0.0, in Kind::ANY_REAL;
@@ -56,8 +56,8 @@ keys! {
         update_interval: u32 = 1, in Kind::EPISODES;
         /// episodes between the warm-up and the first of these updates; 0 for update_interval
         first_update: u32 = 0, in Kind::Integer { min: 0, max: 10_000_000 };
-        /// whether the posterior is "carried" from episode to episode, or "reset" to the one after the
-        /// warm-up
+        /// whether the posterior is "carried" from episode to episode, or "reset" to the posterior
+        /// after the warm-up
         posterior: BanditPosterior = BanditPosterior::Carried;
         /// whether coefficients are drawn for each "step" or for a whole "episode"
         draw: BanditDraw = BanditDraw::Step;

@@ -6,7 +6,7 @@ use crate::key::{Keyed, Kind};
 use crate::{choices, keys};
 
 keys! {
-    /// How a trained agent is tested and what is kept of its training.
+    /// How a trained agent is tested and its training recorded.
     pub struct Evaluation {
         /// test episodes after training
         test_episodes: u32 = 1000, in Kind::EPISODES;
@@ -14,8 +14,8 @@ keys! {
         test_actions: TestActions = TestActions::AsTrained;
         /// training episodes per point of the learning curve
         curve_stride: u32 = 10, in Kind::EPISODES;
-        /// which decisions are stored, one row per step in the view `decision`: "none", those of
-        /// the "test", or "all", those of training and test
+        /// which decisions are stored, one row per step in the view `decision`: "none", only those
+        /// of the "test", or "all" of training and test
         record_decisions: RecordedDecisions = RecordedDecisions::None, before RecordedDecisions::None;
         /// numbers of people: for each number n, the metric "mean_return_first_n" (such as
         /// mean_return_first_140) is the mean return of the first n training episodes, or of the first n test
@@ -59,11 +59,11 @@ impl From<TestActions> for Actions {
 choices! {
     /// Which decisions of a job are recorded.
     pub enum RecordedDecisions {
-        /// None of them.
+        /// No decisions.
         None = "none",
-        /// Those of the test episodes.
+        /// The decisions of the test episodes.
         Test = "test",
-        /// Those of the training episodes and of the test episodes.
+        /// The decisions of the training episodes and of the test episodes.
         All = "all",
     }
 }
