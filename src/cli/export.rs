@@ -10,7 +10,8 @@ use crate::portable::portable;
 use crate::report::unused_stem;
 use crate::store::{self, Reader};
 
-/// Write the public views as files, with what their columns mean and the manifests, or a trained policy
+/// Write the public views as files, with the meanings of their columns and the manifests; or write
+/// a trained policy
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Output folder; created if it does not exist. Files of an earlier export are replaced

@@ -9,11 +9,11 @@ use crate::store::{Belongings, Counts, Forgotten, Reader, Store};
 
 /// Remove an experiment from a store; the results of its jobs stay, unless --results is given
 ///
-/// First shows what would be removed, and asks. Results of jobs that an edit of the manifest has dropped
-/// from the experiment stay, and so do all results without --results: to remove them later, run the
-/// manifest that has their jobs again, and forget it with --results. Jobs that another experiment holds always stay. The
-/// file keeps its size: SQLite uses the free space for later results. No command brings back what was
-/// removed, so copy the store first if in doubt.
+/// First shows what would be removed, and asks. Without --results, all results stay. Results also
+/// stay if an edit of the manifest has dropped their jobs from the experiment. To remove them
+/// later, run the manifest that has their jobs again, and forget it with --results. Jobs that
+/// another experiment holds always stay. The file keeps its size: SQLite uses the free space for
+/// later results. No command brings back what was removed, so copy the store first if in doubt.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// The experiment: the `name` of its manifest

@@ -9,7 +9,7 @@ use crate::manifest::{Manifest, printable};
 use crate::plan::{self, JobKey};
 use crate::store::Reader;
 
-/// Options for a manifest that is not the one that an experiment had.
+/// The option for a manifest that would remove most jobs of its experiment.
 #[derive(Clone, Copy, clap::Args)]
 pub(super) struct Replacing {
     /// Allow a manifest to remove more than half of the jobs of the experiment with its name

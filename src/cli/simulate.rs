@@ -204,7 +204,7 @@ struct Rolled {
 
 impl Rolled {
     fn new(task: &Task, actor: Box<dyn Actor>, arguments: &Arguments) -> Self {
-        // The lane has the participants of the test, not those of the training.
+        // The lane has the participants of the test, not of the training.
         let lane = task.simulation(1).with_population(task.population);
         Rolled { lane, actor, streams: RollStreams::of_test(arguments.seed) }
     }

@@ -23,7 +23,7 @@ use crate::store::{ExperimentCounts, FailedJob, Reader, Store};
 /// `jitai run`.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Refresh every two seconds until all jobs have ended or no process runs one
+    /// Refresh every two seconds until all jobs have ended or no process is running a job
     #[arg(long)]
     watch: bool,
     /// Output format
