@@ -2,7 +2,7 @@
 //! the memory that several keys together make a training use.
 //!
 //! In: the values of some keys in one cell of a grid. Out: the violation, if there is one. The
-//! module knows neither grids nor places in a file; each algorithm lists its own constraints.
+//! module uses neither grids nor positions in a file; each algorithm lists its own constraints.
 
 use crate::env::Scenario;
 use crate::key::{Parameter, Value};

@@ -23,7 +23,7 @@ pub struct TrainedEpisode {
     pub terminated: bool,
     /// Sum of the losses of the updates since the previous episode.
     pub loss_sum: f64,
-    /// Number of those updates.
+    /// Number of updates since the previous episode.
     pub updates: u32,
     /// Exploration rate at the end of the episode, if the algorithm has one.
     pub epsilon: Option<f64>,

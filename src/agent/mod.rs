@@ -6,7 +6,7 @@
 //! differentiation. A [`Learner`] is an algorithm in training on an engine. An [`Actor`] chooses
 //! the actions of episodes. Trained networks and decision rules are actors, and rollouts depend
 //! only on this trait. The registry holds every [`Algorithm`]: name, version, keys, constraints and
-//! constructor. An [`Agent`] is an algorithm with values of its keys. The module knows no job keys,
+//! constructor. An [`Agent`] is an algorithm with values of its keys. The module uses no job keys,
 //! no store and no files.
 //!
 //! Burn's own random generator is global to the process, so nothing here may draw from it. Weights

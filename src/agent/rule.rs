@@ -31,7 +31,7 @@ impl RuleParameters {
 }
 
 choices! {
-    /// The decision rules. They know the context only as the scenario shows it.
+    /// The decision rules. They see the context only as the scenario shows it.
     pub enum DecisionRule {
         /// Never sends a message.
         Never = "never",

@@ -3,8 +3,8 @@
 //! In: weights and hyper-parameters. Out: engines for the algorithms. Weights and Adam's moments
 //! stay in flat arrays for the duration of a job, padded to whole registers. Gradients are derived
 //! by hand. Tests compare them with Burn's automatic differentiation and with PyTorch, and check
-//! that every instruction set gives the same bits. The module knows neither replay buffers nor
-//! random numbers.
+//! that every instruction set gives bit-identical results. The module uses neither replay buffers
+//! nor random numbers.
 
 mod actor_critic;
 mod dense;

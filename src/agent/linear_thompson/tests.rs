@@ -18,7 +18,7 @@ fn stream(seed: u64) -> Stream {
     Stream::new(seed, Purpose::Exploration)
 }
 
-/// Regressors like those of the simulation, with the intercept first, and rewards up to 200.
+/// Regressors as in the simulation, with the intercept first, and rewards up to 200.
 fn data(steps: usize, width: usize, stream: &mut Stream) -> Vec<(Vec<f64>, f64)> {
     let mut row = || -> Vec<f64> {
         (0..width).map(|place| if place == 0 { 1.0 } else { stream.unit() }).collect()
@@ -113,7 +113,7 @@ fn drawn_coefficients_have_the_mean_and_the_covariance_of_the_posterior() {
 /// Number of features of a state.
 const WIDTH: usize = 4;
 
-/// The posterior after steps like those of the simulation.
+/// The posterior after steps as in the simulation.
 fn learned(parameters: &LinearThompson, steps: usize) -> Acting {
     let mut posterior = Posterior::prior(parameters, WIDTH);
     let mut stream = stream(4);

@@ -84,7 +84,7 @@ pub enum StartError {
     /// The agent is a user's program, which only a run starts.
     #[error("the agent is an outside program; only `jitai run` starts it")]
     Outside,
-    /// What the algorithm starts, or its number of training episodes, contradicts
+    /// The algorithm starts the wrong kind of agent, or its number of training episodes contradicts
     /// [`AlgorithmParameters::LEARNS`].
     #[error(
         "the algorithm `{algorithm}` declares {}",
@@ -162,7 +162,7 @@ impl Work {
 /// Weights of a network of two hidden layers of 128 units.
 const USUAL_WEIGHTS: u64 = 128 * 128;
 
-/// The hyper-parameters of an algorithm, and all that the program needs to know about it.
+/// The hyper-parameters of an algorithm, and everything that the program needs to run it.
 pub trait AlgorithmParameters: Keyed + 'static {
     /// The name in manifests, jobs and the store.
     const NAME: &'static str;
@@ -298,7 +298,7 @@ impl Algorithm {
 /// Maximum number of keys of an algorithm.
 const MOST_KEYS: usize = 64;
 
-/// The key that every agent that learns has.
+/// The key that all learning agents share.
 const HISTORY: Key = Key {
     name: "history",
     kind: Kind::Integer { min: 1, max: 1000 },
@@ -308,7 +308,7 @@ const HISTORY: Key = Key {
     before: Some(|| Value::Integer(1)),
 };
 
-/// The keys of an algorithm: its own, followed by those of every agent that learns.
+/// The keys of an algorithm: its own, followed by the keys that all learning agents share.
 struct KeysOf<P>(PhantomData<P>);
 
 impl<P: AlgorithmParameters> KeysOf<P> {
@@ -432,8 +432,8 @@ impl Agent {
 
     /// The agent at the start of its job.
     ///
-    /// **Errors**: memory is short, an optimal rule cannot be computed, or what the algorithm
-    /// starts contradicts its declaration.
+    /// **Errors**: memory is short, an optimal rule cannot be computed, or the algorithm
+    /// contradicts its declaration of whether it learns.
     pub fn start(&self, task: &Task) -> Result<Start, StartError> {
         let start = (self.algorithm.start)(&self.values, &self.seen(task))?;
         let (algorithm, learns) = (self.algorithm.name, self.algorithm.learns);

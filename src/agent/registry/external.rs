@@ -2,7 +2,7 @@
 //!
 //! Each set of names is a separate [`Algorithm`]: the algorithm of [`External`] with an additional
 //! key `parameters.<name>` for each name. Sweeps, filters, views and labels then treat the
-//! parameters of a program like those of any algorithm. Names and sets stay in memory until the
+//! parameters of a program like the keys of any algorithm. Names and sets stay in memory until the
 //! process ends.
 
 use std::collections::{BTreeMap, BTreeSet};
