@@ -1,8 +1,9 @@
 //! Points at which the process can kill itself, for tests of recovery.
 //!
 //! In: the value of [`VARIABLE`], such as `before-commit:3`. The process kills itself with SIGKILL when it
-//! passes the point for the third time, which no signal from outside could time as precisely. The module
-//! does not know what is written at these points. If no point is chosen, passing one costs a single check.
+//! passes the point for the third time, which no signal from outside could time as precisely. The
+//! module does not depend on the data written at these points. If no point is chosen, passing one
+//! costs a single check.
 
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -2,8 +2,8 @@
 //!
 //! In: numbers, or their bytes. Out: the bytes, or the numbers. A [`Resumable`] is determined, to the bit,
 //! by its parameters and the state that it writes here. Numbers are little-endian; sequences begin with
-//! their length. The module does not know files or checksums. Bytes from other code are rejected if they do
-//! not fit, and have no defined meaning if they do.
+//! their length. The module uses no files and no checksums. Bytes from other code are rejected if
+//! they do not fit, and have no defined meaning if they do.
 
 use std::io::{self, Read, Write};
 

@@ -1,8 +1,8 @@
 //! A test that every [`VectorEnvironment`] has to pass.
 //!
 //! In: a function that makes an environment. Out: nothing, or the first [`Violation`] of the contract.
-//! [`check`] plays episodes with random actions and compares walks that must agree bit for bit. The module
-//! knows only the trait.
+//! [`check`] plays episodes with random actions and compares walks that must agree bit for bit. The
+//! module depends only on the trait.
 
 use std::fmt;
 

@@ -5,7 +5,8 @@
 //! arrays. Any lane can be reset while others continue, and the whole state can be saved. The module
 //! [`contract`] tests any implementation. [`PhysicalActivity`] implements the contract: the simulation of
 //! Karine et al. (2023), section 3.1, in f64 as in the authors' simulator, with the stochastic dynamics of
-//! StepCountJITAI (2024). `docs/environment.md` states the model. The module knows no agents and no training.
+//! StepCountJITAI (2024). `docs/environment.md` states the model. The module does not depend on
+//! agents or training.
 
 mod belief;
 mod context;

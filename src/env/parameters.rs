@@ -8,7 +8,7 @@ keys! {
     ///
     /// Symbols and values follow Karine et al. (2023), section 3.1 and table 3. The keys below
     /// `horizon` cover choices that the paper leaves open, or where its published code differs from
-    /// its text; their defaults are those of the published curves and tables.
+    /// its text; their defaults are the settings of the published curves and tables.
     pub struct Environment {
         /// standard deviation of the context feature; 0: the context probability is exact
         sigma: f64, in Kind::NON_NEGATIVE;
@@ -100,8 +100,8 @@ const SPREADS: Kind = Kind::Real { min: 0.0, max: 2.0 };
 /// The default message budget: the longest horizon, which no episode exceeds.
 const MOST_MESSAGES: u32 = 10_000;
 
-/// The version of the simulation and its random streams. It is raised whenever a change makes the same job
-/// produce different bits.
+/// The version of the simulation and its random streams. It is raised whenever a change makes the
+/// same job produce different results.
 pub const VERSION: u32 = 1;
 
 impl Environment {

@@ -15,7 +15,7 @@ choices! {
     pub enum PopulationPhases {
         /// Training and test.
         All = "all",
-        /// The test. The training meets one person, whose parameters are those of the environment.
+        /// The test. The training meets one person, who has the parameters of the environment.
         Test = "test",
     }
 }

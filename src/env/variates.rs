@@ -1,4 +1,4 @@
-//! Gamma and beta variates with the same bits on every instruction set.
+//! Gamma and beta variates, bit-identical on every instruction set.
 //!
 //! In: parameters and one random word per variate. Out: the variate. Rejection sampling needs an unknown
 //! number of words, so each word is expanded into a sequence. The variates of the next lane and the next step

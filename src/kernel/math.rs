@@ -1,4 +1,4 @@
-//! Elementary functions: polynomials in f32 and f64 that give the same bits on every processor.
+//! Elementary functions: polynomials in f32 and f64 with bit-identical results on every processor.
 //!
 //! Functions of single numbers have no branches, so that compilers vectorise loops over slices. They return
 //! NaN for the NaNs that arithmetic produces.

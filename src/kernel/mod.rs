@@ -1,7 +1,7 @@
-//! Vectorised arithmetic with the same bits on every processor.
+//! Vectorised arithmetic with bit-identical results on every processor.
 //!
-//! In: slices of numbers and an [`Isa`], the instruction set to use. Out: slices of numbers. The module knows
-//! no networks, episodes or jobs.
+//! In: slices of numbers and an [`Isa`], the instruction set to use. Out: slices of numbers. The
+//! module does not depend on networks, episodes or jobs.
 //!
 //! Every result has a documented order of operations that does not depend on the width of registers. Each
 //! element of a product is one chain of fused multiply-adds over its terms. Sums across lanes use sixteen

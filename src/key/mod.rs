@@ -4,7 +4,7 @@
 //! default, meaning and the value of earlier jobs. Validation, the JSON Schema, the reference in
 //! `docs/manifest.md`, filters, the view `parameter` and the canonical form of a job all read this table.
 //!
-//! In: declarations. Out: tables of [`Key`]s, typed structs, canonical text. It does not know any
+//! In: declarations. Out: tables of [`Key`]s, typed structs, canonical text. It contains no
 //! particular key, manifest or job.
 
 mod canonical;

@@ -1,4 +1,5 @@
-//! The standard normal distribution, truncated to two bounds, with the same bits on every machine.
+//! The standard normal distribution, truncated to two bounds, with bit-identical results on every
+//! machine.
 
 /// Phi(x), the probability of values below x.
 fn below(x: f64) -> f64 {

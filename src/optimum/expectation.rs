@@ -17,10 +17,11 @@ const PRECISION: f64 = 1e-11;
 
 /// The mean value of the best action under what the agent believes about the context.
 ///
-/// If the likelier context has probability p, tailoring to it is worth p S + (1 - p) F, where S is the value
-/// of a suitable message and F that of an unsuitable message. For S > F, this grows with p, so the best
-/// action changes once: at the p where tailoring is worth as much as the better of the other two actions. For
-/// S < F, it is best to tailor to the less likely context, which swaps S and F.
+/// If the likelier context has probability p, tailoring to it is worth p S + (1 - p) F. S is the
+/// value of a suitable message, and F is the value of an unsuitable message. For S > F, this grows
+/// with p, so the best action changes once: at the p where tailoring is worth as much as the better
+/// of the other two actions. For S < F, it is best to tailor to the less likely context, which
+/// swaps S and F.
 #[derive(Clone, Debug)]
 pub(super) enum Expectation {
     /// The context is known.

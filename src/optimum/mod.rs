@@ -1,9 +1,9 @@
 //! The optimum: the highest mean undiscounted return of any policy, and a policy that reaches it.
 //!
 //! In: an environment and a scenario that shows habituation and disengagement risk. Out: an [`Optimum`] with
-//! an error estimate, or an [`OptimalPolicy`]. The module knows no agents and no runs. It comes before the
-//! agents in the import order because the optimal policy is one of the decision rules that agents are
-//! compared with.
+//! an error estimate, or an [`OptimalPolicy`]. The module does not depend on agents or runs. It
+//! comes before the agents in the import order because the optimal policy is one of the decision
+//! rules that agents are compared with.
 //!
 //! # State and recursion
 //!
@@ -58,8 +58,9 @@
 //! # Limits and cost
 //!
 //! Horizons are limited to [`LONGEST_OPTIMUM`] steps, because the values of all steps are kept. An optimum
-//! takes 0.1 s on one core and 45 MB at the paper's horizon, and 0.6 s and up to 250 MB at 200 steps. The
-//! computation uses one thread and no fused operations, so every machine computes the same bits.
+//! takes 0.1 s on one core and 45 MB at the paper's horizon, and 0.6 s and up to 250 MB at 200
+//! steps. The computation uses one thread and no fused operations, so results are bit-identical on
+//! every machine.
 
 mod action_values;
 mod axis;

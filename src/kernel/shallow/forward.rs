@@ -43,8 +43,8 @@ impl<const K: usize> WithSimd for Forward<'_, K> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
-        // The parameters of `by_rows` are registers of rows per tile; those of `by_units` are registers per
-        // set of virtual lanes, and rows per tile.
+        // The parameters of `by_rows` are registers of rows per tile; the parameters of `by_units`
+        // are registers per set of virtual lanes, and rows per tile.
         match S::F32_LANES {
             16 => {
                 let row = self.by_rows::<S, 3>(simd, 0);
