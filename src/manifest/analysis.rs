@@ -45,7 +45,7 @@ pub(super) struct AnalysisDraft {
 }
 
 impl Analysis {
-    /// The conditions on the jobs to analyse, including those of its sides.
+    /// The conditions on the jobs to analyse, including the conditions of its sides.
     pub fn of_jobs(&self) -> impl Iterator<Item = Condition> {
         let either = self.kind.sides().and_then(|sides| sides.first.or(&sides.second));
         self.conditions.iter().cloned().chain(either)

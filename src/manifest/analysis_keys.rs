@@ -208,7 +208,7 @@ fn count() -> Json {
     json!({ "type": "integer", "minimum": 1, "maximum": MOST_JOBS })
 }
 
-/// Metrics that an analysis can have, in addition to those of `evaluation.first_episodes`.
+/// Metrics that an analysis can have, in addition to the metrics of `evaluation.first_episodes`.
 pub const ANALYSED_METRICS: &[&str] =
     &["mean_return", "lower_quartile_return", "mean_length", "disengagement_rate", "message_rate"];
 

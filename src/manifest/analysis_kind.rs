@@ -220,7 +220,7 @@ impl AnalysisKind {
         written
     }
 
-    /// Seeds beyond those of the manifest that the analysis needs.
+    /// Seeds that the analysis needs in addition to the seeds of the manifest.
     pub(super) fn reporting_seeds(&self) -> &[u64] {
         match self {
             AnalysisKind::Selection { reporting_seeds, .. } => reporting_seeds,

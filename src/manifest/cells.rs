@@ -14,7 +14,7 @@ use super::source::{Located, Span};
 use super::sweep::{Node, Reader, Repeats};
 use crate::key::{Key, Kind, Parameter};
 
-/// The keys of an exclusion besides those of the sections.
+/// The keys of an exclusion in addition to the keys of the sections.
 const CONDITIONS: [&str; 6] =
     ["scenario", "seed", "agent", "environment", "population", "evaluation"];
 

@@ -1,4 +1,4 @@
-//! A manifest as it is written: what one file says, key by key, before defaults and presets.
+//! A manifest as written: the content of one file, key by key, before defaults and presets.
 //!
 //! An empty list of values marks a key whose values are faulty and have been reported: the key is present,
 //! so it is not reported as missing, and checks that need its values are skipped.

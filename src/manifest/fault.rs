@@ -1,7 +1,7 @@
 //! What is wrong with a manifest, and how it is shown to its author.
 //!
 //! In: faults in the order of their detection. Out: all of them, by position, each with file, line, column,
-//! the line itself with carets, and a hint. It does not know what the keys of a manifest mean.
+//! the line itself with carets, and a hint. It does not depend on the meaning of keys.
 
 use std::fmt;
 
@@ -138,7 +138,7 @@ impl FaultList {
         self.dropped += other.dropped;
     }
 
-    /// The faults of the file called `file`, by position; those of the whole file come first.
+    /// The faults of the file called `file`, by position; faults of the whole file come first.
     pub fn of(mut self, file: &str, source: Source) -> Faults {
         self.list.sort_by_key(|fault| fault.span.map(|span| span.start));
         let file = visible(file.chars());

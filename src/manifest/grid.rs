@@ -2,7 +2,7 @@
 //!
 //! In: a manifest and one of its agents. Out: the number of cells, and each cell as indices that determine
 //! the typed parameters. Everything is computed from indices, so that a grid of millions is counted without
-//! being built. It does not know jobs and their identity.
+//! being built. It does not depend on jobs and their identity.
 
 use std::collections::HashSet;
 use std::hash::Hash;

@@ -9,7 +9,7 @@
 //! their modules, keys of [`Evaluation`] here. Reading, checking, schema and reference follow from the
 //! declarations.
 //!
-//! It does not know jobs, their status, simulation or training.
+//! It does not depend on jobs, their status, simulation or training.
 
 mod analyses;
 mod analysis;

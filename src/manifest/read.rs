@@ -397,7 +397,7 @@ impl Reader<'_> {
         };
         let called = name.as_ref().map(|name| name.value.as_str());
         let algorithm = self.algorithm(inherited, called, span, table);
-        // Without a valid algorithm, keys are read as keys of the algorithm that knows most of them.
+        // Without a valid algorithm, keys are read as keys of the algorithm that has most of them.
         let known = |algorithm: &&'static Algorithm| {
             let section = Section::Agent(algorithm);
             table.keys().filter(|key| section.find(key.get_ref()).is_some()).count()

@@ -1,7 +1,7 @@
 //! The text of a manifest for messages about faults: lines, columns and excerpts.
 //!
 //! In: the text and byte offsets into it. Out: positions in lines and characters, and lines that are safe
-//! to print on a terminal. It does not know TOML.
+//! to print on a terminal. It does not parse TOML.
 
 /// A stretch of the text, in bytes; the end is excluded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -307,7 +307,7 @@ fn value(kind: Kind, word: &str) -> Option<Value> {
 
 /// The integer for a word such as `64` or `64.0`.
 fn whole(word: &str) -> Option<u64> {
-    // Larger integers cannot be told apart as floating-point numbers.
+    // Larger integers can be equal as floating-point numbers.
     const END: f64 = (1_u64 << f64::MANTISSA_DIGITS) as f64;
     let real = || word.parse().ok().filter(|x: &f64| x.fract() == 0.0 && (0.0..END).contains(x));
     word.parse().ok().or_else(|| real().map(|x| x as u64))

@@ -153,8 +153,8 @@ pub struct Results {
     pub actions: Vec<ActionCount>,
     /// Recorded decisions, by phase, episode and step; empty unless the job asks for them.
     pub decisions: Vec<Decision>,
-    /// Parameters in which participants differ, by phase, episode and place. Those of the training are
-    /// included if its decisions are recorded.
+    /// Parameters in which participants differ, by phase, episode and place. Parameters of the
+    /// training are included if its decisions are recorded.
     pub participants: Vec<ParticipantValue>,
     /// Trained weights in the safetensors format; `None` for an algorithm without weights.
     pub weights: Option<Vec<u8>>,
