@@ -109,11 +109,11 @@ impl Likeness {
     /// `reading_sd` is the standard deviation of the error in reading the published number.
     ///
     /// The variance of an arm affects both numbers but is estimated once, from our n values. The
-    /// joint variance is therefore the sum over arms of sd² (1/n + 1/seeds). Its degrees of freedom
-    /// are those of sd², n - 1; two arms are combined by Satterthwaite's formula. The reading error
-    /// adds a known variance, which the degrees of freedom ignore. Including it would raise the
-    /// degrees of freedom, and with few seeds the intervals would be too narrow where the reading
-    /// error is about as large as the standard error.
+    /// joint variance is therefore the sum over arms of sd² (1/n + 1/seeds). It has the n - 1
+    /// degrees of freedom of sd²; two arms are combined by Satterthwaite's formula. The reading
+    /// error adds a known variance, which the degrees of freedom ignore. Including it would raise
+    /// the degrees of freedom, and with few seeds the intervals would be too narrow where the
+    /// reading error is about as large as the standard error.
     ///
     /// **Errors**: fewer than two values in an arm, or no arm with variance.
     pub fn new(arms: &[&[f64]], seeds: f64, reading_sd: f64) -> Result<Likeness, Undefined> {

@@ -18,7 +18,7 @@ pub struct Recovered {
 ///
 /// The interval contains every share R for which Welch's t test does not reject the hypothesis that
 /// the mean of `with` is (1 - R) times the mean of `without` plus R times the optimum. The degrees
-/// of freedom are those at the estimated share.
+/// of freedom are computed at the estimated share.
 ///
 /// **Errors**: a sample is empty, or the mean of `without` is not below the optimum.
 ///

@@ -1,7 +1,7 @@
 //! Samples, the input of every statistic: one value per trained policy.
 //!
 //! A sample keeps its seeds, so that arms can be matched, and counts the seeds without a value, so
-//! that tables can report them. It does not know its arm or its metric.
+//! that tables can report them. It stores neither its arm nor its metric.
 
 use super::undefined::Undefined;
 use super::{Interval, Moments, mean_interval};

@@ -80,7 +80,7 @@ pub fn assemble(
     manifests.iter().zip(published).map(experiment).collect()
 }
 
-/// The comment above the SQL if its jobs differ from those of the figure.
+/// The comment above the SQL if its jobs differ from the figure's jobs.
 const OTHER_JOBS: &str = "/* The jobs of the manifest have changed since `jitai run` last read it. The \
      figure\n   shows the jobs of the current manifest; this query finds the jobs of the last run. */\n";
 

@@ -123,7 +123,7 @@ pub fn failures<'j>(experiments: impl Iterator<Item = (&'j str, &'j [JobRecord])
     ];
     let mut table = DataTable::new("Failed jobs", &columns);
     for (experiment, jobs) in experiments {
-        // Sigma has a column of its own.
+        // Sigma has its own column.
         let mut told_by = varying(&jobs.iter().collect::<Vec<_>>());
         told_by.retain(|name| name != "environment.sigma");
         for job in jobs {

@@ -120,7 +120,8 @@ impl Search<'_> {
             _ => format!(" of {reporting}"),
         };
         lines.push(format!("On held-out seeds: {}{of}", mean(held_out, metric)));
-        // The search mean was selected, so it is no sample of its expectation: only the held-out mean is uncertain.
+        // The search mean is the best of several and therefore no unbiased estimate. It counts as a
+        // fixed number, and the interval shows the uncertainty of the held-out mean alone.
         if let (Ok(search), Ok(new)) = (winner.sample.mean(), held_out.mean()) {
             let interval = mean_interval(held_out.values());
             let interval = interval.map(|Interval { low, high }| {

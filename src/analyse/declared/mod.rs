@@ -4,7 +4,7 @@
 //! figure or table with the seeds behind them. A number that cannot be computed is an
 //! [`Undefined`](super::Undefined) with its reason, and missing seeds are counted.
 //!
-//! It does not know how a finding is drawn or written.
+//! It neither draws nor writes findings.
 
 mod action_choice;
 mod arm;

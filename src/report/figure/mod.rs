@@ -1,7 +1,7 @@
 //! Elements of figures: axes, charts of lines, the looks of arms, text.
 //!
-//! Scenes have the width of a journal column, or more if labels need it. The module does not know
-//! any kind of analysis and does not compute statistics.
+//! Scenes have the width of a journal column, or more if labels need it. The module depends on no
+//! kind of analysis and computes no statistics.
 
 mod axis;
 mod chart;

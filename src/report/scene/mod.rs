@@ -4,7 +4,7 @@
 //! so that equal scenes make equal files. Text is measured and drawn with a font that is compiled
 //! in, because a machine may have no fonts.
 //!
-//! The module does not know axes, arms or statistics.
+//! The module does not depend on axes, arms or statistics.
 
 mod compose;
 mod font;
