@@ -1,4 +1,4 @@
-//! Crashes: processes that ended through a fault of their own, and the jobs they were running.
+//! Crashes: processes that ended through their own fault, and the jobs they were running.
 //!
 //! The jobs of a process that was killed (by a person, a batch system, or the kernel when memory is short)
 //! run again, however often that happens. A process that aborts (a failed allocation, a stack overflow, a
@@ -25,7 +25,7 @@ const MARK: &str = "-session-";
 /// Whether a dead process crashed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Crashed {
-    /// The process ended through a fault of its own.
+    /// The process ended through its own fault.
     Yes,
     /// The process was killed, or the reason is unknown.
     No,

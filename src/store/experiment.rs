@@ -146,7 +146,7 @@ fn upsert_experiment(
     connection: &Connection,
     experiment: &Experiment<'_>,
 ) -> rusqlite::Result<i64> {
-    // One instant ends the use of a text and begins that of the next.
+    // The use of a text ends at the instant at which the use of the next text begins.
     let now: String = connection.query_row(&format!("SELECT {NOW}"), [], |row| row.get(0))?;
     let replaces = "SELECT 1 FROM experiment WHERE name = ?1 AND manifest <> ?2";
     if connection.prepare_cached(replaces)?.exists([experiment.name, experiment.manifest])? {

@@ -48,7 +48,7 @@ pub struct Column {
     pub view: &'static str,
     /// The column.
     pub name: &'static str,
-    /// The type of its values: `integer`, `real` or `text`, or several of these.
+    /// The type of its values: `integer`, `real`, `text`, or several types.
     pub kind: &'static str,
     /// The unit; empty if there is none.
     pub unit: &'static str,

@@ -117,7 +117,7 @@ pub(super) fn open_damaged(path: &Path) -> Result<Connection, StoreError> {
         Ok(Presence::Absent) => return Err(StoreError::Missing { path }),
         Ok(Presence::Blank) => return Err(StoreError::Empty { path }),
         Ok(Presence::Database) => {}
-        // A single changed byte in the header makes a store look like one of these.
+        // A single changed byte in the header can make a store look like another kind of file.
         Err(
             StoreError::NotAStore { .. } | StoreError::Foreign { .. } | StoreError::Sqlite { .. },
         ) if path.is_file() => {}
@@ -189,7 +189,7 @@ fn look(path: &Path) -> Result<Presence, StoreError> {
             judge(application_id, version, path).map(|()| Presence::Database)
         }
         // A writer may be moving pages from the log into the file: for a moment the header counts
-        // more pages than there are. Whoever opens the file with its locks sees what it is.
+        // more pages than the file has. A connection that takes the locks reads the file correctly.
         Err(error) if error.sqlite_error_code() == Some(ErrorCode::DatabaseCorrupt) => {
             Ok(Presence::Database)
         }

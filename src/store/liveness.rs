@@ -12,8 +12,8 @@ use std::path::{Path, PathBuf};
 use std::process;
 use std::time::Duration;
 
-/// The time without a heartbeat after which a process on this machine counts as dead if it cannot be looked
-/// up, because it is in another container or the system has no `/proc`.
+/// The time without a heartbeat after which a process on this machine counts as dead if it cannot
+/// be looked up. It may be in another container, or the system has no `/proc`.
 const NEAR_SILENCE: Duration = Duration::from_secs(30);
 /// The time without a heartbeat after which a process on another machine counts as dead.
 const FAR_SILENCE: Duration = Duration::from_secs(5 * 60);

@@ -1,5 +1,5 @@
-//! The store: one SQLite file with all experiments, jobs, runs and results. This is the only module that
-//! knows SQL.
+//! The store: one SQLite file with all experiments, jobs, runs and results. Only this module uses
+//! SQLite.
 //!
 //! In: jobs ([`crate::plan`]) and the outcomes of their runs ([`crate::record`]). Out: states, summaries,
 //! weights and results of queries. A [`Store`] writes, a [`Reader`] reads. `migrations/*.sql` creates the
@@ -18,9 +18,9 @@
 //! - Rows are never deleted, with two exceptions: an experiment releases jobs that its manifest dropped, and
 //!   [`Store::forget`] removes an experiment on request.
 //!
-//! The store does not know how jobs are trained, which algorithms have weights, in what order jobs are
-//! claimed, or what is printed. It changes no settings outside its own connections. Imports between the files
-//! of this module have no cycles.
+//! The store does not depend on how jobs are trained, which algorithms have weights, in what order
+//! jobs are claimed, or what is printed. It changes no settings outside its own connections.
+//! Imports between the files of this module have no cycles.
 
 mod among;
 mod beside;

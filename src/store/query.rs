@@ -155,7 +155,8 @@ impl Reader {
     fn explain(&self, error: Error, sql: &str) -> QueryError {
         match error {
             Error::MultipleStatement => QueryError::Several,
-            // SQLite reports a forbidden function with this message and without an error code of its own.
+            // SQLite reports a forbidden function with this message and without a specific error
+            // code.
             Error::SqlInputError { msg, .. } if msg.starts_with("not authorized") => {
                 QueryError::NotAllowed
             }

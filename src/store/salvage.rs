@@ -174,8 +174,8 @@ fn schema_pages(connection: &Connection) -> rusqlite::Result<Vec<usize>> {
     pages.collect()
 }
 
-/// Replaces the header and schema in the bytes of a store with those of an empty store. If the tables of a
-/// file are on other pages, no run verifies.
+/// Replaces the header and schema in the bytes of a store by the header and schema of an empty
+/// store. If the tables of a file are on other pages, no run verifies.
 fn put_schema(damaged: &mut [u8], template: &[u8], pages: &[usize]) {
     let size = match u16::from_be_bytes([template[16], template[17]]) {
         1 => 65_536,

@@ -42,7 +42,7 @@ pub(super) fn begin_session(store: &mut Store) -> SessionId {
     store.begin_session(&provenance).unwrap()
 }
 
-/// Claims a job in an experiment of its own.
+/// Claims a job in a separate experiment.
 pub(super) fn claim(store: &mut Store, session: SessionId, job: &Job) -> Claim {
     let name = format!("sweep {}", job.seed);
     let experiment = Experiment { name: &name, question: None, hypothesis: None, manifest: "" };

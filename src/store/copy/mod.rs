@@ -6,7 +6,7 @@
 //! ([`RunCopy`]).
 //!
 //! - Copying inserts rows that the target lacks and changes no existing rows, so copying again inserts
-//!   nothing. Row ids are those of the target.
+//!   nothing. Inserted rows get row ids of the target.
 //! - Results are verified as they are read: the rows that were hashed are the rows that are inserted
 //!   (`results.rs`). A run that does not verify, or violates the schema, is omitted.
 //! - The source may be damaged: unreadable data is omitted.

@@ -166,8 +166,8 @@ impl ResultRows {
         rows * BYTES_PER_ROW + decisions + blobs.sum::<usize>()
     }
 
-    /// Inserts the results as those of run `own` of the target. `metrics` maps the source's metrics to the
-    /// target's ids as far as they are known; missing ones are added.
+    /// Inserts the results as results of run `own` of the target. `metrics` maps the source's
+    /// metrics to the target's ids as far as they are known; missing ones are added.
     pub(super) fn insert(
         &self,
         target: &Connection,

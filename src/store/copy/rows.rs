@@ -1,4 +1,4 @@
-//! Rows during a copy between stores. Ids are those of the source.
+//! Rows during a copy between stores, with the ids of the source.
 
 use std::sync::Arc;
 

@@ -260,8 +260,8 @@ impl<'a> Source<'a> {
         match self.extent {
             Extent::Everything(check) => verify::weights_fault(self.connection, run, check)
                 .unwrap_or_else(|error| Some(format!("its weights: {error}"))),
-            // The weights passed the digest check, and this program may not know the algorithm that uses
-            // them.
+            // The weights passed the digest check, and this program may lack the algorithm that
+            // uses them.
             Extent::Results(_) => None,
         }
     }
