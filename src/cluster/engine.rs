@@ -1,7 +1,7 @@
 //! The interface to the system that runs the tasks of a submission: four calls and their results.
 //!
-//! A submission is one array of tasks under a name of its own. An engine identifies a task by the name
-//! of its array and the number of its chunk; it does not know jobs, stores or folders. `slurm.rs`
+//! A submission is one array of tasks with a unique name. An engine identifies a task by the name
+//! of its array and the number of its chunk; it uses no jobs, stores or folders. `slurm.rs`
 //! implements the engine for Slurm. Another engine needs a file of this kind, a variant of
 //! [`EngineKind`], and its lines in `engines.rs`.
 

@@ -11,7 +11,7 @@
 //!   hand in parts under different names, with bit-identical results.
 //! - While the engine does not answer, the state of unfinished chunks is unknown, and no conclusion is
 //!   drawn.
-//! - An engine consists of four calls (`engine.rs`) and knows neither jobs nor folders.
+//! - An engine consists of four calls (`engine.rs`) and uses neither jobs nor folders.
 
 mod attempt;
 mod clock;

@@ -371,8 +371,8 @@ impl<'a> Cluster<'a> {
             };
             match alive.into_iter().find(|task| task.name == name) {
                 Some(task) => return Ok(task.array),
-                // Only the second rejection counts: at the first one, the engine may have been down for
-                // a moment.
+                // Only the second rejection counts, because the engine may have been down for a
+                // moment at the first.
                 None if refused || begun.elapsed() >= PATIENCE => return Err(error.into()),
                 None => refused = true,
             }

@@ -298,7 +298,8 @@ impl Run<'_> {
         }
     }
 
-    /// Hands in the checkpoints of jobs that have not ended, and removes those of jobs that have.
+    /// Hands in the checkpoints of jobs that have not ended, and removes the checkpoints of jobs
+    /// that have.
     fn hand_in_checkpoints(&mut self, scratch: &Scratch, ended: &HashSet<JobKey>) {
         let submission = self.task.submission;
         for (key, checkpoint) in CheckpointFolder::beside(&scratch.store()).latest() {
@@ -383,8 +384,8 @@ impl Plan {
         let paths = submission.manifests();
         let mut manifests: Vec<Manifest> =
             paths.iter().map(|path| manifest::load(path)).collect::<Result<_, _>>()?;
-        // Outside programs start in the folder of the author's manifest, not in that of the frozen
-        // copy.
+        // Outside programs start in the folder of the author's manifest, not in the folder of the
+        // frozen copy.
         for (manifest, folder) in manifests.iter_mut().zip(&submission.intent.folders) {
             manifest.path = format!("{folder}/manifest.toml");
         }

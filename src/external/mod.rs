@@ -5,8 +5,8 @@
 //! of the program's standard error.
 //!
 //! A program is the leader of a process group. The whole group is killed whenever a job ends; a watchdog
-//! process kills it if jitai is killed. Every wait can be interrupted. The module does not know jobs or
-//! episodes.
+//! process kills it if jitai is killed. Every wait can be interrupted. The module does not depend
+//! on jobs or episodes.
 
 mod error;
 mod message;

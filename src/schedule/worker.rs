@@ -215,7 +215,7 @@ fn train_caught(train: Train<'_>, job: &Job, control: &SlotControl<'_>) -> Outco
 
 /// The failure of a job that was stopped at its time limit.
 fn over_time(slot: &Slot, limit: Duration, job: &Job) -> Failure {
-    // The usual fault of a program that says nothing.
+    // The usual cause if a program sends nothing.
     let hint = match job.agent.algorithm().is_external() {
         true => ", or make the program flush its standard output after every message,",
         false => "",

@@ -111,7 +111,7 @@ struct Header {
     seconds: f64,
 }
 
-/// The code that determines the bits of a training after a checkpoint.
+/// The code that determines the exact results of a training after a checkpoint.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 struct Code {
     release: String,

@@ -1,9 +1,9 @@
 //! One job, from its declaration to its outcome.
 //!
 //! In: a [`Job`](crate::plan::Job) and a [`TrainingControl`]. Out: an [`Outcome`](crate::record::Outcome)
-//! that depends only on the job and the code, however often the training was stopped and resumed. The module
-//! knows no database, no workers and no other jobs. It does not know where [`Checkpoints`] keeps checkpoints
-//! or when they are due.
+//! that depends only on the job and the code, however often the training was stopped and resumed.
+//! The module uses no database, no workers and no other jobs. [`Checkpoints`] decides where
+//! checkpoints are kept and when they are due.
 
 mod checkpoint;
 mod control;

@@ -1,4 +1,5 @@
-//! A job whose agent is an outside program. We count every episode of its training, and we play its test.
+//! A job whose agent is an outside program. jitai counts every episode of its training and plays
+//! its test.
 //!
 //! In: a job, the declaration of its program, and a [`TrainingControl`]. Out: an [`Outcome`], as for any job.
 //! There are no checkpoints, because the state of a program cannot be saved: a stopped job starts over.
@@ -125,7 +126,7 @@ impl Session<'_> {
     }
 }
 
-/// The first message: everything that a program needs to know about its job.
+/// The first message: everything that a program needs for its job.
 fn assignment(job: &Job, external: &External) -> Json {
     let spec = job.task().observations();
     let bound = |bound: f32| bound.is_finite().then_some(bound);

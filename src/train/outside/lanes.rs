@@ -1,4 +1,4 @@
-//! The training episodes that a program steps through us.
+//! The training episodes of a program in jitai's simulation.
 
 use crate::agent::StepObserver;
 use crate::env::{

@@ -1,4 +1,4 @@
-//! The training of an outside program, as we count and record it.
+//! The training of an outside program, as jitai counts and records it.
 
 use crate::agent::{OutOfMemory, TrainedEpisode};
 use crate::external::{Episodes, ProgramError, Update};

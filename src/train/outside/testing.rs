@@ -12,7 +12,7 @@ use crate::train::test::Test;
 use super::broken::{Broken, unexpected};
 use super::choice::{action, available, probability};
 
-/// How far the sum of the actions' probabilities may be from 1.
+/// Maximum distance of the sum of the actions' probabilities from 1.
 const TOLERANCE: f64 = 1e-3;
 
 /// Plays the test of a job with the choices of a program.
