@@ -100,7 +100,7 @@ const METRIC: AnalysisKey = key("metric", "the metric to analyse", || {
 
 const PARTICIPANTS: AnalysisKey = key(
     "participants",
-    "the test episodes to analyse: those of participants between two quantiles of a parameter",
+    "the test episodes of participants between two quantiles of a parameter",
     ParticipantRange::schema,
 );
 
