@@ -9,7 +9,7 @@ use tiny_skia::{
 use super::script::runs;
 use super::{Anchor, Color, Direction, Fill, Point, Scene, Shape, Stroke, Weight, width};
 
-/// Dots per unit: about 380 dots per inch at the width of a column.
+/// Dots per unit: 384 dots per inch.
 const DOTS: f32 = 4.0;
 
 /// The scene as the bytes of a PNG file; `None` for a scene without area.
