@@ -1,7 +1,7 @@
 -- How close the tiles of the paper's heat maps (mean return in P-H-D minus L-H-D) are by each reading
 -- of the observations: ours minus the published tiles, in the mean and as a root mean square, in
 -- steps; and the root mean square that noise alone would make, by the spread of our seeds, where the
--- published tiles are over three. `make readings` asks it.
+-- published tiles are over three. `make readings` runs it.
 WITH published(agent, delta_d, epsilon_d, effect) AS (
     VALUES
         ('dqn', 0.1, 0.1, 232.4), ('dqn', 0.1, 0.2, 347.7),

@@ -1,6 +1,6 @@
 -- How close each reading of the paper comes to its published curves: the difference of every mean
 -- from the published one, in steps, with their root mean square and their mean over the scenarios at
--- sigma 0.6; and the differences in P-T at sigma 0 and 1. `make readings` asks it. A part of every
+-- sigma 0.6; and the differences in P-T at sigma 0 and 1. `make readings` runs it. A part of every
 -- difference is the noise of the published means, which are over three seeds: the last two columns
 -- are the least and the largest standard error that a mean of three seeds has by the spread of ours,
 -- over all means of the row.

@@ -1,4 +1,4 @@
--- Our curves beside those of figure 5 of BOTS: means of every hundred of episodes, in steps, over the runs
+-- Our curves beside figure 5 of BOTS: means of every hundred of episodes, in steps, over the runs
 -- that are not stuck; a run is stuck if its mean return from episode 1001 on is below 1400 and its agent is `ts`,
 -- which starts from the uninformative prior. `error` is our standard error over runs, `published_error` an upper
 -- limit of theirs: the mean standard error of one episode. `low` and `high` bound the difference: 2.1 times both
