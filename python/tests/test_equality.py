@@ -21,7 +21,7 @@ def bits(values) -> list:
 
 
 def entries(info) -> dict:
-    """The entries of an info, those of dictionaries in it by dotted names, without the masks."""
+    """The entries of an info without the masks; entries of nested dictionaries have dotted names."""
     flat = {}
     for name, value in info.items():
         nested = entries(value) if isinstance(value, dict) else {"": value}
@@ -30,7 +30,7 @@ def entries(info) -> dict:
 
 
 def assert_same_entries(info, infos, lane):
-    """The info of a single environment is that of a lane."""
+    """The info of a single environment equals the lane's info."""
     single, ours = entries(info), entries(infos)
     assert bits(single.values()) == bits(ours[name][lane] for name in single)
 

@@ -72,7 +72,7 @@ class StepCountVectorEnv(gymnasium.vector.VectorEnv[Observations, Any, npt.NDArr
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Observations, dict[str, Any]]:
-        """Begins episodes in all lanes, or in those of ``options["reset_mask"]``."""
+        """Begins episodes in all lanes, or in the lanes of ``options["reset_mask"]``."""
         mask = self._mask(options or {})
         seeds: list[int | None] | None = None
         if isinstance(seed, Sequence) and not isinstance(seed, str):

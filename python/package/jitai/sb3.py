@@ -97,7 +97,7 @@ class VecEnv(BaseVecEnv):
         return [getattr(self.env, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Raises an error: lanes have no attributes of their own."""
+        """Raises an error: lanes do not have their own attributes."""
         raise AttributeError(
             f"lanes have no attribute {attr_name!r} of their own; make another VecEnv"
         )
