@@ -21,9 +21,9 @@ const RULE: [(f64, f64); 8] = [
 /// Number of standard deviations beyond which the density is negligible in double precision.
 const REACH: f64 = 9.0;
 
-/// Probability that (Z + shift) / S is at most `t`, where Z is standard normal and S² is an
-/// independent chi-squared variable divided by its `df` degrees of freedom (a whole number, at
-/// least 1). The absolute error is below 1e-12.
+/// Probability that (Z + shift) / S is at most `t`. Z is standard normal, and S² is an independent
+/// chi-squared variable divided by its `df` degrees of freedom (a whole number, at least 1). The
+/// absolute error is below 1e-12.
 ///
 /// Integrates over S or over Z, whichever makes the integrand smoother.
 ///

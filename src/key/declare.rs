@@ -254,9 +254,10 @@ whole_numbers!(u8, u32);
 
 /// Declares a struct whose fields are keys of a manifest.
 ///
-/// Each field is a key. Its documentation comment is the description of the key in the reference. The type
-/// is followed by the default (absent for a key that a manifest must set), the value of all jobs from
-/// before the key was added, and the range, which `bool` and [`choices!`](crate::choices) do not need.
+/// Each field is a key. Its documentation comment is the description of the key in the reference.
+/// After the type come the default, the value of all jobs from before the key was added, and the
+/// range. A key that a manifest must set has no default. `bool` and [`choices!`](crate::choices)
+/// need no range.
 ///
 /// A key that is added to a struct with stored jobs must have `before`, which preserves their identity.
 ///

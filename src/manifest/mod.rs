@@ -9,7 +9,7 @@
 //! their modules, keys of [`Evaluation`] here. Reading, checking, schema and reference follow from the
 //! declarations.
 //!
-//! It does not depend on jobs, their status, simulation or training.
+//! It contains no jobs and their status, no simulation and no training.
 
 mod analyses;
 mod analysis;

@@ -12,7 +12,7 @@ use super::writer::Store;
 pub struct Belongings {
     /// The experiment's jobs by state, each counted once.
     pub jobs: Counts,
-    /// The jobs that no other experiment holds, by state.
+    /// The experiment's jobs that no other experiment holds, by state.
     pub alone: Counts,
 }
 

@@ -1,5 +1,5 @@
 //! The part that dueling DQNs with and without memory share: play one episode at a time, explore,
-//! and count updates. It uses neither networks nor replay buffers.
+//! and count updates. It handles neither networks nor replay buffers.
 
 use std::{io, mem};
 
