@@ -121,16 +121,24 @@ fn ppo(engine: Engine, [lanes, steps, minibatches, epochs]: [u32; 4]) -> Ppo {
     Ppo { episodes: 2000, lanes, steps, minibatches, epochs, engine, ..Ppo::default() }
 }
 
+/// Trains where nobody disengages, so that every episode has 50 steps, and plays one test episode.
+fn train_ppo(parameters: &Ppo) {
+    let mut job = job(Agent::of(parameters), false);
+    job.environment.epsilon_d = 0.0;
+    job.evaluation.test_episodes = 1;
+    assert!(matches!(train::run(&job, &Uncontrolled), Outcome::Completed(_)));
+}
+
 /// 100,000 steps, 64 lanes of 50 steps in minibatches of 800, 4 epochs.
 #[divan::bench(sample_count = 5, sample_size = 1, args = [Engine::Fused, Engine::Burn])]
 fn ppo_of_64_lanes(engine: Engine) {
-    run(Agent::of(&ppo(engine, LARGE)), false);
+    train_ppo(&ppo(engine, LARGE));
 }
 
 /// 100,000 steps, 8 lanes of 256 steps in minibatches of 64, 10 epochs.
 #[divan::bench(sample_count = 5, sample_size = 1, args = [Engine::Fused, Engine::Burn])]
 fn ppo_of_8_lanes(engine: Engine) {
-    run(Agent::of(&ppo(engine, SMALL)), false);
+    train_ppo(&ppo(engine, SMALL));
 }
 
 /// 32,000 steps with a GRU of 64 units behind a layer of 64, 64 lanes of 50 steps in minibatches of
@@ -139,7 +147,7 @@ fn ppo_of_8_lanes(engine: Engine) {
 fn ppo_with_a_gru(engine: Engine) {
     let layers = vec![64];
     let recurrent = Recurrent::Gru;
-    run(Agent::of(&Ppo { episodes: 640, layers, recurrent, ..ppo(engine, LARGE) }), false);
+    train_ppo(&Ppo { episodes: 640, layers, recurrent, ..ppo(engine, LARGE) });
 }
 
 /// Times the checkpoint that a training writes when it is stopped after this number of steps.

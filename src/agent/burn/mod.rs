@@ -4,6 +4,7 @@
 //! these plain implementations. The kernels of [`super::fused`] do the same arithmetic in a
 //! fraction of the time and are tested against them.
 
+mod activation;
 mod autodiff;
 pub(super) mod device;
 mod dueling_dqn;

@@ -2,8 +2,9 @@
 
 use burn::module::{Module, Param};
 use burn::nn::Linear;
-use burn::tensor::{Device, Tensor, activation};
+use burn::tensor::{Device, Tensor};
 
+use crate::agent::burn::activation;
 use crate::agent::layers::{self, Layer};
 use crate::agent::weights::{Tensor as WeightTensor, Weights, WeightsError};
 use crate::agent::{Activation, DuelingDqn, Ppo, Reinforce};
@@ -52,13 +53,9 @@ impl HiddenLayers {
 
     /// **Shapes**: \[rows, width\] to \[rows, last layer's width\].
     pub(super) fn forward(&self, input: Tensor<2>) -> Tensor<2> {
-        self.layers.iter().fold(input, |x, layer| {
-            let x = layer.forward(x);
-            match self.activation {
-                Activation::Relu => activation::relu(x),
-                Activation::Tanh => activation::tanh(x),
-            }
-        })
+        self.layers
+            .iter()
+            .fold(input, |x, layer| activation::apply(self.activation, layer.forward(x)))
     }
 
     pub(super) fn store(&self, name: &str, weights: &mut Weights) {

@@ -2,10 +2,10 @@
 
 use burn::module::Module;
 use burn::nn::Linear;
-use burn::tensor::{Device, Tensor, activation};
+use burn::tensor::{Device, Tensor};
 
-use crate::agent::burn::matrix;
 use crate::agent::burn::network::{HiddenLayers, linear, store_linear};
+use crate::agent::burn::{activation, matrix};
 use crate::agent::layers::{self, Layer};
 use crate::agent::weights::{Weights, WeightsError};
 use crate::agent::{Activation, DuelingDqn, Ppo};
