@@ -4,7 +4,7 @@ use std::cmp::Reverse;
 use std::collections::{HashMap, HashSet};
 
 use crate::analyse::{Sample, lower_quartile};
-use crate::manifest::{Condition, Setting, Varying};
+use crate::manifest::{Setting, Varying};
 use crate::record::{JobRecord, JobStatus};
 
 /// The identity of an arm within its analysis.
@@ -65,15 +65,6 @@ pub fn value(job: &JobRecord, metric: &str) -> Option<f64> {
         "lower_quartile_return" => lower_quartile(&run.returns).ok(),
         MESSAGES => Some(run.metric("message_rate")? * run.metric("mean_length")?),
         recorded => run.metric(recorded),
-    }
-}
-
-/// An arm's name without the part that distinguishes the sides.
-pub fn shared(side: &Condition, name: ArmId) -> ArmId {
-    match side {
-        Condition::Scenario(_) => ArmId { scenario: String::new(), ..name },
-        Condition::AgentName(_) => ArmId { agent: String::new(), ..name },
-        Condition::Seed(_) | Condition::Key { .. } => name,
     }
 }
 

@@ -2,9 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use super::arm::{ArmId, arms, is_at, shared, varying};
+use super::arm::{ArmId, varying};
+use super::pairs::{Pair, pairs};
 use crate::analyse::{self, Corrected, Design, Sample, Tests, Undefined, correct};
-use crate::manifest::{Condition, Contrast, Pairing, Published, Setting, Sides};
+use crate::manifest::{Contrast, Pairing, Published, Setting, Sides};
 use crate::record::JobRecord;
 
 /// A difference at one setting of the other parameters.
@@ -77,26 +78,11 @@ pub fn rows(
         .copied()
         .collect();
     let by = decided(sides, &both);
-    let mut rows = Vec::new();
-    let mut names: Vec<ArmId> = Vec::new();
-    for arm in arms(&both, &by.iter().map(String::as_str).collect::<Vec<_>>()) {
-        let name = shared(&sides.first, arm.name);
-        if !names.contains(&name) {
-            names.push(name);
-        }
-    }
-    rows.extend(names.into_iter().filter_map(|name| {
-        let here = |side: &Condition| {
-            let jobs = both.iter().filter(|job| side.is_met_by(job) && is_at(job, &name));
-            super::Arm { name: name.clone(), jobs: jobs.copied().collect() }
-        };
-        row(
-            name.clone(),
-            (sides, design, metric, &contrast.family),
-            (here(&sides.first), here(&sides.second)),
-            published,
-        )
-    }));
+    let by: Vec<&str> = by.iter().map(String::as_str).collect();
+    let mut rows: Vec<ContrastRow> = pairs(sides, &both, &by)
+        .into_iter()
+        .map(|pair| row(pair, (sides, design, metric, &contrast.family), published))
+        .collect();
     name_apart(&mut rows);
     rows
 }
@@ -137,16 +123,14 @@ fn name_apart(rows: &mut [ContrastRow]) {
     }
 }
 
-/// A difference; `None` where a side has no jobs.
+/// A difference.
 fn row(
-    name: ArmId,
+    Pair { name, first, second }: Pair<'_>,
     (sides, design, metric, family): (&Sides, Design, &str, &str),
-    (first, second): (super::Arm<'_>, super::Arm<'_>),
     published: Option<&Published>,
-) -> Option<ContrastRow> {
-    if first.jobs.is_empty() || second.jobs.is_empty() {
-        return None;
-    }
+) -> ContrastRow {
+    let of = |jobs| super::Arm { name: name.clone(), jobs };
+    let (first, second) = (of(first), of(second));
     let sigma_of = |arm: &super::Arm<'_>| arm.jobs.first()?.number("environment.sigma");
     let sigma = sigma_of(&first).filter(|sigma| sigma_of(&second) == Some(*sigma));
     let error_of = |arm: &super::Arm<'_>| arm.jobs.first()?.context_error;
@@ -154,7 +138,7 @@ fn row(
     let (first, second) = (first.sample(metric), second.sample(metric));
     let words = (sides.first.settings()[0].to_string(), sides.second.settings()[0].to_string());
     let published = published.filter(|_| metric == "mean_return");
-    Some(ContrastRow {
+    ContrastRow {
         published: published.and_then(|known| published_test(known, &words, &name, sigma?)),
         sides: match sides.key() {
             key if key.is_empty() => words,
@@ -170,7 +154,7 @@ fn row(
         name,
         first,
         second,
-    })
+    }
 }
 
 fn published_test(

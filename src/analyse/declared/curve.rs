@@ -70,7 +70,7 @@ impl Apart {
 /// Directions of lines from their first to their last point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Trends {
-    /// Lines with a point.
+    /// Lines with several points.
     pub lines: usize,
     /// Lines that fall significantly.
     pub falls: usize,
@@ -87,6 +87,13 @@ pub struct Ends<'l> {
     pub last: (&'l CurvePoint, f64),
     /// Whether the means differ.
     pub apart: Apart,
+}
+
+impl Ends<'_> {
+    /// Whether the line has more than one point.
+    fn are_apart(&self) -> bool {
+        self.first.0.x != self.last.0.x
+    }
 }
 
 impl CurveLine {
@@ -114,12 +121,12 @@ impl CurveFigure {
     }
 
     /// The numbers of lines that fall and rise significantly, corrected for the number of lines;
-    /// `None` if no line has a point.
+    /// `None` if no line has several points.
     pub fn trends(&self) -> Option<Trends> {
         let pairs = self.lines.len();
         let mut trends = Trends::default();
         for Ends { first: (_, start), last: (_, end), apart } in
-            self.lines.iter().filter_map(|line| line.ends(pairs))
+            self.lines.iter().filter_map(|line| line.ends(pairs)).filter(|ends| ends.are_apart())
         {
             trends.lines += 1;
             trends.falls += usize::from(apart == Apart::Surely && end < start);
@@ -248,6 +255,7 @@ mod tests {
             line(&[(50.0, 0.0), (55.0, 0.0)]),
             line(&[(50.0, 0.0), (50.0, 0.0)]),
             one_seed,
+            line(&[(60.0, 1.0)]),
             line(&[]),
         ];
         let trends = figure(lines).trends();

@@ -1,6 +1,7 @@
 //! Means, or differences of means, over two parameters.
 
-use super::arm::{arms, decided_by, distinct, is_at, shared};
+use super::arm::{arms, decided_by, distinct};
+use super::pairs::{Pair, pairs};
 use super::{Arm, ArmId};
 use crate::analyse::{Contrast, Design, Interval, Moments, Sample, Undefined, mean_interval};
 use crate::key::Parameter;
@@ -76,25 +77,21 @@ pub fn figures(
 ) -> Vec<HeatFigure> {
     let by = sides.map_or_else(String::new, Sides::key);
     let axes = (x.to_string(), y.to_string());
-    let mut names: Vec<ArmId> = Vec::new();
     // Parameters zipped with an axis vary along it.
     let zipped = [&axes.0, &axes.1].map(|axis| decided_by(axis, jobs)).concat();
-    let along = [&axes.0, &axes.1, &by].into_iter().chain(&zipped);
-    for arm in arms(jobs, &along.map(String::as_str).collect::<Vec<_>>()) {
-        let name = match sides {
-            Some(sides) => shared(&sides.first, arm.name),
-            None => arm.name,
-        };
-        if !names.contains(&name) {
-            names.push(name);
-        }
-    }
+    let along: Vec<&str> =
+        [&axes.0, &axes.1, &by].into_iter().chain(&zipped).map(String::as_str).collect();
     let published = published.filter(|_| metric == "mean_return");
-    let figure = |name: ArmId| {
-        let ours: Vec<&JobRecord> = jobs.iter().filter(|job| is_at(job, &name)).copied().collect();
+    let figure = |(name, ours): (ArmId, Vec<&JobRecord>)| {
         figure(name, &axes, (sides, metric), &ours, published)
     };
-    names.into_iter().map(figure).collect()
+    match sides {
+        Some(sides) => pairs(sides, jobs, &along)
+            .into_iter()
+            .map(|Pair { name, first, second }| figure((name, [first, second].concat())))
+            .collect(),
+        None => arms(jobs, &along).into_iter().map(|arm| figure((arm.name, arm.jobs))).collect(),
+    }
 }
 
 fn figure(

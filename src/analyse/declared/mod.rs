@@ -13,6 +13,7 @@ mod curve;
 mod heat_map;
 mod inference_error;
 mod learning_curve;
+mod pairs;
 mod recovery;
 mod reproduction;
 mod selection;
