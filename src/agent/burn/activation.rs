@@ -17,25 +17,40 @@ pub(super) fn apply(activation: Activation, x: Tensor<2>) -> Tensor<2> {
     }
 }
 
-/// σ(x) = (1 + tanh(x / 2)) / 2.
+/// σ(x) = (1 + tanh(x / 2)) / 2, with the derivative σ(x) (1 - σ(x)).
 pub(super) fn sigmoid(x: Tensor<2>) -> Tensor<2> {
-    tanh(x.mul_scalar(0.5)).mul_scalar(0.5).add_scalar(0.5)
+    let values = |inputs: &mut [f32]| {
+        inputs.iter_mut().for_each(|x| *x *= 0.5);
+        kernel::Activation::Tanh.apply(Isa::chosen(), inputs);
+        inputs.iter_mut().for_each(|x| *x = 0.5 * *x + 0.5);
+    };
+    with_derivative(x, values, |value| value * (1.0 - value))
 }
 
 /// tanh x, with the derivative 1 - tanh² x.
 pub(super) fn tanh(x: Tensor<2>) -> Tensor<2> {
+    let values = |inputs: &mut [f32]| kernel::Activation::Tanh.apply(Isa::chosen(), inputs);
+    with_derivative(x, values, |value| 1.0 - value * value)
+}
+
+/// The function that `apply` computes in place, with the derivative `slope` as a function of its value.
+fn with_derivative(
+    x: Tensor<2>,
+    apply: impl Fn(&mut [f32]),
+    slope: impl Fn(f32) -> f32,
+) -> Tensor<2> {
     // The product is a copy of the values. Reading a tensor that shares its values takes longer.
     let inner = x.clone().inner().mul_scalar(1.0);
     let (shape, device) = (inner.dims(), inner.device());
     let inputs = numbers(inner);
     let mut values = inputs.clone();
-    kernel::Activation::Tanh.apply(Isa::chosen(), &mut values);
+    apply(&mut values);
     let constant = |values| Tensor::from_data(TensorData::new(values, shape), &device);
     if !x.is_autodiff() {
         return constant(values);
     }
-    // x * slope + rest has the value tanh x and the derivative `slope`, with two operations of Burn.
-    let slopes: Vec<f32> = values.iter().map(|value| 1.0 - value * value).collect();
+    // x * slope + rest has the value and the derivative of the function, with two operations of Burn.
+    let slopes: Vec<f32> = values.iter().map(|value| slope(*value)).collect();
     let products = inputs.iter().zip(&slopes).map(|(x, slope)| x * slope);
     values.iter_mut().zip(products).for_each(|(value, product)| *value -= product);
     x * Tensor::from_inner(constant(slopes)) + Tensor::from_inner(constant(values))
