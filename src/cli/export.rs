@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::cli::answer::{self, AnswerFormat, Failed};
 use crate::cli::{Error, Exit, StoreArgument, folder, simulate};
+use crate::manifest::companions;
 use crate::portable::portable;
 use crate::report::unused_stem;
 use crate::store::{self, Reader};
@@ -104,6 +105,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     for (experiment, text) in manifests {
         let stem = unused_stem(&stems, &experiment);
         let path = folder.join(format!("{stem}.toml"));
+        for companion in companions(&text) {
+            let what =
+                format!("manifests/{stem}.toml reads {companion}, which the store does not have");
+            writeln!(io::stderr(), "note: {what}; pass this file on, too")?;
+        }
         stems.push(stem);
         write_whole(&path, |mut file| file.write_all(text.as_bytes()).map_err(failure(&path)))?;
     }

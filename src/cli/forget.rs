@@ -35,8 +35,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let file = printable(&store.store.display().to_string());
     let unknown = || Error::Usage(format!("{file} has no experiment `{name}`; see `jitai status`"));
     let belongings = Reader::open(&store.store)?.belongings(experiment)?.ok_or_else(unknown)?;
-    let Belongings { jobs, alone } = belongings;
+    let Belongings { jobs, alone, unheld } = belongings;
     writeln!(io::stderr(), "{name} has {}; {}", described(&jobs), only_here(&jobs, &alone))?;
+    if unheld > 0 {
+        let held = format!("no experiment holds {} with results", counted(unheld, "job"));
+        let remedy = "if earlier texts of this experiment declared them (view `manifest`), run such \
+                      a text first to remove their results, too";
+        writeln!(io::stderr(), "note: {held}; {remedy}")?;
+    }
     let what = if *results {
         format!("remove {name} and the results of {}", counted(alone.total(), "job"))
     } else {
@@ -51,13 +57,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
             let what = "a process runs jobs of it; stop the process, or wait until it ends";
             Err(Error::Usage(format!("nothing was removed from {file}: {what}")))
         }
-        Forgotten::Removed(Belongings { jobs, alone }) => {
+        Forgotten::Removed(Belongings { jobs, alone, .. }) => {
             let (removed, without_results) =
                 if *results { (alone.total(), alone.completed) } else { (0, 0) };
             let stay = jobs.completed - without_results;
             writeln!(
                 io::stdout(),
-                "{name} removed from {file}, with {}; the results of {} stay",
+                "{name} removed from {file}, with {}; the results of {} of it stay",
                 counted(removed, "job"),
                 counted(stay, "job")
             )?;

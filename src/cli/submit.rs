@@ -87,6 +87,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     if arguments.dry_run {
         return dry_run(arguments, &cluster, request);
     }
+    // On a machine without a cluster, nothing is written.
+    cluster.limits().map_err(ClusterError::from)?;
     let mut store = Store::open(&arguments.store.store)?;
     if !arguments.replacing.permit(&Reader::open(&arguments.store.store)?, &manifests)? {
         return Ok(Exit::Differs);
@@ -123,7 +125,6 @@ struct Submitting<'a> {
 impl Submitting<'_> {
     /// Merges finished work and submits missing jobs.
     fn round(&mut self) -> Result<(Draft, Option<Submission>), Error> {
-        // The limits come first, so that a machine without a cluster shows the engine's own error.
         let limits = self.cluster.limits().map_err(ClusterError::from)?;
         let submissions = self.cluster.submissions();
         submissions.make(self.request.profile.folder.as_deref())?;

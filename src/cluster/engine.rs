@@ -92,7 +92,9 @@ pub struct Limits {
 #[non_exhaustive]
 pub enum EngineError {
     /// The engine's program cannot be started.
-    #[error("failed to run `{program}`: {source}; check that Slurm is installed and on the PATH")]
+    #[error(
+        "failed to run `{program}`, a command of Slurm: {source}; submit on a machine of the cluster, or plan here with --dry-run"
+    )]
     Missing {
         /// The program.
         program: &'static str,

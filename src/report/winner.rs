@@ -128,7 +128,7 @@ impl Search<'_> {
                 between(Interval { low: search - high, high: search - low }, metric)
             });
             lines.push(format!(
-                "Expected shrinkage on new seeds: {}{}",
+                "Expected shrinkage on new seeds, by the held-out mean: {}{}",
                 amount(search - new, metric),
                 interval.unwrap_or_default()
             ));

@@ -14,6 +14,8 @@ pub struct Belongings {
     pub jobs: Counts,
     /// The experiment's jobs that no other experiment holds, by state.
     pub alone: Counts,
+    /// Completed jobs in the store that no experiment holds.
+    pub unheld: u64,
 }
 
 /// The result of an attempt to remove an experiment.
@@ -40,6 +42,10 @@ const OF_RUN: [(&str, &str); 8] = [
     ("run", "id = ?1"),
 ];
 
+/// The number of completed jobs that no experiment holds.
+const UNHELD: &str = "SELECT count(DISTINCT job) FROM run WHERE status = 'completed'
+    AND NOT EXISTS (SELECT 1 FROM experiment_job AS held WHERE held.job = run.job)";
+
 const BY_ID: &str = "id BETWEEN ?1 << 39 AND (?1 << 39) + 549755813887";
 
 impl Reader {
@@ -47,7 +53,7 @@ impl Reader {
     pub fn belongings(&self, experiment: &str) -> Result<Option<Belongings>, StoreError> {
         self.read("read an experiment", |connection| {
             let Some(id) = id_of(connection, experiment)? else { return Ok(None) };
-            Ok(Some(Held::read(connection, id)?.belongings()))
+            Ok(Some(Held::read(connection, id)?.belongings(connection)?))
         })
     }
 }
@@ -61,7 +67,7 @@ impl Store {
         self.write_durably("forget an experiment", |transaction| {
             let Some(id) = id_of(transaction, experiment)? else { return Ok(Forgotten::Unknown) };
             let held = Held::read(transaction, id)?;
-            let belongings = held.belongings();
+            let belongings = held.belongings(transaction)?;
             if belongings.jobs.running > 0 {
                 return Ok(Forgotten::Running);
             }
@@ -102,15 +108,18 @@ impl Held {
         Ok(Held(rows.collect::<rusqlite::Result<_>>()?))
     }
 
-    fn belongings(&self) -> Belongings {
-        let mut belongings = Belongings::default();
+    fn belongings(&self, connection: &Connection) -> rusqlite::Result<Belongings> {
+        let mut belongings = Belongings {
+            unheld: connection.query_row(UNHELD, [], |row| row.get(0))?,
+            ..Belongings::default()
+        };
         for (_, state, alone) in &self.0 {
             belongings.jobs.add(*state, 1);
             if *alone {
                 belongings.alone.add(*state, 1);
             }
         }
-        belongings
+        Ok(belongings)
     }
 }
 

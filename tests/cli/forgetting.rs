@@ -39,7 +39,7 @@ fn a_forgotten_experiment_comes_back_with_its_results() {
         .jitai(["forget", "sweep", "--yes"])
         .succeeded()
         .prints("sweep removed")
-        .prints("the results of 8 jobs stay");
+        .prints("the results of 8 jobs of it stay");
     assert!(!folder.jitai(["status"]).succeeded().stdout.contains("sweep"));
     assert_eq!(folder.number("SELECT count(*) FROM run_summary"), 0);
     assert_eq!(folder.number("SELECT count(DISTINCT job_key) FROM metric"), 8);
@@ -72,6 +72,16 @@ fn results_that_another_experiment_holds_stay() {
     assert!(refused.to_string().contains("a run is never deleted"), "{refused}");
     folder.jitai(["run", "sweep.toml", "--quiet"]).succeeded();
     assert_eq!(folder.number("SELECT count(*) FROM run_summary WHERE experiment = 'sweep'"), 8);
+}
+
+#[test]
+fn results_that_no_experiment_holds_are_counted() {
+    let folder = two();
+    folder.write("sweep.toml", manifest("sweep", "0.6", "2", Effort::Trivial));
+    folder.jitai(["run", "sweep.toml", "--quiet"]).succeeded();
+    let forgotten = folder.jitai(["forget", "sweep", "--results", "--yes"]).succeeded();
+    forgotten.says("note: no experiment holds 4 jobs with results").prints("with 4 jobs");
+    assert_eq!(folder.number("SELECT count(DISTINCT job_key) FROM metric"), 4);
 }
 
 #[test]

@@ -229,6 +229,20 @@ fn an_export_of_one_experiment_has_its_rows_alone_and_says_what_they_are() {
 }
 
 #[test]
+fn an_export_names_the_files_that_its_manifests_read() {
+    let text = manifest("sweep", "0.6", "1", Effort::Trivial);
+    let folder = Folder::with(&text.replacen(
+        "[[agent]]",
+        "[population]\nrows = \"people.csv\"\n[[agent]]",
+        1,
+    ));
+    folder.write("people.csv", "delta_d,delta_h\n0.1,0.1\n0.2,0.05\n");
+    folder.jitai(["run", "sweep.toml", "--quiet"]).succeeded();
+    let export = folder.jitai(["export", "--out", "results"]).succeeded();
+    export.says("note: manifests/sweep.toml reads people.csv, which the store does not have");
+}
+
+#[test]
 fn an_export_again_is_the_same_to_the_byte() {
     let folder = completed();
     let export = |out: &str| {

@@ -2,7 +2,7 @@
 
 use super::look::{labels, settings_label};
 use crate::analyse::declared::ArmId;
-use crate::manifest::PanelKey;
+use crate::manifest::{PanelKey, short_name};
 use crate::report::escape::file_stem;
 use crate::report::names::Names;
 
@@ -82,6 +82,13 @@ impl Panels {
             added.push(next.name());
             by.push(next);
             panels = grouped(arms, &by);
+        }
+        // Without a heading, the panel's files would have the name of the figure of all panels.
+        if panels.len() > 1 {
+            for panel in panels.iter_mut().filter(|panel| panel.heading.is_empty()) {
+                let names = by.iter().map(By::name).collect::<Vec<_>>().join(", ");
+                panel.heading = format!("without {}", short_name(&names));
+            }
         }
         let mut rest: Vec<ArmId> = arms.iter().map(|name| (*name).clone()).collect();
         rest.iter_mut().for_each(|name| by.iter().for_each(|by| by.without(name)));

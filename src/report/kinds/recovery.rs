@@ -135,14 +135,7 @@ fn share(row: &RecoveryRow, found: &Recovered) -> String {
         Ok(Interval { low, high }) => format!(" ({:.1} to {:.1} %)", 100.0 * low, 100.0 * high),
         Err(reason) => format!(" (no interval: {reason})"),
     };
-    let environment: Vec<_> = row
-        .with
-        .settings
-        .iter()
-        .filter(|(name, _)| name.starts_with("environment."))
-        .cloned()
-        .collect();
-    let at = match settings_label(&environment) {
+    let at = match settings_label(&row.with.settings) {
         label if label.is_empty() => label,
         label => format!(" at {label}"),
     };
