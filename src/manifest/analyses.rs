@@ -333,6 +333,25 @@ pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
             let help = "name a parameter that has a distribution, or is a column of `rows`";
             faults.add(Fault::at(range.span, message).help(help));
         }
+        for side in analysis.analysis.kind.sides().iter().flat_map(|sides| sides.both()) {
+            let Condition::AgentName(names) = side else { continue };
+            let agent = manifest.agents.iter().find(|agent| names.contains(&agent.name));
+            let lacks = |condition: &&Located<Condition>| match (&condition.value, agent) {
+                (Condition::Key { parameter, .. }, Some(agent)) => {
+                    manifest.values(agent, *parameter).is_none()
+                }
+                _ => false,
+            };
+            if let (Some(condition), Some(agent)) = (analysis.conditions.iter().find(lacks), agent)
+            {
+                let key = condition.value.name();
+                let message =
+                    format!("agent `{}` has no key `{key}`, so no job of it is left", agent.name);
+                let help = "leave the condition out: a key that only one of the agents sweeps has a row \
+                            per value";
+                faults.add(Fault::at(condition.span, message).help(help));
+            }
+        }
         let odds = manifest.environment.get(CONTEXT_PROBABILITY.key()).unwrap_or_default();
         let unequal = odds.iter().find(|value| **value != Value::Real(0.5));
         if let Some(value) = unequal.filter(|_| analysis.analysis.kind.shows_inference_error()) {

@@ -25,6 +25,11 @@ impl Sides {
         vec![("by", quoted(&self.first.name())), ("between", between)]
     }
 
+    /// Both sides.
+    pub(super) fn both(&self) -> [&Condition; 2] {
+        [&self.first, &self.second]
+    }
+
     /// The dotted name of the key that distinguishes the sides; empty if no key does.
     pub fn key(&self) -> String {
         match &self.first {
