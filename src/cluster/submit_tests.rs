@@ -339,6 +339,6 @@ fn a_cancelled_submission_holds_nothing() {
 fn a_missing_program_leaves_no_submission() {
     let lab = Lab::new();
     *lab.engine.answer.borrow_mut() = Answer::IsNotCalled;
-    assert!(lab.launch().unwrap_err().to_string().contains("check that Slurm is installed"));
+    assert!(lab.launch().unwrap_err().to_string().contains("a command of Slurm"));
     assert!(lab.cluster().submissions().list().unwrap().is_empty());
 }
