@@ -115,7 +115,7 @@ fn sbatch_absent() {
     for path in [bin.as_path(), "/nowhere".as_ref()] {
         let mut command = lab.command(&["submit", "sweep.toml"]);
         command.env("PATH", path);
-        crate::support::Running::of(command).wait().ended(3).says("check that Slurm is installed");
+        crate::support::Running::of(command).wait().ended(3).says("a command of Slurm");
     }
     assert!(lab.submissions().is_empty());
 }
