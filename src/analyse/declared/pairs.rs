@@ -1,7 +1,7 @@
 //! The two sides of a difference, at every setting of the other parameters.
 
 use super::arm::{Arm, ArmId, arms, varying};
-use crate::manifest::{Condition, Sides};
+use crate::manifest::{Condition, Setting, Sides};
 use crate::record::JobRecord;
 
 /// The arms that one difference compares.
@@ -29,6 +29,16 @@ pub fn pairs<'j>(sides: &Sides, jobs: &[&'j JobRecord], aside: &[&str]) -> Vec<P
     let swept = [varying(&first), varying(&second)];
     let both: Vec<&JobRecord> = first.iter().chain(&second).copied().collect();
     let mut names = varying(&both);
+    // Exclusions can leave each agent an environment of its own; these are not compared either.
+    let settings = both.iter().flat_map(|job| &job.settings);
+    let differs = |(name, value): &&(String, Setting)| {
+        !name.starts_with("agent.") && both[0].setting(name) != Some(value)
+    };
+    for (name, _) in settings.filter(differs) {
+        if !names.contains(name) {
+            names.push(name.clone());
+        }
+    }
     names.retain(|name| !aside.contains(&name.as_str()));
     let are_agents = matches!(sides.first, Condition::AgentName(_));
     let is_of_one = |name: &String| {
@@ -142,6 +152,15 @@ mod tests {
         let labels: Vec<&str> = found.iter().map(|(label, ..)| label.as_str()).collect();
         assert_eq!(found.len(), 4, "{found:?}");
         assert!(labels.iter().all(|label| label.contains("learning_rate=0.003")), "{labels:?}");
+    }
+
+    #[test]
+    fn agents_in_different_environments_are_not_compared() {
+        let apart = "[[agent]]\nname = \"learner\"\nalgorithm = \"reinforce\"\nepisodes = 10\n\
+                     [[exclude]]\nagent.name = \"learner\"\nenvironment.sigma = 0.4\n\
+                     [[exclude]]\nagent.name = \"rule\"\nenvironment.sigma = 0.6";
+        let found = found(&manifest(apart, "agent.name", ["learner", "rule"]));
+        assert!(found.is_empty(), "{found:?}");
     }
 
     #[test]
