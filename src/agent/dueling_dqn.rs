@@ -73,7 +73,7 @@ keys! {
         /// bootstrapping at the horizon
         terminal_target: TerminalTarget = TerminalTarget::Zero;
         /// which code performs the updates: "fused", kernels with the same results on every
-        /// processor, or "burn", Burn's own operations, many times slower, with results that depend
+        /// processor, or "burn", Burn's modules and gradients, many times slower, with results that depend
         /// on the processor
         engine: Engine = Engine::Fused;
     }

@@ -40,7 +40,7 @@ keys! {
         /// divisor of the summed loss of an update
         loss_divisor: f64 = 50.0, in Kind::POSITIVE;
         /// which code performs the updates: "fused", kernels with the same results on every
-        /// processor, or "burn", Burn's own operations, many times slower, with results that depend
+        /// processor, or "burn", Burn's modules and gradients, many times slower, with results that depend
         /// on the processor
         engine: Engine = Engine::Fused;
     }

@@ -2,7 +2,7 @@
 
 use pulp::{Simd, WithSimd};
 
-use crate::kernel::{Isa, LANES, math};
+use crate::kernel::{Isa, math};
 
 /// The number of gates: reset, update and new, stored side by side in each row in this order.
 pub const GATES: usize = 3;
@@ -11,7 +11,7 @@ pub const GATES: usize = 3;
 /// σ(a_z + b_z), n = tanh(a_n + r b_n), h' = n + z (h - n).
 ///
 /// **Shapes**: `from_input` a and `from_state` b are \[rows, 3 stride\]; `before` h and `after` h' are
-/// \[rows, stride\]. All are row-major, and `stride` is a multiple of [`LANES`].
+/// \[rows, stride\]. All are row-major.
 ///
 /// **Source**: Cho et al., "Learning phrase representations using RNN encoder-decoder for statistical machine
 /// translation", 2014, in PyTorch's form: r is applied after the product with the state.
@@ -33,7 +33,6 @@ impl GruStep<'_> {
     /// Computes the states after the step.
     pub fn run(self, isa: Isa) {
         let rows = self.before.len() / self.stride;
-        assert_eq!(self.stride % LANES, 0, "rows are padded");
         assert_eq!(self.before.len(), rows * self.stride, "whole rows");
         assert_eq!(self.after.len(), self.before.len(), "a state after for each before");
         assert_eq!(self.from_input.len(), GATES * self.before.len(), "all gates of the input");
@@ -93,7 +92,6 @@ impl GruGradient<'_> {
     /// Computes the derivatives.
     pub fn run(self, isa: Isa) {
         let rows = self.before.len() / self.stride;
-        assert_eq!(self.stride % LANES, 0, "rows are padded");
         assert_eq!(self.before.len(), rows * self.stride, "whole rows");
         assert_eq!(self.by_after.len(), self.before.len(), "a derivative for each state");
         for gates in [self.gates.len(), self.from_state.len(), self.by_input.len()] {

@@ -31,7 +31,7 @@ pub use aligned::{Aligned, LINE};
 pub use dot::{LANES, dot};
 pub use gru::{GATES, GruGradient, GruStep};
 pub use isa::{Isa, IsaError};
-pub use norm::{LEAST_NORM, clip_norm};
+pub use norm::clip_norm;
 pub use product::{Product, Start};
 pub use shallow::{MOST_INPUTS, OUTPUTS, Shallow, ShallowGradient};
 pub use transpose::transpose;

@@ -5,7 +5,7 @@ use pulp::{Simd, WithSimd};
 use crate::kernel::{Isa, dot};
 
 /// Added to a norm to avoid division by 0.
-pub const LEAST_NORM: f32 = 1e-6;
+const LEAST_NORM: f32 = 1e-6;
 
 /// Scales numbers so that their Euclidean norm is at most `most`; returns the norm before scaling.
 ///

@@ -6,7 +6,7 @@
 use burn::tensor::{Tensor, TensorData, activation};
 
 use crate::agent::Activation;
-use crate::agent::burn::numbers;
+use crate::agent::burn::values;
 use crate::kernel::{self, Isa};
 
 /// The activation of every element.
@@ -17,18 +17,8 @@ pub(super) fn apply(activation: Activation, x: Tensor<2>) -> Tensor<2> {
     }
 }
 
-/// σ(x) = (1 + tanh(x / 2)) / 2, with the derivative σ(x) (1 - σ(x)).
-pub(super) fn sigmoid(x: Tensor<2>) -> Tensor<2> {
-    let values = |inputs: &mut [f32]| {
-        inputs.iter_mut().for_each(|x| *x *= 0.5);
-        kernel::Activation::Tanh.apply(Isa::chosen(), inputs);
-        inputs.iter_mut().for_each(|x| *x = 0.5 * *x + 0.5);
-    };
-    with_derivative(x, values, |value| value * (1.0 - value))
-}
-
 /// tanh x, with the derivative 1 - tanh² x.
-pub(super) fn tanh(x: Tensor<2>) -> Tensor<2> {
+fn tanh(x: Tensor<2>) -> Tensor<2> {
     let values = |inputs: &mut [f32]| kernel::Activation::Tanh.apply(Isa::chosen(), inputs);
     with_derivative(x, values, |value| 1.0 - value * value)
 }
@@ -39,10 +29,8 @@ fn with_derivative(
     apply: impl Fn(&mut [f32]),
     slope: impl Fn(f32) -> f32,
 ) -> Tensor<2> {
-    // The product is a copy of the values. Reading a tensor that shares its values takes longer.
-    let inner = x.clone().inner().mul_scalar(1.0);
-    let (shape, device) = (inner.dims(), inner.device());
-    let inputs = numbers(inner);
+    let (shape, device) = (x.dims(), x.clone().inner().device());
+    let inputs = values(&x);
     let mut values = inputs.clone();
     apply(&mut values);
     let constant = |values| Tensor::from_data(TensorData::new(values, shape), &device);
@@ -59,7 +47,7 @@ fn with_derivative(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::burn::device;
+    use crate::agent::burn::{device, numbers};
 
     /// Values and derivatives of `f` at -9, -8.75 … 9.
     fn values_and_derivatives(f: impl Fn(Tensor<2>) -> Tensor<2>) -> (Vec<f32>, Vec<f32>) {
@@ -73,16 +61,12 @@ mod tests {
 
     #[test]
     fn values_and_derivatives_are_burns() {
-        let pairs = [
-            (values_and_derivatives(tanh), values_and_derivatives(activation::tanh)),
-            (values_and_derivatives(sigmoid), values_and_derivatives(activation::sigmoid)),
-        ];
-        for (ours, theirs) in pairs {
-            for (ours, theirs) in [(ours.0, theirs.0), (ours.1, theirs.1)] {
-                assert_eq!(ours.len(), 73);
-                for (ours, theirs) in ours.iter().zip(theirs) {
-                    assert!((ours - theirs).abs() < 2e-6, "{ours} is not {theirs}");
-                }
+        let (ours, theirs) =
+            (values_and_derivatives(tanh), values_and_derivatives(activation::tanh));
+        for (ours, theirs) in [(ours.0, theirs.0), (ours.1, theirs.1)] {
+            assert_eq!(ours.len(), 73);
+            for (ours, theirs) in ours.iter().zip(theirs) {
+                assert!((ours - theirs).abs() < 2e-6, "{ours} is not {theirs}");
             }
         }
     }

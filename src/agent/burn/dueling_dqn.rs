@@ -3,12 +3,11 @@
 use std::io;
 
 use burn::module::Module;
-use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
 use burn::tensor::Tensor;
 
 use crate::agent::DuelingDqn;
-use crate::agent::burn::state::{restore_module, restore_optimizer, save_module, save_optimizer};
-use crate::agent::burn::{ADAM_EPSILON, DuelingQNetwork, column, device, input, matrix};
+use crate::agent::burn::trainer::{Trainer, restore_parameters, save_parameters};
+use crate::agent::burn::{DuelingQNetwork, column, device, input, matrix};
 use crate::agent::dueling_dqn::DuelingDqnEngine;
 use crate::agent::policy::ActionNetwork;
 use crate::agent::replay::Batch;
@@ -16,12 +15,10 @@ use crate::agent::{Weights, WeightsError};
 use crate::env::Observations;
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
-/// A dueling network with its target network and its optimiser.
+/// A dueling network with its optimiser and its target network.
 pub struct BurnDuelingDqn {
-    network: DuelingQNetwork,
+    network: Trainer<DuelingQNetwork>,
     target: DuelingQNetwork,
-    optimizer: ModuleOptimizer,
-    learning_rate: f64,
 }
 
 impl BurnDuelingDqn {
@@ -37,9 +34,7 @@ impl BurnDuelingDqn {
             DuelingQNetwork::from_weights(parameters, inputs, weights, &device::training())?;
         Ok(BurnDuelingDqn {
             target: network.valid(),
-            network,
-            optimizer: AdamConfig::new().with_epsilon(ADAM_EPSILON).init(),
-            learning_rate: parameters.learning_rate,
+            network: Trainer::new(network, parameters.learning_rate),
         })
     }
 
@@ -56,7 +51,7 @@ impl DuelingDqnEngine for BurnDuelingDqn {
     type Network = DuelingQNetwork;
 
     fn values(&mut self, observations: &Observations, out: &mut Vec<f32>) {
-        self.network.valid().evaluate(observations, out);
+        self.network.evaluated().evaluate(observations, out);
     }
 
     fn target_values(&mut self, observations: &Observations, out: &mut Vec<f32>) {
@@ -64,39 +59,35 @@ impl DuelingDqnEngine for BurnDuelingDqn {
     }
 
     fn renew_target(&mut self) {
-        self.target = self.network.valid();
+        self.target = self.network.evaluated().clone();
     }
 
     fn update(&mut self, batch: &Batch) -> f32 {
-        let loss = BurnDuelingDqn::loss(&self.network, batch);
+        let loss = BurnDuelingDqn::loss(self.network.module(), batch);
         let value: f32 = loss.clone().into_scalar();
         if value.is_finite() {
-            let gradients = GradientsParams::from_grads(loss.backward(), &self.network);
-            // The optimiser consumes the module and returns the updated one.
-            self.network = self.optimizer.step(self.learning_rate, self.network.clone(), gradients);
+            self.network.step(&loss, None);
         }
         value
     }
 
     fn network(&self) -> DuelingQNetwork {
-        self.network.valid()
+        self.network.module().valid()
     }
 
     fn weights(&self) -> Weights {
-        self.network.weights()
+        self.network.module().weights()
     }
 }
 
 impl Resumable for BurnDuelingDqn {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        save_module(&self.network, out)?;
-        save_module(&self.target, out)?;
-        save_optimizer(&self.optimizer, out)
+        self.network.save(out)?;
+        save_parameters(&self.target, out)
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        restore_module(&mut self.network, from)?;
-        restore_module(&mut self.target, from)?;
-        restore_optimizer(&mut self.optimizer, from)
+        self.network.restore(from)?;
+        restore_parameters(&mut self.target, from)
     }
 }

@@ -1,4 +1,4 @@
-//! Training by Burn: modules, automatic differentiation and Burn's Adam.
+//! Training by Burn: modules and automatic differentiation, with Adam from [`crate::kernel`].
 //!
 //! In: weights and hyper-parameters. Out: engines for the algorithms. A new agent can start with
 //! these plain implementations. The kernels of [`super::fused`] do the same arithmetic in a
@@ -8,12 +8,13 @@ mod activation;
 mod autodiff;
 pub(super) mod device;
 mod dueling_dqn;
+mod gates;
 mod network;
 mod ppo;
 mod recurrent;
 mod recurrent_dqn;
 mod reinforce;
-mod state;
+mod trainer;
 
 use burn::tensor::{Device, Int, Tensor, TensorData};
 
@@ -27,9 +28,6 @@ pub use ppo::{BurnActorCritic, BurnPpo};
 pub use recurrent::{RecurrentActorCritic, RecurrentDuelingQNetwork};
 pub use recurrent_dqn::BurnRecurrentDqn;
 pub use reinforce::BurnReinforce;
-
-/// Adam's epsilon in PyTorch and in the paper; Burn's own default is 1e-5.
-const ADAM_EPSILON: f32 = 1e-8;
 
 /// Observations as a matrix with the one-hots expanded: \[rows, inputs\].
 pub fn input(observations: &Observations, device: &Device) -> Tensor<2> {
@@ -48,9 +46,15 @@ pub fn column(actions: &[Action], device: &Device) -> Tensor<2, Int> {
     Tensor::from_data(TensorData::new(indices, [actions.len(), 1]), device)
 }
 
-/// The values of a matrix in row-major order.
-fn numbers(matrix: Tensor<2>) -> Vec<f32> {
-    matrix.into_data().try_to_vec().expect("networks compute in f32")
+/// The values of a tensor that is used further, without gradients, in row-major order. Reading a tensor
+/// that shares its values would take a hundred times longer than copying it first, which the product does.
+fn values(tensor: &Tensor<2>) -> Vec<f32> {
+    numbers(tensor.clone().inner().mul_scalar(1.0))
+}
+
+/// The values of a tensor in row-major order.
+fn numbers<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
+    tensor.into_data().try_to_vec().expect("networks compute in f32")
 }
 
 impl ActionNetwork for DuelingQNetwork {

@@ -22,6 +22,40 @@ pub(super) fn linear(
     })
 }
 
+/// A linear layer, ready for inputs of a number of rows.
+///
+/// The bias is one row per input, made as a product with ones. As a sum of a matrix and a row, together
+/// with its gradient, it would take longer than the product with the weights.
+pub(super) struct Affine {
+    weight: Tensor<2>,
+    bias: Option<Tensor<2>>,
+}
+
+impl Affine {
+    pub(super) fn new(layer: &Linear, rows: usize) -> Self {
+        let weight = layer.weight.val();
+        let bias = layer.bias.as_ref().map(|bias| {
+            let ones = Tensor::ones([rows, 1], &weight.device());
+            ones.matmul(bias.val().unsqueeze())
+        });
+        Affine { weight, bias }
+    }
+
+    /// **Shapes**: \[rows, inputs\] to \[rows, outputs\].
+    pub(super) fn forward(&self, input: Tensor<2>) -> Tensor<2> {
+        let product = input.matmul(self.weight.clone());
+        match &self.bias {
+            Some(bias) => product + bias.clone(),
+            None => product,
+        }
+    }
+}
+
+/// The output of a linear layer; shapes as in [`Affine::forward`].
+pub(super) fn affine(layer: &Linear, input: Tensor<2>) -> Tensor<2> {
+    Affine::new(layer, input.dims()[0]).forward(input)
+}
+
 pub(super) fn store_linear(name: &str, linear: &Linear, weights: &mut Weights) {
     let mut insert = |kind: &str, tensor: WeightTensor| {
         weights.tensors.insert(format!("{name}.{kind}"), tensor);
@@ -55,7 +89,7 @@ impl HiddenLayers {
     pub(super) fn forward(&self, input: Tensor<2>) -> Tensor<2> {
         self.layers
             .iter()
-            .fold(input, |x, layer| activation::apply(self.activation, layer.forward(x)))
+            .fold(input, |x, layer| activation::apply(self.activation, affine(layer, x)))
     }
 
     pub(super) fn store(&self, name: &str, weights: &mut Weights) {
@@ -117,8 +151,8 @@ impl DuelingQNetwork {
                 (shared.clone(), shared)
             }
         };
-        let advantage = self.advantage.forward(for_advantage);
-        self.value.forward(for_value) + advantage.clone() - advantage.mean_dim(1)
+        let advantage = affine(&self.advantage, for_advantage);
+        affine(&self.value, for_value) + advantage.clone() - advantage.mean_dim(1)
     }
 
     /// The weights, by name.
@@ -164,7 +198,7 @@ impl PolicyNetwork {
     ///
     /// **Shapes**: \[rows, width\] to \[rows, actions\].
     pub fn forward(&self, observations: Tensor<2>) -> Tensor<2> {
-        self.logits.forward(self.trunk.forward(observations))
+        affine(&self.logits, self.trunk.forward(observations))
     }
 
     /// The weights, by name.
@@ -211,7 +245,7 @@ impl ActorCritic {
     ///
     /// **Shapes**: \[rows, width\] to \[rows, actions\] and \[rows, 1\].
     pub fn forward(&self, observations: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
-        let values = self.value.forward(self.value_trunk.forward(observations.clone()));
+        let values = affine(&self.value, self.value_trunk.forward(observations.clone()));
         (self.logits(observations), values)
     }
 
@@ -219,7 +253,7 @@ impl ActorCritic {
     ///
     /// **Shapes**: \[rows, width\] to \[rows, actions\].
     pub fn logits(&self, observations: Tensor<2>) -> Tensor<2> {
-        self.logits.forward(self.policy_trunk.forward(observations))
+        affine(&self.logits, self.policy_trunk.forward(observations))
     }
 
     /// The weights, by name.

@@ -2,20 +2,18 @@
 
 use std::io;
 
-use burn::module::{Module, ModuleVisitor, Param};
-use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
+use burn::module::Module;
 use burn::tensor::{Device, Tensor, activation};
 
 use crate::agent::Weights;
 use crate::agent::burn::recurrent::Unrolled;
-use crate::agent::burn::state::{restore_module, restore_optimizer, save_module, save_optimizer};
+use crate::agent::burn::trainer::Trainer;
 use crate::agent::burn::{
     ActorCritic, RecurrentActorCritic, column, device, input, matrix, numbers,
 };
 use crate::agent::policy::ActionNetwork;
 use crate::agent::ppo::{ADAM_EPSILON, Losses, Minibatch, Ppo, PpoEngine, Sequences};
 use crate::env::Observations;
-use crate::kernel::LEAST_NORM;
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// A module that PPO trains.
@@ -34,10 +32,7 @@ pub trait BurnActorCritic: Module + ActionNetwork + Send + 'static {
 
 /// The policy and value networks with their optimiser.
 pub struct BurnPpo<N = ActorCritic> {
-    network: N,
-    /// The network without gradients; set by the first evaluation after an update.
-    evaluated: Option<N>,
-    optimizer: ModuleOptimizer,
+    network: Trainer<N>,
     parameters: Ppo,
 }
 
@@ -59,9 +54,7 @@ impl<N: BurnActorCritic> BurnPpo<N> {
     /// An engine that starts from this network.
     pub fn new(parameters: &Ppo, network: N) -> Self {
         BurnPpo {
-            network,
-            evaluated: None,
-            optimizer: AdamConfig::new().with_epsilon(ADAM_EPSILON).init(),
+            network: Trainer::with_epsilon(network, parameters.learning_rate, ADAM_EPSILON.into()),
             parameters: parameters.clone(),
         }
     }
@@ -108,50 +101,13 @@ impl<N: BurnActorCritic> BurnPpo<N> {
             + value.clone().mul_scalar(parameters.vf_coef);
         LossTensors { loss, policy, value, entropy, approx_kl }
     }
-
-    /// The gradients of a loss, scaled so that their norm over all parameters is at most
-    /// `max_grad_norm`.
-    fn gradients(&self, loss: Tensor<1>) -> GradientsParams {
-        let mut squares = Squares(GradientsParams::from_grads(loss.backward(), &self.network), 0.0);
-        self.network.visit(&mut squares);
-        let Squares(gradients, sum) = squares;
-        let factor = self.parameters.max_grad_norm / (sum.sqrt() + f64::from(LEAST_NORM));
-        if factor >= 1.0 {
-            return gradients;
-        }
-        let mut scaled = Scaled(gradients, factor);
-        self.network.visit(&mut scaled);
-        scaled.0
-    }
-}
-
-/// Accumulates the squares of the gradients of all parameters.
-struct Squares(GradientsParams, f64);
-
-impl ModuleVisitor for Squares {
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        if let Some(gradient) = self.0.get::<D>(param.id) {
-            self.1 += f64::from(gradient.square().sum().into_scalar::<f32>());
-        }
-    }
-}
-
-/// Scales the gradients of all parameters by a factor.
-struct Scaled(GradientsParams, f64);
-
-impl ModuleVisitor for Scaled {
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        if let Some(gradient) = self.0.remove::<D>(param.id) {
-            self.0.register(param.id, gradient.mul_scalar(self.1));
-        }
-    }
 }
 
 impl<N: BurnActorCritic> PpoEngine for BurnPpo<N> {
     type Network = N;
 
     fn memory(&self) -> usize {
-        self.network.memory()
+        self.network.module().memory()
     }
 
     fn evaluate(
@@ -161,14 +117,13 @@ impl<N: BurnActorCritic> PpoEngine for BurnPpo<N> {
         logits: &mut Vec<f32>,
         values: &mut Vec<f32>,
     ) {
-        let network = self.evaluated.get_or_insert_with(|| self.network.valid());
-        let (of_actions, of_states) = network.outputs(observations, memory);
+        let (of_actions, of_states) = self.network.evaluated().outputs(observations, memory);
         *logits = numbers(of_actions);
         *values = numbers(of_states);
     }
 
     fn update(&mut self, minibatch: &Minibatch, learning_rate: f64) -> Losses {
-        let found = BurnPpo::loss(&self.network, minibatch, &self.parameters);
+        let found = BurnPpo::loss(self.network.module(), minibatch, &self.parameters);
         let losses = Losses {
             loss: found.loss.clone().into_scalar(),
             policy: found.policy.into_scalar(),
@@ -177,20 +132,18 @@ impl<N: BurnActorCritic> PpoEngine for BurnPpo<N> {
             approx_kl: found.approx_kl.into_scalar(),
         };
         if losses.loss.is_finite() {
-            let gradients = self.gradients(found.loss);
-            self.evaluated = None;
-            // The optimiser consumes the module and returns the updated one.
-            self.network = self.optimizer.step(learning_rate, self.network.clone(), gradients);
+            self.network.set_learning_rate(learning_rate);
+            self.network.step(&found.loss, Some(self.parameters.max_grad_norm as f32));
         }
         losses
     }
 
     fn network(&self) -> N {
-        self.network.valid()
+        self.network.module().valid()
     }
 
     fn weights(&self) -> Weights {
-        self.network.weights()
+        self.network.module().weights()
     }
 }
 
@@ -264,13 +217,10 @@ impl ActionNetwork for RecurrentActorCritic {
 
 impl<N: BurnActorCritic> Resumable for BurnPpo<N> {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        save_module(&self.network, out)?;
-        save_optimizer(&self.optimizer, out)
+        self.network.save(out)
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.evaluated = None;
-        restore_module(&mut self.network, from)?;
-        restore_optimizer(&mut self.optimizer, from)
+        self.network.restore(from)
     }
 }

@@ -4,8 +4,8 @@ use burn::module::Module;
 use burn::nn::Linear;
 use burn::tensor::{Device, Tensor};
 
-use crate::agent::burn::network::{HiddenLayers, linear, store_linear};
-use crate::agent::burn::{activation, matrix};
+use crate::agent::burn::network::{Affine, HiddenLayers, affine, linear, store_linear};
+use crate::agent::burn::{gates, matrix};
 use crate::agent::layers::{self, Layer};
 use crate::agent::weights::{Weights, WeightsError};
 use crate::agent::{Activation, DuelingDqn, Ppo};
@@ -23,6 +23,10 @@ struct GruLayers {
     gru_hidden: Linear,
     trunk_after: HiddenLayers,
 }
+
+/// Steps whose observations are one matrix. More steps take fewer operations. But the gradient of each
+/// step's slice is as large as what was sliced.
+const BLOCK: usize = 4;
 
 /// Sequences of observations, side by side.
 pub(super) struct Unrolled<'a> {
@@ -63,33 +67,35 @@ impl GruLayers {
     ///
     /// **Shapes**: \[rows, width\] and \[rows, units\] to \[rows, units\].
     fn step(&self, observations: Tensor<2>, states: Tensor<2>) -> Tensor<2> {
-        let units = self.units();
-        let gates = |all: &Tensor<2>| all.clone().narrow(1, 0, 2 * units);
-        let new = |all: Tensor<2>| all.narrow(1, 2 * units, units);
-        let from_input = self.gru_input.forward(self.trunk.forward(observations));
-        let from_state = self.gru_hidden.forward(states.clone());
-        let both = activation::sigmoid(gates(&from_input) + gates(&from_state));
-        let (reset, update) = (both.clone().narrow(1, 0, units), both.narrow(1, units, units));
-        let new = activation::tanh(new(from_input) + reset * new(from_state));
-        new.clone() + update * (states - new)
+        let from_input = self.contribution(observations);
+        let from_state = affine(&self.gru_hidden, states.clone());
+        gates::step(from_input, from_state, states)
+    }
+
+    /// What observations contribute to the gates, \[rows, 3 units\].
+    fn contribution(&self, observations: Tensor<2>) -> Tensor<2> {
+        affine(&self.gru_input, self.trunk.forward(observations))
     }
 
     /// The states after every step of sequences, \[rows, units\].
-    ///
-    /// Each step's observations become a tensor of their own. Slicing one tensor of all steps would
-    /// cost a gradient of the size of all steps per slice.
     fn unroll(&self, sequences: &Unrolled<'_>, device: &Device) -> Tensor<2> {
         let Unrolled { observations, lanes, memory, firsts, cuts } = *sequences;
         let written = observations.written_out();
         let width = written.len() / observations.rows();
+        let blocks = written.chunks(BLOCK * lanes * width).flat_map(|block| {
+            let rows = block.len() / width;
+            let from_input = self.contribution(matrix(block.to_vec(), rows, device));
+            let starts = (0..rows).step_by(lanes);
+            starts.map(move |start| from_input.clone().narrow(0, start, lanes))
+        });
+        let gru_hidden = Affine::new(&self.gru_hidden, lanes);
         let zeros = || vec![0.0; lanes * self.units()];
         let mut states = matrix(memory.map_or_else(zeros, <[f32]>::to_vec), lanes, device);
         let marked = |marks: &[bool]| {
             let marks = marks.iter().map(|mark| f32::from(*mark)).collect();
             matrix(marks, lanes, device)
         };
-        let steps = written.chunks_exact(lanes * width).enumerate();
-        let each = steps.map(|(step, observations)| {
+        let each = blocks.enumerate().map(|(step, from_input)| {
             let rows = step * lanes..(step + 1) * lanes;
             let firsts = &firsts[rows.clone()];
             if firsts.contains(&true) {
@@ -101,7 +107,8 @@ impl GruLayers {
                 let passed = cut.clone().neg().add_scalar(1.0);
                 states = states.clone() * passed + states.clone().detach() * cut;
             }
-            states = self.step(matrix(observations.to_vec(), lanes, device), states.clone());
+            let from_state = gru_hidden.forward(states.clone());
+            states = gates::step(from_input, from_state, states.clone());
             states.clone()
         });
         Tensor::cat(each.collect(), 0)
@@ -168,7 +175,7 @@ impl RecurrentActorCritic {
     /// **Shapes**: \[rows, units\] to \[rows, actions\] and \[rows, 1\].
     pub fn heads(&self, states: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
         let shared = self.layers.after(states);
-        (self.logits.forward(shared.clone()), self.value.forward(shared))
+        (affine(&self.logits, shared.clone()), affine(&self.value, shared))
     }
 
     /// The weights, by name.
@@ -228,8 +235,8 @@ impl RecurrentDuelingQNetwork {
     /// **Shapes**: \[rows, units\] to \[rows, actions\].
     pub fn values(&self, states: Tensor<2>) -> Tensor<2> {
         let shared = self.layers.after(states);
-        let advantage = self.advantage.forward(shared.clone());
-        self.value.forward(shared) + advantage.clone() - advantage.mean_dim(1)
+        let advantage = affine(&self.advantage, shared.clone());
+        affine(&self.value, shared) + advantage.clone() - advantage.mean_dim(1)
     }
 
     /// The weights, by name.

@@ -3,26 +3,21 @@
 use std::io;
 
 use burn::module::Module;
-use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
 use burn::tensor::{Device, Tensor};
 
 use crate::agent::burn::recurrent::{RecurrentDuelingQNetwork, Unrolled};
-use crate::agent::burn::state::{restore_module, restore_optimizer, save_module, save_optimizer};
-use crate::agent::burn::{ADAM_EPSILON, column, device, input, matrix, numbers};
+use crate::agent::burn::trainer::{Trainer, restore_parameters, save_parameters};
+use crate::agent::burn::{column, device, input, matrix, numbers};
 use crate::agent::dueling_dqn::{RecurrentDqnEngine, SequenceBatch};
 use crate::agent::policy::ActionNetwork;
 use crate::agent::{DuelingDqn, Weights, WeightsError};
 use crate::env::Observations;
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
-/// A dueling network with a GRU, its target network and its optimiser.
+/// A dueling network with a GRU, its optimiser and its target network.
 pub struct BurnRecurrentDqn {
-    network: RecurrentDuelingQNetwork,
+    network: Trainer<RecurrentDuelingQNetwork>,
     target: RecurrentDuelingQNetwork,
-    /// The network without gradients; set by the first evaluation after an update.
-    evaluated: Option<RecurrentDuelingQNetwork>,
-    optimizer: ModuleOptimizer,
-    learning_rate: f64,
 }
 
 impl BurnRecurrentDqn {
@@ -38,10 +33,7 @@ impl BurnRecurrentDqn {
         let network = RecurrentDuelingQNetwork::from_weights(parameters, inputs, weights, &device)?;
         Ok(BurnRecurrentDqn {
             target: network.valid(),
-            network,
-            evaluated: None,
-            optimizer: AdamConfig::new().with_epsilon(ADAM_EPSILON).init(),
-            learning_rate: parameters.learning_rate,
+            network: Trainer::new(network, parameters.learning_rate),
         })
     }
 
@@ -87,12 +79,11 @@ impl RecurrentDqnEngine for BurnRecurrentDqn {
     type Network = RecurrentDuelingQNetwork;
 
     fn memory(&self) -> usize {
-        self.network.units()
+        self.network.module().units()
     }
 
     fn values(&mut self, observations: &Observations, memory: &mut [f32], out: &mut Vec<f32>) {
-        let network = self.evaluated.get_or_insert_with(|| self.network.valid());
-        network.recall(observations, memory, out);
+        self.network.evaluated().recall(observations, memory, out);
     }
 
     fn target_values(&mut self, batch: &SequenceBatch, out: &mut Vec<f32>) {
@@ -100,41 +91,35 @@ impl RecurrentDqnEngine for BurnRecurrentDqn {
     }
 
     fn renew_target(&mut self) {
-        self.target = self.network.valid();
+        self.target = self.network.evaluated().clone();
     }
 
     fn update(&mut self, batch: &SequenceBatch) -> f32 {
-        let loss = BurnRecurrentDqn::loss(&self.network, batch);
+        let loss = BurnRecurrentDqn::loss(self.network.module(), batch);
         let value: f32 = loss.clone().into_scalar();
         if value.is_finite() {
-            let gradients = GradientsParams::from_grads(loss.backward(), &self.network);
-            self.evaluated = None;
-            // The optimiser consumes the module and returns the updated one.
-            self.network = self.optimizer.step(self.learning_rate, self.network.clone(), gradients);
+            self.network.step(&loss, None);
         }
         value
     }
 
     fn network(&self) -> RecurrentDuelingQNetwork {
-        self.network.valid()
+        self.network.module().valid()
     }
 
     fn weights(&self) -> Weights {
-        self.network.weights()
+        self.network.module().weights()
     }
 }
 
 impl Resumable for BurnRecurrentDqn {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        save_module(&self.network, out)?;
-        save_module(&self.target, out)?;
-        save_optimizer(&self.optimizer, out)
+        self.network.save(out)?;
+        save_parameters(&self.target, out)
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.evaluated = None;
-        restore_module(&mut self.network, from)?;
-        restore_module(&mut self.target, from)?;
-        restore_optimizer(&mut self.optimizer, from)
+        self.network.restore(from)?;
+        restore_parameters(&mut self.target, from)
     }
 }

@@ -3,21 +3,18 @@
 use std::io;
 
 use burn::module::Module;
-use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
 use burn::tensor::{Tensor, activation};
 
 use crate::agent::Reinforce;
-use crate::agent::burn::state::{restore_module, restore_optimizer, save_module, save_optimizer};
-use crate::agent::burn::{ADAM_EPSILON, PolicyNetwork, column, device, input, matrix};
+use crate::agent::burn::trainer::Trainer;
+use crate::agent::burn::{PolicyNetwork, column, device, input, matrix};
 use crate::agent::reinforce::{ReinforceEngine, Trajectories};
 use crate::agent::{Weights, WeightsError};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// A policy network with its optimiser.
 pub struct BurnReinforce {
-    network: PolicyNetwork,
-    optimizer: ModuleOptimizer,
-    learning_rate: f64,
+    network: Trainer<PolicyNetwork>,
     loss_divisor: f64,
 }
 
@@ -30,10 +27,10 @@ impl BurnReinforce {
         inputs: usize,
         weights: &Weights,
     ) -> Result<Self, WeightsError> {
+        let network =
+            PolicyNetwork::from_weights(parameters, inputs, weights, &device::training())?;
         Ok(BurnReinforce {
-            network: PolicyNetwork::from_weights(parameters, inputs, weights, &device::training())?,
-            optimizer: AdamConfig::new().with_epsilon(ADAM_EPSILON).init(),
-            learning_rate: parameters.learning_rate,
+            network: Trainer::new(network, parameters.learning_rate),
             loss_divisor: parameters.loss_divisor,
         })
     }
@@ -54,33 +51,29 @@ impl ReinforceEngine for BurnReinforce {
     type Network = PolicyNetwork;
 
     fn update(&mut self, trajectories: &Trajectories) -> f32 {
-        let loss = BurnReinforce::loss(&self.network, trajectories, self.loss_divisor);
+        let loss = BurnReinforce::loss(self.network.module(), trajectories, self.loss_divisor);
         let value: f32 = loss.clone().into_scalar();
         if value.is_finite() {
-            let gradients = GradientsParams::from_grads(loss.backward(), &self.network);
-            // The optimiser consumes the module and returns the updated one.
-            self.network = self.optimizer.step(self.learning_rate, self.network.clone(), gradients);
+            self.network.step(&loss, None);
         }
         value
     }
 
     fn network(&self) -> PolicyNetwork {
-        self.network.valid()
+        self.network.module().valid()
     }
 
     fn weights(&self) -> Weights {
-        self.network.weights()
+        self.network.module().weights()
     }
 }
 
 impl Resumable for BurnReinforce {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        save_module(&self.network, out)?;
-        save_optimizer(&self.optimizer, out)
+        self.network.save(out)
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        restore_module(&mut self.network, from)?;
-        restore_optimizer(&mut self.optimizer, from)
+        self.network.restore(from)
     }
 }

@@ -85,7 +85,7 @@ keys! {
         /// "truncation", with the value of the last observation
         at_horizon: AtHorizon = AtHorizon::Termination;
         /// which code performs the updates: "fused", kernels with the same results on every
-        /// processor, or "burn", Burn's own operations, many times slower, with results that depend
+        /// processor, or "burn", Burn's modules and gradients, many times slower, with results that depend
         /// on the processor
         engine: Engine = Engine::Fused;
     }

@@ -15,7 +15,7 @@ use crate::agent::fused::{
     FusedDuelingDqn, FusedDuelingNetwork, FusedRecurrentDqn, FusedRecurrentDuelingNetwork,
 };
 use crate::agent::learner::{Actions, Learner};
-use crate::agent::network::{Activation, Engine, Recurrent};
+use crate::agent::network::{Engine, Recurrent};
 use crate::agent::policy::EpsilonGreedy;
 use crate::agent::weights::{Weights, WeightsError};
 use crate::agent::{layers, orthogonal};
@@ -163,9 +163,9 @@ impl AlgorithmParameters for DuelingDqn {
     ];
 
     fn version(&self) -> u32 {
-        match (self.engine, self.activation) {
-            (Engine::Burn, Activation::Tanh) => 3,
-            _ => 2,
+        match self.engine {
+            Engine::Fused => 2,
+            Engine::Burn => 4,
         }
     }
 

@@ -91,6 +91,13 @@ impl AlgorithmParameters for Ppo {
         DECISIONS_FIT,
     ];
 
+    fn version(&self) -> u32 {
+        match self.engine {
+            Engine::Fused => 1,
+            Engine::Burn => 2,
+        }
+    }
+
     fn episodes(&self) -> u32 {
         self.episodes
     }

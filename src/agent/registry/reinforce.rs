@@ -10,7 +10,7 @@ use crate::agent::constraint::{
 use crate::agent::fused::{FusedPolicyNetwork, FusedReinforce};
 use crate::agent::layers;
 use crate::agent::learner::{Actions, Learner};
-use crate::agent::network::{Activation, Engine};
+use crate::agent::network::Engine;
 use crate::agent::policy::SoftmaxPolicy;
 use crate::agent::reinforce::{Reinforce, ReinforceLearner};
 use crate::agent::weights::{Weights, WeightsError};
@@ -63,9 +63,9 @@ impl AlgorithmParameters for Reinforce {
     ];
 
     fn version(&self) -> u32 {
-        match (self.engine, self.activation) {
-            (Engine::Burn, Activation::Tanh) => 3,
-            _ => 2,
+        match self.engine {
+            Engine::Fused => 2,
+            Engine::Burn => 4,
         }
     }
 
