@@ -38,12 +38,21 @@ choices! {
     pub enum Engine {
         /// Kernels written for these networks: the same arithmetic, many times as fast.
         Fused = "fused",
-        /// Burn modules with Burn's automatic differentiation and Adam.
+        /// Burn modules with Burn's automatic differentiation.
         Burn = "burn",
     }
 }
 
 impl Engine {
+    /// Copies of the trained weights in memory beside those that every engine has.
+    pub fn further_copies(self) -> usize {
+        match self {
+            Engine::Fused => 0,
+            // The module and the array that its optimiser updates.
+            Engine::Burn => 1,
+        }
+    }
+
     /// Multiply-adds of training per second on one core of a recent server processor, to the
     /// nearest half. Arithmetic is not the only bottleneck of networks this small.
     pub fn speed(self) -> f64 {

@@ -17,7 +17,7 @@ pub const GATES: usize = 3;
 /// translation", 2014, in PyTorch's form: r is applied after the product with the state.
 #[derive(Debug)]
 pub struct GruStep<'a> {
-    /// The number of units, with padding.
+    /// The length of a row of states: the units, and padding if there is any.
     pub stride: usize,
     /// The input's contribution to the gates; replaced by r, z and n.
     pub from_input: &'a mut [f32],
@@ -73,7 +73,7 @@ impl WithSimd for GruStep<'_> {
 /// **Shapes**: as in [`GruStep`].
 #[derive(Debug)]
 pub struct GruGradient<'a> {
-    /// The number of units, with padding.
+    /// The length of a row of states: the units, and padding if there is any.
     pub stride: usize,
     /// The gates r, z and n.
     pub gates: &'a [f32],
@@ -155,84 +155,87 @@ mod tests {
         (0..before.len()).map(after).collect()
     }
 
-    const STRIDE: usize = 16;
+    const STRIDES: [usize; 3] = [16, 5, 1];
     const ROWS: usize = 3;
 
-    fn given() -> [Vec<f32>; 3] {
+    fn given(stride: usize) -> [Vec<f32>; 3] {
         let scaled = |len, seed| numbers(len, seed).into_iter().map(|x| 2.0 * x).collect();
-        let gates = GATES * ROWS * STRIDE;
-        [scaled(gates, 1), scaled(gates, 2), scaled(ROWS * STRIDE, 3)]
+        let gates = GATES * ROWS * stride;
+        [scaled(gates, 1), scaled(gates, 2), scaled(ROWS * stride, 3)]
     }
 
     #[test]
     fn steps_are_those_of_the_formula_on_every_instruction_set() {
-        let [a, b, before] = given();
-        let expected = plain(&a, &b, &before, STRIDE);
-        let mut made = Isa::available().into_iter().map(|isa| {
-            let (mut gates, mut after) = (a.clone(), vec![0.0; before.len()]);
-            let step = GruStep {
-                stride: STRIDE,
-                from_input: &mut gates,
-                from_state: &b,
-                before: &before,
-                after: &mut after,
-            };
-            step.run(isa);
-            for (ours, expected) in after.iter().zip(&expected) {
-                assert!((f64::from(*ours) - expected).abs() < 1e-6, "{ours} {expected}");
-            }
-            (bits(&gates), bits(&after))
-        });
-        let first = made.next().unwrap();
-        assert!(made.all(|other| other == first));
+        for stride in STRIDES {
+            let [a, b, before] = given(stride);
+            let expected = plain(&a, &b, &before, stride);
+            let mut made = Isa::available().into_iter().map(|isa| {
+                let (mut gates, mut after) = (a.clone(), vec![0.0; before.len()]);
+                let step = GruStep {
+                    stride,
+                    from_input: &mut gates,
+                    from_state: &b,
+                    before: &before,
+                    after: &mut after,
+                };
+                step.run(isa);
+                for (ours, expected) in after.iter().zip(&expected) {
+                    assert!((f64::from(*ours) - expected).abs() < 1e-6, "{ours} {expected}");
+                }
+                (bits(&gates), bits(&after))
+            });
+            let first = made.next().unwrap();
+            assert!(made.all(|other| other == first));
+        }
     }
 
     #[test]
     fn gradients_are_differences_of_the_steps() {
-        let [a, b, before] = given();
-        let weights = numbers(before.len(), 4);
-        let sum = |a: &[f32], b: &[f32], before: &[f32]| -> f64 {
-            let after = plain(a, b, before, STRIDE);
-            after.iter().zip(&weights).map(|(h, w)| h * f64::from(*w)).sum()
-        };
-        for isa in Isa::available() {
-            let (mut gates, mut after) = (a.clone(), vec![0.0; before.len()]);
-            let stride = STRIDE;
-            let step = GruStep {
-                stride,
-                from_input: &mut gates,
-                from_state: &b,
-                before: &before,
-                after: &mut after,
+        for stride in STRIDES {
+            let [a, b, before] = given(stride);
+            let weights = numbers(before.len(), 4);
+            let sum = |a: &[f32], b: &[f32], before: &[f32]| -> f64 {
+                let after = plain(a, b, before, stride);
+                after.iter().zip(&weights).map(|(h, w)| h * f64::from(*w)).sum()
             };
-            step.run(isa);
-            let (mut by_b, mut by_before) = (b.clone(), weights.clone());
-            let mut by_a = vec![0.0; a.len()];
-            let gradient = GruGradient {
-                stride,
-                gates: &gates,
-                from_state: &mut by_b,
-                before: &before,
-                by_after: &mut by_before,
-                by_input: &mut by_a,
-            };
-            gradient.run(isa);
-            const STEP: f32 = 1.0 / 1024.0;
-            let check = |which: usize, gradient: &[f32]| {
-                for i in (0..gradient.len()).step_by(5) {
-                    let moved = |by: f32| {
-                        let mut moved = [a.clone(), b.clone(), before.clone()];
-                        moved[which][i] += by;
-                        sum(&moved[0], &moved[1], &moved[2])
-                    };
-                    let difference = (moved(STEP) - moved(-STEP)) / (2.0 * f64::from(STEP));
-                    let off = (difference - f64::from(gradient[i])).abs();
-                    assert!(off < 2e-5, "{which} {i}: {difference} {}", gradient[i]);
-                }
-            };
-            check(0, &by_a);
-            check(1, &by_b);
-            check(2, &by_before);
+            for isa in Isa::available() {
+                let (mut gates, mut after) = (a.clone(), vec![0.0; before.len()]);
+                let step = GruStep {
+                    stride,
+                    from_input: &mut gates,
+                    from_state: &b,
+                    before: &before,
+                    after: &mut after,
+                };
+                step.run(isa);
+                let (mut by_b, mut by_before) = (b.clone(), weights.clone());
+                let mut by_a = vec![0.0; a.len()];
+                let gradient = GruGradient {
+                    stride,
+                    gates: &gates,
+                    from_state: &mut by_b,
+                    before: &before,
+                    by_after: &mut by_before,
+                    by_input: &mut by_a,
+                };
+                gradient.run(isa);
+                const STEP: f32 = 1.0 / 1024.0;
+                let check = |which: usize, gradient: &[f32]| {
+                    for i in (0..gradient.len()).step_by(5) {
+                        let moved = |by: f32| {
+                            let mut moved = [a.clone(), b.clone(), before.clone()];
+                            moved[which][i] += by;
+                            sum(&moved[0], &moved[1], &moved[2])
+                        };
+                        let difference = (moved(STEP) - moved(-STEP)) / (2.0 * f64::from(STEP));
+                        let off = (difference - f64::from(gradient[i])).abs();
+                        assert!(off < 2e-5, "{which} {i}: {difference} {}", gradient[i]);
+                    }
+                };
+                check(0, &by_a);
+                check(1, &by_b);
+                check(2, &by_before);
+            }
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::support::{Effort, Folder, assert_same_rows, manifest};
+use crate::support::{Effort, Folder, assert_same_rows, manifest, until};
 
 /// Two experiments; the second shares the jobs of one sigma with the first.
 fn two() -> Folder {
@@ -45,6 +45,21 @@ fn a_forgotten_experiment_comes_back_with_its_results() {
     assert_eq!(folder.number("SELECT count(DISTINCT job_key) FROM metric"), 8);
     folder.jitai(["run", "sweep.toml"]).succeeded().says("nothing to run: all 8 jobs");
     assert_same_rows(&folder.dump(), &before);
+}
+
+#[test]
+fn an_experiment_with_running_jobs_is_not_forgotten() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Endless));
+    let run = folder.start(["run", "sweep.toml", "--workers", "2"]);
+    let running = "SELECT count(*) FROM run WHERE status = 'running'";
+    until("jobs run", || folder.count_if_there(running) == Some(2));
+    let refused = folder.jitai(["forget", "sweep", "--results", "--yes"]).ended(2);
+    refused.says("nothing was removed").says("stop the process, or wait until it ends");
+    assert_eq!(folder.number(running), 2);
+    run.kill();
+    // A killed process runs nothing.
+    folder.jitai(["forget", "sweep", "--results", "--yes"]).succeeded().prints("with 2 jobs");
+    folder.jitai(["doctor"]).succeeded().prints("is healthy");
 }
 
 #[test]

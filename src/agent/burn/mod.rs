@@ -1,8 +1,8 @@
 //! Training by Burn: modules and automatic differentiation, with Adam from [`crate::kernel`].
 //!
 //! In: weights and hyper-parameters. Out: engines for the algorithms. A new agent can start with
-//! these plain implementations. The kernels of [`super::fused`] do the same arithmetic in a
-//! fraction of the time and are tested against them.
+//! these plain implementations. The engines of [`super::fused`] do the same arithmetic in a
+//! fraction of the time and are tested against them, and both against PyTorch.
 
 mod activation;
 mod autodiff;
@@ -46,10 +46,18 @@ pub fn column(actions: &[Action], device: &Device) -> Tensor<2, Int> {
     Tensor::from_data(TensorData::new(indices, [actions.len(), 1]), device)
 }
 
-/// The values of a tensor that is used further, without gradients, in row-major order. Reading a tensor
-/// that shares its values would take a hundred times longer than copying it first, which the product does.
+/// The values of a tensor that is still in use, in row-major order. On ndarray, reading a tensor that
+/// shares its values takes a hundred times longer than reading a copy, which the product makes.
 fn values(tensor: &Tensor<2>) -> Vec<f32> {
     numbers(tensor.clone().inner().mul_scalar(1.0))
+}
+
+/// (x - values) slopes, where `values` are those of x: zeros, whose derivative with respect to x is
+/// `slopes`. Added to numbers that were computed without Burn, they give them this derivative.
+fn linearized(x: Tensor<2>, values: Vec<f32>, slopes: Vec<f32>) -> Tensor<2> {
+    let (rows, device) = (x.dims()[0], x.clone().inner().device());
+    let constant = |values| Tensor::from_inner(matrix(values, rows, &device));
+    (x - constant(values)) * constant(slopes)
 }
 
 /// The values of a tensor in row-major order.

@@ -22,32 +22,26 @@ pub(super) fn linear(
     })
 }
 
-/// A linear layer, ready for inputs of a number of rows.
+/// A linear layer for inputs with a fixed number of rows.
 ///
-/// The bias is one row per input, made as a product with ones. As a sum of a matrix and a row, together
-/// with its gradient, it would take longer than the product with the weights.
+/// The bias is repeated for every row, by a product with ones. Adding one row to a matrix, with its
+/// gradient, takes longer than the product with the weights.
 pub(super) struct Affine {
     weight: Tensor<2>,
-    bias: Option<Tensor<2>>,
+    bias: Tensor<2>,
 }
 
 impl Affine {
     pub(super) fn new(layer: &Linear, rows: usize) -> Self {
         let weight = layer.weight.val();
-        let bias = layer.bias.as_ref().map(|bias| {
-            let ones = Tensor::ones([rows, 1], &weight.device());
-            ones.matmul(bias.val().unsqueeze())
-        });
-        Affine { weight, bias }
+        let ones = Tensor::ones([rows, 1], &weight.device());
+        let bias = layer.bias.as_ref().expect("every layer has a bias").val();
+        Affine { weight, bias: ones.matmul(bias.unsqueeze()) }
     }
 
     /// **Shapes**: \[rows, inputs\] to \[rows, outputs\].
     pub(super) fn forward(&self, input: Tensor<2>) -> Tensor<2> {
-        let product = input.matmul(self.weight.clone());
-        match &self.bias {
-            Some(bias) => product + bias.clone(),
-            None => product,
-        }
+        input.matmul(self.weight.clone()) + self.bias.clone()
     }
 }
 

@@ -167,17 +167,6 @@ impl ActionNetwork for ActorCritic {
     }
 }
 
-impl RecurrentActorCritic {
-    /// Advances the memory by one step; returns the new states.
-    fn recalled(&self, observations: &Observations, memory: &mut [f32]) -> Tensor<2> {
-        let device = device::inference();
-        let states = matrix(memory.to_vec(), observations.rows(), &device);
-        let states = self.step(input(observations, &device), states);
-        memory.copy_from_slice(&numbers(states.clone()));
-        states
-    }
-}
-
 impl BurnActorCritic for RecurrentActorCritic {
     fn outputs(&self, observations: &Observations, memory: &mut [f32]) -> (Tensor<2>, Tensor<2>) {
         self.heads(self.recalled(observations, memory))

@@ -5,7 +5,7 @@ use burn::nn::Linear;
 use burn::tensor::{Device, Tensor};
 
 use crate::agent::burn::network::{Affine, HiddenLayers, affine, linear, store_linear};
-use crate::agent::burn::{gates, matrix};
+use crate::agent::burn::{device, gates, input, matrix, values};
 use crate::agent::layers::{self, Layer};
 use crate::agent::weights::{Weights, WeightsError};
 use crate::agent::{Activation, DuelingDqn, Ppo};
@@ -24,9 +24,9 @@ struct GruLayers {
     trunk_after: HiddenLayers,
 }
 
-/// Steps whose observations are one matrix. More steps take fewer operations. But the gradient of each
-/// step's slice is as large as what was sliced.
-const BLOCK: usize = 4;
+/// The number of steps whose input is computed at once. A larger block takes fewer operations, but
+/// Burn makes the gradient of each step's slice as large as the block.
+const STEPS_PER_BLOCK: usize = 4;
 
 /// Sequences of observations, side by side.
 pub(super) struct Unrolled<'a> {
@@ -63,6 +63,15 @@ impl GruLayers {
         self.gru_hidden.weight.dims()[0]
     }
 
+    /// Advances the memory of episodes, \[rows, units\], by one step; returns the new states.
+    fn recall(&self, observations: &Observations, memory: &mut [f32]) -> Tensor<2> {
+        let device = device::inference();
+        let states = matrix(memory.to_vec(), observations.rows(), &device);
+        let states = self.step(input(observations, &device), states);
+        memory.copy_from_slice(&values(&states));
+        states
+    }
+
     /// The states after observations, given the states before.
     ///
     /// **Shapes**: \[rows, width\] and \[rows, units\] to \[rows, units\].
@@ -80,9 +89,10 @@ impl GruLayers {
     /// The states after every step of sequences, \[rows, units\].
     fn unroll(&self, sequences: &Unrolled<'_>, device: &Device) -> Tensor<2> {
         let Unrolled { observations, lanes, memory, firsts, cuts } = *sequences;
+        assert_eq!(observations.rows() % lanes, 0, "whole steps");
         let written = observations.written_out();
         let width = written.len() / observations.rows();
-        let blocks = written.chunks(BLOCK * lanes * width).flat_map(|block| {
+        let blocks = written.chunks(STEPS_PER_BLOCK * lanes * width).flat_map(|block| {
             let rows = block.len() / width;
             let from_input = self.contribution(matrix(block.to_vec(), rows, device));
             let starts = (0..rows).step_by(lanes);
@@ -158,11 +168,9 @@ impl RecurrentActorCritic {
         self.layers.units()
     }
 
-    /// The states after observations, given the states before.
-    ///
-    /// **Shapes**: \[rows, width\] and \[rows, units\] to \[rows, units\].
-    pub fn step(&self, observations: Tensor<2>, states: Tensor<2>) -> Tensor<2> {
-        self.layers.step(observations, states)
+    /// Advances the memory of episodes, \[rows, units\], by one step; returns the new states.
+    pub(super) fn recalled(&self, observations: &Observations, memory: &mut [f32]) -> Tensor<2> {
+        self.layers.recall(observations, memory)
     }
 
     /// The states after every step of sequences, \[rows, units\].
@@ -219,10 +227,9 @@ impl RecurrentDuelingQNetwork {
         self.layers.units()
     }
 
-    /// The states after observations, given the states before; shapes as in
-    /// [`RecurrentActorCritic::step`].
-    pub fn step(&self, observations: Tensor<2>, states: Tensor<2>) -> Tensor<2> {
-        self.layers.step(observations, states)
+    /// See [`RecurrentActorCritic::recalled`].
+    pub(super) fn recalled(&self, observations: &Observations, memory: &mut [f32]) -> Tensor<2> {
+        self.layers.recall(observations, memory)
     }
 
     /// The states after every step of sequences, \[rows, units\].

@@ -7,7 +7,7 @@ use burn::tensor::{Device, Tensor};
 
 use crate::agent::burn::recurrent::{RecurrentDuelingQNetwork, Unrolled};
 use crate::agent::burn::trainer::{Trainer, restore_parameters, save_parameters};
-use crate::agent::burn::{column, device, input, matrix, numbers};
+use crate::agent::burn::{column, device, matrix, numbers};
 use crate::agent::dueling_dqn::{RecurrentDqnEngine, SequenceBatch};
 use crate::agent::policy::ActionNetwork;
 use crate::agent::{DuelingDqn, Weights, WeightsError};
@@ -67,10 +67,7 @@ impl ActionNetwork for RecurrentDuelingQNetwork {
     }
 
     fn recall(&mut self, observations: &Observations, memory: &mut [f32], out: &mut Vec<f32>) {
-        let device = device::inference();
-        let states = matrix(memory.to_vec(), observations.rows(), &device);
-        let states = self.step(input(observations, &device), states);
-        memory.copy_from_slice(&numbers(states.clone()));
+        let states = self.recalled(observations, memory);
         *out = numbers(RecurrentDuelingQNetwork::values(self, states));
     }
 }

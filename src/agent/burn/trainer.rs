@@ -12,8 +12,7 @@ use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// A module, its parameters as one array, and Adam on that array.
 ///
-/// Burn's own Adam takes a dozen operations for each tensor of parameters. With the small tensors of
-/// these networks, they would take more time than the gradient.
+/// Burn's own Adam takes a dozen operations for each tensor of parameters, however small.
 #[derive(Debug)]
 pub(super) struct Trainer<M> {
     module: M,

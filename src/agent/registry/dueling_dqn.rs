@@ -230,7 +230,7 @@ pub fn learner_in<Env: VectorEnvironment + 'static>(
         return recurrent_learner(parameters, environment, seed);
     }
     let stacks = layers::dueling(parameters, inputs);
-    let weights = layers::initial(&stacks, COPIES, seed)?;
+    let weights = layers::initial(&stacks, COPIES + parameters.engine.further_copies(), seed)?;
     Ok(match parameters.engine {
         Engine::Fused => {
             let engine = FusedDuelingDqn::new(parameters, inputs, &weights, Isa::chosen());
@@ -252,7 +252,7 @@ fn recurrent_learner<Env: VectorEnvironment + 'static>(
 ) -> Result<Box<dyn Learner<Env>>, StartError> {
     let inputs = environment.observation_spec().inputs();
     let layers = layers::dueling_layers(parameters, inputs);
-    let weights = orthogonal::initial(&layers, COPIES, seed)?;
+    let weights = orthogonal::initial(&layers, COPIES + parameters.engine.further_copies(), seed)?;
     Ok(match parameters.engine {
         Engine::Fused => {
             let engine = FusedRecurrentDqn::new(parameters, inputs, &weights, Isa::chosen());

@@ -146,7 +146,11 @@ pub fn learner_in<Env: VectorEnvironment + 'static>(
 ) -> Result<Box<dyn Learner<Env>>, StartError> {
     unless_fit(&environment, parameters.lanes as usize)?;
     let inputs = environment.observation_spec().inputs();
-    let weights = orthogonal::initial(&layers::ppo(parameters, inputs), COPIES, seed)?;
+    let weights = orthogonal::initial(
+        &layers::ppo(parameters, inputs),
+        COPIES + parameters.engine.further_copies(),
+        seed,
+    )?;
     let isa = Isa::chosen();
     Ok(match (parameters.engine, parameters.recurrent) {
         (Engine::Fused, Recurrent::None) => {

@@ -116,7 +116,7 @@ pub fn learner_in<Env: VectorEnvironment + 'static>(
     unless_fit(&environment, parameters.trajectories_per_update as usize)?;
     let inputs = environment.observation_spec().inputs();
     let stacks = [layers::policy(parameters, inputs)];
-    let weights = layers::initial(&stacks, COPIES, seed)?;
+    let weights = layers::initial(&stacks, COPIES + parameters.engine.further_copies(), seed)?;
     Ok(match parameters.engine {
         Engine::Fused => {
             let engine = FusedReinforce::new(parameters, inputs, &weights, Isa::chosen());
