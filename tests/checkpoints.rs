@@ -476,12 +476,14 @@ fn a_checkpoint_of_other_code_or_another_job_is_refused_and_says_so() {
 
 #[test]
 fn states_that_make_no_sense_are_no_reason_to_panic() {
-    for (_, job) in small_jobs() {
+    for (name, job) in small_jobs() {
+        // Burn takes long to start. A prime number of bytes apart, all parts of all numbers are met.
+        let stride = if name.contains("Burn") { 31 } else { 1 };
         let (kept, _) = every_checkpoint(&job);
         let checkpoint = &kept[kept.len() / 2];
         let state =
             1 + checkpoint.iter().enumerate().filter(|(_, b)| **b == b'\n').nth(1).unwrap().0;
-        for place in state..checkpoint.len() - SEAL {
+        for place in (state..checkpoint.len() - SEAL).step_by(stride) {
             let mut changed = checkpoint[..checkpoint.len() - SEAL].to_vec();
             changed[place] ^= 0xff;
             let seal = Sha256::digest(&changed);
