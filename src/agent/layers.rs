@@ -182,30 +182,28 @@ pub(super) fn draw(stacks: &[Stack], stream: &mut Stream) -> Weights {
     let mut weights = Weights::default();
     let hidden = stacks.iter().flat_map(|stack| &stack.hidden);
     for layer in hidden.chain(stacks.iter().flat_map(|stack| &stack.heads)) {
-        let bound = 1.0 / (layer.inputs as f64).sqrt();
         for (name, shape) in [
             (layer.weight(), vec![layer.inputs, layer.outputs]),
             (layer.bias(), vec![layer.outputs]),
         ] {
-            let count = shape.iter().product();
-            let values = (0..count).map(|_| ((2.0 * stream.unit() - 1.0) * bound) as f32).collect();
-            weights.tensors.insert(name, Tensor { shape, values });
+            weights.tensors.insert(name, uniform(shape, layer.inputs, stream));
         }
     }
     weights
 }
 
-/// Initial matrices, concatenated in row-major order: uniform in ±1/sqrt(rows), drawn from the
-/// seed's own stream.
-pub(super) fn draw_matrices(shapes: &[[usize; 2]], seed: u64) -> Vec<f32> {
+/// Initial matrices: uniform in ±1/sqrt(rows), drawn one after the other from the seed's own stream.
+pub(super) fn draw_matrices(shapes: &[[usize; 2]], seed: u64) -> Vec<Tensor> {
     let mut stream = Stream::new(seed, Purpose::InitialWeights);
-    let mut values = Vec::new();
-    for [rows, columns] in shapes {
-        let bound = 1.0 / (*rows as f64).sqrt();
-        let numbers = rows * columns;
-        values.extend((0..numbers).map(|_| ((2.0 * stream.unit() - 1.0) * bound) as f32));
-    }
-    values
+    shapes.iter().map(|shape| uniform(shape.to_vec(), shape[0], &mut stream)).collect()
+}
+
+/// Draws an array uniformly in ±1/sqrt(inputs).
+fn uniform(shape: Vec<usize>, inputs: usize, stream: &mut Stream) -> Tensor {
+    let bound = 1.0 / (inputs as f64).sqrt();
+    let count = shape.iter().product();
+    let values = (0..count).map(|_| ((2.0 * stream.unit() - 1.0) * bound) as f32).collect();
+    Tensor { shape, values }
 }
 
 #[cfg(test)]

@@ -2,15 +2,16 @@
 
 use std::io;
 
-use burn::tensor::{Device, Tensor, activation};
+use burn::module::Param;
+use burn::tensor::{Tensor, activation};
 
+use crate::agent::burn::trainer::Trainer;
 use crate::agent::burn::{column, device, input, matrix};
 use crate::agent::layers;
 use crate::agent::policy::ActionNetwork;
 use crate::agent::reinforce::{ReinforceEngine, Trajectories};
 use crate::agent::weights::{Tensor as WeightTensor, Weights, WeightsError};
 use crate::env::Observations;
-use crate::kernel::{Adam, Isa};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// A policy whose network and loss are written with Burn's operations.
@@ -35,48 +36,36 @@ pub trait PolicyGradient: Clone + Send + 'static {
 #[derive(Clone)]
 pub struct AutodiffPolicy<P> {
     policy: P,
-    shapes: Vec<[usize; 2]>,
-    /// The weight matrices one after the other, each in row-major order.
-    weights: Vec<f32>,
-    adam: Adam,
+    matrices: Trainer<Vec<Param<Tensor<2>>>>,
 }
 
 impl<P: PolicyGradient> AutodiffPolicy<P> {
     /// A policy before training, for observations of `inputs` entries; its weights are drawn from
     /// the seed's own stream.
     pub fn new(policy: P, inputs: usize, learning_rate: f64, seed: u64) -> Self {
-        let shapes = policy.shapes(inputs);
-        let weights = layers::draw_matrices(&shapes, seed);
-        AutodiffPolicy { adam: Adam::new(learning_rate, weights.len()), policy, shapes, weights }
+        let drawn = layers::draw_matrices(&policy.shapes(inputs), seed);
+        AutodiffPolicy { matrices: trainer(&drawn, learning_rate), policy }
     }
 
     /// The policy with trained weights.
     ///
     /// **Errors**: an array is missing or of another shape.
     pub fn trained(policy: P, inputs: usize, weights: &Weights) -> Result<Self, WeightsError> {
-        let shapes = policy.shapes(inputs);
-        let mut values = Vec::new();
-        for (place, shape) in shapes.iter().enumerate() {
-            values.extend_from_slice(&weights.tensor(&name(place), shape)?.values);
-        }
-        Ok(AutodiffPolicy { adam: Adam::new(0.0, values.len()), policy, shapes, weights: values })
+        let shapes = policy.shapes(inputs).into_iter().enumerate();
+        let matrices = shapes.map(|(place, shape)| weights.tensor(&name(place), &shape).cloned());
+        let matrices = matrices.collect::<Result<Vec<WeightTensor>, _>>()?;
+        Ok(AutodiffPolicy { matrices: trainer(&matrices, 0.0), policy })
     }
+}
 
-    fn tensors(&self, device: &Device) -> Vec<Tensor<2>> {
-        let matrices = self.matrices().into_iter();
-        matrices.map(|(rows, values)| matrix(values.to_vec(), rows, device)).collect()
-    }
+fn trainer(matrices: &[WeightTensor], learning_rate: f64) -> Trainer<Vec<Param<Tensor<2>>>> {
+    let device = device::training();
+    let parameter = |matrix: &WeightTensor| Param::from_tensor(matrix.to_burn(&device));
+    Trainer::new(matrices.iter().map(parameter).collect(), learning_rate)
+}
 
-    /// Number of rows and values of each weight matrix.
-    fn matrices(&self) -> Vec<(usize, &[f32])> {
-        let mut rest = &self.weights[..];
-        let mut next = |[rows, columns]: &[usize; 2]| {
-            let (values, after) = rest.split_at(rows * columns);
-            rest = after;
-            (*rows, values)
-        };
-        self.shapes.iter().map(&mut next).collect()
-    }
+fn tensors(matrices: &[Param<Tensor<2>>]) -> Vec<Tensor<2>> {
+    matrices.iter().map(Param::val).collect()
 }
 
 /// The name of the weight matrix at this index.
@@ -86,8 +75,8 @@ fn name(place: usize) -> String {
 
 impl<P: PolicyGradient> ActionNetwork for AutodiffPolicy<P> {
     fn evaluate(&mut self, observations: &Observations, out: &mut Vec<f32>) {
-        let device = device::inference();
-        let logits = self.policy.logits(&self.tensors(&device), input(observations, &device));
+        let observations = input(observations, &device::inference());
+        let logits = self.policy.logits(&tensors(self.matrices.evaluated()), observations);
         *out = super::numbers(logits);
     }
 }
@@ -98,9 +87,8 @@ impl<P: PolicyGradient> ReinforceEngine for AutodiffPolicy<P> {
     /// One step of Adam on the loss of the policy.
     fn update(&mut self, trajectories: &Trajectories) -> f32 {
         let device = device::training();
-        let weights = self.tensors(&device).into_iter().map(Tensor::require_grad);
-        let weights: Vec<Tensor<2>> = weights.collect();
-        let logits = self.policy.logits(&weights, input(&trajectories.observations, &device));
+        let observations = input(&trajectories.observations, &device);
+        let logits = self.policy.logits(&tensors(self.matrices.module()), observations);
         let log_probabilities = activation::log_softmax(logits, 1);
         let taken = log_probabilities.clone().gather(1, column(&trajectories.actions, &device));
         let rows = trajectories.actions.len();
@@ -108,16 +96,7 @@ impl<P: PolicyGradient> ReinforceEngine for AutodiffPolicy<P> {
         let loss = self.policy.loss(log_probabilities, taken, returns);
         let value: f32 = loss.clone().into_scalar();
         if value.is_finite() {
-            let gradients = loss.backward();
-            let mut gradient: Vec<f32> = Vec::with_capacity(self.weights.len());
-            for (weights, shape) in weights.iter().zip(&self.shapes) {
-                match weights.grad(&gradients) {
-                    Some(part) => gradient.extend(super::numbers(part)),
-                    // The loss does not depend on this matrix.
-                    None => gradient.resize(gradient.len() + shape[0] * shape[1], 0.0),
-                }
-            }
-            self.adam.update(Isa::chosen(), &mut self.weights, &mut gradient);
+            self.matrices.step(&loss, None);
         }
         value
     }
@@ -127,24 +106,19 @@ impl<P: PolicyGradient> ReinforceEngine for AutodiffPolicy<P> {
     }
 
     fn weights(&self) -> Weights {
-        let mut weights = Weights::default();
-        for (place, (rows, values)) in self.matrices().into_iter().enumerate() {
-            let shape = vec![rows, values.len() / rows];
-            weights.tensors.insert(name(place), WeightTensor { shape, values: values.to_vec() });
-        }
-        weights
+        let matrices = tensors(self.matrices.module()).into_iter().enumerate();
+        let tensors = matrices.map(|(place, matrix)| (name(place), WeightTensor::of_burn(matrix)));
+        Weights { tensors: tensors.collect(), ..Weights::default() }
     }
 }
 
 impl<P: PolicyGradient> Resumable for AutodiffPolicy<P> {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.many(&self.weights)?;
-        self.adam.save(out)
+        self.matrices.save(out)
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        from.fill(&mut self.weights, "weights")?;
-        self.adam.restore(from)
+        self.matrices.restore(from)
     }
 }
 
@@ -189,14 +163,15 @@ mod tests {
     #[test]
     fn an_update_makes_a_rewarded_action_likelier_by_hand() {
         let mut policy = AutodiffPolicy::new(Linear, 1, 0.01, 7);
-        let before = policy.weights.clone();
+        let before = policy.weights().tensors["matrix.0"].values.clone();
         let loss = policy.update(&one_step(2));
         // The loss is -G log p. Its gradient is G (p - 1) for the action taken and G p for the
         // others. Adam's first step has the size of the learning rate, against the sign of the
         // gradient.
         let sum: f32 = before.iter().map(|logit| logit.exp()).sum();
         assert!((loss + 3.0 * (before[2].exp() / sum).ln()).abs() < 1e-5, "{loss}");
-        for (place, (after, before)) in policy.weights.iter().zip(&before).enumerate() {
+        let after = &policy.weights().tensors["matrix.0"].values;
+        for (place, (after, before)) in after.iter().zip(&before).enumerate() {
             let step = if place == 2 { 0.01 } else { -0.01 };
             assert!((after - before - step).abs() < 1e-5, "{place}: {before} {after}");
         }
@@ -220,6 +195,6 @@ mod tests {
         for engine in [&mut policy, &mut resumed] {
             engine.update(&one_step(1));
         }
-        assert_eq!(policy.weights, resumed.weights);
+        assert_eq!(policy.weights(), resumed.weights());
     }
 }

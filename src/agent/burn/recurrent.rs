@@ -64,7 +64,7 @@ impl GruLayers {
     }
 
     /// Advances the memory of episodes, \[rows, units\], by one step; returns the new states.
-    fn recall(&self, observations: &Observations, memory: &mut [f32]) -> Tensor<2> {
+    fn recalled(&self, observations: &Observations, memory: &mut [f32]) -> Tensor<2> {
         let device = device::inference();
         let states = matrix(memory.to_vec(), observations.rows(), &device);
         let states = self.step(input(observations, &device), states);
@@ -170,7 +170,7 @@ impl RecurrentActorCritic {
 
     /// Advances the memory of episodes, \[rows, units\], by one step; returns the new states.
     pub(super) fn recalled(&self, observations: &Observations, memory: &mut [f32]) -> Tensor<2> {
-        self.layers.recall(observations, memory)
+        self.layers.recalled(observations, memory)
     }
 
     /// The states after every step of sequences, \[rows, units\].
@@ -229,7 +229,7 @@ impl RecurrentDuelingQNetwork {
 
     /// See [`RecurrentActorCritic::recalled`].
     pub(super) fn recalled(&self, observations: &Observations, memory: &mut [f32]) -> Tensor<2> {
-        self.layers.recall(observations, memory)
+        self.layers.recalled(observations, memory)
     }
 
     /// The states after every step of sequences, \[rows, units\].

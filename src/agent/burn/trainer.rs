@@ -13,7 +13,7 @@ use crate::state::{Resumable, StateError, StateReader, StateWriter};
 /// A module, its parameters as one array, and Adam on that array.
 ///
 /// Burn's own Adam takes a dozen operations for each tensor of parameters, however small.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Trainer<M> {
     module: M,
     /// The module without gradients; set by the first evaluation after a step.
