@@ -72,13 +72,13 @@ impl By {
 
 impl Panels {
     /// The panels of these arms, as they are displayed. A declared key alone determines the panels.
-    /// Otherwise the panels of `usual` are split along the key with the fewest values, as long as a
-    /// panel has more than [`MOST_ARMS`] arms.
+    /// Otherwise the panels of `usual` are split along further keys, as long as a panel has more
+    /// than [`MOST_ARMS`] arms.
     pub fn of(arms: &[&ArmId], declared: Option<PanelKey>, usual: Option<PanelKey>) -> Panels {
         let mut by: Vec<By> = declared.or(usual).map(by).into_iter().collect();
         let (mut panels, mut added) = (grouped(arms, &by), Vec::new());
         while declared.is_none() && panels.iter().any(|panel| panel.members.len() > MOST_ARMS) {
-            let Some(next) = fewest(arms, &by) else { break };
+            let Some(next) = next(arms, &by) else { break };
             added.push(next.name());
             by.push(next);
             panels = grouped(arms, &by);
@@ -152,9 +152,10 @@ fn grouped(arms: &[&ArmId], by: &[By]) -> Vec<Panel> {
     panels
 }
 
-/// The key with the fewest values, among keys with several values that do not distinguish panels
-/// yet. Ties go to agents before scenarios before other keys.
-fn fewest(arms: &[&ArmId], taken: &[By]) -> Option<By> {
+/// The key by which panels are split next: the one with the fewest values, among those that leave no
+/// panel with more than [`MOST_ARMS`] arms, if there are any. Ties go to agents before scenarios before
+/// other keys.
+fn next(arms: &[&ArmId], taken: &[By]) -> Option<By> {
     let mut keys = vec![By::Agent, By::Scenario];
     for (name, _) in arms.iter().flat_map(|arm| &arm.settings) {
         let key = By::Key(name.clone());
@@ -169,7 +170,11 @@ fn fewest(arms: &[&ArmId], taken: &[By]) -> Option<By> {
         (values.len(), key)
     });
     let swept = counted.filter(|(count, _)| *count > 1);
-    swept.min_by_key(|(count, _)| *count).map(|(_, key)| key)
+    let is_too_full = |key: &By| {
+        let panels = grouped(arms, &[taken, std::slice::from_ref(key)].concat());
+        panels.iter().any(|panel| panel.members.len() > MOST_ARMS)
+    };
+    swept.min_by_key(|(count, key)| (is_too_full(key), *count)).map(|(_, key)| key)
 }
 
 #[cfg(test)]
@@ -215,10 +220,14 @@ mod tests {
         let (headings, counts, labels) = of(&twelve, None);
         assert_eq!((headings, counts), (vec!["P".to_owned(), "L".to_owned()], vec![6, 6]));
         assert_eq!(labels[..3], ["a δ_d=1", "a δ_d=2", "a δ_d=1"]);
-        // Panels are split until none has more than six arms.
+        // Two scenarios would leave nine arms in a panel; three agents leave six.
         let many = arms(&["a", "b", "c"], &["P", "L"], &[1.0, 2.0, 3.0]);
-        assert_eq!(of(&many, None).1, [3; 6]);
-        assert_eq!(of(&many, None).0[1], "L, a");
+        assert_eq!(of(&many, None).0, ["a", "b", "c"]);
+        assert_eq!(of(&many, None).1, [6; 3]);
+        // If no key is enough, panels are split until none has more than six arms.
+        let more = arms(&["a", "b", "c"], &["P", "L", "C"], &[1.0, 2.0, 3.0]);
+        assert_eq!(of(&more, None).1, [3; 9]);
+        assert_eq!(of(&more, None).0[1], "a, L");
     }
 
     #[test]
