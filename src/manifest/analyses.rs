@@ -8,7 +8,7 @@ use super::analysis::{Analysis, AnalysisDraft};
 use super::analysis_keys::{ANALYSED_METRICS, ERROR_AXIS, KindName};
 use super::analysis_kind::{AnalysisKind, CurveAxis, Recovery};
 use super::condition::Condition;
-use super::declared::Manifest;
+use super::declared::{DeclaredAgent, Manifest};
 use super::draft::Draft;
 use super::fault::{Fault, FaultList};
 use super::first_episodes::{first_episodes, first_return};
@@ -21,6 +21,7 @@ use super::sides::Sides;
 use super::source::{Located, Span};
 use super::sweep::{Node, Reader};
 use crate::agent::free_key;
+use crate::env::Scenario;
 use crate::key::{Distribution, Kind, Parameter, Value};
 
 /// The probability of context 1.
@@ -369,11 +370,15 @@ pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
             let help = "use another analysis";
             faults.add(Fault::at(analysis.span, message).help(help));
         }
+        if let AnalysisKind::Recovery(recovery) = &analysis.analysis.kind {
+            recovery_has_jobs(draft, manifest, (analysis, recovery), faults);
+        }
         for axis in &analysis.axes {
             let lengths = manifest.agents.iter().map(|agent| manifest.length(agent, axis.value));
             if lengths.max().is_some_and(|most| most < 2) && !draft.is_invalid(axis.value) {
                 let message = format!("`{}` is not swept: it has one value", axis.value);
-                let help = "an axis needs a parameter with several values";
+                let help =
+                    "an axis needs a number with several values: sweep it, or name another as `x`";
                 faults.add(Fault::at(axis.span, message).help(help));
             }
             let repeats = |values: &&[Value]| {
@@ -410,6 +415,47 @@ pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
         if let (Some(seed), false) = (shared, draft.is_invalid(Parameter::Seed)) {
             let message = format!("seed {seed} is used both for the search and for the report");
             let help = "search on seeds that are not reported, such as seeds = [101, 102]";
+            faults.add(Fault::at(analysis.span, message).help(help));
+        }
+    }
+}
+
+/// Reports a recovery without an optimum, or with a side that no agent can be on.
+fn recovery_has_jobs(
+    draft: &Draft,
+    manifest: &Manifest,
+    (analysis, recovery): (&AnalysisDraft, &Recovery),
+    faults: &mut FaultList,
+) {
+    let is_concerned = |scenario: &&Scenario| {
+        analysis.analysis.conditions.iter().all(|condition| match condition {
+            Condition::Scenario(list) => list.contains(scenario),
+            Condition::Seed(_) | Condition::AgentName(_) | Condition::Key { .. } => true,
+        })
+    };
+    let mut concerned = manifest.scenarios.iter().filter(is_concerned);
+    if !concerned.any(Scenario::shows_state) && !draft.is_invalid(Parameter::Scenario) {
+        let message =
+            "no job to analyse has a scenario that shows H and D, whose optimum a recovery needs";
+        let help = "add one to the manifest's `scenarios`, as in [\"P-T\", \"P-H-D\"]";
+        faults.add(Fault::at(analysis.span, message.to_owned()).help(help));
+    }
+    if analysis.conditions.iter().any(|one| absent(draft, manifest, &one.value).is_some()) {
+        return;
+    }
+    for (side, conditions) in [("with", &recovery.with), ("without", &recovery.without)] {
+        let has = |agent: &DeclaredAgent, condition: &Condition| match condition {
+            Condition::AgentName(names) => names.contains(&agent.name),
+            Condition::Key { parameter, values } => {
+                let of_agent = manifest.values(agent, *parameter).unwrap_or_default();
+                of_agent.iter().any(|value| values.contains(value))
+            }
+            Condition::Scenario(_) | Condition::Seed(_) => true,
+        };
+        let is_on_side = |agent: &DeclaredAgent| conditions.iter().all(|one| has(agent, one));
+        if !manifest.agents.iter().any(is_on_side) && !draft.invalid_agents {
+            let message = format!("no agent meets all conditions of `{side}`");
+            let help = "name an agent and values that it has: { agent.name = \"ppo\", scenario = \"P-T\" }";
             faults.add(Fault::at(analysis.span, message).help(help));
         }
     }

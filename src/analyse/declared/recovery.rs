@@ -14,14 +14,24 @@ pub struct RecoveryRow {
     pub without: ArmId,
     /// The returns of both arms' seeds.
     pub returns: [Sample; 2],
-    /// The best mean return that any policy can reach where the state is observed.
-    pub optimum: Option<f64>,
+    /// The largest optimum of the analysis' scenarios that show the state.
+    pub optimum: Option<ScenarioOptimum>,
     /// The share.
     pub recovered: Result<Recovered, Undefined>,
 }
 
-/// One row per pair of arms in the same environment, in the manifest's order. The optimum comes
-/// from any job of the analysis in this environment whose scenario shows the state.
+/// The best mean return that any policy can reach in a scenario.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ScenarioOptimum {
+    /// The scenario.
+    pub scenario: String,
+    /// The mean return.
+    pub mean_return: f64,
+}
+
+/// One row per pair of arms in the same environment, in the manifest's order. The optimum is the
+/// largest of this environment among the analysis' jobs, of which only those have one whose scenario
+/// shows the state.
 pub fn rows(recovery: &Recovery, metric: &str, jobs: &[&JobRecord]) -> Vec<RecoveryRow> {
     let arms = arms(jobs, &[]);
     let of = |conditions: &[Condition]| -> Vec<&Arm<'_>> {
@@ -36,18 +46,23 @@ pub fn rows(recovery: &Recovery, metric: &str, jobs: &[&JobRecord]) -> Vec<Recov
     for with in &with {
         let place = environment(&with.name);
         let here = |arm: &&&Arm<'_>| environment(&arm.name) == place;
-        let optimum = arms.iter().filter(|arm| here(&arm)).find_map(Arm::optimum);
+        let optima = arms.iter().filter(|arm| here(&arm)).filter_map(|arm| {
+            let scenario = arm.name.scenario.clone();
+            arm.optimum().map(|mean_return| ScenarioOptimum { scenario, mean_return })
+        });
+        let optimum = optima.max_by(|a, b| a.mean_return.total_cmp(&b.mean_return));
         for without in without.iter().filter(|arm| here(arm)) {
             let returns = [with.sample(metric), without.sample(metric)];
             let [of_with, of_without] = &returns;
-            let recovered = optimum.ok_or(Undefined::NoOptimum).and_then(|optimum| {
-                analyse::recovered(of_with.values(), of_without.values(), optimum)
+            let recovered = optimum.as_ref().ok_or(Undefined::NoOptimum).and_then(|optimum| {
+                let best = optimum.mean_return;
+                analyse::recovered(of_with.values(), of_without.values(), best)
             });
             rows.push(RecoveryRow {
                 with: with.name.clone(),
                 without: without.name.clone(),
                 returns,
-                optimum,
+                optimum: optimum.clone(),
                 recovered,
             });
         }
@@ -61,4 +76,52 @@ fn environment(name: &ArmId) -> Vec<&(String, Setting)> {
         setting.0.starts_with("environment.") || setting.0.starts_with("population.")
     };
     name.settings.iter().filter(is_environment).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::manifest::{AnalysisKind, Manifest, parse};
+    use crate::plan;
+    use crate::record::JobStatus;
+
+    const MANIFEST: &str = "format = 1\nname = \"t\"\nseeds = 2\nenvironment.sigma = [0.4, 0.6]\n\
+        scenarios = [\"P-T\", \"P-H-D\", \"L-H-D\"]\n[[agent]]\nname = \"a\"\nalgorithm = \"reinforce\"\n\
+        [[agent]]\nname = \"b\"\nalgorithm = \"ppo\"\n[[analysis]]\nname = \"r\"\nkind = \"recovery\"\n\
+        with = { agent.name = \"b\", scenario = \"P-T\" }\nwithout = { agent.name = \"a\", scenario = \"P-T\" }";
+
+    /// The rows from jobs whose optimum is a function of sigma and scenario.
+    fn rows_with(
+        manifest: &Manifest,
+        optimum: impl Fn(f64, &str) -> Option<f64>,
+    ) -> Vec<RecoveryRow> {
+        let AnalysisKind::Recovery(recovery) = &manifest.analyses[0].kind else { unreachable!() };
+        let jobs = plan::jobs(manifest).map(|planned| {
+            let mut job = JobRecord::new(&planned, planned.form.key(), JobStatus::Pending);
+            job.optimum = optimum(job.number("environment.sigma").unwrap(), &job.scenario);
+            job
+        });
+        let jobs: Vec<JobRecord> = jobs.collect();
+        rows(recovery, "mean_return", &jobs.iter().collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn arms_are_paired_by_environment_and_the_largest_optimum_counts() {
+        let manifest = parse("t", MANIFEST.as_bytes()).unwrap();
+        let found = rows_with(&manifest, |sigma, scenario| match scenario {
+            "P-H-D" => Some(3600.0 - 1000.0 * sigma),
+            "L-H-D" => Some(3000.0 - 1000.0 * sigma),
+            _ => None,
+        });
+        assert_eq!(found.len(), 2);
+        for (row, best) in found.iter().zip([3200.0, 3000.0]) {
+            assert_eq!((row.with.agent.as_str(), row.without.agent.as_str()), ("b", "a"));
+            assert_eq!(row.with.settings, row.without.settings);
+            let optimum = row.optimum.as_ref().unwrap();
+            assert_eq!((optimum.scenario.as_str(), optimum.mean_return), ("P-H-D", best));
+            assert_eq!(row.recovered, Err(Undefined::NoSeeds));
+        }
+        let unknown = rows_with(&manifest, |_, _| None);
+        assert!(unknown.iter().all(|row| row.recovered == Err(Undefined::NoOptimum)));
+    }
 }

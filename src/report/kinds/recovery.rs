@@ -4,7 +4,7 @@ use super::{Drawn, Sheet};
 use crate::analyse::declared::RecoveryRow;
 use crate::analyse::{Interval, Recovered, Undefined};
 use crate::report::arm_tables;
-use crate::report::data_table::{DataTable, Entry};
+use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{arm_label, seeds, settings_label};
 use crate::report::scene::Scene;
 use crate::report::tables::{high, in_unit, low};
@@ -28,6 +28,7 @@ impl Drawn for Vec<RecoveryRow> {
             ("return_with", "Return with"),
             ("return_without", "Return without"),
             ("optimum", "Optimum"),
+            ("optimum_scenario", "Of"),
             ("seeds_with", "n with"),
             ("seeds_without", "n without"),
             ("recovered", "Recovered, %"),
@@ -44,13 +45,15 @@ impl Drawn for Vec<RecoveryRow> {
                 Entry::text(arm_label(&row.without)),
                 in_unit(with.mean(), metric),
                 in_unit(without.mean(), metric),
-                arm_tables::optimum(row.optimum),
+                arm_tables::optimum(row.optimum.as_ref().map(|best| best.mean_return)),
+                Entry::text(row.optimum.as_ref().map_or("", |best| best.scenario.as_str())),
                 Entry::number(with.n() as f64, 0),
                 Entry::number(without.n() as f64, 0),
                 percent(row.recovered.map(|found| found.share)),
                 match interval {
                     Ok(Interval { low, high }) => {
-                        Entry::text(format!("{:.1} to {:.1}", 100.0 * low, 100.0 * high))
+                        let [low, high] = [low, high].map(|end| shown(100.0 * end, 1));
+                        Entry::text(format!("{low} to {high}"))
                     }
                     Err(reason) => Entry::Missing(reason.to_string()),
                 },
@@ -85,8 +88,9 @@ impl Drawn for Vec<RecoveryRow> {
         };
         if known.len() <= LISTED && known.iter().all(|(row, _)| same(row)) {
             let shares: Vec<String> = known.iter().map(|(row, found)| share(row, found)).collect();
+            let of = first.optimum.as_ref().map_or("", |best| best.scenario.as_str());
             return Some(format!(
-                "{} {} recovers {} of what {} {} loses against the optimum",
+                "{} {} recovers {} of what {} {} loses against the optimum of {of}",
                 first.with.agent,
                 first.with.scenario,
                 shares.join(", "),
@@ -124,7 +128,7 @@ impl Drawn for Vec<RecoveryRow> {
 
 fn percent(value: Result<f64, Undefined>) -> Entry {
     match value {
-        Ok(value) => Entry::Number { value, shown: format!("{:.1}", 100.0 * value) },
+        Ok(value) => Entry::Number { value, shown: shown(100.0 * value, 1) },
         Err(reason) => Entry::Missing(reason.to_string()),
     }
 }
@@ -132,20 +136,22 @@ fn percent(value: Result<f64, Undefined>) -> Entry {
 /// A share with its interval: "93 % (91 to 95 %) at sigma=0.4".
 fn share(row: &RecoveryRow, found: &Recovered) -> String {
     let spread = match found.interval {
-        Ok(Interval { low, high }) => format!(" ({:.1} to {:.1} %)", 100.0 * low, 100.0 * high),
+        Ok(Interval { low, high }) => {
+            format!(" ({} to {} %)", shown(100.0 * low, 1), shown(100.0 * high, 1))
+        }
         Err(reason) => format!(" (no interval: {reason})"),
     };
     let at = match settings_label(&row.with.settings) {
         label if label.is_empty() => label,
         label => format!(" at {label}"),
     };
-    format!("{:.1} %{spread}{at}", 100.0 * found.share)
+    format!("{} %{spread}{at}", shown(100.0 * found.share, 1))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analyse::declared::ArmId;
+    use crate::analyse::declared::{ArmId, ScenarioOptimum};
     use crate::analyse::{Sample, recovered};
     use crate::manifest::Setting;
 
@@ -160,7 +166,8 @@ mod tests {
             with: name("ppo-gru", "P-M-S"),
             without: name("ppo", "P-T"),
             returns: [sample(with), sample(without)],
-            optimum,
+            optimum: optimum
+                .map(|mean_return| ScenarioOptimum { scenario: "P-H-D".to_owned(), mean_return }),
             recovered: optimum
                 .ok_or(Undefined::NoOptimum)
                 .and_then(|optimum| recovered(&with, &without, optimum)),
@@ -178,7 +185,7 @@ mod tests {
         assert_eq!(
             rows.finds("mean_return").unwrap(),
             "ppo-gru P-M-S recovers 75.0 % (43.2 to 106.8 %) at sigma=0.4 of what ppo P-T loses \
-             against the optimum"
+             against the optimum of P-H-D"
         );
         assert_eq!(
             rows.lacks().unwrap(),
