@@ -121,14 +121,14 @@ impl CurveFigure {
     }
 
     /// The numbers of lines that fall and rise significantly, corrected for the number of lines;
-    /// `None` if no line has several points.
+    /// `None` if no line can be tested. Lines with too few seeds for a test do not count.
     pub fn trends(&self) -> Option<Trends> {
         let pairs = self.lines.len();
         let mut trends = Trends::default();
         for Ends { first: (_, start), last: (_, end), apart } in
             self.lines.iter().filter_map(|line| line.ends(pairs)).filter(|ends| ends.are_apart())
         {
-            trends.lines += 1;
+            trends.lines += usize::from(apart != Apart::Untested);
             trends.falls += usize::from(apart == Apart::Surely && end < start);
             trends.rises += usize::from(apart == Apart::Surely && end > start);
         }
@@ -254,12 +254,13 @@ mod tests {
             // Without variance, every difference counts.
             line(&[(50.0, 0.0), (55.0, 0.0)]),
             line(&[(50.0, 0.0), (50.0, 0.0)]),
-            one_seed,
+            one_seed.clone(),
             line(&[(60.0, 1.0)]),
             line(&[]),
         ];
         let trends = figure(lines).trends();
-        assert_eq!(trends, Some(Trends { lines: 6, falls: 1, rises: 2 }));
+        assert_eq!(trends, Some(Trends { lines: 5, falls: 1, rises: 2 }));
+        assert_eq!(figure(vec![one_seed]).trends(), None);
         assert_eq!(figure(Vec::new()).trends(), None);
     }
 

@@ -124,9 +124,11 @@ fn axis(rows: &[ContrastRow], metric: &str) -> Axis {
     }
     let low = numbers.iter().copied().fold(f64::INFINITY, f64::min);
     let high = numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    // All differences may be 0.
+    let (low, high) = if low < high { (low, high) } else { (-1.0, 1.0) };
     let mut axis = Axis {
         title: format!("difference in {}", metric_title(metric)),
-        range: round_range(low, high.max(low + 1e-9)),
+        range: round_range(low, high),
         scale: AxisScale::Linear,
         numbers: unit_numbers(metric).0,
     };
@@ -238,6 +240,8 @@ mod tests {
             assert!(ticks.iter().any(|tick| *tick < 0.0), "{ticks:?}");
             assert!(ticks.contains(&0.0) && ticks.iter().any(|tick| *tick > 0.0), "{ticks:?}");
         }
+        let equal = row(&[(1, 900.0)], &[(1, 900.0)]);
+        assert_eq!(axis(&[equal], "mean_return").range, (-1.0, 1.0));
     }
 
     #[test]
