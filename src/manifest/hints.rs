@@ -2,11 +2,13 @@
 
 use super::declared::{DeclaredAgent, Manifest};
 use super::printable;
-use crate::key::{Parameter, Value};
+use crate::key::{Key, Parameter, Value};
 
 /// Hints on a valid manifest, as fragments.
 pub fn hints(manifest: &Manifest) -> Vec<String> {
-    manifest.agents.iter().filter_map(|agent| layers_like_a_sweep(manifest, agent)).collect()
+    let of_agent =
+        |agent| layers_like_a_sweep(manifest, agent).into_iter().chain(keys_without_gru(agent));
+    manifest.agents.iter().flat_map(of_agent).collect()
 }
 
 /// A hint for `layers = [32, 64, 128]`: widths that increase from the input on are rare in a network and
@@ -27,20 +29,54 @@ fn layers_like_a_sweep(manifest: &Manifest, agent: &DeclaredAgent) -> Option<Str
     ))
 }
 
+/// Hints for keys of a GRU in an agent without one: their jobs differ in name only.
+fn keys_without_gru(agent: &DeclaredAgent) -> Vec<String> {
+    let none = Value::Choice("none");
+    if agent.parameters.get("recurrent").is_none_or(|values| values.iter().any(|v| *v != none)) {
+        return Vec::new();
+    }
+    let of_gru = |name: &str| ["units", "layers_before_gru"].contains(&name);
+    let declared = agent.parameters.iter().filter(|(key, values)| {
+        of_gru(key.name) && values.iter().any(|value| Some(value) != key.default().as_ref())
+    });
+    let hint = |(key, _): (&'static Key, _)| {
+        format!(
+            "`{}` of agent {} has no effect without `recurrent = \"gru\"`",
+            key.name,
+            printable(&agent.name)
+        )
+    };
+    declared.map(hint).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::manifest::parse;
 
+    /// The hints for an agent with this line.
+    fn hints_for(line: &str) -> Vec<String> {
+        let text = format!(
+            "format = 1\nname = \"t\"\nscenarios = [\"P\"]\nseeds = 1\nenvironment.sigma = 1.0\n\
+             [[agent]]\nname = \"a\"\nalgorithm = \"dueling_dqn\"\n{line}\n"
+        );
+        hints(&parse("t", text.as_bytes()).unwrap())
+    }
+
+    #[test]
+    fn keys_of_a_gru_have_no_effect_without_one() {
+        let hint = "`units` of agent a has no effect without `recurrent = \"gru\"`";
+        for line in ["units = 128", "units = [64, 128]"] {
+            assert_eq!(hints_for(line), [hint], "{line}");
+        }
+        for line in ["units = 64", "batch = 8", "recurrent = [\"none\", \"gru\"]\nunits = 32"] {
+            assert!(hints_for(line).is_empty(), "{line}");
+        }
+    }
+
     #[test]
     fn widths_that_grow_look_like_a_sweep() {
-        let hints = |layers: &str| {
-            let text = format!(
-                "format = 1\nname = \"t\"\nscenarios = [\"P\"]\nseeds = 1\nenvironment.sigma = 1.0\n\
-                 [[agent]]\nname = \"a\"\nalgorithm = \"dueling_dqn\"\nlayers = {layers}\n"
-            );
-            hints(&parse("t", text.as_bytes()).unwrap())
-        };
+        let hints = |layers: &str| hints_for(&format!("layers = {layers}"));
         assert_eq!(
             hints("[32, 64]"),
             [

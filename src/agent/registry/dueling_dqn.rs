@@ -87,8 +87,8 @@ impl AlgorithmParameters for DuelingDqn {
                 unless(
                     holds,
                     &format!(
-                        "`burn_in` must be 0 with whole episodes (`sequence = 0`), which begin with the \
-                     true state, found {burn_in}"
+                        "`burn_in` needs `sequence` above 0 and `recurrent = \"gru\"`, because whole \
+                     episodes begin with the true state; found {burn_in}"
                     ),
                 )
             },
