@@ -87,7 +87,10 @@ fn show(arguments: &Arguments, merged: &Merged) -> io::Result<()> {
     let Merged { experiments, jobs, completed, failed, already_there, .. } = merged;
     if experiments + jobs + completed + failed == 0 {
         let runs = counted(*already_there as u64, "run");
-        return writeln!(out, "nothing to copy from {stores}: {into} already has {runs} of them");
+        return writeln!(
+            out,
+            "nothing to copy from {stores}: {into} already has {runs} of them, with the same results"
+        );
     }
     writeln!(
         out,

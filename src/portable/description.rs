@@ -20,8 +20,8 @@ const ACTIONS: [&str; 4] = [
     "a message tailored to context 1",
 ];
 
-/// The meaning, unit and scale of an entry of an observation.
-fn meaning(job: &Job, feature: Feature) -> (String, &'static str, f64) {
+/// The meaning, unit and scale of an entry of an observation: the one of a feature at this place.
+fn meaning(job: &Job, feature: Feature, at: usize) -> (String, &'static str, f64) {
     let environment = &job.environment;
     let (meaning, unit, scale) = match feature {
         Feature::Context => ("true context".to_owned(), "0 or 1", 1.0),
@@ -42,7 +42,10 @@ fn meaning(job: &Job, feature: Feature) -> (String, &'static str, f64) {
             let budget = environment.message_budget;
             (format!("remaining share of the {budget} messages"), "0 to 1", 1.0)
         }
-        Feature::PreviousAction => ("action taken in the last step".to_owned(), "0 or 1", 1.0),
+        Feature::PreviousAction => {
+            let action = ACTIONS[at];
+            (format!("whether the last step's action was {action}"), "0 or 1", 1.0)
+        }
         Feature::PreviousSteps => ("steps walked in the last step".to_owned(), "steps", 0.01),
     };
     (meaning, unit, scale)
@@ -52,11 +55,21 @@ fn meaning(job: &Job, feature: Feature) -> (String, &'static str, f64) {
 pub fn describe_observations(job: &Job) -> Vec<Json> {
     let ObservationSpec { features, one_hot } = job.task().observations();
     let letters = job.scenario.features().iter();
-    let meanings =
-        letters.flat_map(|feature| std::iter::repeat_n(meaning(job, *feature), feature.width()));
-    // With a history, the features repeat for each observation of the history.
-    let meanings: Vec<_> = meanings.collect();
-    let meanings = meanings.into_iter().cycle();
+    let present: Vec<_> = letters
+        .flat_map(|letter| (0..letter.width()).map(|at| meaning(job, *letter, at)))
+        .collect();
+    // With a history, the features repeat for each of its observations, the oldest first.
+    let earlier = (0..features.len() / present.len().max(1)).rev();
+    let meanings = earlier.flat_map(|back| {
+        present.iter().map(move |(meaning, unit, scale)| {
+            let meaning = match back {
+                0 => meaning.clone(),
+                1 => format!("one step earlier: {meaning}"),
+                _ => format!("{back} steps earlier: {meaning}"),
+            };
+            (meaning, *unit, *scale)
+        })
+    });
     // JSON has no infinity: an infinite bound becomes `null`.
     let bound = |bound: f32| bound.is_finite().then_some(bound);
     let features = features.iter().zip(meanings).map(|(spec, (meaning, unit, scale))| {
