@@ -90,7 +90,7 @@ fn shipped() -> Vec<(&'static str, u64)> {
         ("experiments/readings.toml", 690),
         ("experiments/reference.toml", 324),
         ("experiments/trial.toml", 6),
-        ("experiments/bandits.toml", 860),
+        ("experiments/bandits.toml", 920),
         ("experiments/external/outside.toml", 21),
         ("experiments/memory.toml", 1080),
         ("experiments/bots/figure_1.toml", 140),
