@@ -21,7 +21,10 @@ pub enum Undefined {
     #[error("no variance between seeds")]
     NoVariance,
     /// The optimum of the arms' environment is not known.
-    #[error("no optimum known: the analysis needs jobs of a scenario that shows H and D")]
+    #[error(
+        "no optimum known: it needs a completed job of a scenario that shows H and D, in an environment \
+         whose optimum can be computed"
+    )]
     NoOptimum,
     /// The loss is not known to be above 0, so that a share of it has no bounds.
     #[error("loss not significantly above 0")]

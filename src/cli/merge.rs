@@ -87,9 +87,14 @@ fn show(arguments: &Arguments, merged: &Merged) -> io::Result<()> {
     let Merged { experiments, jobs, completed, failed, already_there, .. } = merged;
     if experiments + jobs + completed + failed == 0 {
         let runs = counted(*already_there as u64, "run");
+        let is_clean = merged.conflicts.is_empty() && merged.damaged.is_empty();
+        let equal = match is_clean && merged.in_progress == 0 && *already_there > 0 {
+            true => "; every completed run has the same results",
+            false => "",
+        };
         return writeln!(
             out,
-            "nothing to copy from {stores}: {into} already has {runs} of them, with the same results"
+            "nothing to copy from {stores}: {into} already has {runs} of them{equal}"
         );
     }
     writeln!(

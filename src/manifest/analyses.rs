@@ -378,7 +378,7 @@ pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
             if lengths.max().is_some_and(|most| most < 2) && !draft.is_invalid(axis.value) {
                 let message = format!("`{}` is not swept: it has one value", axis.value);
                 let help =
-                    "an axis needs a number with several values: sweep it, or name another as `x`";
+                    "an axis needs a number with several values: sweep it, or name another number";
                 faults.add(Fault::at(axis.span, message).help(help));
             }
             let repeats = |values: &&[Value]| {
@@ -420,44 +420,79 @@ pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
     }
 }
 
-/// Reports a recovery without an optimum, or with a side that no agent can be on.
+/// Reports a recovery without an optimum, or with a side that no job can be on.
 fn recovery_has_jobs(
     draft: &Draft,
     manifest: &Manifest,
     (analysis, recovery): (&AnalysisDraft, &Recovery),
     faults: &mut FaultList,
 ) {
-    let is_concerned = |scenario: &&Scenario| {
-        analysis.analysis.conditions.iter().all(|condition| match condition {
-            Condition::Scenario(list) => list.contains(scenario),
-            Condition::Seed(_) | Condition::AgentName(_) | Condition::Key { .. } => true,
-        })
-    };
-    let mut concerned = manifest.scenarios.iter().filter(is_concerned);
-    if !concerned.any(Scenario::shows_state) && !draft.is_invalid(Parameter::Scenario) {
-        let message =
-            "no job to analyse has a scenario that shows H and D, whose optimum a recovery needs";
-        let help = "add one to the manifest's `scenarios`, as in [\"P-T\", \"P-H-D\"]";
-        faults.add(Fault::at(analysis.span, message.to_owned()).help(help));
-    }
-    if analysis.conditions.iter().any(|one| absent(draft, manifest, &one.value).is_some()) {
+    let is_absent = |one: &Located<Condition>| absent(draft, manifest, &one.value).is_some();
+    if draft.is_invalid(Parameter::Scenario)
+        || draft.invalid_agents
+        || analysis.conditions.iter().any(is_absent)
+    {
         return;
     }
-    for (side, conditions) in [("with", &recovery.with), ("without", &recovery.without)] {
-        let has = |agent: &DeclaredAgent, condition: &Condition| match condition {
-            Condition::AgentName(names) => names.contains(&agent.name),
-            Condition::Key { parameter, values } => {
-                let of_agent = manifest.values(agent, *parameter).unwrap_or_default();
-                of_agent.iter().any(|value| values.contains(value))
-            }
-            Condition::Scenario(_) | Condition::Seed(_) => true,
+    let of_all = &analysis.analysis.conditions;
+    if !scenarios_meeting(manifest, of_all.iter()).any(Scenario::shows_state) {
+        let message =
+            "no job to analyse has a scenario that shows H and D, whose optimum a recovery needs";
+        let help = match manifest.scenarios.iter().any(Scenario::shows_state) {
+            true => "let the conditions of `where` include it",
+            false => "add one to the manifest's `scenarios`, as in [\"P-T\", \"P-H-D\"]",
         };
-        let is_on_side = |agent: &DeclaredAgent| conditions.iter().all(|one| has(agent, one));
-        if !manifest.agents.iter().any(is_on_side) && !draft.invalid_agents {
-            let message = format!("no agent meets all conditions of `{side}`");
-            let help = "name an agent and values that it has: { agent.name = \"ppo\", scenario = \"P-T\" }";
-            faults.add(Fault::at(analysis.span, message).help(help));
+        faults.add(Fault::at(analysis.span, message.to_owned()).help(help));
+    }
+    for (side, conditions) in [("with", &recovery.with), ("without", &recovery.without)] {
+        let all = || of_all.iter().chain(conditions);
+        let has_agent = manifest
+            .agents
+            .iter()
+            .any(|agent| all().all(|condition| agent_can_meet(draft, manifest, agent, condition)));
+        if has_agent && scenarios_meeting(manifest, all()).next().is_some() {
+            continue;
         }
+        let message = match of_all.is_empty() {
+            true => format!("no job meets all conditions of `{side}`"),
+            false => format!("no job meets all conditions of `where` and `{side}`"),
+        };
+        let on_side = analysis.conditions.iter().find(|one| conditions.contains(&one.value));
+        let span = on_side.map_or(analysis.span, |one| one.span);
+        let help =
+            "name an agent and values that it has: { agent.name = \"ppo\", scenario = \"P-T\" }";
+        faults.add(Fault::at(span, message).help(help));
+    }
+}
+
+/// The scenarios of a manifest that meet the conditions on scenarios.
+fn scenarios_meeting<'m>(
+    manifest: &'m Manifest,
+    conditions: impl Iterator<Item = &'m Condition>,
+) -> impl Iterator<Item = &'m Scenario> {
+    let wanted = conditions.filter_map(|condition| match condition {
+        Condition::Scenario(list) => Some(list.iter().collect::<HashSet<&Scenario>>()),
+        Condition::Seed(_) | Condition::AgentName(_) | Condition::Key { .. } => None,
+    });
+    let wanted: Vec<_> = wanted.collect();
+    manifest.scenarios.iter().filter(move |one| wanted.iter().all(|list| list.contains(one)))
+}
+
+/// Whether an agent has jobs that meet a condition, as far as its name and keys decide.
+fn agent_can_meet(
+    draft: &Draft,
+    manifest: &Manifest,
+    agent: &DeclaredAgent,
+    condition: &Condition,
+) -> bool {
+    match condition {
+        Condition::AgentName(names) => names.contains(&agent.name),
+        Condition::Key { parameter, values } => {
+            let wanted: HashSet<&Value> = values.iter().collect();
+            let has = manifest.values(agent, *parameter).unwrap_or_default();
+            draft.is_invalid(*parameter) || has.iter().any(|value| wanted.contains(value))
+        }
+        Condition::Scenario(_) | Condition::Seed(_) => true,
     }
 }
 

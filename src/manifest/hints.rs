@@ -29,7 +29,7 @@ fn layers_like_a_sweep(manifest: &Manifest, agent: &DeclaredAgent) -> Option<Str
     ))
 }
 
-/// Hints for keys of a GRU in an agent without one: their jobs differ in name only.
+/// Hints for keys of a GRU in an agent without one: they change the job key and not the result.
 fn keys_without_gru(agent: &DeclaredAgent) -> Vec<String> {
     let none = Value::Choice("none");
     if agent.parameters.get("recurrent").is_none_or(|values| values.iter().any(|v| *v != none)) {
@@ -69,6 +69,8 @@ mod tests {
         for line in ["units = 128", "units = [64, 128]"] {
             assert_eq!(hints_for(line), [hint], "{line}");
         }
+        let other = hint.replace("units", "layers_before_gru");
+        assert_eq!(hints_for("layers = [8, 8]\nlayers_before_gru = 2"), [other]);
         for line in ["units = 64", "batch = 8", "recurrent = [\"none\", \"gru\"]\nunits = 32"] {
             assert!(hints_for(line).is_empty(), "{line}");
         }

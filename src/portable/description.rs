@@ -43,10 +43,9 @@ fn meaning(job: &Job, feature: Feature, at: usize) -> (String, &'static str, f64
             (format!("remaining share of the {budget} messages"), "0 to 1", 1.0)
         }
         Feature::PreviousAction => {
-            let action = ACTIONS[at];
-            (format!("whether the last step's action was {action}"), "0 or 1", 1.0)
+            (format!("whether the previous action was {}", ACTIONS[at]), "0 or 1", 1.0)
         }
-        Feature::PreviousSteps => ("steps walked in the last step".to_owned(), "steps", 0.01),
+        Feature::PreviousSteps => ("steps walked in the previous step".to_owned(), "steps", 0.01),
     };
     (meaning, unit, scale)
 }
@@ -59,13 +58,13 @@ pub fn describe_observations(job: &Job) -> Vec<Json> {
         .flat_map(|letter| (0..letter.width()).map(|at| meaning(job, *letter, at)))
         .collect();
     // With a history, the features repeat for each of its observations, the oldest first.
-    let earlier = (0..features.len() / present.len().max(1)).rev();
+    let earlier = (0..features.len() / present.len()).rev();
     let meanings = earlier.flat_map(|back| {
         present.iter().map(move |(meaning, unit, scale)| {
             let meaning = match back {
                 0 => meaning.clone(),
-                1 => format!("one step earlier: {meaning}"),
-                _ => format!("{back} steps earlier: {meaning}"),
+                1 => format!("{meaning}, one step ago"),
+                _ => format!("{meaning}, {back} steps ago"),
             };
             (meaning, *unit, *scale)
         })
@@ -137,4 +136,38 @@ pub(super) fn describe(
             "onnx": { "name": "policy.onnx", "sha256": digest(onnx) },
         },
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::manifest::parse;
+    use crate::plan;
+
+    #[test]
+    fn every_entry_of_a_history_says_how_old_it_is() {
+        let text = "format = 1\nname = \"t\"\nscenarios = [\"P-M-S\"]\nseeds = 1\n\
+            environment.sigma = 0.4\nenvironment.time_one_hot = true\n\
+            [[agent]]\nname = \"a\"\nalgorithm = \"ppo\"\nhistory = 3\n";
+        let manifest = parse("t", text.as_bytes()).unwrap();
+        let job = plan::jobs(&manifest).next().unwrap().job;
+        let described = describe_observations(&job);
+        for (name, meaning) in [
+            ("P-2", "inferred probability of context 0, 2 steps ago"),
+            ("M0-2", "whether the previous action was nothing, 2 steps ago"),
+            (
+                "M3-1",
+                "whether the previous action was a message tailored to context 1, one step ago",
+            ),
+            ("S-1", "steps walked in the previous step, one step ago"),
+            ("M1", "whether the previous action was a message that is not tailored"),
+            ("S", "steps walked in the previous step"),
+            ("t49", "clock (lagged) is 49"),
+        ] {
+            let mut entries = described.iter().filter(|entry| entry["name"] == name);
+            assert_eq!(entries.next().unwrap()["meaning"], meaning);
+            assert!(entries.next().is_none(), "{name}");
+        }
+        assert_eq!(described.len(), 3 * 6 + 50);
+    }
 }

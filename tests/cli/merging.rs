@@ -127,7 +127,10 @@ fn shards_that_are_merged_make_the_store_of_one_machine() {
     merged.jitai(["doctor"]).succeeded();
     assert_same_views(&merged, &whole);
     let again = merged.jitai(["merge", "c.sqlite", "a.sqlite", "b.sqlite"]).succeeded();
-    again.prints("nothing to copy from 3 stores: jitai.sqlite already has 20 runs of them");
+    again.prints(
+        "nothing to copy from 3 stores: jitai.sqlite already has 20 runs of them; every completed run has \
+         the same results\n",
+    );
     let run = merged.jitai(["run", "sweep.toml", "failing.toml"]);
     run.ended(1).says("0 jobs run, 18 completed in all, 2 failed");
 }
@@ -273,7 +276,7 @@ fn a_job_with_other_results_is_a_conflict_and_the_store_keeps_its_own() {
         format!("job {key} has different results in theirs.sqlite; jitai.sqlite keeps its own");
     let merged = merged.prints(&said).prints("by jitai 0.1.0 (unknown) on here (any)");
     let merged =
-        merged.prints("nothing to copy from 1 store: jitai.sqlite already has 3 runs of them");
+        merged.prints("nothing to copy from 1 store: jitai.sqlite already has 3 runs of them\n");
     let digests: Vec<&str> =
         merged.stdout.lines().filter_map(|line| line.strip_prefix("  ")).collect();
     let digest = |store: &str, line: &str| {

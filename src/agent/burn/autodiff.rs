@@ -145,6 +145,24 @@ mod tests {
         }
     }
 
+    /// A policy with a hidden layer, and a matrix between its two that it does not use.
+    #[derive(Clone)]
+    struct Hidden;
+
+    impl PolicyGradient for Hidden {
+        fn shapes(&self, inputs: usize) -> Vec<[usize; 2]> {
+            vec![[inputs, 3], [2, 2], [3, Action::COUNT]]
+        }
+
+        fn logits(&self, weights: &[Tensor<2>], observations: Tensor<2>) -> Tensor<2> {
+            observations.matmul(weights[0].clone()).tanh().matmul(weights[2].clone())
+        }
+
+        fn loss(&self, _: Tensor<2>, taken: Tensor<2>, returns: Tensor<2>) -> Tensor<1> {
+            -(taken * returns).sum()
+        }
+    }
+
     fn observation() -> Observations {
         let mut observations = Observations::new(1, 0);
         observations.push(&[1.0], None);
@@ -178,19 +196,33 @@ mod tests {
     }
 
     #[test]
+    fn only_matrices_of_the_loss_are_trained() {
+        let mut policy = AutodiffPolicy::new(Hidden, 1, 0.01, 7);
+        let before = policy.weights();
+        policy.update(&one_step(1));
+        let after = policy.weights();
+        assert_eq!(before.tensors["matrix.1"], after.tensors["matrix.1"]);
+        for name in ["matrix.0", "matrix.2"] {
+            assert_eq!(before.tensors[name].shape, after.tensors[name].shape);
+            let values = after.tensors[name].values.iter().zip(&before.tensors[name].values);
+            assert!(values.into_iter().all(|(after, before)| after != before), "{name}");
+        }
+    }
+
+    #[test]
     fn weights_and_states_read_back_to_the_same_bits() {
-        let mut policy = AutodiffPolicy::new(Linear, 1, 0.01, 7);
+        let mut policy = AutodiffPolicy::new(Hidden, 1, 0.01, 7);
         policy.update(&one_step(0));
-        let mut trained = AutodiffPolicy::trained(Linear, 1, &policy.weights()).unwrap();
+        let mut trained = AutodiffPolicy::trained(Hidden, 1, &policy.weights()).unwrap();
         let (mut one, mut other) = (Vec::new(), Vec::new());
         policy.evaluate(&observation(), &mut one);
         trained.evaluate(&observation(), &mut other);
         assert_eq!(one, other);
-        assert!(AutodiffPolicy::trained(Linear, 2, &policy.weights()).is_err());
+        assert!(AutodiffPolicy::trained(Hidden, 2, &policy.weights()).is_err());
 
         let mut bytes = Vec::new();
         policy.save(&mut StateWriter::new(&mut bytes)).unwrap();
-        let mut resumed = AutodiffPolicy::new(Linear, 1, 0.01, 8);
+        let mut resumed = AutodiffPolicy::new(Hidden, 1, 0.01, 8);
         resumed.restore(&mut StateReader::new(&mut &bytes[..])).unwrap();
         for engine in [&mut policy, &mut resumed] {
             engine.update(&one_step(1));

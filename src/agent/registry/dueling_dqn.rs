@@ -87,8 +87,8 @@ impl AlgorithmParameters for DuelingDqn {
                 unless(
                     holds,
                     &format!(
-                        "`burn_in` needs `sequence` above 0 and `recurrent = \"gru\"`, because whole \
-                     episodes begin with the true state; found {burn_in}"
+                        "`burn_in` is the number of steps before a sequence: it needs `sequence` above 0, \
+                     found {burn_in}"
                     ),
                 )
             },

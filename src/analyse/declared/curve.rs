@@ -70,7 +70,7 @@ impl Apart {
 /// Directions of lines from their first to their last point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Trends {
-    /// Lines with several points.
+    /// Lines whose first and last point can be compared by a test.
     pub lines: usize,
     /// Lines that fall significantly.
     pub falls: usize,

@@ -50,7 +50,10 @@ pub fn rows(recovery: &Recovery, metric: &str, jobs: &[&JobRecord]) -> Vec<Recov
             let scenario = arm.name.scenario.clone();
             arm.optimum().map(|mean_return| ScenarioOptimum { scenario, mean_return })
         });
-        let optimum = optima.max_by(|a, b| a.mean_return.total_cmp(&b.mean_return));
+        let larger = |best: ScenarioOptimum, next: ScenarioOptimum| {
+            if next.mean_return > best.mean_return { next } else { best }
+        };
+        let optimum = optima.reduce(larger);
         for without in without.iter().filter(|arm| here(arm)) {
             let returns = [with.sample(metric), without.sample(metric)];
             let [of_with, of_without] = &returns;
@@ -86,7 +89,7 @@ mod tests {
     use crate::record::JobStatus;
 
     const MANIFEST: &str = "format = 1\nname = \"t\"\nseeds = 2\nenvironment.sigma = [0.4, 0.6]\n\
-        scenarios = [\"P-T\", \"P-H-D\", \"L-H-D\"]\n[[agent]]\nname = \"a\"\nalgorithm = \"reinforce\"\n\
+        scenarios = [\"P-T\", \"L-H-D\", \"P-H-D\"]\n[[agent]]\nname = \"a\"\nalgorithm = \"reinforce\"\n\
         [[agent]]\nname = \"b\"\nalgorithm = \"ppo\"\n[[analysis]]\nname = \"r\"\nkind = \"recovery\"\n\
         with = { agent.name = \"b\", scenario = \"P-T\" }\nwithout = { agent.name = \"a\", scenario = \"P-T\" }";
 

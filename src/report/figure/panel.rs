@@ -78,7 +78,7 @@ impl Panels {
         let mut by: Vec<By> = declared.or(usual).map(by).into_iter().collect();
         let (mut panels, mut added) = (grouped(arms, &by), Vec::new());
         while declared.is_none() && panels.iter().any(|panel| panel.members.len() > MOST_ARMS) {
-            let Some(next) = next(arms, &by) else { break };
+            let Some(next) = next_key(arms, &by) else { break };
             added.push(next.name());
             by.push(next);
             panels = grouped(arms, &by);
@@ -155,7 +155,7 @@ fn grouped(arms: &[&ArmId], by: &[By]) -> Vec<Panel> {
 /// The key by which panels are split next: the one with the fewest values, among those that leave no
 /// panel with more than [`MOST_ARMS`] arms, if there are any. Ties go to agents before scenarios before
 /// other keys.
-fn next(arms: &[&ArmId], taken: &[By]) -> Option<By> {
+fn next_key(arms: &[&ArmId], taken: &[By]) -> Option<By> {
     let mut keys = vec![By::Agent, By::Scenario];
     for (name, _) in arms.iter().flat_map(|arm| &arm.settings) {
         let key = By::Key(name.clone());

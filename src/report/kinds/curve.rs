@@ -89,8 +89,12 @@ impl Drawn for CurveFigure {
             });
         }
         let trends = self.trends()?;
+        let tested = match trends.lines < self.lines.len() {
+            true => "lines with several points and enough seeds",
+            false => "lines",
+        };
         Some(format!(
-            "Of {} lines, {} fall and {} rise significantly from their first to their last point \
+            "Of {} {tested}, {} fall and {} rise significantly from their first to their last point \
              (Welch’s t, Bonferroni-corrected p < {ALPHA})",
             trends.lines, trends.falls, trends.rises
         ))

@@ -28,7 +28,7 @@ impl Drawn for Vec<RecoveryRow> {
             ("return_with", "Return with"),
             ("return_without", "Return without"),
             ("optimum", "Optimum"),
-            ("optimum_scenario", "Of"),
+            ("optimum_scenario", "Scenario of the optimum"),
             ("seeds_with", "n with"),
             ("seeds_without", "n without"),
             ("recovered", "Recovered, %"),
@@ -46,7 +46,10 @@ impl Drawn for Vec<RecoveryRow> {
                 in_unit(with.mean(), metric),
                 in_unit(without.mean(), metric),
                 arm_tables::optimum(row.optimum.as_ref().map(|best| best.mean_return)),
-                Entry::text(row.optimum.as_ref().map_or("", |best| best.scenario.as_str())),
+                match &row.optimum {
+                    Some(best) => Entry::text(best.scenario.clone()),
+                    None => Entry::Missing(Undefined::NoOptimum.to_string()),
+                },
                 Entry::number(with.n() as f64, 0),
                 Entry::number(without.n() as f64, 0),
                 percent(row.recovered.map(|found| found.share)),
@@ -82,13 +85,14 @@ impl Drawn for Vec<RecoveryRow> {
             let arm = |row: &RecoveryRow| {
                 let name =
                     |id: &crate::analyse::declared::ArmId| (id.agent.clone(), id.scenario.clone());
-                (name(&row.with), name(&row.without))
+                let best = row.optimum.as_ref().map(|optimum| optimum.scenario.clone());
+                (name(&row.with), name(&row.without), best)
             };
             arm(row) == arm(first)
         };
         if known.len() <= LISTED && known.iter().all(|(row, _)| same(row)) {
             let shares: Vec<String> = known.iter().map(|(row, found)| share(row, found)).collect();
-            let of = first.optimum.as_ref().map_or("", |best| best.scenario.as_str());
+            let of = &first.optimum.as_ref()?.scenario;
             return Some(format!(
                 "{} {} recovers {} of what {} {} loses against the optimum of {of}",
                 first.with.agent,
@@ -189,8 +193,8 @@ mod tests {
         );
         assert_eq!(
             rows.lacks().unwrap(),
-            "1 of 2 shares (no optimum known: the analysis needs jobs of a scenario that shows H and \
-             D)"
+            "1 of 2 shares (no optimum known: it needs a completed job of a scenario that shows H and \
+             D, in an environment whose optimum can be computed)"
         );
         let table = rows.table("", "mean_return");
         assert_eq!(table.rows.len(), 2);
