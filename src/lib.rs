@@ -152,10 +152,10 @@ pub mod results {
 pub mod environment {
     pub use crate::env::contract::{Clause, Violation, check};
     pub use crate::env::{
-        Action, ActionSpec, ContextDraw, Environment, EpisodeStatus, Feature, FeatureSpec,
-        FirstContext, LaneSet, LaneStreams, ObservationSpec, Observations, ParticipantSampler,
-        PhysicalActivity, Population, PopulationPhases, Scenario, ScenarioError, TimeIndicator,
-        VectorEnvironment,
+        Action, ActionProbabilities, ActionSpec, ContextDraw, Environment, EpisodeStatus, Feature,
+        FeatureSpec, FirstContext, LaneSet, LaneStreams, ObservationSpec, Observations,
+        ParticipantSampler, PhysicalActivity, Population, PopulationPhases, Scenario,
+        ScenarioError, TimeIndicator, VectorEnvironment,
     };
     pub use crate::key::{Column, Distribution, NumberRange, Rows};
     pub use crate::rng::{Purpose, Stream};
@@ -181,11 +181,11 @@ pub mod algorithm {
         DuelingDqn, Engine, Learner, LearnerError, LinearThompson, LinearThompsonLearner, Losses,
         Minibatch, OutOfMemory, PolicyGradient, Ppo, PpoEngine, PpoLearner, Recurrent,
         RegistrationError, Reinforce, ReinforceEngine, ReinforceLearner, Span, Start, StartError,
-        Task, TerminalTarget, Trained, TrainedEpisode, Trajectories, Trunk, Violation,
-        WeightTensor, Weights, WeightsError, Work, action_tensor, dueling_dqn_learner,
-        inference_device, linear_thompson_learner, observation_tensor, ppo_learner,
-        register_algorithm, reinforce_learner, trained_dueling_dqn, trained_linear_thompson,
-        trained_ppo, trained_reinforce, training_device,
+        Task, TerminalTarget, Trained, TrainedEpisode, Trajectories, Trunk, Unavailable,
+        UnavailableCredit, Violation, WeightTensor, Weights, WeightsError, Work, action_tensor,
+        dueling_dqn_learner, inference_device, linear_thompson_learner, observation_tensor,
+        ppo_learner, register_algorithm, reinforce_learner, trained_dueling_dqn,
+        trained_linear_thompson, trained_ppo, trained_reinforce, training_device,
     };
     pub use crate::kernel::Isa;
     pub use crate::key::{

@@ -3,7 +3,8 @@
 use std::fs;
 
 use jitai::agent::{
-    Agent, DecisionRule, DuelingDqn, LinearThompson, Ppo, Reinforce, RuleParameters,
+    Agent, DecisionRule, DuelingDqn, LinearThompson, Ppo, Recurrent, Reinforce, RuleParameters,
+    Unavailable, UnavailableCredit, Weights,
 };
 use jitai::env::{Environment, Population};
 use jitai::manifest::{self, Evaluation, RecordedDecisions};
@@ -148,7 +149,9 @@ fn a_decision_says_what_was_seen_before_the_step_and_what_it_paid() {
         let first = steps[0];
         assert_eq!((first.habituation, first.disengagement), (0.1, 0.1));
         for step in &steps {
-            assert_eq!((step.action_probability, step.available), (0.25, true));
+            assert_eq!((step.action_probability(), step.available), (0.25, true));
+            assert_eq!((step.probabilities, step.can_send), ([0.25; 4], true));
+            assert_eq!(step.chosen, step.action);
             assert_eq!(step.likely_context, u8::from(step.probability < 0.5));
         }
         for pair in steps.windows(2) {
@@ -178,7 +181,7 @@ fn training_decisions_have_the_probabilities_of_exploration() {
     let results = results(&job(Agent::of(&dqn), RecordedDecisions::All));
     let training = episodes(&results, Phase::Train).concat();
     let share = |probability: f64| {
-        let close = |step: &&Decision| (step.action_probability - probability).abs() < 1e-12;
+        let close = |step: &&Decision| (step.action_probability() - probability).abs() < 1e-12;
         training.iter().filter(close).count() as f64 / training.len() as f64
     };
     // The best action has probability 0.7, and each of the three others has 0.1.
@@ -207,7 +210,10 @@ fn the_store_shows_every_decision_to_the_bit_and_counts_them_as_results() {
     let reader = Reader::open(&path).unwrap();
     let mut stored = Vec::new();
     let sql = "SELECT phase = 'test', episode, step, context, probability, likely_context,
-            habituation, disengagement, available, action, action_probability, reward
+            habituation, disengagement, available, action, action_probability, reward, can_send,
+            chosen_action, json_extract(action_probabilities, '$[0]'),
+            json_extract(action_probabilities, '$[1]'), json_extract(action_probabilities, '$[2]'),
+            json_extract(action_probabilities, '$[3]')
         FROM decision ORDER BY phase = 'test', episode, step";
     let number = |value: &Value<'_>| match value {
         Value::Integer(number) => *number as f64,
@@ -234,8 +240,14 @@ fn the_store_shows_every_decision_to_the_bit_and_counts_them_as_results() {
             d.disengagement,
             f64::from(u8::from(d.available)),
             f64::from(d.action),
-            d.action_probability,
+            d.action_probability(),
             d.reward,
+            f64::from(u8::from(d.can_send)),
+            f64::from(d.chosen),
+            d.probabilities[0],
+            d.probabilities[1],
+            d.probabilities[2],
+            d.probabilities[3],
         ]
     });
     assert!(expected.eq(stored));
@@ -278,15 +290,147 @@ fn a_bandit_records_the_probabilities_that_it_drew_by() {
     let results = results(&job(Agent::of(&bandit()), RecordedDecisions::All));
     let trained = episodes(&results, Phase::Train);
     let (warm_up, rest) = trained.split_at(2);
-    assert!(warm_up.iter().flatten().all(|step| step.action_probability == 0.25));
+    assert!(warm_up.iter().flatten().all(|step| step.action_probability() == 0.25));
     let steps: Vec<&Decision> = rest.iter().flatten().collect();
-    assert!(steps.iter().all(|step| (0.05..=0.85 + 1e-12).contains(&step.action_probability)));
-    assert!(steps.iter().any(|step| step.action_probability != 0.25));
+    assert!(steps.iter().all(|step| (0.05..=0.85 + 1e-12).contains(&step.action_probability())));
+    assert!(steps.iter().any(|step| step.action_probability() != 0.25));
     // If actions are drawn with the recorded probabilities p, the mean of 1 / p over the taken actions
     // is 4.
     let tested = episodes(&results, Phase::Test);
     let inverse: Vec<f64> =
-        tested.iter().flatten().map(|step| 1.0 / step.action_probability).collect();
+        tested.iter().flatten().map(|step| 1.0 / step.action_probability()).collect();
     let mean = inverse.iter().sum::<f64>() / inverse.len() as f64;
     assert!((mean - 4.0).abs() < 0.5, "{mean} over {} decisions", inverse.len());
+}
+
+/// Learning agents that skip steps at which no message can be sent, or learn as if their choice had been
+/// taken.
+fn learners(unavailable: Unavailable) -> [Agent; 5] {
+    let credit = match unavailable {
+        Unavailable::Skip => UnavailableCredit::Taken,
+        Unavailable::Chosen => UnavailableCredit::Chosen,
+    };
+    let dqn =
+        DuelingDqn { episodes: 9, layers: vec![8], unavailable: credit, ..DuelingDqn::default() };
+    let ppo = Ppo { episodes: 20, layers: vec![8], lanes: 8, unavailable, ..Ppo::default() };
+    [
+        Agent::of(&DuelingDqn { recurrent: Recurrent::Gru, units: 8, batch: 4, ..dqn.clone() }),
+        Agent::of(&Reinforce { episodes: 9, layers: vec![8], unavailable, ..Reinforce::default() }),
+        Agent::of(&Ppo { recurrent: Recurrent::Gru, units: 8, minibatches: 2, ..ppo.clone() }),
+        Agent::of(&ppo),
+        Agent::of(&dqn),
+    ]
+}
+
+/// A job whose messages are unavailable in some steps, and have a budget.
+fn limited(agent: Agent) -> Job {
+    let mut job = job(agent, RecordedDecisions::All);
+    job.environment.availability = 0.6;
+    job.environment.message_budget = 12;
+    job
+}
+
+/// Checks availability and budget of an episode, and that a step without a message took action 0.
+fn assert_limits(steps: &[Decision]) {
+    let mut sent = 0;
+    for step in steps {
+        assert_eq!(step.can_send, step.available && sent < 12, "{step:?}");
+        let taken = if step.can_send { step.chosen } else { 0 };
+        assert_eq!(step.action, taken, "{step:?}");
+        let certain = if step.can_send { step.probabilities[usize::from(taken)] } else { 1.0 };
+        assert_eq!(step.action_probability(), certain, "{step:?}");
+        sent += u32::from(step.action > 0);
+    }
+}
+
+#[test]
+fn agents_choose_only_where_a_message_can_be_sent() {
+    let bandit = |unavailable| Agent::of(&LinearThompson { unavailable, ..bandit() });
+    for unavailable in [Unavailable::Skip, Unavailable::Chosen] {
+        for agent in learners(unavailable).into_iter().chain([bandit(unavailable)]) {
+            let algorithm = agent.algorithm().name();
+            let results = results(&limited(agent));
+            for phase in [Phase::Train, Phase::Test] {
+                let episodes = episodes(&results, phase);
+                episodes.iter().for_each(|steps| assert_limits(steps));
+                let mut withheld = episodes.iter().flatten().filter(|step| !step.can_send);
+                match unavailable {
+                    Unavailable::Skip => assert!(
+                        withheld.all(|step| step.probabilities == [1.0, 0.0, 0.0, 0.0]),
+                        "{algorithm} in {phase:?}"
+                    ),
+                    Unavailable::Chosen => assert!(
+                        withheld.any(|step| step.probabilities[0] < 1.0),
+                        "{algorithm} in {phase:?}"
+                    ),
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_bandit_learns_from_the_steps_at_which_a_message_could_be_sent() {
+    for unavailable in [Unavailable::Skip, Unavailable::Chosen] {
+        let bandit = LinearThompson { unavailable, ..bandit() };
+        let results = results(&limited(Agent::of(&bandit)));
+        let weights = Weights::from_bytes(results.weights.as_ref().unwrap()).unwrap();
+        let precision = &weights.double("precision", &[4, 4, 4]).unwrap().values;
+        let information = &weights.double("information", &[4, 4]).unwrap().values;
+        let (prior, noise) = (bandit.prior_sd.powi(-2), bandit.noise_sd.powi(-2));
+        let mut expected = [[[0.0; 4]; 4]; 4];
+        let mut sums = [[0.0; 4]; 4];
+        (0..4).for_each(|action| (0..4).for_each(|i| expected[action][i][i] = prior));
+        for step in episodes(&results, Phase::Train).iter().flatten() {
+            if !step.can_send && unavailable == Unavailable::Skip {
+                continue;
+            }
+            let seen = |number: f64| f64::from(number as f32);
+            let (h, d) = (seen(step.habituation), seen(step.disengagement));
+            let x = [1.0, seen(step.probability), h, d];
+            let action = usize::from(step.chosen);
+            for i in 0..4 {
+                sums[action][i] += x[i] * step.reward * noise;
+                (0..4).for_each(|j| expected[action][i][j] += x[i] * x[j] * noise);
+            }
+        }
+        let close = |ours: &[f64], expected: &[f64]| {
+            ours.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-9 * (1.0 + b.abs()))
+        };
+        assert!(close(precision, expected.as_flattened().as_flattened()), "{unavailable:?}");
+        assert!(close(information, sums.as_flattened()), "{unavailable:?}");
+    }
+}
+
+#[test]
+fn a_training_without_a_single_message_is_no_failure() {
+    for agent in learners(Unavailable::Skip) {
+        let mut job = limited(agent);
+        job.environment.message_budget = 0;
+        let results = results(&job);
+        assert!(results.decisions.iter().all(|step| step.action == 0 && !step.can_send));
+    }
+}
+
+#[test]
+fn only_jobs_whose_messages_can_be_withheld_have_another_version() {
+    let version = |job: &Job| job.versions().algorithm;
+    let agents = || learners(Unavailable::Skip).into_iter().chain([Agent::of(&bandit())]);
+    for agent in agents() {
+        let free = job(agent, RecordedDecisions::None);
+        let with = |change: fn(&mut Job)| {
+            let mut job = free.clone();
+            change(&mut job);
+            version(&job) - version(&free)
+        };
+        assert_eq!(with(|job| job.environment.availability = 0.9), 1);
+        assert_eq!(with(|job| job.environment.message_budget = 49), 1);
+        // A budget that no episode can spend.
+        assert_eq!(with(|job| job.environment.message_budget = 50), 0);
+        assert_eq!(with(|job| job.environment.message_cost = 5.0), 0);
+    }
+    let mut rule =
+        job(Agent::of(&RuleParameters::new(DecisionRule::Random)), RecordedDecisions::None);
+    rule.environment.availability = 0.9;
+    assert_eq!(version(&rule), 1);
 }

@@ -8,9 +8,10 @@ use std::rc::Rc;
 use jitai::agent::{self, Actions, Actor, DuelingDqn, Ppo, Reinforce, StartError, TerminalTarget};
 use jitai::env::contract::{Clause, check};
 use jitai::env::{
-    Action, ActionSpec, DisengagementReward, Environment, EpisodeStatus, FeatureSpec, FirstContext,
-    LaneSet, LaneStreams, ObservationSpec, Observations, PhysicalActivity, Population,
-    RewardHabituation, StateNoise, StepNoise, TimeIndicator, VectorEnvironment,
+    Action, ActionProbabilities, ActionSpec, DisengagementReward, Environment, EpisodeStatus,
+    FeatureSpec, FirstContext, LaneSet, LaneStreams, ObservationSpec, Observations,
+    PhysicalActivity, Population, RewardHabituation, StateNoise, StepNoise, TimeIndicator,
+    VectorEnvironment,
 };
 use jitai::key::Distribution;
 use jitai::rng::{Purpose, Stream};
@@ -358,8 +359,8 @@ fn every_way_to_break_the_contract_is_found() {
 struct Returns(Vec<f64>);
 
 impl StepObserver<Line> for Returns {
-    fn chosen(&mut self, _: &Line, _: &[Action], probabilities: &[f64]) {
-        assert!(probabilities.iter().all(|p| (0.0..=1.0).contains(p)));
+    fn chosen(&mut self, _: &Line, _: &[Action], probabilities: &[ActionProbabilities]) {
+        assert!(probabilities.iter().all(|p| (p.iter().sum::<f64>() - 1.0).abs() < 1e-6));
     }
 
     fn paid(&mut self, _: &Line, rewards: &[f64]) {

@@ -1,7 +1,7 @@
 //! The contracts of actors, which choose the actions of episodes, and of observers, which see every
 //! step.
 
-use crate::env::{Action, LaneSet, PhysicalActivity, VectorEnvironment};
+use crate::env::{Action, ActionProbabilities, LaneSet, PhysicalActivity, VectorEnvironment};
 use crate::rng::Stream;
 use crate::state::Resumable;
 
@@ -20,7 +20,7 @@ pub trait Actor<Env: VectorEnvironment + ?Sized = PhysicalActivity>: Resumable +
     }
 
     /// Chooses an action for every lane, ended lanes included. If `probabilities` are requested,
-    /// they receive the probabilities with which the actions were drawn.
+    /// they receive the probabilities from which the actions were drawn.
     ///
     /// **Shapes**: `actions` and `probabilities` are \[lanes\]. Draws from the stream at most once
     /// per lane, and not at all if nothing is random.
@@ -29,7 +29,7 @@ pub trait Actor<Env: VectorEnvironment + ?Sized = PhysicalActivity>: Resumable +
         environment: &Env,
         stream: &mut Stream,
         actions: &mut [Action],
-        probabilities: Option<&mut [f64]>,
+        probabilities: Option<&mut [ActionProbabilities]>,
     );
 
     /// Sees the rewards of the step, \[lanes\], and the environment after the step with the status
@@ -51,11 +51,16 @@ pub(super) fn reborrowed<'a, Env: ?Sized>(
 
 /// Sees every step of episodes. Lanes that have ended are still shown; their statuses say so.
 pub trait StepObserver<Env: ?Sized> {
-    /// Sees the state before a step, the actions, and the probabilities with which they were
-    /// chosen.
+    /// Sees the state before a step, the actions, and the probabilities from which they were
+    /// drawn.
     ///
     /// **Shapes**: `actions` and `probabilities` are \[lanes\].
-    fn chosen(&mut self, environment: &Env, actions: &[Action], probabilities: &[f64]);
+    fn chosen(
+        &mut self,
+        environment: &Env,
+        actions: &[Action],
+        probabilities: &[ActionProbabilities],
+    );
 
     /// Sees the state after the step and the rewards, \[lanes\]; lanes that had ended have reward
     /// 0.

@@ -9,7 +9,7 @@ use crate::agent::fused::{FusedActorCritic, FusedDuelingNetwork, FusedPolicyNetw
 use crate::agent::layers;
 use crate::agent::learner::Actions;
 use crate::agent::network::{Activation, Engine, Recurrent};
-use crate::agent::policy::{ActionNetwork, best, epsilon_greedy_probability, exponentials};
+use crate::agent::policy::{ActionNetwork, best, epsilon_greedy_probabilities, exponentials};
 use crate::agent::ppo::Ppo;
 use crate::agent::registry::{Agent, trained_dueling_dqn, trained_ppo, trained_reinforce};
 use crate::agent::reinforce::Reinforce;
@@ -58,10 +58,7 @@ impl Choice {
     pub fn probabilities(self, numbers: &[f32]) -> Vec<f64> {
         match self {
             Choice::EpsilonGreedy { epsilon } => {
-                let row = |values: &[f32]| -> [f64; Action::COUNT] {
-                    let best = best(values).index();
-                    std::array::from_fn(|index| epsilon_greedy_probability(epsilon, index == best))
-                };
+                let row = |values| epsilon_greedy_probabilities(epsilon, best(values));
                 numbers.chunks_exact(Action::COUNT).flat_map(row).collect()
             }
             Choice::Softmax => {

@@ -15,8 +15,9 @@ mod recurrent_tests;
 use crate::agent::network::{
     Activation, BEFORE_GRU, Engine, LAYER_WIDTHS, LEARNING_RATE, Recurrent, UNITS,
 };
-use crate::agent::policy::ActionNetwork;
+use crate::agent::policy::{ActionNetwork, best};
 use crate::agent::replay::{Batch, TerminalTarget, Transition};
+use crate::agent::unavailable::UnavailableCredit;
 use crate::agent::weights::Weights;
 use crate::env::{EpisodeStatus, Observations};
 use crate::key::{Keyed, Kind};
@@ -76,6 +77,9 @@ keys! {
         /// processor, or "burn", Burn's modules and gradients, many times slower, with results that depend
         /// on the processor
         engine: Engine = Engine::Fused;
+        /// which action is credited where no message can be sent: "taken", action 0, or "chosen",
+        /// the action that the agent chose
+        unavailable: UnavailableCredit = UnavailableCredit::Taken, before UnavailableCredit::Taken;
     }
 }
 
@@ -120,17 +124,24 @@ pub trait DuelingDqnEngine: Resumable {
     fn weights(&self) -> Weights;
 }
 
-/// The regression target of a transition: r + gamma max Q(s', ·), or at the end of an episode what
+/// The value of the state s' after a transition: max Q(s', ·), or Q(s', 0) if no message can be sent there.
+///
+/// **Shapes**: `values`, the values Q(s', ·), is \[actions\].
+fn value_after(transition: &Transition, values: &[f32]) -> f32 {
+    if transition.is_withheld { values[0] } else { values[best(values).index()] }
+}
+
+/// The regression target of a transition: r + gamma V(s'), or at the end of an episode what
 /// `terminal_target` says.
 pub fn target(
     transition: &Transition,
-    best_next: f32,
+    next_value: f32,
     gamma: f64,
     terminal_target: TerminalTarget,
 ) -> f32 {
     match (transition.status, terminal_target) {
         (EpisodeStatus::Running, _) | (EpisodeStatus::Truncated, TerminalTarget::Standard) => {
-            transition.reward + gamma as f32 * best_next
+            transition.reward + gamma as f32 * next_value
         }
         (EpisodeStatus::Terminated, TerminalTarget::Standard) => transition.reward,
         (EpisodeStatus::Terminated | EpisodeStatus::Truncated, TerminalTarget::Zero) => 0.0,

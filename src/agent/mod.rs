@@ -41,6 +41,7 @@ mod registry;
 mod reinforce;
 mod replay;
 mod rule;
+mod unavailable;
 mod weights;
 
 pub use actor::{Actor, StepObserver};
@@ -83,4 +84,5 @@ pub use registry::{
 pub use reinforce::{Reinforce, ReinforceEngine, ReinforceLearner, Trajectories};
 pub use replay::{Batch, Replay, TerminalTarget, Transition};
 pub use rule::{DecisionRule, DecisionRuleError, RuleParameters, RulePolicy, read_rule};
+pub use unavailable::{UNAVAILABLE, Unavailable, UnavailableCredit, certain};
 pub use weights::{Tensor as WeightTensor, Weights, WeightsError};

@@ -6,7 +6,8 @@ use pulp::{Simd, WithSimd};
 
 use crate::agent::Actions;
 use crate::agent::actor::Actor;
-use crate::env::{Action, LaneSet, Observations, VectorEnvironment};
+use crate::agent::unavailable::certain;
+use crate::env::{Action, ActionProbabilities, LaneSet, Observations, VectorEnvironment};
 use crate::kernel::{Isa, LINE, math};
 use crate::rng::{Stream, unit_from_bits};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
@@ -60,7 +61,7 @@ impl<N: ActionNetwork + Send, Env: VectorEnvironment> Actor<Env> for EpsilonGree
         environment: &Env,
         stream: &mut Stream,
         actions: &mut [Action],
-        probabilities: Option<&mut [f64]>,
+        probabilities: Option<&mut [ActionProbabilities]>,
     ) {
         environment.observe(&mut self.observations);
         self.explored.clear();
@@ -72,10 +73,8 @@ impl<N: ActionNetwork + Send, Env: VectorEnvironment> Actor<Env> for EpsilonGree
             *action = explored.unwrap_or_else(|| best(values));
         }
         if let Some(probabilities) = probabilities {
-            for ((probability, action), values) in
-                probabilities.iter_mut().zip(&*actions).zip(rows())
-            {
-                *probability = epsilon_greedy_probability(self.epsilon, *action == best(values));
+            for (probabilities, values) in probabilities.iter_mut().zip(rows()) {
+                *probabilities = epsilon_greedy_probabilities(self.epsilon, best(values));
             }
         }
     }
@@ -102,11 +101,12 @@ pub(super) fn explore(epsilon: f64, stream: &mut Stream) -> Option<Action> {
     (unit_from_bits(bits) < epsilon).then(|| Action::from_low_bits(bits))
 }
 
-/// The probability of the best action, or of any other single action, at exploration rate
-/// `epsilon`.
-pub(super) fn epsilon_greedy_probability(epsilon: f64, is_best: bool) -> f64 {
+/// The probabilities of the actions at exploration rate `epsilon`.
+pub(super) fn epsilon_greedy_probabilities(epsilon: f64, best: Action) -> ActionProbabilities {
     let any = epsilon / Action::COUNT as f64;
-    if is_best { 1.0 - epsilon + any } else { any }
+    let mut probabilities = [any; Action::COUNT];
+    probabilities[best.index()] = 1.0 - epsilon + any;
+    probabilities
 }
 
 /// Draws actions with the softmax probabilities of a policy network's logits.
@@ -139,7 +139,7 @@ impl<N: ActionNetwork + Send, Env: VectorEnvironment> Actor<Env> for SoftmaxPoli
         environment: &Env,
         stream: &mut Stream,
         actions: &mut [Action],
-        probabilities: Option<&mut [f64]>,
+        probabilities: Option<&mut [ActionProbabilities]>,
     ) {
         environment.observe(&mut self.observations);
         self.memory.resize(actions.len() * self.network.memory(), 0.0);
@@ -149,7 +149,7 @@ impl<N: ActionNetwork + Send, Env: VectorEnvironment> Actor<Env> for SoftmaxPoli
                 sample(Isa::chosen(), &mut self.logits, actions, &mut self.halves, stream);
                 if let Some(probabilities) = probabilities {
                     // [`sample`] has replaced the logits by the preferences that it sampled from.
-                    sampling_probabilities(&self.logits, actions, probabilities);
+                    sampling_probabilities(&self.logits, probabilities);
                 }
             }
             Actions::Greedy => {
@@ -157,7 +157,8 @@ impl<N: ActionNetwork + Send, Env: VectorEnvironment> Actor<Env> for SoftmaxPoli
                     *action = best(logits);
                 }
                 if let Some(probabilities) = probabilities {
-                    probabilities.fill(1.0);
+                    let each = probabilities.iter_mut().zip(&*actions);
+                    each.for_each(|(probabilities, action)| *probabilities = certain(*action));
                 }
             }
         }
@@ -236,19 +237,17 @@ pub(super) fn sample(
     isa.run(Pick { weights, halves, actions });
 }
 
-/// The probabilities with which [`sample`] chose these actions, given the exponentials that it
-/// wrote.
+/// The probabilities from which [`sample`] chose actions, given the exponentials that it wrote.
 ///
-/// **Shapes**: `preferences` is \[rows, actions\], the others are \[rows\].
+/// **Shapes**: `preferences` is \[rows, actions\], `probabilities` is \[rows\].
 pub(super) fn sampling_probabilities(
     preferences: &[f32],
-    actions: &[Action],
-    probabilities: &mut [f64],
+    probabilities: &mut [ActionProbabilities],
 ) {
-    let rows = preferences.chunks_exact(Action::COUNT);
-    for ((probability, action), row) in probabilities.iter_mut().zip(actions).zip(rows) {
+    let rows = preferences.as_chunks::<{ Action::COUNT }>().0;
+    for (probabilities, row) in probabilities.iter_mut().zip(rows) {
         let total: f64 = row.iter().copied().map(f64::from).sum();
-        *probability = f64::from(row[action.index()]) / total;
+        *probabilities = row.map(|preference| f64::from(preference) / total);
     }
 }
 
@@ -345,13 +344,13 @@ mod tests {
 
     /// Actions in 4000 lanes with their probabilities. Asserts that the actions are the same if no
     /// probabilities are requested.
-    fn acted(actor: &mut dyn Actor) -> Vec<(usize, f64)> {
+    fn acted(actor: &mut dyn Actor) -> Vec<(usize, ActionProbabilities)> {
         let mut lanes =
             PhysicalActivity::new(&Environment::paper(0.6), &"P".parse().unwrap(), 4000);
         let stream = |purpose| Stream::new(6, purpose);
         lanes.reset(LaneSet::All, &mut LaneStreams::Shared(stream(Purpose::Environment)));
         let (mut actions, mut again) = ([Action::NONE; 4000], [Action::UNTAILORED; 4000]);
-        let mut probabilities = [f64::NAN; 4000];
+        let mut probabilities = [[f64::NAN; Action::COUNT]; 4000];
         let mut choices = stream(Purpose::Exploration);
         actor.act(&lanes, &mut choices.clone(), &mut again, None);
         actor.act(&lanes, &mut choices, &mut actions, Some(&mut probabilities));
@@ -362,8 +361,8 @@ mod tests {
     fn assert_probabilities(actor: &mut dyn Actor, expected: [f64; Action::COUNT]) {
         let acted = acted(actor);
         for (index, expected) in expected.into_iter().enumerate() {
+            assert!(acted.iter().all(|(_, p)| (p[index] - expected).abs() < 1e-6), "{index}");
             let of = acted.iter().filter(|(action, _)| *action == index);
-            assert!(of.clone().all(|(_, p)| (p - expected).abs() < 1e-6), "{index}");
             // Four standard deviations of a binomial count of 4000.
             let deviation = (4000.0 * expected * (1.0 - expected)).sqrt();
             let off = (of.count() as f64 - 4000.0 * expected).abs();

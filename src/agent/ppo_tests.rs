@@ -86,6 +86,7 @@ impl Case {
         let minibatch = Minibatch {
             observations: observations(&case["observations"]),
             actions: actions.map(|a| Action::from_index(a as usize).unwrap()).collect(),
+            chosen: vec![true; numbers(&case["log_probabilities"]).len()],
             log_probabilities: numbers(&case["log_probabilities"]),
             values: numbers(&case["values"]),
             advantages: numbers(&case["advantages"]),
@@ -228,6 +229,7 @@ impl Drawn {
         Minibatch {
             observations,
             actions: (0..self.rows).map(|_| Action::from_low_bits(self.stream.bits())).collect(),
+            chosen: (0..self.rows).map(|_| self.stream.below(4) > 0).collect(),
             log_probabilities: self.many(-2.0, -1.0),
             values: self.many(-1.0, 1.0),
             advantages: self.many(-2.0, 2.0),

@@ -130,8 +130,12 @@ fn targets_are_those_of_pytorch() {
         for row in (0..case.batch.rows()).filter(|row| case.batch.learned[*row]) {
             let status =
                 if running[row] { EpisodeStatus::Running } else { EpisodeStatus::Terminated };
-            let transition =
-                Transition { action: case.batch.actions[row], reward: rewards[row], status };
+            let transition = Transition {
+                action: case.batch.actions[row],
+                reward: rewards[row],
+                status,
+                is_withheld: false,
+            };
             let next = &next[(row + lanes) * Action::COUNT..][..Action::COUNT];
             let best_next = next[best(next).index()];
             let gamma = case.parameters.gamma;

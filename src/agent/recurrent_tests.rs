@@ -181,6 +181,7 @@ impl Drawn {
         Minibatch {
             observations,
             actions: (0..rows).map(|_| Action::from_low_bits(self.stream.bits())).collect(),
+            chosen: (0..rows).map(|_| self.stream.below(4) > 0).collect(),
             log_probabilities: self.many(rows, -1.6, -1.2),
             values: self.many(rows, -1.0, 1.0),
             advantages: self.many(rows, -2.0, 2.0),

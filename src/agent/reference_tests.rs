@@ -156,7 +156,12 @@ impl DqnCase {
             .iter()
             .zip(numbers(&batch["rewards"]))
             .zip(statuses)
-            .map(|((&action, reward), status)| Transition { action, reward, status })
+            .map(|((&action, reward), status)| Transition {
+                action,
+                reward,
+                status,
+                is_withheld: false,
+            })
             .collect();
         let batch = Batch {
             observations: observations(&batch["observations"]),

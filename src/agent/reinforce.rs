@@ -12,9 +12,11 @@ use crate::agent::learner::{Actions, Diverged, Learner, LearnerError, Span, Trai
 use crate::agent::memory::{OutOfMemory, reserve};
 use crate::agent::network::{Activation, Engine, LAYER_WIDTHS, LEARNING_RATE};
 use crate::agent::policy::{ActionNetwork, SoftmaxPolicy, sample, sampling_probabilities};
+use crate::agent::unavailable::Unavailable;
 use crate::agent::weights::Weights;
 use crate::env::{
-    Action, EpisodeStatus, LaneSet, LaneStreams, Observations, PhysicalActivity, VectorEnvironment,
+    Action, ActionProbabilities, EpisodeStatus, LaneSet, LaneStreams, Observations,
+    PhysicalActivity, VectorEnvironment,
 };
 use crate::kernel::Isa;
 use crate::key::{Keyed, Kind};
@@ -43,6 +45,9 @@ keys! {
         /// processor, or "burn", Burn's modules and gradients, many times slower, with results that depend
         /// on the processor
         engine: Engine = Engine::Fused;
+        /// what the agent does where no message can be sent: "skip", neither choose nor learn from a
+        /// choice, or "chosen", learn as if the action that it chose had been taken
+        unavailable: Unavailable = Unavailable::Skip, before Unavailable::Skip;
     }
 }
 
@@ -133,7 +138,8 @@ pub struct ReinforceLearner<E, Env = PhysicalActivity> {
 /// Buffers that are reused, so that an update allocates nothing.
 struct Workspace {
     trajectories: Trajectories,
-    /// Positions \[time, lane\] of the rows, as ranges. A lane that has ended has no row.
+    /// Positions \[time, lane\] of the rows, as ranges. A lane that has ended, or whose agent did not
+    /// choose, has no row.
     positions: Vec<Range<usize>>,
     /// \[time, lane\].
     rewards: Vec<f64>,
@@ -146,6 +152,8 @@ struct Workspace {
     observations: Observations,
     logits: Vec<f32>,
     halves: Vec<u32>,
+    /// Whether a lane's step is one to learn from, \[lane\].
+    learned: Vec<bool>,
 }
 
 impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
@@ -172,6 +180,7 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
                 observations: none,
                 logits: Vec::new(),
                 halves: Vec::new(),
+                learned: Vec::new(),
             },
             environment,
             environment_streams: LaneStreams::Shared(Stream::new(seed, Purpose::Environment)),
@@ -196,7 +205,9 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
             observations,
             logits,
             halves,
+            learned,
         } = &mut self.workspace;
+        let unavailable = self.parameters.unavailable;
         let lanes = self.environment.lanes();
         if !self.environment.any_running() {
             self.environment.reset(LaneSet::All, &mut self.environment_streams);
@@ -216,8 +227,9 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
             self.engine.logits(observations, logits);
             sample(self.engine.isa(), logits, actions, halves, &mut self.exploration_stream);
             if let Some(observer) = &mut observer {
-                let mut probabilities = vec![0.0; lanes];
-                sampling_probabilities(logits, actions, &mut probabilities);
+                let mut probabilities = vec![ActionProbabilities::default(); lanes];
+                sampling_probabilities(logits, &mut probabilities);
+                unavailable.withhold(&self.environment, actions, &mut probabilities);
                 observer.chosen(&self.environment, actions, &probabilities);
             }
             trajectories.reserve(lanes)?;
@@ -225,19 +237,24 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
             reserve(positions, lanes, TRAJECTORIES)?;
             let start = rewards.len();
             rewards.resize(start + lanes, 0.0);
-            // Copies each run of adjacent running lanes at once.
+            learned.clear();
+            for (lane, status) in self.environment.statuses().iter().enumerate() {
+                let is_running = *status == EpisodeStatus::Running;
+                lengths[lane] += u32::from(is_running);
+                learned.push(is_running && unavailable.chooses(&self.environment, lane));
+            }
+            // Copies each run of adjacent lanes with a choice to learn from at once.
             let mut lane = 0;
-            for running in self.environment.statuses().chunk_by(|a, b| a == b) {
-                let lanes = lane..lane + running.len();
+            for run in learned.chunk_by(|a, b| a == b) {
+                let lanes = lane..lane + run.len();
                 lane = lanes.end;
-                if running[0] == EpisodeStatus::Running {
+                if run[0] {
                     trajectories.observations.extend(observations, lanes.clone());
                     trajectories.actions.extend_from_slice(&actions[lanes.clone()]);
                     let preferences =
                         &logits[lanes.start * Action::COUNT..lanes.end * Action::COUNT];
                     trajectories.preferences.extend_from_slice(preferences);
                     positions.push(start + lanes.start..start + lanes.end);
-                    lengths[lanes].iter_mut().for_each(|length| *length += 1);
                 }
             }
             let paid = &mut rewards[start..];
@@ -284,7 +301,9 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> Learner<Env> for ReinforceLearn
             let returns = rewards[rows.clone()].iter();
             trajectories.returns_to_go.extend(returns.map(|&sum| sum as f32));
         }
-        let loss = self.engine.update(trajectories);
+        // Without a single choice there is nothing to learn.
+        let is_empty = trajectories.actions.is_empty();
+        let loss = if is_empty { 0.0 } else { self.engine.update(trajectories) };
         self.updates += 1;
         if !loss.is_finite() {
             return Err(Diverged { update: self.updates, loss }.into());

@@ -18,6 +18,8 @@ pub struct Transition {
     pub reward: f32,
     /// Status of the episode after the step.
     pub status: EpisodeStatus,
+    /// Whether the next action is action 0 for certain, because no message can be sent after the step.
+    pub is_withheld: bool,
 }
 
 choices! {
@@ -58,7 +60,7 @@ pub struct Replay {
     features: Vec<f32>,
     moments: Vec<u16>,
     rewards: Vec<f32>,
-    /// Action and status, two bits each.
+    /// Action and status, two bits each, and whether the next action is withheld.
     steps: Vec<u8>,
     /// Regression targets; NaN if unknown.
     targets: Vec<f32>,
@@ -115,7 +117,7 @@ impl Replay {
             put(&mut self.moments, position, &[moment])?;
         }
         put(&mut self.rewards, position, &[transition.reward])?;
-        put(&mut self.steps, position, &[pack(transition.action, transition.status)])?;
+        put(&mut self.steps, position, &[pack(&transition)])?;
         put(&mut self.targets, position, &[f32::NAN])?;
         self.latest.clear();
         self.latest.push(after.row(0), after.moment(0));
@@ -150,8 +152,7 @@ impl Replay {
 
     /// The transition at a position.
     pub fn transition(&self, position: usize) -> Transition {
-        let (action, status) = unpack(self.steps[position]);
-        Transition { action, reward: self.rewards[position], status }
+        unpack(self.steps[position], self.rewards[position])
     }
 
     /// Appends the state before the transition at a position to `out`.
@@ -205,7 +206,7 @@ impl Replay {
         batch.targets.clear();
         for &position in positions {
             self.push_before(position, &mut batch.observations);
-            batch.actions.push(unpack(self.steps[position]).0);
+            batch.actions.push(self.transition(position).action);
             batch.targets.push(self.targets[position]);
         }
     }
@@ -282,14 +283,16 @@ fn put<T: Copy>(values: &mut Vec<T>, at: usize, new: &[T]) -> Result<(), OutOfMe
     Ok(())
 }
 
-fn pack(action: Action, status: EpisodeStatus) -> u8 {
-    action.index() as u8 | status.number() << 2
+fn pack(transition: &Transition) -> u8 {
+    let Transition { action, status, is_withheld, .. } = transition;
+    action.index() as u8 | status.number() << 2 | u8::from(*is_withheld) << 4
 }
 
-fn unpack(step: u8) -> (Action, EpisodeStatus) {
+fn unpack(step: u8, reward: f32) -> Transition {
     // A status above 2 can only come from a damaged state.
-    let status = EpisodeStatus::from_number(step >> 2).unwrap_or(EpisodeStatus::Truncated);
-    (Action::from_low_bits(step.into()), status)
+    let status = EpisodeStatus::from_number(step >> 2 & 3).unwrap_or(EpisodeStatus::Truncated);
+    let action = Action::from_low_bits(step.into());
+    Transition { action, reward, status, is_withheld: step >> 4 != 0 }
 }
 
 /// The positions of a draw: a hash table with linear probing and at least four slots per position.
@@ -368,7 +371,8 @@ mod tests {
                 (EpisodeStatus::Running, i as f32 + 1.0)
             };
             let action = Action::from_index(i % 4).unwrap();
-            let transition = Transition { action, reward: i as f32, status };
+            let is_withheld = i % 5 == 0;
+            let transition = Transition { action, reward: i as f32, status, is_withheld };
             replay.push(&one(i as f32), transition, &one(after)).unwrap();
         }
         replay
@@ -381,6 +385,9 @@ mod tests {
         assert_eq!(rewards, [3.0, 4.0, 2.0]);
         assert_eq!(replay.transition(2).status, EpisodeStatus::Truncated);
         assert_eq!(replay.transition(0).action.index(), 3);
+        let withheld = [0, 1, 2].map(|position| replay.transition(position).is_withheld);
+        assert_eq!(withheld, [false, false, false]);
+        assert!(filled(3, 6, TerminalTarget::Zero).transition(2).is_withheld);
     }
 
     #[test]
@@ -420,8 +427,12 @@ mod tests {
         let mut replay = Replay::new(100_000, &Observations::new(3, 50), TerminalTarget::Zero);
         let mut state = Observations::new(3, 50);
         state.push(&[0.0; 3], Some(1));
-        let transition =
-            Transition { action: Action::NONE, reward: 0.0, status: EpisodeStatus::Running };
+        let transition = Transition {
+            action: Action::NONE,
+            reward: 0.0,
+            status: EpisodeStatus::Running,
+            is_withheld: false,
+        };
         (0..100_000).for_each(|_| replay.push(&state, transition, &state).unwrap());
         let Replay { features, moments, rewards, steps, targets, .. } = &replay;
         let stored = 4 * features.len() + 2 * moments.len() + 4 * rewards.len() + steps.len();

@@ -3,8 +3,10 @@
 use std::io;
 
 use crate::agent::actor::Actor;
+use crate::agent::unavailable::certain;
 use crate::env::{
-    Action, Belief, Environment, EpisodeStatus, PhysicalActivity, Scenario, VectorEnvironment,
+    Action, ActionProbabilities, Belief, Environment, EpisodeStatus, PhysicalActivity, Scenario,
+    VectorEnvironment,
 };
 use crate::key::{KeyType, Keyed, Kind};
 use crate::optimum::{NoOptimum, OptimalPolicy};
@@ -122,11 +124,13 @@ impl RulePolicy {
         }
     }
 
-    /// The probability of the actions that the rule chooses.
-    fn probability(&self) -> f64 {
+    /// The probabilities of the actions, of which the rule chose `action`.
+    fn probabilities(&self, action: Action) -> ActionProbabilities {
         match self.choice {
-            Choice::Random => 1.0 / Action::COUNT as f64,
-            Choice::Always(_) | Choice::Tailored | Choice::Threshold(_) | Choice::Optimal(_) => 1.0,
+            Choice::Random => [1.0 / Action::COUNT as f64; Action::COUNT],
+            Choice::Always(_) | Choice::Tailored | Choice::Threshold(_) | Choice::Optimal(_) => {
+                certain(action)
+            }
         }
     }
 }
@@ -138,13 +142,14 @@ impl Actor for RulePolicy {
         environment: &PhysicalActivity,
         stream: &mut Stream,
         actions: &mut [Action],
-        probabilities: Option<&mut [f64]>,
+        probabilities: Option<&mut [ActionProbabilities]>,
     ) {
         for (lane, action) in actions.iter_mut().enumerate() {
             *action = self.choose(environment, lane, stream);
         }
         if let Some(probabilities) = probabilities {
-            probabilities.fill(self.probability());
+            let each = probabilities.iter_mut().zip(&*actions);
+            each.for_each(|(probabilities, action)| *probabilities = self.probabilities(*action));
         }
     }
 }
@@ -236,11 +241,14 @@ mod tests {
             let mut actions_stream = Stream::new(1, Purpose::TestActions);
             let mut policy = RulePolicy::new(&rule, &environment, &scenario).unwrap();
             let (mut actions, mut rewards) = ([Action::NONE; 2], [0.0; 2]);
-            let mut probabilities = [0.0; 2];
+            let mut probabilities = [[0.0; Action::COUNT]; 2];
             lanes.reset(LaneSet::All, &mut streams);
             for step in 0..6 {
                 policy.act(&lanes, &mut actions_stream, &mut actions, Some(&mut probabilities));
-                assert!(probabilities.iter().all(|p| (0.25..=1.0).contains(p)), "{rule:?}");
+                for (p, action) in probabilities.iter().zip(&actions) {
+                    assert!((0.25..=1.0).contains(&p[action.index()]), "{rule:?}");
+                    assert_eq!(p.iter().sum::<f64>(), 1.0, "{rule:?}");
+                }
                 lanes.step(&actions, &mut rewards, &mut streams);
                 policy.observe(&lanes, &rewards);
                 if step == 1 {

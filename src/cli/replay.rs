@@ -8,14 +8,14 @@ use std::path::Path;
 
 use serde::Deserialize;
 
-use crate::agent::Actor;
+use crate::agent::{Actor, certain};
 use crate::cli::output::Format;
 use crate::cli::setting::preset;
 use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit};
 use crate::env::{
-    Action, ContextDraw, Environment, EpisodeStatus, Feature, ForcedNoise, LaneSet, LaneStreams,
-    PhysicalActivity, Scenario, StateNoise, StepNoise, VectorEnvironment,
+    Action, ActionProbabilities, ContextDraw, Environment, EpisodeStatus, Feature, ForcedNoise,
+    LaneSet, LaneStreams, PhysicalActivity, Scenario, StateNoise, StepNoise, VectorEnvironment,
 };
 use crate::key::Keyed;
 use crate::rng::{Purpose, Stream};
@@ -149,10 +149,11 @@ impl Actor for RecordedActions {
         _: &PhysicalActivity,
         _: &mut Stream,
         actions: &mut [Action],
-        probabilities: Option<&mut [f64]>,
+        probabilities: Option<&mut [ActionProbabilities]>,
     ) {
-        actions.fill(self.actions[self.taken]);
-        probabilities.into_iter().for_each(|probabilities| probabilities.fill(1.0));
+        let action = self.actions[self.taken];
+        actions.fill(action);
+        probabilities.into_iter().for_each(|probabilities| probabilities.fill(certain(action)));
     }
 
     fn observe(&mut self, _: &PhysicalActivity, _: &[f64]) {

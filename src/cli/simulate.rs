@@ -17,8 +17,8 @@ use crate::cli::setting::adjusted;
 use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit, StoreArgument, replay};
 use crate::env::{
-    Action, Environment, EpisodeStatus, Observer, PhysicalActivity, Population, Scenario,
-    VectorEnvironment,
+    Action, ActionProbabilities, Environment, EpisodeStatus, Observer, PhysicalActivity,
+    Population, Scenario, VectorEnvironment,
 };
 use crate::store::{Reader, StoreError};
 use crate::train::{self, RollStreams, StepObserver};
@@ -223,8 +223,13 @@ impl Rolled {
 struct Steps(Vec<Step>);
 
 impl StepObserver<PhysicalActivity> for Steps {
-    fn chosen(&mut self, lanes: &PhysicalActivity, actions: &[Action], probabilities: &[f64]) {
-        let probability = probabilities.first().copied();
+    fn chosen(
+        &mut self,
+        lanes: &PhysicalActivity,
+        actions: &[Action],
+        probabilities: &[ActionProbabilities],
+    ) {
+        let probability = Some(probabilities[0][actions[0].index()]);
         self.0.push(Step { probability, ..Step::chosen(lanes, actions[0]) });
     }
 

@@ -44,4 +44,6 @@ pub use parameters::{
 pub use physical_activity::PhysicalActivity;
 pub use population::{ParticipantSampler, Population, PopulationPhases};
 pub use scenario::{Feature, Scenario, ScenarioError};
-pub use vector::{Action, ActionSpec, EpisodeStatus, LaneSet, LaneStreams, VectorEnvironment};
+pub use vector::{
+    Action, ActionProbabilities, ActionSpec, EpisodeStatus, LaneSet, LaneStreams, VectorEnvironment,
+};

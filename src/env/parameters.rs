@@ -121,7 +121,7 @@ impl Environment {
     }
 
     /// The number of steps in an episode that does not end in disengagement.
-    pub(super) fn longest_episode(&self) -> u32 {
+    pub fn longest_episode(&self) -> u32 {
         self.horizon + u32::from(self.unpaid_last_step)
     }
 }

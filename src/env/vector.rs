@@ -32,6 +32,10 @@ impl Action {
     }
 }
 
+/// The probability of every action in one choice, by the action's number. All are NaN where only the
+/// probability of the chosen action is known, except this one.
+pub type ActionProbabilities = [f64; Action::COUNT];
+
 /// Whether an episode is running, and how it ended if not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
@@ -238,6 +242,13 @@ pub trait VectorEnvironment: Resumable {
     /// last step. Implementations differ where agents learn from another reward.
     fn outcomes<'a>(&'a self, rewards: &'a [f64]) -> &'a [f64] {
         rewards
+    }
+
+    /// Whether a message can be sent in a lane's next step. Where it cannot, the step takes action 0, whatever
+    /// is chosen. True by default.
+    fn can_send(&self, lane: usize) -> bool {
+        let _ = lane;
+        true
     }
 
     /// Whether any lane is running.

@@ -98,7 +98,11 @@ impl Job {
 
     /// The versions of the code that this job would run with.
     pub fn versions(&self) -> Versions {
-        Versions { environment: env::VERSION, algorithm: self.agent.version() }
+        let algorithm = self.agent.version();
+        // Where messages can be unavailable, agents with the key `unavailable` learned otherwise before the
+        // key was added. The version is higher in these jobs alone, so that all others keep their keys.
+        let is_later = self.agent.has_unavailable() && self.task().can_withhold();
+        Versions { environment: env::VERSION, algorithm: algorithm + u32::from(is_later) }
     }
 
     /// The exact error rate of the most likely context; `None` if it differs between participants.

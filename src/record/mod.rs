@@ -100,14 +100,26 @@ pub struct Decision {
     pub habituation: f64,
     /// Disengagement risk before the step, in [0, 1].
     pub disengagement: f64,
-    /// Whether a message could be sent.
+    /// Whether a message could be sent, apart from the budget of messages.
     pub available: bool,
-    /// Action, 0 to 3.
+    /// Whether a message could be sent; where it could not, the action taken is 0.
+    pub can_send: bool,
+    /// Action that the agent chose, 0 to 3.
+    pub chosen: u8,
+    /// Action taken, 0 to 3.
     pub action: u8,
-    /// Probability with which the action was chosen, in (0, 1].
-    pub action_probability: f64,
+    /// Probabilities of all actions when the agent chose. All but the chosen action's are NaN where only
+    /// this one is known.
+    pub probabilities: [f64; 4],
     /// Reward, in steps walked.
     pub reward: f64,
+}
+
+impl Decision {
+    /// The probability with which the action was taken, in (0, 1]: 1 where no message could be sent.
+    pub fn action_probability(&self) -> f64 {
+        if self.can_send { self.probabilities[usize::from(self.action)] } else { 1.0 }
+    }
 }
 
 /// The value of a parameter of a participant. A participant takes part in one episode.

@@ -7,6 +7,8 @@ use rusqlite::{CachedStatement, Connection, Error};
 
 use crate::record::{Decision, Phase};
 
+use super::insert::RUN;
+
 /// The number of steps per row.
 const STEPS: usize = 10;
 /// The number of bits per step.
@@ -17,7 +19,6 @@ const NUMBERS: usize = 5;
 const COLUMNS: usize = 3 + STEPS * NUMBERS;
 
 // The lowest bits of the parts of a row id; the bits below the episode are the step.
-const RUN: u32 = 39;
 const PHASE: u32 = 38;
 const EPISODE: u32 = 14;
 /// The bits of a row id besides the run.
@@ -56,12 +57,14 @@ pub(super) fn insert(
     decisions: &[Decision],
 ) -> rusqlite::Result<()> {
     let mut insert = connection.prepare_cached(&INSERT)?;
-    for episode in
-        decisions.chunk_by(|one, next| (one.phase, one.episode) == (next.phase, next.episode))
-    {
-        episode.chunks(STEPS).try_for_each(|steps| insert_steps(&mut insert, run, steps))?;
-    }
-    Ok(())
+    blocks(decisions).try_for_each(|steps| insert_steps(&mut insert, run, steps))
+}
+
+/// The consecutive steps of an episode that make a row.
+pub(super) fn blocks(decisions: &[Decision]) -> impl Iterator<Item = &[Decision]> {
+    decisions
+        .chunk_by(|one, next| (one.phase, one.episode) == (next.phase, next.episode))
+        .flat_map(|episode| episode.chunks(STEPS))
 }
 
 /// Inserts consecutive steps of an episode as one row.
@@ -81,7 +84,7 @@ fn insert_steps(
             decision.probability,
             decision.habituation,
             decision.disengagement,
-            decision.action_probability,
+            decision.action_probability(),
             decision.reward,
         ];
         if !numbers.iter().all(|number| number.is_finite()) {
@@ -103,7 +106,7 @@ fn insert_steps(
 }
 
 /// The row id of steps that start with this decision.
-fn row_id(run: i64, first: &Decision) -> rusqlite::Result<i64> {
+pub(super) fn row_id(run: i64, first: &Decision) -> rusqlite::Result<i64> {
     let Decision { phase, episode, step, .. } = *first;
     if run >> (63 - RUN) != 0 || episode >> (PHASE - EPISODE) != 0 || step >> EPISODE != 0 {
         return Err(Error::IntegralValueOutOfRange(0, episode.into()));

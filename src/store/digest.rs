@@ -8,7 +8,7 @@ use rusqlite::types::ValueRef;
 use rusqlite::{Connection, Params};
 use sha2::{Digest, Sha256};
 
-use super::{decision, participant};
+use super::{choice, decision, participant};
 
 /// The metrics of run `?1`. This query and the following ones use orders that do not depend on the row ids of
 /// one file.
@@ -52,6 +52,10 @@ pub(super) fn of_run(connection: &Connection, run: i64) -> rusqlite::Result<[u8;
     // The same holds for runs without participants.
     if participant::are_known(connection)? {
         add_rows(&mut digest, connection, participant::SELECT, [run])?;
+    }
+    // And for runs whose decisions were recorded before their choices.
+    if choice::are_known(connection)? {
+        add_rows(&mut digest, connection, choice::SELECT, [run])?;
     }
     Ok(digest.finish())
 }

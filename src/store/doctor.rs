@@ -13,7 +13,7 @@ use crate::plan::{self, ImpliedParameter};
 use super::error::StoreError;
 use super::implied::{self, Known};
 use super::verify::{CheckWeights, failure_fault, job_fault, row_ids, run_fault};
-use super::{decision, earlier_manifest, file, participant, schema};
+use super::{choice, decision, earlier_manifest, file, participant, schema};
 
 /// The result of an examination.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -130,6 +130,17 @@ const OF_DECISIONS: [Invariant; 2] = [
     },
 ];
 
+/// The invariants of recorded choices, which stores of earlier versions lack.
+const OF_CHOICES: &[Invariant] = &[Invariant {
+    violation: "it has recorded choices that belong to no recorded decision",
+    sql: "SELECT DISTINCT job.key FROM run JOIN job ON job.id = run.job
+          JOIN recorded_choice AS choice
+              ON choice.id BETWEEN run.id << 39 AND (run.id << 39) + 549755813887
+          LEFT JOIN recorded_decision AS recorded ON recorded.id = choice.id
+          WHERE run.status <> 'completed' OR recorded.id IS NULL
+              OR recorded.steps <> json_array_length(choice.probabilities)",
+}];
+
 /// The invariants of recorded participants, which stores of earlier versions lack.
 const OF_PARTICIPANTS: &[Invariant] = &[
     Invariant {
@@ -240,7 +251,11 @@ impl Examination<'_> {
             Ok(true) => OF_PARTICIPANTS,
             Ok(false) | Err(_) => &[],
         };
-        let all = INVARIANTS.iter().chain(of_decisions).chain(of_participants);
+        let of_choices = match choice::are_known(self.connection) {
+            Ok(true) => OF_CHOICES,
+            Ok(false) | Err(_) => &[],
+        };
+        let all = INVARIANTS.iter().chain(of_decisions).chain(of_choices).chain(of_participants);
         for Invariant { violation, sql } in all {
             for key in self.texts("job", sql) {
                 self.find("job", Some(key), *violation);

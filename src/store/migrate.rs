@@ -56,6 +56,10 @@ pub(super) const MIGRATIONS: &[Migration] = &[
         name: "0008_keep_manifests",
         sql: include_str!("../../migrations/0008_keep_manifests.sql"),
     },
+    Migration {
+        name: "0009_record_choices",
+        sql: include_str!("../../migrations/0009_record_choices.sql"),
+    },
 ];
 
 /// The version of the schema that this program writes.

@@ -24,6 +24,7 @@
 
 mod among;
 mod beside;
+mod choice;
 mod claim;
 mod completed;
 mod copy;

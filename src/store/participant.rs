@@ -5,10 +5,9 @@ use rusqlite::{Connection, Error};
 
 use crate::record::{ParticipantValue, Phase};
 
-use super::insert::insert_rows;
+use super::insert::{RUN, insert_renumbered, insert_rows};
 
 // The lowest bits of the parts of a row id; the bits below the episode are the place of the parameter.
-const RUN: u32 = 39;
 const PHASE: u32 = 38;
 const EPISODE: u32 = 14;
 
@@ -64,10 +63,5 @@ pub(super) fn insert_copied(
     own: i64,
     values: &[Value],
 ) -> rusqlite::Result<()> {
-    let row = |row: &[Value]| match row {
-        [Value::Integer(id), value] => [Value::Integer(id | own << RUN), value.clone()],
-        // The table rejects such a row.
-        _ => [Value::Null, Value::Null],
-    };
-    insert_rows(target, "recorded_participant", values.chunks(2).map(row))
+    insert_renumbered::<2>(target, "recorded_participant", own, values)
 }

@@ -11,7 +11,7 @@ use super::ending::{complete_run, end_run};
 use super::error::StoreError;
 use super::insert::insert_rows;
 use super::writer::Store;
-use super::{decision, participant};
+use super::{choice, decision, participant};
 
 /// The end of a claimed run.
 #[derive(Clone, Copy, Debug)]
@@ -116,6 +116,7 @@ fn insert_results(connection: &Connection, run: i64, results: &Results) -> rusql
     });
     insert_rows(connection, "action_count", actions)?;
     decision::insert(connection, run, &results.decisions)?;
+    choice::insert(connection, run, &results.decisions)?;
     participant::insert(connection, run, &results.participants)?;
     if let Some(weights) = &results.weights {
         connection

@@ -2,8 +2,8 @@
 
 use std::io;
 
-use crate::agent::{OutOfMemory, StepObserver, reserve};
-use crate::env::{Action, EpisodeStatus, PhysicalActivity, VectorEnvironment};
+use crate::agent::{OutOfMemory, StepObserver, Unavailable, certain, reserve};
+use crate::env::{Action, ActionProbabilities, EpisodeStatus, PhysicalActivity, VectorEnvironment};
 use crate::record::{Decision, ParticipantValue, Phase};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
@@ -14,6 +14,8 @@ use crate::state::{Resumable, StateError, StateReader, StateWriter};
 #[derive(Debug)]
 pub(super) struct DecisionLog {
     phase: Phase,
+    /// Whether the agent chooses where no message can be sent.
+    unavailable: Unavailable,
     /// In the order of steps; [`DecisionLog::finish`] sorts them by episode.
     decisions: Vec<Decision>,
     /// The parameters of participants whose episodes have begun. A test records its participants itself.
@@ -29,9 +31,11 @@ pub(super) struct DecisionLog {
 }
 
 impl DecisionLog {
-    pub(super) fn new(phase: Phase) -> Self {
+    /// An empty log of a phase of a job, whose agent has this value of the key `unavailable`.
+    pub(super) fn new(unavailable: Unavailable, phase: Phase) -> Self {
         DecisionLog {
             phase,
+            unavailable,
             decisions: Vec::new(),
             participants: Vec::new(),
             begun: 0,
@@ -63,7 +67,12 @@ impl DecisionLog {
 }
 
 impl StepObserver<PhysicalActivity> for DecisionLog {
-    fn chosen(&mut self, lanes: &PhysicalActivity, actions: &[Action], probabilities: &[f64]) {
+    fn chosen(
+        &mut self,
+        lanes: &PhysicalActivity,
+        actions: &[Action],
+        probabilities: &[ActionProbabilities],
+    ) {
         self.acting.clear();
         self.episodes.resize(lanes.lanes(), 0);
         match reserve(&mut self.decisions, lanes.lanes(), "the record of decisions") {
@@ -78,9 +87,10 @@ impl StepObserver<PhysicalActivity> for DecisionLog {
             let draw = lanes.context(lane);
             let shown = lanes.parameters().observed_probability;
             let zero = draw.probability_of_zero;
-            // Without availability or budget, every choice results in no message.
-            let taken = lanes.taken(lane, actions[lane]);
-            let is_free = lanes.taken(lane, Action::UNTAILORED) == Action::UNTAILORED;
+            let (chosen, probabilities) = match self.unavailable.chooses(lanes, lane) {
+                true => (actions[lane], probabilities[lane]),
+                false => (Action::NONE, certain(Action::NONE)),
+            };
             let episode = self.episode(lane, step);
             if step == 0 && self.phase == Phase::Train {
                 let phase = self.phase;
@@ -98,8 +108,10 @@ impl StepObserver<PhysicalActivity> for DecisionLog {
                 habituation: lanes.habituation()[lane],
                 disengagement: lanes.disengagement()[lane],
                 available: lanes.is_available(lane),
-                action: taken.index() as u8,
-                action_probability: if is_free { probabilities[lane] } else { 1.0 },
+                can_send: lanes.can_send(lane),
+                chosen: chosen.index() as u8,
+                action: lanes.taken(lane, chosen).index() as u8,
+                probabilities,
                 reward: 0.0,
             };
             self.decisions.push(decision);
@@ -130,8 +142,10 @@ impl Resumable for DecisionLog {
             out.one(decision.habituation)?;
             out.one(decision.disengagement)?;
             out.one(u8::from(decision.available))?;
+            out.one(u8::from(decision.can_send))?;
+            out.one(decision.chosen)?;
             out.one(decision.action)?;
-            out.one(decision.action_probability)?;
+            decision.probabilities.iter().try_for_each(|probability| out.one(*probability))?;
             out.one(decision.reward)
         })?;
         out.each(self.participants.iter(), |out, value| {
@@ -156,8 +170,10 @@ impl Resumable for DecisionLog {
                 habituation: from.one()?,
                 disengagement: from.one()?,
                 available: from.one::<u8>()? != 0,
+                can_send: from.one::<u8>()? != 0,
+                chosen: from.one()?,
                 action: from.one()?,
-                action_probability: from.one()?,
+                probabilities: [from.one()?, from.one()?, from.one()?, from.one()?],
                 reward: from.one()?,
             })
         })?;

@@ -4,8 +4,8 @@ use std::io;
 
 use crate::agent::{Actor, OutOfMemory, StepObserver, reserve_exact};
 use crate::env::{
-    Action, ContextDraw, EpisodeStatus, LaneSet, ParticipantSampler, PhysicalActivity,
-    VectorEnvironment,
+    Action, ActionProbabilities, ContextDraw, EpisodeStatus, LaneSet, ParticipantSampler,
+    PhysicalActivity, VectorEnvironment,
 };
 use crate::plan::Job;
 use crate::record::{
@@ -86,7 +86,11 @@ impl Test {
             episodes: job.evaluation.test_episodes as usize,
             streams: RollStreams::of_test(job.seed),
             counts: ActionCounts::default(),
-            log: job.evaluation.record_decisions.of_test().then(|| DecisionLog::new(Phase::Test)),
+            log: job
+                .evaluation
+                .record_decisions
+                .of_test()
+                .then(|| DecisionLog::new(job.agent.unavailable(), Phase::Test)),
             played: Vec::new(),
             people: (!job.population.is_homogeneous()).then(|| People {
                 sampler: ParticipantSampler::new(&job.population),
@@ -228,7 +232,12 @@ struct Player<'a> {
 }
 
 impl StepObserver<PhysicalActivity> for Player<'_> {
-    fn chosen(&mut self, lanes: &PhysicalActivity, actions: &[Action], probabilities: &[f64]) {
+    fn chosen(
+        &mut self,
+        lanes: &PhysicalActivity,
+        actions: &[Action],
+        probabilities: &[ActionProbabilities],
+    ) {
         if let Some(log) = &mut self.log {
             log.chosen(lanes, actions, probabilities);
         }

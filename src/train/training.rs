@@ -71,7 +71,7 @@ impl<'j> Training<'j> {
                 .evaluation
                 .record_decisions
                 .of_training()
-                .then(|| DecisionLog::new(Phase::Train)),
+                .then(|| DecisionLog::new(job.agent.unavailable(), Phase::Train)),
             test: Test::new(job),
             actor,
             finished: Vec::new(),
@@ -257,6 +257,7 @@ mod tests {
 
     use super::*;
     use crate::agent::{Agent, DecisionRule, RuleParameters};
+    use crate::env::ActionProbabilities;
     use crate::env::{
         Action, Environment, LaneSet, PhysicalActivity, Population, VectorEnvironment,
     };
@@ -286,7 +287,7 @@ mod tests {
             environment: &PhysicalActivity,
             stream: &mut Stream,
             actions: &mut [Action],
-            probabilities: Option<&mut [f64]>,
+            probabilities: Option<&mut [ActionProbabilities]>,
         ) {
             self.steps.resize(environment.lanes(), 0);
             self.recent.resize(environment.lanes(), 0.0);
@@ -296,7 +297,7 @@ mod tests {
                 *action = Action::from_low_bits(number + stream.bits() % 3);
                 *steps += 1;
             }
-            probabilities.expect("a roll asks for them").fill(1.0 / 3.0);
+            probabilities.expect("a roll asks for them").fill([1.0 / 3.0; Action::COUNT]);
         }
 
         fn observe(&mut self, _: &PhysicalActivity, rewards: &[f64]) {

@@ -74,17 +74,30 @@ impl<N: BurnActorCritic> BurnPpo<N> {
             Some(real) => (numbers * real.clone()).sum().div_scalar(steps),
             None => numbers.mean(),
         };
+        let withheld = minibatch.chosen.contains(&false).then(|| {
+            let chosen: Vec<f32> =
+                minibatch.chosen.iter().map(|chosen| f32::from(*chosen)).collect();
+            column_of(&chosen)
+        });
+        // The same, with 0 for steps at which the agent did not choose.
+        let mean_of_choices = |numbers: Tensor<2>| match &withheld {
+            Some(chosen) => mean(numbers * chosen.clone()),
+            None => mean(numbers),
+        };
         let (logits, values) = network.replay(minibatch, &device);
 
         let logs = activation::log_softmax(logits, 1);
-        let entropy = mean((logs.clone().exp() * logs.clone()).sum_dim(1)).neg();
+        let entropy = mean_of_choices((logs.clone().exp() * logs.clone()).sum_dim(1)).neg();
         let chosen = logs.gather(1, column(&minibatch.actions, &device));
         let log_ratio = chosen - column_of(&minibatch.log_probabilities);
         let ratio = log_ratio.clone().exp();
-        let approx_kl = mean(ratio.clone() - log_ratio).sub_scalar(1.0);
+        let approx_kl = match &withheld {
+            None => mean(ratio.clone() - log_ratio).sub_scalar(1.0),
+            Some(_) => mean_of_choices((ratio.clone() - log_ratio).sub_scalar(1.0)),
+        };
         let losses = column_of(&minibatch.advantages).neg();
         let bounded = ratio.clone().clamp(1.0 - parameters.clip, 1.0 + parameters.clip);
-        let policy = mean((ratio * losses.clone()).max_pair(bounded * losses));
+        let policy = mean_of_choices((ratio * losses.clone()).max_pair(bounded * losses));
 
         let returns = column_of(&minibatch.returns);
         let squares = (values.clone() - returns.clone()).square();

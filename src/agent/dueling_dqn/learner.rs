@@ -7,7 +7,7 @@ use std::io;
 
 use crate::agent::actor::{Actor, StepObserver, reborrowed};
 use crate::agent::dueling_dqn::play::Play;
-use crate::agent::dueling_dqn::{DuelingDqn, DuelingDqnEngine, target};
+use crate::agent::dueling_dqn::{DuelingDqn, DuelingDqnEngine, target, value_after};
 use crate::agent::learner::{Actions, Learner, LearnerError, Span, TrainedEpisode};
 use crate::agent::memory::OutOfMemory;
 use crate::agent::policy::{EpsilonGreedy, best};
@@ -88,9 +88,9 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> DuelingDqnLearner<E, Env> {
         self.engine.target_values(next, values);
         let DuelingDqn { gamma, terminal_target, .. } = self.play.parameters;
         for (&position, values) in unknown.iter().zip(values.chunks_exact(Action::COUNT)) {
-            let best_next = values[best(values).index()];
             let transition = self.replay.transition(position);
-            let target = target(&transition, best_next, gamma, terminal_target);
+            let target =
+                target(&transition, value_after(&transition, values), gamma, terminal_target);
             self.replay.set_target(position, target)?;
         }
         Ok(())
@@ -113,8 +113,8 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> DuelingDqnLearner<E, Env> {
             Some(observer) => {
                 let greedy = self.greedy();
                 let action = explored.unwrap_or(greedy);
-                let probability = self.play.probability(action == greedy);
-                observer.chosen(&self.play.environment, &[action], &[probability]);
+                let probabilities = self.play.probabilities(greedy);
+                observer.chosen(&self.play.environment, &[action], &[probabilities]);
                 action
             }
         };

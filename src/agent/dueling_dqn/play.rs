@@ -6,9 +6,13 @@ use std::{io, mem};
 use crate::agent::actor::StepObserver;
 use crate::agent::dueling_dqn::DuelingDqn;
 use crate::agent::learner::{Actions, Diverged, LearnerError, TrainedEpisode};
-use crate::agent::policy::{epsilon_greedy_probability, explore};
+use crate::agent::policy::{epsilon_greedy_probabilities, explore};
 use crate::agent::replay::Transition;
-use crate::env::{Action, EpisodeStatus, LaneSet, LaneStreams, Observations, VectorEnvironment};
+use crate::agent::unavailable::certain;
+use crate::env::{
+    Action, ActionProbabilities, EpisodeStatus, LaneSet, LaneStreams, Observations,
+    VectorEnvironment,
+};
 use crate::rng::{Purpose, Stream};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
@@ -48,14 +52,25 @@ impl<Env: VectorEnvironment> Play<Env> {
         }
     }
 
-    /// A random action, if the agent explores in this step.
+    /// The action that does not depend on the values, if there is one: action 0 where the agent does not
+    /// choose, and a random action where it explores.
     pub(super) fn explore(&mut self) -> Option<Action> {
-        explore(self.epsilon, &mut self.exploration_stream)
+        // Drawn in every step, so that later choices do not depend on earlier availability.
+        let explored = explore(self.epsilon, &mut self.exploration_stream);
+        if self.chooses() { explored } else { Some(Action::default()) }
     }
 
-    /// The probability of an action, given whether it is the greedy action.
-    pub(super) fn probability(&self, is_greedy: bool) -> f64 {
-        epsilon_greedy_probability(self.epsilon, is_greedy)
+    /// Whether the agent chooses in the current state.
+    pub(super) fn chooses(&self) -> bool {
+        self.parameters.unavailable.choices().chooses(&self.environment, 0)
+    }
+
+    /// The probabilities of the actions, of which `greedy` has the highest value.
+    pub(super) fn probabilities(&self, greedy: Action) -> ActionProbabilities {
+        match self.chooses() {
+            true => epsilon_greedy_probabilities(self.epsilon, greedy),
+            false => certain(Action::default()),
+        }
     }
 
     /// Begins an episode.
@@ -81,7 +96,8 @@ impl<Env: VectorEnvironment> Play<Env> {
         let scaled = (reward[0] / self.parameters.reward_scale) as f32;
         self.environment.observe(&mut self.next_observation);
         let outcome = self.environment.outcomes(&reward)[0];
-        (Transition { action, reward: scaled, status }, outcome)
+        let is_withheld = !self.chooses();
+        (Transition { action, reward: scaled, status, is_withheld }, outcome)
     }
 
     /// Makes the observation after a step the current one.

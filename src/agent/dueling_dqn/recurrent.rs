@@ -14,7 +14,7 @@ use std::io;
 use crate::agent::actor::{Actor, StepObserver, reborrowed};
 use crate::agent::dueling_dqn::episodes::{EpisodeReplay, SequenceBatch};
 use crate::agent::dueling_dqn::play::Play;
-use crate::agent::dueling_dqn::{DuelingDqn, target};
+use crate::agent::dueling_dqn::{DuelingDqn, target, value_after};
 use crate::agent::learner::{Actions, Learner, LearnerError, Span, TrainedEpisode};
 use crate::agent::memory::OutOfMemory;
 use crate::agent::policy::{ActionNetwork, EpsilonGreedy, best};
@@ -107,8 +107,8 @@ impl<E: RecurrentDqnEngine, Env: VectorEnvironment> RecurrentDqnLearner<E, Env> 
             let Some(transition) = replay.transition(row % lanes, row / lanes) else { continue };
             let next = (row + lanes) * Action::COUNT;
             let values = &values[next..next + Action::COUNT];
-            let best_next = values[best(values).index()];
-            batch.targets[row] = target(&transition, best_next, gamma, terminal_target);
+            batch.targets[row] =
+                target(&transition, value_after(&transition, values), gamma, terminal_target);
         }
     }
 
@@ -122,8 +122,8 @@ impl<E: RecurrentDqnEngine, Env: VectorEnvironment> RecurrentDqnLearner<E, Env> 
         let greedy = best(&self.values);
         let action = self.play.explore().unwrap_or(greedy);
         if let Some(observer) = &mut observer {
-            let probability = self.play.probability(action == greedy);
-            observer.chosen(&self.play.environment, &[action], &[probability]);
+            let probabilities = self.play.probabilities(greedy);
+            observer.chosen(&self.play.environment, &[action], &[probabilities]);
         }
         let (transition, outcome) = self.play.step(action, observer);
         let Play { observation, next_observation, .. } = &self.play;

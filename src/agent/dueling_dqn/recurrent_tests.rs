@@ -22,7 +22,7 @@ fn push(replay: &mut EpisodeReplay, first: u32, len: u32) {
             if step + 1 == len { EpisodeStatus::Truncated } else { EpisodeStatus::Running };
         let number = (first + step) as f32;
         let action = Action::from_low_bits(u64::from(step));
-        let transition = Transition { action, reward: 10.0 * number, status };
+        let transition = Transition { action, reward: 10.0 * number, status, is_withheld: false };
         replay.push(&observation(number), transition, &observation(number + 1.0)).unwrap();
     }
 }
@@ -145,7 +145,12 @@ fn a_buffer_is_restored_as_it_was() {
     for (first, len) in [(10, 4), (20, 4), (30, 5)] {
         push(&mut full, first, len);
     }
-    let running = Transition { action: Action::NONE, reward: 1.0, status: EpisodeStatus::Running };
+    let running = Transition {
+        action: Action::NONE,
+        reward: 1.0,
+        status: EpisodeStatus::Running,
+        is_withheld: false,
+    };
     full.push(&observation(7.0), running, &observation(8.0)).unwrap();
     let mut bytes = Vec::new();
     full.save(&mut StateWriter::new(&mut bytes)).unwrap();

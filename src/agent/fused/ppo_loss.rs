@@ -82,6 +82,8 @@ pub struct PpoLoss {
     returns: Column,
     /// 1 for a row that counts, 0 for a padding step or an unused row.
     weights: Column,
+    /// 1 for a row that counts and whose action the agent chose.
+    choices: Column,
     scratch: Scratch,
 }
 
@@ -107,6 +109,7 @@ impl Default for PpoLoss {
             advantages: column,
             returns: column,
             weights: column,
+            choices: column,
             scratch: Scratch {
                 log_sums: [0.0; ROWS],
                 policy: column,
@@ -135,6 +138,9 @@ impl PpoLoss {
         let counts = rows.clone().map(|row| minibatch.counts(row));
         let each = self.weights.iter_mut().zip(counts);
         each.for_each(|(weight, counts)| *weight = if counts { 1.0 } else { 0.0 });
+        self.choices = self.weights;
+        let chosen = self.choices.iter_mut().zip(&minibatch.chosen[rows.clone()]);
+        chosen.filter(|(_, chosen)| !**chosen).for_each(|(choice, _)| *choice = 0.0);
         for (action, taken) in self.taken.iter_mut().enumerate() {
             let actions = minibatch.actions[rows.clone()].iter();
             let each = taken.iter_mut().zip(actions);
@@ -190,10 +196,10 @@ impl WithSimd for Compute<'_> {
         loss.differentiate_policy(objective, scale);
         loss.differentiate_value(objective, scale);
         let Scratch { policy, squares, entropy, divergence, .. } = &loss.scratch;
-        let sum = |column| sum_of(column, &loss.weights);
+        let sum = |column| sum_of(column, &loss.choices);
         Sums {
             policy: sum(policy),
-            value: 0.5 * sum(squares),
+            value: 0.5 * sum_of(squares, &loss.weights),
             entropy: sum(entropy),
             divergence: sum(divergence),
         }
@@ -237,7 +243,7 @@ impl PpoLoss {
             policy[i] = if plain < bounded { bounded } else { plain };
             entropy[i] = h;
             divergence[i] = (ratio - 1.0) - log_ratio;
-            let weight = self.weights[i] * scale;
+            let weight = self.choices[i] * scale;
             let mut by = [0.0; Action::COUNT];
             for j in 0..Action::COUNT {
                 let of_entropy = objective.entropy_weight * (p[j] * (logs[j] + h));

@@ -7,6 +7,7 @@ use crate::agent::learner::{Actions, Learner, LearnerError, Span, TrainedEpisode
 use crate::agent::linear_thompson::posterior::{Acting, Decision, restore_drawn};
 use crate::agent::linear_thompson::sampler::{Sampler, pick};
 use crate::agent::linear_thompson::{Design, LinearThompson, LinearThompsonPolicy, Posterior};
+use crate::agent::unavailable::certain;
 use crate::agent::weights::Weights;
 use crate::env::{
     Action, EpisodeStatus, LaneSet, LaneStreams, Observations, PhysicalActivity, VectorEnvironment,
@@ -71,22 +72,28 @@ impl<Env: VectorEnvironment> LinearThompsonLearner<Env> {
         self.finished < self.parameters.warm_up
     }
 
-    /// Chooses an action in the current state.
-    fn choose(&mut self) -> Result<(), LearnerError> {
+    /// Chooses an action in the current state; returns whether the agent chooses there.
+    fn choose(&mut self) -> Result<bool, LearnerError> {
         self.environment.observe(&mut self.observations);
         self.design.fill(&self.observations, 0, &mut self.decision.features);
+        // Drawn in every step, so that later choices do not depend on earlier availability.
         let word = self.exploration_stream.bits();
+        if !self.parameters.unavailable.chooses(&self.environment, 0) {
+            self.decision.action = Action::default();
+            self.decision.probabilities = certain(Action::default());
+            return Ok(false);
+        }
         if self.is_warm_up() {
             let uniform = [1.0 / Action::COUNT as f64; Action::COUNT];
             self.decision.probabilities = uniform;
             self.decision.action = pick(&uniform, unit_from_bits(word));
-            return Ok(());
+            return Ok(true);
         }
         self.acting.refresh().map_err(|_| LearnerError::Singular { steps: self.updates })?;
         let known = (&mut self.acting, &mut self.drawn);
         let Decision { features, probabilities, action } = &mut self.decision;
         (*probabilities, *action) = self.sampler.choose(Actions::AsTrained, known, features, word);
-        Ok(())
+        Ok(true)
     }
 
     /// Takes one step in the running episode and learns from it.
@@ -94,30 +101,36 @@ impl<Env: VectorEnvironment> LinearThompsonLearner<Env> {
         &mut self,
         mut observer: Option<&mut dyn StepObserver<Env>>,
     ) -> Result<(), LearnerError> {
-        self.choose()?;
+        let chooses = self.choose()?;
         let action = self.decision.action;
         if let Some(observer) = &mut observer {
-            let probability = self.decision.probabilities[action.index()];
-            observer.chosen(&self.environment, &[action], &[probability]);
+            observer.chosen(&self.environment, &[action], &[self.decision.probabilities]);
         }
         let mut reward = [0.0];
         self.environment.step(&[action], &mut reward, &mut self.environment_streams);
         if let Some(observer) = observer {
             observer.paid(&self.environment, &reward);
         }
+        self.episode.total_reward += self.environment.outcomes(&reward)[0];
+        self.episode.length += 1;
+        if chooses {
+            self.learn(reward[0]);
+        }
+        Ok(())
+    }
+
+    /// Learns from the reward of the last choice.
+    fn learn(&mut self, reward: f64) {
         if !self.is_warm_up() {
-            let error = reward[0] - self.acting.predict(&self.decision);
+            let error = reward - self.acting.predict(&self.decision);
             self.episode.loss_sum += error * error;
             self.episode.updates += 1;
             if self.parameters.learns_within() {
-                self.acting.learn(&self.decision, reward[0]);
+                self.acting.learn(&self.decision, reward);
             }
         }
-        self.learned.learn(&self.decision, reward[0]);
+        self.learned.learn(&self.decision, reward);
         self.updates += 1;
-        self.episode.total_reward += self.environment.outcomes(&reward)[0];
-        self.episode.length += 1;
-        Ok(())
     }
 }
 

@@ -7,8 +7,11 @@ use crate::agent::actor::Actor;
 use crate::agent::linear_thompson::posterior::{Acting, Decision, restore_drawn};
 use crate::agent::linear_thompson::sampler::Sampler;
 use crate::agent::linear_thompson::{BanditPosterior, Design, LinearThompson, Posterior};
+use crate::agent::unavailable::{Unavailable, certain};
 use crate::agent::weights::WeightsError;
-use crate::env::{Action, EpisodeStatus, LaneSet, Observations, VectorEnvironment};
+use crate::env::{
+    Action, ActionProbabilities, EpisodeStatus, LaneSet, Observations, VectorEnvironment,
+};
 use crate::rng::Stream;
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
@@ -21,6 +24,7 @@ pub struct LinearThompsonPolicy {
     sampler: Sampler,
     design: Design,
     choice: Actions,
+    unavailable: Unavailable,
     /// The posterior at the start of episodes.
     known: Posterior,
     /// The same posterior with its Cholesky factors. All lanes act by it unless they learn.
@@ -37,14 +41,15 @@ struct Lane {
     /// Coefficients drawn for the episode; empty if none are drawn.
     drawn: Vec<f64>,
     decision: Decision,
-    is_running: bool,
+    /// Whether the agent chose in the last step.
+    chooses: bool,
 }
 
 impl Lane {
     /// A lane at the start of an episode.
     fn new(own: Option<&Acting>) -> Self {
         let acting = own.cloned();
-        Lane { acting, drawn: Vec::new(), decision: Decision::default(), is_running: false }
+        Lane { acting, drawn: Vec::new(), decision: Decision::default(), chooses: false }
     }
 }
 
@@ -68,6 +73,7 @@ impl LinearThompsonPolicy {
             sampler: Sampler::new(parameters, seed),
             design,
             choice,
+            unavailable: parameters.unavailable,
             known,
             shared,
             learns,
@@ -92,21 +98,24 @@ impl<Env: VectorEnvironment> Actor<Env> for LinearThompsonPolicy {
         environment: &Env,
         stream: &mut Stream,
         actions: &mut [Action],
-        probabilities: Option<&mut [f64]>,
+        probabilities: Option<&mut [ActionProbabilities]>,
     ) {
         environment.observe(&mut self.observations);
         let own = self.learns.then_some(&self.shared);
         self.lanes.resize_with(environment.lanes(), || Lane::new(own));
-        let LinearThompsonPolicy { sampler, design, choice, observations, shared, .. } = self;
+        let LinearThompsonPolicy {
+            sampler, design, choice, observations, shared, unavailable, ..
+        } = self;
         for (lane, (own, action)) in self.lanes.iter_mut().zip(&mut *actions).enumerate() {
-            own.is_running = environment.statuses()[lane] == EpisodeStatus::Running;
+            own.chooses = environment.statuses()[lane] == EpisodeStatus::Running
+                && unavailable.chooses(environment, lane);
             let word = match choice {
                 Actions::AsTrained => stream.bits(),
                 Actions::Greedy => 0,
             };
-            if !own.is_running {
+            if !own.chooses {
                 (own.decision.action, *action) = (Action::default(), Action::default());
-                own.decision.probabilities = [1.0; Action::COUNT];
+                own.decision.probabilities = certain(Action::default());
                 continue;
             }
             let Lane { acting, drawn, decision, .. } = own;
@@ -120,14 +129,14 @@ impl<Env: VectorEnvironment> Actor<Env> for LinearThompsonPolicy {
         }
         if let Some(probabilities) = probabilities {
             for (probability, own) in probabilities.iter_mut().zip(&self.lanes) {
-                *probability = own.decision.probabilities[own.decision.action.index()];
+                *probability = own.decision.probabilities;
             }
         }
     }
 
     fn observe(&mut self, _: &Env, rewards: &[f64]) {
         for (own, reward) in self.lanes.iter_mut().zip(rewards) {
-            if let (Some(acting), true) = (&mut own.acting, own.is_running) {
+            if let (Some(acting), true) = (&mut own.acting, own.chooses) {
                 acting.learn(&own.decision, *reward);
             }
         }

@@ -5,11 +5,12 @@ use crate::agent::linear_thompson::normal::win_probabilities;
 use crate::agent::linear_thompson::posterior::{Acting, MESSAGES};
 use crate::agent::linear_thompson::regression::dot;
 use crate::agent::linear_thompson::{BanditDraw, LinearThompson};
-use crate::env::Action;
+use crate::agent::unavailable::certain;
+use crate::env::{Action, ActionProbabilities};
 use crate::rng::{Purpose, Stream, unit_from_bits};
 
 /// One number per action.
-pub type PerAction = [f64; Action::COUNT];
+pub type PerAction = ActionProbabilities;
 
 /// Chooses actions from a posterior.
 #[derive(Clone, Debug)]
@@ -178,7 +179,7 @@ impl Sampler {
         if self.smoothing == 0.0 {
             return certain(best);
         }
-        let highest = utilities[best];
+        let highest = utilities[best.index()];
         let weights = utilities.map(|utility| libm::exp(self.smoothing * (utility - highest)));
         let total: f64 = weights.iter().sum();
         weights.map(|weight| weight / total)
@@ -204,21 +205,15 @@ fn root_of_products(rows: &[f64], width: usize) -> [[f64; MESSAGES]; MESSAGES] {
     root
 }
 
-/// The index of the largest number; ties go to the first.
-fn largest(numbers: &PerAction) -> usize {
+/// The action of the largest number; ties go to the first.
+fn largest(numbers: &PerAction) -> Action {
     let mut best = 0;
     for index in 1..numbers.len() {
         if numbers[index] > numbers[best] {
             best = index;
         }
     }
-    best
-}
-
-fn certain(action: usize) -> PerAction {
-    let mut probabilities = [0.0; Action::COUNT];
-    probabilities[action] = 1.0;
-    probabilities
+    Action::from_index(best).expect("a number per action")
 }
 
 /// The action at which the cumulative probabilities exceed a number in [0, 1).

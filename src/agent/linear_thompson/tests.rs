@@ -307,7 +307,7 @@ fn decisions(policy: &mut dyn Actor) -> Vec<(usize, u64)> {
     let mut environment = simulation(3);
     let mut streams = LaneStreams::Shared(Stream::new(1, Purpose::TestEnvironment));
     let mut choices = Stream::new(1, Purpose::TestActions);
-    let (mut actions, mut probabilities) = ([Action::default(); 3], [0.0; 3]);
+    let (mut actions, mut probabilities) = ([Action::default(); 3], [[0.0; 4]; 3]);
     let mut rewards = [0.0; 3];
     let mut all = Vec::new();
     for _ in 0..2 {
@@ -318,7 +318,7 @@ fn decisions(policy: &mut dyn Actor) -> Vec<(usize, u64)> {
             environment.step(&actions, &mut rewards, &mut streams);
             policy.observe(&environment, &rewards);
             let made = actions.iter().zip(&probabilities);
-            all.extend(made.map(|(action, p)| (action.index(), p.to_bits())));
+            all.extend(made.map(|(action, p)| (action.index(), p[action.index()].to_bits())));
             if step == 7 {
                 let mut bytes = Vec::new();
                 policy.save(&mut StateWriter::new(&mut bytes)).unwrap();
@@ -342,7 +342,7 @@ fn a_frozen_posterior_stays_and_one_that_is_reset_learns_in_the_episode() {
         environment.reset(LaneSet::All, &mut streams);
         // State and random word stay the same, so only the learned reward can change the choice.
         let mut act = || {
-            let (mut action, mut probability) = ([Action::default()], [0.0]);
+            let (mut action, mut probability) = ([Action::default()], [[0.0; 4]]);
             let mut choices = Stream::new(1, Purpose::TestActions);
             policy.act(&environment, &mut choices, &mut action, Some(&mut probability));
             policy.observe(&environment, &[-500.0]);
@@ -384,9 +384,12 @@ fn a_posterior_that_is_reset_keeps_its_last_root_in_the_test() {
         environment.reset(LaneSet::All, &mut streams);
         policy.reset(LaneSet::All);
         while environment.any_running() {
-            let (mut action, mut probability, mut reward) = ([Action::default()], [0.0], [0.0]);
+            let (mut action, mut probability) = ([Action::default()], [[0.0; 4]]);
+            let mut reward = [0.0];
             policy.act(&environment, &mut choices, &mut action, Some(&mut probability));
-            assert!(probability[0] > 0.0 && probability[0] <= 1.0, "episode {episode}");
+            let taken = probability[0][action[0].index()];
+            assert!(taken > 0.0 && taken <= 1.0, "episode {episode}");
+            assert!((probability[0].iter().sum::<f64>() - 1.0).abs() < 1e-9, "episode {episode}");
             environment.step(&action, &mut reward, &mut streams);
             policy.observe(&environment, &reward);
         }

@@ -9,7 +9,8 @@ use crate::agent::ppo::rollout::Rollout;
 use crate::agent::ppo::{AtHorizon, Losses, Ppo, PpoEngine};
 use crate::agent::weights::Weights;
 use crate::env::{
-    Action, EpisodeStatus, LaneSet, LaneStreams, Observations, PhysicalActivity, VectorEnvironment,
+    Action, ActionProbabilities, EpisodeStatus, LaneSet, LaneStreams, Observations,
+    PhysicalActivity, VectorEnvironment,
 };
 use crate::kernel::math;
 use crate::rng::{Purpose, Stream};
@@ -73,9 +74,11 @@ struct Workspace {
     values: Vec<f32>,
     /// \[lanes\].
     actions: Vec<Action>,
-    probabilities: Vec<f64>,
+    probabilities: Vec<ActionProbabilities>,
     rewards: Vec<f64>,
     restarted: Vec<bool>,
+    /// \[lanes\]: whether the step is the first of an episode, and whether the agent chooses in it.
+    marks: [Vec<bool>; 2],
     halves: Vec<u32>,
     order: Vec<u32>,
     minibatch: Minibatch,
@@ -111,9 +114,10 @@ impl<E: PpoEngine, Env: VectorEnvironment> PpoLearner<E, Env> {
                 logits: Vec::new(),
                 values: Vec::new(),
                 actions: vec![Action::default(); lanes],
-                probabilities: vec![0.0; lanes],
+                probabilities: vec![ActionProbabilities::default(); lanes],
                 rewards: vec![0.0; lanes],
                 restarted: vec![false; lanes],
+                marks: [vec![false; lanes], vec![false; lanes]],
                 halves: Vec::new(),
                 order: Vec::new(),
                 minibatch: Minibatch::new(none),
@@ -173,8 +177,9 @@ impl<E: PpoEngine, Env: VectorEnvironment> PpoLearner<E, Env> {
 
     /// Chooses the actions of a step.
     fn choose(&mut self) -> Result<(), OutOfMemory> {
-        let Workspace { observations, logits, values, actions, probabilities, halves, .. } =
-            &mut self.workspace;
+        let Workspace {
+            observations, logits, values, actions, probabilities, halves, marks, ..
+        } = &mut self.workspace;
         self.rollout.reserve()?;
         if self.rollout.steps() == 0 {
             self.rollout.memory.clone_from(&self.memory);
@@ -183,11 +188,18 @@ impl<E: PpoEngine, Env: VectorEnvironment> PpoLearner<E, Env> {
         self.engine.evaluate(observations, &mut self.memory, logits, values);
         sample(self.engine.isa(), logits, actions, halves, &mut self.exploration_stream);
         // [`sample`] has replaced the logits by the preferences that it sampled from.
-        sampling_probabilities(logits, actions, probabilities);
-        let log_probabilities = probabilities.iter().map(|p| math::ln(*p) as f32);
-        let firsts = self.lengths.iter().map(|length| *length == 0);
-        let statuses = self.environment.statuses();
-        self.rollout.choose(observations, actions, log_probabilities, values, firsts, statuses);
+        sampling_probabilities(logits, probabilities);
+        let unavailable = self.parameters.unavailable;
+        unavailable.withhold(&self.environment, actions, probabilities);
+        let each = probabilities.iter().zip(&*actions);
+        let log_probabilities = each.map(|(p, action)| math::ln(p[action.index()]) as f32);
+        let [firsts, chosen] = marks;
+        for (lane, length) in self.lengths.iter().enumerate() {
+            firsts[lane] = *length == 0;
+            chosen[lane] = unavailable.chooses(&self.environment, lane);
+        }
+        let (marks, statuses) = ([&firsts[..], &chosen[..]], self.environment.statuses());
+        self.rollout.choose(observations, actions, log_probabilities, values, marks, statuses);
         Ok(())
     }
 

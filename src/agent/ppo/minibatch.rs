@@ -15,6 +15,9 @@ pub struct Minibatch {
     pub observations: Observations,
     /// \[rows\]: the actions taken in these states.
     pub actions: Vec<Action>,
+    /// \[rows\]: whether the agent chose the action. The policy learns from these rows alone, the values
+    /// from all.
+    pub chosen: Vec<bool>,
     /// \[rows\]: log-probabilities of these actions when they were chosen.
     pub log_probabilities: Vec<f32>,
     /// \[rows\]: values of the states when the actions were chosen.
@@ -46,6 +49,7 @@ impl Minibatch {
         Minibatch {
             observations,
             actions: Vec::new(),
+            chosen: Vec::new(),
             log_probabilities: Vec::new(),
             values: Vec::new(),
             advantages: Vec::new(),
@@ -115,23 +119,26 @@ impl Minibatch {
     fn push(&mut self, rollout: &Rollout, row: usize) {
         self.observations.extend(&rollout.observations, row..row + 1);
         self.actions.push(rollout.actions[row]);
+        self.chosen.push(rollout.chosen[row]);
         self.log_probabilities.push(rollout.log_probabilities[row]);
         self.values.push(rollout.values[row]);
         self.advantages.push(rollout.advantages[row]);
         self.returns.push(rollout.advantages[row] + rollout.values[row]);
     }
 
-    /// Normalises the advantages of the rows that count to mean 0 and standard deviation 1.
+    /// Normalises the advantages of the choices to mean 0 and standard deviation 1.
     pub(super) fn normalise(&mut self) {
-        match &self.sequences {
-            None => normalise(&mut self.advantages, |_| true),
-            Some(sequences) => normalise(&mut self.advantages, |row| sequences.real[row]),
+        let Minibatch { advantages, chosen, sequences, .. } = self;
+        match sequences {
+            None => normalise(advantages, |row| chosen[row]),
+            Some(sequences) => normalise(advantages, |row| chosen[row] && sequences.real[row]),
         }
     }
 
     fn clear(&mut self) {
         self.observations.clear();
         self.actions.clear();
+        self.chosen.clear();
         self.log_probabilities.clear();
         self.values.clear();
         self.advantages.clear();
@@ -144,6 +151,7 @@ impl Minibatch {
         let refused = OutOfMemory { what: WHAT, bytes };
         self.observations.try_reserve(rows).map_err(|_| refused)?;
         reserve(&mut self.actions, rows, WHAT)?;
+        reserve(&mut self.chosen, rows, WHAT)?;
         reserve(&mut self.log_probabilities, rows, WHAT)?;
         reserve(&mut self.values, rows, WHAT)?;
         reserve(&mut self.advantages, rows, WHAT)?;

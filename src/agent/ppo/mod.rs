@@ -18,6 +18,7 @@ use crate::agent::network::{
     Activation, BEFORE_GRU, Engine, LAYER_WIDTHS, LEARNING_RATE, Recurrent, UNITS,
 };
 use crate::agent::policy::ActionNetwork;
+use crate::agent::unavailable::Unavailable;
 use crate::agent::weights::Weights;
 use crate::env::Observations;
 use crate::kernel::Isa;
@@ -88,6 +89,9 @@ keys! {
         /// processor, or "burn", Burn's modules and gradients, many times slower, with results that depend
         /// on the processor
         engine: Engine = Engine::Fused;
+        /// what the agent does where no message can be sent: "skip", neither choose nor learn from a
+        /// choice, or "chosen", learn as if the action that it chose had been taken
+        unavailable: Unavailable = Unavailable::Skip, before Unavailable::Skip;
     }
 }
 

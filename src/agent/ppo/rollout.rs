@@ -26,6 +26,8 @@ pub(super) struct Rollout {
     pub(super) rewards: Vec<f64>,
     /// Whether the lane took the step; a lane without an episode is idle.
     pub(super) real: Vec<bool>,
+    /// Whether the agent chose the action; it does not where no message can be sent.
+    pub(super) chosen: Vec<bool>,
     /// Whether the step is the first of an episode.
     pub(super) firsts: Vec<bool>,
     /// Whether the episode ended with the step.
@@ -46,6 +48,7 @@ impl Rollout {
             values: Vec::new(),
             rewards: Vec::new(),
             real: Vec::new(),
+            chosen: Vec::new(),
             firsts: Vec::new(),
             ended: Vec::new(),
             advantages: Vec::new(),
@@ -65,6 +68,7 @@ impl Rollout {
         self.values.clear();
         self.rewards.clear();
         self.real.clear();
+        self.chosen.clear();
         self.firsts.clear();
         self.ended.clear();
         self.advantages.clear();
@@ -82,6 +86,7 @@ impl Rollout {
         reserve(&mut self.values, rows, ROLLOUT)?;
         reserve(&mut self.rewards, rows, ROLLOUT)?;
         reserve(&mut self.real, rows, ROLLOUT)?;
+        reserve(&mut self.chosen, rows, ROLLOUT)?;
         reserve(&mut self.firsts, rows, ROLLOUT)?;
         reserve(&mut self.ended, rows, ROLLOUT)
     }
@@ -93,14 +98,15 @@ impl Rollout {
         actions: &[Action],
         log_probabilities: impl Iterator<Item = f32>,
         values: &[f32],
-        firsts: impl Iterator<Item = bool>,
+        [firsts, chosen]: [&[bool]; 2],
         statuses: &[EpisodeStatus],
     ) {
         self.observations.extend(observations, 0..self.lanes);
         self.actions.extend_from_slice(actions);
         self.log_probabilities.extend(log_probabilities);
         self.values.extend_from_slice(values);
-        self.firsts.extend(firsts);
+        self.firsts.extend_from_slice(firsts);
+        self.chosen.extend_from_slice(chosen);
         self.real.extend(statuses.iter().map(|status| *status == EpisodeStatus::Running));
     }
 
@@ -165,6 +171,7 @@ impl Resumable for Rollout {
         out.many(&self.values)?;
         out.many(&self.rewards)?;
         out.each(self.real.iter(), |out, real| out.one(u8::from(*real)))?;
+        out.each(self.chosen.iter(), |out, chosen| out.one(u8::from(*chosen)))?;
         out.each(self.firsts.iter(), |out, first| out.one(u8::from(*first)))?;
         out.each(self.ended.iter(), |out, ended| out.one(u8::from(*ended)))?;
         out.many(&self.advantages)
@@ -184,6 +191,7 @@ impl Resumable for Rollout {
         self.rewards = from.many(rows, WHAT)?;
         let flag = |from: &mut StateReader<'_>| Ok(from.one::<u8>()? != 0);
         self.real = from.each(rows, WHAT, flag)?;
+        self.chosen = from.each(rows, WHAT, flag)?;
         self.firsts = from.each(rows, WHAT, flag)?;
         self.ended = from.each(rows, WHAT, flag)?;
         self.advantages = from.many(rows, WHAT)?;
@@ -193,6 +201,7 @@ impl Resumable for Rollout {
             self.values.len(),
             self.rewards.len(),
             self.real.len(),
+            self.chosen.len(),
             self.firsts.len(),
             self.ended.len(),
         ];

@@ -9,6 +9,7 @@ use crate::agent::constraint::{Constraint, FIRST_TESTED, FIRST_TRAINED};
 use crate::agent::learner::{Actions, Learner};
 use crate::agent::memory::OutOfMemory;
 use crate::agent::network::Engine;
+use crate::agent::unavailable::{UNAVAILABLE, Unavailable};
 use crate::agent::weights::{Weights, WeightsError};
 use crate::env::{
     Action, Environment, ObservationSpec, Observer, PhysicalActivity, Population, PopulationPhases,
@@ -42,6 +43,12 @@ impl Task<'_> {
     /// Number of steps of this number of episodes, if no episode ends early.
     pub fn steps(&self, episodes: u32) -> u64 {
         u64::from(episodes) * u64::from(self.environment.horizon)
+    }
+
+    /// Whether messages can be unavailable at some steps for anybody, for lack of availability or budget.
+    pub fn can_withhold(&self) -> bool {
+        let widest = self.population.widest(self.environment);
+        widest.availability < 1.0 || widest.message_budget < widest.longest_episode()
     }
 
     /// The simulation for training, with this number of lanes.
@@ -413,6 +420,26 @@ impl Agent {
     /// The version of the algorithm's code; see [`AlgorithmParameters::version`].
     pub fn version(&self) -> u32 {
         (self.algorithm.version)(&self.values)
+    }
+
+    /// Whether the algorithm has the key `unavailable`.
+    pub fn has_unavailable(&self) -> bool {
+        self.value(UNAVAILABLE).is_some()
+    }
+
+    /// Whether the agent chooses where no message can be sent. Agents without the key `unavailable` do.
+    pub fn unavailable(&self) -> Unavailable {
+        match self.value(UNAVAILABLE) {
+            None => Unavailable::Chosen,
+            Some(Value::Choice(word)) if *word == Unavailable::Chosen.word() => Unavailable::Chosen,
+            Some(_) => Unavailable::Skip,
+        }
+    }
+
+    /// The value of one of the algorithm's keys.
+    fn value(&self, name: &str) -> Option<&Value> {
+        let place = self.algorithm.keys.iter().position(|key| key.name == name)?;
+        self.values.get(place)
     }
 
     /// Episodes of training; see [`AlgorithmParameters::episodes`].

@@ -42,6 +42,10 @@ impl VectorEnvironment for PhysicalActivity {
         }
     }
 
+    fn can_send(&self, lane: usize) -> bool {
+        self.taken(lane, Action::UNTAILORED) == Action::UNTAILORED
+    }
+
     fn observation_spec(&self) -> ObservationSpec {
         self.observer.spec().stacked(self.history_length())
     }

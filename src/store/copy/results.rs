@@ -10,7 +10,7 @@ use rusqlite::{CachedStatement, Connection};
 use crate::record::is_metric;
 use crate::store::digest::ResultsDigest;
 use crate::store::results::metric_id;
-use crate::store::{decision, participant};
+use crate::store::{choice, decision, participant};
 
 use super::sql::{Written, read_rows, read_values, written};
 
@@ -92,6 +92,8 @@ pub(super) struct ResultRows {
     decisions: Vec<Value>,
     /// Parameters of participants, whose row ids also include the run.
     participants: Vec<Value>,
+    /// Recorded choices, likewise.
+    choices: Vec<Value>,
     metrics: Arc<MetricNames>,
 }
 
@@ -112,7 +114,12 @@ impl ResultRows {
             true => read_values(from, participant::SELECT, run)?,
             false => Vec::new(),
         };
-        Some(ResultRows { tables, decisions, participants, metrics: metrics.clone() })
+        let choices = match choice::are_known(from).ok()? {
+            true => read_values(from, choice::SELECT, run)?,
+            false => Vec::new(),
+        };
+        let metrics = metrics.clone();
+        Some(ResultRows { tables, decisions, participants, choices, metrics })
     }
 
     /// The digest of these results for the job with this key, equal to [`crate::store::digest::of_run`];
@@ -132,8 +139,8 @@ impl ResultRows {
                 }
             }
         }
-        self.decisions.iter().for_each(|value| digest.add(value.into()));
-        self.participants.iter().for_each(|value| digest.add(value.into()));
+        let recorded = [&self.decisions, &self.participants, &self.choices];
+        recorded.into_iter().flatten().for_each(|value| digest.add(value.into()));
         Some(digest.finish())
     }
 
@@ -159,9 +166,11 @@ impl ResultRows {
         let rows = TABLES.iter().zip(&self.tables);
         let rows: usize = rows.map(|(table, values)| values.len() / table.columns.len()).sum();
         let decisions = (self.decisions.len() + self.participants.len()) * BYTES_PER_NUMBER;
-        let blobs = self.tables.iter().flatten().map(|value| match value {
+        let values = self.tables.iter().flatten().chain(&self.choices);
+        let blobs = values.map(|value| match value {
             Value::Blob(bytes) => bytes.len(),
-            Value::Null | Value::Integer(_) | Value::Real(_) | Value::Text(_) => 0,
+            Value::Text(text) => text.len(),
+            Value::Null | Value::Integer(_) | Value::Real(_) => 0,
         });
         rows * BYTES_PER_ROW + decisions + blobs.sum::<usize>()
     }
@@ -189,10 +198,11 @@ impl ResultRows {
                 return Ok(Written::Refused);
             }
         }
-        match written(decision::insert_copied(target, own, &self.decisions))? {
-            Written::Refused => Ok(Written::Refused),
-            Written::Yes => written(participant::insert_copied(target, own, &self.participants)),
-        }
+        written(
+            decision::insert_copied(target, own, &self.decisions)
+                .and_then(|()| participant::insert_copied(target, own, &self.participants))
+                .and_then(|()| choice::insert_copied(target, own, &self.choices)),
+        )
     }
 
     /// Adds the metrics of all rows to `metrics`.

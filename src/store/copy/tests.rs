@@ -78,7 +78,8 @@ impl Sample {
             UNION ALL SELECT concat_ws('|', job_key, p_low, context, action, count)
                 FROM action_choice
             UNION ALL SELECT concat_ws('|', job_key, phase, episode, step, context, probability,
-                    habituation, available, action, action_probability, reward)
+                    habituation, available, action, action_probability, reward, can_send,
+                    chosen_action, action_probabilities)
                 FROM decision
             UNION ALL SELECT concat_ws('|', hex(safetensors), hex(results_sha256))
                 FROM run LEFT JOIN trained_weights ON run.id = run
@@ -112,8 +113,10 @@ fn decisions() -> Vec<Decision> {
             habituation: 0.1 * f64::from(step % 3),
             disengagement: 0.1,
             available: true,
+            can_send: true,
+            chosen: 3,
             action: 3,
-            action_probability: 0.5,
+            probabilities: [0.125, 0.25, 0.125, 0.5],
             reward: f64::from(step),
         })
     };

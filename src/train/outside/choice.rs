@@ -1,12 +1,11 @@
 //! Actions and probabilities as programs write them.
 
-use crate::env::{Action, PhysicalActivity};
+use crate::agent::certain;
+use crate::env::{Action, ActionProbabilities, PhysicalActivity, VectorEnvironment};
 
 /// Whether a message can be sent in each of these lanes; `None` if messages are available in all of them.
 pub(super) fn available(simulation: &PhysicalActivity, lanes: &[usize]) -> Option<Vec<bool>> {
-    // Includes the budget of messages: without availability or budget, every choice results in no message.
-    let is_free = |lane: &usize| simulation.taken(*lane, Action::UNTAILORED) == Action::UNTAILORED;
-    let available: Vec<bool> = lanes.iter().map(is_free).collect();
+    let available: Vec<bool> = lanes.iter().map(|lane| simulation.can_send(*lane)).collect();
     available.contains(&false).then_some(available)
 }
 
@@ -20,6 +19,17 @@ pub(super) fn action(number: Option<i64>, lane: usize) -> Result<Action, String>
         let found = number.map_or_else(|| "null".to_owned(), |number| number.to_string());
         format!("expected an action from 0 to {last} for lane {lane}, found {found}")
     })
+}
+
+/// The probabilities of all actions, given the probability of the chosen one: the others are known only if
+/// it is 1.
+pub(super) fn of_one(chosen: Action, probability: f64) -> ActionProbabilities {
+    if probability == 1.0 {
+        return certain(chosen);
+    }
+    let mut probabilities = [f64::NAN; Action::COUNT];
+    probabilities[chosen.index()] = probability;
+    probabilities
 }
 
 /// Checks the probability of an action that was taken.

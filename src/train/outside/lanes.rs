@@ -1,15 +1,16 @@
 //! The training episodes of a program in jitai's simulation.
 
-use crate::agent::StepObserver;
+use crate::agent::{StepObserver, certain};
 use crate::env::{
-    Action, EpisodeStatus, LaneSet, LaneStreams, Observations, PhysicalActivity, VectorEnvironment,
+    Action, ActionProbabilities, EpisodeStatus, LaneSet, LaneStreams, Observations,
+    PhysicalActivity, VectorEnvironment,
 };
 use crate::external::{Program, Reset, Rows, Step, ToProgram};
 use crate::plan::Job;
 use crate::rng::{Purpose, Stream};
 
 use super::broken::Broken;
-use super::choice::{action, available, probability};
+use super::choice::{action, available, of_one, probability};
 use super::record::TrainingRecord;
 
 /// The lanes of a training.
@@ -18,7 +19,7 @@ pub(super) struct Lanes {
     streams: LaneStreams,
     observations: Observations,
     actions: Vec<Action>,
-    probabilities: Vec<f64>,
+    probabilities: Vec<ActionProbabilities>,
     rewards: Vec<f64>,
     /// The return and length of every lane's episode so far.
     episodes: Vec<(f64, u32)>,
@@ -31,7 +32,7 @@ impl Lanes {
             streams: LaneStreams::Shared(Stream::new(job.seed, Purpose::Environment)),
             observations: simulation.observation_spec().observations(),
             actions: vec![Action::default(); lanes],
-            probabilities: vec![1.0; lanes],
+            probabilities: vec![certain(Action::default()); lanes],
             rewards: vec![0.0; lanes],
             episodes: vec![(0.0, 0); lanes],
             simulation,
@@ -149,20 +150,16 @@ impl Lanes {
             let found = step.actions.len();
             return Err(format!("expected {lanes} actions, one for every lane, found {found}"));
         }
-        self.probabilities.fill(1.0);
-        if let Some(given) = &step.probabilities {
-            if given.len() != lanes {
-                let found = given.len();
-                return Err(format!("expected {lanes} probabilities, found {found}"));
-            }
-            self.probabilities.copy_from_slice(given);
+        if let Some(given) = step.probabilities.as_ref().filter(|given| given.len() != lanes) {
+            return Err(format!("expected {lanes} probabilities, found {}", given.len()));
         }
         for lane in 0..lanes {
             if !self.is_running(lane) {
                 continue;
             }
             self.actions[lane] = action(step.actions[lane], lane)?;
-            probability(self.probabilities[lane], lane)?;
+            let with = step.probabilities.as_ref().map_or(1.0, |given| given[lane]);
+            self.probabilities[lane] = of_one(self.actions[lane], probability(with, lane)?);
         }
         Ok(())
     }

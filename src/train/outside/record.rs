@@ -35,7 +35,7 @@ impl<'j> TrainingRecord<'j> {
             control,
             begun: 0,
             curve: CurveRecorder::new(job.evaluation.curve_stride, job.evaluation.first_returns()),
-            log: records.then(|| DecisionLog::new(Phase::Train)),
+            log: records.then(|| DecisionLog::new(job.agent.unavailable(), Phase::Train)),
             since: TrainedEpisode::default(),
         }
     }

@@ -1,7 +1,7 @@
 //! The test of a program, on the same episodes as for every agent of the seed.
 
-use crate::agent::Actions;
-use crate::env::{Action, EpisodeStatus, PhysicalActivity, VectorEnvironment};
+use crate::agent::{Actions, certain};
+use crate::env::{Action, ActionProbabilities, EpisodeStatus, PhysicalActivity, VectorEnvironment};
 use crate::external::{
     Choices, FromProgram, Probabilities, Program, ProgramError, Rows, ToProgram,
 };
@@ -10,7 +10,7 @@ use crate::rng::Stream;
 use crate::train::test::Test;
 
 use super::broken::{Broken, unexpected};
-use super::choice::{action, available, probability};
+use super::choice::{action, available, of_one, probability};
 
 /// Maximum distance of the sum of the actions' probabilities from 1.
 const TOLERANCE: f64 = 1e-3;
@@ -30,7 +30,7 @@ pub(super) fn play(
         let mut choose = |simulation: &PhysicalActivity,
                           stream: &mut Stream,
                           actions: &mut [Action],
-                          probabilities: &mut [f64]|
+                          probabilities: &mut [ActionProbabilities]|
          -> Result<(), Broken> {
             if !std::mem::replace(&mut is_announced, true) {
                 program.send(&ToProgram::Test { lanes: simulation.lanes() });
@@ -73,7 +73,7 @@ pub(super) fn play(
 struct Chosen<'a> {
     running: &'a [usize],
     actions: &'a mut [Action],
-    probabilities: &'a mut [f64],
+    probabilities: &'a mut [ActionProbabilities],
 }
 
 impl Chosen<'_> {
@@ -107,8 +107,8 @@ impl Chosen<'_> {
                 }
                 for (place, lane) in self.running.iter().enumerate() {
                     self.actions[*lane] = action(Some(actions[place]), *lane)?;
-                    let with = with.map_or(1.0, |with| with[place]);
-                    self.probabilities[*lane] = probability(with, *lane)?;
+                    let with = probability(with.map_or(1.0, |with| with[place]), *lane)?;
+                    self.probabilities[*lane] = of_one(self.actions[*lane], with);
                 }
             }
             (None, Some(Probabilities::OfAll(rows))) => {
@@ -121,8 +121,8 @@ impl Chosen<'_> {
                     };
                     self.actions[*lane] = Action::from_index(chosen).expect("one of four");
                     self.probabilities[*lane] = match how {
-                        Actions::AsTrained => row[chosen],
-                        Actions::Greedy => 1.0,
+                        Actions::AsTrained => row,
+                        Actions::Greedy => certain(self.actions[*lane]),
                     };
                 }
             }
@@ -139,9 +139,9 @@ impl Chosen<'_> {
 }
 
 /// The probabilities of a row, normalised to sum to 1.
-fn shares(row: &[f64], lane: usize) -> Result<[f64; Action::COUNT], String> {
+fn shares(row: &[f64], lane: usize) -> Result<ActionProbabilities, String> {
     let sum: f64 = row.iter().sum();
-    let four: Option<[f64; Action::COUNT]> = row.try_into().ok();
+    let four: Option<ActionProbabilities> = row.try_into().ok();
     let fits = row.iter().all(|share| *share >= 0.0) && (sum - 1.0).abs() <= TOLERANCE;
     four.filter(|_| fits).map(|four| four.map(|share| share / sum)).ok_or_else(|| {
         format!(
@@ -152,7 +152,7 @@ fn shares(row: &[f64], lane: usize) -> Result<[f64; Action::COUNT], String> {
 }
 
 /// The action that a number in [0, 1) selects.
-fn drawn(shares: &[f64; Action::COUNT], unit: f64) -> usize {
+fn drawn(shares: &ActionProbabilities, unit: f64) -> usize {
     let mut below = 0.0;
     let found = shares.iter().position(|share| {
         below += share;
@@ -165,7 +165,7 @@ fn drawn(shares: &[f64; Action::COUNT], unit: f64) -> usize {
 }
 
 /// The action with the highest probability; ties go to the first.
-fn likeliest(shares: &[f64; Action::COUNT]) -> usize {
+fn likeliest(shares: &ActionProbabilities) -> usize {
     let best = |best: usize, one: usize| if shares[one] > shares[best] { one } else { best };
     (0..Action::COUNT).fold(0, best)
 }
@@ -177,11 +177,12 @@ mod tests {
 
     fn read(choices: Choices, how: Actions) -> Result<(Vec<usize>, Vec<f64>), String> {
         let mut actions = [Action::default(); 3];
-        let mut probabilities = [1.0; 3];
+        let mut probabilities = [certain(Action::default()); 3];
         let chosen =
             Chosen { running: &[0, 2], actions: &mut actions, probabilities: &mut probabilities };
         chosen.read(&choices, how, &mut Stream::new(1, Purpose::TestActions))?;
-        Ok((actions.iter().map(|action| action.index()).collect(), probabilities.to_vec()))
+        let with = actions.iter().zip(&probabilities).map(|(action, p)| p[action.index()]);
+        Ok((actions.iter().map(|action| action.index()).collect(), with.collect()))
     }
 
     #[test]

@@ -64,7 +64,8 @@ impl DuelingDqnEngine for Formula {
                     let DuelingDqn { gamma, terminal_target, .. } = self.parameters;
                     let best = values(next, self.renewals).into_iter().fold(f32::MIN, f32::max);
                     let (action, status) = (*action, *status);
-                    let transition = Transition { action, reward: *reward, status };
+                    let transition =
+                        Transition { action, reward: *reward, status, is_withheld: false };
                     let target = target(&transition, best, gamma, terminal_target);
                     (s, action, target.to_bits())
                         == (&before, batch.actions[row], batch.targets[row].to_bits())

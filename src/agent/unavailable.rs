@@ -1,0 +1,76 @@
+//! What agents do where no message can be sent: the value of the key `unavailable`.
+//!
+//! **Source**: trials with sending limits neither choose nor learn at such decision points (Liao et al.,
+//! "Personalized HeartSteps", 2020). For policy gradients, this is the masking of invalid actions (Huang
+//! and Ontañón, "A closer look at invalid action masking in policy gradient algorithms", 2022); for
+//! Q-learning, the maximum over the actions that are possible in the next state.
+
+use crate::choices;
+use crate::env::{Action, ActionProbabilities, VectorEnvironment};
+
+/// Name of the key.
+pub const UNAVAILABLE: &str = "unavailable";
+
+choices! {
+    /// What an agent that learns from its own choices does where no message can be sent.
+    pub enum Unavailable {
+        /// It neither chooses nor learns from a choice.
+        Skip = "skip",
+        /// It chooses, and learns as if its choice had been taken.
+        Chosen = "chosen",
+    }
+}
+
+choices! {
+    /// Which action an agent that learns values credits where no message can be sent.
+    pub enum UnavailableCredit {
+        /// Action 0, which was taken. Only action 0 counts in the maximum over the next state's values.
+        Taken = "taken",
+        /// The action that it chose, as if it had been taken.
+        Chosen = "chosen",
+    }
+}
+
+impl Unavailable {
+    /// Whether the agent chooses in a lane.
+    pub fn chooses<Env: VectorEnvironment + ?Sized>(self, environment: &Env, lane: usize) -> bool {
+        match self {
+            Unavailable::Skip => environment.can_send(lane),
+            Unavailable::Chosen => true,
+        }
+    }
+
+    /// Replaces choices that the agent does not make by action 0 with probability 1.
+    ///
+    /// **Shapes**: `actions` and `probabilities` are \[lanes\].
+    pub fn withhold<Env: VectorEnvironment + ?Sized>(
+        self,
+        environment: &Env,
+        actions: &mut [Action],
+        probabilities: &mut [ActionProbabilities],
+    ) {
+        for (lane, choice) in actions.iter_mut().zip(probabilities).enumerate() {
+            if !self.chooses(environment, lane) {
+                let (action, probabilities) = choice;
+                (*action, *probabilities) = (Action::default(), certain(Action::default()));
+            }
+        }
+    }
+}
+
+impl UnavailableCredit {
+    /// Whether the agent chooses where no message can be sent.
+    pub fn choices(self) -> Unavailable {
+        match self {
+            UnavailableCredit::Taken => Unavailable::Skip,
+            UnavailableCredit::Chosen => Unavailable::Chosen,
+        }
+    }
+}
+
+/// The probabilities of a choice that is certain.
+pub fn certain(action: Action) -> ActionProbabilities {
+    let mut probabilities = [0.0; Action::COUNT];
+    probabilities[action.index()] = 1.0;
+    probabilities
+}
