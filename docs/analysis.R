@@ -263,7 +263,7 @@ trial <- merge(trial, subset(decisions, phase == "test"), by = "job_key")
 level <- function(v) pmin(3, floor(4 * v)) / 4
 if (nrow(trial) > 0) {
   levels <- transform(
-    trial, habituation_from = level(habituation), disengagement_from = level(disengagement),
+    subset(trial, can_send == 1), habituation_from = level(habituation), disengagement_from = level(disengagement),
     steps = 1, sent = action > 0
   )
   of_level <- cbind(steps, sent) ~ agent + scenario + label + habituation_from + disengagement_from
@@ -271,7 +271,7 @@ if (nrow(trial) > 0) {
 }
 
 # 26. What does a message change immediately?
-randomised <- subset(trial, agent == "random" & available == 1)
+randomised <- subset(trial, agent == "random" & can_send == 1)
 if (nrow(randomised) > 0) {
   randomised$weight <- 1 / randomised$action_probability
   randomised$weighted <- randomised$weight * randomised$reward
@@ -286,7 +286,8 @@ if (nrow(randomised) > 0) {
 first <- subset(trial[order(trial$job_key, trial$episode, trial$step), ], step < 3)
 randomised <- subset(first, agent == "random")
 if (nrow(randomised) > 0) {
-  factor <- (randomised$action == randomised$likely_context + 2) / randomised$action_probability
+  follows <- randomised$action == randomised$likely_context + 2 | randomised$can_send == 0
+  factor <- follows / randomised$action_probability
   randomised$value <- ave(factor, randomised[c("job_key", "episode")], FUN = cumprod) * randomised$reward
   estimated <- aggregate(value ~ label + job_key + episode, randomised, sum)
   actual <- aggregate(reward ~ label + job_key + episode, subset(first, agent == "tailored"), sum)

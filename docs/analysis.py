@@ -226,17 +226,18 @@ trial = jobs.loc[jobs["experiment"] == "trial", ["job_key", *ARM, "seed"]]
 trial = trial.merge(decisions[decisions["phase"] == "test"], on="job_key")
 
 # %% 25. How many messages are sent at each level of habituation and disengagement risk?
-levels = trial.assign(
-    habituation_from=np.minimum(3, np.floor(4 * trial["habituation"])) / 4,
-    disengagement_from=np.minimum(3, np.floor(4 * trial["disengagement"])) / 4,
-    sends=trial["action"] > 0,
+free = trial[trial["can_send"] == 1]
+levels = free.assign(
+    habituation_from=np.minimum(3, np.floor(4 * free["habituation"])) / 4,
+    disengagement_from=np.minimum(3, np.floor(4 * free["disengagement"])) / 4,
+    sends=free["action"] > 0,
 )
 answers[25] = levels.groupby([*ARM, "habituation_from", "disengagement_from"])["sends"].agg(
     steps="size", message_rate="mean"
 )
 
 # %% 26. What does a message change immediately?
-randomised = trial[(trial["agent"] == "random") & (trial["available"] == 1)]
+randomised = trial[(trial["agent"] == "random") & (trial["can_send"] == 1)]
 weight = 1 / randomised["action_probability"]
 weighted = randomised[["label", "context", "action"]].assign(
     weight=weight, reward=weight * randomised["reward"]
@@ -251,6 +252,7 @@ first = trial[trial["step"] < 3].sort_values(["job_key", "episode", "step"])
 randomised = first[first["agent"] == "random"]
 if not randomised.empty:
     follows = randomised["action"] == randomised["likely_context"] + 2
+    follows |= randomised["can_send"] == 0
     factor = follows / randomised["action_probability"]
     weight = factor.groupby([randomised["job_key"], randomised["episode"]]).cumprod()
     weighted = randomised.assign(value=weight * randomised["reward"])

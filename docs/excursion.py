@@ -12,6 +12,7 @@ equation of section 5, and its small-sample correction after Mancl and DeRouen (
 """
 
 # %% The decisions of the trial
+import json
 import sqlite3
 import sys
 from pathlib import Path
@@ -22,21 +23,38 @@ import pandas as pd
 PEOPLE = 40  # in a small trial
 
 
+def probability_of_sending(trial):
+    """The probability with which each decision sends a message, whichever.
+
+    Without `action_probabilities`, only the probability of the action taken is known. It is enough if
+    there is one message at a time to send or not to send.
+    """
+    sends, taken = trial["action"] > 0, trial["action_probability"]
+    known = trial["action_probabilities"].notna()
+    of_one = np.where(sends, taken, 1 - taken)
+    # Of two actions drawn with probability p, the mean of 1 / p over the taken ones is 2.
+    if not known.all() and abs((1 / taken[~known]).mean() - 2) > 0.2:
+        raise SystemExit("the probability of sending a message needs `action_probabilities`")
+    none = trial["action_probabilities"].map(lambda text: json.loads(text)[0], na_action="ignore")
+    return np.where(known, 1 - none.astype(float), of_one)
+
+
 def wcls(trial, moderators=()):
     """Effect of sending a message: estimates, standard errors and 95 % intervals, one row per term.
 
-    `trial` has a row per decision with `person`, `action`, `action_probability`, `available`, `reward`
-    and the moderators. The model of the reward without treatment has the moderators,
-    habituation and disengagement risk; the estimate stays consistent if that model is wrong, because the
-    treatment is centred with its probability.
+    `trial` has a row per decision with `person`, `action`, `action_probability`,
+    `action_probabilities`, `can_send`, `reward` and the moderators. Decisions at which no message could be
+    sent do not count. The model of the reward without treatment has the moderators, habituation and
+    disengagement risk; the estimate stays consistent if that model is wrong, because the weights make the
+    treatment independent of the state: each decision is weighted with p̃ / p if it sends and
+    (1 - p̃) / (1 - p) if not, where p is its own probability of sending and p̃ the same for all.
     """
-    trial = trial[trial["available"] == 1]
+    trial = trial[trial["can_send"] == 1]
     sends = (trial["action"] > 0).to_numpy(float)
-    # The trial sends each of four actions with its probability, so a message with what is left.
-    none = trial.loc[trial["action"] == 0, "action_probability"].mean()
-    randomised = np.where(sends == 1, 1 - none, none)
-    centre = 1 - none
-    weight = np.where(sends == 1, centre, 1 - centre) / randomised
+    randomised = probability_of_sending(trial)
+    # Any constant gives a consistent estimate; the mean keeps the weights near 1.
+    centre = randomised.mean()
+    weight = np.where(sends == 1, centre / randomised, (1 - centre) / (1 - randomised))
     ones = np.ones(len(trial))
     moderation = np.column_stack([ones, *(trial[name] for name in moderators)])
     of_state = [name for name in ("habituation", "disengagement") if name not in moderators]
@@ -75,11 +93,29 @@ def t_quantile(df):
 
 
 def exact_effect(trial, parameters):
-    """What a message pays more than none in the states of the trial, by the equations of the simulation."""
-    habituation = trial["habituation"]
-    after = np.minimum(1, habituation + parameters["epsilon_h"])
-    # One untailored message, one that fits the context, and one that does not.
-    return ((1 - after) * (parameters["rho_1"] + parameters["rho_2"]) / 3).mean()
+    """What a message pays more than none in the states of the trial, by the equations of the simulation.
+
+    The message is the one that the trial would have drawn in this state, on average; where only the
+    probability of the action taken is known, it is the one that was sent.
+    """
+    trial = trial[trial["can_send"] == 1]
+    epsilon_h, rho_1, rho_2, rho_3 = (parameters[name] for name in ("epsilon_h", "rho_1", "rho_2", "rho_3"))
+    after = np.minimum(1, trial["habituation"] + epsilon_h)
+    is_one = trial["context"] == 1
+    pays = pd.DataFrame(
+        {1: rho_1, 2: np.where(is_one, rho_3, rho_2), 3: np.where(is_one, rho_2, rho_3)},
+        index=trial.index,
+    ).mul(1 - after, axis=0)
+    known = trial["action_probabilities"].notna()
+    shares = pd.DataFrame(0.0, index=trial.index, columns=[1, 2, 3])
+    if known.any():
+        drawn = np.vstack(trial.loc[known, "action_probabilities"].map(json.loads))[:, 1:]
+        shares[known] = drawn / drawn.sum(axis=1, keepdims=True)
+    sent = ~known & (trial["action"] > 0)
+    for action in shares:
+        shares.loc[sent & (trial["action"] == action), action] = 1.0
+    weight = np.where(known, 1.0, np.where(sent, 1 / trial["action_probability"], 0.0))
+    return np.average((shares * pays).sum(axis=1), weights=weight)
 
 
 # %% The effect in the whole trial, and the coverage of small ones
@@ -94,13 +130,15 @@ if __name__ == "__main__":
         params=[experiment],
     )
     trial["person"] = trial.groupby(["job_key", "episode"]).ngroup()
+    # Decisions of earlier versions do not say whether the budget was spent.
+    trial["can_send"] = trial["can_send"].fillna(trial["available"])
     named = pd.read_sql(
         "SELECT name, value FROM parameter WHERE job_key = ?", store, params=[trial["job_key"].iloc[0]]
     )
     parameters = {
         name.removeprefix("environment."): float(value)
         for name, value in named.itertuples(index=False)
-        if name in ("environment.epsilon_h", "environment.rho_1", "environment.rho_2")
+        if name.removeprefix("environment.") in ("epsilon_h", "rho_1", "rho_2", "rho_3")
     }
     exact = exact_effect(trial, parameters)
     whole = wcls(trial[trial["person"] < 1000])

@@ -252,26 +252,42 @@ fn no_recipe_pools_jobs_that_differ_in_another_parameter_than_seed() {
     all_agree(folder.path(), &sql);
 }
 
+/// A trial with availability and a budget, whose agent `random` is this.
+fn limited_trial(agent: &str) -> String {
+    format!(
+        "format = 1\nname = \"trial\"\nscenarios = [\"P-H-D\"]\nseeds = 1\n\
+         [environment]\nsigma = 0.6\navailability = 0.7\nmessage_budget = 12\nepsilon_d = 0.05\n\
+         [evaluation]\nrecord_decisions = \"test\"\ntest_episodes = 8000\n\
+         [[agent]]\nname = \"random\"\n{agent}\n"
+    )
+}
+
 /// With a correct method, 95 % of the intervals of 200 trials contain the true effect, with a standard
 /// error of 1.5 percentage points.
 #[test]
 fn intervals_of_excursion_effects_hold_the_exact_effect() {
     let Some(python) = python() else { return left_out("pandas") };
-    let folder = tempfile::tempdir().unwrap();
     let shipped = fs::read_to_string("experiments/trial.toml").unwrap();
-    let text = shipped.replace("seeds = 3", "seeds = 1") + "test_episodes = 8000\n";
-    fs::write(folder.path().join("trial.toml"), text).unwrap();
-    examples::run(folder.path(), &["run", "trial.toml", "--quiet"], 0);
-    let mut script = Command::new(python);
-    script.arg("docs/excursion.py").arg(folder.path().join("jitai.sqlite"));
-    let output = script.output().unwrap();
-    let said = String::from_utf8_lossy(&output.stdout);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let last = said.lines().last().unwrap();
-    let share = last.strip_prefix("200 trials of 40 people: ").unwrap();
-    let share: f64 = share.split_once(' ').unwrap().0.parse().unwrap();
-    assert!((93.0..=97.0).contains(&share), "{said}");
-    print!("{said}");
+    let uniform = shipped.replace("seeds = 3", "seeds = 1") + "test_episodes = 8000\n";
+    // Probabilities that vary with the state: a bandit after ten people.
+    let bandit = "algorithm = \"linear_thompson\"\nepisodes = 10\nprior_sd = 100\npi_min = 0.05\n\
+                  action_bias = [0, -50, -50, -50]";
+    let limited = [bandit, "algorithm = \"rule\"\nrule = \"random\""].map(limited_trial);
+    for text in [uniform].into_iter().chain(limited) {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("trial.toml"), text).unwrap();
+        examples::run(folder.path(), &["run", "trial.toml", "--quiet"], 0);
+        let mut script = Command::new(&python);
+        script.arg("docs/excursion.py").arg(folder.path().join("jitai.sqlite"));
+        let output = script.output().unwrap();
+        let said = String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let last = said.lines().last().unwrap();
+        let share = last.strip_prefix("200 trials of 40 people: ").unwrap();
+        let share: f64 = share.split_once(' ').unwrap().0.parse().unwrap();
+        assert!((93.0..=97.0).contains(&share), "{said}");
+        print!("{said}");
+    }
 }
 
 /// A second experiment, which runs while the first is watched.

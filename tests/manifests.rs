@@ -93,6 +93,7 @@ fn shipped() -> Vec<(&'static str, u64)> {
         ("experiments/bandits.toml", 920),
         ("experiments/external/outside.toml", 21),
         ("experiments/memory.toml", 1080),
+        ("experiments/unavailable.toml", 160),
         ("experiments/bots/figure_1.toml", 140),
         ("experiments/bots/figure_5.toml", 140),
         ("experiments/bots/figure_5_readings.toml", 170),
