@@ -181,11 +181,11 @@ pub mod algorithm {
         DuelingDqn, Engine, Learner, LearnerError, LinearThompson, LinearThompsonLearner, Losses,
         Minibatch, OutOfMemory, PolicyGradient, Ppo, PpoEngine, PpoLearner, Recurrent,
         RegistrationError, Reinforce, ReinforceEngine, ReinforceLearner, Span, Start, StartError,
-        Task, TerminalTarget, Trained, TrainedEpisode, Trajectories, Trunk, Unavailable,
-        UnavailableCredit, Violation, WeightTensor, Weights, WeightsError, Work, action_tensor,
-        dueling_dqn_learner, inference_device, linear_thompson_learner, observation_tensor,
-        ppo_learner, register_algorithm, reinforce_learner, trained_dueling_dqn,
-        trained_linear_thompson, trained_ppo, trained_reinforce, training_device,
+        Task, TerminalTarget, Trained, TrainedEpisode, Trajectories, Trunk, Unavailable, Violation,
+        WeightTensor, Weights, WeightsError, Work, action_tensor, dueling_dqn_learner,
+        inference_device, linear_thompson_learner, observation_tensor, ppo_learner,
+        register_algorithm, reinforce_learner, trained_dueling_dqn, trained_linear_thompson,
+        trained_ppo, trained_reinforce, training_device,
     };
     pub use crate::kernel::Isa;
     pub use crate::key::{

@@ -4,7 +4,7 @@ use std::fs;
 
 use jitai::agent::{
     Agent, DecisionRule, DuelingDqn, LinearThompson, Ppo, Recurrent, Reinforce, RuleParameters,
-    Unavailable, UnavailableCredit, Weights,
+    Unavailable, Weights,
 };
 use jitai::env::{Environment, Population};
 use jitai::manifest::{self, Evaluation, RecordedDecisions};
@@ -303,15 +303,9 @@ fn a_bandit_records_the_probabilities_that_it_drew_by() {
     assert!((mean - 4.0).abs() < 0.5, "{mean} over {} decisions", inverse.len());
 }
 
-/// Learning agents that skip steps at which no message can be sent, or learn as if their choice had been
-/// taken.
+/// Learning agents with this value of `unavailable`.
 fn learners(unavailable: Unavailable) -> [Agent; 5] {
-    let credit = match unavailable {
-        Unavailable::Skip => UnavailableCredit::Taken,
-        Unavailable::Chosen => UnavailableCredit::Chosen,
-    };
-    let dqn =
-        DuelingDqn { episodes: 9, layers: vec![8], unavailable: credit, ..DuelingDqn::default() };
+    let dqn = DuelingDqn { episodes: 9, layers: vec![8], unavailable, ..DuelingDqn::default() };
     let ppo = Ppo { episodes: 20, layers: vec![8], lanes: 8, unavailable, ..Ppo::default() };
     [
         Agent::of(&DuelingDqn { recurrent: Recurrent::Gru, units: 8, batch: 4, ..dqn.clone() }),
@@ -346,7 +340,7 @@ fn assert_limits(steps: &[Decision]) {
 #[test]
 fn agents_choose_only_where_a_message_can_be_sent() {
     let bandit = |unavailable| Agent::of(&LinearThompson { unavailable, ..bandit() });
-    for unavailable in [Unavailable::Skip, Unavailable::Chosen] {
+    for unavailable in [Unavailable::Masked, Unavailable::Chosen] {
         for agent in learners(unavailable).into_iter().chain([bandit(unavailable)]) {
             let algorithm = agent.algorithm().name();
             let results = results(&limited(agent));
@@ -355,7 +349,7 @@ fn agents_choose_only_where_a_message_can_be_sent() {
                 episodes.iter().for_each(|steps| assert_limits(steps));
                 let mut withheld = episodes.iter().flatten().filter(|step| !step.can_send);
                 match unavailable {
-                    Unavailable::Skip => assert!(
+                    Unavailable::Masked => assert!(
                         withheld.all(|step| step.probabilities == [1.0, 0.0, 0.0, 0.0]),
                         "{algorithm} in {phase:?}"
                     ),
@@ -371,7 +365,7 @@ fn agents_choose_only_where_a_message_can_be_sent() {
 
 #[test]
 fn a_bandit_learns_from_the_steps_at_which_a_message_could_be_sent() {
-    for unavailable in [Unavailable::Skip, Unavailable::Chosen] {
+    for unavailable in [Unavailable::Masked, Unavailable::Chosen] {
         let bandit = LinearThompson { unavailable, ..bandit() };
         let results = results(&limited(Agent::of(&bandit)));
         let weights = Weights::from_bytes(results.weights.as_ref().unwrap()).unwrap();
@@ -382,7 +376,7 @@ fn a_bandit_learns_from_the_steps_at_which_a_message_could_be_sent() {
         let mut sums = [[0.0; 4]; 4];
         (0..4).for_each(|action| (0..4).for_each(|i| expected[action][i][i] = prior));
         for step in episodes(&results, Phase::Train).iter().flatten() {
-            if !step.can_send && unavailable == Unavailable::Skip {
+            if !step.can_send && unavailable == Unavailable::Masked {
                 continue;
             }
             let seen = |number: f64| f64::from(number as f32);
@@ -404,7 +398,7 @@ fn a_bandit_learns_from_the_steps_at_which_a_message_could_be_sent() {
 
 #[test]
 fn a_training_without_a_single_message_is_no_failure() {
-    for agent in learners(Unavailable::Skip) {
+    for agent in learners(Unavailable::Masked) {
         let mut job = limited(agent);
         job.environment.message_budget = 0;
         let results = results(&job);
@@ -415,7 +409,7 @@ fn a_training_without_a_single_message_is_no_failure() {
 #[test]
 fn only_jobs_whose_messages_can_be_withheld_have_another_version() {
     let version = |job: &Job| job.versions().algorithm;
-    let agents = || learners(Unavailable::Skip).into_iter().chain([Agent::of(&bandit())]);
+    let agents = || learners(Unavailable::Masked).into_iter().chain([Agent::of(&bandit())]);
     for agent in agents() {
         let free = job(agent, RecordedDecisions::None);
         let with = |change: fn(&mut Job)| {

@@ -17,7 +17,7 @@ use crate::agent::network::{
 };
 use crate::agent::policy::{ActionNetwork, best};
 use crate::agent::replay::{Batch, TerminalTarget, Transition};
-use crate::agent::unavailable::UnavailableCredit;
+use crate::agent::unavailable::Unavailable;
 use crate::agent::weights::Weights;
 use crate::env::{EpisodeStatus, Observations};
 use crate::key::{Keyed, Kind};
@@ -77,9 +77,9 @@ keys! {
         /// processor, or "burn", Burn's modules and gradients, many times slower, with results that depend
         /// on the processor
         engine: Engine = Engine::Fused;
-        /// which action is credited where no message can be sent: "taken", action 0, or "chosen",
-        /// the action that the agent chose
-        unavailable: UnavailableCredit = UnavailableCredit::Taken, before UnavailableCredit::Taken;
+        /// what the agent does where no message can be sent: "masked", not choose and learn about action 0,
+        /// or "chosen", learn as if the action that it chose had been taken
+        unavailable: Unavailable = Unavailable::Masked, before Unavailable::Masked;
     }
 }
 

@@ -72,9 +72,9 @@ keys! {
         /// number of draws that compute action probabilities; read with action_centring or
         /// smoothing
         probability_draws: u32 = 1000, in Kind::Integer { min: 100, max: 100_000 };
-        /// what the agent does where no message can be sent: "skip", neither choose nor learn, or
-        /// "chosen", learn as if the action that it chose had been taken
-        unavailable: Unavailable = Unavailable::Skip, before Unavailable::Skip;
+        /// what the agent does where no message can be sent: "masked", not choose and learn nothing from a
+        /// choice, or "chosen", learn as if the action that it chose had been taken
+        unavailable: Unavailable = Unavailable::Masked, before Unavailable::Masked;
     }
 }
 

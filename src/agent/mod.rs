@@ -84,5 +84,5 @@ pub use registry::{
 pub use reinforce::{Reinforce, ReinforceEngine, ReinforceLearner, Trajectories};
 pub use replay::{Batch, Replay, TerminalTarget, Transition};
 pub use rule::{DecisionRule, DecisionRuleError, RuleParameters, RulePolicy, read_rule};
-pub use unavailable::{UNAVAILABLE, Unavailable, UnavailableCredit, certain};
+pub use unavailable::{UNAVAILABLE, Unavailable, certain};
 pub use weights::{Tensor as WeightTensor, Weights, WeightsError};

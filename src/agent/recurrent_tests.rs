@@ -253,6 +253,7 @@ fn longer_padding_changes_nothing() {
         cut.observations.clear();
         cut.observations.extend(&whole.observations, 0..rows);
         cut.actions.truncate(rows);
+        cut.chosen.truncate(rows);
         cut.log_probabilities.truncate(rows);
         let sequences = cut.sequences.as_mut().unwrap();
         sequences.firsts.truncate(rows);
@@ -279,6 +280,7 @@ fn two_episodes_in_one_lane_are_the_two_apart() {
             part.observations.extend(&both.observations, rows.clone());
             let cut = |numbers: &[f32]| numbers[rows.clone()].to_vec();
             part.actions = both.actions[rows.clone()].to_vec();
+            part.chosen = both.chosen[rows.clone()].to_vec();
             part.log_probabilities = cut(&both.log_probabilities);
             part.values = cut(&both.values);
             part.advantages = cut(&both.advantages);

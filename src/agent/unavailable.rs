@@ -12,21 +12,12 @@ use crate::env::{Action, ActionProbabilities, VectorEnvironment};
 pub const UNAVAILABLE: &str = "unavailable";
 
 choices! {
-    /// What an agent that learns from its own choices does where no message can be sent.
+    /// What a learning agent does where no message can be sent.
     pub enum Unavailable {
-        /// It neither chooses nor learns from a choice.
-        Skip = "skip",
+        /// It does not choose: messages are masked. A bandit and a policy learn nothing from the step; values
+        /// are learned about action 0, which was taken.
+        Masked = "masked",
         /// It chooses, and learns as if its choice had been taken.
-        Chosen = "chosen",
-    }
-}
-
-choices! {
-    /// Which action an agent that learns values credits where no message can be sent.
-    pub enum UnavailableCredit {
-        /// Action 0, which was taken. Only action 0 counts in the maximum over the next state's values.
-        Taken = "taken",
-        /// The action that it chose, as if it had been taken.
         Chosen = "chosen",
     }
 }
@@ -35,7 +26,7 @@ impl Unavailable {
     /// Whether the agent chooses in a lane.
     pub fn chooses<Env: VectorEnvironment + ?Sized>(self, environment: &Env, lane: usize) -> bool {
         match self {
-            Unavailable::Skip => environment.can_send(lane),
+            Unavailable::Masked => environment.can_send(lane),
             Unavailable::Chosen => true,
         }
     }
@@ -54,16 +45,6 @@ impl Unavailable {
                 let (action, probabilities) = choice;
                 (*action, *probabilities) = (Action::default(), certain(Action::default()));
             }
-        }
-    }
-}
-
-impl UnavailableCredit {
-    /// Whether the agent chooses where no message can be sent.
-    pub fn choices(self) -> Unavailable {
-        match self {
-            UnavailableCredit::Taken => Unavailable::Skip,
-            UnavailableCredit::Chosen => Unavailable::Chosen,
         }
     }
 }

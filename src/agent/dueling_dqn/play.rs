@@ -62,7 +62,7 @@ impl<Env: VectorEnvironment> Play<Env> {
 
     /// Whether the agent chooses in the current state.
     pub(super) fn chooses(&self) -> bool {
-        self.parameters.unavailable.choices().chooses(&self.environment, 0)
+        self.parameters.unavailable.chooses(&self.environment, 0)
     }
 
     /// The probabilities of the actions, of which `greedy` has the highest value.

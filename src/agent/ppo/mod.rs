@@ -89,9 +89,9 @@ keys! {
         /// processor, or "burn", Burn's modules and gradients, many times slower, with results that depend
         /// on the processor
         engine: Engine = Engine::Fused;
-        /// what the agent does where no message can be sent: "skip", neither choose nor learn from a
+        /// what the agent does where no message can be sent: "masked", not choose and learn nothing from a
         /// choice, or "chosen", learn as if the action that it chose had been taken
-        unavailable: Unavailable = Unavailable::Skip, before Unavailable::Skip;
+        unavailable: Unavailable = Unavailable::Masked, before Unavailable::Masked;
     }
 }
 

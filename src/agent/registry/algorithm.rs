@@ -432,7 +432,7 @@ impl Agent {
         match self.value(UNAVAILABLE) {
             None => Unavailable::Chosen,
             Some(Value::Choice(word)) if *word == Unavailable::Chosen.word() => Unavailable::Chosen,
-            Some(_) => Unavailable::Skip,
+            Some(_) => Unavailable::Masked,
         }
     }
 
