@@ -5,6 +5,7 @@
 //! implements the engine for Slurm. Another engine needs a file of this kind, a variant of
 //! [`EngineKind`], and its lines in `engines.rs`.
 
+use std::env;
 use std::io::{self, Read};
 use std::path::Path;
 use std::process::{Command, ExitStatus, Stdio};
@@ -119,14 +120,20 @@ pub enum EngineError {
     },
 }
 
-/// Runs a program of an engine and returns its standard output, if it succeeds within `patience`.
+/// Runs a program of an engine and returns its standard output, if it succeeds within `patience`. The
+/// program gets the environment variables except those that are `unset`.
 pub(super) fn ask(
     program: &'static str,
     arguments: &[&str],
+    unset: impl Fn(&str) -> bool,
     patience: Duration,
 ) -> Result<String, EngineError> {
     let missing = |source| EngineError::Missing { program, source };
-    let mut child = Command::new(program)
+    let mut command = Command::new(program);
+    for (variable, _) in env::vars_os().filter(|(name, _)| name.to_str().is_some_and(&unset)) {
+        command.env_remove(variable);
+    }
+    let mut child = command
         .args(arguments)
         .stdin(Stdio::null())
         .stdout(Stdio::piped())

@@ -26,7 +26,7 @@ pub(super) struct Slurm;
 impl Engine for Slurm {
     fn submit(&self, script: &Path) -> Result<String, EngineError> {
         let script = script.to_string_lossy();
-        let answer = ask("sbatch", &["--parsable", &script], ACCEPT_WITHIN)?;
+        let answer = ask("sbatch", &["--parsable", &script], is_unset, ACCEPT_WITHIN)?;
         // The answer is `id` or `id;cluster`.
         let id = answer.trim().lines().last().unwrap_or_default();
         match id.split(';').next() {
@@ -40,8 +40,8 @@ impl Engine for Slurm {
         for names in names.chunks(NAMES_AT_ONCE) {
             let wanted = format!("--name={}", names.join(","));
             let arguments = ["--noheader", "--array", &wanted, "--format=%j|%F|%K|%T"];
-            for line in ask("squeue", &arguments, ANSWER_WITHIN)?.lines() {
-                alive.push(task(line).ok_or_else(|| EngineError::Refused {
+            for line in ask("squeue", &arguments, is_unset, ANSWER_WITHIN)?.lines() {
+                alive.extend(tasks(line).ok_or_else(|| EngineError::Refused {
                     program: "squeue",
                     words: not_understood(line),
                 })?);
@@ -51,25 +51,34 @@ impl Engine for Slurm {
     }
 
     fn cancel(&self, array: &str) -> Result<(), EngineError> {
-        ask("scancel", &[array], ANSWER_WITHIN).map(drop)
+        ask("scancel", &[array], is_unset, ANSWER_WITHIN).map(drop)
     }
 
     fn limits(&self) -> Result<Limits, EngineError> {
-        let answer = ask("scontrol", &["show", "config"], ANSWER_WITHIN).map_err(unconfigured)?;
-        let most_tasks = answer.lines().find_map(|line| {
-            let (name, value) = line.split_once('=')?;
-            (name.trim() == "MaxArraySize").then(|| value.trim().parse::<u32>().ok()).flatten()
-        });
-        match most_tasks {
+        let answer = ask("scontrol", &["show", "config"], is_unset, ANSWER_WITHIN);
+        let answer = answer.map_err(unconfigured)?;
+        match most_tasks(&answer) {
             Some(most_tasks @ 1..) => Ok(Limits { most_tasks }),
             Some(0) => Err(EngineError::Refused {
                 program: "scontrol",
-                words: "MaxArraySize is 0, so this cluster has no job arrays".to_owned(),
+                words: "this cluster has no job arrays: MaxArraySize or max_array_tasks is 0"
+                    .to_owned(),
             }),
             None => {
                 Err(EngineError::Refused { program: "scontrol", words: not_understood(&answer) })
             }
         }
+    }
+}
+
+/// Whether a variable in a user's environment would change what jitai asks: it filters or formats an answer,
+/// or it overrides an option of the script that jitai relies on.
+fn is_unset(variable: &str) -> bool {
+    let overriding = ["ARRAY_INX", "JOB_NAME", "NO_REQUEUE", "OPEN_MODE", "SIGNAL", "WAIT"];
+    match variable.split_once('_') {
+        Some(("SQUEUE" | "SCANCEL" | "SCONTROL", _)) => true,
+        Some(("SBATCH", option)) => overriding.contains(&option),
+        _ => false,
     }
 }
 
@@ -92,21 +101,47 @@ fn not_understood(answer: &str) -> String {
     format!("unexpected answer {first:?}")
 }
 
-/// Parses a line of squeue: name, array, index and state.
-fn task(line: &str) -> Option<Alive> {
+/// The largest array that the configuration permits: `MaxArraySize`, or `max_array_tasks` among the
+/// parameters of the scheduler, if that is smaller.
+fn most_tasks(configuration: &str) -> Option<u32> {
+    let value_of = |wanted: &str| {
+        let lines = configuration.lines().filter_map(|line| line.split_once('='));
+        lines.filter(|(name, _)| name.trim() == wanted).map(|(_, value)| value.trim()).next()
+    };
+    let size = value_of("MaxArraySize")?.parse().ok()?;
+    let parameters = value_of("SchedulerParameters").unwrap_or_default().split(',');
+    let tasks = parameters.filter_map(|one| one.trim().strip_prefix("max_array_tasks="));
+    Some(tasks.filter_map(|tasks| tasks.parse().ok()).fold(size, u32::min))
+}
+
+/// Parses a line of squeue: name, array, indices and state. Waiting tasks of an array may share one line.
+fn tasks(line: &str) -> Option<Vec<Alive>> {
     let mut fields = line.rsplitn(4, '|');
-    let (state, chunk, array) = (fields.next()?, fields.next()?, fields.next()?);
+    let (state, chunks, array) = (fields.next()?, fields.next()?, fields.next()?);
     let phase = match state.trim() {
         "PENDING" | "REQUEUED" | "REQUEUE_HOLD" | "REQUEUE_FED" | "SPECIAL_EXIT"
         | "RESV_DEL_HOLD" => Phase::Waiting,
         _ => Phase::Running,
     };
-    Some(Alive {
-        name: fields.next()?.trim().to_owned(),
-        array: array.trim().to_owned(),
-        chunk: chunk.trim().parse().ok()?,
-        phase,
-    })
+    let (name, array) = (fields.next()?.trim().to_owned(), array.trim().to_owned());
+    let alive = |chunk| Alive { name: name.clone(), array: array.clone(), chunk, phase };
+    Some(indices(chunks)?.into_iter().map(alive).collect())
+}
+
+/// The indices of an expression such as `3`, `0-5%2`, `[1,4-6]` or `0-20:5`. `None` if it is something
+/// else, such as a list that squeue has cut short.
+fn indices(expression: &str) -> Option<Vec<u32>> {
+    let expression = expression.trim().trim_start_matches('[').trim_end_matches(']');
+    let list = expression.split_once('%').map_or(expression, |(list, _)| list);
+    let mut all = Vec::new();
+    for part in list.split(',') {
+        let (range, step) = part.split_once(':').unwrap_or((part, "1"));
+        let (first, last) = range.split_once('-').unwrap_or((range, range));
+        let (first, last): (u32, u32) = (first.parse().ok()?, last.parse().ok()?);
+        let step = step.parse().ok().filter(|step| *step > 0)?;
+        all.extend((first..=last).step_by(step));
+    }
+    Some(all)
 }
 
 /// The script of an array.
@@ -115,6 +150,10 @@ fn task(line: &str) -> Option<Alive> {
 /// the signal of the time limit stopped the task. If Slurm itself ends the task, because the task was
 /// cancelled or preempted, the job is no longer in the state RUNNING, and Slurm alone decides whether
 /// it runs again.
+///
+/// A task is always named by its array and its index. The job id of one task of every array is the id of
+/// the array, which Slurm takes for all of its tasks. Variables of squeue and scontrol in the user's
+/// environment, which would hide tasks or change the answer, are unset.
 pub(super) fn script(order: &Order<'_>) -> String {
     let Order { name, chunks, folder, program, profile } = order;
     let mut options = vec![
@@ -162,10 +201,12 @@ pub(super) fn script(order: &Order<'_>) -> String {
         (quoted(&program.display().to_string()), quoted(&folder.display().to_string()));
     text.push_str(&format!(
         r#"
+self="${{SLURM_ARRAY_JOB_ID}}_$SLURM_ARRAY_TASK_ID"
+unset "${{!SQUEUE_@}}" "${{!SCONTROL_@}}"
 {program} task {folder} --chunk "$SLURM_ARRAY_TASK_ID" \
-    --attempt "$SLURM_JOB_ID.${{SLURM_RESTART_COUNT:-0}}" --scratch "{scratch}" &
+    --attempt "$self.${{SLURM_RESTART_COUNT:-0}}" --scratch "{scratch}" &
 task=$!
-trap 'stopped=yes; kill -TERM "$task" 2>/dev/null' TERM
+trap 'stopped=yes; kill -TERM "$task" 2>/dev/null' TERM HUP INT USR1 USR2 XCPU
 code=127
 while :; do
     # A signal ends the waiting, not the task.
@@ -176,8 +217,8 @@ while :; do
     [ "$stopped" = yes ] || break
 done
 if [ "$code" -eq {RUN_AGAIN} ] &&
-    [ "$(squeue --noheader --jobs="$SLURM_JOB_ID" --format=%T)" = RUNNING ]; then
-    scontrol requeue "$SLURM_JOB_ID"
+    [ "$(squeue --noheader --jobs="$self" --format=%T)" = RUNNING ]; then
+    scontrol requeue "$self"
 elif [ "$code" -gt 128 ]; then
     echo "error: the task was killed by signal $((code - 128)); signal 9 may mean too little memory"
 fi
@@ -215,7 +256,11 @@ mod tests {
 
     #[test]
     fn a_line_of_squeue_is_a_task_whatever_the_name_holds() {
-        let task = |line| task(line).map(|task| (task.name, task.array, task.chunk, task.phase));
+        let only = |tasks: Vec<Alive>| tasks.into_iter().next();
+        let task = |line| {
+            let task = tasks(line).and_then(only);
+            task.map(|task| (task.name, task.array, task.chunk, task.phase))
+        };
         let name = |name: &str, array: &str| (name.to_owned(), array.to_owned());
         let (n, a) = name("jitai-1", "17");
         assert_eq!(task("jitai-1|17|3|RUNNING"), Some((n, a, 3, Phase::Running)));
@@ -225,6 +270,94 @@ mod tests {
         assert_eq!(task("jitai-1|17|0|COMPLETING"), Some((n, a, 0, Phase::Running)));
         for line in ["", "slurm_load_jobs error", "jitai-1|17|N/A|RUNNING"] {
             assert_eq!(task(line), None, "{line}");
+        }
+    }
+
+    #[test]
+    fn waiting_tasks_on_one_line_are_all_tasks_unless_the_line_is_cut() {
+        let chunks = |expression: &str| {
+            let tasks = tasks(&format!("jitai-1|17|{expression}|PENDING"))?;
+            Some(tasks.iter().map(|task| task.chunk).collect::<Vec<_>>())
+        };
+        for (expression, expected) in [
+            ("3", vec![3]),
+            ("[0-5%2]", vec![0, 1, 2, 3, 4, 5]),
+            ("0,2-3,7%1", vec![0, 2, 3, 7]),
+            ("0-20:10", vec![0, 10, 20]),
+        ] {
+            assert_eq!(chunks(expression), Some(expected), "{expression}");
+        }
+        for expression in ["0-5,...", "[0-5,...%2]", "0-4:0", "", "a-b"] {
+            assert_eq!(chunks(expression), None, "{expression}");
+        }
+    }
+
+    #[test]
+    fn variables_that_would_change_an_answer_are_unset() {
+        for variable in ["SQUEUE_STATES", "SQUEUE_FORMAT", "SCANCEL_STATE", "SBATCH_ARRAY_INX"] {
+            assert!(is_unset(variable), "{variable}");
+        }
+        for variable in ["SLURM_CONF", "SLURM_CLUSTERS", "SBATCH_ACCOUNT", "PATH"] {
+            assert!(!is_unset(variable), "{variable}");
+        }
+    }
+
+    #[test]
+    fn the_smaller_limit_of_arrays_counts() {
+        let sizes = "MaxArraySize            = 1001\nMaxJobCount = 7\n";
+        assert_eq!(most_tasks(sizes), Some(1001));
+        let scheduler = "SchedulerParameters     = bf_interval=5,max_array_tasks=300,defer\n";
+        assert_eq!(most_tasks(&format!("{scheduler}{sizes}")), Some(300));
+        assert_eq!(most_tasks(&format!("SchedulerParameters = (null)\n{sizes}")), Some(1001));
+        assert_eq!(most_tasks("MaxJobCount = 7\n"), None);
+    }
+
+    /// Runs the script of an array as the task `array`_`index`, whose job id is `job`, beside a queue in which
+    /// every task of array 17 runs. The program of the task exits with `code`. Returns the calls of
+    /// scontrol.
+    fn calls_of_a_task(job: u32, index: u32, code: u8) -> String {
+        let folder = tempfile::tempdir().unwrap();
+        let place = |name: &str| folder.path().join(name);
+        let write = |name: &str, body: &str| {
+            std::fs::write(place(name), format!("#!/bin/bash\n{body}\n")).unwrap();
+            let mode = std::os::unix::fs::PermissionsExt::from_mode(0o755);
+            std::fs::set_permissions(place(name), mode).unwrap();
+        };
+        write("program", &format!("exit {code}"));
+        // As squeue does: the id of an array stands for all of its tasks.
+        write(
+            "squeue",
+            "[ -z \"$SQUEUE_STATES\" ] || exit 1\n\
+             case \" $* \" in *' --jobs=17 '*) printf 'RUNNING\\nRUNNING\\nRUNNING\\n' ;;\n\
+             *' --jobs=17_'[0-2]' '*) echo RUNNING ;; *) exit 1 ;; esac",
+        );
+        write("scontrol", &format!("echo \"$@\" >>'{}'", place("calls").display()));
+        let profile = Profile::of(EngineKind::Slurm);
+        let (program, order_folder) = (place("program"), folder.path());
+        let order = Order {
+            name: "a",
+            chunks: 3,
+            folder: order_folder,
+            program: &program,
+            profile: &profile,
+        };
+        write("script", &super::script(&order));
+        let path = format!("{}:{}", folder.path().display(), std::env::var("PATH").unwrap());
+        let mut script = std::process::Command::new(place("script"));
+        script
+            .env("PATH", path)
+            .env("SQUEUE_STATES", "PENDING")
+            .env("SLURM_JOB_ID", job.to_string());
+        script.env("SLURM_ARRAY_JOB_ID", "17").env("SLURM_ARRAY_TASK_ID", index.to_string());
+        assert_eq!(script.output().unwrap().status.code(), Some(i32::from(code)));
+        std::fs::read_to_string(place("calls")).unwrap_or_default()
+    }
+
+    #[test]
+    fn a_stopped_task_requeues_itself_alone_even_if_its_job_has_the_id_of_the_array() {
+        for (job, index) in [(18, 0), (19, 1), (17, 2)] {
+            assert_eq!(calls_of_a_task(job, index, RUN_AGAIN), format!("requeue 17_{index}\n"));
+            assert_eq!(calls_of_a_task(job, index, 0), "");
         }
     }
 

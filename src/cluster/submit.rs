@@ -191,7 +191,8 @@ impl<'a> Cluster<'a> {
                 let outcome = Outcome::Failed(Failure {
                     kind: FailureKind::Crashed,
                     message: "three cluster tasks died while they ran this job, the last one \
-                              without other jobs; their logs are in the folders of the submissions"
+                              without other jobs; their logs are in the folders of the submissions; \
+                              `jitai submit --retry-failed` submits the job again"
                         .to_owned(),
                     episode: 0,
                 });

@@ -102,9 +102,56 @@ pub struct Lab {
     pub folder: Folder,
     pub cluster: Cluster,
     manifest: String,
+    /// The program of the manifest's outside agent, if it has one.
+    program: Option<&'static str>,
 }
 
+/// Three jobs that use no processor time and wait until the folder has a file `go`.
+pub const WAITING_JOBS: &str = "format = 1
+name = \"waiting\"
+scenarios = [\"P-H-D\"]
+seeds = 3
+environment.sigma = 0.6
+evaluation.test_episodes = 20
+[[agent]]
+name = \"patient\"
+algorithm = \"external\"
+command = [\"sh\", \"program.sh\"]
+version = \"1\"
+episodes = 3
+";
+
+/// The program of [`WAITING_JOBS`].
+const WAITING_PROGRAM: &str = r#"
+read -r line
+echo '{"type":"ready","protocol":1}'
+until [ -e go ]; do sleep 0.1; done
+echo '{"type":"trained"}'
+while read -r line; do
+  case $line in
+    *'"type":"act"'*)
+      lanes=${line#*'"lanes":['}; lanes=${lanes%%]*}
+      echo "{\"type\":\"choices\",\"actions\":[$(echo "$lanes" | sed 's/[0-9][0-9]*/1/g')]}";;
+    *'"type":"end"'*) exit 0;;
+  esac
+done
+exit 8
+"#;
+
 impl Lab {
+    /// A lab for [`WAITING_JOBS`], with one chunk per job.
+    pub fn waiting(profile: &str) -> Option<Lab> {
+        let lab = Lab::in_three_chunks(WAITING_JOBS, profile)?;
+        lab.folder.write("program.sh", WAITING_PROGRAM);
+        Some(Lab { program: Some(WAITING_PROGRAM), ..lab })
+    }
+
+    /// A lab whose cluster permits three tasks per array, and whose jobs would fill more. One of the
+    /// tasks has the job id of the array.
+    pub fn in_three_chunks(manifest: &str, profile: &str) -> Option<Lab> {
+        Lab::with_arrays_of(3, manifest, &format!("chunk_minutes = 0.00001\n{profile}"))
+    }
+
     /// A lab for a manifest; `None`, with a message, if tests with Slurm are disabled.
     pub fn with(manifest: &str, profile: &str) -> Option<Lab> {
         Lab::with_arrays_of(1001, manifest, profile)
@@ -125,7 +172,7 @@ impl Lab {
         };
         folder.write("cluster.toml", profile);
         let cluster = Cluster::up(most_tasks);
-        Some(Lab { folder, cluster, manifest: manifest.to_owned() })
+        Some(Lab { folder, cluster, manifest: manifest.to_owned(), program: None })
     }
 
     /// The program with arguments, in an environment in which it finds the cluster.
@@ -202,11 +249,50 @@ impl Lab {
         files(&self.submission().join("logs")).iter().map(read).collect()
     }
 
+    /// The sealed parts of a chunk of the latest submission.
+    pub fn parts_of(&self, chunk: u32) -> Vec<PathBuf> {
+        let mut parts = self.parts();
+        let is_of_chunk = |name: &str| name.starts_with(&format!("{chunk}."));
+        parts.retain(|part| is_of_chunk(&part.file_name().unwrap().to_string_lossy()));
+        parts
+    }
+
     /// The sealed parts of the latest submission.
     pub fn parts(&self) -> Vec<PathBuf> {
         let mut parts = files(&self.submission().join("parts"));
         parts.retain(|part| part.extension().is_some_and(|extension| extension == "sqlite"));
         parts
+    }
+
+    /// Waits until all three tasks of the latest array run jobs; returns the index of the task that has the
+    /// job id of the array.
+    #[track_caller]
+    pub fn until_all_run(&self) -> u32 {
+        let scratches = || self.logs().matches("scratch: ").count();
+        until("three tasks run jobs", || self.tasks().len() == 3 && scratches() >= 3);
+        let arguments = ["--noheader", "--array", "--format=%A|%F|%K"];
+        let tasks = self.cluster.slurm("squeue", &arguments);
+        let leader = tasks.lines().find_map(|line| {
+            let fields: Vec<&str> = line.trim().split('|').collect();
+            (fields[0] == fields[1]).then(|| fields[2].parse().unwrap())
+        });
+        leader.unwrap_or_else(|| panic!("no task has the id of its array: {tasks}"))
+    }
+
+    /// The ends of the attempts at each chunk of the latest submission, the earliest first.
+    pub fn ends(&self) -> Vec<Vec<Value>> {
+        let chunks = self.submissions().last().unwrap()["chunks"].as_u64().unwrap();
+        let mut ends = vec![Vec::new(); usize::try_from(chunks).unwrap()];
+        for attempt in self.attempts() {
+            let chunk = usize::try_from(attempt["chunk"].as_u64().unwrap()).unwrap();
+            ends[chunk].push(attempt["end"].clone());
+        }
+        ends
+    }
+
+    /// The id of the latest array.
+    pub fn array(&self) -> String {
+        fs::read_to_string(self.submission().join("array")).unwrap().trim().to_owned()
     }
 
     /// Waits until a task runs jobs; returns its node.
@@ -234,9 +320,22 @@ impl Lab {
         all.filter(|(_, words)| is_task(words)).collect()
     }
 
-    /// A process of this program that runs a task of the lab.
-    pub fn task_process(&self) -> Option<u32> {
-        self.tasks().first().map(|(process, _)| *process)
+    /// A process of this program that runs a task of the lab, and its chunk.
+    pub fn task_process(&self) -> Option<(u32, u32)> {
+        let tasks = self.tasks();
+        tasks.first().map(|(process, words)| (*process, words[4].parse().unwrap()))
+    }
+
+    /// The outside program that a chunk's task runs.
+    pub fn program_of(&self, chunk: u32) -> u32 {
+        let is_of_chunk = |(_, words): &(u32, Vec<String>)| words[4] == chunk.to_string();
+        let (task, _) = self.tasks().into_iter().find(is_of_chunk).expect("the chunk runs");
+        let is_program = |process: &u32| {
+            let line = fs::read(format!("/proc/{process}/cmdline")).unwrap_or_default();
+            text(&line).contains("program.sh")
+                && stat(*process).is_some_and(|stat| stat[1] == task.to_string())
+        };
+        processes().into_iter().find(is_program).expect("its job has started its program")
     }
 
     /// A process that runs a task whose chunk contains the job, once its attempt is recorded.
@@ -280,6 +379,10 @@ impl Lab {
         let mut dumps = DUMPS.lock().unwrap();
         let expected = dumps.entry(self.manifest.clone()).or_insert_with(|| {
             let alone = Folder::with(&self.manifest);
+            if let Some(program) = self.program {
+                alone.write("program.sh", program);
+                alone.write("go", "");
+            }
             let run = Running::of(alone.command(["run", "sweep.toml", "--quiet"]));
             run.wait_for(PATIENCE).succeeded();
             alone.dump()

@@ -7,49 +7,60 @@ use std::time::Duration;
 use crate::cluster::{Lab, has_ended, parent, signal, until};
 use crate::support::{Effort, manifest};
 
-/// One chunk of six jobs.
-const ONE_CHUNK: &str = "chunk_minutes = 1000\nhand_in_minutes = 0.1";
+/// Tasks hand in every two seconds.
+const OFTEN: &str = "hand_in_minutes = 0.03";
 
-fn six_jobs() -> String {
-    manifest("lost", "0.6", "3", Effort::Long).replace("episodes = 4000\n", "episodes = 3000\n")
+/// Four jobs for each of three chunks.
+fn twelve_jobs() -> String {
+    manifest("lost", "0.6", "6", Effort::Long)
+        .replace("episodes = 4000\n", "episodes = 1500\n")
+        .replace("episodes = 120000\n", "episodes = 60000\n")
 }
 
 #[test]
 fn a_node_killed_in_mid_chunk() {
-    let Some(lab) = Lab::with(&six_jobs(), ONE_CHUNK) else { return };
-    lab.submit(&[]).succeeded();
+    let Some(lab) = Lab::in_three_chunks(&twelve_jobs(), OFTEN) else { return };
+    lab.submit(&[]).succeeded().prints("12 jobs in 3 chunks");
     let node = lab.until_running();
     until("a part is handed in", || !lab.parts().is_empty());
     lab.cluster.kill_node(&node);
     lab.finish();
     let attempts = lab.attempts();
-    assert!(attempts.len() > 1 || !attempts[0]["end"].is_null(), "{attempts:?}");
+    assert!(attempts.len() > 3 || lab.submissions().len() > 1, "{attempts:?}");
 }
 
 #[test]
 fn a_task_killed_by_sigkill() {
-    let Some(lab) = Lab::with(&six_jobs(), ONE_CHUNK) else { return };
+    let Some(lab) = Lab::in_three_chunks(&twelve_jobs(), OFTEN) else { return };
     lab.submit(&[]).succeeded();
     lab.until_running();
     until("a part is handed in", || !lab.parts().is_empty());
-    let task = lab.task_process().expect("six jobs take longer than the first hand-in");
+    let (task, _) = lab.task_process().expect("four jobs take longer than the first hand-in");
     signal(task, "KILL");
     until("the cluster no longer holds the task", || lab.submissions()[0]["lost"] == 1);
     let shown = lab.jitai(&["status"]).succeeded().says("its task died; log: ").prints("lost");
     assert!(!shown.stdout.contains("finished 1"), "{}", shown.stdout);
     assert!(lab.logs().contains("the task was killed by signal 9"), "{}", lab.logs());
     lab.finish();
-    assert_eq!(lab.submissions().len(), 2);
-    assert!(lab.submissions()[1]["chunks"].as_u64() > Some(1), "the second time in pieces");
+    let submissions = lab.submissions();
+    assert_eq!(submissions.len(), 2);
+    let again = submissions[1]["jobs"].as_u64().unwrap();
+    assert!((1..=4).contains(&again), "only the jobs of the killed task: {submissions:#?}");
+    // A piece has one job, if the cluster permits that many tasks.
+    assert_eq!(submissions[1]["chunks"], again.min(3), "the second time in pieces");
 }
 
 #[test]
 fn a_frozen_task_that_wakes_up_after_its_replacement_has_handed_in() {
-    let Some(lab) = Lab::with(&six_jobs(), "chunk_minutes = 1000") else { return };
+    // Each task has a node of its own.
+    let Some(lab) = Lab::in_three_chunks(&twelve_jobs(), "exclusive = true") else { return };
     lab.submit(&[]).succeeded();
-    let node = lab.until_running();
+    lab.until_all_run();
     // The node freezes: its first process, the ancestor of all others, is stopped first.
-    let task = lab.task_process().unwrap();
+    let (task, chunk) = lab.task_process().unwrap();
+    let named = format!("--jobs={}_{chunk}", lab.array());
+    let node = lab.cluster.slurm("squeue", &["--noheader", &named, "--format=%N"]);
+    let node = node.trim().to_owned();
     let script = parent(task);
     let step = parent(script);
     let daemon = lab.node_daemon(&node);
@@ -67,13 +78,13 @@ fn a_frozen_task_that_wakes_up_after_its_replacement_has_handed_in() {
     }
     lab.cluster.down(&node);
     lab.finish();
-    assert_eq!(lab.parts().len(), 1);
+    assert_eq!((lab.parts().len(), lab.parts_of(chunk).len()), (3, 1));
     for process in [script, task] {
         signal(process, "CONT");
     }
-    until("the frozen task hands in", || lab.parts().len() == 2);
+    until("the frozen task hands in", || lab.parts_of(chunk).len() == 2);
     let lists: Vec<String> = lab
-        .parts()
+        .parts_of(chunk)
         .iter()
         .map(|part| {
             let list = fs::read_to_string(part.with_extension("jobs")).unwrap();

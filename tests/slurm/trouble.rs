@@ -59,14 +59,16 @@ fn the_shared_folder_full_while_a_part_is_handed_in() {
         return;
     }
     let disk = SmallDisk::of(8);
-    let profile = format!("chunk_minutes = 1000\nfolder = \"{}\"", disk.path().display());
+    let profile = format!("folder = \"{}\"", disk.path().display());
     let manifest = manifest("full", "0.6", "2", Effort::Short);
-    let Some(lab) = Lab::with(&manifest, &profile) else { return };
+    let Some(lab) = Lab::in_three_chunks(&manifest, &profile) else { return };
     // No task runs before the disk is full.
     lab.cluster.slurm("scontrol", &["update", "partition=main", "state=down"]);
     lab.submit(&[]).succeeded();
-    let log = lab.submission().join("logs/0.log");
-    fs::write(&log, "the first lines of this log have their place\n").unwrap();
+    for chunk in 0..3 {
+        let log = lab.submission().join(format!("logs/{chunk}.log"));
+        fs::write(&log, "the first lines of this log have their place\n").unwrap();
+    }
     disk.fill();
     lab.cluster.slurm("scontrol", &["update", "partition=main", "state=up"]);
     until("a hand-in has failed", || lab.logs().contains("failed to hand in"));
@@ -75,7 +77,7 @@ fn the_shared_folder_full_while_a_part_is_handed_in() {
     thread::sleep(Duration::from_secs(1));
     disk.free();
     lab.finish();
-    assert_eq!((lab.submissions().len(), lab.parts().len()), (1, 1));
+    assert_eq!((lab.submissions().len(), lab.parts().len()), (1, 3));
 }
 
 #[test]
@@ -84,9 +86,9 @@ fn scratch_full() {
         return;
     }
     let disk = SmallDisk::of(4);
-    let profile = format!("chunk_minutes = 1000\nscratch = \"{}\"", disk.path().display());
+    let profile = format!("scratch = \"{}\"", disk.path().display());
     let manifest = manifest("full", "0.6", "2", Effort::Short);
-    let Some(lab) = Lab::with(&manifest, &profile) else { return };
+    let Some(lab) = Lab::in_three_chunks(&manifest, &profile) else { return };
     disk.fill();
     lab.submit(&["--wait"]).ended(3).says("its task failed: ").says("log: ");
     assert_eq!(lab.submissions()[0]["state"], "lost");
