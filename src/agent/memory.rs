@@ -2,7 +2,10 @@
 //!
 //! In: an amount and its purpose. Out: reserved memory, or [`OutOfMemory`], which fails one job.
 //! Any other failed allocation ends the process. The network of a job and all data that grow during
-//! training are therefore reserved here first.
+//! training are therefore reserved here first. An amount that exceeds the limit of a control group is
+//! refused, because the kernel would kill the process as soon as it used the memory.
+
+use super::control_group;
 
 /// Memory that a training needs and cannot allocate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -16,6 +19,7 @@ pub struct OutOfMemory {
 
 /// Reserves room for `more` values. A vector that has to grow at least doubles its capacity.
 pub fn reserve<T>(values: &mut Vec<T>, more: usize, what: &'static str) -> Result<(), OutOfMemory> {
+    permit(size_in_bytes(values, more), what)?;
     values.try_reserve(more).map_err(|_| out_of(values, more, what))
 }
 
@@ -25,6 +29,7 @@ pub fn reserve_exact<T>(
     more: usize,
     what: &'static str,
 ) -> Result<(), OutOfMemory> {
+    permit(size_in_bytes(values, more), what)?;
     values.try_reserve_exact(more).map_err(|_| out_of(values, more, what))
 }
 
@@ -34,8 +39,20 @@ pub(super) fn require(bytes: usize, what: &'static str) -> Result<(), OutOfMemor
     reserve_exact(&mut Vec::<u8>::new(), bytes, what)
 }
 
+/// Checks that the control groups of the process permit `bytes` bytes.
+pub(super) fn permit(bytes: usize, what: &'static str) -> Result<(), OutOfMemory> {
+    match control_group::most_bytes() {
+        Some(most) if bytes as u64 > most => Err(OutOfMemory { what, bytes }),
+        Some(_) | None => Ok(()),
+    }
+}
+
+fn size_in_bytes<T>(values: &[T], more: usize) -> usize {
+    values.len().saturating_add(more).saturating_mul(size_of::<T>())
+}
+
 fn out_of<T>(values: &[T], more: usize, what: &'static str) -> OutOfMemory {
-    OutOfMemory { what, bytes: values.len().saturating_add(more).saturating_mul(size_of::<T>()) }
+    OutOfMemory { what, bytes: size_in_bytes(values, more) }
 }
 
 #[cfg(test)]

@@ -16,6 +16,7 @@ mod actor;
 mod architecture;
 mod burn;
 mod constraint;
+mod control_group;
 mod dueling_dqn;
 #[cfg(test)]
 mod engine_tests;

@@ -9,7 +9,7 @@ use std::ops::Range;
 
 use crate::agent::actor::{Actor, StepObserver};
 use crate::agent::learner::{Actions, Diverged, Learner, LearnerError, Span, TrainedEpisode};
-use crate::agent::memory::{OutOfMemory, reserve};
+use crate::agent::memory::{self, OutOfMemory, reserve};
 use crate::agent::network::{Activation, Engine, LAYER_WIDTHS, LEARNING_RATE};
 use crate::agent::policy::{ActionNetwork, SoftmaxPolicy, sample, sampling_probabilities};
 use crate::agent::unavailable::Unavailable;
@@ -80,6 +80,7 @@ impl Trajectories {
         let bytes =
             (self.observations.rows() + rows) * self.observations.width() * size_of::<f32>();
         let refused = OutOfMemory { what: TRAJECTORIES, bytes };
+        memory::permit(bytes, TRAJECTORIES)?;
         self.observations.try_reserve(rows).map_err(|_| refused)?;
         reserve(&mut self.actions, rows, TRAJECTORIES)?;
         reserve(&mut self.preferences, rows * Action::COUNT, TRAJECTORIES)

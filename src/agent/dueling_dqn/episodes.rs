@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::io;
 
-use crate::agent::memory::{OutOfMemory, reserve};
+use crate::agent::memory::{self, OutOfMemory, reserve};
 use crate::agent::replay::{Replay, Sampled, TerminalTarget, Transition};
 use crate::env::{Action, EpisodeStatus, Observations};
 use crate::rng::Stream;
@@ -72,6 +72,7 @@ impl SequenceBatch {
     fn reserve(&mut self, rows: usize) -> Result<(), OutOfMemory> {
         let bytes = rows * self.observations.width() * size_of::<f32>();
         let refused = OutOfMemory { what: BATCH, bytes };
+        memory::permit(bytes, BATCH)?;
         self.observations.try_reserve(rows).map_err(|_| refused)?;
         reserve(&mut self.actions, rows, BATCH)?;
         reserve(&mut self.targets, rows, BATCH)?;

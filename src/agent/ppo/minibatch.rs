@@ -1,6 +1,6 @@
 //! Minibatches of PPO: the steps of a rollout from which an update learns.
 
-use crate::agent::memory::{OutOfMemory, reserve};
+use crate::agent::memory::{self, OutOfMemory, reserve};
 use crate::agent::ppo::rollout::Rollout;
 use crate::env::{Action, Observations};
 
@@ -149,6 +149,7 @@ impl Minibatch {
         const WHAT: &str = "a minibatch";
         let bytes = rows * self.observations.width() * size_of::<f32>();
         let refused = OutOfMemory { what: WHAT, bytes };
+        memory::permit(bytes, WHAT)?;
         self.observations.try_reserve(rows).map_err(|_| refused)?;
         reserve(&mut self.actions, rows, WHAT)?;
         reserve(&mut self.chosen, rows, WHAT)?;

@@ -3,7 +3,7 @@
 
 use std::io;
 
-use crate::agent::memory::{OutOfMemory, reserve};
+use crate::agent::memory::{self, OutOfMemory, reserve};
 use crate::env::{Action, EpisodeStatus, Observations};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
@@ -80,6 +80,7 @@ impl Rollout {
         let bytes =
             (self.observations.rows() + rows) * self.observations.width() * size_of::<f32>();
         let refused = OutOfMemory { what: ROLLOUT, bytes };
+        memory::permit(bytes, ROLLOUT)?;
         self.observations.try_reserve(rows).map_err(|_| refused)?;
         reserve(&mut self.actions, rows, ROLLOUT)?;
         reserve(&mut self.log_probabilities, rows, ROLLOUT)?;
