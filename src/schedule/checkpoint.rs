@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 
 use crate::kill_point::{self, KillPoint};
 use crate::plan::JobKey;
-use crate::store::{JobState, Reader, StoreError};
+use crate::store::{self, JobState, Reader, StoreError};
 use crate::train::{CheckpointError, Checkpoints, ReadCheckpoint, Resumed, WriteCheckpoint};
 
 /// The minimum time between two checkpoints, as a multiple of the time that writing one takes. The resulting
@@ -81,7 +81,7 @@ impl Entry {
             Form::Whole => "checkpoint",
             Form::Unfinished => "unfinished",
         };
-        format!("{key}.{attempt}.{form}")
+        store::checkpoint_name(&key.to_string(), *attempt, form)
     }
 
     /// The entry with this file name; `None` for other files.
@@ -105,7 +105,7 @@ impl CheckpointFolder {
         // Beside the file itself rather than beside a link to it, like SQLite's own files.
         let mut path =
             fs::canonicalize(store).unwrap_or_else(|_| store.to_owned()).into_os_string();
-        path.push(".checkpoints");
+        path.push(store::CHECKPOINTS);
         CheckpointFolder { path: path.into() }
     }
 

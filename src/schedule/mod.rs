@@ -11,8 +11,8 @@
 //! - The store decides whether a job is free, in the transaction that claims it, because other processes may
 //!   work on the same store.
 //! - A panic is an outcome of its job and does not end its worker.
-//! - A job whose process crashed is a suspect. It runs alone, so that a further crash interrupts no other job
-//!   and has one possible cause.
+//! - A job that may have caused the death of a process is a suspect. It runs last and alone, so that a further
+//!   death interrupts no other job and has one possible cause.
 //! - A failed job is not retried in the same sweep. Of the jobs that failed in earlier sweeps, either all or
 //!   none are retried, so that retries do not bias a comparison of arms.
 

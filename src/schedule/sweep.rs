@@ -1,6 +1,6 @@
 //! A sweep: the coordinating thread, which owns the store.
 
-use std::collections::VecDeque;
+use std::collections::{HashSet, VecDeque};
 use std::io;
 use std::mem;
 use std::num::NonZeroUsize;
@@ -32,6 +32,8 @@ const TICK: Duration = Duration::from_millis(100);
 const LOOK: Duration = Duration::from_millis(50);
 /// Interval of the session's heartbeat.
 const HEARTBEAT: Duration = Duration::from_secs(5);
+/// Time from the start of a job to a heartbeat which shows that the process outlived the start.
+const FIRST_HEARTBEAT: Duration = Duration::from_secs(1);
 /// Interval at which jobs held by other processes are tried again.
 const RECHECK: Duration = Duration::from_secs(1);
 /// The number of jobs that need no run and are skipped before messages are handled again.
@@ -151,6 +153,7 @@ pub fn run(
             gathered: Vec::new(),
             rechecked_at: Instant::now(),
             heartbeat_at: Instant::now(),
+            started_at: Instant::now(),
             tally: Tally::default(),
             halt: &halt,
             folder: &folder,
@@ -255,6 +258,8 @@ struct Sweep<'scope, 'a> {
     gathered: Vec<Gathered>,
     rechecked_at: Instant,
     heartbeat_at: Instant,
+    /// The start of the latest job.
+    started_at: Instant,
     tally: Tally,
     halt: &'a AtomicBool,
     folder: &'a CheckpointFolder,
@@ -263,6 +268,7 @@ struct Sweep<'scope, 'a> {
 impl Sweep<'_, '_> {
     fn run(mut self, inbox: &mpsc::Receiver<Message>) -> Result<Tally, StoreError> {
         self.store.release_dead_sessions(self.session)?;
+        self.postpone_jobs_that_died()?;
         loop {
             if self.context.stop.load(Ordering::Relaxed) {
                 self.halt.store(true, Ordering::Relaxed);
@@ -296,6 +302,25 @@ impl Sweep<'_, '_> {
         }
     }
 
+    /// Moves jobs whose processes died behind all others, after the other jobs of their agents, which may
+    /// die in the same way.
+    fn postpone_jobs_that_died(&mut self) -> Result<(), StoreError> {
+        let died = self.store.died()?;
+        let has_died = |queued: &Queued| died.contains(&queued.key);
+        let agents: HashSet<String> = self
+            .waiting
+            .iter()
+            .filter(|queued| has_died(queued))
+            .map(|queued| queued.agent.clone())
+            .collect();
+        if !agents.is_empty() {
+            self.waiting
+                .make_contiguous()
+                .sort_by_key(|queued| (has_died(queued), agents.contains(&queued.agent)));
+        }
+        Ok(())
+    }
+
     /// Whether the gathered outcomes must be stored now.
     fn is_due(&self, busy: bool) -> bool {
         self.gathered.first().is_some_and(|first| {
@@ -327,6 +352,7 @@ impl Sweep<'_, '_> {
             let Some((queued, claim)) = self.claim_next(&mut skips)? else { break };
             self.sink.on_event(Event::Started { worker: index, queued: &queued });
             self.workers[index].start(queued, claim);
+            self.started_at = Instant::now();
         }
         Ok(if skips < SKIPS_AT_ONCE { Assigned::AllThatCan } else { Assigned::SomeForNow })
     }
@@ -418,7 +444,9 @@ impl Sweep<'_, '_> {
     }
 
     fn beat(&mut self) -> Result<(), StoreError> {
-        if self.heartbeat_at.elapsed() >= HEARTBEAT {
+        let is_first = self.heartbeat_at < self.started_at + FIRST_HEARTBEAT
+            && self.started_at.elapsed() >= FIRST_HEARTBEAT;
+        if is_first || self.heartbeat_at.elapsed() >= HEARTBEAT {
             self.heartbeat_at = Instant::now();
             self.store.heartbeat(self.session)?;
         }

@@ -34,7 +34,7 @@ pub enum Claimed {
     HeldElsewhere,
     /// The job failed, and failed jobs are not retried.
     Failed,
-    /// A process crashed while running the job, so it can only be claimed in isolation.
+    /// A process died, possibly because of the job, so it can only be claimed in isolation.
     Suspect,
 }
 
@@ -59,8 +59,8 @@ pub enum RetryFailed {
 impl Store {
     /// Claims a job for a session, unless it is completed, running in a living session, or failed.
     ///
-    /// A job of a dead session is taken over. A job whose processes crashed runs only in isolation, and is
-    /// recorded as failed after too many crashes.
+    /// A job of a dead session is taken over. A suspect runs only in isolation, and is recorded as
+    /// failed after too many deaths.
     ///
     /// **Errors**: the job is not registered.
     pub fn claim(

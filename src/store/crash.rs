@@ -1,11 +1,16 @@
-//! Crashes: processes that ended through their own fault, and the jobs they were running.
+//! Crashes: processes that died, perhaps because of a job that they were running.
 //!
-//! The jobs of a process that was killed (by a person, a batch system, or the kernel when memory is short)
-//! run again, however often that happens. A process that aborts (a failed allocation, a stack overflow, a
-//! panic within a panic) may have crashed because of one of its jobs, which would crash every later process,
-//! too. Such a process leaves a mark, and all its jobs become suspects. From then on, a suspect runs in
-//! isolation, so that the next crash has only one suspect. After three crashes, the last of them in
-//! isolation, the job has failed.
+//! Such a job would end every later process, too. Therefore the jobs of a process that died become suspects.
+//! A suspect runs after all other jobs and in isolation, so that the next death has only one suspect. After
+//! three deaths, the last of them in isolation, the job has failed. Deaths differ:
+//!
+//! - A process that aborts (a failed allocation, a stack overflow, a panic within a panic) marks its file. All
+//!   of its jobs are suspects.
+//! - A process that was killed while the kernel killed processes for lack of memory counts like an abort.
+//! - Another process that was killed may have been killed by a person or a batch system. A job is a suspect
+//!   only if it ran for a second without reaching a checkpoint, and was the only job of its process or was
+//!   killed in its previous attempt, too. A job that gets further each time is never a suspect.
+//! - A process that was asked to stop, or ended with its machine, counts against no job.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -15,6 +20,7 @@ use rusqlite::Connection;
 use crate::record::{Failure, FailureKind};
 
 use super::beside::beside;
+use super::liveness::ProcessTable;
 
 /// The number of crashes after which a job has failed, if the last crash happened in isolation.
 const MOST_CRASHES: u32 = 3;
@@ -22,13 +28,58 @@ const MOST_CRASHES: u32 = 3;
 /// Separates the store's name from the session's number in the name of a mark.
 const MARK: &str = "-session-";
 
-/// Whether a dead process crashed.
+/// What a process that is asked to stop writes into its file.
+pub const STOPPED: &[u8] = b"S";
+
+/// The ending of the folder of checkpoints beside a store.
+pub const CHECKPOINTS: &str = ".checkpoints";
+
+/// How a process died.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Crashed {
-    /// The process ended through its own fault.
-    Yes,
-    /// The process was killed, or the reason is unknown.
-    No,
+pub(super) enum Death {
+    /// It aborted, or was killed when memory was short.
+    Crashed,
+    /// It was killed, nobody knows why.
+    Killed,
+    /// No job is to blame, or nothing is known.
+    Blameless,
+}
+
+impl Death {
+    /// The death of a process with this file. `kills` is the number of processes that the kernel has killed
+    /// for lack of memory since it was started; the file begins with this number at the start of the process.
+    fn of(mark: &[u8], kills: Option<u64>) -> Death {
+        let digits = mark.iter().take_while(|byte| byte.is_ascii_digit()).count();
+        let (before, then) = mark.split_at(digits);
+        let before = std::str::from_utf8(before).ok().and_then(|text| text.parse::<u64>().ok());
+        match (then.trim_ascii(), before.zip(kills)) {
+            ([], Some((before, now))) if now > before => Death::Crashed,
+            ([], _) => Death::Killed,
+            (STOPPED, _) => Death::Blameless,
+            _ => Death::Crashed,
+        }
+    }
+}
+
+/// The content of a new file of a session.
+pub(super) fn new_mark() -> String {
+    memory_kills().map_or_else(String::new, |kills| format!("{kills}\n"))
+}
+
+/// The number of processes that the kernel has killed for lack of memory; `None` if it does not count them.
+fn memory_kills() -> Option<u64> {
+    let counters = fs::read_to_string("/proc/vmstat").ok()?;
+    counters.lines().find_map(|line| line.strip_prefix("oom_kill "))?.trim().parse().ok()
+}
+
+/// The name of a checkpoint in the folder of checkpoints.
+pub fn checkpoint_name(key: &str, attempt: u32, form: &str) -> String {
+    format!("{key}.{attempt}.{form}")
+}
+
+/// Whether an attempt at a job has written a checkpoint that is still there.
+pub(super) fn has_checkpoint(store: &Path, key: &str, attempt: u32) -> bool {
+    beside(store, CHECKPOINTS).join(checkpoint_name(key, attempt, "checkpoint")).exists()
 }
 
 /// The file that a session marks when it crashes.
@@ -57,27 +108,96 @@ pub(super) fn unmark(store: &Path, session: i64) {
     let _ = fs::remove_file(mark(store, session));
 }
 
-/// Returns whether a dead session left a mark, and removes the mark. If the caller's transaction is not
-/// committed, this crash is not counted.
-pub(super) fn take(connection: &Connection, session: i64) -> Crashed {
-    let Some(store) = connection.path() else { return Crashed::No };
+/// Removes the mark of a session of the store that a connection has open.
+pub(super) fn unmark_of(connection: &Connection, session: i64) {
+    if let Some(store) = connection.path() {
+        unmark(Path::new(store), session);
+    }
+}
+
+/// How a dead session died, from its file, which is removed. If the caller's transaction is not committed,
+/// this death is not counted.
+pub(super) fn take(connection: &Connection, session: i64) -> rusqlite::Result<Death> {
+    let Some(store) = connection.path() else { return Ok(Death::Blameless) };
     let store = Path::new(store);
-    let crashed = match fs::metadata(mark(store, session)) {
-        Ok(metadata) if metadata.len() > 0 => Crashed::Yes,
-        Ok(_) | Err(_) => Crashed::No,
-    };
+    let mark = fs::read(mark(store, session));
     unmark(store, session);
-    crashed
+    let Ok(mark) = mark else { return Ok(Death::Blameless) };
+    match (Death::of(&mark, None), Death::of(&mark, memory_kills())) {
+        // The kernel counts from the boot, and a machine that goes down kills everything.
+        (Death::Killed, _) if !is_of_this_boot(connection, session)? => Ok(Death::Blameless),
+        (_, death) => Ok(death),
+    }
+}
+
+/// Whether a session was begun since this machine booted.
+fn is_of_this_boot(connection: &Connection, session: i64) -> rusqlite::Result<bool> {
+    let boot: Option<String> = connection
+        .prepare_cached("SELECT boot_id FROM session WHERE id = ?1")?
+        .query_row([session], |row| row.get(0))?;
+    Ok(boot == ProcessTable::of_this_system().this_process().boot_id)
+}
+
+/// The running runs of a session that was killed whose jobs are suspects; `running` is the number of all.
+pub(super) fn suspects(
+    connection: &Connection,
+    session: i64,
+    running: i64,
+) -> rusqlite::Result<Vec<i64>> {
+    let Some(store) = connection.path() else { return Ok(Vec::new()) };
+    let store = Path::new(store);
+    // The heartbeat a second after the start of a job shows that the job got so far.
+    let mut statement = connection.prepare_cached(&format!(
+        "SELECT run.id, job.key, run.attempt FROM run
+            JOIN job ON job.id = run.job JOIN session ON session.id = run.session
+         WHERE run.session = ?1 AND run.status = 'running'
+            AND 86400 * (julianday(heartbeat_at) - julianday(run.started_at)) >= 0.99
+            AND (?2 = 1 OR EXISTS (SELECT 1 FROM run AS before
+                WHERE before.job = run.job AND before.attempt = run.attempt - 1 AND {WAS_KILLED}))"
+    ))?;
+    let runs = statement.query_map([session, running], |row| {
+        Ok((row.get(0)?, row.get::<_, String>(1)?, row.get(2)?))
+    })?;
+    let stuck = runs.filter(|run| match run {
+        Ok((_, key, attempt)) => !has_checkpoint(store, key, *attempt),
+        Err(_) => true,
+    });
+    stuck.map(|run| run.map(|(id, ..)| id)).collect()
+}
+
+/// SQL: whether the process of the run `before` was killed, after which nobody measured a time.
+const WAS_KILLED: &str = "before.status = 'interrupted' AND before.wall_seconds IS NULL";
+
+/// The jobs that died several times in a row, or are suspects: they run after all others. A job that wrote a
+/// checkpoint in one of its last two attempts gets further, and is not among them.
+pub(super) fn died(connection: &Connection) -> rusqlite::Result<Vec<[u8; 16]>> {
+    let Some(store) = connection.path() else { return Ok(Vec::new()) };
+    let store = Path::new(store);
+    let mut statement = connection.prepare_cached(&format!(
+        "SELECT unhex(job.key), job.key, max(before.attempt), count(*), count(before.suspects)
+         FROM run AS before JOIN job ON job.id = before.job
+         WHERE {WAS_KILLED} AND before.attempt >= (SELECT max(attempt) FROM run
+            WHERE run.job = before.job) - 1
+         GROUP BY job.id HAVING count(before.suspects) > 0 OR count(*) = 2"
+    ))?;
+    let jobs = statement.query_map([], |row| {
+        let (key, last): (String, u32) = (row.get(1)?, row.get(2)?);
+        let kept = |attempt| has_checkpoint(store, &key, attempt);
+        let gets_further = kept(last) || kept(last.saturating_sub(1));
+        Ok((row.get(0)?, gets_further && row.get::<_, u32>(4)? == 0))
+    })?;
+    let jobs = jobs.filter(|job| !matches!(job, Ok((_, true))));
+    jobs.map(|job| job.map(|(key, _)| key)).collect()
 }
 
 /// The crash record of a job.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Record {
-    /// No process crashed while it ran the job.
+    /// No process died because of the job.
     Clean,
-    /// A process crashed, possibly because of this job.
+    /// A process died, possibly because of this job.
     Suspect,
-    /// Processes crashed too often, the last one while it ran the job in isolation.
+    /// Processes died too often, the last one while it ran the job in isolation.
     Guilty(Failure),
 }
 
@@ -96,11 +216,37 @@ pub(super) fn record(connection: &Connection, job: i64) -> rusqlite::Result<Reco
         (MOST_CRASHES.., Some(1)) => Record::Guilty(Failure {
             kind: FailureKind::Crashed,
             message: format!(
-                "the process crashed in {crashes} attempts at this job, in the last one without \
-                 other jobs; see the output of that `jitai run` for the cause"
+                "the process crashed or was killed in {crashes} attempts at this job, in the last one \
+                 without other jobs; the cause may be too little memory: see the output of that `jitai \
+                 run` and the kernel's log; `--retry-failed` runs the job again"
             ),
             episode: 0,
         }),
         _ => Record::Suspect,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mark_tells_an_abort_a_kill_for_memory_another_kill_and_a_stop_apart() {
+        let of = |mark: &str, kills| Death::of(mark.as_bytes(), kills);
+        // Files of earlier releases are empty or hold one byte.
+        for (mark, kills, expected) in [
+            ("", Some(7), Death::Killed),
+            ("X", Some(7), Death::Crashed),
+            ("7\n", Some(7), Death::Killed),
+            ("7\n", Some(8), Death::Crashed),
+            ("7\n", Some(0), Death::Killed),
+            ("7\n", None, Death::Killed),
+            ("7\nX", None, Death::Crashed),
+            ("7\nS", Some(8), Death::Blameless),
+            ("S", None, Death::Blameless),
+            ("7\nSX", None, Death::Crashed),
+        ] {
+            assert_eq!(of(mark, kills), expected, "{mark:?} {kills:?}");
+        }
+    }
 }

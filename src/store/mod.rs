@@ -69,6 +69,7 @@ pub use claim::{Claim, Claimed, Isolation, RetryFailed};
 pub use completed::Parts;
 pub use copy::Origin;
 pub use counts::ExperimentCounts;
+pub use crash::{CHECKPOINTS, STOPPED, checkpoint_name};
 pub use data_query::DataQuery;
 pub use doctor::{Diagnosis, Finding, examine};
 pub use earlier_manifest::UsedManifest;

@@ -1,13 +1,16 @@
 //! Sessions: one per process that runs jobs, with a heartbeat. The runs of a dead session are interrupted.
 
+use std::collections::HashSet;
 use std::fs::File;
+use std::io::Write;
 use std::time::Duration;
 
 use rusqlite::{Connection, OptionalExtension, Row, named_params};
 
+use crate::plan::JobKey;
 use crate::record::Provenance;
 
-use super::crash::{self, Crashed};
+use super::crash::{self, Death};
 use super::error::StoreError;
 use super::liveness::{Liveness, Process, ProcessTable};
 use super::transaction::NOW;
@@ -70,19 +73,30 @@ impl Store {
                 [session.0],
             )?;
             // The mark applies only to sessions that crash before their end.
-            crash::take(transaction, session.0);
+            crash::unmark_of(transaction, session.0);
             Ok(())
         })
     }
 
-    /// Creates an empty file, into which a signal handler writes one byte if the process crashes. A dead
-    /// session has crashed if its file contains a byte; otherwise it was killed.
+    /// Creates the file into which a signal handler writes one byte if the process crashes, and
+    /// [`STOPPED`](crash::STOPPED) if it is asked to stop. A dead session whose file has neither was killed.
     ///
     /// **Errors**: the file cannot be created.
     pub fn crash_mark(&self, session: SessionId) -> Result<File, StoreError> {
         let path = crash::mark(&self.path, session.0);
-        File::create(&path)
-            .map_err(|error| StoreError::CannotOpen { path, reason: error.to_string() })
+        let created = File::create(&path).and_then(|mut mark| {
+            mark.write_all(crash::new_mark().as_bytes())?;
+            Ok(mark)
+        });
+        created.map_err(|error| StoreError::CannotOpen { path, reason: error.to_string() })
+    }
+
+    /// The jobs whose processes died several times in a row, or that may have caused a death. They should
+    /// run after all others.
+    pub fn died(&self) -> Result<HashSet<JobKey>, StoreError> {
+        let keys = crash::died(&self.connection)
+            .map_err(|source| StoreError::sqlite(&self.path, "look for jobs that died", source))?;
+        Ok(keys.into_iter().map(JobKey).collect())
     }
 
     /// Removes the crash marks of dead sessions that hold no runs: processes that were killed while idle, or
@@ -129,19 +143,29 @@ impl Store {
     }
 }
 
-/// Interrupts the running runs of a session whose process is dead; returns their number. If the process
-/// crashed, each run records the number of suspects.
+/// Interrupts the running runs of a session whose process is dead; returns their number. Each run whose job
+/// may have caused the death records the number of running jobs.
 pub(super) fn release_dead(connection: &Connection, session: i64) -> rusqlite::Result<usize> {
-    if let Crashed::Yes = crash::take(connection, session) {
+    let running = running(connection, session)?;
+    let suspects = match crash::take(connection, session)? {
+        Death::Crashed => running_runs(connection, session)?,
+        Death::Killed => crash::suspects(connection, session, running)?,
+        Death::Blameless => Vec::new(),
+    };
+    for run in &suspects {
         connection
             .prepare_cached(&format!(
-                "UPDATE run SET status = 'interrupted', ended_at = {NOW}, suspects = ?2
-                 WHERE session = ?1 AND status = 'running'"
+                "UPDATE run SET status = 'interrupted', ended_at = {NOW}, suspects = ?2 WHERE id = ?1"
             ))?
-            .execute([session, running(connection, session)?])
-    } else {
-        release(connection, session)
+            .execute([*run, running])?;
     }
+    Ok(suspects.len() + release(connection, session)?)
+}
+
+fn running_runs(connection: &Connection, session: i64) -> rusqlite::Result<Vec<i64>> {
+    let mut statement = connection
+        .prepare_cached("SELECT id FROM run WHERE session = ?1 AND status = 'running'")?;
+    statement.query_map([session], |row| row.get(0))?.collect()
 }
 
 fn running(connection: &Connection, session: i64) -> rusqlite::Result<i64> {

@@ -32,7 +32,7 @@ fn a_job_that_brings_its_process_down_three_times_has_failed_and_its_neighbour_h
     assert_eq!(folder.number("SELECT count(*) FROM run WHERE suspects = 2"), 2);
     ended_while_running(&folder, 3, 1, "ABRT");
     assert_eq!(folder.number(CRASHED), 0);
-    // Then the other job runs. A kill does not count as a crash, however often it happens.
+    // Then the other job runs. A kill soon after the start does not count, however often it happens.
     for session in 4..=7 {
         ended_while_running(&folder, session, 1, "KILL");
         assert_eq!(folder.number(CRASHED), 1);
@@ -47,9 +47,107 @@ fn a_job_that_brings_its_process_down_three_times_has_failed_and_its_neighbour_h
     assert_eq!(folder.number("SELECT count(DISTINCT job) FROM run WHERE suspects = 1"), 1);
     let status = folder.jitai(["status"]).succeeded().prints("crashed");
     let status =
-        status.prints("the process crashed in 3 attempts at this job, in the last one without");
+        status.prints("the process crashed or was killed in 3 attempts at this job, in the");
     assert!(status.stdout.contains("dqn P-H-D"), "{}", status.stdout);
     folder.jitai(["doctor"]).succeeded();
+}
+
+/// An endless job, which comes first, and two rules.
+fn endless_and_rules() -> String {
+    let endless = manifest("sweep", "0.6", "1", Effort::Endless);
+    let (before, _) = endless.split_once("[[agent]]\nname = \"reinforce\"").unwrap();
+    let rule = "[[agent]]\nname = \"never\"\nalgorithm = \"rule\"\nrule = \"never\"\n";
+    format!("{before}{rule}{}", rule.replace("never", "tailored"))
+}
+
+/// Kills a run with one worker more than a second after it has started a job.
+fn killed_after_a_second(folder: &Folder, session: i64, more: &[&str]) {
+    let arguments = [&["run", "sweep.toml", "--workers", "1"], more].concat();
+    let run = folder.start(arguments);
+    let outlived = OUTLIVED.replace("(SELECT max(id) FROM session)", &session.to_string());
+    until("the start of a job is outlived", || folder.count_if_there(&outlived) == Some(1));
+    run.signal("KILL");
+    assert_eq!(run.wait().code, None);
+}
+
+#[test]
+fn a_job_that_is_killed_three_times_without_getting_further_comes_last_and_has_failed() {
+    let folder = Folder::with(&endless_and_rules());
+    const COMPLETED: &str = "SELECT count(*) FROM run WHERE status = 'completed'";
+    killed_after_a_second(&folder, 1, &[]);
+    assert_eq!(folder.number(COMPLETED), 0);
+    // From now on, the job runs after all others.
+    killed_after_a_second(&folder, 2, &[]);
+    assert_eq!(folder.number(COMPLETED), 2);
+    killed_after_a_second(&folder, 3, &[]);
+    let ended = folder.jitai(["run", "sweep.toml"]).ended(1);
+    ended.prints("crashed").prints("`--retry-failed` runs the job again");
+    assert_eq!(folder.number(CRASHED), 1);
+    // The job is not condemned for ever: its deaths are counted anew.
+    killed_after_a_second(&folder, 5, &["--retry-failed"]);
+    killed_after_a_second(&folder, 6, &["--retry-failed"]);
+    assert_eq!(folder.number(CRASHED), 1);
+    folder.jitai(["doctor"]).succeeded();
+}
+
+#[test]
+fn a_job_that_gets_further_between_kills_has_not_failed() {
+    let folder = Folder::with(&endless_and_rules());
+    for session in 1..=4 {
+        killed_after_a_second(&folder, session, &["--checkpoint-every", "0.05"]);
+    }
+    let run = folder.start(["run", "sweep.toml", "--workers", "1"]);
+    until("the job runs on", || run.stderr().contains("resumed from episode"));
+    run.signal("INT");
+    run.wait().ended(130);
+    assert_eq!(folder.number(CRASHED), 0);
+    assert_eq!(folder.number("SELECT count(suspects) FROM run"), 0);
+}
+
+/// SQL: the running jobs of the latest session that have outlived their start.
+const OUTLIVED: &str = "SELECT count(*) FROM run JOIN session ON session.id = run.session
+    WHERE status = 'running' AND session = (SELECT max(id) FROM session)
+        AND 86400 * (julianday(heartbeat_at) - julianday(run.started_at)) >= 1";
+
+#[test]
+fn jobs_that_run_side_by_side_are_suspects_after_the_second_kill() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Endless));
+    for suspects in [0, 2] {
+        let run = folder.start(["run", "sweep.toml", "--workers", "2"]);
+        until("both outlive their start", || folder.count_if_there(OUTLIVED) == Some(2));
+        run.signal("KILL");
+        run.wait();
+        // The next run takes over the jobs and starts them.
+        let next = folder.start(["run", "sweep.toml", "--workers", "2"]);
+        let running = format!("{RUNNING} AND session = (SELECT max(id) FROM session)");
+        let side_by_side = if suspects == 0 { 2 } else { 1 };
+        until("the next run runs", || folder.count_if_there(&running) == Some(side_by_side));
+        next.signal("INT");
+        next.wait().ended(130);
+        assert_eq!(folder.number("SELECT count(suspects) FROM run"), suspects);
+        // The stop measured a time, so a kill before it is not one of several in a row.
+        if suspects == 0 {
+            ended_while_running(&folder, 3, 2, "KILL");
+        }
+    }
+}
+
+#[test]
+fn a_process_that_ends_after_a_second_signal_counts_against_no_job() {
+    let folder = Folder::with(&endless_and_rules());
+    let run = folder.start(["run", "sweep.toml", "--workers", "1"]);
+    until("the job outlives its start", || folder.count_if_there(OUTLIVED) == Some(1));
+    for signal in ["STOP", "INT", "TERM", "CONT"] {
+        run.signal(signal);
+    }
+    run.wait().ended(130);
+    assert_eq!(folder.number(RUNNING), 1);
+    let next = folder.start(["run", "sweep.toml", "--workers", "1"]);
+    let second = format!("{RUNNING} AND session = 2");
+    until("the next run runs", || folder.count_if_there(&second) == Some(1));
+    next.signal("INT");
+    next.wait().ended(130);
+    assert_eq!(folder.number("SELECT count(suspects) FROM run"), 0);
 }
 
 #[test]
