@@ -23,6 +23,9 @@ const LOOK: Duration = Duration::from_millis(20);
 const GRACE: Duration = Duration::from_secs(2);
 /// Time for a program to end after it broke the protocol.
 const SHORT_GRACE: Duration = Duration::from_millis(500);
+/// Time in which a stop may follow the end of a program. A batch system signals all processes of a job at
+/// once, and a program may end before jitai has noticed the signal.
+const STOP_FOLLOWS: Duration = Duration::from_millis(200);
 /// Time for a program to end after a stop, because jitai must end within two seconds.
 const STOP_GRACE: Duration = Duration::from_millis(300);
 
@@ -123,10 +126,10 @@ impl Program {
                 // A process that the program left behind can keep its output open.
                 Err(RecvTimeoutError::Timeout) if self.has_ended() => match self.from.try_recv() {
                     Ok(line) => line,
-                    Err(_) => return Err(self.ended(expected, when)),
+                    Err(_) => return Err(self.ended(expected, when, stop)),
                 },
                 Err(RecvTimeoutError::Timeout) => continue,
-                Err(RecvTimeoutError::Disconnected) => return Err(self.ended(expected, when)),
+                Err(RecvTimeoutError::Disconnected) => return Err(self.ended(expected, when, stop)),
             };
             let line = line.whole(expected);
             if line.as_ref().is_ok_and(|line| line.trim_ascii().is_empty()) {
@@ -148,9 +151,17 @@ impl Program {
         self.end(GRACE, stop);
     }
 
-    /// Ends a program that has exited or closed its standard output, and returns the error.
-    fn ended(&mut self, expected: &str, when: &str) -> ProgramError {
-        let by_itself = self.end(SHORT_GRACE, &|| false);
+    /// Ends a program that has exited or closed its standard output, and returns the error. Its end is no
+    /// failure if jitai is being stopped.
+    fn ended(&mut self, expected: &str, when: &str, stop: &dyn Fn() -> bool) -> ProgramError {
+        let by_itself = self.end(SHORT_GRACE, stop);
+        let ended = Instant::now();
+        while !stop() && ended.elapsed() < STOP_FOLLOWS {
+            thread::sleep(LOOK);
+        }
+        if stop() {
+            return ProgramError::Stopped;
+        }
         let end = match self.status.filter(|_| by_itself) {
             Some(status) => match (status.code(), status.signal()) {
                 (Some(code), _) => format!("exited with code {code}"),

@@ -2,13 +2,14 @@
 //!
 //! The watchdog waits for a line on a pipe whose other end only jitai holds. The pipe closes when jitai
 //! ends, even by SIGKILL; the watchdog then kills the group. A line means that the group has already been
-//! killed.
+//! killed. The watchdog ignores the signals by which a batch system stops all processes of a job, so that
+//! it outlives jitai.
 
 use std::io::Write;
 use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, Stdio};
 
-const SCRIPT: &str = "read -r done || kill -s KILL -- \"-$1\"";
+const SCRIPT: &str = "trap '' HUP INT TERM USR1 USR2 XCPU; read -r done || kill -s KILL -- \"-$1\"";
 
 /// The watchdog of a process group.
 pub(super) struct Watchdog(Child);

@@ -3,6 +3,7 @@
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
+use std::process::Command;
 use std::time::{Duration, Instant};
 
 use crate::support::{Folder, until};
@@ -399,6 +400,22 @@ fn an_interrupt_ends_a_program_with_its_children_within_two_seconds() {
 
     folder.write("program.sh", format!("{LIBRARY}\nready\nplay\n"));
     folder.jitai(["run", "sweep.toml"]).succeeded().says("2 completed in all");
+}
+
+#[test]
+fn a_signal_that_ends_a_program_and_stops_jitai_is_no_failure_of_the_job() {
+    for signal in ["USR1", "TERM"] {
+        let folder = with_program("echo $$ >id.new; mv id.new id\nready\nbegin\nsleep 1000\n");
+        let run = folder.start(["run", "sweep.toml"]);
+        until("the program runs", || folder.path("id").exists());
+        // As a batch system does, which signals all processes of a job.
+        let id = folder.read("id");
+        let kill = format!("kill -{signal} {} {}", id.trim(), run.id());
+        assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+        run.wait().ended(130);
+        let ended = "SELECT count(*) FROM run WHERE status = 'failed'";
+        assert_eq!(folder.number(ended), 0, "{signal}");
+    }
 }
 
 #[test]

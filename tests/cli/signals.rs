@@ -39,6 +39,102 @@ fn a_request_to_terminate_stops_long_jobs_within_two_seconds() {
     a_signal_stops_long_jobs_at_once("TERM");
 }
 
+#[test]
+fn a_hang_up_and_the_warnings_of_batch_systems_stop_long_jobs_within_two_seconds() {
+    for signal in ["HUP", "USR1", "USR2", "XCPU"] {
+        a_signal_stops_long_jobs_at_once(signal);
+    }
+}
+
+/// Starts the program with these signals ignored, as `nohup` and shells do.
+fn start_ignoring(folder: &Folder, signals: &str, arguments: &str) -> Running {
+    let program = env!("CARGO_BIN_EXE_jitai");
+    let script = format!("trap '' {signals}; exec {program} {arguments}");
+    Running::of(folder.command_of("sh", ["-c", &script]))
+}
+
+/// Sends signals, which the program must not heed, and then SIGTERM, which ends it with exit code 130.
+#[track_caller]
+fn heeds_only_the_last(mut run: Running, signals: &[&str]) -> Finished {
+    for signal in signals {
+        run.signal(signal);
+        thread::sleep(Duration::from_millis(200));
+        assert!(!run.has_ended(), "{signal}: {}", run.stderr());
+    }
+    run.signal("TERM");
+    run.wait().ended(130)
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn signals_that_are_ignored_at_the_start_stay_ignored() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Endless));
+    let run = start_ignoring(&folder, "HUP INT", "run sweep.toml --workers 1");
+    until("a job runs", || folder.is_running_a_job());
+    let ended = heeds_only_the_last(run, &["HUP", "INT", "HUP", "INT"]);
+    ended.says("stopped: 0 jobs completed, 2 left");
+
+    let folder = Folder::completed(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    let query = "query --format csv \"WITH RECURSIVE n (i) AS (VALUES (1) UNION ALL SELECT i + 1 \
+                 FROM n) SELECT i FROM n\"";
+    let run = start_ignoring(&folder, "HUP", query);
+    until("it answers", || run.stdout().contains("\n1000\n"));
+    heeds_only_the_last(run, &["HUP"]);
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_wait_for_a_cluster_ignores_and_heeds_the_same_signals() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    // A cluster on which every task waits forever.
+    std::fs::create_dir(folder.path("bin")).unwrap();
+    for (name, body) in [
+        ("sbatch", "echo 17"),
+        ("scontrol", "echo MaxArraySize = 1001"),
+        (
+            "squeue",
+            "for a; do case $a in --name=*) echo \"${a#--name=}|17|0|PENDING\" ;; esac; done",
+        ),
+    ] {
+        let path = folder.path("bin").join(name);
+        std::fs::write(&path, format!("#!/bin/sh\n{body}\n")).unwrap();
+        let mode = std::os::unix::fs::PermissionsExt::from_mode(0o755);
+        std::fs::set_permissions(&path, mode).unwrap();
+    }
+    let program = env!("CARGO_BIN_EXE_jitai");
+    let waiting = |ignored: &str| {
+        let script = format!(
+            "{ignored} PATH=$PWD/bin:$PATH; export PATH; exec {program} submit sweep.toml --wait"
+        );
+        let run = Running::of(folder.command_of("sh", ["-c", &script]));
+        until("it waits", || run.stderr().contains("waiting"));
+        run
+    };
+    let ended = heeds_only_the_last(waiting("trap '' HUP INT;"), &["HUP", "INT"]);
+    ended.says("stopped waiting; the tasks continue on the cluster");
+    for signal in ["HUP", "USR1", "XCPU"] {
+        let run = waiting("");
+        run.signal(signal);
+        run.wait().ended(130).says("stopped waiting");
+    }
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn repeated_warnings_do_not_end_the_program_before_its_jobs_are_saved() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Endless));
+    let run = folder.start(["run", "sweep.toml", "--workers", "1"]);
+    until("a job runs", || folder.is_running_a_job());
+    // All signals are pending before the program can act on the first.
+    run.signal("STOP");
+    for signal in ["XCPU", "USR1", "USR2", "TERM"] {
+        run.signal(signal);
+    }
+    run.signal("CONT");
+    run.wait().ended(130).says("stopped: 0 jobs completed, 2 left");
+    assert_eq!(folder.number("SELECT count(*) FROM run WHERE status = 'running'"), 0);
+}
+
 /// Interrupts a sweep, which must end in time, and returns its output.
 #[track_caller]
 fn stopped_in_time(run: Running) -> Finished {

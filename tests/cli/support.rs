@@ -94,8 +94,15 @@ impl Folder {
         fs::read_to_string(self.path(name)).unwrap()
     }
 
+    /// A command for the program, which heeds signals even if this process ignores them, as a background
+    /// command of a shell ignores SIGINT.
     pub fn command<'a>(&self, arguments: impl IntoIterator<Item = &'a str>) -> Command {
-        self.command_of(env!("CARGO_BIN_EXE_jitai"), arguments)
+        let program = env!("CARGO_BIN_EXE_jitai");
+        if ignored_signals() & (1 << 1 | 1) == 0 {
+            return self.command_of(program, arguments);
+        }
+        let heeding = ["--default-signal=HUP,INT", program];
+        self.command_of("env", heeding.into_iter().chain(arguments))
     }
 
     /// A command for another program in this folder.
@@ -188,6 +195,13 @@ impl Folder {
         let of_view = |view: &String| rows(&store, &format!("SELECT * FROM {view}"));
         views(&store).iter().flat_map(of_view).collect()
     }
+}
+
+/// The signals that this process ignores; bit n - 1 stands for signal n.
+fn ignored_signals() -> u64 {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    mask.map_or(0, |mask| u64::from_str_radix(mask.trim(), 16).unwrap())
 }
 
 pub fn views(store: &Connection) -> Vec<String> {
