@@ -92,10 +92,11 @@ fn show(arguments: &Arguments, merged: &Merged) -> io::Result<()> {
             true => "; every completed run has the same results",
             false => "",
         };
-        return writeln!(
-            out,
-            "nothing to copy from {stores}: {into} already has {runs} of them{equal}"
-        );
+        let had = match *already_there {
+            0 => String::new(),
+            _ => format!(": {into} already has {runs} of them"),
+        };
+        return writeln!(out, "nothing to copy from {stores}{had}{equal}");
     }
     writeln!(
         out,

@@ -14,6 +14,7 @@ mod counts;
 mod doctor;
 mod error;
 mod export;
+mod failures;
 mod folder;
 mod forget;
 pub mod input;

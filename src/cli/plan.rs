@@ -321,7 +321,10 @@ impl Sum {
 fn list_experiments(mut survey: Survey<'_>, arguments: &Arguments) -> Result<(), Error> {
     let workers = arguments.workers.unwrap_or_else(schedule::one_per_core);
     let speeds = survey.speeds()?;
-    let time = |sum: &Sum| schedule::shared(speeds.time(&sum.left), workers.get());
+    let time = |sum: &Sum| {
+        let jobs = sum.to_run() + sum.counts.running;
+        schedule::shared(speeds.time(&sum.left), workers.get(), jobs)
+    };
     let columns = counts::COLUMNS.map(str::to_owned);
     let mut rows = Rows::new(arguments.format, &columns, io::stdout().lock())?;
     let (mut all, mut dropped) = (Sum::default(), Vec::new());

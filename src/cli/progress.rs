@@ -1,6 +1,6 @@
 //! The progress of a sweep: bars on a terminal, lines elsewhere, JSON events for programs, or nothing.
 
-use std::collections::VecDeque;
+use std::collections::{HashMap, VecDeque};
 use std::io::{self, IsTerminal, Write};
 use std::time::{Duration, Instant};
 
@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use crate::cli::output::counted;
 use crate::manifest::printable;
 use crate::plan::Swept;
-use crate::record::{Outcome, Results};
+use crate::record::{Failure, Outcome, Results};
 use crate::schedule::{self, CheckpointNote, Event, EventSink, Found, Left, Queued, Speeds};
 use crate::train::TrainingProgress;
 
@@ -43,6 +43,8 @@ pub(super) struct Shown {
     jobs: usize,
     done: usize,
     failed: usize,
+    /// The number of jobs with each failure, by kind and message.
+    failures: HashMap<(&'static str, String), usize>,
     speeds: Speeds,
     unbegun: Left,
     running: Vec<Option<(Queued, Instant, Option<TrainingProgress>)>>,
@@ -121,6 +123,7 @@ impl Shown {
             jobs: queue.len(),
             done: 0,
             failed: 0,
+            failures: HashMap::new(),
             speeds,
             unbegun,
             running: (0..workers).map(|_| None).collect(),
@@ -141,7 +144,8 @@ impl Shown {
             left.add_part(&queued.job, 1.0 - part);
             speeds.add(&queued.job, part, started.elapsed());
         }
-        let time = schedule::shared(speeds.time(&left), self.running.len());
+        let jobs = self.jobs.saturating_sub(self.done) as u64;
+        let time = schedule::shared(speeds.time(&left), self.running.len(), jobs);
         (self.done < self.jobs).then(|| format!("about {}", schedule::spoken(time)))
     }
 
@@ -183,6 +187,7 @@ impl Shown {
     fn end(&mut self, worker: usize, queued: &Queued, outcome: &Outcome, wall: Duration) {
         self.rest(worker, queued);
         let seconds = wall.as_secs_f64();
+        let mut is_news = false;
         let (status, what) = match outcome {
             Outcome::Completed(results) => {
                 self.done += 1;
@@ -192,12 +197,18 @@ impl Shown {
             Outcome::Failed(failure) => {
                 self.done += 1;
                 self.failed += 1;
-                ("failed", format!("failed ({}): {}", failure.kind, printable(&failure.message)))
+                let same = self
+                    .failures
+                    .entry((failure.kind.name(), failure.message.clone()))
+                    .or_default();
+                *same += 1;
+                is_news = *same == 1;
+                ("failed", described(failure, *same))
             }
             Outcome::Interrupted => ("interrupted", "interrupted".to_owned()),
         };
-        // On a terminal, the bars show completed jobs.
-        if self.style == Style::Lines || matches!(outcome, Outcome::Failed(_)) {
+        // On a terminal, the bars show completed jobs and the number of failed jobs.
+        if self.style == Style::Lines || is_news {
             let (done, jobs, name) = (self.done, self.jobs, self.name(queued));
             let left = self.left().map_or_else(String::new, |time| format!(", {time} left"));
             self.say(&format!("[{done}/{jobs}] {name}: {what}, {seconds:.1} s{left}"));
@@ -422,6 +433,14 @@ impl Bars {
             })
             .collect();
         Bars { all, sweep, workers }
+    }
+}
+
+/// The failure of a job in words; `same` is the number of jobs with this failure so far.
+fn described(failure: &Failure, same: usize) -> String {
+    match same {
+        1 => format!("failed ({}): {}", failure.kind, printable(&failure.message)),
+        _ => format!("failed ({}) like {} before", failure.kind, counted(same - 1, "job")),
     }
 }
 

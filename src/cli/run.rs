@@ -14,17 +14,21 @@ use crate::cli::progress::{Shown, Style};
 use crate::cli::replacing::Replacing;
 use crate::cli::signals::RESUME;
 use crate::cli::workers::workers;
-use crate::cli::{Error, Exit, StoreArgument, signals, summary};
+use crate::cli::{Error, Exit, StoreArgument, failures, signals, summary};
 use crate::manifest::{Manifest, printable, short_name};
 use crate::plan::{Filter, JobKey, Shard, Swept};
 use crate::schedule::{self, OnFailure, Options, Queued, Remaining, Selection, Speeds, Tally};
 use crate::store::{FailedJob, Reader, RetryFailed, Store};
 
-/// Maximum number of failed jobs listed at the end.
+/// Maximum number of different failures listed at the end.
 const FAILURES_SHOWN: usize = 10;
 
 /// Run the jobs of manifests that have no completed run yet; run the same command again to resume
 /// after an interruption
+///
+/// SIGINT (Ctrl-C), SIGTERM, SIGHUP, and the warnings of batch systems (SIGUSR1, SIGUSR2, SIGXCPU) save
+/// every job and end the program within two seconds, with exit code 130. A signal that is ignored at
+/// the start, for example under nohup, stays ignored.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     #[command(flatten)]
@@ -313,20 +317,20 @@ impl End {
     }
 }
 
-/// Lists the first failed jobs of the manifests' experiments.
+/// Lists the first different failures of the manifests' experiments.
 fn list_failures(failed: &[FailedJob], manifests: &[Manifest]) -> Result<(), Error> {
     let is_ours = |job: &&FailedJob| manifests.iter().any(|ours| ours.name == job.experiment);
-    let ours: Vec<_> = failed.iter().filter(is_ours).collect();
+    let different = failures::different(failed.iter().filter(is_ours));
     let swept = Swept::of(manifests);
     let mut out = io::stdout().lock();
     writeln!(out, "\nfailed:")?;
-    for job in ours.iter().take(FAILURES_SHOWN) {
-        let message = printable(&job.failure.message);
-        let (key, name) = (job.job_key, summary::name_of_failed(&swept, job));
-        writeln!(out, "  {key} {name}: {} ({message})", job.failure.kind)?;
+    for same in different.iter().take(FAILURES_SHOWN) {
+        let (key, name) = (same.first.job_key, summary::name_of_failed(&swept, same.first));
+        writeln!(out, "  {key} {}", same.described(&name))?;
     }
-    if ours.len() > FAILURES_SHOWN {
-        writeln!(out, "  and {} more; `jitai status` lists them all", ours.len() - FAILURES_SHOWN)?;
+    let more: usize = different.iter().skip(FAILURES_SHOWN).map(|same| same.jobs).sum();
+    if more > 0 {
+        writeln!(out, "  and {}; `jitai status` lists all failures", failures::more(more))?;
     }
     writeln!(out, "  run them again with `--retry-failed`; the failed runs stay in the store")?;
     Ok(())

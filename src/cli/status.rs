@@ -9,6 +9,7 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use crate::cli::changes::Changes;
+use crate::cli::failures::{self, SameFailure};
 use crate::cli::output::{Field, Format, Rows, counted};
 use crate::cli::{Error, Exit, StoreArgument, counts, submissions, summary};
 use crate::cluster::{Cluster, Look};
@@ -19,8 +20,9 @@ use crate::store::{ExperimentCounts, FailedJob, Reader, Store};
 
 /// Show the experiments of a store: jobs by state, and failures with their reasons
 ///
-/// The remaining seconds are estimated from earlier runs, for one worker per core, the default of
-/// `jitai run`.
+/// The remaining seconds are estimated from earlier runs: for the workers that run jobs now, or, if
+/// none does, for one worker per core, the default of `jitai run`. Equal failures are listed once, with
+/// their number; the format json lists every failed job.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Refresh every two seconds until all jobs have ended or no process is running a job
@@ -109,7 +111,10 @@ fn show(reader: &Reader, format: Format) -> Result<Unfinished, Error> {
     let failed = Failed::read(reader)?;
     // CSV output has no place for changes.
     let changes = (format != Format::Csv).then(|| Changes::read(reader)).transpose()?;
-    let workers = schedule::one_per_core().get() as f64;
+    let experiments = reader.experiment_counts()?;
+    let running: u64 = experiments.iter().map(|one| one.counts.running).sum();
+    let workers = usize::try_from(running).ok().filter(|running| *running > 0);
+    let workers = workers.unwrap_or_else(|| schedule::one_per_core().get());
     let mut columns = counts::COLUMNS.map(str::to_owned).to_vec();
     if format == Format::Json {
         columns.push("failures".to_owned());
@@ -117,14 +122,15 @@ fn show(reader: &Reader, format: Format) -> Result<Unfinished, Error> {
     }
     let mut rows = Rows::new(format, &columns, io::stdout().lock())?;
     let mut unfinished = Unfinished::default();
-    for ExperimentCounts { experiment, counts, left: jobs_left } in reader.experiment_counts()? {
+    for ExperimentCounts { experiment, counts, left: jobs_left } in experiments {
         unfinished.running += counts.running;
         unfinished.waiting += counts.pending + counts.interrupted;
         let mut left = Left::default();
         for (job, count) in &jobs_left {
             left.add(job, *count);
         }
-        let seconds = speeds.time(&left).as_secs_f64() / workers;
+        let jobs = counts.pending + counts.interrupted + counts.running;
+        let seconds = schedule::shared(speeds.time(&left), workers, jobs).as_secs_f64();
         let mut fields = counts::fields(&experiment, &counts, seconds);
         if format == Format::Json {
             fields.push(Field::Nested(failed.described(&experiment)));
@@ -197,19 +203,22 @@ impl Failed {
         .collect()
     }
 
+    /// Lists the different failures, each with its first job and the number of its jobs.
     fn list(&self) -> Result<(), Error> {
         if self.jobs.is_empty() {
             return Ok(());
         }
         let mut out = io::stdout().lock();
         writeln!(out, "\nfailed:")?;
-        let columns = ["experiment", "job_key", "job", "attempt", "kind", "episode", "message"];
+        let columns =
+            ["experiment", "job_key", "job", "jobs", "attempt", "kind", "episode", "message"];
         let mut rows = Rows::new(Format::Table, &columns.map(str::to_owned), &mut out)?;
-        for failed in &self.jobs {
+        for SameFailure { first: failed, jobs } in failures::different(&self.jobs) {
             rows.row(&[
                 Field::text(&failed.experiment),
                 Field::text(failed.job_key.to_string()),
                 Field::text(summary::name_of_failed(&self.swept[&failed.experiment], failed)),
+                Field::Integer(jobs as i64),
                 Field::Integer(i64::from(failed.attempt)),
                 Field::text(failed.failure.kind.name()),
                 Field::Integer(i64::from(failed.failure.episode)),

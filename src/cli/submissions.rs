@@ -13,7 +13,7 @@ use crate::manifest::printable;
 use crate::plan::JobKey;
 use crate::store::{Conflict, Damage, JobState, Merged, Reader, Store};
 
-/// Maximum number of lost chunks listed per submission.
+/// Maximum number of different losses listed per submission.
 const LOST_SHOWN: usize = 10;
 
 /// The engine that runs the submissions of a store.
@@ -107,44 +107,51 @@ pub(super) fn show(look: &Look, ended: &HashSet<JobKey>, format: Format) -> Resu
     Ok(())
 }
 
-/// Lists the lost chunks of a submission that have jobs left, with reasons and logs.
+/// Lists the lost chunks of a submission that have jobs left, with reasons and logs. Chunks that were lost
+/// for the same reason share a line, with the log of the first.
 pub(super) fn list_lost(
     submission: &Submission,
     survey: &Survey,
     ended: &HashSet<JobKey>,
 ) -> Result<(), Error> {
-    let lost: Vec<(&Chunk, &Loss)> = survey
-        .chunks
-        .iter()
-        .filter(|chunk| left_of(chunk, ended).next().is_some())
-        .filter_map(|chunk| match &chunk.state {
-            ChunkState::Lost(loss) => Some((chunk, loss)),
+    let mut lost: Vec<(&Loss, Vec<&Chunk>)> = Vec::new();
+    for chunk in survey.chunks.iter().filter(|chunk| left_of(chunk, ended).next().is_some()) {
+        match &chunk.state {
+            ChunkState::Lost(loss) => match lost.iter_mut().find(|(other, _)| *other == loss) {
+                Some((_, chunks)) => chunks.push(chunk),
+                None => lost.push((loss, vec![chunk])),
+            },
             ChunkState::Waiting
             | ChunkState::Running
             | ChunkState::Finished
-            | ChunkState::Unknown => None,
-        })
-        .collect();
+            | ChunkState::Unknown => {}
+        }
+    }
     let mut err = io::stderr();
-    for (chunk, loss) in lost.iter().take(LOST_SHOWN) {
+    for (loss, chunks) in lost.iter().take(LOST_SHOWN) {
         let reason = match loss {
             Loss::NotBegun => "its task never started".to_owned(),
             Loss::Stopped => "its task was stopped and not requeued".to_owned(),
             Loss::Failed(reason) => format!("its task failed: {reason}"),
             Loss::Died => "its task died".to_owned(),
         };
-        let (name, number) = (submission.name(), chunk.number);
-        let log = submission.log(number).display().to_string();
+        let (name, number) = (submission.name(), chunks[0].number);
+        let others = match chunks.len() {
+            1 => String::new(),
+            all => format!(" and {}", counted(all - 1, "more chunk")),
+        };
+        let left: usize = chunks.iter().map(|chunk| left_of(chunk, ended).count()).sum();
         writeln!(
             err,
-            "lost: chunk {number} of {name}, {} left: {}; log: {}",
-            counted(left_of(chunk, ended).count(), "job"),
+            "lost: chunk {number}{others} of {name}, {} left: {}; log: {}",
+            counted(left, "job"),
             printable(&reason),
-            printable(&log)
+            printable(&submission.log(number).display().to_string())
         )?;
     }
-    if lost.len() > LOST_SHOWN {
-        writeln!(err, "and {} more lost chunks", lost.len() - LOST_SHOWN)?;
+    let more: usize = lost.iter().skip(LOST_SHOWN).map(|(_, chunks)| chunks.len()).sum();
+    if more > 0 {
+        writeln!(err, "and {} lost", counted(more, "more chunk"))?;
     }
     Ok(())
 }

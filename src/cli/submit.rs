@@ -13,7 +13,7 @@ use serde_json::json;
 use crate::cli::check::ManifestArguments;
 use crate::cli::output::counted;
 use crate::cli::replacing::Replacing;
-use crate::cli::{Error, Exit, StoreArgument, run, signals, submissions};
+use crate::cli::{Error, Exit, StoreArgument, failures, run, signals, submissions};
 use crate::cluster::{
     self, ChunkState, Cluster, ClusterError, Draft, EngineKind, Limits, Look, Loss, Profile,
     Request, Submission, Survey,
@@ -156,10 +156,16 @@ impl Submitting<'_> {
             let runs = counted(merged.completed + merged.failed, "run");
             writeln!(io::stderr(), "merged {runs} from earlier submissions")?;
         }
-        for key in self.cluster.record_crashes(look, &mut self.store)? {
+        let crashed = self.cluster.record_crashes(look, &mut self.store)?;
+        if let Some(key) = crashed.first() {
+            let others = match crashed.len() {
+                1 => String::new(),
+                all => format!(" and {}", failures::more(all - 1)),
+            };
             writeln!(
                 io::stderr(),
-                "job {key} failed (crashed): three tasks died while running it"
+                "job {key}{others} failed (crashed): three tasks died while running it; \
+                 `jitai submit --retry-failed` submits it again"
             )?;
         }
         Ok(())

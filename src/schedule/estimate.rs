@@ -115,9 +115,11 @@ impl Left {
     }
 }
 
-/// The time that the work takes when `workers` workers share it.
-pub fn shared(time: Duration, workers: usize) -> Duration {
-    let seconds = time.as_secs_f64() / workers.max(1) as f64;
+/// The time that the work of `jobs` jobs takes when `workers` workers share it, of which each runs one job at
+/// a time.
+pub fn shared(time: Duration, workers: usize, jobs: u64) -> Duration {
+    let busy = usize::try_from(jobs).map_or(workers, |jobs| workers.min(jobs));
+    let seconds = time.as_secs_f64() / busy.max(1) as f64;
     Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX)
 }
 
@@ -188,6 +190,14 @@ mod tests {
         assert!((3.0..4.5).contains(&(time("layers = [256, 256]") / usual)));
         assert!(time("batch = 128") > 1.5 * usual);
         assert!(time("engine = \"burn\"") > 3.0 * usual);
+    }
+
+    #[test]
+    fn no_more_workers_share_the_work_than_there_are_jobs() {
+        let minute = Duration::from_secs(60);
+        for (workers, jobs, expected) in [(1, 9, 60), (4, 9, 15), (4, 2, 30), (4, 0, 60)] {
+            assert_eq!(shared(minute, workers, jobs), Duration::from_secs(expected));
+        }
     }
 
     #[test]

@@ -74,7 +74,7 @@ fn a_job_that_diverges_is_a_failed_row_and_the_others_complete() {
     let status = folder.jitai(["status"]).succeeded();
     status
         .prints("failed:")
-        .prints("wild P-H-D sigma=0.6 seed=2")
+        .prints("wild P-H-D sigma=0.6 seed=1")
         .prints("diverged")
         .prints("the loss of update");
     let counts = folder.jitai(["status", "--format", "json"]).succeeded().json();
@@ -90,6 +90,40 @@ fn a_job_that_diverges_is_a_failed_row_and_the_others_complete() {
     let key = failures[0]["job_key"].as_str().unwrap();
     let message: String = folder.store().query_row(shown, [key], |row| row.get(0)).unwrap();
     assert_eq!(failures[0]["failure_message"], message);
+}
+
+#[test]
+fn the_same_failure_is_listed_once_with_the_number_of_its_jobs() {
+    let text = "format = 1\nname = \"sweep\"\nscenarios = [\"P-H-D\"]\nseeds = 3\n\
+        environment.sigma = 0.6\nevaluation.test_episodes = 20\n[[agent]]\nname = \"absent\"\n\
+        algorithm = \"external\"\ncommand = [\"./absent\"]\nversion = \"1\"\nepisodes = 1\n";
+    let folder = Folder::with(text);
+    let run = folder.jitai(["run", "sweep.toml", "--workers", "1"]).ended(1);
+    let again = folder.jitai(["run", "sweep.toml"]).ended(1);
+    let status = folder.jitai(["status"]).succeeded();
+    let reason = "install it on this machine";
+    for (listed, of) in [
+        (&run.stdout, "run"),
+        (&run.stderr, "its progress"),
+        (&again.stdout, "the next run"),
+        (&status.stdout, "status"),
+    ] {
+        assert_eq!(listed.matches(reason).count(), 1, "{of}: {listed}");
+    }
+    for seed in [2, 3] {
+        let line = format!(
+            "seed={seed}: failed (external) like {} job{} before",
+            seed - 1,
+            if seed == 2 { "" } else { "s" }
+        );
+        assert!(run.stderr.contains(&line), "{}", run.stderr);
+    }
+    assert!(run.stdout.contains("seed=1 and 2 more jobs: external ("), "{}", run.stdout);
+    let row = status.stdout.lines().find(|line| line.contains(reason)).unwrap();
+    assert!(row.split_whitespace().any(|word| word == "3"), "{row}");
+    // Programs read every failed job.
+    let counts = folder.jitai(["status", "--format", "json"]).succeeded().json();
+    assert_eq!(counts[0]["failures"].as_array().unwrap().len(), 3);
 }
 
 #[test]

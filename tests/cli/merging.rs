@@ -9,6 +9,7 @@ use jitai::plan::Job;
 use jitai::plan::Shard;
 use jitai::record::Outcome;
 use jitai::schedule::{self, Context, Event};
+use jitai::store::Store;
 use jitai::train::{self, TrainingControl};
 use rusqlite::Connection;
 
@@ -322,6 +323,14 @@ fn a_damaged_run_is_named_and_left_out() {
     folder.jitai(["run", "sweep.toml"]).succeeded().says("1 job run, 4 completed in all");
     // The store now has the run, so the damaged copy is not read.
     folder.jitai(["merge", "a.sqlite"]).succeeded().prints("already has 4 runs of them");
+}
+
+#[test]
+fn a_source_without_runs_is_nothing_to_copy() {
+    let folder = Folder::completed(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    drop(Store::open(&folder.path("empty.sqlite")).unwrap());
+    let merged = folder.jitai(["merge", "empty.sqlite"]).succeeded();
+    assert_eq!(merged.stdout, "nothing to copy from 1 store\n");
 }
 
 #[test]

@@ -54,6 +54,28 @@ fn status_and_plan_agree_on_the_time_left() {
 }
 
 #[test]
+fn status_estimates_the_time_for_the_workers_that_run() {
+    // Four jobs.
+    let folder = Folder::with(&manifest("sweep", "0.6", "2", Effort::Endless));
+    let left = |arguments: &[&str]| {
+        let arguments = arguments.iter().copied().chain(["--format", "json"]);
+        folder.jitai(arguments).succeeded().json()[0]["seconds_left"].as_f64().unwrap()
+    };
+    for workers in ["1", "3"] {
+        let run = folder.start(["run", "sweep.toml", "--workers", workers]);
+        let running = "SELECT count(*) FROM run WHERE status = 'running'";
+        until("all workers run", || folder.count_if_there(running) == workers.parse().ok());
+        assert_eq!(left(&["status"]), left(&["plan", "sweep.toml", "--workers", workers]));
+        run.signal("INT");
+        run.wait().ended(130);
+    }
+    // More workers than jobs are of no use.
+    let of_plan = |workers: &str| left(&["plan", "sweep.toml", "--workers", workers]);
+    assert_eq!(of_plan("4"), of_plan("100"));
+    assert!(of_plan("4") < of_plan("3"));
+}
+
+#[test]
 fn a_query_answers_in_three_formats() {
     let folder = completed();
     let sql = "SELECT agent, sigma, count(*) AS runs, NULL AS gap, 'a,\"b\"' AS words

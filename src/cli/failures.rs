@@ -1,0 +1,47 @@
+//! Equal failures, listed once with their number.
+
+use crate::cli::output::counted;
+use crate::manifest::printable;
+use crate::store::FailedJob;
+
+/// The failed jobs of an experiment with the same kind of failure and the same message.
+pub(super) struct SameFailure<'f> {
+    /// The first of these jobs.
+    pub(super) first: &'f FailedJob,
+    /// The number of these jobs.
+    pub(super) jobs: usize,
+}
+
+impl SameFailure<'_> {
+    /// The failure in words, after the name of its first job: `and 2 more jobs: diverged (…)`.
+    pub(super) fn described(&self, name: &str) -> String {
+        let failure = &self.first.failure;
+        let others = match self.jobs {
+            1 => String::new(),
+            jobs => format!(" and {}", more(jobs - 1)),
+        };
+        format!("{name}{others}: {} ({})", failure.kind, printable(&failure.message))
+    }
+}
+
+/// `1 more job`, `2 more jobs`.
+pub(super) fn more(jobs: usize) -> String {
+    counted(jobs, "more job")
+}
+
+/// The different failures, in the order in which each occurs first.
+pub(super) fn different<'f>(
+    failed: impl IntoIterator<Item = &'f FailedJob>,
+) -> Vec<SameFailure<'f>> {
+    let mut places = std::collections::HashMap::new();
+    let mut different: Vec<SameFailure<'f>> = Vec::new();
+    for job in failed {
+        let failure = (&job.experiment, job.failure.kind.name(), &job.failure.message);
+        let place = *places.entry(failure).or_insert(different.len());
+        match different.get_mut(place) {
+            Some(same) => same.jobs += 1,
+            None => different.push(SameFailure { first: job, jobs: 1 }),
+        }
+    }
+    different
+}
