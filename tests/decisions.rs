@@ -286,6 +286,30 @@ fn a_record_that_would_be_too_large_is_a_fault_of_the_manifest() {
 }
 
 #[test]
+fn an_unpaid_last_step_counts_in_every_limit_of_steps() {
+    let check = |unpaid: bool, agent: &str| {
+        let text = format!(
+            "format = 1\nname = 'e'\nscenarios = ['P-H-D']\nseeds = 1\n\
+             environment.sigma = 0.4\nenvironment.horizon = 100\n\
+             environment.unpaid_last_step = {unpaid}\n{agent}"
+        );
+        manifest::parse("e.toml", text.as_bytes()).map(|_| ()).map_err(|error| error.to_string())
+    };
+    // 50,000 episodes of 100 steps are all that a job records.
+    let rule = "evaluation.record_decisions = 'test'\nevaluation.test_episodes = 50_000\n\
+                [[agent]]\nname = 'a'\nalgorithm = 'rule'\nrule = 'never'\n";
+    assert_eq!(check(false, rule), Ok(()));
+    let error = check(true, rule).unwrap_err();
+    assert!(error.contains("the record of decisions can have 5050000 steps"), "{error}");
+    assert!(error.contains("unpaid_last_step = true"), "{error}");
+    let dqn = "[[agent]]\nname = 'a'\nalgorithm = 'dueling_dqn'\nrecurrent = 'gru'\nbatch = 32\n\
+               buffer = 3300\n";
+    assert_eq!(check(false, dqn), Ok(()));
+    let error = check(true, dqn).unwrap_err();
+    assert!(error.contains("3333 steps for `batch` = 32 and `horizon` = 100 with"), "{error}");
+}
+
+#[test]
 fn a_bandit_records_the_probabilities_that_it_drew_by() {
     let results = results(&job(Agent::of(&bandit()), RecordedDecisions::All));
     let trained = episodes(&results, Phase::Train);

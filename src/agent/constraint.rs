@@ -68,8 +68,10 @@ pub struct Assignment<'v> {
     pub keys: Vec<(Parameter, &'v Value)>,
 }
 
-/// Maximum number of steps of an episode.
+/// Number of steps after which an episode ends.
 pub const HORIZON: Parameter = Parameter::Environment("horizon");
+/// Whether a step without reward follows the horizon.
+pub const UNPAID_LAST_STEP: Parameter = Parameter::Environment("unpaid_last_step");
 /// Whether observations contain a one-hot of the time.
 pub const ONE_HOT: Parameter = Parameter::Environment("time_one_hot");
 /// Number of observations that an agent sees at a time.
@@ -137,13 +139,13 @@ const RECORD_DECISIONS: Parameter = Parameter::Evaluation("record_decisions");
 
 /// The number of decisions of an agent that trains is at most what a job can record.
 pub const DECISIONS_FIT: Constraint = Constraint {
-    parameters: &[EPISODES, TEST_EPISODES, HORIZON, RECORD_DECISIONS],
+    parameters: &[EPISODES, TEST_EPISODES, HORIZON, UNPAID_LAST_STEP, RECORD_DECISIONS],
     violation: |assignment| decisions_fit(assignment, assignment.whole(EPISODES)),
 };
 
 /// The number of decisions of an agent that does not train is at most what a job can record.
 pub const TEST_DECISIONS_FIT: Constraint = Constraint {
-    parameters: &[TEST_EPISODES, HORIZON, RECORD_DECISIONS],
+    parameters: &[TEST_EPISODES, HORIZON, UNPAID_LAST_STEP, RECORD_DECISIONS],
     violation: |assignment| decisions_fit(assignment, 0),
 };
 
@@ -179,7 +181,7 @@ fn decisions_fit(assignment: &Assignment, training_episodes: u64) -> Option<Viol
     } else {
         0
     };
-    let size = episodes.saturating_mul(assignment.whole(HORIZON));
+    let size = episodes.saturating_mul(assignment.longest_episode());
     too_large("the record of decisions can have", "steps", size, MOST_DECISIONS)
 }
 
@@ -231,6 +233,11 @@ impl Assignment<'_> {
     /// Whether a flag is set.
     pub fn is_set(&self, key: Parameter) -> bool {
         self.value(key) == Some(&Value::Flag(true))
+    }
+
+    /// Number of steps of an episode that does not end in disengagement.
+    pub fn longest_episode(&self) -> u64 {
+        self.whole(HORIZON).saturating_add(u64::from(self.is_set(UNPAID_LAST_STEP)))
     }
 
     fn widths(&self) -> impl Iterator<Item = u64> {
@@ -304,11 +311,12 @@ impl Assignment<'_> {
         pairs.collect::<Vec<_>>().join(", ")
     }
 
-    /// Whether a key belongs to a GRU or a history that the agent does not use.
+    /// Whether a key belongs to a GRU, a history or a last step that the job does not have.
     fn is_off(&self, key: Parameter) -> bool {
         match key {
             RECURRENT | UNITS | LAYERS_BEFORE_GRU => !has_gru(self),
             HISTORY => self.whole(HISTORY) == 1,
+            UNPAID_LAST_STEP => !self.is_set(UNPAID_LAST_STEP),
             _ => false,
         }
     }

@@ -115,6 +115,11 @@ impl Environment {
         self.context_probability == 0.5 && self.context_persistence == 0.0
     }
 
+    /// Whether the budget of messages can be spent before the last step.
+    pub fn can_spend_budget(&self) -> bool {
+        self.message_budget < self.longest_episode()
+    }
+
     /// Whether the reward of a step can be 0 regardless of the steps walked.
     pub(super) fn can_pay_nothing(&self) -> bool {
         self.unpaid_last_step || self.disengagement_reward == DisengagementReward::Zero

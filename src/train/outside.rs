@@ -151,6 +151,7 @@ fn assignment(job: &Job, external: &External) -> Json {
         "observation": features.chain(moments).collect::<Vec<_>>(),
         "actions": Action::COUNT,
         "horizon": job.environment.horizon,
+        "longest_episode": job.environment.longest_episode(),
         "environment": job.environment.to_json(),
         "population": population(&job.population),
         "evaluation": job.evaluation.to_json(),

@@ -579,6 +579,34 @@ fn faults_of_a_declaration_are_found_by_check() {
 }
 
 #[test]
+fn an_unpaid_last_step_makes_the_longest_episode_one_step_longer() {
+    let lengths = |longest: u32, text: &str| {
+        let program = format!(
+            r#"
+hear
+case $line in *'"longest_episode":{longest},'*) ;; *) exit 7;; esac
+say '{{"type":"ready","protocol":1}}'
+say '{{"type":"episodes","returns":[1.0],"lengths":[{longest}],"terminated":[false]}}'
+[ -e longer ] && say '{{"type":"episodes","returns":[1.0],"lengths":[{}],"terminated":[false]}}'
+play"#,
+            longest + 1
+        );
+        let folder = Folder::with(text);
+        folder.write("program.sh", format!("{LIBRARY}\n{program}\n"));
+        folder.jitai(["run", "sweep.toml"]).succeeded();
+        folder.write("longer", "");
+        folder.jitai(["run", "sweep.toml", "--set", "version=\"2\""]).ended(1);
+        let sql = "SELECT failure_message FROM run_summary WHERE failure_kind = 'external'";
+        let message: String = folder.store().query_row(sql, [], |row| row.get(0)).unwrap();
+        let expected = format!("`lengths`: expected 1 to {longest} steps, found {}", longest + 1);
+        assert!(message.contains(&expected), "{message}");
+    };
+    let text = manifest("environment.horizon = 7", "");
+    lengths(7, &text);
+    lengths(8, &text.replace("horizon = 7", "horizon = 7\nenvironment.unpaid_last_step = true"));
+}
+
+#[test]
 fn the_bandit_in_awk_learns_what_tailored_messages_are_worth() {
     let folder = Folder::new();
     fs::create_dir(folder.path("experiments")).unwrap();

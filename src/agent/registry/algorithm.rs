@@ -42,7 +42,7 @@ impl Task<'_> {
 
     /// Number of steps of this number of episodes, if no episode ends early.
     pub fn steps(&self, episodes: u32) -> u64 {
-        u64::from(episodes) * u64::from(self.environment.horizon)
+        u64::from(episodes) * u64::from(self.environment.longest_episode())
     }
 
     /// Whether messages can be unavailable at some steps for anybody, for lack of availability or budget.

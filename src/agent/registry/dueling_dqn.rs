@@ -7,8 +7,8 @@ use crate::agent::burn::{
 };
 use crate::agent::constraint::{
     Assignment, CURVE_FITS, Constraint, DECISIONS_FIT, EPISODES, GRU_HAS_ITS_LAYERS, HISTORY,
-    HORIZON, LAYERS, ONE_HOT, RECURRENT, UNITS, Violation, batch_fits, gru_parameters,
-    gru_row_numbers, has_gru, network_fits, replay_fits,
+    HORIZON, LAYERS, ONE_HOT, RECURRENT, UNITS, UNPAID_LAST_STEP, Violation, batch_fits,
+    gru_parameters, gru_row_numbers, has_gru, network_fits, replay_fits,
 };
 use crate::agent::dueling_dqn::{DuelingDqn, DuelingDqnLearner, RecurrentDqnLearner};
 use crate::agent::fused::{
@@ -40,7 +40,7 @@ fn stacks(assignment: &Assignment) -> u64 {
 
 /// Number of rows of a batch: transitions, or with a GRU episodes with the state after each.
 fn batch_rows(assignment: &Assignment) -> u64 {
-    let each = if has_gru(assignment) { assignment.whole(HORIZON).saturating_add(1) } else { 1 };
+    let each = if has_gru(assignment) { assignment.longest_episode().saturating_add(1) } else { 1 };
     assignment.whole(BATCH).saturating_mul(each)
 }
 
@@ -101,18 +101,22 @@ impl AlgorithmParameters for DuelingDqn {
             },
         },
         Constraint {
-            parameters: &[RECURRENT, BATCH, BUFFER, HORIZON],
+            parameters: &[RECURRENT, BATCH, BUFFER, HORIZON, UNPAID_LAST_STEP],
             violation: |assignment| {
                 let episodes = assignment.whole(BATCH).saturating_add(1);
-                let most = episodes.saturating_mul(assignment.whole(HORIZON));
+                let most = episodes.saturating_mul(assignment.longest_episode());
                 let holds = !has_gru(assignment) || most <= assignment.whole(BUFFER);
                 let [batch, buffer, horizon] =
                     [BATCH, BUFFER, HORIZON].map(|key| assignment.shown(key));
+                let unpaid = match assignment.is_set(UNPAID_LAST_STEP) {
+                    true => " with `unpaid_last_step`",
+                    false => "",
+                };
                 unless(
                     holds,
                     &format!(
                         "with a GRU the `buffer` must hold one episode more than a `batch`, which is {most} \
-                     steps for `batch` = {batch} and `horizon` = {horizon}, found {buffer}"
+                     steps for `batch` = {batch} and `horizon` = {horizon}{unpaid}, found {buffer}"
                     ),
                 )
             },
@@ -142,6 +146,7 @@ impl AlgorithmParameters for DuelingDqn {
                 RECURRENT,
                 UNITS,
                 HORIZON,
+                UNPAID_LAST_STEP,
                 ONE_HOT,
                 HISTORY,
             ],
@@ -152,9 +157,17 @@ impl AlgorithmParameters for DuelingDqn {
             },
         },
         Constraint {
-            parameters: &[Parameter::Scenario, BUFFER, EPISODES, HORIZON, ONE_HOT, HISTORY],
+            parameters: &[
+                Parameter::Scenario,
+                BUFFER,
+                EPISODES,
+                HORIZON,
+                UNPAID_LAST_STEP,
+                ONE_HOT,
+                HISTORY,
+            ],
             violation: |assignment| {
-                let steps = assignment.whole(EPISODES).saturating_mul(assignment.whole(HORIZON));
+                let steps = assignment.whole(EPISODES).saturating_mul(assignment.longest_episode());
                 replay_fits(assignment, assignment.whole(BUFFER).min(steps))
             },
         },

@@ -4,8 +4,8 @@ use crate::agent::actor::Actor;
 use crate::agent::burn::device::inference;
 use crate::agent::burn::{BurnReinforce, PolicyNetwork};
 use crate::agent::constraint::{
-    CURVE_FITS, Constraint, DECISIONS_FIT, EPISODES, HISTORY, HORIZON, LAYERS, ONE_HOT, batch_fits,
-    network_fits,
+    CURVE_FITS, Constraint, DECISIONS_FIT, EPISODES, HISTORY, HORIZON, LAYERS, ONE_HOT,
+    UNPAID_LAST_STEP, batch_fits, network_fits,
 };
 use crate::agent::fused::{FusedPolicyNetwork, FusedReinforce};
 use crate::agent::layers;
@@ -49,12 +49,13 @@ impl AlgorithmParameters for Reinforce {
                 TRAJECTORIES_PER_UPDATE,
                 LAYERS,
                 HORIZON,
+                UNPAID_LAST_STEP,
                 ONE_HOT,
                 HISTORY,
             ],
             violation: |assignment| {
                 let each = assignment.whole(TRAJECTORIES_PER_UPDATE);
-                let rows = each.saturating_mul(assignment.whole(HORIZON));
+                let rows = each.saturating_mul(assignment.longest_episode());
                 batch_fits(rows.saturating_mul(assignment.row_numbers()))
             },
         },

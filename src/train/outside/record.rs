@@ -126,9 +126,9 @@ impl<'j> TrainingRecord<'j> {
                  {lengths} and {terminated}"
             ));
         }
-        let horizon = self.job.environment.horizon;
-        let wrong = of.lengths.iter().find(|length| !(1..=horizon).contains(*length));
-        wrong.map(|length| format!("`lengths`: expected 1 to {horizon} steps, found {length}"))
+        let longest = self.job.environment.longest_episode();
+        let wrong = of.lengths.iter().find(|length| !(1..=longest).contains(*length));
+        wrong.map(|length| format!("`lengths`: expected 1 to {longest} steps, found {length}"))
     }
 
     /// The outcome of a job whose program failed.
