@@ -143,8 +143,8 @@ pub mod results {
         AssembleError, Hosts, ReportFile, ReportedExperiment, Work, assemble, report,
     };
     pub use crate::store::{
-        Answer, ExperimentCounts, FailedJob, Interrupter, JobState, Pace, Parts, QueryError,
-        Reader, StoredWeights, Value as SqlValue,
+        Answer, ColumnType, ExperimentCounts, FailedJob, Interrupter, JobState, Pace, Parts,
+        QueryError, Reader, StoredWeights, VIEWS, Value as SqlValue, exports,
     };
 }
 

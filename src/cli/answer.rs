@@ -59,9 +59,6 @@ impl AnswerFormat {
 pub(super) enum Failed {
     /// The query failed.
     Query(QueryError),
-    /// The format cannot hold the columns; the message states the remedy.
-    #[cfg(feature = "parquet")]
-    Columns(String),
     /// The output could not be written.
     Output(io::Error),
 }
@@ -70,8 +67,6 @@ impl From<Failed> for Error {
     fn from(failed: Failed) -> Self {
         match failed {
             Failed::Query(error) => Error::Query(error),
-            #[cfg(feature = "parquet")]
-            Failed::Columns(message) => Error::Usage(message),
             Failed::Output(error) => error.into(),
         }
     }
@@ -87,15 +82,21 @@ enum Written<W: Write> {
 }
 
 impl<W: Write> Written<W> {
-    fn begin(format: AnswerFormat, names: &[&str], out: W) -> Result<Self, Failed> {
+    #[cfg_attr(not(feature = "parquet"), allow(unused_variables))]
+    fn begin(
+        (reader, sql): (&Reader, &str),
+        format: AnswerFormat,
+        names: &[&str],
+        out: W,
+    ) -> Result<Self, Failed> {
         let format = match format {
             AnswerFormat::Table => Format::Table,
             AnswerFormat::Csv => Format::Csv,
             AnswerFormat::Json => Format::Json,
             #[cfg(feature = "parquet")]
             AnswerFormat::Parquet => {
-                let columns = Columns::new(names).map_err(Failed::Columns)?;
-                return Ok(Written::Columns(columns, out));
+                let types = reader.column_types(sql, names.len());
+                return Ok(Written::Columns(Columns::new(names, &types), out));
             }
             #[cfg(not(feature = "parquet"))]
             AnswerFormat::Parquet => {
@@ -140,7 +141,7 @@ pub(super) fn write<W: Write>(
         let result = match answer {
             Answer::Columns(names) => {
                 let out = out.take().expect("columns come once");
-                Written::begin(format, names, out).map(|begun| written = Some(begun))
+                Written::begin((reader, sql), format, names, out).map(|begun| written = Some(begun))
             }
             Answer::Row(values) => {
                 let written = written.as_mut().expect("columns come first");

@@ -1,8 +1,9 @@
 //! Parquet: an answer as typed columns.
 //!
-//! In: the rows of an answer, in which SQLite types every value. Out: a file with one row group. A
-//! column of whole numbers is INT64, and a column of numbers is DOUBLE. A column that contains text, or
-//! no value at all, is a string column, with numbers written as in CSV. Every column may contain nulls.
+//! In: the declared types of the columns, and the rows of an answer, in which SQLite types every value.
+//! Out: a file with one row group. A column of whole numbers is INT64, and a column of numbers is DOUBLE. A
+//! column that contains text is a string column, with numbers written as in CSV. So is a column without
+//! values whose type is not declared. Every column may contain nulls.
 
 use std::collections::HashMap;
 use std::io::{self, Write};
@@ -16,7 +17,7 @@ use ::parquet::file::writer::{SerializedColumnWriter, SerializedFileWriter};
 use ::parquet::schema::types::{Type, TypePtr};
 
 use crate::cli::output::as_sql;
-use crate::store::Value;
+use crate::store::{ColumnType, Value};
 
 /// Number of rows per call of the encoder.
 const BATCH: usize = 8192;
@@ -33,7 +34,7 @@ struct Column {
 
 /// The values of a column, without its nulls.
 enum Values {
-    /// The column has no value so far.
+    /// The column has no declared type, and no value so far.
     None,
     Integers(Vec<i64>),
     Reals(Vec<f64>),
@@ -71,6 +72,16 @@ impl Texts {
 }
 
 impl Values {
+    /// No values of a declared type.
+    fn declared(kind: ColumnType) -> Values {
+        match kind {
+            ColumnType::Integer => Values::Integers(Vec::new()),
+            ColumnType::Real => Values::Reals(Vec::new()),
+            ColumnType::Text => Values::Texts(Texts::default()),
+            ColumnType::Several | ColumnType::Undeclared => Values::None,
+        }
+    }
+
     fn push(&mut self, value: &Value<'_>) {
         match value {
             Value::Null => {}
@@ -156,23 +167,14 @@ impl Column {
 }
 
 impl Columns {
-    /// Columns of these names, without rows.
-    ///
-    /// **Errors**: two columns have the same name.
-    pub(super) fn new(names: &[&str]) -> Result<Columns, String> {
-        for (at, name) in names.iter().enumerate() {
-            if names[..at].contains(name) {
-                return Err(format!(
-                    "--format parquet: two columns are called `{name}`; rename one with AS"
-                ));
-            }
-        }
-        let column = |name: &&str| Column {
+    /// Columns of these names, which differ, and of these declared types, without rows.
+    pub(super) fn new(names: &[&str], types: &[ColumnType]) -> Columns {
+        let column = |(name, kind): (&&str, &ColumnType)| Column {
             name: (*name).to_owned(),
             levels: Vec::new(),
-            values: Values::None,
+            values: Values::declared(*kind),
         };
-        Ok(Columns(names.iter().map(column).collect()))
+        Columns(names.iter().zip(types).map(column).collect())
     }
 
     /// Adds a row, one value per column.
@@ -233,7 +235,8 @@ mod tests {
 
     #[test]
     fn a_column_has_the_narrowest_type_that_holds_its_values() {
-        let mut columns = Columns::new(&["whole", "number", "mixed", "empty"]).unwrap();
+        let mut columns =
+            Columns::new(&["whole", "number", "mixed", "empty"], &[ColumnType::Undeclared; 4]);
         columns.row(&[Value::Integer(-3), Value::Integer(1), Value::Real(0.5), Value::Null]);
         columns.row(&[Value::Null, Value::Real(2.5), Value::Text("[1]"), Value::Null]);
         let (types, rows) = read(columns);
@@ -251,7 +254,7 @@ mod tests {
 
     #[test]
     fn many_rows_with_nulls_among_them_come_back_as_they_were() {
-        let mut columns = Columns::new(&["n", "word"]).unwrap();
+        let mut columns = Columns::new(&["n", "word"], &[ColumnType::Undeclared; 2]);
         let rows = 2 * BATCH as i64 + 7;
         for row in 0..rows {
             let word = format!("word {}", row % 3);
@@ -267,8 +270,21 @@ mod tests {
     }
 
     #[test]
-    fn two_columns_of_one_name_are_refused() {
-        let refused = Columns::new(&["a", "b", "a"]).err().unwrap();
-        assert!(refused.contains("two columns are called `a`"), "{refused}");
+    fn a_column_without_values_has_its_declared_type_and_values_widen_it() {
+        use ColumnType::{Integer, Real, Several, Text};
+        let names = ["whole", "number", "text", "several"];
+        let types = [Integer, Real, Text, Several];
+        let [text, long, double] =
+            [PhysicalType::BYTE_ARRAY, PhysicalType::INT64, PhysicalType::DOUBLE];
+        let mut columns = Columns::new(&names, &types);
+        assert_eq!(read(Columns::new(&names, &types)).0, [long, double, text, text]);
+        columns.row(&[Value::Null; 4]);
+        assert_eq!(read(columns).0, [long, double, text, text]);
+        let mut columns = Columns::new(&names, &types);
+        columns.row(&[Value::Real(0.5), Value::Integer(2), Value::Integer(3), Value::Real(1.5)]);
+        let (types, rows) = read(columns);
+        assert_eq!(types, [double, double, text, double]);
+        let three = Field::Str("3".to_owned());
+        assert_eq!(rows, [[Field::Double(0.5), Field::Double(2.0), three, Field::Double(1.5)]]);
     }
 }

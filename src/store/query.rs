@@ -5,6 +5,7 @@ use std::ops::ControlFlow;
 use rusqlite::types::ValueRef;
 use rusqlite::{Error, ErrorCode, InterruptHandle, Row, Statement};
 
+use super::declared::distinct;
 use super::error::is_damage;
 use super::read::Reader;
 
@@ -92,7 +93,8 @@ pub enum Value<'a> {
 /// A part of the result of a query; the variants are in order of occurrence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Answer<'a> {
-    /// The names of the columns, at least one; comes first and only once.
+    /// The names of the columns, at least one; comes first and only once. No two names are equal: a name that
+    /// the SQL repeats, in upper or lower case, gets a number, as in `value_2`.
     Columns(&'a [&'a str]),
     /// A row, with one value per column.
     Row(&'a [Value<'a>]),
@@ -133,7 +135,9 @@ impl Reader {
         if !statement.readonly() {
             return Err(QueryError::NotAllowed);
         }
-        if on_part(Answer::Columns(&statement.column_names().collect::<Vec<_>>())).is_break() {
+        let names = distinct(&statement.column_names().collect::<Vec<_>>());
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        if on_part(Answer::Columns(&names)).is_break() {
             return Ok(());
         }
         let mut rows = statement.query([]).map_err(|error| self.explain(error, sql))?;

@@ -315,6 +315,24 @@ fn the_actor_of_ppo_is_exported_and_a_memory_is_refused_with_what_the_files_lack
     }
 }
 
+#[test]
+fn every_format_numbers_a_name_that_occurs_again() {
+    let folder = completed();
+    let sql = "SELECT 1 AS value, 2 AS value, 3 AS Value, 4 AS value_2";
+    let ask = |format: &str| folder.jitai(["query", sql, "--format", format]).succeeded();
+    ask("table").prints("value  value_3  Value_4  value_2\n");
+    ask("csv").prints("value,value_3,Value_4,value_2\n1,2,3,4\n");
+    ask("json").prints(r#"{"value":1,"value_3":2,"Value_4":3,"value_2":4}"#);
+    #[cfg(feature = "parquet")]
+    {
+        let output = folder.command(["query", sql, "--format", "parquet"]).output().unwrap();
+        folder.write("answer.parquet", &output.stdout);
+        let names: Vec<String> =
+            parquet::read(&folder.path("answer.parquet")).0.into_iter().map(|c| c.0).collect();
+        assert_eq!(names, ["value", "value_3", "Value_4", "value_2"]);
+    }
+}
+
 #[cfg(not(feature = "parquet"))]
 #[test]
 fn parquet_is_refused_by_a_build_without_it_before_anything_is_written() {
@@ -336,7 +354,7 @@ mod parquet {
     use super::*;
 
     /// The columns of a file with their types, and the number of rows.
-    fn read(path: &Path) -> (Vec<(String, Type)>, i64) {
+    pub(super) fn read(path: &Path) -> (Vec<(String, Type)>, i64) {
         let reader = SerializedFileReader::new(File::open(path).unwrap()).unwrap();
         let file = reader.metadata().file_metadata();
         let columns = file.schema_descr().columns().iter();
@@ -373,7 +391,36 @@ mod parquet {
         let (found, rows) = read(&folder.path("answer.parquet"));
         let expected = [("agent".to_owned(), Type::BYTE_ARRAY), ("runs".to_owned(), Type::INT64)];
         assert_eq!((found, rows), (expected.to_vec(), 2));
-        let twice = folder.jitai(["query", "SELECT 1 AS a, 2 AS a", "--format", "parquet"]);
-        twice.ended(2).says("two columns are called `a`");
+    }
+
+    #[test]
+    fn columns_without_values_have_the_types_of_the_documentation() {
+        let folder = completed();
+        // Without decisions, participants and failures; and without any jobs.
+        drop(jitai::store::Store::open(&folder.path("empty.sqlite")).unwrap());
+        for store in ["jitai.sqlite", "empty.sqlite"] {
+            let out = store.replace(".sqlite", "");
+            let arguments = ["export", "--store", store, "--out", &out, "--format", "parquet"];
+            folder.jitai(arguments).succeeded();
+            for column in jitai::store::columns() {
+                let jitai::store::Column { view, name, kind, .. } = column;
+                let (found, _) = read(&folder.path(&format!("{out}/{view}.parquet")));
+                let found = found.iter().find(|(known, _)| known == name).unwrap().1;
+                let expected = match kind {
+                    "integer" => Type::INT64,
+                    "real" => Type::DOUBLE,
+                    _ => Type::BYTE_ARRAY,
+                };
+                assert_eq!(found, expected, "{out}: {view}.{name}");
+            }
+        }
+        let sql = "SELECT sigma AS s, min(seed), failure_kind, s.attempt FROM run_summary AS s \
+                   WHERE seed = 77 GROUP BY 1, 3, 4";
+        let output = folder.command(["query", sql, "--format", "parquet"]).output().unwrap();
+        folder.write("answer.parquet", &output.stdout);
+        let types: Vec<Type> =
+            read(&folder.path("answer.parquet")).0.into_iter().map(|c| c.1).collect();
+        let text = Type::BYTE_ARRAY;
+        assert_eq!(types, [Type::DOUBLE, text, text, Type::INT64]);
     }
 }

@@ -48,6 +48,8 @@ fn an_answer_has_its_columns_and_then_its_rows() {
     ] {
         assert_eq!(ask(&reader, sql).unwrap().len(), 4, "{sql}");
     }
+    let twice = "SELECT 1 AS a, 2 AS b, 3 AS A, run.* FROM metric AS run JOIN metric USING (name)";
+    assert_eq!(ask(&reader, twice).unwrap()[0], "a|b|A_2|job_key|name|value");
     assert_eq!(ask(&reader, "PRAGMA table_info(run_summary)").unwrap().len(), 19);
     assert!(ask(&reader, "EXPLAIN QUERY PLAN SELECT * FROM metric").unwrap().len() > 1);
 }
