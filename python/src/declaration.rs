@@ -2,6 +2,7 @@
 //! manifests.
 
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use jitai::env::INITIAL_STEPS;
 use jitai::environment::{
@@ -13,6 +14,8 @@ use pyo3::exceptions::{PyFileNotFoundError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
 use toml::Value as Toml;
+
+use crate::interrupt::interruptible;
 
 /// Maximum nesting of lists in a value; no key needs more than two levels.
 const DEEPEST: usize = 8;
@@ -51,7 +54,7 @@ impl Declaration {
     /// Whether there can be steps at which no message can be sent.
     pub(crate) fn has_masks(&self) -> bool {
         let environment = &self.0.environment;
-        self.simulation(1).can_be_unavailable() || environment.message_budget < environment.horizon
+        self.simulation(1).can_be_unavailable() || environment.can_spend_budget()
     }
 
     /// Finite bounds of the steps walked that the letter S shows, the only entry without bounds of its
@@ -95,10 +98,15 @@ impl Declaration {
             return Err(PyFileNotFoundError::new_err(message));
         }
         let filter: Filter = filter.map_or(Ok(Filter::default()), str::parse).map_err(refused)?;
-        py.detach(|| {
-            let manifest = experiment::load(&path).map_err(refused)?;
-            of_manifest(&manifest, &filter).map(Declaration)
-        })
+        let stop = AtomicBool::new(false);
+        interruptible(
+            py,
+            || stop.store(true, Ordering::Relaxed),
+            || {
+                let manifest = experiment::load(&path).map_err(refused)?;
+                of_manifest(&manifest, &filter, &stop).map(Declaration)
+            },
+        )?
     }
 
     /// The declaration in a text of [`Declaration::text`].
@@ -148,8 +156,7 @@ impl Declaration {
     /// Number of steps of an episode without disengagement.
     #[getter]
     fn longest_episode(&self) -> u32 {
-        let environment = &self.0.environment;
-        environment.horizon + u32::from(environment.unpaid_last_step)
+        self.0.environment.longest_episode()
     }
 }
 
@@ -247,14 +254,17 @@ fn toml_of(name: &str, value: &Bound<'_, PyAny>, depth: usize) -> PyResult<Toml>
     Err(of_type(value.get_type().name()?.to_string()))
 }
 
-fn of_manifest(manifest: &Manifest, filter: &Filter) -> PyResult<Job> {
+/// The only environment that meets a filter. Ends early once `stop` is set.
+fn of_manifest(manifest: &Manifest, filter: &Filter, stop: &AtomicBool) -> PyResult<Job> {
     let mut distinct: Vec<Job> = Vec::new();
-    for PlannedJob { job, .. } in experiment::jobs(manifest).filter(|job| filter.meets(job)) {
+    let jobs = experiment::jobs(manifest).take_while(|_| !stop.load(Ordering::Relaxed));
+    for PlannedJob { job, .. } in jobs.filter(|job| filter.meets(job)) {
         if distinct.len() <= SHOWN && distinct.iter().all(|other| !is_same(other, &job)) {
             distinct.push(job);
         }
     }
     match distinct.as_slice() {
+        _ if stop.load(Ordering::Relaxed) => Err(refused("stopped")),
         [] => Err(refused(filter.why_none(|| experiment::jobs(manifest)))),
         [only] => Ok(only.clone()),
         [first, others @ ..] => {

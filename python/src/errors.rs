@@ -2,7 +2,9 @@
 
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
+use pyo3::pyclass::boolean_struct::False;
 use pyo3::types::PyType;
+use pyo3::{PyClass, PyRef, PyRefMut};
 
 /// The exception of `gymnasium.error` with this name.
 pub(crate) fn gymnasium(py: Python<'_>, name: &str, message: String) -> PyErr {
@@ -29,4 +31,27 @@ pub(crate) fn unreadable_state(error: impl std::fmt::Display) -> PyErr {
     PyRuntimeError::new_err(format!(
         "the saved state cannot be read: {error}; restore it with the release that saved it"
     ))
+}
+
+/// The environment, for a change of its state.
+///
+/// **Errors**: another thread uses it.
+pub(crate) fn used_alone<'py, T: PyClass<Frozen = False>>(
+    environment: &Bound<'py, T>,
+) -> PyResult<PyRefMut<'py, T>> {
+    environment.try_borrow_mut().map_err(|_| in_use())
+}
+
+/// The environment, to look at its state.
+///
+/// **Errors**: another thread changes it.
+pub(crate) fn looked_at<'py, T: PyClass>(environment: &Bound<'py, T>) -> PyResult<PyRef<'py, T>> {
+    environment.try_borrow().map_err(|_| in_use())
+}
+
+fn in_use() -> PyErr {
+    PyRuntimeError::new_err(
+        "another thread is using the environment; use it from one thread at a time, or make one for \
+         each thread",
+    )
 }

@@ -16,7 +16,7 @@ pub(crate) struct Parts {
 }
 
 /// 1 for the actions that have a distinct effect in a lane, 0 for the others.
-fn mask(lanes: &PhysicalActivity, lane: usize) -> [i8; Action::COUNT] {
+pub(crate) fn mask(lanes: &PhysicalActivity, lane: usize) -> [i8; Action::COUNT] {
     std::array::from_fn(|index| {
         let action = Action::from_index(index).unwrap_or(Action::NONE);
         i8::from(lanes.taken(lane, action) == action)

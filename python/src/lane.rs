@@ -12,8 +12,8 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
 use crate::declaration::Declaration;
-use crate::errors::{closed, gymnasium, reset_needed, unreadable_state};
-use crate::info::{Parts, of_lane};
+use crate::errors::{closed, gymnasium, looked_at, reset_needed, unreadable_state, used_alone};
+use crate::info::{Parts, mask, of_lane};
 
 type Observation<'py> = Bound<'py, PyArray1<f32>>;
 type Info<'py> = Bound<'py, PyDict>;
@@ -65,6 +65,33 @@ impl Lane {
         }
     }
 
+    /// A description of the current step.
+    fn described(&self) -> String {
+        if self.seed.is_none() {
+            return "no episode yet".to_owned();
+        }
+        let draw = self.simulation.context(0);
+        let last = match self.last {
+            None => "episode begins".to_owned(),
+            Some((action, steps)) => format!("action {}, {steps:.1} steps walked", action.index()),
+        };
+        let end = match self.status() {
+            EpisodeStatus::Running => "",
+            EpisodeStatus::Terminated => "; disengaged",
+            EpisodeStatus::Truncated => "; horizon",
+        };
+        format!(
+            "step {:2}: context {}, P(0) {:.2}, habituation {:.2}, disengagement {:.2}; {last}; \
+             return {:.1}{end}",
+            self.simulation.times()[0],
+            draw.context,
+            draw.probability_of_zero,
+            self.simulation.habituation()[0],
+            self.simulation.disengagement()[0],
+            self.total,
+        )
+    }
+
     fn copied(&self, py: Python<'_>) -> Lane {
         Lane {
             declaration: self.declaration.clone_ref(py),
@@ -109,95 +136,85 @@ impl Lane {
 
     /// Whether a reset needs a seed, because there is no random stream yet.
     #[getter]
-    fn needs_seed(&self) -> bool {
-        self.seed.is_none()
+    fn needs_seed(slf: &Bound<'_, Self>) -> PyResult<bool> {
+        Ok(looked_at(slf)?.seed.is_none())
     }
 
     /// Begins an episode, at the start of a seed's stream or at the current position of the stream.
     #[pyo3(signature = (seed = None))]
     fn reset<'py>(
-        &mut self,
-        py: Python<'py>,
+        slf: &Bound<'py, Self>,
         seed: Option<u64>,
     ) -> PyResult<(Observation<'py>, Info<'py>)> {
-        if self.is_closed {
+        let py = slf.py();
+        let lane = &mut *used_alone(slf)?;
+        if lane.is_closed {
             return Err(closed(py));
         }
         if let Some(seed) = seed {
-            self.seed = Some(seed);
-            self.streams = LaneStreams::Shared(Stream::new(seed, Purpose::TestEnvironment));
-        } else if self.seed.is_none() {
+            lane.seed = Some(seed);
+            lane.streams = LaneStreams::Shared(Stream::new(seed, Purpose::TestEnvironment));
+        } else if lane.seed.is_none() {
             return Err(reset_needed(py, "the first reset needs a seed"));
         }
-        self.simulation.reset(LaneSet::All, &mut self.streams);
-        (self.last, self.total) = (None, 0.0);
-        Ok((self.observation(py), self.info(py)?))
+        lane.simulation.reset(LaneSet::All, &mut lane.streams);
+        (lane.last, lane.total) = (None, 0.0);
+        Ok((lane.observation(py), lane.info(py)?))
     }
 
     /// Takes a step: observation, reward, whether the episode terminated, whether it was truncated, and the
     /// true state.
     #[allow(clippy::type_complexity)]
     fn step<'py>(
-        &mut self,
-        py: Python<'py>,
+        slf: &Bound<'py, Self>,
         action: &Bound<'py, PyAny>,
     ) -> PyResult<(Observation<'py>, f64, bool, bool, Info<'py>)> {
-        self.require_step(py)?;
+        let py = slf.py();
+        let lane = &mut *used_alone(slf)?;
+        lane.require_step(py)?;
         let action = action_of(action)?;
         let mut reward = [0.0];
-        let taken = self.simulation.taken(0, action);
-        self.simulation.step(&[action], &mut reward, &mut self.streams);
-        let steps = self.simulation.outcomes(&reward)[0];
-        self.last = Some((taken, steps));
-        self.total += steps;
-        let status = self.status();
+        let taken = lane.simulation.taken(0, action);
+        lane.simulation.step(&[action], &mut reward, &mut lane.streams);
+        let steps = lane.simulation.outcomes(&reward)[0];
+        lane.last = Some((taken, steps));
+        lane.total += steps;
+        let status = lane.status();
         Ok((
-            self.observation(py),
+            lane.observation(py),
             reward[0],
             status == EpisodeStatus::Terminated,
             status == EpisodeStatus::Truncated,
-            self.info(py)?,
+            lane.info(py)?,
         ))
     }
 
-    /// A description of the current step.
-    fn line(&self) -> String {
-        if self.seed.is_none() {
-            return "no episode yet".to_owned();
+    /// \[actions\]: whether each action has an effect of its own at the current step.
+    fn action_masks(slf: &Bound<'_, Self>) -> PyResult<[bool; Action::COUNT]> {
+        let lane = looked_at(slf)?;
+        match lane.seed {
+            None => Err(reset_needed(slf.py(), "call reset() before action_masks()")),
+            Some(_) => Ok(mask(&lane.simulation, 0).map(|open| open == 1)),
         }
-        let draw = self.simulation.context(0);
-        let last = match self.last {
-            None => "episode begins".to_owned(),
-            Some((action, steps)) => format!("action {}, {steps:.1} steps walked", action.index()),
-        };
-        let end = match self.status() {
-            EpisodeStatus::Running => "",
-            EpisodeStatus::Terminated => "; disengaged",
-            EpisodeStatus::Truncated => "; horizon",
-        };
-        format!(
-            "step {:2}: context {}, P(0) {:.2}, habituation {:.2}, disengagement {:.2}; {last}; \
-             return {:.1}{end}",
-            self.simulation.times()[0],
-            draw.context,
-            draw.probability_of_zero,
-            self.simulation.habituation()[0],
-            self.simulation.disengagement()[0],
-            self.total,
-        )
+    }
+
+    /// A description of the current step.
+    fn line(slf: &Bound<'_, Self>) -> PyResult<String> {
+        Ok(looked_at(slf)?.described())
     }
 
     /// Closes the environment.
-    fn close(&mut self) {
-        self.is_closed = true;
+    fn close(slf: &Bound<'_, Self>) -> PyResult<()> {
+        used_alone(slf)?.is_closed = true;
+        Ok(())
     }
 
-    fn __copy__(&self, py: Python<'_>) -> Lane {
-        self.copied(py)
+    fn __copy__(slf: &Bound<'_, Self>) -> PyResult<Lane> {
+        Ok(looked_at(slf)?.copied(slf.py()))
     }
 
-    fn __deepcopy__(&self, py: Python<'_>, _memo: &Bound<'_, PyAny>) -> Lane {
-        self.copied(py)
+    fn __deepcopy__(slf: &Bound<'_, Self>, _memo: &Bound<'_, PyAny>) -> PyResult<Lane> {
+        Lane::__copy__(slf)
     }
 
     #[allow(clippy::type_complexity)]
@@ -207,7 +224,7 @@ impl Lane {
         Bound<'py, PyAny>,
         (Py<Declaration>, bool, Option<u64>, bool, Bound<'py, PyBytes>),
     )> {
-        let lane = slf.borrow();
+        let lane = looked_at(slf)?;
         let bytes = PyBytes::new(slf.py(), &lane.save()?);
         let declaration = lane.declaration.clone_ref(slf.py());
         let arguments = (declaration, lane.parts.state, lane.seed, lane.is_closed, bytes);

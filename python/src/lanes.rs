@@ -12,12 +12,14 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
 use crate::declaration::Declaration;
-use crate::errors::{closed, gymnasium, reset_needed, unreadable_state};
+use crate::errors::{closed, gymnasium, looked_at, reset_needed, unreadable_state, used_alone};
 use crate::info::{Parts, of_lanes};
 
 type Batch<'py> = Bound<'py, PyArray2<f32>>;
 type Column<'py, T> = Bound<'py, PyArray1<T>>;
 type Info<'py> = Bound<'py, PyDict>;
+/// Observations, rewards, terminated, truncated and infos.
+type Stepped<'py> = (Batch<'py>, Column<'py, f64>, Column<'py, bool>, Column<'py, bool>, Info<'py>);
 
 /// When the next episode of an ended lane begins, in Gymnasium's words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -151,6 +153,96 @@ impl Lanes {
         self.simulation.statuses().iter().map(|other| *other == status).collect()
     }
 
+    /// Begins episodes, as `reset` describes.
+    fn begin<'py>(
+        &mut self,
+        py: Python<'py>,
+        seeds: Option<Vec<Option<u64>>>,
+        mask: Option<PyReadonlyArray1<'py, bool>>,
+    ) -> PyResult<(Batch<'py>, Info<'py>)> {
+        self.require_open(py)?;
+        let count = self.count();
+        let mask = mask.map(|mask| mask.to_vec()).transpose()?;
+        let lengths = [seeds.as_ref().map(Vec::len), mask.as_ref().map(Vec::len)];
+        if lengths.into_iter().flatten().any(|length| length != count) {
+            return Err(PyValueError::new_err(format!(
+                "expected a seed and an entry of reset_mask for each of {count} lanes"
+            )));
+        }
+        let is_reset = |lane: usize| mask.as_ref().is_none_or(|mask| mask[lane]);
+        let seeds = seeds.unwrap_or_else(|| vec![None; count]);
+        if self.seeds.is_empty() {
+            let first: Option<Vec<u64>> = seeds.iter().copied().collect();
+            let first = first.filter(|_| mask.is_none()).ok_or_else(|| {
+                reset_needed(py, "the first reset begins all lanes, each with a seed")
+            })?;
+            let stream = |seed: &u64| Stream::new(*seed, Purpose::TestEnvironment);
+            self.streams = LaneStreams::PerLane(first.iter().map(stream).collect());
+            self.seeds = first;
+        } else {
+            for (lane, seed) in seeds.into_iter().enumerate().filter(|(lane, _)| is_reset(*lane)) {
+                if let Some(seed) = seed {
+                    self.seeds[lane] = seed;
+                    *self.streams.of(lane) = Stream::new(seed, Purpose::TestEnvironment);
+                }
+            }
+        }
+        let lanes = mask.as_deref().map_or(LaneSet::All, LaneSet::Masked);
+        self.simulation.reset(lanes, &mut self.streams);
+        let info = of_lanes(py, &self.simulation, mask.as_deref(), None, self.parts)?;
+        Ok((self.observed(py)?, info))
+    }
+
+    /// Takes a step in every lane, as `step` describes.
+    fn take_step<'py>(
+        &mut self,
+        py: Python<'py>,
+        actions: &Bound<'py, PyAny>,
+    ) -> PyResult<Stepped<'py>> {
+        self.require_open(py)?;
+        if self.seeds.is_empty() {
+            return Err(reset_needed(py, "call reset() before the first step"));
+        }
+        self.mark_ended();
+        if self.autoreset == Autoreset::Disabled
+            && let Some(lane) = self.ended.iter().position(|ended| *ended)
+        {
+            let message = format!(
+                "the episode of lane {lane} has ended; reset it with \
+                 reset(options={{\"reset_mask\": …}}) before the next step"
+            );
+            return Err(reset_needed(py, message));
+        }
+        self.read(py, actions)?;
+        let mut rewards = vec![0.0; self.count()];
+        let Lanes { simulation, streams, actions, ended, autoreset, .. } = self;
+        py.detach(|| {
+            simulation.step(actions, &mut rewards, streams);
+            if *autoreset == Autoreset::NextStep && ended.contains(&true) {
+                simulation.reset(LaneSet::Masked(ended), streams);
+            }
+        });
+        let terminated = self.lanes_at(EpisodeStatus::Terminated);
+        let truncated = self.lanes_at(EpisodeStatus::Truncated);
+        let info = PyDict::new(py);
+        let mut walked = Vec::new();
+        if self.parts.state || self.autoreset == Autoreset::SameStep {
+            walked = self.simulation.outcomes(&rewards).to_vec();
+        }
+        if self.autoreset == Autoreset::SameStep {
+            self.restart(py, &mut walked, &info)?;
+        }
+        let state = of_lanes(py, &self.simulation, None, Some(&walked), self.parts)?;
+        info.update(state.as_mapping())?;
+        Ok((
+            self.observed(py)?,
+            PyArray1::from_vec(py, rewards),
+            PyArray1::from_vec(py, terminated),
+            PyArray1::from_vec(py, truncated),
+            info,
+        ))
+    }
+
     fn copied(&self, py: Python<'_>) -> Lanes {
         Lanes {
             declaration: self.declaration.clone_ref(py),
@@ -206,122 +298,45 @@ impl Lanes {
 
     /// Whether a reset needs seeds, because there are no random streams yet.
     #[getter]
-    fn needs_seed(&self) -> bool {
-        self.seeds.is_empty()
+    fn needs_seed(slf: &Bound<'_, Self>) -> PyResult<bool> {
+        Ok(looked_at(slf)?.seeds.is_empty())
     }
 
     /// Begins episodes in all lanes, or in the lanes of a mask. A lane with a seed begins at the start of
     /// the seed's stream, other lanes at the current position of their streams.
     #[pyo3(signature = (seeds = None, mask = None))]
     fn reset<'py>(
-        &mut self,
-        py: Python<'py>,
+        slf: &Bound<'py, Self>,
         seeds: Option<Vec<Option<u64>>>,
         mask: Option<PyReadonlyArray1<'py, bool>>,
     ) -> PyResult<(Batch<'py>, Info<'py>)> {
-        self.require_open(py)?;
-        let count = self.count();
-        let mask = mask.map(|mask| mask.to_vec()).transpose()?;
-        let lengths = [seeds.as_ref().map(Vec::len), mask.as_ref().map(Vec::len)];
-        if lengths.into_iter().flatten().any(|length| length != count) {
-            return Err(PyValueError::new_err(format!(
-                "expected a seed and an entry of reset_mask for each of {count} lanes"
-            )));
-        }
-        let is_reset = |lane: usize| mask.as_ref().is_none_or(|mask| mask[lane]);
-        let seeds = seeds.unwrap_or_else(|| vec![None; count]);
-        if self.seeds.is_empty() {
-            let first: Option<Vec<u64>> = seeds.iter().copied().collect();
-            let first = first.filter(|_| mask.is_none()).ok_or_else(|| {
-                reset_needed(py, "the first reset begins all lanes, each with a seed")
-            })?;
-            let stream = |seed: &u64| Stream::new(*seed, Purpose::TestEnvironment);
-            self.streams = LaneStreams::PerLane(first.iter().map(stream).collect());
-            self.seeds = first;
-        } else {
-            for (lane, seed) in seeds.into_iter().enumerate().filter(|(lane, _)| is_reset(*lane)) {
-                if let Some(seed) = seed {
-                    self.seeds[lane] = seed;
-                    *self.streams.of(lane) = Stream::new(seed, Purpose::TestEnvironment);
-                }
-            }
-        }
-        let lanes = mask.as_deref().map_or(LaneSet::All, LaneSet::Masked);
-        self.simulation.reset(lanes, &mut self.streams);
-        let info = of_lanes(py, &self.simulation, mask.as_deref(), None, self.parts)?;
-        Ok((self.observed(py)?, info))
+        used_alone(slf)?.begin(slf.py(), seeds, mask)
     }
 
     /// Takes a step in every lane: observations, rewards, which episodes terminated, which were truncated,
     /// and the true states.
-    #[allow(clippy::type_complexity)]
-    fn step<'py>(
-        &mut self,
-        py: Python<'py>,
-        actions: &Bound<'py, PyAny>,
-    ) -> PyResult<(Batch<'py>, Column<'py, f64>, Column<'py, bool>, Column<'py, bool>, Info<'py>)>
-    {
-        self.require_open(py)?;
-        if self.seeds.is_empty() {
-            return Err(reset_needed(py, "call reset() before the first step"));
-        }
-        self.mark_ended();
-        if self.autoreset == Autoreset::Disabled
-            && let Some(lane) = self.ended.iter().position(|ended| *ended)
-        {
-            let message = format!(
-                "the episode of lane {lane} has ended; reset it with \
-                 reset(options={{\"reset_mask\": …}}) before the next step"
-            );
-            return Err(reset_needed(py, message));
-        }
-        self.read(py, actions)?;
-        let mut rewards = vec![0.0; self.count()];
-        let Lanes { simulation, streams, actions, ended, autoreset, .. } = self;
-        py.detach(|| {
-            simulation.step(actions, &mut rewards, streams);
-            if *autoreset == Autoreset::NextStep && ended.contains(&true) {
-                simulation.reset(LaneSet::Masked(ended), streams);
-            }
-        });
-        let terminated = self.lanes_at(EpisodeStatus::Terminated);
-        let truncated = self.lanes_at(EpisodeStatus::Truncated);
-        let info = PyDict::new(py);
-        let mut walked = Vec::new();
-        if self.parts.state || self.autoreset == Autoreset::SameStep {
-            walked = self.simulation.outcomes(&rewards).to_vec();
-        }
-        if self.autoreset == Autoreset::SameStep {
-            self.restart(py, &mut walked, &info)?;
-        }
-        let state = of_lanes(py, &self.simulation, None, Some(&walked), self.parts)?;
-        info.update(state.as_mapping())?;
-        Ok((
-            self.observed(py)?,
-            PyArray1::from_vec(py, rewards),
-            PyArray1::from_vec(py, terminated),
-            PyArray1::from_vec(py, truncated),
-            info,
-        ))
+    fn step<'py>(slf: &Bound<'py, Self>, actions: &Bound<'py, PyAny>) -> PyResult<Stepped<'py>> {
+        used_alone(slf)?.take_step(slf.py(), actions)
     }
 
     /// Closes the environment.
-    fn close(&mut self) {
-        self.is_closed = true;
+    fn close(slf: &Bound<'_, Self>) -> PyResult<()> {
+        used_alone(slf)?.is_closed = true;
+        Ok(())
     }
 
-    fn __copy__(&self, py: Python<'_>) -> Lanes {
-        self.copied(py)
+    fn __copy__(slf: &Bound<'_, Self>) -> PyResult<Lanes> {
+        Ok(looked_at(slf)?.copied(slf.py()))
     }
 
-    fn __deepcopy__(&self, py: Python<'_>, _memo: &Bound<'_, PyAny>) -> Lanes {
-        self.copied(py)
+    fn __deepcopy__(slf: &Bound<'_, Self>, _memo: &Bound<'_, PyAny>) -> PyResult<Lanes> {
+        Lanes::__copy__(slf)
     }
 
     fn __reduce__<'py>(
         slf: &Bound<'py, Self>,
     ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, pyo3::types::PyTuple>)> {
-        let lanes = slf.borrow();
+        let lanes = looked_at(slf)?;
         let arguments = (
             lanes.declaration.clone_ref(slf.py()),
             lanes.count(),

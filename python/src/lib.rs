@@ -7,6 +7,7 @@
 mod declaration;
 mod errors;
 mod info;
+mod interrupt;
 mod lane;
 mod lanes;
 mod policy;
@@ -17,6 +18,8 @@ use pyo3::prelude::*;
 /// The native part of `jitai`; use the package, not this module.
 #[pymodule]
 mod _jitai {
+    use pyo3::prelude::*;
+
     #[pymodule_export]
     use crate::declaration::Declaration;
     #[pymodule_export]
@@ -30,4 +33,9 @@ mod _jitai {
 
     #[pymodule_export]
     const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        crate::interrupt::load_numpy(module.py())
+    }
 }

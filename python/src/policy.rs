@@ -72,6 +72,9 @@ struct Acting {
     numbers: Vec<f32>,
 }
 
+/// Number of rows between two looks at signals.
+const PART: usize = 1 << 14;
+
 /// The trained policy of a job.
 #[pyclass(frozen, module = "jitai._jitai")]
 pub(crate) struct TrainedPolicy {
@@ -88,6 +91,29 @@ impl TrainedPolicy {
 
     fn spec(&self) -> ObservationSpec {
         self.stored.job.task().observations()
+    }
+
+    /// Computes with all rows, a part of them at a time, between which Ctrl-C ends the call.
+    fn in_parts<T: Send>(
+        &self,
+        py: Python<'_>,
+        rows: Observations,
+        compute: impl Fn(&mut Acting, Observations) -> Vec<T> + Sync,
+    ) -> PyResult<Vec<T>> {
+        let count = rows.rows();
+        if count <= PART {
+            return Ok(py.detach(|| compute(&mut self.lock(), rows)));
+        }
+        let mut results = Vec::with_capacity(count);
+        for from in (0..count).step_by(PART) {
+            results.append(&mut py.detach(|| {
+                let mut part = self.spec().observations();
+                part.extend(&rows, from..count.min(from + PART));
+                compute(&mut self.lock(), part)
+            }));
+            py.check_signals()?;
+        }
+        Ok(results)
     }
 
     fn of_stored(stored: StoredWeights) -> PyResult<Self> {
@@ -148,17 +174,16 @@ impl TrainedPolicy {
         greedy: bool,
     ) -> PyResult<Bound<'py, PyArray1<i64>>> {
         let rows = read(&self.spec(), &observations)?;
-        let actions = py.detach(|| {
-            let mut acting = self.lock();
-            let Acting { given, as_trained, greedy: best, stream, actions, .. } = &mut *acting;
+        let actions = self.in_parts(py, rows, |acting, part| {
+            let Acting { given, as_trained, greedy: best, stream, actions, .. } = acting;
             actions.clear();
-            actions.resize(rows.rows(), Action::NONE);
-            given.statuses.resize(rows.rows(), EpisodeStatus::Running);
-            given.rows = rows;
+            actions.resize(part.rows(), Action::NONE);
+            given.statuses.resize(part.rows(), EpisodeStatus::Running);
+            given.rows = part;
             let actor = if greedy { best } else { as_trained };
             actor.act(given, stream, actions, None);
-            actions.iter().map(|action| action.index() as i64).collect::<Vec<_>>()
-        });
+            actions.iter().map(|action| action.index() as i64).collect()
+        })?;
         Ok(PyArray1::from_vec(py, actions))
     }
 
@@ -169,13 +194,12 @@ impl TrainedPolicy {
         observations: PyReadonlyArray2<'py, f32>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let rows = read(&self.spec(), &observations)?;
-        let values = py.detach(|| {
-            let mut acting = self.lock();
-            let Acting { network, numbers, .. } = &mut *acting;
-            network.evaluate(&rows, numbers);
-            numbers.clone()
-        });
-        PyArray1::from_vec(py, values).reshape([rows.rows(), Action::COUNT])
+        let count = rows.rows();
+        let values = self.in_parts(py, rows, |acting, part| {
+            acting.network.evaluate(&part, &mut acting.numbers);
+            acting.numbers.clone()
+        })?;
+        PyArray1::from_vec(py, values).reshape([count, Action::COUNT])
     }
 
     /// The probabilities of the actions, \[rows, actions\].

@@ -2,9 +2,11 @@
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, TryLockError};
+use std::thread;
+use std::time::Duration;
 
-use jitai::results::{Answer, QueryError, Reader, SqlValue};
+use jitai::results::{Answer, ColumnType, QueryError, Reader, SqlValue, exports};
 use jitai::store::StoreError;
 use numpy::PyArray1;
 use pyo3::exceptions::{
@@ -13,20 +15,50 @@ use pyo3::exceptions::{
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
 
+use crate::interrupt::interruptible;
+
 /// A store that is open for reading.
 #[pyclass(frozen, module = "jitai._jitai")]
 pub(crate) struct StoreReader(Mutex<Option<Reader>>);
 
 impl StoreReader {
-    fn lock(&self) -> MutexGuard<'_, Option<Reader>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Calls `work` with the reader. Ctrl-C ends a wait for another thread that uses the reader, and the
+    /// reader's query.
+    fn with<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&Reader) -> PyResult<T> + Send,
+    ) -> PyResult<T> {
+        let mut held = self.lock(py)?;
+        let reader = held.as_mut().ok_or_else(closed)?;
+        let interrupter = reader.interrupter();
+        interruptible(py, move || interrupter.interrupt(), move || work(reader))?
+    }
+
+    /// The reader, once no other thread uses it. Whoever holds it may wait for the interpreter, which
+    /// therefore must not be held while waiting.
+    fn lock(&self, py: Python<'_>) -> PyResult<MutexGuard<'_, Option<Reader>>> {
+        loop {
+            match self.0.try_lock() {
+                Ok(held) => return Ok(held),
+                Err(TryLockError::Poisoned(held)) => return Ok(held.into_inner()),
+                Err(TryLockError::WouldBlock) => py.detach(|| thread::sleep(PAUSE)),
+            }
+            py.check_signals()?;
+        }
     }
 }
+
+/// Interval of the attempts to get a reader that another thread uses.
+const PAUSE: Duration = Duration::from_millis(5);
 
 /// The exception for calls on a closed store.
 fn closed() -> PyErr {
     PyValueError::new_err("the store is closed; open it again with jitai.open")
 }
+
+/// The name and the kind of a column, its values, and which of them are NULL: `None` if none is.
+type PyColumn<'py> = (String, &'static str, Bound<'py, PyAny>, Option<Bound<'py, PyArray1<bool>>>);
 
 #[pymethods]
 impl StoreReader {
@@ -38,35 +70,45 @@ impl StoreReader {
 
     /// Whether the store has a view; stores of earlier versions lack newer views.
     fn has_view(&self, py: Python<'_>, name: &str) -> PyResult<bool> {
-        py.detach(|| match &*self.lock() {
-            Some(reader) => reader.has_view(name).map_err(store_error),
-            None => Err(closed()),
-        })
+        self.with(py, |reader| reader.has_view(name).map_err(store_error))
     }
 
-    /// The result of a query: name and values of every column, in order. Values are an array of integers,
-    /// or an array of floats with NaN for NULL, or a list.
-    fn columns<'py>(
+    /// The names of the experiments.
+    fn experiments(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        let manifests = self.with(py, |reader| reader.manifests().map_err(store_error))?;
+        Ok(manifests.into_iter().map(|(name, _)| name).collect())
+    }
+
+    /// The columns of a view, of one experiment or of all.
+    fn view<'py>(
         &self,
         py: Python<'py>,
-        sql: &str,
-    ) -> PyResult<Vec<(String, Bound<'py, PyAny>)>> {
-        let columns = py.detach(|| match &*self.lock() {
-            Some(reader) => answer(reader, sql),
-            None => Err(closed()),
-        })?;
-        columns.into_iter().map(|column| Ok((column.name, column.values.of_python(py)?))).collect()
+        name: &str,
+        experiment: Option<String>,
+    ) -> PyResult<Vec<PyColumn<'py>>> {
+        let experiments: Vec<String> = experiment.into_iter().collect();
+        let sql = exports(&experiments).find(|(view, _)| *view == name).map(|(_, sql)| sql);
+        self.columns(py, &sql.ok_or_else(|| PyValueError::new_err(format!("no view {name}")))?)
+    }
+
+    /// The columns of the answer to a query, in order. The values of a column of the kinds `integer` and
+    /// `real` are an array, with 0 and NaN for NULL; those of `text`, `bytes`, `mixed` and `null` are a list.
+    fn columns<'py>(&self, py: Python<'py>, sql: &str) -> PyResult<Vec<PyColumn<'py>>> {
+        let columns = self.with(py, |reader| answer(reader, sql))?;
+        columns.into_iter().map(|column| column.of_python(py)).collect()
     }
 
     /// Closes the file.
-    fn close(&self, py: Python<'_>) {
-        let reader = py.detach(|| self.lock().take());
-        drop(reader);
+    fn close(&self, py: Python<'_>) -> PyResult<()> {
+        let reader = self.lock(py)?.take();
+        py.detach(|| drop(reader));
+        Ok(())
     }
 
     #[getter]
     fn is_closed(&self) -> bool {
-        self.lock().is_none()
+        // A reader that another thread uses is open.
+        self.0.try_lock().is_ok_and(|reader| reader.is_none())
     }
 }
 
@@ -104,7 +146,10 @@ fn query_error(error: QueryError) -> PyErr {
 /// A column of a result.
 struct Column {
     name: String,
+    declared: ColumnType,
     values: Values,
+    /// Whether each value is NULL.
+    nulls: Vec<bool>,
 }
 
 /// A value of a column with several types.
@@ -128,10 +173,11 @@ impl From<SqlValue<'_>> for Cell {
     }
 }
 
-/// The values of a column, in the narrowest type that holds all values so far.
+/// The values of a column, in its declared type, or in the narrowest type that holds all values so far.
 enum Values {
-    /// NULLs only: their count.
-    Nulls(usize),
+    /// NULLs only, without a declared type.
+    Nulls,
+    /// Integers, with 0 for NULL.
     Integers(Vec<i64>),
     /// Floats, with NaN for NULL.
     Reals(Vec<f64>),
@@ -140,80 +186,96 @@ enum Values {
 
 /// Largest integer up to which all integers are exact as floats.
 const LARGEST_EXACT: i64 = 1 << 53;
+/// Number of values that become Python objects between two looks at signals.
+const CONVERTED: usize = 1 << 16;
 
 fn as_real(whole: i64) -> Option<f64> {
     (-LARGEST_EXACT..=LARGEST_EXACT).contains(&whole).then_some(whole as f64)
 }
 
-impl Values {
+impl Column {
+    fn new(name: &str, declared: ColumnType) -> Column {
+        let values = match declared {
+            ColumnType::Integer => Values::Integers(Vec::new()),
+            ColumnType::Real => Values::Reals(Vec::new()),
+            ColumnType::Text => Values::Cells(Vec::new()),
+            ColumnType::Several | ColumnType::Undeclared => Values::Nulls,
+        };
+        Column { name: name.to_owned(), declared, values, nulls: Vec::new() }
+    }
+
     fn push(&mut self, value: SqlValue<'_>) {
-        *self = match (std::mem::replace(self, Values::Nulls(0)), value) {
-            (Values::Nulls(count), SqlValue::Null) => Values::Nulls(count + 1),
-            (Values::Nulls(0), SqlValue::Integer(whole)) => Values::Integers(vec![whole]),
-            (Values::Nulls(count), SqlValue::Real(real)) => {
-                let mut reals = vec![f64::NAN; count];
-                reals.push(real);
-                Values::Reals(reals)
-            }
-            (Values::Integers(mut wholes), SqlValue::Integer(whole)) => {
-                wholes.push(whole);
-                Values::Integers(wholes)
-            }
-            (Values::Reals(mut reals), SqlValue::Real(real)) => {
-                reals.push(real);
-                Values::Reals(reals)
-            }
-            (Values::Reals(mut reals), SqlValue::Null) => {
-                reals.push(f64::NAN);
-                Values::Reals(reals)
-            }
-            (Values::Cells(mut cells), value) => {
-                cells.push(value.into());
-                Values::Cells(cells)
-            }
-            (values, value) => {
-                let mut cells = values.into_cells();
-                cells.push(value.into());
-                Values::Cells(cells)
-            }
+        let count = self.nulls.len();
+        self.nulls.push(value == SqlValue::Null);
+        self.values = match (std::mem::replace(&mut self.values, Values::Nulls), value) {
+            (Values::Nulls, SqlValue::Null) => Values::Nulls,
+            (Values::Nulls, SqlValue::Integer(whole)) => extended(vec![0; count], whole).into(),
+            (Values::Nulls, SqlValue::Real(real)) => extended(vec![f64::NAN; count], real).into(),
+            (Values::Integers(wholes), SqlValue::Integer(whole)) => extended(wholes, whole).into(),
+            (Values::Integers(wholes), SqlValue::Null) => extended(wholes, 0).into(),
+            (Values::Integers(wholes), SqlValue::Real(real)) => match self.reals_of(&wholes) {
+                Some(reals) => extended(reals, real).into(),
+                None => Values::Cells(extended(self.cells_of(wholes.into()), Cell::Real(real))),
+            },
+            (Values::Reals(reals), SqlValue::Real(real)) => extended(reals, real).into(),
+            (Values::Reals(reals), SqlValue::Null) => extended(reals, f64::NAN).into(),
+            (Values::Reals(reals), SqlValue::Integer(whole)) => match as_real(whole) {
+                Some(real) => extended(reals, real).into(),
+                None => Values::Cells(extended(self.cells_of(reals.into()), Cell::Integer(whole))),
+            },
+            (values, value) => Values::Cells(extended(self.cells_of(values), value.into())),
         };
     }
 
-    fn into_cells(self) -> Vec<Cell> {
-        match self {
-            Values::Nulls(count) => (0..count).map(|_| Cell::Null).collect(),
-            Values::Integers(wholes) => wholes.into_iter().map(Cell::Integer).collect(),
+    /// The integers as floats, with NaN for NULL; `None` if one of them is not exact.
+    fn reals_of(&self, wholes: &[i64]) -> Option<Vec<f64>> {
+        let pairs = wholes.iter().zip(&self.nulls);
+        pairs.map(|(whole, null)| if *null { Some(f64::NAN) } else { as_real(*whole) }).collect()
+    }
+
+    fn cells_of(&self, values: Values) -> Vec<Cell> {
+        let or_null = |(cell, null): (Cell, &bool)| if *null { Cell::Null } else { cell };
+        match values {
+            Values::Nulls => self.nulls[1..].iter().map(|_| Cell::Null).collect(),
+            Values::Integers(wholes) => {
+                wholes.into_iter().map(Cell::Integer).zip(&self.nulls).map(or_null).collect()
+            }
             Values::Reals(reals) => {
-                let cell = |real: f64| if real.is_nan() { Cell::Null } else { Cell::Real(real) };
-                reals.into_iter().map(cell).collect()
+                reals.into_iter().map(Cell::Real).zip(&self.nulls).map(or_null).collect()
             }
             Values::Cells(cells) => cells,
         }
     }
 
-    /// Mixed integers, floats and NULLs as floats, if all integers are exact.
-    fn narrowed(self) -> Self {
-        let Values::Cells(cells) = self else { return self };
-        let real = |cell: &Cell| match cell {
-            Cell::Null => Some(f64::NAN),
-            Cell::Integer(whole) => as_real(*whole),
-            Cell::Real(real) => Some(*real),
-            Cell::Text(_) | Cell::Blob(_) => None,
+    /// The kind of the values, for the data frame.
+    fn kind(&self) -> &'static str {
+        let all = |fits: fn(&Cell) -> bool, cells: &[Cell]| {
+            cells.iter().all(|cell| matches!(cell, Cell::Null) || fits(cell))
         };
-        match cells.iter().map(real).collect::<Option<Vec<f64>>>() {
-            Some(reals) => Values::Reals(reals),
-            None => Values::Cells(cells),
+        match &self.values {
+            Values::Nulls if self.declared == ColumnType::Several => "text",
+            Values::Nulls => "null",
+            Values::Integers(_) => "integer",
+            Values::Reals(_) => "real",
+            Values::Cells(cells) if all(|cell| matches!(cell, Cell::Text(_)), cells) => "text",
+            Values::Cells(cells) if all(|cell| matches!(cell, Cell::Blob(_)), cells) => "bytes",
+            Values::Cells(_) => "mixed",
         }
     }
 
-    fn of_python(self, py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
-        Ok(match self.narrowed() {
-            Values::Nulls(count) => PyList::new(py, (0..count).map(|_| py.None()))?.into_any(),
+    fn of_python(self, py: Python<'_>) -> PyResult<PyColumn<'_>> {
+        let kind = self.kind();
+        let nulls = self.nulls.contains(&true).then(|| PyArray1::from_slice(py, &self.nulls));
+        let values = match self.values {
+            Values::Nulls => PyList::new(py, self.nulls.iter().map(|_| py.None()))?.into_any(),
             Values::Integers(wholes) => PyArray1::from_vec(py, wholes).into_any(),
             Values::Reals(reals) => PyArray1::from_vec(py, reals).into_any(),
             Values::Cells(cells) => {
                 let list = PyList::empty(py);
-                for cell in cells {
+                for (row, cell) in cells.into_iter().enumerate() {
+                    if row % CONVERTED == 0 {
+                        py.check_signals()?;
+                    }
                     match cell {
                         Cell::Null => list.append(py.None())?,
                         Cell::Integer(whole) => list.append(whole)?,
@@ -224,8 +286,27 @@ impl Values {
                 }
                 list.into_any()
             }
-        })
+        };
+        Ok((self.name, kind, values, nulls))
     }
+}
+
+impl From<Vec<i64>> for Values {
+    fn from(wholes: Vec<i64>) -> Self {
+        Values::Integers(wholes)
+    }
+}
+
+impl From<Vec<f64>> for Values {
+    fn from(reals: Vec<f64>) -> Self {
+        Values::Reals(reals)
+    }
+}
+
+/// The values and one more.
+fn extended<T>(mut values: Vec<T>, last: T) -> Vec<T> {
+    values.push(last);
+    values
 }
 
 fn answer(reader: &Reader, sql: &str) -> PyResult<Vec<Column>> {
@@ -234,13 +315,13 @@ fn answer(reader: &Reader, sql: &str) -> PyResult<Vec<Column>> {
         .query(sql, |part| {
             match part {
                 Answer::Columns(names) => {
-                    let column =
-                        |name: &&str| Column { name: (*name).to_owned(), values: Values::Nulls(0) };
-                    columns = names.iter().map(column).collect();
+                    let types = reader.column_types(sql, names.len());
+                    let pairs = names.iter().zip(types);
+                    columns = pairs.map(|(name, kind)| Column::new(name, kind)).collect();
                 }
                 Answer::Row(values) => {
                     let pairs = columns.iter_mut().zip(values);
-                    pairs.for_each(|(column, value)| column.values.push(*value));
+                    pairs.for_each(|(column, value)| column.push(*value));
                 }
             }
             ControlFlow::Continue(())

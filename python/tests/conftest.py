@@ -68,6 +68,31 @@ record_decisions = "test"
 """
 
 
+# An experiment without learning curves, decisions, participants and failures.
+PLAIN = """\
+format = 1
+name = "plain"
+scenarios = ["P-H-D"]
+seeds = 1
+environment.sigma = 0.6
+evaluation.test_episodes = 5
+[[agent]]
+name = "tailored"
+algorithm = "rule"
+rule = "tailored"
+"""
+
+
+@pytest.fixture(scope="session")
+def plain(tmp_path_factory) -> Path:
+    """A store with one completed job of a rule."""
+    folder = tmp_path_factory.mktemp("plain")
+    (folder / "plain.toml").write_text(PLAIN)
+    ran = run("run", "plain.toml", "--quiet", cwd=folder)
+    assert ran.returncode == 0, ran.stderr
+    return folder / "jitai.sqlite"
+
+
 @pytest.fixture(scope="session")
 def store(tmp_path_factory) -> Path:
     """A store with 16 completed jobs of three kinds of agents."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import sqlite3
@@ -132,7 +133,7 @@ job = external.connect()
 env = jitai.make(**job.environment())
 returns, lengths, ends = [], [], []
 for _ in range(job.left):
-    env.reset(seed=job.seed if not returns else None)
+    env.reset(seed=job.seed + 2**32 if not returns else None)
     total, length, done = 0.0, 0, False
     while not done:
         _, reward, terminated, truncated, info = env.step(1)
@@ -148,6 +149,172 @@ job.test(lambda seen: [1] * len(seen))
     means = rows(tmp_path, "SELECT avg(value) FROM learning_curve WHERE metric = 'mean_return'")
     tested = rows(tmp_path, "SELECT avg(mean_return) FROM run_summary WHERE agent = 'outside'")
     assert means[0][0] == pytest.approx(tested[0][0], rel=0.2)
+
+
+UNPAID = MANIFEST.replace(
+    "environment.sigma = 0.4",
+    "environment.sigma = 0.4\nenvironment.horizon = 7\nenvironment.unpaid_last_step = true",
+)
+
+
+def test_episodes_with_an_unpaid_last_step_are_reported(tmp_path):
+    program = """
+import jitai
+from jitai import external
+job = external.connect()
+assert (job.horizon, job.longest_episode) == (7, 8)
+env = jitai.make(**job.environment())
+assert env.spec.max_episode_steps == job.longest_episode
+env.reset(seed=5)
+total, length, done = 0.0, 0, False
+while not done:
+    _, _, terminated, truncated, info = env.step(0)
+    total, length, done = total + info["steps_walked"], length + 1, terminated or truncated
+assert length == 8
+job.report([total], [length], [terminated])
+job.test(lambda seen: [0] * len(seen))
+"""
+    ran = with_program(tmp_path, program, UNPAID)
+    assert ran.returncode == 0, ran.stderr + str(rows(tmp_path, "SELECT failure_message FROM run_summary"))
+    lengths = "SELECT DISTINCT value FROM learning_curve WHERE metric = 'mean_length'"
+    assert rows(tmp_path, lengths) == [(8.0,)]
+    too_long = program.replace("[length], [terminated]", "[length + 1], [terminated]")
+    (tmp_path / "jitai.sqlite").unlink()
+    assert with_program(tmp_path, too_long, UNPAID).returncode == 1
+    assert "`lengths`: expected 1 to 8 steps, found 9" in failure(tmp_path)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_vector_environment_of_a_job_reports_the_longest_episodes(tmp_path, seed):
+    pytest.importorskip("stable_baselines3")
+    program = """
+import numpy as np
+from jitai import external
+job = external.connect()
+lanes = job.vec_env(4)
+assert job.seed not in lanes.seed()
+lanes.reset()
+while job.left:
+    _, _, done, infos = lanes.step(np.zeros(4, int))
+    assert not infos[0] or done[0]
+job.test(lambda seen: [0] * len(seen))
+"""
+    ran = with_program(tmp_path, program, UNPAID.replace("seeds = 2", f"seeds = [{seed}]"))
+    assert ran.returncode == 0, ran.stderr
+    lengths = "SELECT DISTINCT value FROM learning_curve WHERE metric = 'mean_length'"
+    assert rows(tmp_path, lengths) == [(8.0,)]
+
+
+def test_texts_are_utf_8_whatever_the_locale(tmp_path):
+    program = """
+import sys
+from jitai import external
+job = external.connect()
+word = job.parameters["word"]
+print(word)
+print(word, file=sys.stderr)
+assert [ord(letter) for letter in word] == [0xE9, 0x4F60, 0x1F600], ascii(word)
+job.test(lambda seen: [0] * len(seen))
+raise SystemExit(word)
+"""
+    word = "\u00e9\u4f60\U0001f600"
+    text = MANIFEST.replace("epsilon = 0.2", f'word = "{word}"')
+    (tmp_path / "small.toml").write_text(text.format(python=sys.executable), encoding="utf-8")
+    (tmp_path / "program.py").write_text(program)
+    locale = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "PYTHONIOENCODING": "ascii"}
+    ran = run("run", "small.toml", cwd=tmp_path, env={**os.environ, **locale})
+    assert ran.returncode == 0, ran.stderr + str(rows(tmp_path, "SELECT failure_message FROM run_summary"))
+    # A failure shows the program's standard error.
+    (tmp_path / "program.py").write_text(program.replace("job.test", "raise ValueError(word)#"))
+    (tmp_path / "jitai.sqlite").unlink()
+    ran = run("run", "small.toml", cwd=tmp_path, env={**os.environ, **locale})
+    assert ran.returncode == 1 and f"ValueError: {word}" in failure(tmp_path)
+
+
+def test_children_of_a_program_read_an_empty_standard_input(tmp_path):
+    program = """
+import os, subprocess, sys
+from jitai import external
+job = external.connect()
+assert subprocess.run(["cat"], stdout=subprocess.PIPE).stdout == b""
+assert os.system("cat") == 0
+assert sys.stdin.read() == ""
+try:
+    external.connect()
+except external.ProtocolError as error:
+    assert "called before" in str(error)
+else:
+    raise AssertionError
+job.test(lambda seen: [0] * len(seen))
+"""
+    # Without the limit, a child that waits for input would wait forever.
+    text = MANIFEST.replace("seeds = 2", "seeds = 2\ntime_limit_seconds = 20")
+    ran = with_program(tmp_path, program, text)
+    assert ran.returncode == 0, ran.stderr + str(rows(tmp_path, "SELECT failure_message FROM run_summary"))
+
+
+def test_a_long_report_is_several_messages(tmp_path):
+    program = """
+from jitai import external
+job = external.connect()
+count = 100_000
+try:
+    job.report([1.0] * 3, [1, 2], [False] * 3)
+except ValueError as error:
+    assert "one entry per episode" in str(error)
+else:
+    raise AssertionError
+job.report([1 / 3 + i for i in range(count)], [50] * count, [False] * count)
+job.report(2.0, 7, True)
+job.report([], [], [])
+assert job.left == 0 and job.begun == count + 1
+job.test(lambda seen: [0] * len(seen))
+"""
+    text = MANIFEST.replace("episodes = 40", "episodes = 100001").replace(
+        "curve_stride = 8", "curve_stride = 1000"
+    )
+    ran = with_program(tmp_path, program, text)
+    assert ran.returncode == 0, ran.stderr + str(rows(tmp_path, "SELECT failure_message FROM run_summary"))
+    curve = "SELECT max(episode) FROM learning_curve WHERE metric = 'mean_return'"
+    assert rows(tmp_path, curve) == [(100001,)]
+
+
+def test_lines_of_jitai_are_as_long_as_their_observations(tmp_path):
+    program = """
+from jitai import external
+job = external.connect(lanes=2000)
+assert job.reset().shape == (2000, 303)
+sizes = []
+job.test(lambda seen: sizes.append(seen.shape) or [0] * len(seen))
+assert sizes[0] == (1000, 303), sizes[0]
+"""
+    text = MANIFEST.replace("environment.sigma = 0.4", "environment.sigma = 0.4\nenvironment.horizon = 300\n"
+                            "environment.time_one_hot = true").replace("episodes = 40", "episodes = 2000")
+    ran = with_program(tmp_path, program, text.replace("test_episodes = 50", "test_episodes = 1000"))
+    assert ran.returncode == 0, ran.stderr + str(rows(tmp_path, "SELECT failure_message FROM run_summary"))
+
+
+def test_a_seed_of_a_job_meets_the_people_of_its_test(tmp_path):
+    """As docs/external.md warns."""
+    people = "population.epsilon_d = {{ uniform = [0.2, 0.6] }}\n[["
+    program = """
+import jitai
+from jitai import external
+job = external.connect()
+env = jitai.make(**job.environment())
+met = [env.reset(seed=job.seed if i == 0 else None)[1]["participant"]["epsilon_d"] for i in range(5)]
+open(f"met{job.seed}", "w").write(repr(met))
+job.test(lambda seen: [0] * len(seen))
+"""
+    text = MANIFEST.replace("[[", people, 1)
+    ran = with_program(tmp_path, program, text)
+    assert ran.returncode == 0, ran.stderr
+    for seed in (1, 2):
+        sql = (
+            "SELECT value FROM participant JOIN run_summary USING (job_key)"
+            f" WHERE agent = 'rule' AND seed = {seed} AND phase = 'test' ORDER BY episode LIMIT 5"
+        )
+        assert [row[0] for row in rows(tmp_path, sql)] == eval((tmp_path / f"met{seed}").read_text())
 
 
 def shipped(folder, agents: str, *options: str):
@@ -171,6 +338,17 @@ def test_the_linear_bandit_in_numpy_fares_like_ours(tmp_path):
     assert report.returncode == 0, report.stderr
     page = (tmp_path / "report" / "index.html").read_text()
     assert "numpy_bandit" in page and "linear_thompson" in page
+
+
+def test_the_ppo_of_stable_baselines_trains_on_the_shipped_preset(tmp_path):
+    pytest.importorskip("torch")
+    pytest.importorskip("stable_baselines3")
+    shutil.copy(SHIPPED / "sb3_ppo.py", tmp_path / "program.py")
+    text = MANIFEST.replace('name = "small"', 'name = "small"\nextends = "step_count_jitai"').replace(
+        "epsilon = 0.2", "learning_rate = 1e-3"
+    )
+    ran = with_program(tmp_path, (SHIPPED / "sb3_ppo.py").read_text(), text)
+    assert ran.returncode == 0, ran.stderr + str(rows(tmp_path, "SELECT failure_message FROM run_summary"))
 
 
 def test_the_ppo_of_stable_baselines_beats_tailored_messages(tmp_path):

@@ -129,6 +129,18 @@ def test_masks_say_which_actions_differ_from_none():
     assert seen == {True, False}
 
 
+def test_a_budget_as_large_as_the_horizon_can_be_spent_before_an_unpaid_step():
+    env = jitai.make(
+        sigma=0.6, horizon=3, message_budget=3, unpaid_last_step=True, epsilon_d=0.0, delta_d=0.0
+    )
+    _, info = env.reset(seed=1)
+    seen = [info["action_mask"].sum()]
+    for _ in range(3):
+        seen.append(env.step(1)[4]["action_mask"].sum())
+    assert seen == [4, 4, 4, 1]
+    assert "action_mask" not in jitai.make(sigma=0.6, horizon=3, message_budget=3).reset(seed=1)[1]
+
+
 def test_the_reward_is_less_the_cost_and_the_steps_are_not():
     env = jitai.make(sigma=0.6, message_cost=5.0)
     env.reset(seed=1)
@@ -149,6 +161,66 @@ def test_render_modes(capsys):
     env.step(2)
     assert env.render() is None
     assert capsys.readouterr().out.count("\n") == 2
+
+
+@pytest.mark.parametrize("mode", ["rgb_array", "rgb_array_list", "100 %s", 3])
+def test_an_unknown_render_mode_is_one_warning(mode):
+    for make in (
+        lambda: gymnasium.make(ID, sigma=0.6, render_mode=mode),
+        lambda: jitai.StepCountEnv(sigma=0.6, render_mode=mode),
+        lambda: gymnasium.make_vec(ID, num_envs=2, sigma=0.6, render_mode=mode),
+    ):
+        with pytest.warns(UserWarning, match="renders nothing") as warned:
+            env = make()
+        assert len(warned) == 1
+        env.reset(seed=1)
+        assert env.unwrapped.render_mode is None and env.unwrapped.render() is None
+
+
+def test_an_id_alone_makes_an_environment():
+    assert gymnasium.make(ID).unwrapped.declaration.keys["sigma"] == 0.4
+    assert gymnasium.make_vec(ID, num_envs=2).unwrapped.declaration.keys["sigma"] == 0.4
+    for keywords in ({"horizon": 20}, {"scenario": "C"}, {"extends": "step_count_jitai"}):
+        with pytest.raises(ValueError, match="missing key `sigma`"):
+            jitai.make(**keywords)
+
+
+@pytest.mark.parametrize(
+    ("keywords", "longest"),
+    [({}, 50), ({"horizon": 7}, 7), ({"horizon": 7, "unpaid_last_step": True}, 8),
+     ({"extends": "step_count_jitai"}, 51)],
+)  # fmt: skip
+def test_the_spec_has_the_longest_episode(keywords, longest):
+    env = jitai.make(sigma=0.6, delta_d=0.5, **keywords)
+    envs = jitai.make_vec(2, sigma=0.6, **keywords)
+    assert env.spec.max_episode_steps == envs.spec.max_episode_steps == longest
+    assert env.unwrapped.declaration.longest_episode == longest
+    assert gymnasium.spec(ID).max_episode_steps is None
+    for made in (env, gymnasium.make(env.spec)):
+        made.reset(seed=1)
+        steps = 1
+        while not made.step(0)[3]:
+            steps += 1
+        assert steps == longest
+    assert gymnasium.make_vec(envs.spec).spec.max_episode_steps == longest
+    with pytest.raises(ValueError, match=f"max_episode_steps: .* {longest} steps"):
+        gymnasium.make_vec(ID, num_envs=2, sigma=0.6, max_episode_steps=3, **keywords)
+
+
+def test_the_method_for_masks_is_the_mask_in_info():
+    env = jitai.make(sigma=0.6, availability=0.5, message_budget=2)
+    with pytest.raises(gymnasium.error.ResetNeeded, match="reset"):
+        env.unwrapped.action_masks()
+    _, info = env.reset(seed=4)
+    for _ in range(10):
+        masks = env.unwrapped.action_masks()
+        assert masks.dtype == bool and np.array_equal(masks, info["action_mask"] == 1)
+        _, _, terminated, truncated, info = env.step(1)
+        if terminated or truncated:
+            break
+    env = jitai.make(sigma=0.6)
+    env.reset(seed=1)
+    assert env.unwrapped.action_masks().all()
 
 
 @pytest.mark.parametrize("keywords", KEYWORDS)
@@ -201,7 +273,6 @@ def test_a_seed_is_chosen_where_none_is_given():
         ({"sigma": float("nan")}, "`sigma`"),
         ({"sigma": 0.6, "agent": {"name": "a"}}, "unknown key `agent` in [environment]"),
         ({"sigma": {"from": 0.1, "to": 0.3, "step": 0.1}}, "one value, not a sweep"),
-        ({"sigma": 0.6, "render_mode": "rgb_array"}, "render_mode: expected ansi or human"),
     ],
 )
 def test_keywords_get_the_messages_of_a_manifest(keywords, message):

@@ -34,16 +34,88 @@ def test_a_frame_has_the_rows_of_its_view(store, method, frames):
     with jitai.open(store, frames=frames) as results:
         frame = getattr(results, method)()
         of_experiment = getattr(results, method)("small")
-        of_none = getattr(results, method)("o'nobody")
     if frames == "polars":
         assert isinstance(frame, polars.DataFrame)
-        frame, of_experiment, of_none = (f.to_pandas() for f in (frame, of_experiment, of_none))
+        frame, of_experiment = (f.to_pandas() for f in (frame, of_experiment))
     with sqlite3.connect(f"file:{store}?mode=ro", uri=True) as connection:
         columns = [row[1] for row in connection.execute(f"PRAGMA table_info({view})")]
         rows = connection.execute(f"SELECT count(*) FROM {view}").fetchone()[0]
     assert list(frame.columns) == columns
     assert len(frame) == len(of_experiment) == rows > 0
-    assert len(of_none) == 0
+
+
+@pytest.mark.parametrize("method", VIEWS)
+@pytest.mark.parametrize("frames", ["pandas", "polars"])
+def test_an_experiment_that_the_store_lacks_is_an_error(store, method, frames):
+    with jitai.open(store, frames=frames) as results:
+        with pytest.raises(ValueError, match=r"no experiment `smal` \(did you mean `small`\?\); it has small"):
+            getattr(results, method)("smal")
+        with pytest.raises(ValueError, match="no experiment `o'nobody`; it has small"):
+            getattr(results, method)("o'nobody")
+        with pytest.raises(TypeError, match="the name of an experiment, found 3"):
+            getattr(results, method)(3)
+
+
+@pytest.mark.parametrize("frames", ["pandas", "polars"])
+def test_a_frame_without_values_has_the_types_of_one_with_values(store, plain, frames):
+    # `used_until` and the failures are NULL in both.
+    with jitai.open(store, frames=frames) as results, jitai.open(plain, frames=frames) as others:
+        empty = []
+        for method in VIEWS:
+            full, bare = getattr(results, method)(), getattr(others, method)("plain")
+            assert list(full.columns) == list(bare.columns)
+            assert list(full.dtypes) == list(bare.dtypes), method
+            empty += [method] if len(bare) == 0 else []
+        assert empty == ["curves", "decisions", "participants"]
+        both = results.query("SELECT * FROM metric"), others.query("SELECT * FROM metric WHERE false")
+        assert list(both[0].dtypes) == list(both[1].dtypes)
+    if frames == "polars":
+        joined = results_of(plain, "polars").runs().join(
+            results_of(plain, "polars").participants(), on="job_key", how="left"
+        )
+        assert joined["value"].dtype == polars.Float64 and joined["value"].null_count() == 1
+        stacked = polars.concat([results_of(path, "polars").runs() for path in (store, plain)])
+        assert stacked["failure_kind"].dtype == polars.String and len(stacked) == 17
+
+
+def results_of(path, frames):
+    return jitai.open(path, frames=frames)
+
+
+def test_null_is_null_in_polars(store):
+    results = results_of(store, "polars")
+    sql = "SELECT 1.5 AS real, 7 AS whole, 'a' AS text, x'00' AS bytes UNION ALL SELECT NULL, NULL, NULL, NULL"
+    frame = results.query(sql)
+    assert frame.null_count().row(0) == (1, 1, 1, 1)
+    assert frame["real"].mean() == 1.5 and frame["whole"].mean() == 7
+    assert frame.dtypes == [polars.Float64, polars.Int64, polars.String, polars.Binary]
+    large = results.query("SELECT 9007199254740993 AS a UNION ALL SELECT NULL")
+    assert large["a"].to_list() == [9007199254740993, None]
+    mixed = results.query("SELECT 1 AS a UNION ALL SELECT 'b' UNION ALL SELECT NULL UNION ALL SELECT x'00ff'")
+    assert mixed["a"].to_list() == ["1", "b", None, "x'00ff'"]
+    wide = results.parameters(wide=True)
+    assert wide["agent.learning_rate"].null_count() == 4 and wide["agent.learning_rate"].mean() < 1
+
+
+def test_columns_of_a_query_have_their_declared_types(store):
+    sql = "SELECT r.mean_return AS m, r.attempt, r.failure_kind, r.sigma FROM run_summary AS r"
+    for frames in ("pandas", "polars"):
+        with jitai.open(store, frames=frames) as results:
+            some = results.query(sql)
+            none = results.query(f"{sql} WHERE false")
+            assert list(some.dtypes) == list(none.dtypes)
+    assert none.dtypes == [polars.Float64, polars.Int64, polars.String, polars.Float64]
+
+
+@pytest.mark.parametrize("frames", ["pandas", "polars"])
+def test_a_name_that_occurs_again_gets_a_number(store, frames):
+    with jitai.open(store, frames=frames) as results:
+        frame = results.query("SELECT 1 AS value, 2 AS value, 3 AS other, 4 AS Value")
+        assert list(frame.columns) == ["value", "value_2", "other", "Value_3"]
+        values = frame.to_numpy().tolist()
+        assert values == [[1, 2, 3, 4]]
+        join = "SELECT * FROM run_summary JOIN metric AS a USING (job_key) JOIN metric AS b USING (job_key)"
+        assert list(results.query(join).columns)[-4:] == ["name", "value", "name_2", "value_2"]
 
 
 def test_columns_have_types(store):
@@ -53,7 +125,7 @@ def test_columns_have_types(store):
         assert runs.mean_return.dtype == np.float64 and runs.seed.dtype == np.int64
         assert isinstance(runs.started_at.dtype, pandas.DatetimeTZDtype)
         assert (runs.ended_at >= runs.started_at).all()
-        # A rule has no learning curve; a column with only NULLs has no type.
+        # A rule has no learning curve.
         assert runs.failure_kind.isna().all()
         curves = results.curves()
         assert set(curves.metric) >= {"mean_return", "epsilon"}

@@ -71,6 +71,61 @@ def test_the_adapter_equals_single_environments_with_a_monitor(keywords):
     ours.close()
 
 
+@pytest.mark.parametrize(
+    "keywords",
+    [
+        {"sigma": 0.6},
+        {"sigma": 0.4, "availability": 0.5, "scenario": "P-H-D-A"},
+        {"sigma": 0.6, "population": {"epsilon_d": {"uniform": [0.2, 0.6]}}},
+    ],
+)
+def test_infos_have_the_state_if_they_should(keywords):
+    from stable_baselines3.common.monitor import Monitor
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
+    ours = jitai.sb3.VecEnv(3, state_in_info=True, **keywords)
+    theirs = DummyVecEnv([lambda: Monitor(jitai.StepCountEnv(**keywords))] * 3)
+    # The time and the lanes' own arrays differ.
+    of_monitor = ("episode", "terminal_observation", "TimeLimit.truncated")
+    for envs in (ours, theirs):
+        envs.seed(7)
+        envs.reset()
+    assert_same_infos(ours.reset_infos, theirs.reset_infos, of_monitor)
+    chance = np.random.default_rng(0)
+    ends = 0
+    for _ in range(120):
+        actions = chance.integers(0, 4, 3)
+        mine, other = ours.step(actions), theirs.step(actions)
+        assert_same_infos(mine[3], other[3], of_monitor)
+        assert_same_infos(ours.reset_infos, theirs.reset_infos, of_monitor)
+        ends += mine[2].sum()
+    assert ends > 3
+    assert jitai.sb3.VecEnv(3, **keywords).env.reset(seed=1)[1].keys() <= {"action_mask", "_action_mask"}
+
+
+def assert_same_infos(ours, theirs, left_out):
+    for mine, other in zip(ours, theirs, strict=True):
+        kept = [{n: v for n, v in info.items() if n not in left_out} for info in (mine, other)]
+        assert kept[0].keys() == kept[1].keys() and len(kept[0]) >= 8
+        for name, value in kept[0].items():
+            assert type(value) is type(kept[1][name]), name
+            assert np.all(value == kept[1][name]), name
+
+
+@pytest.mark.filterwarnings("ignore:.*renders nothing")
+def test_environments_are_made_by_their_id():
+    from stable_baselines3.common.env_util import make_vec_env
+
+    envs = make_vec_env("jitai/StepCount-v0", n_envs=2, env_kwargs={"sigma": 0.6, "horizon": 9})
+    assert envs.reset().shape == (2, 3)
+    assert [spec.max_episode_steps for spec in envs.get_attr("spec")] == [9, 9]
+    assert [masks.tolist() for masks in envs.env_method("action_masks")] == [[True] * 4] * 2
+    PPO("MlpPolicy", envs, n_steps=8, batch_size=16, device="cpu").learn(16)
+    model = PPO("MlpPolicy", "jitai/StepCount-v0", n_steps=16, batch_size=16, device="cpu")
+    model.learn(16)
+    assert model.get_env().get_attr("declaration")[0].keys["sigma"] == 0.4
+
+
 # Test returns of jitai's agents with the same budget: the minimum and the maximum over ten seeds of DQN,
 # with both kinds of targets, and of REINFORCE; `jitai run learning.toml` in this folder trains them. Means
 # over 200 other episodes differ by up to 10 steps.

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import copy
 import operator
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
+from gymnasium import logger, spaces
+from gymnasium.envs.registration import EnvSpec
 
 from jitai._jitai import Declaration
 
@@ -51,6 +53,26 @@ def observation_space(declaration: Declaration) -> spaces.Box:
     """The space of one observation."""
     _, low, high = zip(*declaration.entries, strict=True)
     return spaces.Box(np.array(low, np.float32), np.array(high, np.float32), dtype=np.float32)
+
+
+def known_render_mode(render_mode: Any, known: Sequence[str]) -> str | None:
+    """The render mode; ``None``, with a warning, if it is not among the known ones.
+
+    Stable-Baselines3 asks every environment for ``rgb_array``.
+    """
+    if render_mode is None or render_mode in known:
+        return render_mode
+    modes = " and ".join(known) or "no render modes"
+    logger.warn("render_mode=%r: the environment has %s, and renders nothing", render_mode, modes)
+    return None
+
+
+def with_longest_episode(spec: EnvSpec | None, declaration: Declaration) -> EnvSpec | None:
+    """The spec of an environment, with the maximum number of steps of its episodes."""
+    if spec is not None:
+        spec = copy.copy(spec)
+        spec.max_episode_steps = declaration.longest_episode
+    return spec
 
 
 def checked_seed(seed: Any) -> int:

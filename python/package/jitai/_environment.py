@@ -10,8 +10,16 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
 
-from jitai._declaration import checked_seed, chosen_seed, declare, observation_space
+from jitai._declaration import (
+    checked_seed,
+    chosen_seed,
+    declare,
+    known_render_mode,
+    observation_space,
+    with_longest_episode,
+)
 from jitai._jitai import Declaration, Lane
 
 
@@ -24,6 +32,7 @@ class StepCountEnv(gymnasium.Env[npt.NDArray[np.float32], np.int64]):
     """
 
     metadata: dict[str, Any] = {"render_modes": ["ansi", "human"], "render_fps": 10}
+    _spec: EnvSpec | None = None
 
     def __init__(
         self,
@@ -36,15 +45,21 @@ class StepCountEnv(gymnasium.Env[npt.NDArray[np.float32], np.int64]):
         state_in_info: bool = True,
         **keys: Any,
     ) -> None:
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            modes = " or ".join(self.metadata["render_modes"])
-            raise ValueError(f"render_mode: expected {modes}, found {render_mode!r}")
         #: The declaration of the environment: scenario, keys and entries of an observation.
         self.declaration: Declaration = declare(scenario, extends, manifest, environment, keys)
         self.observation_space = observation_space(self.declaration)  # type: ignore[assignment]
         self.action_space = spaces.Discrete(4)
-        self.render_mode = render_mode
+        self.render_mode = known_render_mode(render_mode, self.metadata["render_modes"])
         self._lane = Lane(self.declaration, bool(state_in_info))
+
+    @property
+    def spec(self) -> EnvSpec | None:  # type: ignore[override]
+        """The specification by which Gymnasium made the environment, with its longest episode."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = with_longest_episode(spec, self.declaration)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -71,6 +86,10 @@ class StepCountEnv(gymnasium.Env[npt.NDArray[np.float32], np.int64]):
         if self.render_mode == "human":
             print(self._lane.line())
         return result
+
+    def action_masks(self) -> npt.NDArray[np.bool_]:
+        """Whether each action can be taken now; ``MaskablePPO`` asks for it."""
+        return np.array(self._lane.action_masks(), np.bool_)
 
     def render(self) -> str | None:
         """The current step as a line of text, in the mode ``ansi``."""

@@ -12,6 +12,9 @@ if TYPE_CHECKING:
 
 #: The id of the environment in Gymnasium.
 ENVIRONMENT_ID = "jitai/StepCount-v0"
+#: The noise of the context feature where an environment is made by its id alone, as Stable-Baselines3 makes
+#: the environment of ``PPO("MlpPolicy", id)``: the value with which StepCountJITAI's code makes its own.
+SIGMA = 0.4
 
 
 def register() -> None:
@@ -20,12 +23,39 @@ def register() -> None:
         return
     gymnasium.register(
         id=ENVIRONMENT_ID,
-        entry_point="jitai._environment:StepCountEnv",
-        vector_entry_point="jitai._vector:StepCountVectorEnv",
+        entry_point="jitai._registration:single",
+        vector_entry_point="jitai._registration:vector",
         # The environment itself rejects calls in the wrong order, and its tests replace the checker.
         order_enforce=False,
         disable_env_checker=True,
     )
+
+
+def single(**keywords: Any) -> StepCountEnv:
+    """The entry point of ``gymnasium.make``."""
+    from jitai._environment import StepCountEnv
+
+    return StepCountEnv(**_declared(keywords))
+
+
+def vector(max_episode_steps: int | None = None, **keywords: Any) -> StepCountVectorEnv:
+    """The entry point of ``gymnasium.make_vec``, which passes the ``max_episode_steps`` of a spec."""
+    from jitai._vector import StepCountVectorEnv
+
+    envs = StepCountVectorEnv(**_declared(keywords))
+    longest = envs.declaration.longest_episode
+    if max_episode_steps not in (None, longest):
+        raise ValueError(
+            f"max_episode_steps: the episodes of lanes have {longest} steps; set horizon instead"
+        )
+    return envs
+
+
+def _declared(keywords: dict[str, Any]) -> dict[str, Any]:
+    """The keywords; with a sigma if none of them declares an environment."""
+    of_gymnasium = ("render_mode", "num_envs", "autoreset_mode", "state_in_info")
+    is_bare = all(name in of_gymnasium for name in keywords)
+    return {"sigma": SIGMA, **keywords} if is_bare else keywords
 
 
 def make(**keywords: Any) -> StepCountEnv:

@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib.util
 import os
 from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from jitai._jitai import StoreReader
 
 #: Columns with instants, which the store holds as text in UTC.
 _INSTANTS = ("started_at", "ended_at", "used_from", "used_until")
+#: Largest integer up to which all integers are exact as reals.
+_LARGEST_EXACT = 2**53
 
-#: Views that name the experiment; the others name the job.
-_WITH_EXPERIMENT = ("run_summary", "arm_summary", "manifest")
+
+class _Column(NamedTuple):
+    """A column, as :class:`StoreReader` gives it."""
+
+    name: str
+    #: ``integer`` and ``real`` have arrays; ``text``, ``bytes``, ``mixed`` and ``null`` have lists.
+    kind: str
+    values: Any
+    #: Which values are NULL; ``None`` if none is.
+    nulls: npt.NDArray[np.bool_] | None
 
 
 def open(  # noqa: A001
@@ -31,8 +43,9 @@ def open(  # noqa: A001
 class Store:
     """A store that is open for reading. Every call reads the last committed state.
 
-    The frames have the columns of the views in ``docs/store.md``, in their order: text, 64-bit integers
-    and reals, with NaN for NULL among numbers. The columns ``started_at``, ``ended_at``, ``used_from`` and
+    The frames have the columns of the views in ``docs/store.md``, in their order and with their types, even
+    without rows: text, 64-bit integers and reals. NULL is null in polars; in pandas it is NaN among
+    numbers, and integers beside it are reals. The columns ``started_at``, ``ended_at``, ``used_from`` and
     ``used_until`` are instants in UTC.
     """
 
@@ -43,64 +56,65 @@ class Store:
 
     def runs(self, experiment: str | None = None) -> Any:
         """One row for each run with any status: the view ``run_summary``."""
-        return self._view("run_summary", "experiment, job_key, agent, attempt", experiment)
+        return self._view("run_summary", experiment)
 
     def arms(self, experiment: str | None = None) -> Any:
         """One row for each arm and seed: the view ``arm_summary``."""
-        return self._view("arm_summary", "experiment, job_key, agent", experiment)
+        return self._view("arm_summary", experiment)
 
     def metrics(self, experiment: str | None = None) -> Any:
         """Numbers about the test of each completed run: the view ``metric``."""
-        return self._view("metric", "job_key, name", experiment)
+        return self._view("metric", experiment)
 
     def curves(self, experiment: str | None = None) -> Any:
         """Learning curves: the view ``learning_curve``."""
-        return self._view("learning_curve", "job_key, metric, episode", experiment)
+        return self._view("learning_curve", experiment)
 
     def episodes(self, experiment: str | None = None) -> Any:
         """Test episodes: the view ``evaluation_episode``."""
-        return self._view("evaluation_episode", "job_key, episode", experiment)
+        return self._view("evaluation_episode", experiment)
 
     def action_choices(self, experiment: str | None = None) -> Any:
         """How often each action was chosen: the view ``action_choice``."""
-        return self._view("action_choice", "job_key, p_low, context, action", experiment)
+        return self._view("action_choice", experiment)
 
     def decisions(self, experiment: str | None = None) -> Any:
         """Recorded decisions, one row for each step: the view ``decision``."""
-        return self._view("decision", "job_key, phase, episode, step", experiment)
+        return self._view("decision", experiment)
 
     def participants(self, experiment: str | None = None) -> Any:
         """Parameters of participants who differ, one row for each parameter: the view ``participant``."""
-        return self._view("participant", "job_key, phase, episode, name", experiment)
+        return self._view("participant", experiment)
 
     def manifests(self, experiment: str | None = None) -> Any:
         """Every text that the manifest of an experiment had: the view ``manifest``."""
-        return self._view("manifest", "experiment, used_from", experiment)
+        return self._view("manifest", experiment)
 
     def parameters(self, experiment: str | None = None, *, wide: bool = False) -> Any:
         """Parameters of jobs: the view ``parameter``, or one row for each job if ``wide``.
 
-        Wide frames have a column for each parameter, under its dotted name. A missing parameter of a
-        job is NaN in numeric columns, and None in others.
+        Wide frames have a column for each parameter, under its dotted name. A parameter that a job lacks is
+        NULL.
         """
         if not wide:
-            return self._view("parameter", "job_key, name", experiment)
-        rows = dict(self._columns("parameter", "job_key, name", experiment))
+            return self._view("parameter", experiment)
+        rows = {column.name: column.values for column in self._columns("parameter", experiment)}
         jobs: dict[str, dict[str, Any]] = {}
         values = rows["value"]
         values = values.tolist() if isinstance(values, np.ndarray) else values
-        names: list[str] = []
         for key, name, value in zip(rows["job_key"], rows["name"], values, strict=True):
             jobs.setdefault(key, {})[name] = value
-        names = sorted({name for job in jobs.values() for name in job})
-        columns: dict[str, Any] = {"job_key": list(jobs)}
-        for name in names:
-            columns[name] = _column([job.get(name) for job in jobs.values()])
+        columns = [_Column("job_key", "text", list(jobs), None)]
+        for name in sorted({name for job in jobs.values() for name in job}):
+            columns.append(_of_values(name, [job.get(name) for job in jobs.values()]))
         return self._frame(columns)
 
     def query(self, sql: str) -> Any:
-        """The result of a read-only query; ``docs/store.md`` describes the views."""
-        return self._frame(dict(self._reader.columns(sql)))
+        """The result of a read-only query; ``docs/store.md`` describes the views.
+
+        A name that the query gives to several columns is numbered: ``value``, ``value_2``.
+        """
+        return self._frame([_Column(*column) for column in self._reader.columns(sql)])
 
     def close(self) -> None:
         """Closes the file."""
@@ -121,37 +135,78 @@ class Store:
         closed = ", closed" if self._reader.is_closed else ""
         return f"jitai.open({self.path!r}{closed})"
 
-    def _columns(self, view: str, order: str, experiment: str | None) -> list[tuple[str, Any]]:
+    def _columns(self, view: str, experiment: str | None) -> list[_Column]:
         if not self._reader.has_view(view):
             raise ValueError(f"{self.path} is of an earlier version; `jitai run` adds {view}")
-        condition = ""
         if experiment is not None:
-            name = experiment.replace("'", "''")
-            condition = f"WHERE experiment = '{name}'"
-            if view not in _WITH_EXPERIMENT:
-                jobs = f"SELECT job_key FROM run_summary {condition}"
-                condition = f"WHERE job_key IN ({jobs})"
-        return self._reader.columns(f"SELECT * FROM {view} {condition} ORDER BY {order}")
+            self._require(experiment)
+        return [_Column(*column) for column in self._reader.view(view, experiment)]
 
-    def _view(self, view: str, order: str, experiment: str | None) -> Any:
-        return self._frame(dict(self._columns(view, order, experiment)))
+    def _require(self, experiment: str) -> None:
+        """Checks that the store has the experiment."""
+        if not isinstance(experiment, str):
+            raise TypeError(f"experiment: expected the name of an experiment, found {experiment!r}")
+        known = self._reader.experiments()
+        if experiment in known:
+            return
+        close = difflib.get_close_matches(experiment, known, n=1)
+        hint = f" (did you mean `{close[0]}`?)" if close else ""
+        listed = ", ".join(known) or "none"
+        raise ValueError(f"{self.path} has no experiment `{experiment}`{hint}; it has {listed}")
 
-    def _frame(self, columns: dict[str, Any]) -> Any:
+    def _view(self, view: str, experiment: str | None) -> Any:
+        return self._frame(self._columns(view, experiment))
+
+    def _frame(self, columns: list[_Column]) -> Any:
+        instants = [one.name for one in columns if one.name in _INSTANTS and one.kind in ("text", "null")]
         if self._frames == "pandas":
             import pandas
 
-            frame = pandas.DataFrame(columns)
-            for name in frame.columns.intersection(list(_INSTANTS)):
-                frame[name] = pandas.to_datetime(frame[name], utc=True)
+            frame = pandas.DataFrame({column.name: _of_pandas(column) for column in columns})
+            # The unit of instants depends on the version of pandas, and on the values if there are none.
+            unit = pandas.to_datetime(pandas.Series(["2026-01-31T12:00:00.000Z"]), utc=True).dtype
+            for name in instants:
+                frame[name] = pandas.to_datetime(frame[name], utc=True).astype(unit)
             return frame
         import polars
 
-        frame = polars.DataFrame(columns, strict=False)
-        texts = [name for name in _INSTANTS if name in columns]
-        instants = [
-            polars.col(name).cast(polars.String).str.to_datetime(time_zone="UTC") for name in texts
-        ]
-        return frame.with_columns(instants)
+        frame = polars.DataFrame([_of_polars(column) for column in columns])
+        texts = (polars.col(name).cast(polars.String) for name in instants)
+        return frame.with_columns(text.str.to_datetime(time_zone="UTC") for text in texts)
+
+
+def _of_pandas(column: _Column) -> Any:
+    """The column for pandas."""
+    import pandas
+
+    _, kind, values, nulls = column
+    if kind == "integer" and nulls is not None:
+        if -_LARGEST_EXACT <= values.min() and values.max() <= _LARGEST_EXACT:
+            return np.where(nulls, np.nan, values)
+        values = np.where(nulls, None, values.astype(object))
+    if kind == "text":
+        # The type of text depends on the version of pandas.
+        return pandas.Series(values, dtype=pandas.Series([""]).dtype)
+    return pandas.Series(values, dtype=None if kind in ("integer", "real") else object)
+
+
+def _of_polars(column: _Column) -> Any:
+    """The column for polars."""
+    import polars
+
+    name, kind, values, nulls = column
+    if kind in ("integer", "real"):
+        series = polars.Series(name, values)
+        return series if nulls is None else series.scatter(np.flatnonzero(nulls), None)
+    if kind == "mixed":
+        values = [value if value is None else _written(value) for value in values]
+    types = {"text": polars.String, "mixed": polars.String, "bytes": polars.Binary, "null": polars.Null}
+    return polars.Series(name, values, dtype=types[kind])
+
+
+def _written(value: Any) -> str:
+    """A value as text; bytes as an SQL literal, as in CSV."""
+    return f"x'{value.hex()}'" if isinstance(value, bytes) else str(value)
 
 
 def _library(frames: str | None) -> str:
@@ -165,11 +220,15 @@ def _library(frames: str | None) -> str:
     raise ImportError(f"data frames need {wanted}: pip install {wanted.split()[0]}")
 
 
-def _column(values: list[Any]) -> Any:
-    """Values of a column, as an array if all are numbers or NULL."""
-    kinds = {type(value) for value in values}
+def _of_values(name: str, values: list[Any]) -> _Column:
+    """A column of values, as an array if all are numbers or NULL."""
+    nulls = np.array([value is None for value in values], np.bool_)
+    kinds = {type(value) for value in values} - {type(None)}
+    missing = nulls if nulls.any() else None
     if kinds == {int}:
-        return np.array(values, np.int64)
-    if kinds <= {int, float, type(None)} and kinds != {type(None)}:
-        return np.array([np.nan if value is None else value for value in values], np.float64)
-    return values
+        return _Column(name, "integer", np.array([value or 0 for value in values], np.int64), missing)
+    if kinds and kinds <= {int, float}:
+        reals = [np.nan if value is None else value for value in values]
+        return _Column(name, "real", np.array(reals, np.float64), missing)
+    kind = "text" if kinds == {str} else "mixed" if kinds else "null"
+    return _Column(name, kind, values, missing)

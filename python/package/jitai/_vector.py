@@ -10,10 +10,19 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from jitai._declaration import MOST_SEED, checked_seed, chosen_seed, declare, observation_space
+from jitai._declaration import (
+    MOST_SEED,
+    checked_seed,
+    chosen_seed,
+    declare,
+    known_render_mode,
+    observation_space,
+    with_longest_episode,
+)
 from jitai._jitai import Declaration, Lanes
 
 Observations = npt.NDArray[np.float32]
@@ -31,6 +40,7 @@ class StepCountVectorEnv(gymnasium.vector.VectorEnv[Observations, Any, npt.NDArr
         "render_modes": [],
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
+    _spec: EnvSpec | None = None
     # Gymnasium also closes environments whose construction failed.
     _lanes: Lanes = None  # type: ignore[assignment]
 
@@ -47,8 +57,7 @@ class StepCountVectorEnv(gymnasium.vector.VectorEnv[Observations, Any, npt.NDArr
         state_in_info: bool = True,
         **keys: Any,
     ) -> None:
-        if render_mode is not None:
-            raise ValueError("render_mode: a vector environment has none; make a single one")
+        known_render_mode(render_mode, self.metadata["render_modes"])
         try:
             mode = AutoresetMode(autoreset_mode)
         except ValueError:
@@ -65,6 +74,15 @@ class StepCountVectorEnv(gymnasium.vector.VectorEnv[Observations, Any, npt.NDArr
         self.single_action_space = spaces.Discrete(4)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
+
+    @property
+    def spec(self) -> EnvSpec | None:  # type: ignore[override]
+        """The specification by which Gymnasium made the environment, with its longest episode."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = with_longest_episode(spec, self.declaration)
 
     def reset(
         self,

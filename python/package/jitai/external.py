@@ -1,11 +1,13 @@
 """Outside agents as Python programs; ``docs/external.md`` describes the protocol.
 
 ``connect()`` returns the :class:`Job` for which jitai started the program. Afterwards, ``print`` writes to
-standard error, because standard output belongs to the protocol.
+standard error, because standard output belongs to the protocol, and standard input is empty. Texts are
+UTF-8, whatever the locale.
 """
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import sys
@@ -22,6 +24,8 @@ __all__ = ["PROTOCOL", "Job", "ProtocolError", "connect"]
 
 #: The version of the protocol.
 PROTOCOL = 1
+#: Maximum number of episodes in a message; their line stays below the limit of the protocol.
+_REPORTED_TOGETHER = 8192
 
 Observations = npt.NDArray[np.float32]
 #: Maps observations, one row per lane, to one action or one row of four probabilities per lane.
@@ -55,8 +59,10 @@ class Job:
         self.names: list[str] = [entry["name"] for entry in message["observation"]]
         #: Number of actions.
         self.actions: int = message["actions"]
-        #: Maximum number of steps of an episode.
+        #: Number of steps after which an episode ends; see :attr:`longest_episode`.
         self.horizon: int = message["horizon"]
+        #: Maximum number of steps of an episode: one more than the horizon with ``unpaid_last_step``.
+        self.longest_episode: int = message.get("longest_episode", self.horizon)
         #: Number of lanes of training.
         self.lanes = lanes
         #: Whether a message can be sent, for each lane of the last observations.
@@ -92,14 +98,20 @@ class Job:
 
     def report(self, returns: Any, lengths: Any, terminated: Any) -> None:
         """Reports training episodes that the program simulated itself, with returns in steps walked."""
-        message = {
-            "type": "episodes",
-            "returns": np.asarray(returns, np.float64).tolist(),
-            "lengths": np.asarray(lengths).tolist(),
-            "terminated": np.asarray(terminated, np.bool_).tolist(),
+        columns = {
+            "returns": np.atleast_1d(np.asarray(returns, np.float64)),
+            "lengths": np.atleast_1d(np.asarray(lengths)),
+            "terminated": np.atleast_1d(np.asarray(terminated, np.bool_)),
         }
-        self._send(message)
-        self.begun += len(message["returns"])
+        shapes = {name: column.shape for name, column in columns.items()}
+        if len(set(shapes.values())) != 1 or columns["returns"].ndim != 1:
+            raise ValueError(f"expected one entry per episode of each, found the shapes {shapes}")
+        count = len(columns["returns"])
+        for first in range(0, count, _REPORTED_TOGETHER):
+            part = slice(first, first + _REPORTED_TOGETHER)
+            rows = {name: column[part].tolist() for name, column in columns.items()}
+            self._send({"type": "episodes", **rows})
+        self.begun += count
 
     def update(self, loss: float | None = None, epsilon: float | None = None) -> None:
         """Reports the loss of an update, or the exploration rate, for the learning curve."""
@@ -163,14 +175,13 @@ class Job:
 
 def connect(lanes: int = 1) -> Job:
     """The job for which jitai started this program; it trains in this number of lanes."""
-    if sys.stdin.isatty():
+    global _is_connected
+    if _is_connected:
+        raise ProtocolError("connect() was called before; a program has one job")
+    if sys.stdin is None or sys.stdin.isatty():
         raise ProtocolError("this program is an outside agent: name it as `command` in a manifest")
-    # From here on, standard output goes to standard error, even output of native libraries.
-    sys.stdout.flush()
-    own = os.dup(1)
-    os.dup2(2, 1)
-    write = os.fdopen(own, "w", encoding="utf-8", newline="\n")
-    read = sys.stdin
+    _is_connected = True
+    read, write = _own_pipes()
     message = _receive(read, ("job",))
     if message["protocol"] != PROTOCOL:
         raise ProtocolError(f"expected protocol {PROTOCOL}, found {message['protocol']}")
@@ -179,7 +190,29 @@ def connect(lanes: int = 1) -> Job:
     return job
 
 
-def _receive(read: Any, expected: Sequence[str]) -> dict[str, Any]:
+#: Whether the pipes of the protocol are taken.
+_is_connected = False
+
+
+def _own_pipes() -> tuple[io.BufferedReader, io.TextIOWrapper]:
+    """The pipes from and to jitai, which nothing else reads or writes any more.
+
+    Children and native libraries of the program read an empty standard input, and write to standard error.
+    """
+    sys.stdout.flush()
+    read, write = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "w", encoding="utf-8", newline="\n")
+    null = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(null, 0)
+    os.close(null)
+    os.dup2(2, 1)
+    # jitai reads standard error as UTF-8; a locale without a letter must not end the program.
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(encoding="utf-8", errors="backslashreplace")
+    return read, write
+
+
+def _receive(read: io.BufferedReader, expected: Sequence[str]) -> dict[str, Any]:
     line = read.readline()
     if not line:
         # End of input: jitai or this job was stopped.

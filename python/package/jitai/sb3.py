@@ -26,13 +26,15 @@ class VecEnv(BaseVecEnv):
 
     The keywords are those of :class:`jitai.StepCountEnv`. The infos of lanes whose episode ended have
     ``terminal_observation``, ``TimeLimit.truncated`` and, as a ``Monitor`` writes it, ``episode`` with
-    the sum of rewards, the length and the time. ``env_method("action_masks")`` gives the masks that
-    ``MaskablePPO`` asks for.
+    the sum of rewards, the length and the time. With ``state_in_info``, the infos of all lanes also have
+    the true state, like the infos of single environments; this takes a dict per lane and step.
+    ``env_method("action_masks")`` gives the masks that ``MaskablePPO`` asks for.
     """
 
-    def __init__(self, num_envs: int = 1, **keywords: Any) -> None:
-        keywords.setdefault("state_in_info", False)
-        self.env = StepCountVectorEnv(num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **keywords)
+    def __init__(self, num_envs: int = 1, *, state_in_info: bool = False, **keywords: Any) -> None:
+        keywords.update(autoreset_mode=AutoresetMode.SAME_STEP, state_in_info=state_in_info)
+        self.env = StepCountVectorEnv(num_envs, **keywords)
+        self._shows_state = bool(state_in_info)
         super().__init__(num_envs, self.env.single_observation_space, self.env.single_action_space)
         self.metadata = self.env.metadata
         self._actions = np.zeros(num_envs, np.int64)
@@ -50,8 +52,12 @@ class VecEnv(BaseVecEnv):
         self._masks = infos.get("action_mask", self._masks)
         self._returns[:] = 0.0
         self._lengths[:] = 0
-        self.reset_infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        self.reset_infos: list[dict[str, Any]] = self._infos(infos)
         return observations
+
+    def _infos(self, states: dict[str, Any]) -> list[dict[str, Any]]:
+        """An info for each lane, with the state if it is shown."""
+        return _lane_by_lane(states if self._shows_state else {}, self.num_envs)
 
     def step_async(self, actions: np.ndarray) -> None:
         """Takes the actions of the next step."""
@@ -64,12 +70,14 @@ class VecEnv(BaseVecEnv):
         self._masks = states.get("action_mask", self._masks)
         self._returns += rewards
         self._lengths += 1
-        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        infos = self._infos(states)
         done = terminated | truncated
         if done.any():
             elapsed = round(time.time() - self._began, 6)
+            last = self._infos(states["final_info"])
             for lane in np.flatnonzero(done):
-                infos[lane] = {
+                self.reset_infos[lane] = infos[lane]
+                infos[lane] = last[lane] | {
                     "terminal_observation": states["final_obs"][lane],
                     "TimeLimit.truncated": bool(truncated[lane]),
                     "episode": {
@@ -120,6 +128,20 @@ class VecEnv(BaseVecEnv):
         return [None] * self.num_envs
 
 
+def _lane_by_lane(states: dict[str, Any], lanes: int) -> list[dict[str, Any]]:
+    """The states of a vector environment as the infos of single environments."""
+    columns: dict[str, Any] = {}
+    for name, values in states.items():
+        # `_name` marks the lanes that have a value; all of them do.
+        if name.startswith("_") or name in ("final_obs", "final_info"):
+            continue
+        if isinstance(values, dict):
+            columns[name] = _lane_by_lane(values, lanes)
+        else:
+            columns[name] = list(values) if values.ndim > 1 else values.tolist()
+    return [{name: column[lane] for name, column in columns.items()} for lane in range(lanes)]
+
+
 class _Budget(BaseCallback):
     """Ends the training when the episodes of a job are used up."""
 
@@ -144,6 +166,7 @@ class JobVecEnv(VecEnv):
         has_costs |= "message_cost" in keywords.get("population", {})
         # Rewards are steps walked minus costs; reported returns are steps walked.
         super().__init__(num_envs, state_in_info=has_costs, **keywords)
+        self._shows_state = False
         self._job, self._has_costs = job, has_costs
         self._walked = np.zeros(num_envs)
         self.callback: BaseCallback = _Budget(job)
@@ -151,7 +174,8 @@ class JobVecEnv(VecEnv):
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """The seeds of the lanes, derived from the job's seed; ``seed`` is ignored."""
-        first = (self._job.seed << 16) & MOST_SEED
+        # Never the seed itself, whose stream is that of the test.
+        first = (self._job.seed << 16) & MOST_SEED or 1 << 63
         self._seeds = [(first + lane) & MOST_SEED for lane in range(self.num_envs)]
         return self._seeds
 
