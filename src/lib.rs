@@ -137,7 +137,7 @@ pub mod results {
     pub use crate::manifest::{Setting, first_return};
     pub use crate::record::{
         ActionCount, AmongParticipants, CURVE_METRICS, CompletedRun, DataSet, Failure, FailureKind,
-        JobRecord, JobStatus, METRICS, Provenance,
+        JobRecord, JobStatus, METRICS, Provenance, Settings,
     };
     pub use crate::report::{
         AssembleError, Hosts, ReportFile, ReportedExperiment, Work, assemble, report,

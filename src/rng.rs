@@ -174,8 +174,9 @@ impl Stream {
         loop {
             let product = (self.bits() >> 32) * bound;
             let remainder = product & 0xFFFF_FFFF;
-            // Remainders below 2^32 mod bound belong to integers that would occur once too often.
-            if remainder >= (1 << 32) % bound {
+            // Remainders below 2^32 mod bound belong to integers that would occur once too often. Most
+            // remainders are at least the bound, and need no division.
+            if remainder >= bound || remainder >= (1 << 32) % bound {
                 return (product >> 32) as u32;
             }
         }

@@ -40,45 +40,54 @@ pub struct Aggregate {
 pub fn interquartile_mean(conditions: &[&Sample]) -> Result<Aggregate, Undefined> {
     let strata: Vec<&[f64]> = conditions.iter().map(|sample| sample.values()).collect();
     at_least(1, strata.iter().map(|values| values.len()).min().unwrap_or(0))?;
-    let value = finite(middle_mean(&mut strata.concat()))?;
-    Ok(Aggregate { value, interval: percentile_interval(&strata, middle_mean) })
+    let mut sorted = strata.concat();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let value = finite(middle_mean(&sorted, &vec![1; sorted.len()]))?;
+    Ok(Aggregate { value, interval: percentile_interval(&strata, &sorted) })
 }
 
-/// The mean without the lowest and the highest quarter; sorts the values in place.
-fn middle_mean(values: &mut [f64]) -> f64 {
-    values.sort_unstable_by(f64::total_cmp);
-    let cut = values.len() / 4;
-    let middle = &values[cut..values.len() - cut];
-    middle.iter().sum::<f64>() / middle.len() as f64
+/// The mean without the lowest and the highest quarter. `times` counts how often each value occurs; values
+/// ascend, and are added in this order.
+fn middle_mean(sorted: &[f64], times: &[u32]) -> f64 {
+    let cut = sorted.len() / 4;
+    let (mut below, mut left) = (cut, sorted.len() - 2 * cut);
+    let middle = left as f64;
+    let mut sum = -0.0;
+    for (value, times) in sorted.iter().zip(times) {
+        let times = *times as usize;
+        let skipped = times.min(below);
+        below -= skipped;
+        let added = (times - skipped).min(left);
+        left -= added;
+        for _ in 0..added {
+            sum += value;
+        }
+        if left == 0 {
+            break;
+        }
+    }
+    sum / middle
 }
 
-/// Percentile interval of a statistic, with resampling within strata.
+/// Percentile interval of the middle mean, with resampling within strata. `sorted` has the values of all
+/// strata in ascending order.
 ///
-/// `statistic` receives the concatenated values of all strata and may reorder them.
-fn percentile_interval(
-    strata: &[&[f64]],
-    statistic: impl Fn(&mut [f64]) -> f64,
-) -> Result<Interval, Undefined> {
+/// A resample is counted rather than sorted: how often it has each of the values.
+fn percentile_interval(strata: &[&[f64]], sorted: &[f64]) -> Result<Interval, Undefined> {
     at_least(2, strata.iter().map(|values| values.len()).min().unwrap_or(0))?;
-    // Sorted, so that the interval does not depend on which seed had which value.
-    let sorted = strata.iter().map(|values| {
-        let mut values = values.to_vec();
-        values.sort_unstable_by(f64::total_cmp);
-        values
-    });
-    let strata: Vec<Vec<f64>> = sorted.collect();
+    let ranks = ranks(strata);
     let mut stream = Stream::new(STREAM, Purpose::Bootstrap);
-    let mut drawn = strata.concat();
+    let mut times = vec![0_u32; sorted.len()];
     let mut seen = Vec::with_capacity(RESAMPLES);
     for _ in 0..RESAMPLES {
-        let mut places = drawn.iter_mut();
-        for values in &strata {
-            let n = u32::try_from(values.len()).map_err(|_| Undefined::OutOfRange)?;
-            for place in places.by_ref().take(values.len()) {
-                *place = values[stream.below(n) as usize];
+        times.fill(0);
+        for ranks in &ranks {
+            let n = u32::try_from(ranks.len()).map_err(|_| Undefined::OutOfRange)?;
+            for _ in ranks {
+                times[ranks[stream.below(n) as usize] as usize] += 1;
             }
         }
-        seen.push(finite(statistic(&mut drawn))?);
+        seen.push(finite(middle_mean(sorted, &times))?);
     }
     seen.sort_unstable_by(f64::total_cmp);
     if seen[0] == seen[RESAMPLES - 1] {
@@ -88,6 +97,20 @@ fn percentile_interval(
     let tail = (1.0 - LEVEL) / 2.0;
     let [low, high] = [tail, 1.0 - tail].map(|share| quantile_of_sorted(&seen, share));
     Ok(Interval { low, high })
+}
+
+/// For each stratum, the ranks of its values among the values of all strata. They ascend, so that the
+/// interval does not depend on which seed had which value.
+fn ranks(strata: &[&[f64]]) -> Vec<Vec<u32>> {
+    let all = strata.iter().enumerate();
+    let all = all.flat_map(|(place, values)| values.iter().map(move |value| (*value, place)));
+    let mut all: Vec<(f64, usize)> = all.collect();
+    all.sort_unstable_by(|(one, _), (other, _)| one.total_cmp(other));
+    let mut ranks: Vec<Vec<u32>> = vec![Vec::new(); strata.len()];
+    for (rank, (_, place)) in (0..).zip(&all) {
+        ranks[*place].push(rank);
+    }
+    ranks
 }
 
 #[cfg(test)]

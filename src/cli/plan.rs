@@ -8,7 +8,6 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fmt;
 use std::io::{self, Write};
 use std::num::NonZeroUsize;
-use std::path::Path;
 use std::time::Duration;
 
 use crate::cli::check::ManifestArguments;
@@ -16,15 +15,12 @@ use crate::cli::output::{Field, Format, Rows, counted};
 use crate::cli::workers::workers;
 use crate::cli::{Error, Exit, StoreArgument, counts};
 use crate::manifest::{Manifest, printable};
-use crate::plan::{self, Filter, JobKey, PlannedJob, Shard, Swept, Versions};
+use crate::plan::{self, ChangedDefault, Filter, JobKey, PlannedJob, Shard, Swept, Versions};
 use crate::schedule::{self, Left, Selection, Speeds};
-use crate::store::{Counts, JobState, Reader, StoreError};
+use crate::store::{Counts, JobState, JobStates, Reader, StoreError};
 
 /// Number of jobs in one query of the store.
 const ASKED_TOGETHER: usize = 1000;
-
-/// Number of jobs above which reading the states of all jobs in the store is faster than queries.
-const ASKED_SINGLY: usize = 10_000;
 
 /// Show what would run: jobs completed, pending and failed, and the estimated time
 #[derive(clap::Args)]
@@ -65,7 +61,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     if let Some(shard) = arguments.shard {
         selection = selection.shard(shard);
     }
-    let survey = Survey::new(selection, &arguments.store.store)?;
+    let reader = match Reader::open(&arguments.store.store) {
+        Ok(reader) => Some(reader),
+        Err(StoreError::Missing { .. } | StoreError::Empty { .. }) => None,
+        Err(error) => return Err(error.into()),
+    };
+    let survey = Survey::new(selection, reader.as_ref());
     if arguments.jobs {
         list_jobs(survey, arguments.format)?;
     } else {
@@ -78,10 +79,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
 struct Survey<'a> {
     selection: Selection<'a>,
     /// `None` if there is no store yet.
-    reader: Option<Reader>,
-    /// The states of all jobs that have a run in the store; read once the number of queried jobs is
-    /// large.
-    tried: Option<HashMap<JobKey, JobState>>,
+    reader: Option<&'a Reader>,
+    states: Option<JobStates<'a>>,
     /// The manifests in which each job occurs.
     met: HashMap<JobKey, Met>,
     /// Number of jobs that several manifests share.
@@ -114,7 +113,7 @@ enum Sharing {
 }
 
 /// Why a job runs again, or does not run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Reason {
     /// Its runs were interrupted.
     Interrupted,
@@ -122,6 +121,8 @@ enum Reason {
     Failed,
     /// It was completed by another version of the simulation or of the algorithm.
     Outdated { simulation: Option<Change>, algorithm: Option<(&'static str, Change)> },
+    /// It was completed with the earlier default of a key.
+    Default(ChangedDefault),
 }
 
 /// A change of a version of the code.
@@ -143,6 +144,13 @@ impl fmt::Display for Reason {
         let (simulation, algorithm) = match self {
             Reason::Interrupted => return write!(f, "was interrupted"),
             Reason::Failed => return write!(f, "failed; runs with --retry-failed"),
+            Reason::Default(ChangedDefault { algorithm, key, now, before }) => {
+                return write!(
+                    f,
+                    "{key} = {now} is the new default of {algorithm}; with {key} = {before} it is \
+                     completed"
+                );
+            }
             Reason::Outdated { simulation, algorithm } => (simulation, algorithm),
         };
         let simulation = simulation.map(|change| ("the simulation", change));
@@ -165,7 +173,7 @@ impl Reason {
     }
 
     /// The message for this number of jobs.
-    fn of(self, jobs: u64) -> String {
+    fn of(&self, jobs: u64) -> String {
         let (all, one) = (counted(jobs, "job"), jobs == 1);
         match self {
             Reason::Interrupted if one => {
@@ -175,18 +183,18 @@ impl Reason {
             Reason::Failed if one => format!("{all} failed; `--retry-failed` runs it again"),
             Reason::Failed => format!("{all} failed; `--retry-failed` runs them again"),
             Reason::Outdated { .. } => format!("{all} to run again: {self}"),
+            Reason::Default(ChangedDefault { algorithm, key, now, before }) => format!(
+                "{all} to run, of {algorithm} with {key} = {now}, which is the default now; with the earlier \
+                 default they are completed: to keep those results, write {key} = {before} in the agent"
+            ),
         }
     }
 }
 
 impl<'a> Survey<'a> {
-    fn new(selection: Selection<'a>, store: &Path) -> Result<Self, Error> {
-        let reader = match Reader::open(store) {
-            Ok(reader) => Some(reader),
-            Err(StoreError::Missing { .. } | StoreError::Empty { .. }) => None,
-            Err(error) => return Err(error.into()),
-        };
-        Ok(Survey { selection, reader, tried: None, met: HashMap::new(), shared: 0 })
+    fn new(selection: Selection<'a>, reader: Option<&'a Reader>) -> Self {
+        let states = reader.map(JobStates::of);
+        Survey { selection, reader, states, met: HashMap::new(), shared: 0 }
     }
 
     /// Calls `see` once for every distinct job of the manifest with this index.
@@ -235,7 +243,7 @@ impl<'a> Survey<'a> {
     /// The number of jobs that the experiment has in the store but no longer in its manifest. The
     /// manifest with this index must be the last one walked. A filter does not change the number.
     fn dropped(&self, place: usize) -> Result<u64, Error> {
-        let Some(reader) = &self.reader else { return Ok(0) };
+        let Some(reader) = self.reader else { return Ok(0) };
         let manifest = &self.selection.manifests()[place];
         let mut others = HashSet::new();
         reader.jobs_of(&manifest.name, |key| {
@@ -253,40 +261,36 @@ impl<'a> Survey<'a> {
 
     /// The state of each job, in the order of `keys`.
     fn states(&mut self, keys: &[JobKey]) -> Result<Vec<JobState>, Error> {
-        let Some(reader) = &self.reader else { return Ok(vec![JobState::Pending; keys.len()]) };
-        if self.met.len() > ASKED_SINGLY && self.tried.is_none() {
-            let mut tried = HashMap::new();
-            reader.tried(|key, state| {
-                tried.insert(key, state);
-            })?;
-            self.tried = Some(tried);
+        match &mut self.states {
+            Some(states) => Ok(states.ask(keys)?),
+            None => Ok(vec![JobState::Pending; keys.len()]),
         }
-        let Some(tried) = &self.tried else { return Ok(reader.job_states(keys)?) };
-        let state = |key| tried.get(key).copied().unwrap_or(JobState::Pending);
-        Ok(keys.iter().map(state).collect())
     }
 
-    fn reason(&self, planned: &PlannedJob, state: JobState) -> Result<Option<Reason>, Error> {
+    fn reason(
+        &mut self,
+        planned: &PlannedJob,
+        state: JobState,
+    ) -> Result<Option<Reason>, Error> {
         match state {
             JobState::Interrupted => return Ok(Some(Reason::Interrupted)),
             JobState::Failed => return Ok(Some(Reason::Failed)),
             JobState::Running | JobState::Completed => return Ok(None),
             JobState::Pending => {}
         }
-        let Some(reader) = &self.reader else { return Ok(None) };
-        let under = |versions| planned.form.key_under(versions);
-        let earlier = match &self.tried {
-            Some(tried) => {
-                let completed = |v: &Versions| tried.get(&under(*v)) == Some(&JobState::Completed);
-                planned.form.versions().earlier().filter(completed).last()
-            }
-            None => reader.superseded(&planned.form, planned.form.versions())?.pop(),
+        let Some(states) = &mut self.states else { return Ok(None) };
+        if let Some(earlier) = states.superseded(&planned.form)? {
+            return Ok(Some(Reason::outdated(planned, earlier)));
+        }
+        let Some((changed, form)) = plan::under_earlier_default(&planned.job) else {
+            return Ok(None);
         };
-        Ok(earlier.map(|earlier| Reason::outdated(planned, earlier)))
+        let is_completed = states.ask(&[form.key()])?[0] == JobState::Completed;
+        Ok(is_completed.then_some(Reason::Default(changed)))
     }
 
     fn speeds(&self) -> Result<Speeds, StoreError> {
-        self.reader.as_ref().map_or(Ok(Speeds::default()), Speeds::of)
+        self.reader.map_or(Ok(Speeds::default()), Speeds::of)
     }
 }
 
@@ -302,7 +306,7 @@ struct Sum {
 impl Sum {
     fn add(&mut self, job: &Surveyed) {
         self.counts.add(job.state, 1);
-        if let Some(reason) = job.reason {
+        if let Some(reason) = job.reason.clone() {
             *self.reasons.entry(reason).or_default() += 1;
         }
         match job.state {
@@ -416,7 +420,7 @@ fn list_jobs(mut survey: Survey<'_>, format: Format) -> Result<(), Error> {
                     }
                 },
                 Field::text(state.name()),
-                reason.map_or(Field::Empty, |reason| Field::text(reason.to_string())),
+                reason.as_ref().map_or(Field::Empty, |reason| Field::text(reason.to_string())),
             ])
         })?;
     }

@@ -97,7 +97,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     if let Some(shard) = arguments.shard {
         selection = selection.shard(shard);
     }
-    let wanted = selection.queue();
     let mut store = Store::open(&arguments.store.store)?;
     if !arguments.replacing.permit(&Reader::open(&arguments.store.store)?, &manifests)? {
         return Ok(Exit::Differs);
@@ -109,7 +108,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         }
     }
     let options = arguments.options();
-    let remaining = Remaining::of(&store, wanted, options.retry_failed)?;
+    let remaining = Remaining::of(&store, &selection, options.retry_failed)?;
     let mut end = End::before(&remaining);
     let reader = Reader::open(&arguments.store.store)?;
     if !remaining.queue.is_empty() {

@@ -19,14 +19,9 @@ pub(super) fn print(reader: &Reader, selection: &Selection<'_>) -> Result<Option
     let mut example = None;
     for manifest in selection.manifests() {
         let swept = Swept::of(std::slice::from_ref(manifest));
-        let mut kept = swept.names();
-        kept.push("environment.sigma".to_owned());
         let jobs = plan::jobs(manifest)
             .filter(|job| selection.keys().is_none_or(|keys| keys.contains(&job.form.key())));
-        let data = reader.data_set_of(&manifest.name, jobs, Parts::default(), |job| {
-            // Only these settings are kept: all settings of a million jobs would not fit into memory.
-            job.settings.retain(|(name, _)| kept.contains(name));
-        })?;
+        let data = reader.data_set_of(&manifest.name, jobs, |_| Parts::default(), |_| {})?;
         // jitai cannot simulate the policy of an outside program.
         let is_outside = |name: &str| {
             manifest.agents.iter().any(|agent| agent.name == name && agent.algorithm.is_external())

@@ -20,6 +20,9 @@ pub struct Key {
     /// The value of all jobs from before the key was added; `None` for a key that every job has had.
     /// Canonical forms omit the key at this value.
     pub before: Option<fn() -> Value>,
+    /// The default of earlier releases, if it was another. Canonical forms name the value, so jobs that were
+    /// stored under it keep their keys.
+    pub earlier: Option<fn() -> Value>,
 }
 
 impl Key {
@@ -31,6 +34,11 @@ impl Key {
     /// The value if a manifest does not set the key; `None` if a manifest must set it.
     pub fn default(&self) -> Option<Value> {
         self.default.map(|value| value())
+    }
+
+    /// The default of earlier releases, if it was another.
+    pub fn earlier_default(&self) -> Option<Value> {
+        self.earlier.map(|value| value())
     }
 
     /// The value of all jobs from before the key was added; `None` if every job has had the key.
@@ -259,7 +267,9 @@ whole_numbers!(u8, u32);
 /// range. A key that a manifest must set has no default. `bool` and [`choices!`](crate::choices)
 /// need no range.
 ///
-/// A key that is added to a struct with stored jobs must have `before`, which preserves their identity.
+/// A key that is added to a struct with stored jobs must have `before`, which preserves their identity. A key
+/// whose default changes names the former default as `earlier`, so that a plan can say why stored jobs are not
+/// used.
 ///
 /// ```
 /// use jitai::key::Kind;
@@ -282,7 +292,8 @@ macro_rules! keys {
             $(
                 $(#[doc = $doc:literal])+
                 $field:ident: $Type:ty
-                    $(= $default:expr)? $(, before $before:expr)? $(, in $kind:expr)?;
+                    $(= $default:expr)? $(, before $before:expr)? $(, earlier $earlier:expr)?
+                    $(, in $kind:expr)?;
             )+
         }
     ) => {
@@ -300,6 +311,7 @@ macro_rules! keys {
                     written_doc: concat!($($doc),+),
                     default: $crate::keys!(@value $Type $(, $default)?),
                     before: $crate::keys!(@value $Type $(, $before)?),
+                    earlier: $crate::keys!(@value $Type $(, $earlier)?),
                 },
             )+];
 

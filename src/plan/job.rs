@@ -219,8 +219,8 @@ impl Job {
         }
     }
 
-    /// The sections of the job: name, keys and their values.
-    fn sections(&self) -> [(&'static str, &'static [Key], Vec<Value>); 4] {
+    /// The sections of the job: name, keys and their values. The agent comes first.
+    pub fn sections(&self) -> [(&'static str, &'static [Key], Vec<Value>); 4] {
         [
             ("agent", self.agent.algorithm().keys(), self.agent.values().to_vec()),
             ("environment", Environment::KEYS, self.environment.to_values()),
@@ -328,6 +328,18 @@ impl CanonicalForm {
     /// The key of the same content under other versions of the code.
     pub fn key_under(&self, versions: Versions) -> JobKey {
         versions.key_of(&self.text)
+    }
+}
+
+impl From<Job> for CanonicalForm {
+    fn from(job: Job) -> CanonicalForm {
+        job.form()
+    }
+}
+
+impl From<&Job> for CanonicalForm {
+    fn from(job: &Job) -> CanonicalForm {
+        job.form()
     }
 }
 

@@ -4,6 +4,7 @@
 //! only on the manifest, not on the clock, the disk, random numbers or earlier runs.
 
 mod described;
+mod earlier;
 mod expand;
 mod factors;
 mod filter;
@@ -12,6 +13,7 @@ mod job;
 mod shard;
 mod swept;
 
+pub use earlier::{ChangedDefault, under_earlier_default};
 pub use expand::{PlannedJob, count, expand, jobs};
 pub use factors::Factors;
 pub use filter::{Filter, FilterError};

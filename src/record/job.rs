@@ -1,9 +1,12 @@
 //! A job with its parameters, status and results.
 
+use std::sync::Arc;
+
+use super::settings::{Settings, SharedSettings};
 use super::{ActionCount, Failure, JobKey, Provenance, TestEpisode};
 use crate::key::Parameter;
 use crate::manifest::{Described, ParticipantRange, Setting};
-use crate::plan::{PlannedJob, Scalar};
+use crate::plan::PlannedJob;
 
 /// A job of an experiment with its status.
 #[derive(Clone, Debug, PartialEq)]
@@ -11,15 +14,15 @@ pub struct JobRecord {
     /// Identity of the job.
     pub job_key: JobKey,
     /// Agent's name in the manifest.
-    pub agent: String,
+    pub agent: Arc<str>,
     /// Scenario, such as `P-H-D`.
     pub scenario: String,
     /// Seed.
     pub seed: u64,
     /// Whether its algorithm learns, so that a completed run has a learning curve.
     pub learns: bool,
-    /// All other parameters: dotted names and values, sorted by name.
-    pub settings: Vec<(String, Setting)>,
+    /// All other parameters.
+    pub settings: Arc<Settings>,
     /// The exact error rate of the most likely context; `None` if participants differ.
     pub context_error: Option<f64>,
     /// The best mean return of any policy in this environment and scenario, in steps walked; `None` if
@@ -32,13 +35,23 @@ pub struct JobRecord {
 impl JobRecord {
     /// A planned job with this status, without an optimum.
     pub fn new(planned: &PlannedJob, job_key: JobKey, status: JobStatus) -> JobRecord {
+        JobRecord::sharing(&mut SharedSettings::default(), planned, job_key, status)
+    }
+
+    /// Like [`JobRecord::new`], with settings that are shared with the jobs before it.
+    pub fn sharing(
+        shared: &mut SharedSettings,
+        planned: &PlannedJob,
+        job_key: JobKey,
+        status: JobStatus,
+    ) -> JobRecord {
         JobRecord {
             job_key,
-            agent: planned.agent.to_string(),
+            agent: planned.agent.clone(),
             scenario: planned.job.scenario.to_string(),
             seed: planned.job.seed,
             learns: planned.job.agent.algorithm().learns(),
-            settings: settings(planned),
+            settings: shared.of(planned),
             context_error: planned.job.context_error(),
             optimum: None,
             status,
@@ -47,8 +60,7 @@ impl JobRecord {
 
     /// The value of the parameter of this dotted name, if the job has it.
     pub fn setting(&self, name: &str) -> Option<&Setting> {
-        let place = self.settings.binary_search_by(|(known, _)| known.as_str().cmp(name)).ok()?;
-        Some(&self.settings[place].1)
+        self.settings.get(name)
     }
 
     /// The value of the parameter with this dotted name, if it is a number.
@@ -59,6 +71,13 @@ impl JobRecord {
         }
     }
 
+    /// Whether both jobs were read with shared settings, and differ in their seeds alone.
+    pub fn shares_arm(&self, other: &JobRecord) -> bool {
+        Arc::ptr_eq(&self.settings, &other.settings)
+            && self.agent == other.agent
+            && self.scenario == other.scenario
+    }
+
     /// The job with its results among some participants; without metrics if those participants were not read.
     #[must_use]
     pub fn among(&self, range: ParticipantRange) -> JobRecord {
@@ -66,8 +85,9 @@ impl JobRecord {
         if let JobStatus::Completed(run) = &mut job.status {
             let among = run.among.iter().find(|among| among.range == range);
             let episodes = among.map_or(&[][..], |among| &among.episodes);
-            run.returns = episodes.iter().map(|episode| episode.total_reward).collect();
-            run.metrics = among.map(AmongParticipants::metrics).unwrap_or_default();
+            let returns = episodes.iter().map(|episode| episode.total_reward).collect();
+            let metrics = among.map(AmongParticipants::metrics).unwrap_or_default();
+            *run = Arc::new(CompletedRun { returns, metrics, ..CompletedRun::clone(run) });
         }
         job
     }
@@ -102,21 +122,6 @@ impl Described for JobRecord {
     }
 }
 
-/// All parameters of a job except scenario and seed, sorted by name.
-fn settings(planned: &PlannedJob) -> Vec<(String, Setting)> {
-    let named = planned.job.parameters().into_iter();
-    let others = named.filter(|(name, _)| name != "scenario" && name != "seed");
-    let mut settings: Vec<(String, Setting)> = others
-        .map(|(name, value)| match value {
-            Scalar::Real(real) => (name, Setting::Number(real)),
-            Scalar::Integer(whole) => (name, Setting::Number(whole as f64)),
-            Scalar::Text(text) => (name, Setting::Text(text)),
-        })
-        .collect();
-    settings.sort_by(|one, other| one.0.cmp(&other.0));
-    settings
-}
-
 /// The jobs of an experiment with their results, as a report reads them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DataSet {
@@ -138,7 +143,7 @@ pub enum JobStatus {
     /// The job's last run failed.
     Failed(Failure),
     /// The job has a completed run.
-    Completed(Box<CompletedRun>),
+    Completed(Arc<CompletedRun>),
 }
 
 /// The test episodes of some participants.
@@ -152,16 +157,16 @@ pub struct AmongParticipants {
 
 impl AmongParticipants {
     /// The metrics that are defined for single episodes, by name; empty if there are no episodes.
-    pub fn metrics(&self) -> Vec<(String, f64)> {
+    pub fn metrics(&self) -> Vec<(Arc<str>, f64)> {
         let n = self.episodes.len() as f64;
         if self.episodes.is_empty() {
             return Vec::new();
         }
         let mean = |of: fn(&TestEpisode) -> f64| self.episodes.iter().map(of).sum::<f64>() / n;
         vec![
-            ("disengagement_rate".to_owned(), mean(|one| f64::from(u8::from(one.disengaged)))),
-            ("mean_length".to_owned(), mean(|one| f64::from(one.length))),
-            ("mean_return".to_owned(), mean(|one| one.total_reward)),
+            ("disengagement_rate".into(), mean(|one| f64::from(u8::from(one.disengaged)))),
+            ("mean_length".into(), mean(|one| f64::from(one.length))),
+            ("mean_return".into(), mean(|one| one.total_reward)),
         ]
     }
 }
@@ -170,7 +175,7 @@ impl AmongParticipants {
 #[derive(Clone, Debug, PartialEq)]
 pub struct CompletedRun {
     /// Names and values of its metrics, by name.
-    pub metrics: Vec<(String, f64)>,
+    pub metrics: Vec<(Arc<str>, f64)>,
     /// Training episodes finished and the mean return since the previous point; empty if not requested.
     pub curve: Vec<(u32, f64)>,
     /// Choices of action in the test; empty if not requested.
@@ -180,7 +185,7 @@ pub struct CompletedRun {
     /// Test episodes of some participants, for each requested range.
     pub among: Vec<AmongParticipants>,
     /// The code and the machine that produced the run.
-    pub provenance: Provenance,
+    pub provenance: Arc<Provenance>,
     /// When the run ended, in UTC, ISO 8601 with milliseconds.
     pub ended_at: String,
     /// The duration of the run, in seconds.
@@ -190,6 +195,6 @@ pub struct CompletedRun {
 impl CompletedRun {
     /// The metric of this name, if it was recorded.
     pub fn metric(&self, name: &str) -> Option<f64> {
-        self.metrics.iter().find(|(known, _)| known == name).map(|(_, value)| *value)
+        self.metrics.iter().find(|(known, _)| **known == *name).map(|(_, value)| *value)
     }
 }

@@ -3,12 +3,14 @@
 //! Training creates them, the store keeps them, and analysis reads them. Nothing here computes.
 
 mod job;
+mod settings;
 
 use std::fmt;
 
 use crate::manifest::first_episodes;
 use crate::plan::JobKey;
 pub use job::{AmongParticipants, CompletedRun, DataSet, JobRecord, JobStatus};
+pub use settings::{Settings, SharedSettings};
 
 /// A named number about a completed run.
 #[derive(Clone, Debug, PartialEq)]

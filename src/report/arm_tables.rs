@@ -176,6 +176,7 @@ mod tests {
             optimum: None,
             sigma: None,
             context_error: None,
+            interquartile: std::sync::OnceLock::new(),
         }
     }
 

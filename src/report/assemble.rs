@@ -1,16 +1,17 @@
 //! The contents of a report: experiments of manifests, from the store to their findings.
 
 use std::collections::HashSet;
+use std::sync::Arc;
 
 use super::optima;
 use super::section::ReportedExperiment;
 use super::winner::winners;
-use crate::analyse::declared::{carry_out, reproduce, summarise_arms, varying};
+use crate::analyse::declared::{carry_out, condense, reproduce, summarise_arms, varying};
 use crate::manifest::{
     Analysis, Condition, DataPart, Faults, Manifest, Parameters, ParticipantRange, Published,
 };
-use crate::plan::{self, PlannedJob};
-use crate::record::{DataSet, JobRecord};
+use crate::plan;
+use crate::record::{DataSet, JobRecord, JobStatus};
 use crate::store::{DataQuery, Parts, Reader, StoreError};
 
 /// Long-running work of an assembly.
@@ -53,9 +54,7 @@ pub fn assemble(
             true => query.sql(),
             false => format!("{OTHER_JOBS}{}", query.sql()),
         };
-        let concerned = queries.iter().map(|query| -> Vec<&JobRecord> {
-            data.jobs.iter().filter(|job| query.asks_for(job)).collect()
-        });
+        let concerned = queries.iter().map(|query| query.among(&data.jobs));
         let analyses = manifest.analyses.iter().zip(concerned).collect::<Vec<_>>();
         let findings = carry_out(&analyses, published.as_ref());
         Ok(ReportedExperiment {
@@ -100,24 +99,20 @@ fn data_set(
     manifest: &Manifest,
     mut on_progress: impl FnMut(Work, usize, usize),
 ) -> Result<(DataSet, Vec<String>), StoreError> {
-    let reads = |part| manifest.analyses.iter().any(|analysis| analysis.part() == part);
-    let parts = Parts {
-        curve: reads(DataPart::LearningCurve),
-        actions: reads(DataPart::ActionChoice),
-        returns: true,
-    };
-    let planned: Vec<PlannedJob> = plan::expand(manifest);
+    let total = usize::try_from(plan::count(manifest)).unwrap_or(usize::MAX);
+    let mut places = optima::Places::default();
+    let planned = plan::jobs(manifest).inspect(|planned| places.add(&planned.job));
     let mut read = 0;
-    let mut data = reader.data_set_of(&manifest.name, planned.iter().cloned(), parts, |_| {
+    let parts = |job: &JobRecord| parts(manifest, job);
+    let mut data = reader.data_set_of(&manifest.name, planned, parts, |job| {
+        if let JobStatus::Completed(run) = &mut job.status {
+            condense(Arc::make_mut(run));
+        }
         read += 1;
-        on_progress(Work::Jobs, read, planned.len());
+        on_progress(Work::Jobs, read, total);
     })?;
-    let completed = data.jobs.iter().zip(&planned).filter(|(job, _)| job.completed().is_some());
-    let completed = completed.map(|(_, planned)| &planned.job);
-    let unknown = optima::unknown(completed.clone());
-    let optima = optima::of_jobs(completed, |done, of| {
-        on_progress(Work::Optima, done, of);
-    });
+    let is_completed = data.jobs.iter().map(|job| job.completed().is_some());
+    let found = places.optima(is_completed, |done, of| on_progress(Work::Optima, done, of));
     let mut ranges: Vec<ParticipantRange> = Vec::new();
     for range in manifest.analyses.iter().filter_map(|analysis| analysis.participants) {
         if !ranges.contains(&range) {
@@ -125,10 +120,23 @@ fn data_set(
         }
     }
     reader.read_participants(&mut data.jobs, &ranges)?;
-    for (job, planned) in data.jobs.iter_mut().zip(&planned) {
-        job.optimum = optima.get(&optima::place_of(&planned.job)).copied();
+    for (job, optimum) in data.jobs.iter_mut().zip(found.of_jobs) {
+        job.optimum = optimum;
     }
-    Ok((data, unknown))
+    Ok((data, found.unknown))
+}
+
+/// The results of a job that the manifest's analyses and its tables take.
+fn parts(manifest: &Manifest, job: &JobRecord) -> Parts {
+    let reads = |part| {
+        let mut analyses = manifest.analyses.iter().filter(|analysis| analysis.part() == part);
+        analyses.any(|analysis| analysis.of_jobs().all(|condition| condition.is_met_by(job)))
+    };
+    Parts {
+        curve: reads(DataPart::LearningCurve),
+        actions: reads(DataPart::ActionChoice),
+        returns: true,
+    }
 }
 
 /// The query that reads the data of an analysis: the conditions of the analysis and of its sides,

@@ -3,6 +3,8 @@
 //! In: experiments with their jobs and findings. Out: files to write. The files depend only on the
 //! input, so two reports of one store are byte-identical.
 
+use std::collections::HashSet;
+
 use super::arm_tables;
 use super::data_table::DataTable;
 use super::escape::unused_stem;
@@ -29,7 +31,12 @@ pub struct ReportFile {
 /// All files of the report of these experiments. `store` is the displayed name of the store.
 pub fn report(experiments: &[ReportedExperiment], store: &str, hosts: Hosts) -> Vec<ReportFile> {
     // CSV files use the names of keys; everything else uses displayed names.
-    let displayed: Vec<Vec<Finding>> = experiments.iter().map(findings).collect();
+    let names: Vec<Names> = experiments.iter().map(Names::of).collect();
+    let displayed = experiments.iter().zip(&names).map(|(experiment, names)| {
+        let findings = experiment.findings.iter();
+        findings.map(|(finding, _)| names.finding(finding)).collect()
+    });
+    let displayed: Vec<Vec<Finding>> = displayed.collect();
     let looks =
         Looks::of(displayed.iter().flatten().flat_map(|finding| drawn(&finding.content).arms()));
     let mut stems: Vec<String> = Vec::new();
@@ -45,8 +52,8 @@ pub fn report(experiments: &[ReportedExperiment], store: &str, hosts: Hosts) -> 
         .iter()
         .map(|experiment| ["arms", "agents"].map(|table| named(experiment, table)))
         .collect();
-    for ((experiment, displayed), [arms, agents]) in experiments.iter().zip(&displayed).zip(of_arms)
-    {
+    let all = experiments.iter().zip(&names).zip(&displayed).zip(of_arms);
+    for (((experiment, names), displayed), [arms, agents]) in all {
         let analyses = experiment.findings.iter().zip(&experiment.winners);
         let analyses = analyses.zip(displayed).zip(&experiment.styles);
         let shown = analyses.map(|((((finding, sql), winners), displayed), keys)| {
@@ -63,7 +70,6 @@ pub fn report(experiments: &[ReportedExperiment], store: &str, hosts: Hosts) -> 
         let shown: Vec<Shown<'_>> = shown.collect();
         let unknown = &experiment.unknown_optima;
         let summaries = summarise_agents(&experiment.arms);
-        let names = Names::of(experiment);
         let tables = ArmTables {
             arms: (arms, arm_tables::arms(&names.arms(&experiment.arms), unknown)),
             agents: (agents, arm_tables::agents(&names.agents(&summaries))),
@@ -108,12 +114,6 @@ fn merged(experiments: &[ReportedExperiment]) -> Reproduction {
     merged
 }
 
-/// The findings of an experiment as they are displayed.
-fn findings(experiment: &ReportedExperiment) -> Vec<Finding> {
-    let names = Names::of(experiment);
-    experiment.findings.iter().map(|(finding, _)| names.finding(finding)).collect()
-}
-
 fn shown<'e>(
     finding: &'e Finding,
     sql: &'e str,
@@ -147,12 +147,12 @@ fn shown<'e>(
 
 /// Appends a number to stems that several panels of a finding share.
 fn tell_apart(scenes: &mut [(String, Scene)]) {
-    for at in 0..scenes.len() {
-        let (before, rest) = scenes.split_at_mut(at);
-        let taken: Vec<String> = before.iter().map(|(stem, _)| stem.clone()).collect();
-        if taken.contains(&rest[0].0) {
-            rest[0].0 = format!("{}-{}", rest[0].0, at + 1);
+    let mut taken = HashSet::new();
+    for (number, (stem, _)) in (1..).zip(scenes) {
+        if taken.contains(stem) {
+            *stem = format!("{stem}-{number}");
         }
+        taken.insert(stem.clone());
     }
 }
 

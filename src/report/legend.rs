@@ -1,5 +1,7 @@
 //! The legend of an experiment, with which a reader hides arms in all of its figures at once.
 
+use std::collections::{HashMap, HashSet};
+
 use super::figure::Looks;
 use super::scene::{Color, Facets, Scene};
 
@@ -8,6 +10,8 @@ use super::scene::{Color, Facets, Scene};
 pub struct Legend {
     /// Names of facets with their values, each in order of first appearance.
     pub facets: Vec<(String, Vec<LegendValue>)>,
+    /// The places of each facet and of its value.
+    places: HashMap<(String, String), (usize, usize)>,
 }
 
 /// A value of a facet.
@@ -23,19 +27,24 @@ impl Legend {
     /// The legend of these figures. Facets with a single value offer no choice and are left out.
     pub fn of<'s>(scenes: impl Iterator<Item = &'s (String, Scene)>, looks: &Looks) -> Legend {
         let mut legend = Legend::default();
-        for (name, value) in scenes.flat_map(|(_, scene)| &scene.series).flatten() {
+        let mut seen = HashSet::new();
+        let all = scenes.flat_map(|(_, scene)| &scene.series).flatten();
+        for (name, value) in all.filter(|facet| seen.insert(*facet)) {
             let place = legend.facets.iter().position(|(known, _)| known == name);
             let place = place.unwrap_or_else(|| {
                 legend.facets.push((name.clone(), Vec::new()));
                 legend.facets.len() - 1
             });
-            let values = &mut legend.facets[place].1;
-            if !values.iter().any(|known| known.value == *value) {
-                let color = looks.color_of(name, value);
-                values.push(LegendValue { value: value.clone(), color });
-            }
+            let color = looks.color_of(name, value);
+            legend.facets[place].1.push(LegendValue { value: value.clone(), color });
         }
         legend.facets.retain(|(_, values)| values.len() > 1);
+        let facets = legend.facets.iter().enumerate();
+        let places = facets.flat_map(|(facet, (name, values))| {
+            let values = values.iter().enumerate();
+            values.map(move |(at, one)| ((name.clone(), one.value.clone()), (facet, at)))
+        });
+        legend.places = places.collect();
         legend
     }
 
@@ -46,10 +55,9 @@ impl Legend {
 
     /// The CSS classes of a series of marks.
     pub fn classes(&self, series: &Facets) -> String {
-        let of = |(name, value): &(String, String)| {
-            let facet = self.facets.iter().position(|(known, _)| known == name)?;
-            let value = self.facets[facet].1.iter().position(|known| known.value == *value)?;
-            Some(self.class(facet, value))
+        let of = |facet: &(String, String)| {
+            let (facet, value) = self.places.get(facet)?;
+            Some(self.class(*facet, *value))
         };
         series.iter().filter_map(of).collect::<Vec<_>>().join(" ")
     }

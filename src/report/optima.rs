@@ -1,62 +1,114 @@
 //! The optima of jobs, one per environment and scenario.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
+use std::mem;
 
-use crate::env::{Environment, Scenario};
+use crate::env::{Environment, Population, Scenario};
 use crate::optimum::{self, NoOptimum};
 use crate::plan::Job;
 
-/// An environment and a scenario, as text that identifies them.
-pub(super) type Place = (String, String);
-
-/// The place of a job.
-pub(super) fn place_of(job: &Job) -> Place {
-    (format!("{:?} {:?}", job.environment, job.population), job.scenario.to_string())
+/// The environments and scenarios of jobs, each once.
+#[derive(Default)]
+pub(super) struct Places {
+    places: Vec<Place>,
+    /// The index of each place by its text.
+    known: HashMap<String, usize>,
+    /// The index of the place of each job.
+    of_jobs: Vec<usize>,
 }
 
-/// Whether the optimum of a job can be computed. If there are several reasons against it, a scenario
-/// that hides the state takes precedence.
-fn check(job: &Job) -> Result<(), NoOptimum> {
-    let alike = optimum::check_people(&job.population);
-    match optimum::check(&job.environment, &job.scenario) {
-        hidden @ Err(NoOptimum::StateHidden { .. }) => hidden,
-        other => alike.and(other),
+/// An environment and a scenario.
+struct Place {
+    environment: Environment,
+    population: Population,
+    scenario: Scenario,
+}
+
+/// The optima of jobs.
+pub(super) struct Optima {
+    /// The highest mean return of any policy for each job; `None` if it cannot be computed.
+    pub(super) of_jobs: Vec<Option<f64>>,
+    /// The distinct reasons for unknown optima of jobs whose scenarios show the state.
+    pub(super) unknown: Vec<String>,
+}
+
+impl Place {
+    fn is_of(&self, job: &Job) -> bool {
+        self.environment == job.environment
+            && self.population == job.population
+            && self.scenario == job.scenario
     }
-}
 
-/// The distinct reasons for unknown optima of jobs whose scenarios show the state.
-pub(super) fn unknown<'j>(jobs: impl Iterator<Item = &'j Job>) -> Vec<String> {
-    let mut reasons: Vec<String> = Vec::new();
-    for job in jobs {
-        let reason = match check(job).err() {
-            Some(
-                error @ (NoOptimum::NotKnown { .. }
-                | NoOptimum::PeopleDiffer { .. }
-                | NoOptimum::TooLong { .. }),
-            ) => error,
-            Some(NoOptimum::StateHidden { .. }) | None => continue,
-        };
-        let reason = reason.to_string();
-        if !reasons.contains(&reason) {
-            reasons.push(reason);
+    /// Whether the optimum can be computed. If there are several reasons against it, a scenario that hides
+    /// the state takes precedence.
+    fn check(&self) -> Result<(), NoOptimum> {
+        let alike = optimum::check_people(&self.population);
+        match optimum::check(&self.environment, &self.scenario) {
+            hidden @ Err(NoOptimum::StateHidden { .. }) => hidden,
+            other => alike.and(other),
         }
     }
-    reasons
 }
 
-/// The highest mean return of any policy, by place. Places whose optimum cannot be computed are
-/// left out. `on_progress` receives the number of optima found so far and the total.
-pub(super) fn of_jobs<'j>(
-    jobs: impl Iterator<Item = &'j Job>,
-    mut on_progress: impl FnMut(usize, usize),
-) -> HashMap<Place, f64> {
-    let mut seen = HashSet::new();
-    let (places, pairs): (Vec<Place>, Vec<(&Environment, &Scenario)>) = jobs
-        .filter(|job| check(job).is_ok())
-        .map(|job| (place_of(job), (&job.environment, &job.scenario)))
-        .filter(|(place, _)| seen.insert(place.clone()))
-        .unzip();
-    let found = optimum::several(&pairs, |done| on_progress(done, pairs.len()));
-    let found = places.into_iter().zip(found);
-    found.filter_map(|(place, best)| Some((place, best.ok()?.mean_return))).collect()
+impl Places {
+    /// Adds the next job.
+    pub(super) fn add(&mut self, job: &Job) {
+        // Most jobs differ from the one before them in their seeds alone.
+        let last = self.of_jobs.last().copied();
+        if let Some(last) = last.filter(|last| self.places[*last].is_of(job)) {
+            self.of_jobs.push(last);
+            return;
+        }
+        let Job { environment, population, scenario, .. } = job;
+        let text = format!("{environment:?} {population:?} {scenario}");
+        let new = self.places.len();
+        let place = *self.known.entry(text).or_insert(new);
+        if place == new {
+            self.places.push(Place {
+                environment: environment.clone(),
+                population: population.clone(),
+                scenario: scenario.clone(),
+            });
+        }
+        self.of_jobs.push(place);
+    }
+
+    /// The optima of the jobs, in the order in which they were added, if `is_completed`. `on_progress`
+    /// receives the number of optima found so far and the total.
+    pub(super) fn optima(
+        &self,
+        is_completed: impl Iterator<Item = bool>,
+        mut on_progress: impl FnMut(usize, usize),
+    ) -> Optima {
+        let mut is_new = vec![true; self.places.len()];
+        let completed = self.of_jobs.iter().zip(is_completed).filter(|(_, is)| *is);
+        let wanted = completed.filter(|(at, _)| mem::replace(&mut is_new[**at], false));
+        let mut unknown: Vec<String> = Vec::new();
+        let mut solved = Vec::new();
+        for at in wanted.map(|(at, _)| *at) {
+            let reason = match self.places[at].check() {
+                Ok(()) => {
+                    solved.push(at);
+                    continue;
+                }
+                Err(NoOptimum::StateHidden { .. }) => continue,
+                Err(
+                    error @ (NoOptimum::NotKnown { .. }
+                    | NoOptimum::PeopleDiffer { .. }
+                    | NoOptimum::TooLong { .. }),
+                ) => error.to_string(),
+            };
+            if !unknown.contains(&reason) {
+                unknown.push(reason);
+            }
+        }
+        let pair = |at: &usize| (&self.places[*at].environment, &self.places[*at].scenario);
+        let pairs: Vec<_> = solved.iter().map(pair).collect();
+        let found = optimum::several(&pairs, |done| on_progress(done, pairs.len()));
+        let mut best = vec![None; self.places.len()];
+        for (at, found) in solved.into_iter().zip(found) {
+            best[at] = found.ok().map(|found| found.mean_return);
+        }
+        Optima { of_jobs: self.of_jobs.iter().map(|at| best[*at]).collect(), unknown }
+    }
 }

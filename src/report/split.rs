@@ -5,8 +5,8 @@ use super::kinds::drawn;
 use super::names::Names;
 use crate::analyse::declared::carry_out;
 use crate::manifest::{AnalysisKind, Condition, Manifest};
-use crate::plan;
-use crate::record::{JobRecord, JobStatus};
+use crate::plan::{self, PlannedJob};
+use crate::record::{JobRecord, JobStatus, SharedSettings};
 
 /// Maximum number of jobs of one seed for which splits are predicted. Larger figures are
 /// unreadable.
@@ -35,10 +35,11 @@ pub fn splits(manifest: &Manifest) -> Vec<String> {
     if of_one_seed.len() > MOST_JOBS {
         return Vec::new();
     }
-    let jobs: Vec<JobRecord> = of_one_seed
-        .iter()
-        .map(|planned| JobRecord::new(planned, planned.job.key(), JobStatus::Pending))
-        .collect();
+    let mut shared = SharedSettings::default();
+    let mut record = |planned: &PlannedJob| {
+        JobRecord::sharing(&mut shared, planned, planned.form.key(), JobStatus::Pending)
+    };
+    let jobs: Vec<JobRecord> = of_one_seed.iter().map(&mut record).collect();
     let concerned = |conditions: Vec<Condition>| -> Vec<&JobRecord> {
         jobs.iter().filter(|job| conditions.iter().all(|one| one.is_met_by(job))).collect()
     };

@@ -70,6 +70,7 @@ mod tests {
             optimum: None,
             sigma: Some(0.6),
             context_error: None,
+            interquartile: std::sync::OnceLock::new(),
         }
     }
 

@@ -140,7 +140,7 @@ fn failed(experiment: &str, job: &JobRecord, told_by: &[String]) -> Option<Vec<E
     let sigma = job.number("environment.sigma").map_or_else(String::new, |s| s.to_string());
     Some(vec![
         Entry::text(experiment),
-        Entry::text(&job.agent),
+        Entry::text(&*job.agent),
         Entry::text(&job.scenario),
         Entry::text(sigma),
         Entry::text(settings_label(&settings)),

@@ -9,7 +9,7 @@ use crate::analyse::declared::{Arm, ArmId, Candidate, Content, Finding, Ranking,
 use crate::analyse::{Interval, Sample, mean_interval};
 use crate::manifest::{Analysis, AnalysisKind, Manifest, printable};
 use crate::plan::{self, Job, PlannedJob};
-use crate::record::{JobRecord, JobStatus};
+use crate::record::{JobRecord, JobStatus, SharedSettings};
 use crate::store::{Parts, Reader, StoreError};
 
 /// The best settings that each analysis of the manifest chose; `None` unless it is a selection with
@@ -50,8 +50,10 @@ impl Search<'_> {
         let name = ArmId { settings, ..ranking.place.clone() };
         // The name lacks keys that the analysis fixes.
         let conditions: Vec<_> = self.analysis.of_jobs().collect();
+        let mut shared = SharedSettings::default();
         let is_winner = |planned: &PlannedJob| {
-            let record = JobRecord::new(planned, planned.form.key(), JobStatus::Pending);
+            let (key, status) = (planned.form.key(), JobStatus::Pending);
+            let record = JobRecord::sharing(&mut shared, planned, key, status);
             is_at(&record, &name) && conditions.iter().all(|condition| condition.is_met_by(&record))
         };
         let agent = self.manifest.agents.iter().find(|agent| agent.name == name.agent);
@@ -74,7 +76,7 @@ impl Search<'_> {
             PlannedJob { agent: winner.agent.clone(), form: job.form(), job }
         });
         let parts = Parts { curve: false, actions: false, returns: true };
-        let mut data = self.reader.data_set_of(&self.manifest.name, planned, parts, |_| {})?;
+        let mut data = self.reader.data_set_of(&self.manifest.name, planned, |_| parts, |_| {})?;
         if let Some(range) = self.analysis.participants {
             self.reader.read_participants(&mut data.jobs, &[range])?;
             data.jobs = data.jobs.iter().map(|job| job.among(range)).collect();

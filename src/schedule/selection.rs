@@ -2,12 +2,16 @@
 
 use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet};
+use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
 use super::Queued;
 use crate::manifest::Manifest;
 use crate::plan::{self, Filter, FilterError, JobKey, PlannedJob, Shard};
+
+/// The number of jobs whose states are read at once.
+const ASKED_TOGETHER: usize = 1000;
 
 /// A selection of jobs from at least one manifest.
 pub struct Selection<'a> {
@@ -73,27 +77,51 @@ impl<'a> Selection<'a> {
     /// The distinct jobs of all manifests. A job in several manifests gets their longest time limit and the
     /// folder of the first.
     pub fn queue(&self) -> Vec<Queued> {
+        let all = |keys: &[JobKey]| Ok::<_, Infallible>(vec![true; keys.len()]);
+        match self.queue_where(all) {
+            Ok(queue) => queue,
+            Err(never) => match never {},
+        }
+    }
+
+    /// The jobs of [`Selection::queue`] that are wanted. `are_wanted` receives distinct keys, many at a time;
+    /// jobs that are not wanted are never kept.
+    pub fn queue_where<E>(
+        &self,
+        mut are_wanted: impl FnMut(&[JobKey]) -> Result<Vec<bool>, E>,
+    ) -> Result<Vec<Queued>, E> {
         let mut queue: Vec<Queued> = Vec::new();
-        let mut places = HashMap::new();
+        // The place in the queue of every job seen so far; `None` if it is not wanted.
+        let mut places: HashMap<JobKey, Option<usize>> = HashMap::new();
         for manifest in self.manifests {
             let time_limit = manifest.time_limit_seconds.map(Duration::from_secs);
             let folder = manifest.folder();
-            for PlannedJob { agent, job, form } in self.jobs(manifest) {
-                let key = form.key();
-                match places.entry(key) {
-                    Entry::Occupied(place) => {
-                        let found: &mut Queued = &mut queue[*place.get()];
-                        found.time_limit = longer(found.time_limit, time_limit);
+            let mut jobs = self.jobs(manifest).map(|planned| (planned.form.key(), planned)).peekable();
+            while jobs.peek().is_some() {
+                let mut new = Vec::new();
+                for (key, planned) in jobs.by_ref().take(ASKED_TOGETHER) {
+                    match places.entry(key) {
+                        Entry::Vacant(place) => {
+                            place.insert(None);
+                            new.push((key, planned));
+                        }
+                        Entry::Occupied(place) => {
+                            if let Some(found) = place.get().map(|at| &mut queue[at]) {
+                                found.time_limit = longer(found.time_limit, time_limit);
+                            }
+                        }
                     }
-                    Entry::Vacant(place) => {
-                        place.insert(queue.len());
-                        let (agent, folder) = (agent.to_string(), folder.to_owned());
-                        queue.push(Queued { key, agent, job, time_limit, folder });
-                    }
+                }
+                let keys: Vec<JobKey> = new.iter().map(|(key, _)| *key).collect();
+                let wanted = new.into_iter().zip(are_wanted(&keys)?).filter(|(_, is)| *is);
+                for ((key, PlannedJob { agent, job, .. }), _) in wanted {
+                    places.insert(key, Some(queue.len()));
+                    let (agent, folder) = (agent.to_string(), folder.to_owned());
+                    queue.push(Queued { key, agent, job, time_limit, folder });
                 }
             }
         }
-        queue
+        Ok(queue)
     }
 }
 

@@ -11,7 +11,8 @@ use super::selection::Selection;
 use super::sweep::{Context, Options, SweepError, Tally};
 use crate::manifest::Manifest;
 use crate::plan::{self, JobKey};
-use crate::store::{Experiment, JobState, Reader, Registered, RetryFailed, Store, StoreError};
+use crate::store::{
+    Experiment, JobState, JobStates, Reader, Registered, RetryFailed, Store, StoreError};
 use crate::train;
 
 /// Registers a manifest with its jobs, or only with its jobs in `part`. Returns `None` if `stop` was set
@@ -30,7 +31,7 @@ pub fn register_experiment(
         hypothesis: manifest.hypothesis.as_deref(),
         manifest: &manifest.source,
     };
-    let jobs = plan::jobs(manifest).map(|planned| (planned.agent, planned.job));
+    let jobs = plan::jobs(manifest).map(|planned| (planned.agent, planned.form));
     match part {
         None => store.register_until(stop, &experiment, jobs),
         Some(part) => store.register_part_until(stop, &experiment, jobs, part),
@@ -54,25 +55,31 @@ impl Remaining {
     /// **Errors**: the store or the folder of its checkpoints fails.
     pub fn of(
         store: &Store,
-        jobs: Vec<Queued>,
+        selection: &Selection<'_>,
         retry_failed: RetryFailed,
     ) -> Result<Remaining, StoreError> {
         let reader = Reader::open(store.path())?;
         CheckpointFolder::beside(store.path()).clear(&reader)?;
         store.clear_crash_marks()?;
-        let states = reader.job_states(jobs.iter().map(|job| &job.key))?;
-        let mut remaining = Remaining { queue: Vec::new(), completed: 0, failed: 0 };
-        for (job, state) in jobs.into_iter().zip(states) {
-            match (state, retry_failed) {
-                (JobState::Completed, _) => remaining.completed += 1,
-                (JobState::Failed, RetryFailed::No) => remaining.failed += 1,
-                (JobState::Failed, RetryFailed::Yes)
-                | (JobState::Pending | JobState::Interrupted | JobState::Running, _) => {
-                    remaining.queue.push(job);
-                }
+        let mut states = JobStates::of(&reader);
+        let (mut completed, mut failed) = (0, 0);
+        let mut is_left = |state| match (state, retry_failed) {
+            (JobState::Completed, _) => {
+                completed += 1;
+                false
             }
-        }
-        Ok(remaining)
+            (JobState::Failed, RetryFailed::No) => {
+                failed += 1;
+                false
+            }
+            (JobState::Failed, RetryFailed::Yes)
+            | (JobState::Pending | JobState::Interrupted | JobState::Running, _) => true,
+        };
+        let queue = selection.queue_where(|keys| {
+            let states = states.ask(keys)?.into_iter();
+            Ok::<_, StoreError>(states.map(&mut is_left).collect())
+        })?;
+        Ok(Remaining { queue, completed, failed })
     }
 }
 
@@ -115,8 +122,8 @@ pub fn run_manifests(
             return Ok(Tally::default());
         }
     }
-    let jobs = Selection::new(manifests, None).expect("no filter refuses").queue();
-    let remaining = Remaining::of(store, jobs, options.retry_failed)?;
+    let selection = Selection::new(manifests, None).expect("no filter refuses");
+    let remaining = Remaining::of(store, &selection, options.retry_failed)?;
     let tally = match remaining.queue.is_empty() {
         true => Tally::default(),
         false => run_queue(store, remaining.queue, options, stop, |_| {}, &mut on_event)?,

@@ -1,5 +1,7 @@
 //! The test episodes of a range of participants.
 
+use std::sync::Arc;
+
 use rusqlite::Connection;
 
 use crate::manifest::ParticipantRange;
@@ -26,6 +28,7 @@ impl Reader {
             for job in jobs {
                 let JobStatus::Completed(run) = &mut job.status else { continue };
                 let key = job.job_key.to_string();
+                let run = Arc::make_mut(run);
                 for range in ranges {
                     run.among.extend(among(connection, &key, *range)?);
                 }

@@ -1,15 +1,19 @@
 //! Completed runs as a report reads them.
 
-use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
 
 use rusqlite::Connection;
 
 use crate::manifest::Manifest;
 use crate::plan::{self, JobKey, PlannedJob};
 use crate::record::{
-    ActionCount, CompletedRun, DataSet, Failure, JobRecord, JobStatus, Provenance,
+    ActionCount, CompletedRun, DataSet, Failure, JobRecord, JobStatus, Provenance, SharedSettings,
 };
 
+use super::job_states::JobStates;
+use super::read::failure_kind;
 use super::state::JobState;
 use super::{Reader, StoreError};
 
@@ -24,93 +28,108 @@ pub struct Parts {
     pub returns: bool,
 }
 
+impl Parts {
+    /// The parts that one of both has.
+    #[must_use]
+    pub fn or(self, other: Parts) -> Parts {
+        Parts {
+            curve: self.curve || other.curve,
+            actions: self.actions || other.actions,
+            returns: self.returns || other.returns,
+        }
+    }
+}
+
 /// The number of jobs whose states are read at once.
 const JOBS_PER_QUESTION: usize = 1000;
 
 impl Reader {
     /// The jobs of a manifest with their status and results, in the manifest's order.
     pub fn data_set(&self, manifest: &Manifest, parts: Parts) -> Result<DataSet, StoreError> {
-        self.data_set_of(&manifest.name, plan::jobs(manifest), parts, |_| {})
+        self.data_set_of(&manifest.name, plan::jobs(manifest), |_| parts, |_| {})
     }
 
-    /// The given jobs of an experiment with their status and results. `see` receives each job as it is read,
-    /// and may drop data that is not needed.
+    /// The given jobs of an experiment with their status and results. `parts` chooses the results that are
+    /// read of a job. `see` receives each job as it is read, and may drop data that is not needed.
     pub fn data_set_of(
         &self,
         experiment: &str,
         planned: impl IntoIterator<Item = PlannedJob>,
-        parts: Parts,
+        parts: impl Fn(&JobRecord) -> Parts,
         mut see: impl FnMut(&mut JobRecord),
     ) -> Result<DataSet, StoreError> {
         let mut planned = planned.into_iter();
+        let mut states = JobStates::of(self);
+        let (mut shared, mut seen) = (SharedSettings::default(), SharedNames::default());
         let mut jobs = Vec::new();
         loop {
-            let batch: Vec<(PlannedJob, JobKey)> = planned
-                .by_ref()
-                .take(JOBS_PER_QUESTION)
-                .map(|planned| {
-                    let key = planned.form.key();
-                    (planned, key)
-                })
-                .collect();
+            let first = jobs.len();
+            jobs.extend(planned.by_ref().take(JOBS_PER_QUESTION).map(|planned| {
+                let key = planned.form.key();
+                JobRecord::sharing(&mut shared, &planned, key, JobStatus::Pending)
+            }));
+            let batch = &mut jobs[first..];
             if batch.is_empty() {
                 return Ok(DataSet { experiment: experiment.to_owned(), jobs });
             }
-            let statuses = self.statuses(batch.iter().map(|(_, key)| key), parts)?;
-            for ((planned, key), status) in batch.into_iter().zip(statuses) {
-                let mut job = JobRecord::new(&planned, key, status);
-                see(&mut job);
-                jobs.push(job);
-            }
+            let keys: Vec<JobKey> = batch.iter().map(|job| job.job_key).collect();
+            self.read_statuses(batch, states.ask(&keys)?, (&parts, &mut seen))?;
+            batch.iter_mut().for_each(&mut see);
         }
     }
 
-    /// The statuses of jobs with their results, in the order of `keys`.
-    fn statuses<'k>(
+    /// Reads the statuses of jobs with their results.
+    fn read_statuses(
         &self,
-        keys: impl Iterator<Item = &'k JobKey> + Clone,
-        parts: Parts,
-    ) -> Result<Vec<JobStatus>, StoreError> {
-        let states = self.job_states(keys.clone())?;
-        let completed = keys.clone().zip(&states);
-        let completed = completed.filter(|(_, state)| **state == JobState::Completed);
-        let runs = self.completed_runs(completed.map(|(key, _)| *key), parts)?;
+        jobs: &mut [JobRecord],
+        states: Vec<JobState>,
+        (parts, shared): (impl Fn(&JobRecord) -> Parts, &mut SharedNames),
+    ) -> Result<(), StoreError> {
+        let with = |wanted| {
+            let both = jobs.iter().zip(&states).filter(move |(_, state)| **state == wanted);
+            both.map(|(job, _)| job)
+        };
+        // Two agents with equal content share a job.
+        let mut completed: HashMap<JobKey, Parts> = HashMap::new();
+        for job in with(JobState::Completed) {
+            let wanted = completed.entry(job.job_key).or_default();
+            *wanted = wanted.or(parts(job));
+        }
+        let runs = self.completed_runs(&completed, shared)?;
         // Read after the states, so that every job found as failed already has its failure.
-        let failed = match states.contains(&JobState::Failed) {
-            true => self.failed_jobs()?,
-            false => Vec::new(),
-        };
-        let failures: HashMap<JobKey, Failure> =
-            failed.into_iter().map(|failed| (failed.job_key, failed.failure)).collect();
-        let status = |key: &JobKey, state| match state {
-            JobState::Pending => JobStatus::Pending,
-            JobState::Interrupted => JobStatus::Interrupted,
-            JobState::Running => JobStatus::Running,
-            // If the failure is gone, another process has started the job again.
-            JobState::Failed => {
-                failures.get(key).cloned().map_or(JobStatus::Running, JobStatus::Failed)
-            }
-            // Two agents with equal content share a job.
-            JobState::Completed => match runs.get(key) {
-                Some(run) => JobStatus::Completed(Box::new(run.clone())),
-                None => JobStatus::Pending,
-            },
-        };
-        Ok(keys.zip(states).map(|(key, state)| status(key, state)).collect())
+        let failures = self.failures(with(JobState::Failed).map(|job| job.job_key).collect())?;
+        for (job, state) in jobs.iter_mut().zip(states) {
+            job.status = match state {
+                JobState::Pending => JobStatus::Pending,
+                JobState::Interrupted => JobStatus::Interrupted,
+                JobState::Running => JobStatus::Running,
+                // If the failure is gone, another process has started the job again.
+                JobState::Failed => failures
+                    .get(&job.job_key)
+                    .cloned()
+                    .map_or(JobStatus::Running, JobStatus::Failed),
+                JobState::Completed => match runs.get(&job.job_key) {
+                    Some(run) => JobStatus::Completed(run.clone()),
+                    None => JobStatus::Pending,
+                },
+            };
+        }
+        Ok(())
     }
 
     /// The completed runs of jobs, by job; jobs without a completed run are omitted.
     fn completed_runs(
         &self,
-        keys: impl Iterator<Item = JobKey>,
-        parts: Parts,
-    ) -> Result<HashMap<JobKey, CompletedRun>, StoreError> {
-        let keys: Vec<String> = keys.map(|key| key.to_string()).collect();
+        wanted: &HashMap<JobKey, Parts>,
+        shared: &mut SharedNames,
+    ) -> Result<HashMap<JobKey, Arc<CompletedRun>>, StoreError> {
+        let keys: Vec<String> = wanted.keys().map(JobKey::to_string).collect();
         self.read("read completed runs", |connection| {
-            let mut runs = heads(connection, &keys)?;
-            add_metrics(connection, &mut runs)?;
+            let mut runs = heads(connection, &keys, shared)?;
+            add_metrics(connection, &mut runs, shared)?;
             let mut completed = HashMap::new();
             for (id, (key, mut run)) in runs {
+                let parts = wanted.get(&key).copied().unwrap_or_default();
                 if parts.curve {
                     run.curve = curve(connection, id)?;
                 }
@@ -120,30 +139,65 @@ impl Reader {
                 if parts.returns {
                     run.returns = returns(connection, id)?;
                 }
-                completed.insert(key, run);
+                completed.insert(key, Arc::new(run));
             }
             Ok(completed)
         })
     }
+
+    /// The last failures of jobs, by job.
+    fn failures(&self, keys: HashSet<JobKey>) -> Result<HashMap<JobKey, Failure>, StoreError> {
+        if keys.is_empty() {
+            return Ok(HashMap::new());
+        }
+        let keys: Vec<String> = keys.iter().map(JobKey::to_string).collect();
+        self.read("read failures", |connection| {
+            let mut statement = connection.prepare_cached(
+                "SELECT unhex(job.key), run.failure_kind, run.failure_message, run.failure_episode
+                 FROM json_each(?1) AS wanted
+                 CROSS JOIN job ON job.key = wanted.value
+                 CROSS JOIN run ON run.job = job.id AND run.status = 'failed'
+                 ORDER BY run.attempt",
+            )?;
+            // The last attempt replaces the ones before it.
+            let rows = statement.query_map([json(&keys)], |row| {
+                let (kind, message, episode) = (failure_kind(row, 1)?, row.get(2)?, row.get(3)?);
+                Ok((JobKey(row.get(0)?), Failure { kind, message, episode }))
+            })?;
+            Ok(rows.collect::<rusqlite::Result<_>>()?)
+        })
+    }
+}
+
+/// What many runs have in common, kept once.
+#[derive(Default)]
+struct SharedNames {
+    /// The provenance of the runs of each session.
+    sessions: HashMap<i64, Arc<Provenance>>,
+    /// The names of metrics, by row id.
+    metrics: HashMap<i64, Arc<str>>,
 }
 
 /// Completed runs without their results, by row id.
 fn heads(
     connection: &Connection,
     keys: &[String],
+    shared: &mut SharedNames,
 ) -> rusqlite::Result<HashMap<i64, (JobKey, CompletedRun)>> {
     // CROSS JOIN fixes the join order. Otherwise SQLite would search the list for every completed run.
     let mut statement = connection.prepare_cached(
         "SELECT run.id, run.ended_at, run.wall_seconds, session.code_version,
             session.git_revision, session.backend, session.host, session.processor,
-            unhex(job.key)
+            unhex(job.key), session.id
          FROM json_each(?1) AS wanted
          CROSS JOIN job ON job.key = wanted.value
          CROSS JOIN run ON run.job = job.id AND run.status = 'completed'
          JOIN session ON session.id = run.session",
     )?;
     let rows = statement
-        .query_map([json(keys)], |row| Ok((row.get(0)?, (JobKey(row.get(8)?), head(row)?))))?;
+        .query_map([json(keys)], |row| {
+            Ok((row.get(0)?, (JobKey(row.get(8)?), head(row, shared)?)))
+        })?;
     rows.collect()
 }
 
@@ -151,9 +205,10 @@ fn heads(
 fn add_metrics(
     connection: &Connection,
     runs: &mut HashMap<i64, (JobKey, CompletedRun)>,
+    shared: &mut SharedNames,
 ) -> rusqlite::Result<()> {
     let mut statement = connection.prepare_cached(
-        "SELECT run_metric.run, metric_name.name, run_metric.value
+        "SELECT run_metric.run, run_metric.metric, run_metric.value, metric_name.name
          FROM json_each(?1) AS wanted
          CROSS JOIN run_metric ON run_metric.run = wanted.value
          JOIN metric_name ON metric_name.id = run_metric.metric
@@ -163,7 +218,11 @@ fn add_metrics(
     let mut rows = statement.query([json(&ids)])?;
     while let Some(row) = rows.next()? {
         if let Some((_, run)) = runs.get_mut(&row.get(0)?) {
-            run.metrics.push((row.get(1)?, row.get(2)?));
+            let name = match shared.metrics.entry(row.get(1)?) {
+                Entry::Occupied(known) => known.get().clone(),
+                Entry::Vacant(new) => new.insert(row.get(3)?).clone(),
+            };
+            run.metrics.push((name, row.get(2)?));
         }
     }
     Ok(())
@@ -175,7 +234,11 @@ fn json<T: serde::Serialize>(list: &[T]) -> String {
 }
 
 /// A run without its results.
-fn head(row: &rusqlite::Row<'_>) -> rusqlite::Result<CompletedRun> {
+fn head(row: &rusqlite::Row<'_>, shared: &mut SharedNames) -> rusqlite::Result<CompletedRun> {
+    let provenance = match shared.sessions.entry(row.get(9)?) {
+        Entry::Occupied(known) => known.get().clone(),
+        Entry::Vacant(new) => new.insert(Arc::new(provenance(row)?)).clone(),
+    };
     Ok(CompletedRun {
         metrics: Vec::new(),
         curve: Vec::new(),
@@ -184,13 +247,17 @@ fn head(row: &rusqlite::Row<'_>) -> rusqlite::Result<CompletedRun> {
         among: Vec::new(),
         ended_at: row.get(1)?,
         wall_seconds: row.get(2)?,
-        provenance: Provenance {
-            code_version: row.get(3)?,
-            git_revision: row.get(4)?,
-            backend: row.get(5)?,
-            host: row.get(6)?,
-            processor: row.get(7)?,
-        },
+        provenance,
+    })
+}
+
+fn provenance(row: &rusqlite::Row<'_>) -> rusqlite::Result<Provenance> {
+    Ok(Provenance {
+        code_version: row.get(3)?,
+        git_revision: row.get(4)?,
+        backend: row.get(5)?,
+        host: row.get(6)?,
+        processor: row.get(7)?,
     })
 }
 

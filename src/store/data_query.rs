@@ -2,7 +2,8 @@
 
 use std::fmt::Write as _;
 
-use crate::manifest::{Condition, DataPart, Described, ParticipantRange, Setting};
+use crate::manifest::{Condition, DataPart, ParticipantRange, Setting};
+use crate::record::JobRecord;
 
 /// A query of the public views: for some jobs of one experiment, and for a part of their results.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,9 +19,15 @@ pub struct DataQuery {
 }
 
 impl DataQuery {
-    /// Whether the query reads the rows of this job.
-    pub fn asks_for(&self, job: &impl Described) -> bool {
-        self.conditions.iter().all(|condition| condition.is_met_by(job))
+    /// The jobs whose rows the query reads. Conditions on anything but the seed are tested once per arm.
+    pub fn among<'j>(&self, jobs: &'j [JobRecord]) -> Vec<&'j JobRecord> {
+        let is_of_seed = |one: &&Condition| matches!(one, Condition::Seed(_));
+        let (of_seeds, of_arms): (Vec<_>, Vec<_>) = self.conditions.iter().partition(is_of_seed);
+        let meets = |conditions: &[&Condition], job: &JobRecord| {
+            conditions.iter().all(|condition| condition.is_met_by(&job))
+        };
+        let arms = jobs.chunk_by(JobRecord::shares_arm).filter(|arm| meets(&of_arms, &arm[0]));
+        arms.flatten().filter(|job| meets(&of_seeds, job)).collect()
     }
 
     /// One SELECT statement on the public views.

@@ -1,12 +1,11 @@
 //! Experiments and the jobs they hold.
 
-use std::borrow::Borrow;
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rusqlite::{CachedStatement, Connection, OptionalExtension, params};
 
-use crate::plan::{CanonicalForm, Job, JobKey, Versions};
+use crate::plan::{CanonicalForm, JobKey, Versions};
 
 use super::earlier_manifest;
 use super::error::{Fault, StoreError};
@@ -47,7 +46,7 @@ impl Store {
     /// Writes only differences from the store: registering the same jobs again writes nothing.
     ///
     /// **Errors**: another process is registering a different manifest under the same name.
-    pub fn register<A: AsRef<str>, J: Borrow<Job>>(
+    pub fn register<A: AsRef<str>, J: Into<CanonicalForm>>(
         &mut self,
         experiment: &Experiment<'_>,
         jobs: impl IntoIterator<Item = (A, J)>,
@@ -61,7 +60,7 @@ impl Store {
     ///
     /// Each transaction registers ten thousand jobs. After a stop, the jobs registered so far remain, and so
     /// do jobs that the manifest dropped. Registering again completes the rest.
-    pub fn register_until<A: AsRef<str>, J: Borrow<Job>>(
+    pub fn register_until<A: AsRef<str>, J: Into<CanonicalForm>>(
         &mut self,
         stop: &AtomicBool,
         experiment: &Experiment<'_>,
@@ -72,7 +71,7 @@ impl Store {
 
     /// Like [`Store::register_until`], but adds only the jobs in `part`, at their places in the whole order.
     /// Keeps other jobs that the experiment already holds.
-    pub fn register_part_until<A: AsRef<str>, J: Borrow<Job>>(
+    pub fn register_part_until<A: AsRef<str>, J: Into<CanonicalForm>>(
         &mut self,
         stop: &AtomicBool,
         experiment: &Experiment<'_>,
@@ -82,7 +81,7 @@ impl Store {
         self.register_where(stop, experiment, jobs, |key| part.contains(key))
     }
 
-    fn register_where<A: AsRef<str>, J: Borrow<Job>>(
+    fn register_where<A: AsRef<str>, J: Into<CanonicalForm>>(
         &mut self,
         stop: &AtomicBool,
         experiment: &Experiment<'_>,
@@ -93,6 +92,9 @@ impl Store {
         let id =
             self.write(action, |transaction| Ok(upsert_experiment(transaction, experiment)?))?;
         let mut held = Held::default();
+        held.known = held
+            .positions(&self.connection, id)
+            .map_err(|source| StoreError::sqlite(&self.path, action, source))?;
         let mut jobs = jobs.into_iter().peekable();
         while jobs.peek().is_some() {
             if stop.load(Ordering::Relaxed) {
@@ -103,10 +105,11 @@ impl Store {
                 .by_ref()
                 .take(BATCH)
                 .filter_map(|(agent, job)| {
-                    let form = job.borrow().form();
+                    let form: CanonicalForm = job.into();
                     let key = form.key();
                     let (agent, position) = held.meet(agent.as_ref(), key)?;
-                    is_held(&key).then_some(Member { form, agent, position })
+                    let is_new = is_held(&key) && !held.holds(key, agent, position);
+                    is_new.then_some(Member { form, key, agent, position })
                 })
                 .collect();
             if batch.is_empty() {
@@ -179,6 +182,8 @@ struct Held {
     agents: Vec<String>,
     /// The key and agent of every job seen so far.
     jobs: HashSet<(JobKey, usize)>,
+    /// The position of every job that the experiment held before.
+    known: HashMap<(JobKey, usize), usize>,
     /// The number of these jobs that the experiment holds through this registration.
     held: usize,
     /// The number of these jobs that the experiment did not hold before.
@@ -188,6 +193,7 @@ struct Held {
 /// A job that the experiment should hold.
 struct Member {
     form: CanonicalForm,
+    key: JobKey,
     /// The agent's number.
     agent: usize,
     /// The job's place in the manifest's order.
@@ -199,6 +205,32 @@ impl Held {
     fn meet(&mut self, agent: &str, key: JobKey) -> Option<(usize, usize)> {
         let (agent, position) = (self.number(agent), self.jobs.len());
         self.jobs.insert((key, agent)).then_some((agent, position))
+    }
+
+    /// The positions of the jobs that the experiment holds.
+    fn positions(
+        &mut self,
+        connection: &Connection,
+        experiment: i64,
+    ) -> rusqlite::Result<HashMap<(JobKey, usize), usize>> {
+        let mut statement = connection.prepare(
+            "SELECT unhex(key), agent, position FROM experiment_job JOIN job ON job.id = job
+             WHERE experiment = ?1",
+        )?;
+        let mut rows = statement.query([experiment])?;
+        let mut positions = HashMap::new();
+        while let Some(row) = rows.next()? {
+            let agent = self.number(row.get_ref(1)?.as_str()?);
+            positions.insert((JobKey(row.get(0)?), agent), row.get(2)?);
+        }
+        Ok(positions)
+    }
+
+    /// Whether the experiment already holds the job at this position; if so, nothing needs to be written.
+    fn holds(&mut self, key: JobKey, agent: usize, position: usize) -> bool {
+        let holds = self.known.get(&(key, agent)) == Some(&position);
+        self.held += usize::from(holds);
+        holds
     }
 
     fn number(&mut self, agent: &str) -> usize {
@@ -253,16 +285,7 @@ struct Registration<'a> {
     held: &'a mut Held,
     find_job: CachedStatement<'a>,
     insert_job: CachedStatement<'a>,
-    find_position: CachedStatement<'a>,
     insert_position: CachedStatement<'a>,
-}
-
-/// A job's row.
-enum JobRow {
-    /// The job already had a row.
-    Known(i64),
-    /// The row was inserted.
-    New(i64),
 }
 
 impl<'a> Registration<'a> {
@@ -280,10 +303,6 @@ impl<'a> Registration<'a> {
                     (key, environment_version, algorithm_version, canonical)
                  VALUES (?1, ?2, ?3, ?4)",
             )?,
-            find_position: connection.prepare_cached(
-                "SELECT position FROM experiment_job
-                 WHERE experiment = ?1 AND job = ?2 AND agent = ?3",
-            )?,
             insert_position: connection.prepare_cached(
                 "INSERT INTO experiment_job (experiment, job, agent, position)
                  VALUES (?1, ?2, ?3, ?4)
@@ -293,34 +312,24 @@ impl<'a> Registration<'a> {
     }
 
     fn hold(&mut self, member: &Member) -> rusqlite::Result<()> {
-        let Member { form, agent, position } = member;
-        let row = self.row(form)?;
+        let Member { key, agent, position, .. } = member;
+        let id = self.row(member)?;
+        let before = self.held.known.get(&(*key, *agent));
         let agent = &self.held.agents[*agent];
-        let (JobRow::Known(id) | JobRow::New(id)) = row;
         self.held.held += 1;
-        let before: Option<usize> = match row {
-            JobRow::Known(_) => self
-                .find_position
-                .query_row(params![self.experiment, id, agent], |row| row.get(0))
-                .optional()?,
-            JobRow::New(_) => None,
-        };
-        if before == Some(*position) {
-            return Ok(());
-        }
         self.held.added += usize::from(before.is_none());
         self.insert_position.execute(params![self.experiment, id, agent, position])?;
         Ok(())
     }
 
-    /// The row of a job, inserted if it is missing.
-    fn row(&mut self, form: &CanonicalForm) -> rusqlite::Result<JobRow> {
-        let key = form.key().to_string();
+    /// The row id of a job, which is inserted if it is missing.
+    fn row(&mut self, Member { form, key, .. }: &Member) -> rusqlite::Result<i64> {
+        let key = key.to_string();
         let found = self.find_job.query_row([&key], |row| row.get(0)).optional()?;
         if let Some(id) = found {
-            return Ok(JobRow::Known(id));
+            return Ok(id);
         }
         let Versions { environment, algorithm } = form.versions();
-        self.insert_job.insert(params![key, environment, algorithm, form.text()]).map(JobRow::New)
+        self.insert_job.insert(params![key, environment, algorithm, form.text()])
     }
 }

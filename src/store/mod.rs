@@ -44,6 +44,7 @@ mod file;
 mod forget;
 mod implied;
 mod insert;
+mod job_states;
 mod liveness;
 mod merge;
 mod migrate;
@@ -79,6 +80,7 @@ pub use error::StoreError;
 pub use experiment::{Experiment, Registered};
 pub use export::{Column, columns, exports};
 pub use forget::{Belongings, Forgotten};
+pub use job_states::JobStates;
 pub use liveness::host_name;
 pub use merge::{
     Conflict, Damage, MergeProgress, Merged, OtherManifest, Sources, merge, stores_of,

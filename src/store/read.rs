@@ -215,10 +215,18 @@ pub(super) fn holders(connection: &Connection) -> rusqlite::Result<Holders> {
     session::holders(connection, &ProcessTable::of_this_system().this_process())
 }
 
+/// The kind of a failure in this column.
+pub(super) fn failure_kind(
+    row: &rusqlite::Row<'_>,
+    column: usize,
+) -> rusqlite::Result<FailureKind> {
+    let kind: String = row.get(column)?;
+    FailureKind::from_name(&kind)
+        .ok_or_else(|| rusqlite::Error::InvalidColumnName(format!("failure kind {kind}")))
+}
+
 fn failed_job(row: &rusqlite::Row<'_>) -> rusqlite::Result<FailedJob> {
-    let kind: String = row.get(4)?;
-    let kind = FailureKind::from_name(&kind)
-        .ok_or_else(|| rusqlite::Error::InvalidColumnName(format!("failure kind {kind}")))?;
+    let kind = failure_kind(row, 4)?;
     Ok(FailedJob {
         experiment: row.get(0)?,
         job_key: JobKey(row.get(1)?),

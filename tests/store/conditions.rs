@@ -39,11 +39,11 @@ rule = "never"
 type Rows = Vec<(String, String, i64, Vec<Option<String>>)>;
 
 fn in_memory(query: &DataQuery, data: &jitai::record::DataSet) -> Rows {
-    let jobs = data.jobs.iter().filter(|job| query.asks_for(job));
+    let jobs = query.among(&data.jobs).into_iter();
     let row = |job: &jitai::record::JobRecord| {
         let keys = query.columns.iter();
         let keys = keys.map(|name| job.setting(name).map(Setting::to_string)).collect();
-        (job.agent.clone(), job.scenario.clone(), job.seed as i64, keys)
+        (job.agent.to_string(), job.scenario.clone(), job.seed as i64, keys)
     };
     let mut rows: Rows = jobs.map(row).collect();
     rows.sort();

@@ -313,6 +313,7 @@ const HISTORY: Key = Key {
                   predecessors, oldest first, zeros before the first step",
     default: Some(|| Value::Integer(1)),
     before: Some(|| Value::Integer(1)),
+    earlier: None,
 };
 
 /// The keys of an algorithm: its own, followed by the keys that all learning agents share.

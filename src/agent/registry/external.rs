@@ -53,6 +53,7 @@ pub fn free_key(name: &str) -> Option<&'static Key> {
         written_doc: " a parameter of an outside program",
         default: None,
         before: None,
+        earlier: None,
     }));
     keys.insert(name, key);
     Some(key)

@@ -1,11 +1,11 @@
 //! Arms: jobs that differ in their seed alone, and the parameters that distinguish them.
 
 use std::cmp::Reverse;
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet};
 
 use crate::analyse::{Sample, lower_quartile};
-use crate::manifest::{Setting, Varying};
-use crate::record::{JobRecord, JobStatus};
+use crate::manifest::Setting;
+use crate::record::{CompletedRun, JobRecord, JobStatus};
 
 /// The identity of an arm within its analysis.
 #[derive(Clone, Debug, PartialEq)]
@@ -58,14 +58,26 @@ impl Arm<'_> {
 /// Mean number of messages per test episode: the product of two recorded metrics.
 pub const MESSAGES: &str = "messages_per_episode";
 
+/// Name of the lower quartile of the test returns, as a metric.
+const LOWER_QUARTILE: &str = "lower_quartile_return";
+
 /// The value of a metric of a completed job.
 pub fn value(job: &JobRecord, metric: &str) -> Option<f64> {
     let run = job.completed()?;
     match metric {
-        "lower_quartile_return" => lower_quartile(&run.returns).ok(),
+        LOWER_QUARTILE => {
+            run.metric(LOWER_QUARTILE).or_else(|| lower_quartile(&run.returns).ok())
+        }
         MESSAGES => Some(run.metric("message_rate")? * run.metric("mean_length")?),
         recorded => run.metric(recorded),
     }
+}
+
+/// Replaces the test returns of a run by their lower quartile, which is all that analyses take from them.
+pub fn condense(run: &mut CompletedRun) {
+    let returns = std::mem::take(&mut run.returns);
+    let quartile = lower_quartile(&returns).ok();
+    run.metrics.extend(quartile.map(|quartile| (LOWER_QUARTILE.into(), quartile)));
 }
 
 /// Whether a job matches a row's name. An empty agent or scenario matches any.
@@ -77,32 +89,60 @@ pub fn is_at(job: &JobRecord, name: &ArmId) -> bool {
         && name.settings.iter().all(set)
 }
 
+/// The first of each group of neighbouring jobs that differ in their seeds alone.
+pub fn cells<'j>(jobs: &[&'j JobRecord]) -> impl Iterator<Item = &'j JobRecord> {
+    jobs.chunk_by(|one, next| one.shares_arm(next)).map(|jobs| jobs[0])
+}
+
+/// A setting, as a key of a table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Token<'s> {
+    /// The bits of a number.
+    Number(u64),
+    /// A word or list.
+    Text(&'s str),
+}
+
+impl Token<'_> {
+    /// The token of a setting.
+    pub fn of(setting: &Setting) -> Token<'_> {
+        match setting {
+            Setting::Number(number) => Token::Number(number.to_bits()),
+            Setting::Text(text) => Token::Text(text),
+        }
+    }
+}
+
 /// The parameters that differ between jobs of one agent, sorted by name.
 pub fn varying(jobs: &[&JobRecord]) -> Vec<String> {
-    let values = jobs.iter().flat_map(|job| {
-        job.settings.iter().map(|(name, value)| (job.agent.as_str(), name.as_str(), value))
-    });
-    let mut names = Varying::among(values).names();
-    names.sort();
-    names
+    let mut first = HashMap::new();
+    let mut names = BTreeSet::new();
+    for job in cells(jobs) {
+        let first = first.entry(&*job.agent).or_insert(&*job.settings);
+        names.extend(first.differing(&job.settings));
+    }
+    names.into_iter().map(str::to_owned).collect()
 }
 
 /// The varying parameters that are functions of the parameter `by`: among the jobs of each agent,
 /// each value of `by` occurs with a single value of the parameter. Keys zipped with `by` are an
 /// example. Empty if `by` does not vary.
 pub fn decided_by(by: &str, jobs: &[&JobRecord]) -> Vec<String> {
+    let mut names = varying(jobs);
+    if !names.iter().any(|name| name == by) {
+        return Vec::new();
+    }
     let decides = |name: &String| {
-        let mut values: HashMap<(&str, String), Option<&Setting>> = HashMap::new();
-        jobs.iter().all(|job| {
+        let mut values: HashMap<(&str, Token<'_>), Option<&Setting>> = HashMap::new();
+        cells(jobs).all(|job| {
             let value = job.setting(name);
             let Some(at) = job.setting(by) else { return value.is_none() };
-            let known = values.entry((job.agent.as_str(), at.to_string())).or_insert(value);
+            let known = values.entry((&*job.agent, Token::of(at))).or_insert(value);
             *known == value
         })
     };
-    let is_varied = varying(jobs).iter().any(|name| name == by);
-    let names = if is_varied { varying(jobs) } else { Vec::new() };
-    names.into_iter().filter(|name| name != by && decides(name)).collect()
+    names.retain(|name| name != by && decides(name));
+    names
 }
 
 /// The varying parameters that other parameters of the experiment determine, so that names are
@@ -114,10 +154,10 @@ pub fn implied(jobs: &[&JobRecord], kept: &[String]) -> Vec<String> {
         return Vec::new();
     }
     names.sort_by_cached_key(|name| {
-        let values: HashSet<String> =
-            jobs.iter().filter_map(|job| job.setting(name)).map(ToString::to_string).collect();
-        let is_word = jobs.iter().any(|job| matches!(job.setting(name), Some(Setting::Text(_))));
-        (!kept.contains(name), Reverse(values.len()), !is_word)
+        let values = || cells(jobs).filter_map(|job| job.setting(name));
+        let distinct: HashSet<Token<'_>> = values().map(Token::of).collect();
+        let is_word = values().any(|value| matches!(value, Setting::Text(_)));
+        (!kept.contains(name), Reverse(distinct.len()), !is_word)
     });
     let mut implied: Vec<String> = Vec::new();
     for name in &names {
@@ -137,27 +177,32 @@ pub fn arms<'j>(jobs: &[&'j JobRecord], aside: &[&str]) -> Vec<Arm<'j>> {
     names.retain(|name| !aside.contains(&name.as_str()));
     let mut arms: Vec<Arm<'j>> = Vec::new();
     let mut places = HashMap::new();
-    for job in jobs {
-        let settings = names.iter().filter_map(|name| Some((name.clone(), job.setting(name)?)));
-        let name = ArmId {
-            agent: job.agent.clone(),
-            scenario: job.scenario.clone(),
-            settings: settings.map(|(name, value)| (name, value.clone())).collect(),
-        };
-        let place = *places.entry(format!("{name:?}")).or_insert(arms.len());
-        match arms.get_mut(place) {
-            Some(arm) => arm.jobs.push(job),
-            None => arms.push(Arm { name, jobs: vec![job] }),
+    for jobs in jobs.chunk_by(|one, next| one.shares_arm(next)) {
+        let job = jobs[0];
+        let tokens: Vec<Option<Token<'_>>> =
+            names.iter().map(|name| job.setting(name).map(Token::of)).collect();
+        let place = *places.entry((&*job.agent, &*job.scenario, tokens)).or_insert(arms.len());
+        if place == arms.len() {
+            let settings = names.iter().filter_map(|name| Some((name.clone(), job.setting(name)?)));
+            let name = ArmId {
+                agent: job.agent.to_string(),
+                scenario: job.scenario.clone(),
+                settings: settings.map(|(name, value)| (name, value.clone())).collect(),
+            };
+            arms.push(Arm { name, jobs: Vec::new() });
         }
+        arms[place].jobs.extend(jobs);
     }
     arms
 }
 
-/// The distinct numbers in ascending order.
-pub fn distinct(mut numbers: Vec<f64>) -> Vec<f64> {
-    numbers.sort_by(f64::total_cmp);
-    numbers.dedup();
-    numbers
+/// The distinct values of a numeric parameter in ascending order, each with its jobs.
+pub fn by_value<'j>(name: &str, jobs: &[&'j JobRecord]) -> Vec<(f64, Vec<&'j JobRecord>)> {
+    let mut numbered: Vec<(f64, &'j JobRecord)> =
+        jobs.iter().filter_map(|job| Some((job.number(name)?, *job))).collect();
+    numbered.sort_by(|(one, _), (other, _)| one.total_cmp(other));
+    let alike = numbered.chunk_by(|(one, _), (next, _)| one == next);
+    alike.map(|jobs| (jobs[0].0, jobs.iter().map(|(_, job)| *job).collect())).collect()
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! A metric along a parameter.
 
-use super::arm::{ArmId, arms, decided_by, distinct};
+use super::arm::{ArmId, arms, by_value, decided_by};
 use crate::analyse::{Sample, Undefined, welch_t_test};
 use crate::env::inference_error;
 use crate::manifest::{CurveAxis, ERROR_AXIS, Published};
@@ -180,11 +180,8 @@ pub fn figure(
     let along = [vec![parameter.clone()], decided_by(&parameter, jobs)].concat();
     let along: Vec<&str> = along.iter().map(String::as_str).collect();
     let lines = arms(jobs, &along).into_iter().map(|arm| {
-        let numbers = arm.jobs.iter().filter_map(|job| job.number(&parameter)).collect();
         let mut optimum = Vec::new();
-        let points = distinct(numbers).into_iter().map(|value| {
-            let here = |job: &&&JobRecord| job.number(&parameter) == Some(value);
-            let jobs = arm.jobs.iter().filter(here).copied().collect();
+        let points = by_value(&parameter, &arm.jobs).into_iter().map(|(value, jobs)| {
             let name = arm.name.clone();
             let here = super::Arm { name, jobs };
             let best = here.optimum().filter(|_| metric == "mean_return");

@@ -1,6 +1,6 @@
 //! Means, or differences of means, over two parameters.
 
-use super::arm::{arms, decided_by, distinct};
+use super::arm::{arms, by_value, decided_by};
 use super::pairs::{Pair, pairs};
 use super::{Arm, ArmId};
 use crate::analyse::{Contrast, Design, Interval, Moments, Sample, Undefined, mean_interval};
@@ -105,8 +105,8 @@ fn figure(
         Some(sides) => format!("{} - {}", sides.first.settings()[0], sides.second.settings()[0]),
         None => name.scenario.clone(),
     };
-    let along = |name: &str| distinct(jobs.iter().filter_map(|job| job.number(name)).collect());
-    let (columns, rows) = (along(x), along(y));
+    let rows = by_value(y, jobs);
+    let columns: Vec<f64> = by_value(x, jobs).into_iter().map(|(column, _)| column).collect();
     let is_of_paper = (x.as_str(), y.as_str()) == ("environment.epsilon_d", "environment.delta_d");
     let map = published
         .filter(|_| is_of_paper && name.settings.is_empty())
@@ -114,11 +114,12 @@ fn figure(
         .flat_map(|published| &published.heat_maps)
         .find(|map| map.agent == name.agent && map.contrast == contrast);
     let mut tiles = Vec::new();
-    for &row in &rows {
+    for (row, jobs) in &rows {
+        let row = *row;
+        let mut filled = by_value(x, jobs).into_iter().peekable();
         for &column in &columns {
-            let here =
-                |job: &&&JobRecord| job.number(x) == Some(column) && job.number(y) == Some(row);
-            let here: Vec<&JobRecord> = jobs.iter().filter(here).copied().collect();
+            let here = filled.next_if(|(at, _)| *at == column).map(|(_, jobs)| jobs);
+            let here = here.unwrap_or_default();
             let published = map.and_then(|map| {
                 let row = map.delta_d.iter().position(|one| *one == row)?;
                 let column = map.epsilon_d.iter().position(|one| *one == column)?;
@@ -134,7 +135,7 @@ fn figure(
     HeatFigure {
         scale: if sides.is_some() { Scale::Difference } else { Scale::Mean },
         x: (x.clone(), columns),
-        y: (y.clone(), rows),
+        y: (y.clone(), rows.into_iter().map(|(row, _)| row).collect()),
         subject: contrast + &settings.collect::<String>(),
         agent: name.agent.clone(),
         name,

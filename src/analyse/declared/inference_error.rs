@@ -1,6 +1,6 @@
 //! The rate at which the more probable context is wrong.
 
-use super::arm::distinct;
+use super::arm::by_value;
 use crate::env::inference_error;
 use crate::manifest::Published;
 use crate::record::JobRecord;
@@ -44,11 +44,8 @@ impl ErrorFigure {
 
 /// The error at every sigma of the jobs.
 pub fn figure(jobs: &[&JobRecord], published: Option<&Published>) -> ErrorFigure {
-    let sigma = |job: &JobRecord| job.number("environment.sigma");
-    let sigmas = distinct(jobs.iter().filter_map(|job| sigma(job)).collect());
-    let point = |at: f64| {
-        let runs = jobs.iter().filter(|job| sigma(job) == Some(at));
-        let runs: Vec<_> = runs.filter_map(|job| job.completed()).collect();
+    let point = |(at, jobs): (f64, Vec<&JobRecord>)| {
+        let runs: Vec<_> = jobs.iter().filter_map(|job| job.completed()).collect();
         let (mut steps, mut wrong) = (0, 0);
         for count in runs.iter().flat_map(|run| &run.actions) {
             steps += count.count;
@@ -61,7 +58,7 @@ pub fn figure(jobs: &[&JobRecord], published: Option<&Published>) -> ErrorFigure
     };
     let errors = published.and_then(|published| published.sigma_to_error.as_ref());
     ErrorFigure {
-        points: sigmas.into_iter().map(point).collect(),
+        points: by_value("environment.sigma", jobs).into_iter().map(point).collect(),
         published: errors.map_or_else(Vec::new, |errors| {
             errors.sigma.iter().copied().zip(errors.reported.iter().copied()).collect()
         }),

@@ -20,7 +20,7 @@ mod selection;
 mod summary;
 
 pub use action_choice::{ActionPanel, BinShares};
-pub use arm::{Arm, ArmId, implied, is_at, varying};
+pub use arm::{Arm, ArmId, condense, implied, is_at, varying};
 pub use contrast::ContrastRow;
 pub use curve::{ALPHA, Apart, CurveFigure, CurveLine, CurvePoint, Ends, Trends};
 pub use heat_map::{HeatFigure, HeatTile, Scale, heat_range};

@@ -1,7 +1,10 @@
 //! The two sides of a difference, at every setting of the other parameters.
 
-use super::arm::{Arm, ArmId, arms, varying};
-use crate::manifest::{Condition, Setting, Sides};
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+
+use super::arm::{Arm, ArmId, Token, arms, cells, varying};
+use crate::manifest::{Condition, Sides};
 use crate::record::JobRecord;
 
 /// The arms that one difference compares.
@@ -30,13 +33,9 @@ pub fn pairs<'j>(sides: &Sides, jobs: &[&'j JobRecord], aside: &[&str]) -> Vec<P
     let both: Vec<&JobRecord> = first.iter().chain(&second).copied().collect();
     let mut names = varying(&both);
     // Exclusions can leave each agent an environment of its own; these are not compared either.
-    let settings = both.iter().flat_map(|job| &job.settings);
-    let differs = |(name, value): &&(String, Setting)| {
-        !name.starts_with("agent.") && both[0].setting(name) != Some(value)
-    };
-    for (name, _) in settings.filter(differs) {
-        if !names.contains(name) {
-            names.push(name.clone());
+    for name in cells(&both).flat_map(|job| both[0].settings.differing(&job.settings)) {
+        if !name.starts_with("agent.") && !names.iter().any(|known| known == name) {
+            names.push(name.to_owned());
         }
     }
     names.retain(|name| !aside.contains(&name.as_str()));
@@ -47,6 +46,7 @@ pub fn pairs<'j>(sides: &Sides, jobs: &[&'j JobRecord], aside: &[&str]) -> Vec<P
     let distinguished = |jobs: &[&'j JobRecord]| -> Vec<Arm<'j>> {
         // An arm's name has every parameter that distinguishes a difference, varied on its side or not.
         let mut found: Vec<Arm<'j>> = Vec::new();
+        let mut places = HashMap::new();
         for mut arm in arms(jobs, aside) {
             let job = arm.jobs[0];
             let settings = names.iter().filter_map(|name| Some((name, job.setting(name)?)));
@@ -57,22 +57,23 @@ pub fn pairs<'j>(sides: &Sides, jobs: &[&'j JobRecord], aside: &[&str]) -> Vec<P
                 Condition::AgentName(_) => arm.name.agent.clear(),
                 Condition::Seed(_) | Condition::Key { .. } => {}
             }
-            match found.iter_mut().find(|other| other.name == arm.name) {
-                Some(other) => other.jobs.extend(arm.jobs),
-                None => found.push(arm),
+            let tokens: Vec<Option<Token<'_>>> =
+                names.iter().map(|name| job.setting(name).map(Token::of)).collect();
+            match places.entry((arm.name.agent.clone(), arm.name.scenario.clone(), tokens)) {
+                Entry::Occupied(place) => {
+                    let other: &mut Arm<'j> = &mut found[*place.get()];
+                    other.jobs.extend(arm.jobs);
+                }
+                Entry::Vacant(place) => {
+                    place.insert(found.len());
+                    found.push(arm);
+                }
             }
         }
         found
     };
-    let matched = |one: &ArmId, other: &ArmId| {
-        let setting = |arm: &ArmId, name: &String| {
-            arm.settings.iter().find(|(key, _)| key == name).map(|(_, value)| value.clone())
-        };
-        let is_same = |name: &String| setting(one, name) == setting(other, name);
-        one.agent == other.agent
-            && one.scenario == other.scenario
-            && names.iter().all(|name| is_of_one(name) || is_same(name))
-    };
+    // What both sides of a difference have in common.
+    let shared: Vec<&String> = names.iter().filter(|name| !is_of_one(name)).collect();
     // A setting that one side sweeps has that side's value in the name.
     let named = |one: &ArmId, other: &ArmId| {
         let from = |name: &String| {
@@ -81,16 +82,33 @@ pub fn pairs<'j>(sides: &Sides, jobs: &[&'j JobRecord], aside: &[&str]) -> Vec<P
         };
         ArmId { settings: names.iter().filter_map(from).collect(), ..one.clone() }
     };
-    let seconds = distinguished(&second);
-    let firsts = distinguished(&first);
-    let all = firsts.iter().flat_map(|one| seconds.iter().map(move |other| (one, other)));
-    let all = all.filter(|(one, other)| matched(&one.name, &other.name));
+    let (firsts, seconds) = (distinguished(&first), distinguished(&second));
+    let mut partners: HashMap<_, Vec<&Arm<'j>>> = HashMap::new();
+    for arm in &seconds {
+        partners.entry(common(&arm.name, &shared)).or_default().push(arm);
+    }
+    let all = firsts.iter().flat_map(|one| {
+        let partners = partners.get(&common(&one.name, &shared));
+        partners.into_iter().flatten().map(move |other| (one, other))
+    });
     all.map(|(one, other)| Pair {
         name: named(&one.name, &other.name),
         first: one.jobs.clone(),
         second: other.jobs.clone(),
     })
     .collect()
+}
+
+/// The agent, the scenario and the values of these parameters, as a key of a table.
+fn common<'n>(
+    arm: &'n ArmId,
+    names: &[&String],
+) -> (&'n str, &'n str, Vec<Option<Token<'n>>>) {
+    let token = |name: &&String| {
+        let setting = arm.settings.iter().find(|(key, _)| key == *name);
+        setting.map(|(_, value)| Token::of(value))
+    };
+    (&arm.agent, &arm.scenario, names.iter().map(token).collect())
 }
 
 #[cfg(test)]

@@ -1,6 +1,8 @@
 //! How much of an arm's distance to the optimum another arm recovers.
 
-use super::arm::{Arm, ArmId, arms};
+use std::collections::HashMap;
+
+use super::arm::{Arm, ArmId, Token, arms};
 use crate::analyse::{self, Recovered, Sample, Undefined};
 use crate::manifest::{Condition, Recovery, Setting};
 use crate::record::JobRecord;
@@ -41,23 +43,27 @@ pub fn rows(recovery: &Recovery, metric: &str, jobs: &[&JobRecord]) -> Vec<Recov
         };
         arms.iter().filter(meets).collect()
     };
-    let (with, without) = (of(&recovery.with), of(&recovery.without));
+    let mut optima: HashMap<_, ScenarioOptimum> = HashMap::new();
+    for arm in &arms {
+        let Some(mean_return) = arm.optimum() else { continue };
+        let next = || ScenarioOptimum { scenario: arm.name.scenario.clone(), mean_return };
+        let best = optima.entry(environment(&arm.name)).or_insert_with(next);
+        if mean_return > best.mean_return {
+            *best = next();
+        }
+    }
+    let mut partners: HashMap<_, Vec<&Arm<'_>>> = HashMap::new();
+    for arm in of(&recovery.without) {
+        partners.entry(environment(&arm.name)).or_default().push(arm);
+    }
     let mut rows = Vec::new();
-    for with in &with {
+    for with in of(&recovery.with) {
         let place = environment(&with.name);
-        let here = |arm: &&&Arm<'_>| environment(&arm.name) == place;
-        let optima = arms.iter().filter(|arm| here(&arm)).filter_map(|arm| {
-            let scenario = arm.name.scenario.clone();
-            arm.optimum().map(|mean_return| ScenarioOptimum { scenario, mean_return })
-        });
-        let larger = |best: ScenarioOptimum, next: ScenarioOptimum| {
-            if next.mean_return > best.mean_return { next } else { best }
-        };
-        let optimum = optima.reduce(larger);
-        for without in without.iter().filter(|arm| here(arm)) {
+        let optimum = optima.get(&place);
+        for without in partners.get(&place).into_iter().flatten() {
             let returns = [with.sample(metric), without.sample(metric)];
             let [of_with, of_without] = &returns;
-            let recovered = optimum.as_ref().ok_or(Undefined::NoOptimum).and_then(|optimum| {
+            let recovered = optimum.ok_or(Undefined::NoOptimum).and_then(|optimum| {
                 let best = optimum.mean_return;
                 analyse::recovered(of_with.values(), of_without.values(), best)
             });
@@ -65,7 +71,7 @@ pub fn rows(recovery: &Recovery, metric: &str, jobs: &[&JobRecord]) -> Vec<Recov
                 with: with.name.clone(),
                 without: without.name.clone(),
                 returns,
-                optimum: optimum.clone(),
+                optimum: optimum.cloned(),
                 recovered,
             });
         }
@@ -73,12 +79,13 @@ pub fn rows(recovery: &Recovery, metric: &str, jobs: &[&JobRecord]) -> Vec<Recov
     rows
 }
 
-/// The settings that distinguish an arm's environment.
-fn environment(name: &ArmId) -> Vec<&(String, Setting)> {
+/// The settings that distinguish an arm's environment, as a key of a table.
+fn environment(name: &ArmId) -> Vec<(&str, Token<'_>)> {
     let is_environment = |setting: &&(String, Setting)| {
         setting.0.starts_with("environment.") || setting.0.starts_with("population.")
     };
-    name.settings.iter().filter(is_environment).collect()
+    let settings = name.settings.iter().filter(is_environment);
+    settings.map(|(name, value)| (name.as_str(), Token::of(value))).collect()
 }
 
 #[cfg(test)]

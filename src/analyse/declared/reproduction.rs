@@ -168,7 +168,7 @@ fn arm(
         let set = |(name, value): &(&str, f64)| {
             job.number(&format!("environment.{name}")) == Some(*value)
         };
-        job.agent == agent && job.scenario == scenario && settings.iter().all(set)
+        *job.agent == *agent && job.scenario == scenario && settings.iter().all(set)
     };
     let here: Vec<&JobRecord> = jobs.iter().filter(is).copied().collect();
     match arms(&here, &[]).as_slice() {

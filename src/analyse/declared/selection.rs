@@ -1,6 +1,8 @@
 //! Hyper-parameters ranked by a stated rule.
 
-use super::arm::{ArmId, arms};
+use std::collections::HashMap;
+
+use super::arm::{ArmId, Token, arms};
 use crate::analyse::{Interval, Moments, Sample, Undefined, mean_interval};
 use crate::manifest::{SelectionRule, Setting};
 use crate::record::JobRecord;
@@ -57,32 +59,36 @@ impl Candidate {
 
 /// The rankings of every agent's candidates, one per scenario and environment.
 pub fn rankings(rule: SelectionRule, metric: &str, jobs: &[&JobRecord]) -> Vec<Ranking> {
-    let mut places: Vec<Ranking> = Vec::new();
-    for arm in arms(jobs, &[]) {
+    let mut rankings: Vec<Ranking> = Vec::new();
+    let mut places = HashMap::new();
+    let arms = arms(jobs, &[]);
+    for arm in &arms {
         let sample = arm.sample(metric);
         let (environment, settings) =
-            arm.name.settings.into_iter().partition(|(name, _)| is_surrounding(name));
-        let place = ArmId { settings: environment, ..arm.name };
+            arm.name.settings.iter().cloned().partition(|(name, _)| is_surrounding(name));
+        let place = ArmId { settings: environment, ..arm.name.clone() };
         let candidate = Candidate {
             mean: Moments::of(sample.values()).map(|moments| moments.mean),
             interval: mean_interval(sample.values()),
             settings,
             sample,
         };
-        match places.iter_mut().find(|ranking| ranking.place == place) {
-            Some(ranking) => ranking.candidates.push(candidate),
-            None => {
-                places.push(Ranking { place, rule: rule.word(), candidates: vec![candidate] });
-            }
+        let settings = arm.name.settings.iter().filter(|(name, _)| is_surrounding(name));
+        let settings: Vec<_> = settings.map(|(name, value)| (name, Token::of(value))).collect();
+        let found = (&arm.name.agent, &arm.name.scenario, settings);
+        let at = *places.entry(found).or_insert(rankings.len());
+        if at == rankings.len() {
+            rankings.push(Ranking { place, rule: rule.word(), candidates: Vec::new() });
         }
+        rankings[at].candidates.push(candidate);
     }
-    for ranking in &mut places {
+    for ranking in &mut rankings {
         ranking.candidates.sort_by(|a, b| {
             let of = |one: &Candidate| one.rank(rule).unwrap_or(f64::NEG_INFINITY);
             f64::total_cmp(&of(b), &of(a))
         });
     }
-    places
+    rankings
 }
 
 /// Whether a parameter belongs to the environment or its participants rather than to the agent.

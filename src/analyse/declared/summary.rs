@@ -1,8 +1,16 @@
 //! Summaries of every arm and every agent, independent of declared analyses.
 
+use std::collections::HashMap;
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+
 use super::arm::{ArmId, MESSAGES, arms};
 use crate::analyse::{Aggregate, Sample, Undefined, interquartile_mean};
 use crate::record::JobRecord;
+
+/// Maximum number of statistics that are computed at a time.
+const MOST_AT_ONCE: usize = 64;
 
 /// The results of an arm.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,12 +31,14 @@ pub struct ArmSummary {
     pub sigma: Option<f64>,
     /// Context inference error; `None` if it differs between participants.
     pub context_error: Option<f64>,
+    /// Inter-quartile mean of the mean returns, once it is known.
+    pub interquartile: OnceLock<Result<Aggregate, Undefined>>,
 }
 
 impl ArmSummary {
     /// Inter-quartile mean of the mean returns, with its bootstrap interval.
     pub fn interquartile(&self) -> Result<Aggregate, Undefined> {
-        interquartile_mean(&[&self.returns])
+        *self.interquartile.get_or_init(|| interquartile_mean(&[&self.returns]))
     }
 
     /// Number of declared seeds.
@@ -74,38 +84,107 @@ pub fn summarise_arms(jobs: &[JobRecord]) -> Vec<ArmSummary> {
         optimum: arm.optimum(),
         sigma: arm.jobs[0].number("environment.sigma"),
         context_error: arm.jobs[0].context_error,
+        interquartile: OnceLock::new(),
         name: arm.name,
     };
     arms(&jobs, &[]).into_iter().map(summary).collect()
 }
 
-/// Summarises arms by agent and scenario, in their order.
+/// Summarises arms by agent and scenario, in their order. Inter-quartile means take most of a report's time,
+/// so those of agents and of arms are computed together, on all cores.
 pub fn summarise_agents(arms: &[ArmSummary]) -> Vec<AgentSummary> {
-    let mut names: Vec<(&str, &str)> = Vec::new();
+    let mut groups: Vec<Vec<&ArmSummary>> = Vec::new();
+    let mut places = HashMap::new();
     for arm in arms {
-        let name = (arm.name.agent.as_str(), arm.name.scenario.as_str());
-        if !names.contains(&name) {
-            names.push(name);
+        let place = places.entry((&arm.name.agent, &arm.name.scenario)).or_insert(groups.len());
+        if *place == groups.len() {
+            groups.push(Vec::new());
+        }
+        groups[*place].push(arm);
+    }
+    let groups: Vec<Group<'_>> = groups.into_iter().map(Group::of).collect();
+    // An agent's samples are larger than an arm's, and are begun first.
+    let of_agents = groups.iter().flat_map(|group| [group.returns(), group.shares()]);
+    let of_arms = arms.iter().map(|arm| vec![&arm.returns]);
+    let samples: Vec<Vec<&Sample>> = of_agents.chain(of_arms).collect();
+    let mut found = on_all_cores(&samples, |samples| interquartile_mean(samples)).into_iter();
+    let of_agents: Vec<_> = found.by_ref().take(2 * groups.len()).collect();
+    for (arm, found) in arms.iter().zip(found) {
+        let _ = arm.interquartile.set(found);
+    }
+    let summaries = groups.iter().zip(of_agents.chunks(2));
+    summaries.map(|(group, found)| group.summary(found[0], found[1])).collect()
+}
+
+/// The arms of an agent in a scenario.
+struct Group<'a> {
+    agent: &'a str,
+    scenario: &'a str,
+    /// Arms that have a result.
+    ours: Vec<&'a ArmSummary>,
+    /// Shares of the optimum of the arms that have one.
+    shares: Vec<Sample>,
+}
+
+impl<'a> Group<'a> {
+    fn of(arms: Vec<&'a ArmSummary>) -> Group<'a> {
+        let ArmId { agent, scenario, .. } = &arms[0].name;
+        let ours: Vec<&ArmSummary> =
+            arms.iter().filter(|arm| arm.returns.n() > 0).copied().collect();
+        let shares = ours.iter().filter_map(|arm| shares(arm)).collect();
+        Group { agent, scenario, ours, shares }
+    }
+
+    /// The samples of the agent's returns; none if there is a single arm, which has the same summary.
+    fn returns(&self) -> Vec<&Sample> {
+        let returns = self.ours.iter().map(|arm| &arm.returns);
+        if self.ours.len() == 1 { Vec::new() } else { returns.collect() }
+    }
+
+    fn shares(&self) -> Vec<&Sample> {
+        self.shares.iter().collect()
+    }
+
+    fn summary(
+        &self,
+        returns: Result<Aggregate, Undefined>,
+        shares: Result<Aggregate, Undefined>,
+    ) -> AgentSummary {
+        let runs = self.ours.iter().map(|arm| arm.returns.n());
+        AgentSummary {
+            agent: self.agent.to_owned(),
+            scenario: self.scenario.to_owned(),
+            arms: self.ours.len(),
+            runs: runs.clone().sum(),
+            fewest: runs.min().unwrap_or(0),
+            returns: match self.ours[..] {
+                [arm] => arm.interquartile(),
+                _ => returns,
+            },
+            shares: (!self.shares.is_empty() || self.ours.is_empty()).then_some(shares),
         }
     }
-    let row = |(agent, scenario): (&str, &str)| {
-        let is_of = |arm: &&ArmSummary| arm.name.agent == agent && arm.name.scenario == scenario;
-        let ours = arms.iter().filter(is_of).filter(|arm| arm.returns.n() > 0);
-        let ours: Vec<&ArmSummary> = ours.collect();
-        let returns: Vec<&Sample> = ours.iter().map(|arm| &arm.returns).collect();
-        let shares: Vec<Sample> = ours.iter().filter_map(|arm| shares(arm)).collect();
-        AgentSummary {
-            agent: agent.to_owned(),
-            scenario: scenario.to_owned(),
-            arms: ours.len(),
-            runs: returns.iter().map(|sample| sample.n()).sum(),
-            fewest: returns.iter().map(|sample| sample.n()).min().unwrap_or(0),
-            returns: interquartile_mean(&returns),
-            shares: (!shares.is_empty() || ours.is_empty())
-                .then(|| interquartile_mean(&shares.iter().collect::<Vec<_>>())),
-        }
+}
+
+/// The results of `of` for each item, in their order.
+fn on_all_cores<T: Sync, R: Send>(items: &[T], of: impl Fn(&T) -> R + Sync) -> Vec<R> {
+    let cores = thread::available_parallelism().map_or(1, usize::from).min(MOST_AT_ONCE);
+    let next = AtomicUsize::new(0);
+    let work = || {
+        let places = std::iter::repeat_with(|| next.fetch_add(1, Ordering::Relaxed));
+        let items = places.map_while(|place| Some((place, items.get(place)?)));
+        items.map(|(place, item)| (place, of(item))).collect::<Vec<_>>()
     };
-    names.into_iter().map(row).collect()
+    let mut found: Vec<(usize, R)> = thread::scope(|scope| {
+        let threads: Vec<_> = (1..cores.min(items.len())).map(|_| scope.spawn(work)).collect();
+        let mut found = work();
+        for thread in threads {
+            found.extend(thread.join().expect("statistics do not panic"));
+        }
+        found
+    });
+    found.sort_by_key(|(place, _)| *place);
+    found.into_iter().map(|(_, result)| result).collect()
 }
 
 /// The mean returns of an arm's seeds as shares of the optimum; `None` if the optimum is unknown or
@@ -143,6 +222,7 @@ mod tests {
             optimum,
             sigma: None,
             context_error: None,
+            interquartile: OnceLock::new(),
         }
     }
 

@@ -1,5 +1,7 @@
 //! The looks of arms. An arm looks the same in every figure of a report.
 
+use std::collections::HashMap;
+
 use super::INK;
 use crate::analyse::declared::ArmId;
 use crate::manifest::Setting;
@@ -84,7 +86,8 @@ const MARKERS: [Marker; 4] = [Marker::Disc, Marker::Ring, Marker::Square, Marker
 pub struct Looks {
     agents: Vec<String>,
     scenarios: Vec<String>,
-    settings: Vec<Vec<(String, String)>>,
+    /// The place of each combination of settings.
+    settings: HashMap<Vec<(String, String)>, usize>,
 }
 
 impl Looks {
@@ -99,8 +102,9 @@ impl Looks {
                 looks.scenarios.push(name.scenario.clone());
             }
             let settings = words(name);
-            if !settings.is_empty() && !looks.settings.contains(&settings) {
-                looks.settings.push(settings);
+            if !settings.is_empty() {
+                let place = looks.settings.len();
+                looks.settings.entry(settings).or_insert(place);
             }
         }
         looks
@@ -126,8 +130,8 @@ impl Looks {
             (false, None) => (COLORS[(4 + self.unknown(name)) % COLORS.len()], agent),
         };
         // Arms that differ only in settings are shades of one colour.
-        let shade = match self.settings.iter().position(|known| *known == words(name)) {
-            Some(at) => at as f64 / self.settings.len() as f64 * 0.6,
+        let shade = match self.settings.get(&words(name)) {
+            Some(at) => *at as f64 / self.settings.len() as f64 * 0.6,
             None => 0.0,
         };
         Look {

@@ -1,5 +1,7 @@
 //! Panels: groups of arms that a figure draws together.
 
+use std::collections::HashMap;
+
 use super::look::{labels, settings_label};
 use crate::analyse::declared::ArmId;
 use crate::manifest::{PanelKey, short_name};
@@ -141,13 +143,15 @@ fn by(key: PanelKey) -> By {
 /// The arms grouped by their values of the keys.
 fn grouped(arms: &[&ArmId], by: &[By]) -> Vec<Panel> {
     let mut panels: Vec<Panel> = Vec::new();
+    let mut places = HashMap::new();
     for (at, name) in arms.iter().enumerate() {
         let values = by.iter().map(|by| by.value(name)).filter(|value| !value.is_empty());
         let heading = values.collect::<Vec<_>>().join(", ");
-        match panels.iter_mut().find(|panel| panel.heading == heading) {
-            Some(panel) => panel.members.push(at),
-            None => panels.push(Panel { heading, members: vec![at] }),
+        let place = *places.entry(heading.clone()).or_insert(panels.len());
+        if place == panels.len() {
+            panels.push(Panel { heading, members: Vec::new() });
         }
+        panels[place].members.push(at);
     }
     panels
 }
