@@ -196,10 +196,10 @@ pub mod algorithm {
 /// Findings: the results of declared analyses, as reports draw them.
 pub mod findings {
     pub use crate::analyse::declared::{
-        ActionPanel, BinShares, Candidate, Comparison, Content, ContrastRow, CurveFigure,
-        CurveLine, CurvePoint, Distance, ErrorFigure, ErrorPoint, Finding, HeatFigure, HeatTile,
-        JobCounts, LearningFigure, LearningLine, LearningPanel, Ranking, RecoveryRow, Reproduction,
-        Scale, Subject,
+        ActionPanel, BinShares, Candidate, Comparison, Content, ContrastFigure, ContrastRow,
+        CurveFigure, CurveLine, CurvePoint, Distance, ErrorFigure, ErrorPoint, Finding, HeatFigure,
+        HeatTile, JobCounts, LearningFigure, LearningLine, LearningPanel, Ranking, RecoveryRow,
+        Reproduction, Scale, Subject,
     };
 }
 

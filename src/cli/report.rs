@@ -60,6 +60,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         if let Some(note) = unfinished(experiment) {
             writeln!(io::stderr(), "note: {note}")?;
         }
+        if experiment.findings.is_empty() {
+            let name = &experiment.name;
+            writeln!(
+                io::stderr(),
+                "note: no figures of {name}, because it declares no [[analysis]]; the page has tables of its \
+                 arms and agents"
+            )?;
+        }
     }
     let mut out = io::stdout().lock();
     writeln!(out, "{}", arguments.out.join("index.html").display())?;

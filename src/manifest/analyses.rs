@@ -4,11 +4,12 @@ use std::collections::HashSet;
 
 use toml::de::DeTable;
 
+use super::analysed_jobs;
 use super::analysis::{Analysis, AnalysisDraft};
 use super::analysis_keys::{ANALYSED_METRICS, ERROR_AXIS, KindName};
 use super::analysis_kind::{AnalysisKind, CurveAxis, Recovery};
 use super::condition::Condition;
-use super::declared::{DeclaredAgent, Manifest};
+use super::declared::Manifest;
 use super::draft::Draft;
 use super::fault::{Fault, FaultList};
 use super::first_episodes::{first_episodes, first_return};
@@ -21,7 +22,6 @@ use super::sides::Sides;
 use super::source::{Located, Span};
 use super::sweep::{Node, Reader};
 use crate::agent::free_key;
-use crate::env::Scenario;
 use crate::key::{Distribution, Kind, Parameter, Value};
 
 /// The probability of context 1.
@@ -301,6 +301,7 @@ pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
     }
     let seeds: HashSet<u64> = manifest.seeds.iter().copied().collect();
     for analysis in &draft.analyses {
+        let before = faults.len();
         for condition in &analysis.conditions {
             let Some((name, absent, present)) = absent(draft, manifest, &condition.value) else {
                 continue;
@@ -371,7 +372,9 @@ pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
             faults.add(Fault::at(analysis.span, message).help(help));
         }
         if let AnalysisKind::Recovery(recovery) = &analysis.analysis.kind {
-            recovery_has_jobs(draft, manifest, (analysis, recovery), faults);
+            analysed_jobs::of_recovery(draft, manifest, (analysis, recovery), faults);
+        } else if faults.len() == before {
+            analysed_jobs::of(draft, manifest, analysis, faults);
         }
         for axis in &analysis.axes {
             let lengths = manifest.agents.iter().map(|agent| manifest.length(agent, axis.value));
@@ -417,82 +420,6 @@ pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
             let help = "search on seeds that are not reported, such as seeds = [101, 102]";
             faults.add(Fault::at(analysis.span, message).help(help));
         }
-    }
-}
-
-/// Reports a recovery without an optimum, or with a side that no job can be on.
-fn recovery_has_jobs(
-    draft: &Draft,
-    manifest: &Manifest,
-    (analysis, recovery): (&AnalysisDraft, &Recovery),
-    faults: &mut FaultList,
-) {
-    let is_absent = |one: &Located<Condition>| absent(draft, manifest, &one.value).is_some();
-    if draft.is_invalid(Parameter::Scenario)
-        || draft.invalid_agents
-        || analysis.conditions.iter().any(is_absent)
-    {
-        return;
-    }
-    let of_all = &analysis.analysis.conditions;
-    if !scenarios_meeting(manifest, of_all.iter()).any(Scenario::shows_state) {
-        let message =
-            "no job to analyse has a scenario that shows H and D, whose optimum a recovery needs";
-        let help = match manifest.scenarios.iter().any(Scenario::shows_state) {
-            true => "let the conditions of `where` include it",
-            false => "add one to the manifest's `scenarios`, as in [\"P-T\", \"P-H-D\"]",
-        };
-        faults.add(Fault::at(analysis.span, message.to_owned()).help(help));
-    }
-    for (side, conditions) in [("with", &recovery.with), ("without", &recovery.without)] {
-        let all = || of_all.iter().chain(conditions);
-        let has_agent = manifest
-            .agents
-            .iter()
-            .any(|agent| all().all(|condition| agent_can_meet(draft, manifest, agent, condition)));
-        if has_agent && scenarios_meeting(manifest, all()).next().is_some() {
-            continue;
-        }
-        let message = match of_all.is_empty() {
-            true => format!("no job meets all conditions of `{side}`"),
-            false => format!("no job meets all conditions of `where` and `{side}`"),
-        };
-        let on_side = analysis.conditions.iter().find(|one| conditions.contains(&one.value));
-        let span = on_side.map_or(analysis.span, |one| one.span);
-        let help =
-            "name an agent and values that it has: { agent.name = \"ppo\", scenario = \"P-T\" }";
-        faults.add(Fault::at(span, message).help(help));
-    }
-}
-
-/// The scenarios of a manifest that meet the conditions on scenarios.
-fn scenarios_meeting<'m>(
-    manifest: &'m Manifest,
-    conditions: impl Iterator<Item = &'m Condition>,
-) -> impl Iterator<Item = &'m Scenario> {
-    let wanted = conditions.filter_map(|condition| match condition {
-        Condition::Scenario(list) => Some(list.iter().collect::<HashSet<&Scenario>>()),
-        Condition::Seed(_) | Condition::AgentName(_) | Condition::Key { .. } => None,
-    });
-    let wanted: Vec<_> = wanted.collect();
-    manifest.scenarios.iter().filter(move |one| wanted.iter().all(|list| list.contains(one)))
-}
-
-/// Whether an agent has jobs that meet a condition, as far as its name and keys decide.
-fn agent_can_meet(
-    draft: &Draft,
-    manifest: &Manifest,
-    agent: &DeclaredAgent,
-    condition: &Condition,
-) -> bool {
-    match condition {
-        Condition::AgentName(names) => names.contains(&agent.name),
-        Condition::Key { parameter, values } => {
-            let wanted: HashSet<&Value> = values.iter().collect();
-            let has = manifest.values(agent, *parameter).unwrap_or_default();
-            draft.is_invalid(*parameter) || has.iter().any(|value| wanted.contains(value))
-        }
-        Condition::Scenario(_) | Condition::Seed(_) => true,
     }
 }
 

@@ -52,8 +52,8 @@ macro_rules! kinds {
 
 kinds! {
     Contrast = "contrast", [METRIC, PARTICIPANTS, BY, BETWEEN, PAIRING, FAMILY, PANEL, WIDTH, HEIGHT, FONT_SIZE, THEME];
-    Curve = "curve", [METRIC, PARTICIPANTS, CURVE_X, PANEL, WIDTH, HEIGHT, FONT_SIZE, Y_MIN, Y_MAX, THEME];
-    LearningCurve = "learning_curve", [MOVING_MEAN, PANEL, WIDTH, HEIGHT, FONT_SIZE, Y_MIN, Y_MAX, THEME];
+    Curve = "curve", [METRIC, PARTICIPANTS, CURVE_X, X_SCALE, PANEL, WIDTH, HEIGHT, FONT_SIZE, Y_MIN, Y_MAX, THEME];
+    LearningCurve = "learning_curve", [MOVING_MEAN, X_SCALE, PANEL, WIDTH, HEIGHT, FONT_SIZE, Y_MIN, Y_MAX, THEME];
     HeatMap = "heat_map", [METRIC, PARTICIPANTS, MAP_X, Y, BY, BETWEEN, PANEL, WIDTH, HEIGHT, FONT_SIZE, THEME];
     ActionChoice = "action_choice", [BIN_COUNT, PANEL, WIDTH, HEIGHT, FONT_SIZE, THEME];
     Selection = "selection", [METRIC, RULE, REPORTING_SEEDS];
@@ -151,6 +151,12 @@ const FONT_SIZE: AnalysisKey = key(
 const Y_MIN: AnalysisKey = key("y_min", "the lower end of the vertical axis", limit);
 
 const Y_MAX: AnalysisKey = key("y_max", "the upper end of the vertical axis", limit);
+
+const X_SCALE: AnalysisKey = key(
+    "x_scale",
+    "the scale of the horizontal axis; chosen by its numbers by default",
+    FigureKeys::x_scale_schema,
+);
 
 const THEME: AnalysisKey =
     key("theme", "\"print\" for figures without heading and note", FigureKeys::theme_schema);

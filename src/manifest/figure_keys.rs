@@ -26,6 +26,8 @@ pub struct FigureKeys {
     pub y_min: Option<f64>,
     /// The upper end of the vertical axis.
     pub y_max: Option<f64>,
+    /// The scale of the horizontal axis; chosen by its numbers if `None`.
+    pub x_scale: Option<XScale>,
     /// The medium of the figures.
     pub theme: Theme,
 }
@@ -48,6 +50,16 @@ choices! {
         Screen = "screen",
         /// An article: its caption replaces heading and note.
         Print = "print",
+    }
+}
+
+choices! {
+    /// The scale of a horizontal axis.
+    pub enum XScale {
+        /// Equal differences are equally long.
+        Linear = "linear",
+        /// Equal ratios are equally long.
+        Logarithmic = "logarithmic",
     }
 }
 
@@ -87,8 +99,11 @@ impl Reader<'_> {
         }
         let theme = table.get("theme").and_then(|node| self.word("theme", Theme::WORDS, node));
         let theme = theme.and_then(Theme::named).unwrap_or_default();
+        let x_scale =
+            table.get("x_scale").and_then(|node| self.word("x_scale", XScale::WORDS, node));
+        let x_scale = x_scale.and_then(XScale::named);
         let panel = table.get("panel").and_then(|node| self.panel(node, panels));
-        FigureKeys { panel, width, height, font_size, y_min, y_max, theme }
+        FigureKeys { panel, width, height, font_size, y_min, y_max, x_scale, theme }
     }
 
     fn panel(&mut self, node: &Node, panels: &mut Vec<Located<Parameter>>) -> Option<PanelKey> {
@@ -137,6 +152,7 @@ impl FigureKeys {
             ("font_size", number(self.font_size)),
             ("y_min", number(self.y_min)),
             ("y_max", number(self.y_max)),
+            ("x_scale", self.x_scale.map(|scale| quoted(&scale.word()))),
             ("theme", theme),
         ];
         all.into_iter().filter_map(|(key, value)| Some((key, value?))).collect()
@@ -144,6 +160,10 @@ impl FigureKeys {
 
     pub(super) fn theme_schema() -> Json {
         json!({ "enum": Theme::WORDS, "default": Theme::WORDS[0] })
+    }
+
+    pub(super) fn x_scale_schema() -> Json {
+        json!({ "enum": XScale::WORDS })
     }
 
     pub(super) fn panel_schema() -> Json {

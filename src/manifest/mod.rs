@@ -11,6 +11,7 @@
 //!
 //! It contains no jobs and their status, no simulation and no training.
 
+mod analysed_jobs;
 mod analyses;
 mod analysis;
 mod analysis_keys;
@@ -59,7 +60,7 @@ pub use declared::{DeclaredAgent, Exclusion, Manifest, Zip};
 pub use evaluation::{Evaluation, RecordedDecisions, TestActions};
 pub(crate) use fault::FaultList;
 pub use fault::{Fault, Faults, nearest};
-pub use figure_keys::{FigureKeys, PanelKey, Theme};
+pub use figure_keys::{FigureKeys, PanelKey, Theme, XScale};
 pub use first_episodes::{first_episodes, first_return};
 pub use grid::{Cell, Grid};
 pub use hints::hints;

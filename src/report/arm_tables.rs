@@ -2,7 +2,7 @@
 
 use super::data_table::{DataTable, Entry, shown};
 use super::figure::arm_label;
-use super::tables::{between, high, in_unit, low};
+use super::tables::{between, high, in_unit, low, percent_between};
 use crate::analyse::declared::{AgentSummary, ArmSummary, share_of_optimum};
 use crate::analyse::{Aggregate, FEW_SEEDS, Interval, Undefined};
 
@@ -140,15 +140,6 @@ fn unknown() -> Entry {
 fn percent(value: Result<f64, Undefined>) -> Entry {
     match value {
         Ok(value) => Entry::Number { value, shown: shown(value * 100.0, 1) },
-        Err(reason) => Entry::Missing(reason.to_string()),
-    }
-}
-
-fn percent_between(interval: Result<Interval, Undefined>) -> Entry {
-    match interval {
-        Ok(Interval { low, high }) => {
-            Entry::text(format!("{} to {}", shown(low * 100.0, 1), shown(high * 100.0, 1)))
-        }
         Err(reason) => Entry::Missing(reason.to_string()),
     }
 }

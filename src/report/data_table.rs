@@ -103,14 +103,58 @@ impl Entry {
     }
 }
 
-/// The text of a number with `decimals` decimals and a true minus sign.
+/// The text of a number with `decimals` decimals and a true minus sign. A number that would read 0 has two
+/// significant digits, and very small and very large numbers have an exponent.
 pub fn shown(value: f64, decimals: usize) -> String {
+    /// Beyond this size, a number has no digit after its point.
+    const LARGE: f64 = 1e15;
+    const SMALL: f64 = 1e-4;
+    let size = value.abs();
     let text = format!("{value:.decimals$}");
-    let is_zero = text.trim_start_matches('-').chars().all(|c| matches!(c, '0' | '.'));
+    let reads_zero = text.chars().all(|c| matches!(c, '-' | '0' | '.'));
+    signed(&match size {
+        size if size.is_nan() => "not a number".to_owned(),
+        size if size >= LARGE && size.is_finite() => exponential(value, 5),
+        0.0 => text.trim_start_matches('-').to_owned(),
+        size if reads_zero && size < SMALL => exponential(value, 1),
+        size if reads_zero => {
+            let places = (1.0 - size.log10().floor()) as usize;
+            format!("{value:.places$}").trim_end_matches('0').to_owned()
+        }
+        _ => text,
+    })
+}
+
+/// The ends of an interval with at least `decimals` decimals, and more if the ends would read the same.
+pub fn shown_ends(low: f64, high: f64, decimals: usize) -> [String; 2] {
+    /// More digits than this are rounding errors.
+    const DIGITS: f64 = 12.0;
+    let of = |decimals| [low, high].map(|end| shown(end, decimals));
+    if low == high {
+        return of(decimals);
+    }
+    let size = low.abs().max(high.abs());
+    let most = (DIGITS - size.log10().floor()).clamp(0.0, 300.0) as usize;
+    let differ = (decimals..=most).map(of).find(|[low, high]| low != high);
+    differ.unwrap_or_else(|| of(decimals))
+}
+
+/// The text of a number with a true minus sign before it.
+pub fn signed(text: &str) -> String {
     match text.strip_prefix('-') {
-        Some(digits) if is_zero => digits.to_owned(),
         Some(digits) => format!("−{digits}"),
-        None => text,
+        None => text.to_owned(),
+    }
+}
+
+/// A number with at most `digits` digits after its first, and an exponent: `1.5e6`.
+pub fn exponential(number: f64, digits: usize) -> String {
+    let text = format!("{number:.digits$e}");
+    match text.split_once('e') {
+        Some((mantissa, power)) if mantissa.contains('.') => {
+            format!("{}e{power}", mantissa.trim_end_matches('0').trim_end_matches('.'))
+        }
+        _ => text,
     }
 }
 
@@ -222,6 +266,21 @@ mod tests {
             "A &amp; B\n\n| Arm | Mean |\n| --- | ---: |\n| =x\\|y | −1.2 |\n| z | – |\n\n–: no seed \
              completed\n"
         );
+    }
+
+    #[test]
+    fn a_number_reads_0_only_if_it_is_and_ends_that_differ_read_differently() {
+        let all = [0.0, -0.0, 7.46, -0.3, 0.05, 0.04, 3.2e-7, -1e-300, 1e300, f64::INFINITY];
+        let texts = all.map(|value| shown(value, 0)).join(" ");
+        assert_eq!(texts, "0 0 7 −0.3 0.05 0.04 3.2e-7 −1e-300 1e300 inf");
+        assert_eq!([shown(0.0, 1), shown(-0.04, 1), shown(0.06, 1)], ["0.0", "−0.04", "0.1"]);
+        assert_eq!([shown(12_345_678.9, 1), shown(-1e15, 1)], ["12345678.9", "−1e15"]);
+        assert_eq!(shown_ends(500.0, 501.0, 0), ["500", "501"]);
+        assert_eq!(shown_ends(499.999_8, 500.000_1, 1), ["499.9998", "500.0001"]);
+        assert_eq!(shown_ends(-3.0, -3.0, 1), ["−3.0", "−3.0"]);
+        assert_eq!(shown_ends(0.3, 0.300_000_000_000_000_04, 1), ["0.3", "0.3"]);
+        assert_eq!(shown_ends(0.0, 0.0, 1), ["0.0", "0.0"]);
+        assert_eq!(shown_ends(f64::NEG_INFINITY, f64::INFINITY, 1), ["−inf", "inf"]);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use std::collections::HashSet;
 
 use super::arm_tables;
 use super::data_table::DataTable;
-use super::escape::unused_stem;
+use super::escape::{unused, unused_stem};
 use super::figure::{Looks, Style};
 use super::kinds::{Sheet, caption, drawn, table};
 use super::latex::{is_printed, latex};
@@ -39,29 +39,18 @@ pub fn report(experiments: &[ReportedExperiment], store: &str, hosts: Hosts) -> 
     let displayed: Vec<Vec<Finding>> = displayed.collect();
     let looks =
         Looks::of(displayed.iter().flatten().flat_map(|finding| drawn(&finding.content).arms()));
-    let mut stems: Vec<String> = Vec::new();
+    let stems = Stems::of(experiments);
+    let mut figures = stems.taken.clone();
     let mut files = Vec::new();
     let mut sections = Vec::new();
-    // Tables of arms are named first, so that their names do not depend on the names of analyses.
-    let mut named = |experiment: &ReportedExperiment, table: &str| {
-        let stem = unused_stem(&stems, &format!("{} {table}", experiment.name));
-        stems.push(stem.clone());
-        stem
-    };
-    let of_arms: Vec<[String; 2]> = experiments
-        .iter()
-        .map(|experiment| ["arms", "agents"].map(|table| named(experiment, table)))
-        .collect();
-    let all = experiments.iter().zip(&names).zip(&displayed).zip(of_arms);
-    for (((experiment, names), displayed), [arms, agents]) in all {
+    let all = experiments.iter().zip(&names).zip(&displayed).zip(stems.named);
+    for (((experiment, names), displayed), named) in all {
         let analyses = experiment.findings.iter().zip(&experiment.winners);
-        let analyses = analyses.zip(displayed).zip(&experiment.styles);
-        let shown = analyses.map(|((((finding, sql), winners), displayed), keys)| {
-            let stem = unused_stem(&stems, &format!("{} {}", experiment.name, finding.name));
-            stems.push(stem.clone());
+        let analyses = analyses.zip(displayed).zip(&experiment.styles).zip(named.findings);
+        let shown = analyses.map(|(((((finding, sql), winners), displayed), keys), stem)| {
             let shown = Shown {
                 winners: winners.as_deref(),
-                ..shown(displayed, sql, stem, (&looks, &Style::of(keys)))
+                ..shown(displayed, sql, stem, (&looks, &Style::of(keys)), &mut figures)
             };
             let data = table(finding);
             write_finding(&shown, &data, &mut files);
@@ -71,15 +60,15 @@ pub fn report(experiments: &[ReportedExperiment], store: &str, hosts: Hosts) -> 
         let unknown = &experiment.unknown_optima;
         let summaries = summarise_agents(&experiment.arms);
         let tables = ArmTables {
-            arms: (arms, arm_tables::arms(&names.arms(&experiment.arms), unknown)),
-            agents: (agents, arm_tables::agents(&names.agents(&summaries))),
+            arms: (named.arms, arm_tables::arms(&names.arms(&experiment.arms), unknown)),
+            agents: (named.agents, arm_tables::agents(&names.agents(&summaries))),
         };
         let data = [arm_tables::arms(&experiment.arms, unknown), arm_tables::agents(&summaries)];
         for ((stem, table), data) in [&tables.arms, &tables.agents].into_iter().zip(data) {
             write_table(&format!("tables/{stem}"), (table, &data), &mut files);
         }
         let legend = Legend::of(shown.iter().flat_map(|one| &one.scenes), &looks);
-        sections.push(Section { experiment, shown, tables, legend });
+        sections.push(Section { experiment, anchor: named.anchor, shown, tables, legend });
     }
     let reproduction = merged(experiments);
     if !reproduction.comparisons.is_empty() {
@@ -89,6 +78,48 @@ pub fn report(experiments: &[ReportedExperiment], store: &str, hosts: Hosts) -> 
     let page = page::index(&sections, &reproduction, store, hosts);
     files.push(ReportFile { name: "index.html".to_owned(), bytes: page.into_bytes() });
     files
+}
+
+/// The stems of files and the anchors of the page. All of them are distinct, in lower case, so that no file
+/// replaces another and every link leads to one place.
+struct Stems {
+    named: Vec<Named>,
+    taken: Vec<String>,
+}
+
+/// The stems of an experiment.
+struct Named {
+    anchor: String,
+    arms: String,
+    agents: String,
+    findings: Vec<String>,
+}
+
+impl Stems {
+    /// Tables of arms and anchors are named first, so that their names do not depend on the names of analyses.
+    fn of(experiments: &[ReportedExperiment]) -> Stems {
+        let mut taken: Vec<String> = page::ANCHORS.map(str::to_owned).to_vec();
+        let mut take = |name: String| {
+            let stem = unused_stem(&taken, &name);
+            taken.push(stem.clone());
+            stem
+        };
+        let tables: Vec<[String; 3]> = experiments
+            .iter()
+            .map(|ReportedExperiment { name, .. }| {
+                [format!("experiment {name}"), format!("{name} arms"), format!("{name} agents")]
+            })
+            .map(|names| names.map(&mut take))
+            .collect();
+        let named = experiments.iter().zip(tables).map(|(experiment, [anchor, arms, agents])| {
+            let findings = experiment.findings.iter();
+            let findings =
+                findings.map(|(finding, _)| take(format!("{} {}", experiment.name, finding.name)));
+            Named { anchor, arms, agents, findings: findings.collect() }
+        });
+        let named = named.collect();
+        Stems { named, taken }
+    }
 }
 
 /// The comparisons of all experiments, with each published number once.
@@ -114,23 +145,57 @@ fn merged(experiments: &[ReportedExperiment]) -> Reproduction {
     merged
 }
 
+/// Maximum number of panels of a figure; more make several figures.
+const MOST_PANELS: usize = 12;
+
+/// A finding in displayed form. `taken` holds the stems of all figures, to which it adds its own.
 fn shown<'e>(
     finding: &'e Finding,
     sql: &'e str,
     stem: String,
     (looks, style): (&Looks, &Style),
+    taken: &mut Vec<String>,
 ) -> Shown<'e> {
     let kind = drawn(&finding.content);
     let sheet = Sheet { stem: &stem, metric: finding.metric, looks, style };
-    let figures = kind.figures(&sheet).into_iter();
-    let mut scenes: Vec<(String, Scene)> =
-        figures.map(|(stem, scene)| (stem, style.set(scene))).collect();
-    tell_apart(&mut scenes);
-    let is_whole = scenes.iter().any(|(panel, _)| *panel == stem);
-    let whole = (scenes.len() > 1 && kind.has_panels() && !is_whole).then(|| {
-        let panels: Vec<&Scene> = scenes.iter().map(|(_, scene)| scene).collect();
-        Scene::in_rows(&panels, panels[0].description.clone())
-    });
+    // A figure without panels has the stem of its finding.
+    let mut is_own_free = true;
+    let mut name = |wanted: &str| {
+        if wanted == stem && std::mem::take(&mut is_own_free) {
+            return stem.clone();
+        }
+        let stem = unused(taken, wanted);
+        taken.push(stem.clone());
+        stem
+    };
+    let panels = kind.figures(&sheet);
+    let all = kind.wholes(&sheet, panels.len());
+    // Figures of several panels are named first, so that their names do not depend on the panels.
+    let mut groups: Vec<(String, usize)> = Vec::new();
+    for (of_group, count) in all.into_iter().filter(|(_, count)| *count > 0) {
+        let parts = count.div_ceil(MOST_PANELS);
+        for part in 0..parts {
+            let panels = MOST_PANELS.min(count - part * MOST_PANELS);
+            let wanted = match part {
+                0 => of_group.clone(),
+                part => format!("{of_group}-part-{}", part + 1),
+            };
+            let is_drawn = count > 1;
+            groups.push((if is_drawn { name(&wanted) } else { String::new() }, panels));
+        }
+    }
+    let scenes: Vec<(String, Scene)> =
+        panels.into_iter().map(|(wanted, scene)| (name(&wanted), style.set(scene))).collect();
+    let mut rest = &scenes[..];
+    let mut wholes = Vec::new();
+    for (of_group, count) in groups {
+        let (members, others) = rest.split_at(count);
+        rest = others;
+        if !of_group.is_empty() {
+            let panels: Vec<&Scene> = members.iter().map(|(_, scene)| scene).collect();
+            wholes.push((of_group, Scene::in_rows(&panels, panels[0].description.clone())));
+        }
+    }
     Shown {
         caption: caption(finding),
         table: table(finding),
@@ -139,27 +204,16 @@ fn shown<'e>(
         finding,
         stem,
         scenes,
-        whole,
+        wholes,
         sql,
         winners: None,
-    }
-}
-
-/// Appends a number to stems that several panels of a finding share.
-fn tell_apart(scenes: &mut [(String, Scene)]) {
-    let mut taken = HashSet::new();
-    for (number, (stem, _)) in (1..).zip(scenes) {
-        if taken.contains(stem) {
-            *stem = format!("{stem}-{number}");
-        }
-        taken.insert(stem.clone());
     }
 }
 
 /// Adds the files of a finding; `data` is its table with the names of keys.
 fn write_finding(shown: &Shown<'_>, data: &DataTable, files: &mut Vec<ReportFile>) {
     let panels = shown.scenes.iter().map(|(stem, scene)| (stem, scene));
-    for (stem, scene) in panels.chain(shown.whole.iter().map(|whole| (&shown.stem, whole))) {
+    for (stem, scene) in panels.chain(shown.wholes.iter().map(|(stem, whole)| (stem, whole))) {
         let mut push = |extension: &str, bytes: Vec<u8>| {
             files.push(ReportFile { name: format!("figures/{stem}.{extension}"), bytes });
         };

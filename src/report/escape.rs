@@ -53,6 +53,8 @@ fn latex_letters(text: &str, out: &mut String) {
             '−' => out.push_str("$-$"),
             '±' => out.push_str("$\\pm$"),
             '×' => out.push_str("$\\times$"),
+            '≥' => out.push_str("$\\geq$"),
+            '≤' => out.push_str("$\\leq$"),
             'σ' => out.push_str("$\\sigma$"),
             'δ' => out.push_str("$\\delta$"),
             'ε' => out.push_str("$\\epsilon$"),
@@ -107,10 +109,14 @@ pub fn file_stem(name: &str) -> String {
 
 /// A name as part of a file name, numbered if it is taken.
 pub fn unused_stem(taken: &[String], name: &str) -> String {
-    let stem = file_stem(name);
+    unused(taken, &file_stem(name))
+}
+
+/// A stem, numbered if it is taken.
+pub fn unused(taken: &[String], stem: &str) -> String {
     let numbered = (2..).map(|number| format!("{stem}-{number}"));
-    let mut candidates = std::iter::once(stem.clone()).chain(numbered);
-    candidates.find(|candidate| !taken.contains(candidate)).unwrap_or(stem)
+    let mut candidates = std::iter::once(stem.to_owned()).chain(numbered);
+    candidates.find(|candidate| !taken.contains(candidate)).unwrap_or_else(|| stem.to_owned())
 }
 
 #[cfg(test)]

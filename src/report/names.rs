@@ -4,7 +4,7 @@
 
 use super::section::ReportedExperiment;
 use crate::analyse::declared::{
-    ActionPanel, AgentSummary, ArmId, ArmSummary, Content, ContrastRow, CurveFigure, Finding,
+    ActionPanel, AgentSummary, ArmId, ArmSummary, Content, ContrastFigure, CurveFigure, Finding,
     HeatFigure, LearningFigure, Ranking, implied,
 };
 use crate::manifest::{PanelKey, Setting, short_name};
@@ -106,7 +106,15 @@ impl Names {
     pub fn finding(&self, finding: &Finding) -> Finding {
         let mut finding = finding.clone();
         match &mut finding.content {
-            Content::Contrast(rows) => rows.iter_mut().for_each(|row| self.contrast(row)),
+            Content::Contrast(ContrastFigure { sides, rows }) => {
+                // The sides are agents if the rows have none.
+                let has_agents = rows.iter().all(|row| row.name.agent.is_empty());
+                self.sides(sides, has_agents);
+                for row in rows {
+                    self.sides(&mut row.sides, has_agents);
+                    self.arm(&mut row.name);
+                }
+            }
             Content::Curve(CurveFigure { axis, lines }) => {
                 *axis = Names::key(axis);
                 lines.iter_mut().for_each(|line| self.arm(&mut line.name));
@@ -134,13 +142,10 @@ impl Names {
         finding
     }
 
-    fn contrast(&self, row: &mut ContrastRow) {
-        // The sides are agents if the rows have none.
-        let has_agents = row.name.agent.is_empty();
-        for side in [&mut row.sides.0, &mut row.sides.1] {
+    fn sides(&self, (first, second): &mut (String, String), has_agents: bool) {
+        for side in [first, second] {
             *side = self.words(side, has_agents);
         }
-        self.arm(&mut row.name);
     }
 
     fn map(&self, map: &mut HeatFigure) {

@@ -41,8 +41,8 @@ pub struct Shown<'e> {
     pub finding: &'e Finding,
     pub stem: String,
     pub scenes: Vec<(String, Scene)>,
-    /// All panels as one figure, if there are several.
-    pub whole: Option<Scene>,
+    /// Figures of several panels, with the stems of their files.
+    pub wholes: Vec<(String, Scene)>,
     pub caption: String,
     pub table: DataTable,
     pub sql: &'e str,
@@ -63,6 +63,8 @@ pub struct ArmTables {
 /// An experiment in displayed form.
 pub struct Section<'e> {
     pub experiment: &'e ReportedExperiment,
+    /// Its place on the page.
+    pub anchor: String,
     pub shown: Vec<Shown<'e>>,
     pub tables: ArmTables,
     pub legend: Legend,

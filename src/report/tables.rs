@@ -1,6 +1,6 @@
 //! Tables that belong to no kind of analysis, and entries that all tables use.
 
-use super::data_table::{DataTable, Entry, shown};
+use super::data_table::{DataTable, Entry, shown, shown_ends};
 use super::figure::{Numbers, settings_label};
 use super::words::unit_numbers;
 use crate::analyse::declared::{Comparison, Reproduction, varying};
@@ -21,12 +21,25 @@ pub fn in_unit(value: Result<f64, Undefined>, metric: &str) -> Entry {
 /// An interval in displayed form.
 pub fn between(interval: Result<Interval, Undefined>, metric: &str) -> Entry {
     match interval {
-        Ok(Interval { low, high }) => {
-            let (low, high) = (in_unit(Ok(low), metric), in_unit(Ok(high), metric));
-            Entry::text(format!("{} to {}", low.shown(), high.shown()))
-        }
+        Ok(Interval { low, high }) => Entry::text(match unit_numbers(metric) {
+            (Numbers::Percent, decimals) => range(low * 100.0, high * 100.0, decimals),
+            (Numbers::Plain, decimals) => range(low, high, decimals.max(1)),
+        }),
         Err(reason) => Entry::Missing(reason.to_string()),
     }
+}
+
+/// An interval of shares in percent, in displayed form.
+pub fn percent_between(interval: Result<Interval, Undefined>) -> Entry {
+    match interval {
+        Ok(Interval { low, high }) => Entry::text(range(low * 100.0, high * 100.0, 1)),
+        Err(reason) => Entry::Missing(reason.to_string()),
+    }
+}
+
+/// The ends of an interval: "1.5 to 2.5".
+pub fn range(low: f64, high: f64, decimals: usize) -> String {
+    shown_ends(low, high, decimals).join(" to ")
 }
 
 /// The lower end of an interval.
@@ -90,9 +103,7 @@ fn comparison(one: &Comparison) -> Vec<Entry> {
         Entry::number(one.seeds as f64, 0),
         Entry::of(one.agreement.as_ref().map(|agreement| agreement.difference), decimals),
         match interval {
-            Ok(Interval { low, high }) => {
-                Entry::text(format!("{} to {}", shown(low, decimals), shown(high, decimals)))
-            }
+            Ok(Interval { low, high }) => Entry::text(range(low, high, decimals)),
             Err(reason) => Entry::Missing(reason.to_string()),
         },
         low(interval),

@@ -3,7 +3,7 @@
 //! In: the rankings of a selection. Out: TOML with the numbers in comments. Held-out seeds are read
 //! from the whole store, because another experiment runs them.
 
-use super::kinds::amount;
+use super::kinds::{amount, ends};
 use super::words::metric_title;
 use crate::analyse::declared::{Arm, ArmId, Candidate, Content, Finding, Ranking, is_at};
 use crate::analyse::{Interval, Sample, mean_interval};
@@ -146,6 +146,6 @@ fn mean(sample: &Sample, metric: &str) -> String {
     format!("{shown}{}, n = {}", interval.unwrap_or_default(), sample.n())
 }
 
-fn between(Interval { low, high }: Interval, metric: &str) -> String {
-    format!(" (95 % interval {} to {})", amount(low, metric), amount(high, metric))
+fn between(interval: Interval, metric: &str) -> String {
+    format!(" (95 % interval {})", ends(interval, metric))
 }

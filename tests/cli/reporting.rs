@@ -105,8 +105,9 @@ fn two_reports_of_one_store_are_equal_to_the_byte_and_hold_every_analysis() {
     let drawn = names.iter().filter(|name| name.ends_with(".png")).count();
     assert_eq!(drawn, names.iter().filter(|name| name.ends_with(".svg")).count());
     assert_eq!(drawn, names.iter().filter(|name| name.ends_with(".pdf")).count());
-    // A combined figure adds one to its panels: gain, choices, learning, curve, map, error.
-    assert_eq!(drawn, 1 + 2 + 3 + 3 + 5 + 1, "{names:?}");
+    // A combined figure adds one to its panels, and choices of 16 arms make two: gain, choices, learning, curve,
+    // map, error.
+    assert_eq!(drawn, 1 + 18 + 3 + 3 + 5 + 1, "{names:?}");
     for stem in ["gain", "curve", "choices", "choices-part-2", "learning", "error"] {
         let name = format!("report/figures/every-kind-{stem}.pdf");
         assert!(one.get(&name).is_some_and(|bytes| bytes.starts_with(b"%PDF-1.4")), "{names:?}");
@@ -143,6 +144,134 @@ fn two_reports_of_one_store_are_equal_to_the_byte_and_hold_every_analysis() {
         for column in header.lines().next().unwrap().split(',') {
             assert!(manual.contains(&format!("`{column}`")), "{name}: {column}");
         }
+    }
+}
+
+/// Rules alone, whose jobs take milliseconds.
+const RULES: &str = r#"
+format = 1
+name = "r"
+scenarios = ["P-H-D", "L-H-D"]
+seeds = 3
+environment.sigma = [0.4, 0.6, 0.8]
+environment.horizon = 10
+evaluation.test_episodes = 20
+[[agent]]
+name = "tailored"
+algorithm = "rule"
+rule = "tailored"
+[[agent]]
+name = "random"
+algorithm = "rule"
+rule = "random"
+"#;
+
+/// The files of the report of a manifest, and what `jitai report` writes on standard error.
+fn reported(folder: &Folder) -> (BTreeMap<String, Vec<u8>>, String) {
+    folder.jitai(["run", "sweep.toml"]).succeeded();
+    let told = folder.jitai(["report", "sweep.toml", "--out", "report"]);
+    let told = told.succeeded().stderr;
+    (files(&folder.path("report")), told)
+}
+
+#[test]
+fn analyses_named_like_tables_of_the_report_replace_no_file() {
+    let analysis = |name: &str, keys: &str| format!("[[analysis]]\nname = \"{name}\"\n{keys}\n");
+    let curve = "kind = \"curve\"\nx = \"environment.sigma\"\npanel = \"scenario\"";
+    let folder = Folder::with(&format!(
+        "{RULES}{}{}{}{}{}",
+        analysis("arms", curve),
+        analysis("Agents", curve),
+        analysis("arms-2", curve),
+        // The stems of its panels are the stems of the analyses before.
+        analysis("ARMS", curve),
+        analysis("arms-p-h-d", curve),
+    ));
+    let (files, _) = reported(&folder);
+    let names: Vec<&String> = files.keys().collect();
+    let lower: std::collections::BTreeSet<String> =
+        names.iter().map(|name| name.to_lowercase()).collect();
+    assert_eq!(lower.len(), names.len());
+    // Two tables of arms, and one of each analysis.
+    let count = |start: &str, end: &str| {
+        names.iter().filter(|name| name.starts_with(start) && name.ends_with(end)).count()
+    };
+    assert_eq!(count("tables/", ".csv"), 2 + 5, "{names:?}");
+    assert_eq!(count("sql/", ".sql"), 5);
+    // Two panels and one figure of both.
+    assert_eq!(count("figures/", ".svg"), 5 * 3, "{names:?}");
+    let header = |name: &str| {
+        let text = String::from_utf8(files[name].clone()).unwrap();
+        text.lines().next().unwrap().to_owned()
+    };
+    assert!(header("tables/r-arms.csv").contains("interquartile_mean"));
+    assert!(header("tables/r-agents.csv").contains("scenario"));
+    assert!(header("tables/r-arms-2.csv").contains("parameter"));
+    let page = String::from_utf8(files["index.html"].clone()).unwrap();
+    let ids: Vec<&str> =
+        page.split(" id=\"").skip(1).map(|rest| rest.split('"').next().unwrap()).collect();
+    let distinct: std::collections::BTreeSet<&&str> = ids.iter().collect();
+    assert_eq!(distinct.len(), ids.len(), "{ids:?}");
+    for link in page.split("href=\"").skip(1).map(|rest| rest.split('"').next().unwrap()) {
+        let is_known = match link.strip_prefix('#') {
+            Some(anchor) => ids.contains(&anchor),
+            None => link.starts_with("data:") || files.contains_key(link),
+        };
+        assert!(is_known, "{link}");
+    }
+}
+
+#[test]
+fn choices_of_action_have_a_file_per_arm_and_stand_two_in_a_row() {
+    let folder = Folder::with(&format!(
+        "{RULES}[[analysis]]\nname = \"choice\"\nkind = \"action_choice\"\n"
+    ));
+    let (files, _) = reported(&folder);
+    let svg =
+        |stem: &str| String::from_utf8(files[&format!("figures/{stem}.svg")].clone()).unwrap();
+    let size = |stem: &str| {
+        let text = svg(stem);
+        let length = |name: &str| -> f64 {
+            let rest = text.split(&format!(" {name}=\"")).nth(1).unwrap();
+            let number: String =
+                rest.chars().take_while(|c| c.is_ascii_digit() || *c == '.').collect();
+            number.parse().unwrap()
+        };
+        (length("width"), length("height"))
+    };
+    let panels = files.keys().filter(|name| name.starts_with("figures/") && name.ends_with(".svg"));
+    assert_eq!(panels.count(), 12 + 1);
+    let (one, all) = (size("r-choice-tailored-p-h-d-sigma-0-4"), size("r-choice"));
+    assert!(
+        (all.0 / one.0 - 2.0).abs() < 0.01 && (all.1 / one.1 - 6.0).abs() < 0.01,
+        "{one:?} {all:?}"
+    );
+}
+
+#[test]
+fn a_report_without_analyses_says_that_it_has_no_figures() {
+    let folder = Folder::with(RULES);
+    let (files, told) = reported(&folder);
+    assert!(told.contains("note: no figures of r, because it declares no [[analysis]]"), "{told}");
+    let page = String::from_utf8(files["index.html"].clone()).unwrap();
+    assert!(page.contains("There are no figures, because the manifest declares no"));
+    assert!(!files.keys().any(|name| name.starts_with("figures/")));
+}
+
+#[test]
+fn a_curve_draws_an_arm_that_lacks_its_key_across() {
+    let folder = Folder::with(&format!(
+        "{RULES}[[agent]]\nname = \"rf\"\nalgorithm = \"reinforce\"\nepisodes = 20\nlayers = [4]\n\
+         learning_rate = [1e-300, 0.001, 0.1]\n[[analysis]]\nname = \"rates\"\nkind = \"curve\"\n\
+         x = \"agent.learning_rate\"\nwhere = {{ environment.sigma = 0.4 }}\n",
+    ));
+    let (files, _) = reported(&folder);
+    let table = String::from_utf8(files["tables/r-rates.csv"].clone()).unwrap();
+    let across = table.lines().filter(|line| line.contains(" P-H-D,,,3,"));
+    assert_eq!(across.count(), 2, "{table}");
+    let svg = String::from_utf8(files["figures/r-rates.svg"].clone()).unwrap();
+    for label in ["1e-300", "0.001", "0.1", "tailored P-H-D", "random L-H-D"] {
+        assert!(svg.contains(label), "{label}");
     }
 }
 

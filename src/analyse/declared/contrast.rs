@@ -1,12 +1,31 @@
 //! Differences of means between two sides, at every setting of the other parameters.
 
 use std::collections::BTreeMap;
+use std::ops::Deref;
 
 use super::arm::{ArmId, varying};
 use super::pairs::{Pair, pairs};
 use crate::analyse::{self, Corrected, Design, Sample, Tests, Undefined, correct};
 use crate::manifest::{Contrast, Pairing, Published, Setting, Sides};
 use crate::record::JobRecord;
+
+/// The differences between two sides.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ContrastFigure {
+    /// The labels of the first and second side.
+    pub sides: (String, String),
+    /// The differences, in the manifest's order.
+    pub rows: Vec<ContrastRow>,
+}
+
+/// A contrast is read as the list of its differences.
+impl Deref for ContrastFigure {
+    type Target = [ContrastRow];
+
+    fn deref(&self) -> &[ContrastRow] {
+        &self.rows
+    }
+}
 
 /// A difference at one setting of the other parameters.
 #[derive(Clone, Debug, PartialEq)]
@@ -60,13 +79,13 @@ impl ContrastRow {
     }
 }
 
-/// The rows of a contrast, in the manifest's order.
-pub fn rows(
+/// The differences of a contrast.
+pub fn figure(
     contrast: &Contrast,
     metric: &str,
     jobs: &[&JobRecord],
     published: Option<&Published>,
-) -> Vec<ContrastRow> {
+) -> ContrastFigure {
     let sides = &contrast.sides;
     let design = match contrast.pairing {
         Pairing::Unpaired => Design::Independent,
@@ -84,7 +103,24 @@ pub fn rows(
         .map(|pair| row(pair, (sides, design, metric, &contrast.family), published))
         .collect();
     name_apart(&mut rows);
-    rows
+    ContrastFigure { sides: labels(sides), rows }
+}
+
+/// The values of the sides, as texts.
+fn words(sides: &Sides) -> (String, String) {
+    (sides.first.settings()[0].to_string(), sides.second.settings()[0].to_string())
+}
+
+/// The labels of the sides: agents, scenarios, or a key with its values.
+fn labels(sides: &Sides) -> (String, String) {
+    let words = words(sides);
+    match sides.key() {
+        key if key.is_empty() => words,
+        key => {
+            let key = key.rsplit('.').next().unwrap_or(&key);
+            (format!("{key}={}", words.0), format!("{key}={}", words.1))
+        }
+    }
 }
 
 /// The parameters that the sides determine: the key of the sides, and the parameters zipped with
@@ -136,17 +172,11 @@ fn row(
     let error_of = |arm: &super::Arm<'_>| arm.jobs.first()?.context_error;
     let error = error_of(&first).filter(|error| error_of(&second) == Some(*error));
     let (first, second) = (first.sample(metric), second.sample(metric));
-    let words = (sides.first.settings()[0].to_string(), sides.second.settings()[0].to_string());
+    let words = words(sides);
     let published = published.filter(|_| metric == "mean_return");
     ContrastRow {
         published: published.and_then(|known| published_test(known, &words, &name, sigma?)),
-        sides: match sides.key() {
-            key if key.is_empty() => words,
-            key => {
-                let key = key.rsplit('.').next().unwrap_or(&key);
-                (format!("{key}={}", words.0), format!("{key}={}", words.1))
-            }
-        },
+        sides: labels(sides),
         error,
         contrast: analyse::Contrast::new(&first, &second, design),
         family: family.to_owned(),

@@ -20,8 +20,10 @@ pub struct CurveFigure {
 pub struct CurveLine {
     /// The arm, without the parameter of the axis among its settings.
     pub name: ArmId,
-    /// Its points, by x.
+    /// Its points, by x; empty if the arm lacks the parameter of the axis.
     pub points: Vec<CurvePoint>,
+    /// The metric of the seeds of an arm that lacks the parameter of the axis, wherever on the axis.
+    pub across: Option<Sample>,
     /// The best mean return that any policy can reach, x and value; empty if it is not known, or
     /// the line shows another metric.
     pub optimum: Vec<(f64, f64)>,
@@ -108,6 +110,18 @@ impl CurveLine {
         Some(Ends { first, last, apart })
     }
 
+    /// The metric of its seeds at a position on the axis, if it has any there.
+    fn sample_at(&self, x: f64) -> Option<&Sample> {
+        let point = self.points.iter().find(|point| point.x == x);
+        point.map(|point| &point.sample).or(self.across.as_ref())
+    }
+
+    /// The numbers of seeds behind each of its means.
+    pub fn seeds(&self) -> impl Iterator<Item = usize> {
+        let samples = self.points.iter().map(|point| &point.sample).chain(&self.across);
+        samples.map(Sample::n).filter(|n| *n > 0)
+    }
+
     /// The best mean return that any policy can reach at a position on the axis, if it is known.
     pub fn optimum_at(&self, x: f64) -> Option<f64> {
         self.optimum.iter().find(|(at, _)| *at == x).map(|(_, best)| *best)
@@ -123,7 +137,7 @@ impl CurveFigure {
     /// The numbers of lines that fall and rise significantly, corrected for the number of lines;
     /// `None` if no line can be tested. Lines with too few seeds for a test do not count.
     pub fn trends(&self) -> Option<Trends> {
-        let pairs = self.lines.len();
+        let pairs = self.lines.iter().filter(|line| line.across.is_none()).count();
         let mut trends = Trends::default();
         for Ends { first: (_, start), last: (_, end), apart } in
             self.lines.iter().filter_map(|line| line.ends(pairs)).filter(|ends| ends.are_apart())
@@ -135,17 +149,33 @@ impl CurveFigure {
         (trends.lines > 0).then_some(trends)
     }
 
-    /// The widest gap between two lines: the point of the first line, the difference of the means,
-    /// and whether it is significant, corrected for the number of points. Significant gaps take
-    /// precedence over wider gaps.
+    /// The gaps between two lines at the points that both have: the point, the difference of the means, and
+    /// whether it is significant, corrected for the number of points. A line without points spans the points
+    /// of the other line.
+    fn gaps(&self) -> Vec<(&CurvePoint, f64, Apart)> {
+        let [first, second] = self.lines.as_slice() else { return Vec::new() };
+        let (one, other) = if first.points.is_empty() { (second, first) } else { (first, second) };
+        let pairs = one.points.len();
+        let gap = |point: &'_ CurvePoint| {
+            let (sample, other) = (&point.sample, other.sample_at(point.x)?);
+            let gap = sample.mean().ok()? - other.mean().ok()?;
+            Some((gap, Apart::of(sample, other, pairs)))
+        };
+        let found = one
+            .points
+            .iter()
+            .filter_map(|point| gap(point).map(|(gap, apart)| (point, gap, apart)));
+        found.collect()
+    }
+
+    /// Whether every gap between two lines can be tested.
+    pub fn are_gaps_tested(&self) -> bool {
+        self.gaps().iter().all(|(_, _, apart)| *apart != Apart::Untested)
+    }
+
+    /// The widest gap between two lines. Significant gaps take precedence over wider gaps.
     pub fn widest_gap(&self) -> Option<(&CurvePoint, f64, Apart)> {
-        let [first, second] = self.lines.as_slice() else { return None };
-        let pairs = first.points.len();
-        let gaps = first.points.iter().filter_map(|point| {
-            let other = second.points.iter().find(|other| other.x == point.x)?;
-            let gap = point.sample.mean().ok()? - other.sample.mean().ok()?;
-            Some((point, gap, Apart::of(&point.sample, &other.sample, pairs)))
-        });
+        let gaps = self.gaps().into_iter();
         let rank = |(_, gap, apart): &(&CurvePoint, f64, Apart)| {
             let certainty = match apart {
                 Apart::Surely => 2,
@@ -180,6 +210,8 @@ pub fn figure(
     let along = [vec![parameter.clone()], decided_by(&parameter, jobs)].concat();
     let along: Vec<&str> = along.iter().map(String::as_str).collect();
     let lines = arms(jobs, &along).into_iter().map(|arm| {
+        let has_none = arm.jobs.iter().all(|job| job.number(&parameter).is_none());
+        let across = has_none.then(|| arm.sample(metric));
         let mut optimum = Vec::new();
         let points = by_value(&parameter, &arm.jobs).into_iter().map(|(value, jobs)| {
             let name = arm.name.clone();
@@ -197,6 +229,7 @@ pub fn figure(
             .find(|curve| curve.agent == arm.name.agent && curve.scenario == arm.name.scenario);
         CurveLine {
             points,
+            across,
             optimum,
             published: line.map_or_else(Vec::new, |line| {
                 let points = line.sigma.iter().zip(&line.mean_return);
@@ -222,6 +255,7 @@ mod tests {
         CurveLine {
             name: ArmId { agent: "dqn".into(), scenario: String::new(), settings: Vec::new() },
             points: (1..).map(f64::from).zip(points).map(point).collect(),
+            across: None,
             optimum: Vec::new(),
             published: Vec::new(),
         }

@@ -85,13 +85,16 @@ pub fn figures(
     let figure = |(name, ours): (ArmId, Vec<&JobRecord>)| {
         figure(name, &axes, (sides, metric), &ours, published)
     };
-    match sides {
+    let mut maps: Vec<HeatFigure> = match sides {
         Some(sides) => pairs(sides, jobs, &along)
             .into_iter()
             .map(|Pair { name, first, second }| figure((name, [first, second].concat())))
             .collect(),
         None => arms(jobs, &along).into_iter().map(|arm| figure((arm.name, arm.jobs))).collect(),
-    }
+    };
+    // Arms that lack a parameter of the axes have no place in a map.
+    maps.retain(|map| !map.tiles.is_empty());
+    maps
 }
 
 fn figure(

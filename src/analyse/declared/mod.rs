@@ -21,7 +21,7 @@ mod summary;
 
 pub use action_choice::{ActionPanel, BinShares};
 pub use arm::{Arm, ArmId, condense, implied, is_at, varying};
-pub use contrast::ContrastRow;
+pub use contrast::{ContrastFigure, ContrastRow};
 pub use curve::{ALPHA, Apart, CurveFigure, CurveLine, CurvePoint, Ends, Trends};
 pub use heat_map::{HeatFigure, HeatTile, Scale, heat_range};
 pub use inference_error::{ErrorFigure, ErrorPoint};
@@ -55,7 +55,7 @@ pub struct Finding {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Content {
     /// Differences of means.
-    Contrast(Vec<ContrastRow>),
+    Contrast(ContrastFigure),
     /// A metric along a parameter.
     Curve(CurveFigure),
     /// Learning curves, one panel per scenario.
@@ -76,7 +76,7 @@ impl Content {
     /// The rows, if the content is a contrast.
     fn contrast_mut(&mut self) -> Option<&mut Vec<ContrastRow>> {
         match self {
-            Content::Contrast(rows) => Some(rows),
+            Content::Contrast(figure) => Some(&mut figure.rows),
             Content::Curve(_)
             | Content::LearningCurve(_)
             | Content::HeatMap(_)
@@ -154,7 +154,7 @@ fn content_of(analysis: &Analysis, jobs: &[&JobRecord], published: Option<&Publi
     let metric = analysis.metric;
     match &analysis.kind {
         AnalysisKind::Contrast(contrast) => {
-            Content::Contrast(contrast::rows(contrast, metric, jobs, published))
+            Content::Contrast(contrast::figure(contrast, metric, jobs, published))
         }
         AnalysisKind::Curve { axis } => {
             Content::Curve(curve::figure(*axis, metric, jobs, published))

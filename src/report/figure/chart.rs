@@ -1,9 +1,10 @@
 //! Lines along an axis, with intervals: one chart per panel, all with the same axes.
 
 use super::Numbers;
-use super::axis::{Axis, AxisScale, Frame, round_range};
+use super::axis::{Axis, AxisScale, Frame, HEIGHT_TICKS, round_range, tick_width};
 use super::label::{Placing, below, beside, end_labels, placing};
 use super::line::{Chart, GAP, LEAST_PLOT, LEFT, Line, Place, Spread, marker};
+use super::overlap::shifts;
 use super::style::Style;
 use super::{FAINT, INK, NOTE, TEXT, fitting, text};
 use crate::report::scene::{Anchor, Fill, Mark, Point, Scene, Shape, Stroke, Weight};
@@ -29,55 +30,40 @@ pub fn axes(
     let points = || lines().flat_map(|line| &line.points);
     let references = || lines().flat_map(|line| &line.reference);
     let xs = points().map(|point| point.x).chain(references().map(|at| at.0));
-    let (left, right) =
-        xs.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, r), x| (l.min(x), r.max(x)));
+    let xs: Vec<f64> = xs.filter(|x| x.is_finite()).collect();
     let ys = points()
         .flat_map(|point| [point.y, point.interval.map_or(point.y, |(_, high)| high)])
         .chain(references().map(|at| at.1));
-    let high = ys.fold(f64::NEG_INFINITY, f64::max);
-    let low = points().map(|point| point.y).fold(0.0, f64::min);
-    let (left, right) = if left < right { (left, right) } else { around(left, scale) };
+    let high = ys.filter(|y| y.is_finite()).fold(f64::NEG_INFINITY, f64::max);
+    let low = points().map(|point| point.y).filter(|y| y.is_finite()).fold(0.0, f64::min);
     let (low, high) = round_range(low, if high.is_finite() { high } else { 1.0 });
     let cap = if y_numbers == Numbers::Percent { 1.0 } else { f64::INFINITY };
     let low = style.limits.0.unwrap_or(low);
     let high = style.limits.1.unwrap_or(high.min(cap));
-    let y = Axis {
-        title: metric_title(metric),
-        // A declared end may lie beyond the other end.
-        range: (low, if high > low { high } else { low + high.abs().max(low.abs()).max(1.0) }),
-        scale: AxisScale::Linear,
-        numbers: y_numbers,
+    // A declared end may lie beyond the other end.
+    let high = if high > low { high } else { low + high.abs().max(low.abs()).max(1.0) };
+    let y = Axis::new(metric_title(metric), (low, high), AxisScale::Linear, y_numbers);
+    let x = match scale {
+        AxisScale::Log => Axis::logarithmic(x_title, &xs, x_numbers),
+        AxisScale::Linear => Axis::new(x_title, ends(&xs), AxisScale::Linear, x_numbers),
     };
     let has_marks = lines().any(|line| line.spread == Spread::Bars);
-    let range = if has_marks { padded((left, right), scale) } else { (left, right) };
-    (Axis { title: x_title, range, scale, numbers: x_numbers }, y)
+    (if has_marks { x.padded() } else { x }, y)
 }
 
-/// The range of an axis whose points are all at one place, or which has no points.
-fn around(place: f64, scale: AxisScale) -> (f64, f64) {
-    match scale {
-        _ if !place.is_finite() => (0.0, 1.0),
-        AxisScale::Log => (place / 2.0, place * 2.0),
-        AxisScale::Linear => {
-            let half = (place.abs() / 2.0).max(f64::MIN_POSITIVE.sqrt());
-            (place - half, place + half)
-        }
-    }
-}
-
-/// The range of an axis, extended slightly beyond the first and the last point so that their marks
-/// do not cover numbers.
-fn padded((low, high): (f64, f64), scale: AxisScale) -> (f64, f64) {
-    const PART: f64 = 0.03;
-    match scale {
-        AxisScale::Linear => (low - PART * (high - low), high + PART * (high - low)),
-        AxisScale::Log => (low / (high / low).powf(PART), high * (high / low).powf(PART)),
-    }
+/// The smallest and the largest number; infinite if there are none.
+fn ends(numbers: &[f64]) -> (f64, f64) {
+    let ends = (f64::INFINITY, f64::NEG_INFINITY);
+    numbers.iter().fold(ends, |(low, high), number| (low.min(*number), high.max(*number)))
 }
 
 /// The charts, drawn with these axes. All charts have the same size, and all frames have the same size.
 pub fn draw(charts: &[Chart], axes: &(Axis, Axis), style: &Style) -> Vec<Scene> {
-    let placing = placing(charts, style);
+    // Labels of the vertical axis stand between its title and the frame.
+    const TITLE: f64 = 20.0;
+    let labels = axes.1.ticks(HEIGHT_TICKS);
+    let left = labels.iter().map(|tick| TITLE + tick_width(tick)).fold(LEFT, f64::max);
+    let placing = placing(charts, (style, left));
     let has_heading = |chart: &Chart| chart.heading.is_some();
     let headings = charts.iter().any(has_heading) && (charts.len() > 1 || style.has_titles());
     let top = TOP + if headings { HEADING } else { 0.0 };
@@ -93,13 +79,19 @@ pub fn draw(charts: &[Chart], axes: &(Axis, Axis), style: &Style) -> Vec<Scene> 
         Placing::Below { .. } => LEAST_HEIGHT,
     };
     let beneath_grows = style.height(HEIGHT + beneath);
+    let width =
+        |room: f64| (style.width() - left - room).max(LEAST_PLOT.min(style.width() - left - 10.0));
+    // The last label of the horizontal axis may stand half beyond the frame.
+    let last = Frame::ticks_across(&axes.0, width(room)).pop();
+    let over = last.map_or(0.0, |tick| tick_width(&tick) / 2.0 - (1.0 - tick.share) * width(room));
+    let room = room.max(over + 3.0);
     let frame = Frame {
-        left: LEFT,
+        left,
         top,
-        width: (style.width() - LEFT - room).max(LEAST_PLOT.min(style.width() - LEFT - 10.0)),
+        width: width(room),
         height: (beneath_grows - top - bottom).max(of_labels).max(LEAST_HEIGHT),
     };
-    let size = (LEFT + frame.width + room, top + frame.height + bottom);
+    let size = (left + frame.width + room, top + frame.height + bottom);
     let chart = |chart: &Chart| draw_one(chart, axes, (&frame, size), (&placing, style, headings));
     charts.iter().map(chart).collect()
 }
@@ -112,7 +104,7 @@ fn draw_one(
 ) -> Scene {
     let mut marks = frame.axes((x, y));
     if let Some(heading) = chart.heading.as_ref().filter(|_| has_heading) {
-        let at = (LEFT, TOP + 6.0);
+        let at = (frame.left, TOP + 6.0);
         marks.push(text(at, heading, (TEXT + 1.0, Weight::SemiBold), INK, Anchor::Start).into());
     }
     if chart.lines.iter().all(|line| line.points.is_empty()) {
@@ -123,54 +115,40 @@ fn draw_one(
     // Points are drawn above all lines. Filled points are drawn above hollow points, which are
     // larger, so that both are visible where they coincide.
     let of_each = chart.lines.iter().enumerate();
-    let dodges = dodges(&chart.lines);
+    let placed: Vec<Vec<Point>> = of_each
+        .clone()
+        .map(|(_, line)| line.points.iter().map(|at| frame.place((x, y), (at.x, at.y))).collect())
+        .collect();
+    let shifts = shifts(&chart.lines, &placed);
     marks.extend(of_each.clone().flat_map(|(series, line)| {
-        line_marks(line, (x, y), frame, dodges[series]).into_iter().map(move |mark| mark.of(series))
+        line_marks(line, (x, y), frame, shifts[series]).into_iter().map(move |mark| mark.of(series))
     }));
     for hollow in [true, false] {
         let of_kind = of_each.clone().filter(|(_, line)| line.look.marker.is_hollow() == hollow);
         marks.extend(of_kind.flat_map(|(series, line)| {
-            point_marks(line, (x, y), frame, dodges[series])
+            point_marks(line, (x, y), frame, shifts[series])
                 .into_iter()
                 .map(move |mark| mark.of(series))
         }));
     }
     marks.extend(match placing {
         Placing::Beside { is_crowded: true, .. } => beside(chart, (x, y), frame),
-        Placing::Beside { is_crowded: false, .. } => end_labels(chart, (x, y), frame),
+        Placing::Beside { is_crowded: false, .. } => end_labels(chart, (x, y), (frame, &shifts)),
         Placing::Below { .. } => below(chart, style, frame.top + frame.height + BOTTOM + GAP - 3.0),
     });
     if style.has_titles() {
         let at = (whole.0 / 2.0, whole.1 - 5.0);
-        marks.push(fitting(at, &chart.note, (NOTE, whole.0 - 8.0), FAINT).into());
+        let is_moved = shifts.iter().any(|(_, down)| *down != 0.0);
+        let beside = if is_moved { " Lines on one another: drawn side by side." } else { "" };
+        let note = format!("{}{beside}", chart.note);
+        marks.push(fitting(at, note, (NOTE, whole.0 - 8.0), FAINT).into());
     }
     let series = chart.lines.iter().map(|line| line.facets.clone()).collect();
     let ((width, height), description) = (whole, chart.description.clone());
     Scene { width, height, description, marks, series }
 }
 
-/// The horizontal shift of each line, so that intervals of several arms at one position stand side by side.
-fn dodges(lines: &[Line]) -> Vec<f64> {
-    /// Maximum distance between neighbouring lines, and between the first and the last line.
-    const STEP: f64 = 2.4;
-    const WHOLE: f64 = 8.0;
-    let with_bars: Vec<usize> =
-        (0..lines.len()).filter(|at| lines[*at].spread == Spread::Bars).collect();
-    let mut places: Vec<f64> =
-        with_bars.iter().flat_map(|at| &lines[*at].points).map(|point| point.x).collect();
-    places.sort_by(f64::total_cmp);
-    let mut dodges = vec![0.0; lines.len()];
-    if places.windows(2).any(|pair| pair[0] == pair[1]) && with_bars.len() > 1 {
-        let last = (with_bars.len() - 1) as f64;
-        let step = STEP.min(WHOLE / last);
-        for (rank, at) in with_bars.iter().enumerate() {
-            dodges[*at] = (rank as f64 - last / 2.0) * step;
-        }
-    }
-    dodges
-}
-
-fn line_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, dodge: f64) -> Vec<Mark> {
+fn line_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, (right, down): Point) -> Vec<Mark> {
     let mut marks = Vec::new();
     let color = line.look.color;
     let place = |x, y| frame.place(axes, (x, y));
@@ -190,7 +168,7 @@ fn line_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, dodge: f64) -> V
             marks.push(Shape::Area { points: upper, fill, stroke: None }.into());
         }
     }
-    let moved = |(x, y): Point| (x + dodge, y);
+    let moved = |(x, y): Point| (x + right, y + down);
     let points: Vec<(f64, f64)> = line.points.iter().map(|point| (point.x, point.y)).collect();
     if line.spread != Spread::Points {
         let width = match line.spread {
@@ -199,7 +177,7 @@ fn line_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, dodge: f64) -> V
             Spread::Points | Spread::Exact => 1.0,
         };
         let stroke = Stroke { color, width, dash: line.look.dash, opacity: 1.0 };
-        for part in clipped(&points, axes.1.range) {
+        for part in clipped(&points, axes.1.range()) {
             let points = part.into_iter().map(|(x, y)| moved(place(x, y))).collect();
             marks.push(Shape::Line { points, stroke }.into());
         }
@@ -250,15 +228,20 @@ fn clipped(points: &[(f64, f64)], (low, high): (f64, f64)) -> Vec<Vec<(f64, f64)
 
 /// The points of a line that are marked or have a tooltip. Intervals are drawn above the fill of
 /// hollow marks, which would hide short intervals.
-fn point_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, dodge: f64) -> Vec<Mark> {
+fn point_marks(
+    line: &Line,
+    axes: (&Axis, &Axis),
+    frame: &Frame,
+    (right, down): Point,
+) -> Vec<Mark> {
     let is_marked = matches!(line.spread, Spread::Bars | Spread::Points);
-    let (low, high) = axes.1.range;
+    let (low, high) = axes.1.range();
     let is_inside = |point: &&Place| (low..=high).contains(&point.y);
     let said = line.points.iter().filter(|point| is_marked || !point.tip.is_empty());
     let said = said.filter(is_inside);
     let place = |x, y| {
-        let (across, down) = frame.place(axes, (x, y));
-        (across + dodge, down)
+        let at = frame.place(axes, (x, y));
+        (at.0 + right, at.1 + down)
     };
     let mark = |point: &Place| {
         let at = place(point.x, point.y);
@@ -283,8 +266,11 @@ fn point_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, dodge: f64) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::slice;
+
+    use crate::manifest::FigureKeys;
     use crate::report::figure::{Look, Marker};
-    use crate::report::scene::Facets;
+    use crate::report::scene::{Direction, Facets, width};
 
     #[test]
     fn a_line_is_drawn_between_the_declared_ends_of_its_axis() {
@@ -296,27 +282,86 @@ mod tests {
     }
 
     #[test]
-    fn intervals_of_several_arms_at_one_place_stand_beside_each_other() {
-        let line = |xs: &[f64], spread| Line {
-            label: String::new(),
-            look: Look { color: INK, dash: None, marker: Marker::Ring },
-            points: xs
-                .iter()
-                .map(|x| Place { x: *x, y: 0.0, interval: None, tip: String::new() })
+    fn identical_lines_of_two_arms_are_both_seen() {
+        let line = |dash| Line {
+            label: "arm".to_owned(),
+            look: Look { color: INK, dash, marker: Marker::Disc },
+            points: (0..3)
+                .map(|x| Place { x: f64::from(x), y: 5.0, interval: None, tip: String::new() })
                 .collect(),
             reference: Vec::new(),
-            spread,
+            spread: Spread::Bars,
             facets: Facets::new(),
         };
-        let arm = |xs| line(xs, Spread::Bars);
-        let exact = || line(&[1.0], Spread::Exact);
-        assert_eq!(dodges(&[arm(&[1.0]), exact(), arm(&[1.0])]), [-1.2, 0.0, 1.2]);
-        assert_eq!(dodges(&[arm(&[1.0]), arm(&[2.0])]), [0.0, 0.0]);
-        assert_eq!(dodges(&[arm(&[1.0]), exact()]), [0.0, 0.0]);
-        let many: Vec<Line> = (0..9).map(|_| arm(&[1.0])).collect();
-        assert_eq!((dodges(&many)[0], dodges(&many)[8]), (-4.0, 4.0));
-        assert_eq!(padded((0.0, 1.0), AxisScale::Linear), (-0.03, 1.03));
-        let (low, high) = padded((1.0, 100.0), AxisScale::Log);
-        assert!(low < 1.0 && low > 0.8 && high > 100.0 && high < 120.0);
+        let chart = Chart {
+            heading: None,
+            description: String::new(),
+            lines: vec![line(None), line(Some((5.0, 2.5)))],
+            note: "n = 3.".to_owned(),
+        };
+        let style = Style::of(&FigureKeys::default());
+        let axis = ("x".to_owned(), Numbers::Plain, AxisScale::Linear);
+        let axes = axes(slice::from_ref(&chart), axis, ("mean_return", Numbers::Plain), &style);
+        let scene = draw(slice::from_ref(&chart), &axes, &style).remove(0);
+        let height = |series: usize| {
+            let mut of_series = scene.marks.iter().filter(|mark| mark.series == Some(series));
+            of_series.find_map(|mark| match &mark.shape {
+                Shape::Line { points, stroke } if stroke.width == 1.6 => Some(points[0].1),
+                _ => None,
+            })
+        };
+        assert!((height(0).unwrap() - height(1).unwrap()).abs() > 2.0);
+        let has = |words: &str| {
+            scene.marks.iter().any(|mark| match &mark.shape {
+                Shape::Text { text, .. } => text.contains(words),
+                _ => false,
+            })
+        };
+        assert!(has("n = 3. Lines on one another: drawn side by side."));
+    }
+
+    #[test]
+    fn every_label_of_large_numbers_is_inside_the_figure() {
+        let line = |scale: f64| Line {
+            label: "arm".to_owned(),
+            look: Look { color: INK, dash: None, marker: Marker::Disc },
+            points: [1.0, 2.0]
+                .map(|x| {
+                    let interval = Some((-scale, f64::INFINITY));
+                    Place { x: x * scale, y: -x * scale, interval, tip: String::new() }
+                })
+                .into(),
+            reference: Vec::new(),
+            spread: Spread::Bars,
+            facets: Facets::new(),
+        };
+        let style = Style::of(&FigureKeys::default());
+        for scale in [1e-300, 1e-7, 0.1, 1e5, 333_333.0, 1e6, 1e7, 1e300] {
+            let (heading, description) = (None, String::new());
+            let chart =
+                Chart { heading, description, lines: vec![line(scale)], note: String::new() };
+            let axis = ("x".to_owned(), Numbers::Plain, AxisScale::Linear);
+            let axes = axes(slice::from_ref(&chart), axis, ("mean_return", Numbers::Plain), &style);
+            let scene = draw(slice::from_ref(&chart), &axes, &style).remove(0);
+            let mut numbers = 0;
+            for mark in &scene.marks {
+                let Shape::Text { at, text, size, weight, anchor, direction, .. } = &mark.shape
+                else {
+                    continue;
+                };
+                let wide = width(text, *size, *weight);
+                let left = match anchor {
+                    Anchor::Start => at.0,
+                    Anchor::Middle => at.0 - wide / 2.0,
+                    Anchor::End => at.0 - wide,
+                };
+                // The title of the vertical axis reaches from 3 to 14.
+                let least = if *anchor == Anchor::End { 15.0 } else { 0.0 };
+                numbers += usize::from(*anchor == Anchor::End);
+                let is_inside = left >= least && left + wide <= scene.width;
+                assert!(*direction == Direction::Up || is_inside, "{scale}: {text}");
+            }
+            assert!(numbers >= 2, "{scale}");
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! The labels of lines: at their ends, beside the frame, or below the axis.
 
 use super::axis::{Axis, Frame};
-use super::line::{Chart, GAP, LEAST_PLOT, LEFT, Line, Spread, marker};
+use super::line::{Chart, GAP, LEAST_PLOT, Line, Spread, marker};
 use super::look::Look;
 use super::room::{free_height, spread_out};
 use super::style::Style;
@@ -11,6 +11,8 @@ use crate::report::scene::{Anchor, Color, Mark, Point, Shape, Stroke, Weight, wi
 /// Maximum number of labels at the ends of lines that end early; with more such lines, all labels
 /// stand beside the frame.
 const MOST_INSIDE: usize = 3;
+/// Distance from the frame's right edge beyond which a line ends early.
+const FAR: f64 = 40.0;
 /// Width of the sample of a line before its label.
 const SAMPLE: f64 = 20.0;
 
@@ -31,7 +33,7 @@ pub(super) enum Placing {
 }
 
 /// The placement of the labels of these charts: beside the frame if there is room.
-pub(super) fn placing(charts: &[Chart], style: &Style) -> Placing {
+pub(super) fn placing(charts: &[Chart], (style, left): (&Style, f64)) -> Placing {
     /// Maximum width of a figure that is widened for its labels: 105 mm.
     const WIDEST: f64 = 397.0;
     let is_crowded = charts.iter().any(is_crowded);
@@ -39,7 +41,7 @@ pub(super) fn placing(charts: &[Chart], style: &Style) -> Placing {
     let room = lines.map(|line| width(&line.label, TEXT, Weight::SemiBold)).fold(0.0, f64::max);
     let room = room + 12.0 + if is_crowded { SAMPLE } else { 0.0 };
     let most = if style.has_width() { style.width() } else { WIDEST };
-    match LEFT + LEAST_PLOT + room <= most {
+    match left + LEAST_PLOT + room <= most {
         true => Placing::Beside { room, is_crowded },
         false => {
             let rows = charts.iter().map(|chart| rows(chart, style).len());
@@ -132,23 +134,31 @@ pub(super) fn beside(chart: &Chart, axes: (&Axis, &Axis), frame: &Frame) -> Vec<
 
 /// Whether more lines end early than can be labelled at their ends.
 fn is_crowded(chart: &Chart) -> bool {
+    chart.lines.iter().filter(|line| ends_early(chart, line)).count() > MOST_INSIDE
+}
+
+/// Whether a line ends before another line of the chart.
+fn ends_early(chart: &Chart, line: &Line) -> bool {
     let last = |line: &Line| line.points.last().map(|point| point.x);
     let farthest = chart.lines.iter().filter_map(last).fold(f64::NEG_INFINITY, f64::max);
-    let early = chart.lines.iter().filter_map(last).filter(|x| *x < farthest);
-    early.count() > MOST_INSIDE
+    last(line).is_some_and(|x| x < farthest)
 }
 
 /// The labels of the lines at their ends, moved apart so that they do not overlap. They stand
 /// beside the frame, with a thin connecting line if moved far; labels of lines that end early stand
 /// above or below their ends.
-pub(super) fn end_labels(chart: &Chart, axes: (&Axis, &Axis), frame: &Frame) -> Vec<Mark> {
+pub(super) fn end_labels(
+    chart: &Chart,
+    axes: (&Axis, &Axis),
+    (frame, shifts): (&Frame, &[Point]),
+) -> Vec<Mark> {
     let right = frame.left + frame.width;
     let mut ends: Vec<(usize, Point, f64)> = Vec::new();
     let mut inside: Vec<(usize, Point, f64)> = Vec::new();
     for (series, line) in chart.lines.iter().enumerate() {
         if let Some(last) = line.points.last() {
             let end = frame.place(axes, (last.x, last.y));
-            match end.0 < right - 40.0 {
+            match ends_early(chart, line) && end.0 < right - FAR {
                 true => {
                     inside.push((series, end, inside_height(chart, axes, frame, (series, end))))
                 }
@@ -170,10 +180,11 @@ pub(super) fn end_labels(chart: &Chart, axes: (&Axis, &Axis), frame: &Frame) -> 
         })
         .collect();
     for (series, end, height) in ends {
-        if (height - end.1).abs() > TEXT {
+        if (height - end.1).abs() > TEXT || end.0 < right - FAR {
             let color = chart.lines[series].look.color;
             let stroke = Stroke { color, width: 0.5, dash: None, opacity: 0.6 };
-            let points = vec![(end.0 + 3.0, end.1), (right + 5.0, height)];
+            let (across, down) = shifts[series];
+            let points = vec![(end.0 + across + 3.0, end.1 + down), (right + 5.0, height)];
             marks.push(Mark::from(Shape::Line { points, stroke }).of(series));
         }
         marks.push(letters(chart, series, (right + 6.0, height + TEXT * 0.35), (TEXT, None)));

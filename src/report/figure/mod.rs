@@ -9,9 +9,11 @@ mod label;
 mod line;
 mod look;
 mod optimum;
+mod overlap;
 mod panel;
 mod room;
 mod style;
+mod ticks;
 
 pub use axis::{Axis, AxisScale, round_range};
 pub use chart::{axes, draw};

@@ -1,7 +1,8 @@
 //! The style of a figure: its size, its font size, the limits of its axis, and whether it has titles.
 
+use super::axis::AxisScale;
 use super::{NOTE, TEXT, WIDTH};
-use crate::manifest::{FigureKeys, PanelKey, Theme};
+use crate::manifest::{FigureKeys, PanelKey, Theme, XScale};
 use crate::report::scene::Scene;
 
 /// Units per millimetre.
@@ -22,6 +23,7 @@ pub struct Style {
     height: Option<f64>,
     /// The declared ends of the vertical axis.
     pub limits: (Option<f64>, Option<f64>),
+    x_scale: Option<XScale>,
     theme: Theme,
 }
 
@@ -36,6 +38,7 @@ impl Style {
             width: keys.width.map(length),
             height: keys.height.map(length),
             limits: (keys.y_min, keys.y_max),
+            x_scale: keys.x_scale,
             theme: keys.theme,
         }
     }
@@ -59,6 +62,15 @@ impl Style {
     pub fn row(&self, usual: f64, rows: usize, beside: f64) -> f64 {
         let declared = self.height.map(|height| (height - beside) / rows.max(1) as f64);
         declared.map_or(usual, |row| row.max(usual / 2.0))
+    }
+
+    /// The declared scale of the horizontal axis, or the usual scale.
+    pub fn x_scale(&self, usual: AxisScale) -> AxisScale {
+        match self.x_scale {
+            None => usual,
+            Some(XScale::Linear) => AxisScale::Linear,
+            Some(XScale::Logarithmic) => AxisScale::Log,
+        }
     }
 
     /// Whether a figure without panels has a heading above it and a note below it. In print, the

@@ -4,35 +4,33 @@ use super::{Drawn, Sheet};
 use crate::analyse::declared::{ActionPanel, ArmId, BinShares};
 use crate::analyse::quantile;
 use crate::report::data_table::{DataTable, Entry, shown};
+use crate::report::escape::file_stem;
 use crate::report::figure::{
     FAINT, INK, NOTE, Panels, Style, TEXT, arm_label, facets, fitting, rising_title, seeds, text,
 };
+use crate::report::names::Names;
 use crate::report::scene::{
     Anchor, Color, Fill, Mark, Point, Scene, Shape, Stroke, Weight, rectangle, width,
 };
 use crate::report::tables::{between, high, in_unit, low, no_interval};
 
-/// Maximum number of panels of a figure, which stand one below the other.
-const PANELS: usize = 12;
-
 impl Drawn for Vec<ActionPanel> {
     fn figures(&self, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
-        let panels: Vec<&ActionPanel> = self.iter().collect();
-        if sheet.style.panel.is_none() {
-            return parts(&panels, sheet.stem, sheet.style);
-        }
-        let groups = Panels::of(&self.arms(), sheet.style.panel, None);
-        let of_group =
-            groups.panels.iter().zip(groups.stems(sheet.stem)).flat_map(|(group, stem)| {
-                let members: Vec<&ActionPanel> =
-                    group.members.iter().map(|at| &self[*at]).collect();
-                parts(&members, &stem, sheet.style)
-            });
+        let groups = groups(self, sheet);
+        let of_group = groups.into_iter().flat_map(|(stem, members)| {
+            let is_alone = members.len() == 1;
+            members.into_iter().map(move |at| {
+                let panel = &self[at];
+                let label = file_stem(&Names::plain(&arm_label(&panel.name)));
+                let stem = if is_alone { stem.clone() } else { format!("{stem}-{label}") };
+                (stem, action_figure(panel, sheet.style))
+            })
+        });
         of_group.collect()
     }
 
-    fn has_panels(&self) -> bool {
-        false
+    fn wholes(&self, sheet: &Sheet<'_>, _: usize) -> Vec<(String, usize)> {
+        groups(self, sheet).into_iter().map(|(stem, members)| (stem, members.len())).collect()
     }
 
     fn table(&self, title: &str, _: &str) -> DataTable {
@@ -84,53 +82,48 @@ const PANEL: f64 = 112.0;
 const STACK: f64 = 82.0;
 const BOTTOM: f64 = 34.0;
 
-/// Figures of at most [`PANELS`] panels each.
-fn parts(panels: &[&ActionPanel], stem: &str, style: &Style) -> Vec<(String, Scene)> {
-    let figure = |(at, panels): (usize, &[&ActionPanel])| {
-        let stem = match at {
-            0 => stem.to_owned(),
-            at => format!("{stem}-part-{}", at + 1),
-        };
-        (stem, action_figure(panels, style))
+/// The panels that a declared key puts together, with the stem of each group; all panels without such a key.
+fn groups(panels: &[ActionPanel], sheet: &Sheet<'_>) -> Vec<(String, Vec<usize>)> {
+    let names: Vec<&ArmId> = panels.iter().map(|panel| &panel.name).collect();
+    let groups = match sheet.style.panel {
+        Some(_) => Panels::of(&names, sheet.style.panel, None),
+        None => Panels::whole(&names),
     };
-    panels.chunks(PANELS).enumerate().map(figure).collect()
+    let members = groups.panels.iter().map(|group| group.members.clone());
+    groups.stems(sheet.stem).into_iter().zip(members).filter(|(_, all)| !all.is_empty()).collect()
 }
 
-/// Panels, one below the other.
-fn action_figure(panels: &[&ActionPanel], style: &Style) -> Scene {
+/// The stacks of an arm.
+fn action_figure(panel: &ActionPanel, style: &Style) -> Scene {
     let whole = style.width();
     let beside = TOP + BOTTOM - if style.has_titles() { 0.0 } else { NOTE + 3.0 };
-    let high = style.row(PANEL, panels.len(), beside);
-    let height = beside + high * panels.len() as f64;
-    let mut marks = legend();
-    for (at, panel) in panels.iter().enumerate() {
-        let stack = high - (PANEL - STACK);
-        let of_panel = panel_marks(panel, TOP + high * at as f64, (whole, stack));
-        marks.extend(of_panel.into_iter().map(|mark| mark.of(at)));
-    }
-    let plain = (TEXT, Weight::Regular);
+    let high = style.row(PANEL, 1, beside);
+    let height = beside + high;
+    let mut marks = legend(whole);
+    let of_panel = panel_marks(panel, TOP, (whole, high - (PANEL - STACK)));
+    marks.extend(of_panel.into_iter().map(|mark| mark.of(0)));
     let under = height - style.note() - 9.0;
     let at = (LEFT + (whole - LEFT - RIGHT) / 2.0, under);
     let title = "inferred probability of context 0";
-    marks.push(text(at, title, plain, INK, Anchor::Middle).into());
+    marks.push(fitting(at, title, (TEXT, whole - 8.0), INK).into());
     let note = format!(
         "Mean shares over {}{}.",
-        seeds(panels.iter().map(|panel| panel.seeds.0)),
-        half_width_words(panels)
+        seeds(std::iter::once(panel.seeds.0)),
+        half_width_words(panel)
     );
     if style.has_titles() {
         let at = (whole / 2.0, height - 5.0);
         marks.push(fitting(at, note, (NOTE, whole - 8.0), FAINT).into());
     }
-    let description = "shares of actions by the probability of context 0".to_owned();
-    let series = panels.iter().map(|panel| facets(&panel.name)).collect();
-    Scene { width: whole, height, description, marks, series }
+    let label = arm_label(&panel.name);
+    let description = format!("shares of actions by the probability of context 0, {label}");
+    Scene { width: whole, height, description, marks, series: vec![facets(&panel.name)] }
 }
 
 /// The median and the largest half-width of the intervals of labelled shares. Shares near 0 have
 /// short intervals and would make the estimates seem too precise.
-fn half_width_words(panels: &[&ActionPanel]) -> String {
-    let shares = panels.iter().flat_map(|panel| &panel.bins).filter_map(|bin| bin.shares);
+fn half_width_words(panel: &ActionPanel) -> String {
+    let shares = panel.bins.iter().filter_map(|bin| bin.shares);
     let labelled = shares.flatten().filter(|(share, _)| is_labelled(*share, STACK));
     let intervals = labelled.filter_map(|(_, interval)| interval);
     let mut halves: Vec<f64> =
@@ -156,16 +149,21 @@ fn is_labelled(share: f64, stack: f64) -> bool {
     share * stack > NOTE + 3.0
 }
 
-fn legend() -> Vec<Mark> {
+/// The colours of the actions, in smaller letters where the figure is narrow.
+fn legend(whole: f64) -> Vec<Mark> {
+    let length = |name: &str| 18.0 + width(name, NOTE, Weight::Regular);
+    let all: f64 = ACTIONS.iter().map(|(_, name)| length(name)).sum();
+    let scale = ((whole - LEFT) / all).min(1.0);
     let mut marks = Vec::new();
     let mut left = LEFT;
     for (color, name) in ACTIONS {
-        let points = rectangle(left, 7.0, 8.0, 8.0);
+        let side = 8.0 * scale;
+        let points = rectangle(left, 15.0 - side, side, side);
         let fill = Fill { color, opacity: 1.0 };
         marks.push(Shape::Area { points, fill, stroke: None }.into());
-        let at = (left + 10.5, 14.5);
-        marks.push(text(at, name, (NOTE, Weight::Regular), INK, Anchor::Start).into());
-        left += 18.0 + width(name, NOTE, Weight::Regular);
+        let at = (left + 10.5 * scale, 14.5);
+        marks.push(text(at, name, (NOTE * scale, Weight::Regular), INK, Anchor::Start).into());
+        left += length(name) * scale;
     }
     marks
 }
@@ -173,8 +171,9 @@ fn legend() -> Vec<Mark> {
 fn panel_marks(panel: &ActionPanel, top: f64, (whole, high): (f64, f64)) -> Vec<Mark> {
     let plain = (NOTE, Weight::Regular);
     let label = arm_label(&panel.name);
-    let mut marks: Vec<Mark> =
-        vec![text((LEFT, top + 11.0), &label, (TEXT, Weight::SemiBold), INK, Anchor::Start).into()];
+    let size = TEXT * ((whole - LEFT - 4.0) / width(&label, TEXT, Weight::SemiBold)).min(1.0);
+    let heading = text((LEFT, top + 11.0), &label, (size, Weight::SemiBold), INK, Anchor::Start);
+    let mut marks: Vec<Mark> = vec![heading.into()];
     let slot = (whole - LEFT - RIGHT) / panel.bins.len().max(1) as f64;
     let base = top + 16.0 + high;
     let middle = (10.0, base - high / 2.0);
@@ -188,7 +187,7 @@ fn panel_marks(panel: &ActionPanel, top: f64, (whole, high): (f64, f64)) -> Vec<
         marks.extend(stack(bin, &label, (left + 2.0, base), (slot - 4.0, high)));
         let words = format!("{}–{}", shown(bin.low, 1), shown(bin.high, 1));
         let at = (left + slot / 2.0, base + 10.0);
-        marks.push(text(at, words, plain, FAINT, Anchor::Middle).into());
+        marks.push(fitting(at, words, (NOTE, slot - 2.0), FAINT).into());
     }
     marks
 }
@@ -218,8 +217,8 @@ fn stack(
         });
         let tip = format!(
             "{label}, probability {} to {}, action {name}: {}{spread} %, {}, {} test steps",
-            bin.low,
-            bin.high,
+            shown(bin.low, 1),
+            shown(bin.high, 1),
             shown(share * 100.0, 1),
             seeds(std::iter::once(bin.seeds)),
             bin.steps
@@ -295,15 +294,15 @@ mod tests {
         // The segment of 0.05 is too low for a label, so its interval does not count.
         let shares = [(0.4, Some(0.3)), (0.35, Some(1.39)), (0.2, Some(0.12)), (0.05, Some(0.01))];
         assert_eq!(
-            half_width_words(&[&panel(shares)]),
+            half_width_words(&panel(shares)),
             "; 95 % half-width of labelled ones: median 30, largest 100 or more points"
         );
         let two = [(0.5, Some(0.1)), (0.5, Some(0.2)), (0.0, None), (0.0, None)];
         assert_eq!(
-            half_width_words(&[&panel(two)]),
+            half_width_words(&panel(two)),
             "; 95 % half-width of labelled ones: median 15, largest 20 points"
         );
         let one_seed = [(0.5, None), (0.5, None), (0.0, None), (0.0, None)];
-        assert_eq!(half_width_words(&[&panel(one_seed)]), "");
+        assert_eq!(half_width_words(&panel(one_seed)), "");
     }
 }

@@ -1,7 +1,10 @@
 //! Curves: a metric along a parameter, one line per arm.
 
-use super::{Drawn, Sheet, amount};
-use crate::analyse::declared::{ALPHA, Apart, ArmId, CurveFigure, CurvePoint, Ends};
+use super::{Drawn, Sheet, amount, ends, parameter};
+use crate::analyse::Sample;
+use crate::analyse::declared::{
+    ALPHA, Apart, ArmId, CurveFigure, CurveLine, CurvePoint, Ends, Trends,
+};
 use crate::manifest::short_name;
 use crate::report::arm_tables::{optimum, share};
 use crate::report::data_table::{DataTable, Entry, shown};
@@ -31,77 +34,106 @@ impl Drawn for CurveFigure {
             true => "context inference error",
             false => short_name(&self.axis),
         };
-        let counts = self.lines.iter().flat_map(|line| &line.points).map(|point| point.sample.n());
-        let seeds = seeds(counts.filter(|n| *n > 0));
+        let seeds = seeds(self.lines.iter().flat_map(CurveLine::seeds));
+        let across = match self.lines.iter().any(|line| line.across.is_some()) {
+            true => format!("; arms without {axis} are lines across"),
+            false => String::new(),
+        };
         format!(
-            "Mean and its 95 % interval of {} against {axis}, {seeds} per point",
+            "Mean and its 95 % interval of {} against {axis}, {seeds} per point{across}",
             metric_title(metric)
         )
     }
 
     fn finds(&self, metric: &str) -> Option<String> {
-        let at = |point: &CurvePoint| match self.is_error() {
-            true => format!("{} % error", shown(point.x * 100.0, 0)),
-            false => format!("{} = {}", short_name(&self.axis), point.x),
-        };
-        if let [first, second] = self.lines.as_slice() {
-            let (one, other) = (arm_label(&first.name), arm_label(&second.name));
-            match self.widest_gap() {
-                Some((point, gap, Apart::Surely)) => {
-                    return Some(format!(
-                        "{one} and {other} are furthest apart at {}, by {} (Welch’s t, \
-                         Bonferroni-corrected p < {ALPHA})",
-                        at(point),
-                        amount(gap.abs(), metric)
-                    ));
-                }
-                Some((_, _, Apart::Perhaps)) => {
-                    return Some(format!(
-                        "{one} and {other} do not differ significantly at any point (Welch’s t, \
-                         Bonferroni-corrected p < {ALPHA})"
-                    ));
-                }
-                Some((_, _, Apart::Untested)) | None => {}
-            }
+        match self.lines.as_slice() {
+            [first, second] => self.gap(first, second, metric).or_else(|| self.trend_counts()),
+            [line] => self.trend(line, metric),
+            _ => self.trend_counts(),
         }
-        if let [line] = self.lines.as_slice() {
-            let name = arm_label(&line.name);
-            let Ends { first: (first, start), last: (last, end), apart } = line.ends(1)?;
-            let (from, to) = (amount(start, metric), amount(end, metric));
-            if first.x == last.x {
-                return Some(format!("{name} is at {from} at {}", at(first)));
-            }
-            let verb = if end < start { "falls" } else { "rises" };
-            let (first, last) = (at(first), at(last));
-            return Some(match apart {
-                _ if from == to => format!("{name} is at {from} both at {first} and at {last}"),
-                Apart::Surely => format!(
-                    "{name} {verb} from {from} at {first} to {to} at {last} (Welch’s t, p < {ALPHA})"
-                ),
-                Apart::Perhaps => format!(
-                    "{name} is at {from} at {first} and at {to} at {last}, not a significant \
-                     difference (Welch’s t, p < {ALPHA})"
-                ),
-                Apart::Untested => format!(
-                    "{name} is at {from} at {first} and at {to} at {last}, with too few seeds for a \
-                     test"
-                ),
-            });
-        }
-        let trends = self.trends()?;
-        let tested = match trends.lines < self.lines.len() {
-            true => "lines with several points and enough seeds",
-            false => "lines",
-        };
-        Some(format!(
-            "Of {} {tested}, {} fall and {} rise significantly from their first to their last point \
-             (Welch’s t, Bonferroni-corrected p < {ALPHA})",
-            trends.lines, trends.falls, trends.rises
-        ))
     }
 
     fn arms(&self) -> Vec<&ArmId> {
         self.lines.iter().map(|line| &line.name).collect()
+    }
+}
+
+impl CurveFigure {
+    /// The place of a point in words.
+    fn at(&self, point: &CurvePoint) -> String {
+        match self.is_error() {
+            true => format!("{} % error", shown(point.x * 100.0, 0)),
+            false => format!("{} = {}", short_name(&self.axis), parameter(point.x)),
+        }
+    }
+
+    /// Whether two lines differ at any point; `None` if no point can be tested.
+    fn gap(&self, first: &CurveLine, second: &CurveLine, metric: &str) -> Option<String> {
+        let (one, other) = (arm_label(&first.name), arm_label(&second.name));
+        let (point, gap, apart) = self.widest_gap()?;
+        match apart {
+            Apart::Surely => Some(format!(
+                "{one} and {other} are furthest apart at {}, by {} (Welch’s t, Bonferroni-corrected p < \
+                 {ALPHA})",
+                self.at(point),
+                amount(gap.abs(), metric)
+            )),
+            Apart::Perhaps => Some(format!(
+                "{one} and {other} do not differ significantly at any {}point (Welch’s t, \
+                 Bonferroni-corrected p ≥ {ALPHA})",
+                if self.are_gaps_tested() { "" } else { "tested " }
+            )),
+            Apart::Untested => None,
+        }
+    }
+
+    /// The ends of a line, and whether they differ.
+    fn trend(&self, line: &CurveLine, metric: &str) -> Option<String> {
+        let name = arm_label(&line.name);
+        let Ends { first: (first, start), last: (last, end), apart } = line.ends(1)?;
+        let (from, to) = (amount(start, metric), amount(end, metric));
+        if first.x == last.x {
+            return Some(format!("{name} is at {from} at {}", self.at(first)));
+        }
+        let verb = if end < start { "falls" } else { "rises" };
+        let (first, last) = (self.at(first), self.at(last));
+        Some(match apart {
+            _ if from == to => format!("{name} is at {from} both at {first} and at {last}"),
+            Apart::Surely => format!(
+                "{name} {verb} from {from} at {first} to {to} at {last} (Welch’s t, p < {ALPHA})"
+            ),
+            Apart::Perhaps => format!(
+                "{name} is at {from} at {first} and at {to} at {last}; the difference is not \
+                 significant (Welch’s t, p ≥ {ALPHA})"
+            ),
+            Apart::Untested => format!(
+                "{name} is at {from} at {first} and at {to} at {last}, with too few seeds for a test"
+            ),
+        })
+    }
+
+    /// The numbers of lines that fall and rise; `None` if no line can be tested.
+    fn trend_counts(&self) -> Option<String> {
+        let Trends { lines, falls, rises } = self.trends()?;
+        let swept = self.lines.iter().filter(|line| line.across.is_none()).count();
+        let noun = if lines == 1 { "line" } else { "lines" };
+        let tested = match lines < swept {
+            true => format!("{noun} with several points and enough seeds"),
+            false => noun.to_owned(),
+        };
+        let change = match (falls, rises) {
+            (0, 0) => "none falls or rises".to_owned(),
+            (falls, rises) => format!(
+                "{falls} {} and {rises} {}",
+                if falls == 1 { "falls" } else { "fall" },
+                if rises == 1 { "rises" } else { "rise" }
+            ),
+        };
+        let relation = if (falls, rises) == (0, 0) { "≥" } else { "<" };
+        Some(format!(
+            "Of {lines} {tested}, {change} significantly from the first to the last point (Welch’s t, \
+             Bonferroni-corrected p {relation} {ALPHA})"
+        ))
     }
 }
 
@@ -116,15 +148,20 @@ fn curve_figures(figure: &CurveFigure, sheet: &Sheet<'_>) -> Vec<(String, Scene)
         true => ("context inference error, %".to_owned(), Numbers::Percent),
         false => (short_name(&figure.axis).to_owned(), Numbers::Plain),
     };
+    let extent = extent(figure);
     let line = |at: usize| {
         let (line, label) = (&figure.lines[at], panels.labels[at].clone());
         let seen = line.points.iter().filter(|point| point.sample.n() > 0);
+        let points = seen.map(|point| curve_place(point, &line.name, (metric, figure)));
+        let across = line.across.iter().filter(|sample| sample.n() > 0);
+        let across =
+            across.flat_map(|sample| across_places(sample, line, extent, (metric, figure)));
         Line {
             label,
             look: sheet.looks.look(&line.name),
-            points: seen.map(|point| curve_place(point, &line.name, (metric, figure))).collect(),
+            points: points.chain(across).collect(),
             reference: line.published.clone(),
-            spread: Spread::Bars,
+            spread: if line.across.is_some() { Spread::Band } else { Spread::Bars },
             facets: facets(&line.name),
         }
     };
@@ -133,11 +170,10 @@ fn curve_figures(figure: &CurveFigure, sheet: &Sheet<'_>) -> Vec<(String, Scene)
         let mut lines: Vec<Line> = panel.members.iter().map(|at| line(*at)).collect();
         let optima = members().map(|line| (&line.name, line.optimum.clone()));
         lines.extend(optimum_lines(optima, sheet.looks));
-        let counts = members().flat_map(|line| line.points.iter().map(|p| p.sample.n()));
         let has_reference = lines.iter().any(|line| !line.reference.is_empty());
         let note = format!(
             "Mean and 95 % interval, {}.{}",
-            seeds(counts.filter(|n| *n > 0)),
+            seeds(members().flat_map(CurveLine::seeds)),
             if has_reference { " Thin: published." } else { "" }
         );
         let heading = match panels.is_one() && panel.heading.is_empty() {
@@ -148,10 +184,11 @@ fn curve_figures(figure: &CurveFigure, sheet: &Sheet<'_>) -> Vec<(String, Scene)
         Chart { heading, description, lines, note }
     };
     let charts: Vec<Chart> = panels.panels.iter().map(chart).collect();
-    let scale = match is_error {
+    let usual = match is_error {
         true => AxisScale::Linear,
         false => scale_of(charts.iter().flat_map(|chart| &chart.lines)),
     };
+    let scale = style.x_scale(usual);
     let x_title = match scale {
         AxisScale::Log => format!("{x_title} (logarithmic)"),
         AxisScale::Linear => x_title.clone(),
@@ -160,34 +197,65 @@ fn curve_figures(figure: &CurveFigure, sheet: &Sheet<'_>) -> Vec<(String, Scene)
     panels.stems(sheet.stem).into_iter().zip(draw(&charts, &axes, style)).collect()
 }
 
-/// The scale of a parameter's axis: logarithmic if the largest value is many times the smallest.
+/// The places of the first and the last point of all lines; of all declared points if none has a mean.
+fn extent(figure: &CurveFigure) -> Option<(f64, f64)> {
+    let points = || figure.lines.iter().flat_map(|line| &line.points);
+    let seen: Vec<f64> = points().filter(|one| one.sample.n() > 0).map(|one| one.x).collect();
+    let all = if seen.is_empty() { points().map(|one| one.x).collect() } else { seen };
+    let least = all.iter().copied().reduce(f64::min)?;
+    Some((least, all.into_iter().fold(least, f64::max)))
+}
+
+/// The ends of the line of an arm that lacks the parameter of the axis.
+fn across_places(
+    sample: &Sample,
+    line: &CurveLine,
+    extent: Option<(f64, f64)>,
+    (metric, of): (&str, &CurveFigure),
+) -> Vec<Place> {
+    let (name, axis) = (arm_label(&line.name), short_name(&of.axis));
+    let tip = format!("{name}, which lacks {axis}: {}", measured(sample, metric));
+    let interval = sample.interval().ok().map(|interval| (interval.low, interval.high));
+    let y = sample.mean().unwrap_or(f64::NAN);
+    let place = |x| Place { x, y, interval, tip: tip.clone() };
+    extent.map_or_else(Vec::new, |(left, right)| vec![place(left), place(right)])
+}
+
+/// The scale of a parameter's axis: logarithmic if the largest value is many times the smallest above 0, and
+/// none is below 0.
 fn scale_of<'l>(lines: impl Iterator<Item = &'l Line> + Clone) -> AxisScale {
     const MANY_TIMES: f64 = 30.0;
     let points = || lines.clone().flat_map(|line| &line.points).map(|point| point.x);
     let published = || lines.clone().flat_map(|line| &line.reference).map(|(x, _)| *x);
     let values = || points().chain(published());
-    let (least, most) = (values().fold(f64::INFINITY, f64::min), values().fold(0.0, f64::max));
-    if least > 0.0 && most >= MANY_TIMES * least { AxisScale::Log } else { AxisScale::Linear }
+    let least = values().filter(|value| *value > 0.0).fold(f64::INFINITY, f64::min);
+    let most = values().fold(0.0, f64::max);
+    let is_below = values().any(|value| value < 0.0);
+    if !is_below && most / MANY_TIMES >= least { AxisScale::Log } else { AxisScale::Linear }
 }
 
 /// A point of a curve with its tooltip. The axis shows the context inference error or a parameter.
 fn curve_place(point: &CurvePoint, name: &ArmId, (metric, of): (&str, &CurveFigure)) -> Place {
-    let scaled = |value: f64| match unit_numbers(metric) {
-        (Numbers::Percent, decimals) => format!("{} %", shown(value * 100.0, decimals)),
-        (Numbers::Plain, decimals) => shown(value, decimals),
-    };
-    let interval = point.sample.interval().ok();
-    let y = point.sample.mean().unwrap_or(f64::NAN);
-    let spread = interval.map_or_else(String::new, |interval| {
-        format!(", 95 % interval {} to {}", scaled(interval.low), scaled(interval.high))
-    });
     let at = match of.is_error() {
-        true => format!("σ = {}, error {} %", point.parameter, shown(point.x * 100.0, 1)),
-        false => format!("{} = {}", short_name(&of.axis), point.parameter),
+        true => {
+            let error = shown(point.x * 100.0, 1);
+            format!("σ = {}, error {error} %", parameter(point.parameter))
+        }
+        false => format!("{} = {}", short_name(&of.axis), parameter(point.parameter)),
     };
-    let n = seeds(std::iter::once(point.sample.n()));
-    let tip = format!("{}, {at}: {}{spread}, {n}", arm_label(name), scaled(y));
-    Place { x: point.x, y, interval: interval.map(|i| (i.low, i.high)), tip }
+    let tip = format!("{}, {at}: {}", arm_label(name), measured(&point.sample, metric));
+    let interval = point.sample.interval().ok().map(|interval| (interval.low, interval.high));
+    Place { x: point.x, y: point.sample.mean().unwrap_or(f64::NAN), interval, tip }
+}
+
+/// The mean of a sample with its interval and its number of seeds.
+fn measured(sample: &Sample, metric: &str) -> String {
+    let mean = sample.mean().map_or_else(|reason| reason.to_string(), |mean| amount(mean, metric));
+    let spread = sample.interval().map_or_else(
+        |_| String::new(),
+        |interval| format!(", 95 % interval {}", ends(interval, metric)),
+    );
+    format!("{mean}{spread}, {}", seeds(std::iter::once(sample.n())))
 }
 
 /// The agent or scenario that all arms of a figure share.
@@ -222,25 +290,40 @@ fn table(title: &str, figure: &CurveFigure, metric: &str) -> DataTable {
     ];
     let mut table = DataTable::new(title, &columns);
     for line in &figure.lines {
-        for point in &line.points {
-            let (mean, interval) = (point.sample.mean(), point.sample.interval());
-            let published = line.published.iter().find(|(x, _)| *x == point.x);
-            let best = line.optimum_at(point.x);
-            let x = if is_error { shown(point.x * 100.0, 1) } else { point.x.to_string() };
-            table.rows.push(vec![
+        let row = |place: [Entry; 2], sample: &Sample, best, published: Option<f64>| {
+            let (mean, interval) = (sample.mean(), sample.interval());
+            let [parameter, x] = place;
+            vec![
                 Entry::text(arm_label(&line.name)),
-                Entry::Number { value: point.parameter, shown: point.parameter.to_string() },
-                Entry::Number { value: point.x, shown: x },
-                Entry::number(point.sample.n() as f64, 0),
+                parameter,
+                x,
+                Entry::number(sample.n() as f64, 0),
                 in_unit(mean, metric),
                 between(interval, metric),
                 low(interval),
                 high(interval),
-                in_unit(point.sample.sd(), metric),
+                in_unit(sample.sd(), metric),
                 optimum(best),
                 share(mean, best),
-                Entry::published(published.map(|(_, value)| Entry::number(*value, 0))),
-            ]);
+                Entry::published(published.map(|value| Entry::number(value, 0))),
+            ]
+        };
+        for point in &line.points {
+            let published = line.published.iter().find(|(x, _)| *x == point.x);
+            let x = match is_error {
+                true => shown(point.x * 100.0, 1),
+                false => parameter(point.x),
+            };
+            let place = [
+                Entry::Number { value: point.parameter, shown: parameter(point.parameter) },
+                Entry::Number { value: point.x, shown: x },
+            ];
+            let best = line.optimum_at(point.x);
+            table.rows.push(row(place, &point.sample, best, published.map(|(_, value)| *value)));
+        }
+        if let Some(sample) = &line.across {
+            let lacks = || Entry::Missing(format!("the arm lacks {axis}"));
+            table.rows.push(row([lacks(), lacks()], sample, None, None));
         }
     }
     table
@@ -269,8 +352,11 @@ mod tests {
         assert_eq!(of(&[line(&[1e-5]), line(&[1e-3])]), AxisScale::Log);
         assert_eq!(of(&[line(&[0.4, 2.0])]), AxisScale::Linear);
         assert_eq!(of(&[line(&[0.0, 2.0])]), AxisScale::Linear);
+        // 0 stands aside, but numbers below 0 have no place on a logarithmic axis.
         let published = Line { reference: vec![(0.0, 1.0)], ..line(&[1e-5, 1e-3]) };
-        assert_eq!(of(&[published]), AxisScale::Linear);
+        assert_eq!(of(&[published]), AxisScale::Log);
+        assert_eq!(of(&[line(&[-1.0, 1e-5, 1e-3])]), AxisScale::Linear);
+        assert_eq!(of(&[line(&[1e-300, 1e-3])]), AxisScale::Log);
         assert_eq!(of(&[]), AxisScale::Linear);
     }
 }

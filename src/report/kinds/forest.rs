@@ -1,6 +1,6 @@
 //! The figures of contrasts: forest plots around zero, with one row per comparison.
 
-use super::{Sheet, amount, related};
+use super::{Sheet, amount, ends, related};
 use crate::analyse::declared::{ArmId, ContrastRow};
 use crate::report::data_table::shown;
 use crate::report::figure::{
@@ -98,7 +98,7 @@ fn forest(
     let compared = rows.iter().map(|(row, ..)| row.contrast.seeds.0.min(row.contrast.seeds.1));
     let is_published = rows.iter().any(|(row, ..)| row.published.is_some());
     let note = format!(
-        "Difference, 95 % interval and Holm-corrected p{}, {} per side.{}",
+        "Difference, uncorrected 95 % interval, Holm-corrected p{}, {} per side.{}",
         if rows.iter().any(|(row, ..)| row.is_paired()) { ", paired by seed" } else { "" },
         seeds(compared.filter(|n| *n > 0)),
         if is_published { " Diamonds: published." } else { "" }
@@ -122,50 +122,43 @@ fn axis(rows: &[ContrastRow], metric: &str) -> Axis {
         let interval = row.contrast.test().map(|test| test.interval);
         numbers.extend(interval.iter().flat_map(|interval| [interval.low, interval.high]));
     }
+    numbers.retain(|number| number.is_finite());
     let low = numbers.iter().copied().fold(f64::INFINITY, f64::min);
     let high = numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     // All differences may be 0.
     let (low, high) = if low < high { (low, high) } else { (-1.0, 1.0) };
-    let mut axis = Axis {
-        title: format!("difference in {}", metric_title(metric)),
-        range: round_range(low, high),
-        scale: AxisScale::Linear,
-        numbers: unit_numbers(metric).0,
-    };
+    let title = format!("difference in {}", metric_title(metric));
+    let numbers = unit_numbers(metric).0;
+    let mut axis = Axis::new(title, round_range(low, high), AxisScale::Linear, numbers);
     // A wider range may have wider steps.
     for _ in 0..3 {
-        let step = step(&axis.ticks(TICKS));
-        axis.range = (axis.range.0.min(-step), axis.range.1.max(step));
+        let (low, high) = axis.range();
+        let step = axis.step(TICKS);
+        axis = axis.with_range((low.min(-step), high.max(step)));
     }
     axis
 }
 
-/// Approximate number of ticks.
+/// Maximum number of ticks.
 const TICKS: usize = 4;
-
-fn step(ticks: &[f64]) -> f64 {
-    ticks.get(1).map_or(1.0, |second| second - ticks[0])
-}
 
 fn ruler(across: &Across, bottom: f64) -> Vec<Mark> {
     let Across { axis, left, right, whole } = across;
     let mut marks = Vec::new();
-    let ticks = axis.ticks(TICKS);
-    let step = step(&ticks);
-    for tick in &ticks {
-        let x = across.place(*tick);
+    for tick in axis.ticks_along(right - left, TICKS) {
+        let x = left + tick.share * (right - left);
         let stroke =
-            if *tick == 0.0 { Stroke::solid(FAINT, 1.0) } else { Stroke::solid(GRID, 0.6) };
+            if tick.is_zero { Stroke::solid(FAINT, 1.0) } else { Stroke::solid(GRID, 0.6) };
         marks.push(Shape::Line { points: vec![(x, TOP), (x, bottom)], stroke }.into());
         let at = (x, bottom + 4.0 + TEXT);
-        let words = axis.written(*tick, step);
-        marks.push(text(at, words, (TEXT, Weight::Regular), FAINT, Anchor::Middle).into());
+        marks.push(text(at, tick.label, (TEXT, Weight::Regular), FAINT, Anchor::Middle).into());
     }
     // Centred under the axis, moved if it would cross an edge of the figure.
-    let half = width(&axis.title, TEXT, Weight::Regular) / 2.0;
+    let title = axis.title();
+    let half = width(&title, TEXT, Weight::Regular) / 2.0;
     let middle = ((left + right) / 2.0).min(whole - 4.0 - half).max(half + 4.0);
     let at = (middle, bottom + 7.0 + 2.0 * TEXT);
-    marks.push(fitting(at, &axis.title, (TEXT, whole - 8.0), INK).into());
+    marks.push(fitting(at, title, (TEXT, whole - 8.0), INK).into());
     marks
 }
 
@@ -191,8 +184,7 @@ fn row_marks(
     }
     if let Ok(difference) = row.contrast.difference {
         let spread = interval.map_or_else(String::new, |interval| {
-            let [low, high] = [interval.low, interval.high].map(|end| amount(end, metric));
-            format!(", 95 % interval {low} to {high}")
+            format!(", 95 % interval {}", ends(interval, metric))
         });
         let (first, second) = row.contrast.seeds;
         let n = seeds([first, second].into_iter());
@@ -237,11 +229,11 @@ mod tests {
         let low = row(&[(1, 0.0), (2, 0.2)], &[(1, 0.31), (2, 0.5)]);
         for rows in [vec![high.clone()], vec![low.clone()], vec![high, low]] {
             let ticks = axis(&rows, "mean_return").ticks(TICKS);
-            assert!(ticks.iter().any(|tick| *tick < 0.0), "{ticks:?}");
-            assert!(ticks.contains(&0.0) && ticks.iter().any(|tick| *tick > 0.0), "{ticks:?}");
+            let zero = ticks.iter().position(|tick| tick.is_zero).unwrap();
+            assert!(0 < zero && zero + 1 < ticks.len(), "{ticks:?}");
         }
         let equal = row(&[(1, 900.0)], &[(1, 900.0)]);
-        assert_eq!(axis(&[equal], "mean_return").range, (-1.0, 1.0));
+        assert_eq!(axis(&[equal], "mean_return").range(), (-1.0, 1.0));
     }
 
     #[test]

@@ -1,9 +1,9 @@
 //! Heat maps over two parameters: numbers on colours.
 
-use super::{Drawn, Sheet, amount};
+use super::{Drawn, Sheet, amount, parameter};
 use crate::analyse::declared::{ArmId, HeatFigure, HeatTile, Scale, heat_range};
 use crate::manifest::short_name;
-use crate::report::data_table::{DataTable, Entry, shown};
+use crate::report::data_table::{DataTable, Entry, exponential, shown, shown_ends, signed};
 use crate::report::escape::file_stem;
 use crate::report::figure::{
     FAINT, INK, NOTE, Numbers, Panels, Style, TEXT, facets, fitting, rising_title, seeds, text,
@@ -58,16 +58,19 @@ impl Drawn for Vec<HeatFigure> {
         let least = tiles().map(|(_, _, value)| value).fold(most, f64::min);
         let (all, least, most) = (tiles().count(), amount(least, metric), amount(most, metric));
         if least == most {
-            return Some(format!("Every tile has {most}"));
+            return Some(match all {
+                1 => format!("The only tile has {most}"),
+                _ => format!("Every tile has {most}"),
+            });
         }
         let tied = tiles().filter(|(_, _, value)| amount(*value, metric) == most).count();
         let place = match tied {
             1 => format!(
                 "at {} = {} and {} = {} of {} {}",
                 short_name(&map.x.0),
-                tile.x,
+                parameter(tile.x),
                 short_name(&map.y.0),
-                tile.y,
+                parameter(tile.y),
                 map.agent,
                 map.subject.replace(" - ", " − ")
             ),
@@ -78,7 +81,12 @@ impl Drawn for Vec<HeatFigure> {
             return Some(range);
         }
         let beyond = tiles().filter(|(_, tile, _)| tile.is_beyond_zero()).count();
-        Some(format!("{range}; {beyond} of {all} intervals exclude 0 (Welch’s t, not corrected)"))
+        let beyond = match beyond {
+            0 => format!("none of {all} intervals excludes 0"),
+            1 => format!("1 of {all} intervals excludes 0"),
+            beyond => format!("{beyond} of {all} intervals exclude 0"),
+        };
+        Some(format!("{range}; {beyond} (Welch’s t, not corrected)"))
     }
 }
 
@@ -130,8 +138,10 @@ fn heat_figure(figure: &HeatFigure, (metric, style): (&str, &Style), range: (f64
 
 /// The left edge of the tiles, right of the rows' values.
 fn left(figure: &HeatFigure) -> f64 {
-    let wide = |value: &f64| width(&value.to_string(), TEXT, Weight::Regular);
-    LEFT + figure.y.1.iter().map(wide).fold(20.0, f64::max)
+    /// Maximum width of the values, which are smaller if they need more.
+    const MOST: f64 = 70.0;
+    let wide = |value: &f64| width(&parameter(*value), TEXT, Weight::Regular);
+    LEFT + figure.y.1.iter().map(wide).fold(20.0, f64::max).min(MOST)
 }
 
 /// The colour of a value. Means range from near white for the smallest to dark blue for the
@@ -139,7 +149,11 @@ fn left(figure: &HeatFigure) -> f64 {
 fn color(value: f64, (least, most): (f64, f64), scale: Scale) -> Color {
     let blue = Color(0, 92, 160);
     match scale {
-        Scale::Mean => Color::WHITE.towards(blue, 0.12 + 0.88 * share(value - least, most - least)),
+        Scale::Mean => {
+            // Halves, because the difference of very large numbers overflows.
+            let (part, whole) = (value / 2.0 - least / 2.0, most / 2.0 - least / 2.0);
+            Color::WHITE.towards(blue, 0.12 + 0.88 * share(part, whole))
+        }
         Scale::Difference => {
             let far = least.abs().max(most.abs());
             let end = if value < 0.0 { Color(213, 94, 0) } else { blue };
@@ -148,12 +162,17 @@ fn color(value: f64, (least, most): (f64, f64), scale: Scale) -> Color {
     }
 }
 
+/// The factor from a metric to its displayed unit.
+fn unit(metric: &str) -> f64 {
+    match unit_numbers(metric).0 {
+        Numbers::Percent => 100.0,
+        Numbers::Plain => 1.0,
+    }
+}
+
 /// A value in the displayed unit of its metric.
 fn in_unit(value: f64, metric: &str) -> String {
-    match unit_numbers(metric) {
-        (Numbers::Percent, decimals) => shown(value * 100.0, decimals),
-        (Numbers::Plain, decimals) => shown(value, decimals),
-    }
+    shown(value * unit(metric), unit_numbers(metric).1)
 }
 
 /// The meaning of the colours in words; empty if no tile has a value.
@@ -162,11 +181,11 @@ fn scale_words(scale: Scale, (least, most): (f64, f64), metric: &str) -> String 
         return String::new();
     }
     match scale {
-        Scale::Mean => format!(
-            "Colour, the same in all maps: pale {} to dark {}.",
-            in_unit(least, metric),
-            in_unit(most, metric)
-        ),
+        Scale::Mean => {
+            let (unit, decimals) = (unit(metric), unit_numbers(metric).1);
+            let [least, most] = shown_ends(least * unit, most * unit, decimals);
+            format!("Colour, the same in all maps: pale {least} to dark {most}.")
+        }
         Scale::Difference => {
             let far = in_unit(least.abs().max(most.abs()), metric);
             format!("Colour, the same in all maps: white 0, dark blue {far}, dark orange −{far}.")
@@ -187,12 +206,21 @@ fn tile_marks(
     let ink = if color.lightness() < 0.55 { Color::WHITE } else { INK };
     let middle = left + width / 2.0;
     let line = |at: f64, words: String, size: f64, weight| -> Mark {
+        let size = narrowed(&words, (size, weight), width - 3.0);
         text((middle, top + at), words, (size, weight), ink, Anchor::Middle).into()
     };
     let fill = Fill { color, opacity: 1.0 };
     let rim = Some(Stroke::solid(Color::WHITE, 1.0));
     let area = Shape::Area { points: rectangle(left, top, width, height), fill, stroke: rim };
     let in_unit = |value: f64| in_unit(value, metric);
+    // A number that needs much smaller letters has an exponent.
+    let short = |value: f64, sign: &str, letters: (f64, Weight)| {
+        let words = format!("{sign}{}", in_unit(value));
+        match narrowed(&words, letters, width - 3.0) < 0.75 * letters.0 {
+            true => format!("{sign}{}", signed(&exponential(value * unit(metric), 2))),
+            false => words,
+        }
+    };
     let mut marks = Vec::new();
     let value = match tile.value {
         Ok(value) => in_unit(value),
@@ -206,20 +234,24 @@ fn tile_marks(
         figure.agent,
         figure.subject,
         short_name(&figure.x.0),
-        tile.x,
+        parameter(tile.x),
         short_name(&figure.y.0),
-        tile.y,
+        parameter(tile.y),
         seeds(std::iter::once(tile.seeds)),
         published.as_ref().map_or_else(String::new, |words| format!("; {words}"))
     );
     marks.push(Mark::from(area).saying(tip));
     let first = height / 2.0 - if published.is_some() { 7.0 } else { 2.0 };
     match tile.value {
-        Ok(_) => marks.push(line(first, value, TEXT + 1.0, Weight::SemiBold)),
+        Ok(value) => {
+            let letters = (TEXT + 1.0, Weight::SemiBold);
+            marks.push(line(first, short(value, "", letters), letters.0, letters.1));
+        }
         Err(_) => marks.push(line(first, "–".to_owned(), TEXT + 1.0, Weight::Regular)),
     }
     if let Some(half) = spread {
-        marks.push(line(first + 11.0, format!("± {}", in_unit(half)), NOTE, Weight::Regular));
+        let words = short(half, "± ", (NOTE, Weight::Regular));
+        marks.push(line(first + 11.0, words, NOTE, Weight::Regular));
     }
     if let Some(words) = published {
         marks.push(line(first + 22.0, words, NOTE, Weight::Regular));
@@ -247,11 +279,13 @@ fn frame(
     ];
     for (at, value) in columns.iter().enumerate() {
         let at = (left + (at as f64 + 0.5) * tile_width, bottom + 13.0);
-        marks.push(text(at, value.to_string(), plain, FAINT, Anchor::Middle).into());
+        marks.push(fitting(at, parameter(*value), (TEXT, tile_width - 3.0), FAINT).into());
     }
     for (at, value) in rows.iter().rev().enumerate() {
         let at = (left - 5.0, TOP + (at as f64 + 0.5) * tile_height + 3.0);
-        marks.push(text(at, value.to_string(), plain, FAINT, Anchor::End).into());
+        let words = parameter(*value);
+        let size = narrowed(&words, plain, left - LEFT + 3.0);
+        marks.push(text(at, words, (size, Weight::Regular), FAINT, Anchor::End).into());
     }
     let at = (left + tile_width * columns.len() as f64 / 2.0, bottom + 27.0);
     marks.push(text(at, symbol(&figure.x.0), plain, INK, Anchor::Middle).into());
@@ -270,6 +304,11 @@ fn frame(
         marks.push(fitting(at, note, (NOTE, style.width() - 8.0), FAINT).into());
     }
     marks
+}
+
+/// The size of letters, smaller if the words would be wider than `room`.
+fn narrowed(words: &str, (size, weight): (f64, Weight), room: f64) -> f64 {
+    size * (room / width(words, size, weight)).min(1.0)
 }
 
 /// A parameter as papers write it.
@@ -304,8 +343,8 @@ fn table(title: &str, figures: &[HeatFigure], metric: &str) -> DataTable {
             table.rows.push(vec![
                 Entry::text(&figure.agent),
                 Entry::text(&figure.subject),
-                Entry::Number { value: tile.y, shown: tile.y.to_string() },
-                Entry::Number { value: tile.x, shown: tile.x.to_string() },
+                Entry::Number { value: tile.y, shown: parameter(tile.y) },
+                Entry::Number { value: tile.x, shown: parameter(tile.x) },
                 Entry::number(tile.seeds as f64, 0),
                 entry_in_unit(tile.value, metric),
                 between(tile.interval, metric),
@@ -321,6 +360,73 @@ fn table(title: &str, figures: &[HeatFigure], metric: &str) -> DataTable {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::analyse::Interval;
+    use crate::manifest::FigureKeys;
+
+    fn map(values: &[f64], place: f64) -> HeatFigure {
+        let tile = |(x, value): (usize, &f64)| HeatTile {
+            x: place * (x + 1) as f64,
+            y: place,
+            value: Ok(*value),
+            interval: Ok(Interval {
+                low: value - value.abs() / 2.0,
+                high: value + value.abs() / 2.0,
+            }),
+            seeds: 3,
+            published: None,
+        };
+        let tiles: Vec<HeatTile> = values.iter().enumerate().map(tile).collect();
+        HeatFigure {
+            name: ArmId { agent: "a".into(), scenario: "P".into(), settings: Vec::new() },
+            agent: "a".into(),
+            subject: "P".into(),
+            scale: Scale::Mean,
+            x: ("environment.sigma".into(), tiles.iter().map(|tile| tile.x).collect()),
+            y: ("environment.delta_d".into(), vec![place]),
+            tiles,
+        }
+    }
+
+    #[test]
+    fn numbers_of_every_size_fit_their_tiles_and_differ() {
+        let style = Style::of(&FigureKeys::default());
+        let values =
+            [-1e7, 0.3, 0.000_02, 1_690_988.0, 123_456_789_012.0, 1e300, 1e-300, 0.0, 7.0, 7.5];
+        for place in [1e-300, 0.1, 1e6, 0.300_000_000_000_000_04] {
+            let map = map(&values, place);
+            let scene = heat_figure(&map, ("mean_return", &style), heat_range(&[map.clone()]));
+            let room = (scene.width - left(&map) - RIGHT) / values.len() as f64;
+            let mut numbers = Vec::new();
+            for mark in &scene.marks {
+                let Shape::Text { at, text, size, weight, anchor, .. } = &mark.shape else {
+                    continue;
+                };
+                let wide = width(text, *size, *weight);
+                if mark.series.is_some() {
+                    assert!(wide <= room, "{text}");
+                    numbers.push(text.clone());
+                }
+                assert!(*anchor != Anchor::End || at.0 - wide >= LEFT - 10.0, "{text}");
+            }
+            for words in
+                ["−1e7", "0.3", "2e-5", "1.69e6", "1.23e11", "1e300", "1e-300", "0", "± 0.1"]
+            {
+                assert!(
+                    numbers.iter().any(|number| number.starts_with(words)),
+                    "{words} {numbers:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn colours_of_huge_and_of_equal_numbers_are_between_the_ends() {
+        let range = (-1.7e308, 1.7e308);
+        let [pale, dark] = [range.0, range.1].map(|value| color(value, range, Scale::Mean));
+        assert!(pale.lightness() > 0.9 && dark.lightness() < 0.5);
+        assert_eq!(color(5.0, (5.0, 5.0), Scale::Mean), pale);
+        assert_eq!(color(0.0, (0.0, 0.0), Scale::Difference), Color::WHITE);
+    }
 
     #[test]
     fn a_colour_is_the_same_number_in_all_maps_and_the_note_tells_which() {

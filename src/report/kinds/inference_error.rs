@@ -1,6 +1,6 @@
 //! The rate of context inference error along the feature noise.
 
-use super::{Drawn, Sheet};
+use super::{Drawn, Sheet, parameter};
 use crate::analyse::declared::ErrorFigure;
 use crate::env::inference_error;
 use crate::report::data_table::{DataTable, Entry, shown};
@@ -32,8 +32,9 @@ impl Drawn for ErrorFigure {
             return Some(format!(
                 "The published rates are counts of 1000 draws; the largest difference is {} \
                  points, at σ \
-                 = {sigma}",
-                shown(gap * 100.0, 1)
+                 = {}",
+                shown(gap * 100.0, 1),
+                parameter(sigma)
             ));
         }
         let last = self.points.last()?;
@@ -41,14 +42,15 @@ impl Drawn for ErrorFigure {
             format!(" and {} % were seen in {} steps", shown(seen * 100.0, 1), last.steps)
         });
         let exact = shown(last.exact * 100.0, 1);
-        Some(format!("At σ = {} it is {exact} %{seen}", last.sigma))
+        Some(format!("At σ = {} it is {exact} %{seen}", parameter(last.sigma)))
     }
 }
 
 /// The error of context inference along sigma.
 fn error_figure(figure: &ErrorFigure, style: &Style) -> Vec<Scene> {
     const STEPS: usize = 80;
-    let most = figure.points.iter().map(|point| point.sigma).fold(0.1, f64::max);
+    let most = figure.points.iter().map(|point| point.sigma).fold(0.0, f64::max);
+    let most = if most > 0.0 { most } else { 1.0 };
     let look = |color, marker| Look { color, dash: None, marker };
     let exact = (0..=STEPS).map(|at| {
         let x = most * at as f64 / STEPS as f64;
@@ -58,7 +60,7 @@ fn error_figure(figure: &ErrorFigure, style: &Style) -> Vec<Scene> {
         let y = point.seen?;
         let tip = format!(
             "σ = {}: {} % seen in {} test steps of {} runs; exact {} %",
-            point.sigma,
+            parameter(point.sigma),
             shown(y * 100.0, 1),
             point.steps,
             point.runs,
@@ -67,7 +69,7 @@ fn error_figure(figure: &ErrorFigure, style: &Style) -> Vec<Scene> {
         Some(Place { x: point.sigma, y, interval: None, tip })
     });
     let reported = figure.published.iter().map(|(sigma, rate)| {
-        let tip = format!("σ = {sigma}: {} % published", shown(rate * 100.0, 1));
+        let tip = format!("σ = {}: {} % published", parameter(*sigma), shown(rate * 100.0, 1));
         Place { x: *sigma, y: *rate, interval: None, tip }
     });
     let line = |label: &str, look, points: Vec<Place>, spread| Line {
@@ -92,19 +94,13 @@ fn error_figure(figure: &ErrorFigure, style: &Style) -> Vec<Scene> {
 }
 
 fn error_axes(most: f64) -> (Axis, Axis) {
-    let x = Axis {
-        title: "feature noise σ".to_owned(),
-        range: (0.0, most),
-        scale: AxisScale::Linear,
-        numbers: Numbers::Plain,
+    let axis = |title: &str, most, numbers| {
+        Axis::new(title.to_owned(), (0.0, most), AxisScale::Linear, numbers)
     };
-    let y = Axis {
-        title: "context inference error, %".to_owned(),
-        range: (0.0, 0.5),
-        scale: AxisScale::Linear,
-        numbers: Numbers::Percent,
-    };
-    (x, y)
+    (
+        axis("feature noise σ", most, Numbers::Plain),
+        axis("context inference error, %", 0.5, Numbers::Percent),
+    )
 }
 
 fn table(title: &str, figure: &ErrorFigure) -> DataTable {
@@ -121,7 +117,7 @@ fn table(title: &str, figure: &ErrorFigure) -> DataTable {
     for point in &figure.points {
         let published = figure.published.iter().find(|(sigma, _)| *sigma == point.sigma);
         table.rows.push(vec![
-            Entry::Number { value: point.sigma, shown: point.sigma.to_string() },
+            Entry::Number { value: point.sigma, shown: parameter(point.sigma) },
             percent(point.exact),
             point.seen.map_or_else(|| Entry::Missing("no completed run".to_owned()), percent),
             Entry::published(published.map(|(_, rate)| percent(*rate))),

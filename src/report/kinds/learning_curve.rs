@@ -1,7 +1,6 @@
 //! Learning curves: the moving mean of the return in training, one panel per scenario.
 
-use super::{Drawn, Sheet};
-use crate::analyse::Interval;
+use super::{Drawn, Sheet, ends};
 use crate::analyse::declared::{ArmId, LearningFigure, LearningLine, LearningPanel};
 use crate::manifest::PanelKey;
 use crate::report::data_table::{DataTable, Entry, shown};
@@ -36,10 +35,17 @@ impl Drawn for LearningFigure {
 
     fn finds(&self, _: &str) -> Option<String> {
         let (line, mean, interval) = self.highest_end()?;
-        let interval = interval.map_or_else(String::new, |Interval { low, high }| {
-            format!(" (95 % interval {} to {})", shown(low, 0), shown(high, 0))
+        let interval = interval.map_or_else(String::new, |interval| {
+            format!(" (95 % interval {})", ends(interval, "mean_return"))
         });
-        Some(format!("{} ends highest, at {}{interval}", arm_label(&line.name), shown(mean, 0)))
+        let is_tied =
+            |other: &&LearningLine| other.points.last().is_some_and(|last| last.1 == mean);
+        let name = arm_label(&line.name);
+        let highest = match self.lines().filter(is_tied).count() {
+            ..=1 => format!("{name} ends"),
+            tied => format!("{name} and {} more end", tied - 1),
+        };
+        Some(format!("{highest} highest, at {}{interval}", shown(mean, 0)))
     }
 
     fn lacks(&self) -> Option<String> {
@@ -83,7 +89,8 @@ fn learning_figures(figure: &LearningFigure, sheet: &Sheet<'_>) -> Vec<(String, 
         Chart { heading: Some(heading), description, lines, note }
     };
     let charts: Vec<Chart> = panels.panels.iter().map(chart).collect();
-    let scale = if most > 4.0 * least { AxisScale::Log } else { AxisScale::Linear };
+    let usual = if most > 4.0 * least { AxisScale::Log } else { AxisScale::Linear };
+    let scale = sheet.style.x_scale(usual);
     let title = match scale {
         AxisScale::Log => "training episodes (logarithmic)".to_owned(),
         AxisScale::Linear => "training episodes".to_owned(),
@@ -101,8 +108,8 @@ fn drawn_line(line: &LearningLine, label: String, looks: &Looks) -> Line {
     let n = seeds(std::iter::once(line.seeds.0));
     let place = |at: usize| {
         let (episode, mean, interval) = &line.points[at];
-        let spread = interval.map_or_else(String::new, |Interval { low, high }| {
-            format!(", 95 % interval {} to {}", shown(low, 0), shown(high, 0))
+        let spread = interval.map_or_else(String::new, |interval| {
+            format!(", 95 % interval {}", ends(interval, "mean_return"))
         });
         let tip = match at.is_multiple_of(every) || at == last {
             true => {

@@ -10,12 +10,14 @@ mod learning_curve;
 mod recovery;
 mod selection;
 
-use super::data_table::{DataTable, p_value, shown};
+use super::data_table::{DataTable, p_value, shown, shown_ends, signed};
 use super::figure::{Looks, Numbers, Panels, Style};
 use super::names::Names;
 use super::scene::Scene;
 use super::words::unit_numbers;
+use crate::analyse::Interval;
 use crate::analyse::declared::{ArmId, Content, Finding};
+use crate::manifest::Setting;
 
 /// Inputs that all figures of a finding share.
 pub(super) struct Sheet<'s> {
@@ -31,9 +33,10 @@ pub(super) trait Drawn {
     /// Its figures, with the stems of their files, in a layout that [`Style::set`] scales.
     fn figures(&self, sheet: &Sheet<'_>) -> Vec<(String, Scene)>;
 
-    /// Whether several figures are panels that also make one figure.
-    fn has_panels(&self) -> bool {
-        true
+    /// The figures that its panels make together: a stem, and how many of the next panels it has. `panels` is the
+    /// number of all panels.
+    fn wholes(&self, sheet: &Sheet<'_>, panels: usize) -> Vec<(String, usize)> {
+        vec![(sheet.stem.to_owned(), panels)]
     }
 
     /// The panels that its arms are split into if none is declared; `None` if the kind does not
@@ -75,7 +78,7 @@ pub(super) trait Drawn {
 /// The presentation of a finding.
 pub(super) fn drawn(content: &Content) -> &dyn Drawn {
     match content {
-        Content::Contrast(rows) => rows,
+        Content::Contrast(figure) => figure,
         Content::Curve(figure) => figure,
         Content::LearningCurve(figure) => figure,
         Content::HeatMap(figures) => figures,
@@ -125,6 +128,22 @@ pub(super) fn amount(value: f64, metric: &str) -> String {
     }
 }
 
+/// The ends of a metric's interval with their unit: "5 % to 7 %".
+pub(super) fn ends(Interval { low, high }: Interval, metric: &str) -> String {
+    match unit_numbers(metric) {
+        (Numbers::Percent, decimals) => {
+            let [low, high] = shown_ends(low * 100.0, high * 100.0, decimals);
+            format!("{low} % to {high} %")
+        }
+        (Numbers::Plain, decimals) => shown_ends(low, high, decimals).join(" to "),
+    }
+}
+
+/// A number of a parameter with its sign: every digit, or an exponent if it is very small or very large.
+fn parameter(value: f64) -> String {
+    signed(&Setting::Number(value).to_string())
+}
+
 /// A p value with its relation: "= 0.03" or "< 0.001".
 fn related(p: f64) -> String {
     let shown = p_value(p);
@@ -140,12 +159,13 @@ mod tests {
 
     use super::*;
     use crate::analyse::declared::{
-        ActionPanel, BinShares, Candidate, ContrastRow, CurveFigure, CurveLine, CurvePoint,
-        JobCounts, LearningFigure, LearningLine, LearningPanel, Ranking,
+        ActionPanel, BinShares, Candidate, ContrastFigure, ContrastRow, CurveFigure, CurveLine,
+        CurvePoint, JobCounts, LearningFigure, LearningLine, LearningPanel, Ranking,
     };
     use crate::analyse::{Contrast, Corrected, Design, Sample, Undefined};
-    use crate::manifest::{ParticipantRange, Setting};
+    use crate::manifest::{FigureKeys, ParticipantRange};
     use crate::report::data_table::Entry;
+    use crate::report::scene::Shape;
 
     fn name() -> ArmId {
         ArmId { agent: "dqn".into(), scenario: "P-H-D".into(), settings: Vec::new() }
@@ -163,6 +183,10 @@ mod tests {
             first,
             second,
         }
+    }
+
+    fn contrast(rows: Vec<ContrastRow>) -> ContrastFigure {
+        ContrastFigure { sides: rows[0].sides.clone(), rows }
     }
 
     fn sample(values: &[(u64, f64)], failed: u32) -> Sample {
@@ -191,7 +215,7 @@ mod tests {
         // Seeds 2 and 3 are matched, with means of 30 and 35.
         let first = sample(&[(1, 900.0), (2, 20.0), (3, 40.0)], 0);
         let second = sample(&[(2, 25.0), (3, 45.0), (4, 1.0), (5, 2.0)], 0);
-        let table = vec![row(first, second, Design::Matched)].table("", "mean_return");
+        let table = contrast(vec![row(first, second, Design::Matched)]).table("", "mean_return");
         assert_eq!([number(&table, "first"), number(&table, "second")], [30.0, 35.0]);
         assert_eq!(number(&table, "difference"), -5.0);
         assert_eq!(entry(&table, "seeds").shown(), "2");
@@ -203,7 +227,8 @@ mod tests {
     fn seeds_of_independent_sides_need_no_partner() {
         let first = sample(&[(1, 10.0), (2, 20.0)], 1);
         let second = sample(&[(3, 30.0)], 0);
-        let table = vec![row(first, second, Design::Independent)].table("", "mean_return");
+        let table =
+            contrast(vec![row(first, second, Design::Independent)]).table("", "mean_return");
         assert_eq!([number(&table, "first"), number(&table, "second")], [15.0, 30.0]);
         assert!(!is_shown(&table, "unmatched") && is_shown(&table, "lost"));
         assert_eq!(entry(&table, "lost").shown(), "1, 0");
@@ -214,7 +239,7 @@ mod tests {
         let of = |n: u64| {
             let values: Vec<(u64, f64)> = (1..=n).map(|seed| (seed, seed as f64 * 0.01)).collect();
             let (first, second) = (sample(&values, 0), sample(&values, 0));
-            vec![row(first, second, Design::Independent)].table("", "disengagement_rate")
+            contrast(vec![row(first, second, Design::Independent)]).table("", "disengagement_rate")
         };
         assert!(is_shown(&of(9), "detectable") && !is_shown(&of(10), "detectable"));
         // The standard deviation of 1, 2, 3 % is 1 %, and three seeds detect 3.1 standard deviations.
@@ -271,9 +296,9 @@ mod tests {
         ];
         let jobs = JobCounts { completed: 9, failed: 3, open: 1 };
         assert_eq!(
-            said(Content::Contrast(rows), jobs),
-            "Differences in mean return, steps walked between a and b with their 95 % intervals, n = \
-             2 seeds per side. a is above b in 1 of 2 comparisons and below it in 1; it is furthest above \
+            said(Content::Contrast(contrast(rows)), jobs),
+            "Differences in mean return, steps walked between a and b with their 95 % intervals, not \
+             corrected for the number of comparisons, n = 2 seeds per side. a is above b in 1 of 2 comparisons and below it in 1; it is furthest above \
              for dqn P-H-D, by 50 (t = 35.36, Holm-corrected p = 0.010); 1 of 2 differences is \
              significant (Welch’s t, Holm-corrected p < 0.05). Missing: 4 of 13 jobs, 3 of which failed; 1 of 3 comparisons (no seed completed)."
         );
@@ -296,14 +321,14 @@ mod tests {
             metric: "mean_return",
             participants: Some(range),
             jobs: ALL,
-            content: Content::Contrast(vec![one(p)]),
+            content: Content::Contrast(contrast(vec![one(p)])),
         };
         // Differences -50 and -50.5: mean -50.25, standard error 0.25.
         assert_eq!(
             caption(&finding(0.003_2)),
-            "Differences in mean return, steps walked between a and b with their 95 % intervals, n = \
-             2 seeds per side, among the 20 % of participants with the largest ε_d. a is below b \
-             by 50, for dqn P-H-D: significant (paired t = -201.00, 1.0 degrees of \
+            "Differences in mean return, steps walked between a and b with their 95 % intervals, not \
+             corrected for the number of comparisons, n = 2 seeds per side, among the 20 % of participants with the largest ε_d. a is below b \
+             by 50, for dqn P-H-D: significant (paired t = −201.00, 1.0 degrees of \
              freedom, Holm-corrected p = 0.0032)."
         );
         assert!(caption(&finding(0.2)).contains("not significant (paired t"));
@@ -329,12 +354,12 @@ mod tests {
                 ..row
             }
         };
-        let finds = |rows: Vec<ContrastRow>| rows.finds("mean_return").unwrap();
+        let finds = |rows: Vec<ContrastRow>| contrast(rows).finds("mean_return").unwrap();
         assert_eq!(
             finds(vec![of("dqn", 100.5), of("reinforce", 124.0)]),
             "population.phases=test is below population.phases=all in all 2 comparisons; it is furthest \
-             below for reinforce P-H-D, by 24 (t = -6.93, Holm-corrected p = 0.500); no difference is \
-             significant (paired t, Holm-corrected p < 0.05)"
+             below for reinforce P-H-D, by 24 (t = −6.93, Holm-corrected p = 0.500); no difference is \
+             significant (paired t, Holm-corrected p ≥ 0.05)"
         );
         assert!(finds(vec![of("dqn", 60.0), of("reinforce", 124.0)]).starts_with(
             "population.phases=test is above population.phases=all in 1 of 2 comparisons and below it \
@@ -355,6 +380,7 @@ mod tests {
                     CurvePoint { x, parameter: x, sample: sample(&values, 0) }
                 })
                 .collect(),
+            across: None,
             optimum: Vec::new(),
             published: Vec::new(),
         };
@@ -378,11 +404,15 @@ mod tests {
             of(slice::from_ref(falls)),
             "a P-H-D falls from 90 at delta_d = 1 to 20 at delta_d = 3 (Welch’s t, p < 0.05)."
         );
-        assert!(of(slice::from_ref(noise)).contains("not a significant difference"));
+        assert_eq!(
+            of(slice::from_ref(noise)),
+            "b P-H-D is at 90 at delta_d = 1 and at 30 at delta_d = 3; the difference is not significant \
+             (Welch’s t, p ≥ 0.05)."
+        );
         assert_eq!(
             of(&[falls.clone(), noise.clone()]),
             "a P-H-D and b P-H-D do not differ significantly at any point (Welch’s t, \
-             Bonferroni-corrected p < 0.05)."
+             Bonferroni-corrected p ≥ 0.05)."
         );
         let other = line("c", &[(90.0, 1.0), (10.0, 1.0), (20.0, 1.0)]);
         assert!(of(&[falls.clone(), other.clone()]).starts_with(
@@ -392,6 +422,58 @@ mod tests {
             of(&[falls.clone(), noise.clone(), other])
                 .starts_with("Of 3 lines, 2 fall and 0 rise significantly")
         );
+        assert_eq!(
+            of(&[noise.clone(), noise.clone(), noise.clone()]),
+            "Of 3 lines, none falls or rises significantly from the first to the last point (Welch’s t, \
+             Bonferroni-corrected p ≥ 0.05)."
+        );
+        assert!(of(&[falls.clone(), line("d", &[]), line("e", &[(5.0, 1.0)])]).starts_with(
+            "Of 1 line with several points and enough seeds, 1 falls and 0 rise significantly"
+        ));
+    }
+
+    #[test]
+    fn an_arm_that_lacks_the_key_of_a_curve_is_compared_at_every_point() {
+        let values = |mean: f64| sample(&[(1, mean), (2, mean - 1.0), (3, mean + 1.0)], 0);
+        let point = |(x, mean): (f64, f64)| CurvePoint { x, parameter: x, sample: values(mean) };
+        let swept = CurveLine {
+            name: name(),
+            points: [(0.001, 20.0), (0.01, 60.0)].map(point).into(),
+            across: None,
+            optimum: Vec::new(),
+            published: Vec::new(),
+        };
+        let rule = CurveLine {
+            name: ArmId { agent: "rule".into(), ..name() },
+            points: Vec::new(),
+            across: Some(values(50.0)),
+            ..swept.clone()
+        };
+        let figure = CurveFigure { axis: "agent.rate".into(), lines: vec![rule, swept] };
+        let table = figure.table("", "mean_return");
+        assert_eq!(table.rows.len(), 3);
+        assert_eq!([entry(&table, "x").shown(), entry(&table, "mean").shown()], ["–", "50.0"]);
+        assert_eq!(
+            said(Content::Curve(figure.clone()), ALL),
+            "Mean and its 95 % interval of mean return, steps walked against rate, n = 3 seeds per point; \
+             arms without rate are lines across. rule P-H-D and dqn P-H-D are furthest apart at rate = \
+             0.001, by 30 (Welch’s t, Bonferroni-corrected p < 0.05)."
+        );
+        let style = Style::of(&FigureKeys::default());
+        let looks = Looks::of(figure.arms());
+        let sheet = Sheet { stem: "s", metric: "mean_return", looks: &looks, style: &style };
+        let (_, scene) = figure.figures(&sheet).remove(0);
+        let line = scene.marks.iter().find_map(|mark| match &mark.shape {
+            Shape::Line { points, stroke } if mark.series == Some(0) && stroke.width > 1.0 => {
+                Some(points.clone())
+            }
+            _ => None,
+        });
+        let line = line.unwrap();
+        // From the first to the last point of the other line, at one height.
+        assert!(line[0].1 == line[1].1 && line[1].0 - line[0].0 > 100.0, "{line:?}");
+        let tips = scene.marks.iter().filter_map(|mark| mark.tip.as_ref());
+        assert_eq!(tips.filter(|tip| tip.contains("which lacks rate: 50")).count(), 2);
     }
 
     #[test]

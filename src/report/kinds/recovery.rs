@@ -1,13 +1,13 @@
 //! Recoveries: recovered shares of a loss.
 
 use super::{Drawn, Sheet};
-use crate::analyse::declared::RecoveryRow;
+use crate::analyse::declared::{ArmId, RecoveryRow};
 use crate::analyse::{Interval, Recovered, Undefined};
 use crate::report::arm_tables;
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{arm_label, seeds, settings_label};
 use crate::report::scene::Scene;
-use crate::report::tables::{high, in_unit, low};
+use crate::report::tables::{high, in_unit, low, percent_between, range};
 
 /// Maximum number of rows whose shares a caption lists individually.
 const LISTED: usize = 6;
@@ -53,13 +53,7 @@ impl Drawn for Vec<RecoveryRow> {
                 Entry::number(with.n() as f64, 0),
                 Entry::number(without.n() as f64, 0),
                 percent(row.recovered.map(|found| found.share)),
-                match interval {
-                    Ok(Interval { low, high }) => {
-                        let [low, high] = [low, high].map(|end| shown(100.0 * end, 1));
-                        Entry::text(format!("{low} to {high}"))
-                    }
-                    Err(reason) => Entry::Missing(reason.to_string()),
-                },
+                percent_between(interval),
                 low(interval),
                 high(interval),
             ]);
@@ -83,8 +77,7 @@ impl Drawn for Vec<RecoveryRow> {
         let (first, _) = known.first()?;
         let same = |row: &RecoveryRow| {
             let arm = |row: &RecoveryRow| {
-                let name =
-                    |id: &crate::analyse::declared::ArmId| (id.agent.clone(), id.scenario.clone());
+                let name = |id: &ArmId| (id.agent.clone(), id.scenario.clone());
                 let best = row.optimum.as_ref().map(|optimum| optimum.scenario.clone());
                 (name(&row.with), name(&row.without), best)
             };
@@ -93,14 +86,18 @@ impl Drawn for Vec<RecoveryRow> {
         if known.len() <= LISTED && known.iter().all(|(row, _)| same(row)) {
             let shares: Vec<String> = known.iter().map(|(row, found)| share(row, found)).collect();
             let of = &first.optimum.as_ref()?.scenario;
-            return Some(format!(
-                "{} {} recovers {} of what {} {} loses against the optimum of {of}",
-                first.with.agent,
-                first.with.scenario,
-                shares.join(", "),
-                first.without.agent,
-                first.without.scenario,
-            ));
+            let name = |id: &ArmId| arm_label(&ArmId { settings: Vec::new(), ..id.clone() });
+            let (with, without, shares) =
+                (name(&first.with), name(&first.without), shares.join(", "));
+            return Some(match has_further_loss(&known) {
+                false => format!(
+                    "{with} recovers {shares} of what {without} loses against the optimum of {of}"
+                ),
+                true => format!(
+                    "Of what {without} loses against the optimum of {of}, {with} recovers a share of \
+                     {shares}{FURTHER_LOSS}"
+                ),
+            });
         }
         known.sort_by(|(_, a), (_, b)| f64::total_cmp(&a.share, &b.share));
         let ends: Vec<String> = [known.first()?, known.last()?]
@@ -110,9 +107,10 @@ impl Drawn for Vec<RecoveryRow> {
             })
             .collect();
         Some(format!(
-            "Of the distance to the optimum, between {} are recovered in {} comparisons",
+            "Of the distance to the optimum, between {} are recovered in {} comparisons{}",
             ends.join(" and "),
-            known.len()
+            known.len(),
+            if has_further_loss(&known) { FURTHER_LOSS } else { "" }
         ))
     }
 
@@ -130,6 +128,13 @@ impl Drawn for Vec<RecoveryRow> {
     }
 }
 
+/// What a share below 0 means.
+const FURTHER_LOSS: &str = ", where a share below 0 is a further loss";
+
+fn has_further_loss(known: &[(&RecoveryRow, Recovered)]) -> bool {
+    known.iter().any(|(_, found)| found.share < 0.0)
+}
+
 fn percent(value: Result<f64, Undefined>) -> Entry {
     match value {
         Ok(value) => Entry::Number { value, shown: shown(100.0 * value, 1) },
@@ -141,7 +146,7 @@ fn percent(value: Result<f64, Undefined>) -> Entry {
 fn share(row: &RecoveryRow, found: &Recovered) -> String {
     let spread = match found.interval {
         Ok(Interval { low, high }) => {
-            format!(" ({} to {} %)", shown(100.0 * low, 1), shown(100.0 * high, 1))
+            format!(" ({} %)", range(100.0 * low, 100.0 * high, 1))
         }
         Err(reason) => format!(" (no interval: {reason})"),
     };
@@ -155,7 +160,7 @@ fn share(row: &RecoveryRow, found: &Recovered) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analyse::declared::{ArmId, ScenarioOptimum};
+    use crate::analyse::declared::ScenarioOptimum;
     use crate::analyse::{Sample, recovered};
     use crate::manifest::Setting;
 
@@ -199,6 +204,16 @@ mod tests {
         let table = rows.table("", "mean_return");
         assert_eq!(table.rows.len(), 2);
         assert!(table.markdown().contains("43.2 to 106.8"));
+    }
+
+    #[test]
+    fn a_share_below_0_is_called_a_further_loss() {
+        let rows = vec![row(0.4, [49.0, 51.0], [60.0, 60.0], Some(100.0))];
+        assert_eq!(
+            rows.finds("mean_return").unwrap(),
+            "Of what ppo P-T loses against the optimum of P-H-D, ppo-gru P-M-S recovers a share of \
+             −25.0 % (−56.8 to 6.8 %) at sigma=0.4, where a share below 0 is a further loss"
+        );
     }
 
     #[test]

@@ -1,7 +1,6 @@
 //! Selections: settings in the order of a rule.
 
-use super::{Drawn, Sheet, amount};
-use crate::analyse::Interval;
+use super::{Drawn, Sheet, amount, ends};
 use crate::analyse::declared::Ranking;
 use crate::report::data_table::{DataTable, Entry};
 use crate::report::figure::{arm_label, seeds, settings_label};
@@ -46,9 +45,7 @@ impl Drawn for Vec<Ranking> {
         let mean = amount(best.mean.ok()?, metric);
         let spread = best.interval.map_or_else(
             |_| String::new(),
-            |Interval { low, high }| {
-                format!(", 95 % interval {} to {}", amount(low, metric), amount(high, metric))
-            },
+            |interval| format!(", 95 % interval {}", ends(interval, metric)),
         );
         Some(format!(
             "{} does best with {}: {mean} (best of {} settings tried{spread})",

@@ -9,7 +9,6 @@ use parts::{figure_card, html_table, provenance};
 
 pub use parts::Hosts;
 
-use super::escape::file_stem;
 use super::scene::web_font;
 use super::section::{ReportedExperiment, Section, all_jobs};
 use super::tables;
@@ -61,10 +60,8 @@ pub fn index(
     page.into_string()
 }
 
-/// The anchor of an experiment's heading.
-fn anchor(experiment: &ReportedExperiment) -> String {
-    format!("experiment-{}", file_stem(&experiment.name))
-}
+/// Anchors of the page that belong to no experiment.
+pub(super) const ANCHORS: [&str; 4] = ["tip", "reproduction", "failures", "provenance"];
 
 fn header(
     experiments: &[&ReportedExperiment],
@@ -131,9 +128,9 @@ fn contents(sections: &[Section<'_>], reproduction: &Reproduction) -> Markup {
                     @if !reproduction.comparisons.is_empty() {
                         li { a href="#reproduction" { "Reproduction" } }
                     }
-                    @for Section { experiment, shown, .. } in sections {
+                    @for Section { experiment, anchor, shown, .. } in sections {
                         li {
-                            a href={ "#" (anchor(experiment)) } { (experiment.name) }
+                            a href={ "#" (anchor) } { (experiment.name) }
                             ul {
                                 @for one in shown {
                                     li { a href={ "#" (one.stem) } { (one.finding.title) } }
@@ -176,11 +173,11 @@ fn reproduced(reproduction: &Reproduction) -> Markup {
 }
 
 fn section(section: &Section<'_>) -> Markup {
-    let Section { experiment, shown, tables, legend } = section;
+    let Section { experiment, anchor, shown, tables, legend } = section;
     let prose = [("Question", &experiment.question), ("Hypothesis", &experiment.hypothesis)];
     let counts = JobCounts::of(&experiment.jobs);
     html! {
-        section id=(anchor(experiment)) {
+        section id=(anchor) {
             h2 { (experiment.name) }
             dl.prose {
                 @for (heading, text) in prose {
@@ -192,7 +189,10 @@ fn section(section: &Section<'_>) -> Markup {
                 (counts.failed) " failed, " (counts.open) " unfinished."
             }
             @if shown.is_empty() {
-                p { "The manifest declares no " code { "[[analysis]]" } "." }
+                p {
+                    "There are no figures, because the manifest declares no " code { "[[analysis]]" }
+                    ". The tables below have the results of every arm and agent."
+                }
             }
             (parts::switches(legend))
             div.cards { @for one in shown { (figure_card(one, legend)) } }

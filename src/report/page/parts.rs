@@ -40,8 +40,11 @@ pub fn figure_card(shown: &Shown<'_>, legend: &Legend) -> Markup {
                 }
             }
             p.seen { (sentences(&shown.caption)) }
-            @if shown.whole.is_some() {
-                p.links { "All panels: " (links(&format!("figures/{}", shown.stem), &files)) }
+            @for (stem, _) in &shown.wholes {
+                p.links {
+                    @if shown.wholes.len() == 1 { "All panels: " } @else { "Panels, " (stem) ": " }
+                    (links(&format!("figures/{stem}"), &files))
+                }
             }
             p.links {
                 (table_links(&format!("tables/{}", shown.stem), &shown.table)) " "

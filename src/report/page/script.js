@@ -13,7 +13,7 @@ for (const button of document.querySelectorAll("th button")) {
       const { dataset, textContent } = line.cells[place];
       if (dataset.value !== undefined) return Number(dataset.value);
       // An interval, "low to high", is sorted by its lower end.
-      const ends = /^[−\d.]+(?= to )/.exec(textContent);
+      const ends = /^[−\d.]+(?:e-?\d+)?(?= to )/.exec(textContent);
       return ends === null ? textContent : Number(ends[0].replace("−", "-"));
     };
     const compare = (a, b) => {

@@ -1,0 +1,134 @@
+//! Small shifts of lines that would cover each other.
+
+use super::line::{Line, Spread};
+use crate::report::scene::Point;
+
+/// Lines closer than this cover each other.
+const NEAR: f64 = 1.2;
+
+/// The shift of each line. Intervals of several arms at one place stand side by side, and lines that run on one
+/// another stand one above the other. `placed` holds the points of each line before they are shifted.
+pub(super) fn shifts(lines: &[Line], placed: &[Vec<Point>]) -> Vec<Point> {
+    dodges(lines).into_iter().zip(steps(lines, placed)).collect()
+}
+
+/// The horizontal shift of each line with bars.
+fn dodges(lines: &[Line]) -> Vec<f64> {
+    /// Maximum distance between neighbouring lines, and between the first and the last line.
+    const STEP: f64 = 2.4;
+    const WHOLE: f64 = 8.0;
+    let with_bars: Vec<usize> =
+        (0..lines.len()).filter(|at| lines[*at].spread == Spread::Bars).collect();
+    let mut places: Vec<f64> =
+        with_bars.iter().flat_map(|at| &lines[*at].points).map(|point| point.x).collect();
+    places.sort_by(f64::total_cmp);
+    let mut dodges = vec![0.0; lines.len()];
+    if places.windows(2).any(|pair| pair[0] == pair[1]) && with_bars.len() > 1 {
+        let last = (with_bars.len() - 1) as f64;
+        let step = STEP.min(WHOLE / last);
+        for (rank, at) in with_bars.iter().enumerate() {
+            dodges[*at] = (rank as f64 - last / 2.0) * step;
+        }
+    }
+    dodges
+}
+
+/// The vertical shift of each line that runs on another.
+fn steps(lines: &[Line], placed: &[Vec<Point>]) -> Vec<f64> {
+    /// Maximum distance between neighbouring lines, and between the first and the last line.
+    const STEP: f64 = 2.2;
+    const WHOLE: f64 = 7.0;
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    for (at, line) in lines.iter().enumerate() {
+        if line.spread == Spread::Points {
+            continue;
+        }
+        let covers = |one: &usize| covers(&placed[*one], &placed[at]);
+        match groups.iter_mut().find(|group| group.iter().any(covers)) {
+            Some(group) => group.push(at),
+            None => groups.push(vec![at]),
+        }
+    }
+    let mut steps = vec![0.0; lines.len()];
+    for group in groups.iter().filter(|group| group.len() > 1) {
+        let last = (group.len() - 1) as f64;
+        let step = STEP.min(WHOLE / last);
+        // Together with the shift to the right, a falling line moves up, away from itself.
+        let points = &placed[group[0]];
+        let falls = points.first().zip(points.last()).is_some_and(|(one, end)| end.1 > one.1);
+        let sign = if falls { -1.0 } else { 1.0 };
+        for (rank, at) in group.iter().enumerate() {
+            steps[*at] = sign * (rank as f64 - last / 2.0) * step;
+        }
+    }
+    steps
+}
+
+/// Whether two lines run on one another over more than a crossing.
+fn covers(one: &[Point], other: &[Point]) -> bool {
+    /// Minimum length of the common part, in the direction of the axis.
+    const LEAST: f64 = 10.0;
+    let is_near =
+        |point: &Point| height_at(other, point.0).is_some_and(|y| (y - point.1).abs() < NEAR);
+    let common = one.windows(2).filter(|ends| ends.iter().all(is_near));
+    common.map(|ends| ends[1].0 - ends[0].0).sum::<f64>() >= LEAST
+}
+
+/// The height of a line at a place between its ends.
+fn height_at(line: &[Point], x: f64) -> Option<f64> {
+    let ends = line.windows(2).find(|ends| ends[0].0 <= x && x <= ends[1].0)?;
+    let (one, other) = (ends[0], ends[1]);
+    let share = if other.0 > one.0 { (x - one.0) / (other.0 - one.0) } else { 0.0 };
+    Some(one.1 + share * (other.1 - one.1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::figure::{INK, Look, Marker, Place};
+    use crate::report::scene::Facets;
+
+    fn line(xs: &[f64], spread: Spread) -> Line {
+        let place = |x: &f64| Place { x: *x, y: 0.0, interval: None, tip: String::new() };
+        Line {
+            label: String::new(),
+            look: Look { color: INK, dash: None, marker: Marker::Ring },
+            points: xs.iter().map(place).collect(),
+            reference: Vec::new(),
+            spread,
+            facets: Facets::new(),
+        }
+    }
+
+    #[test]
+    fn intervals_of_several_arms_at_one_place_stand_beside_each_other() {
+        let arm = |xs: &[f64]| line(xs, Spread::Bars);
+        let exact = || line(&[1.0], Spread::Exact);
+        assert_eq!(dodges(&[arm(&[1.0]), exact(), arm(&[1.0])]), [-1.2, 0.0, 1.2]);
+        assert_eq!(dodges(&[arm(&[1.0]), arm(&[2.0])]), [0.0, 0.0]);
+        assert_eq!(dodges(&[arm(&[1.0]), exact()]), [0.0, 0.0]);
+        let many: Vec<Line> = (0..9).map(|_| arm(&[1.0])).collect();
+        assert_eq!((dodges(&many)[0], dodges(&many)[8]), (-4.0, 4.0));
+    }
+
+    #[test]
+    fn lines_that_run_on_one_another_are_moved_apart_and_others_are_not() {
+        let lines: Vec<Line> = (0..4).map(|_| line(&[0.0, 1.0], Spread::Band)).collect();
+        let level = |y: f64| vec![(0.0, y), (50.0, y), (100.0, y)];
+        // The second line lies on the first, the third crosses both, and the fourth is elsewhere.
+        let placed = [level(20.0), level(20.5), vec![(0.0, 0.0), (100.0, 40.0)], level(60.0)];
+        assert_eq!(steps(&lines, &placed), [-1.1, 1.1, 0.0, 0.0]);
+        // Lines with other points, such as an optimum, lie on one another too; a part is enough.
+        let placed = [
+            vec![(0.0, 10.0), (30.0, 20.0), (60.0, 30.0), (100.0, 90.0)],
+            vec![(0.0, 10.0), (60.0, 30.0), (100.0, 0.0)],
+            level(70.0),
+            Vec::new(),
+        ];
+        assert_eq!(steps(&lines, &placed), [1.1, -1.1, 0.0, 0.0]);
+        let equal: Vec<Line> = (0..8).map(|_| line(&[0.0, 1.0], Spread::Bars)).collect();
+        let shifts = shifts(&equal, &vec![level(5.0); 8]);
+        let rows: Vec<f64> = shifts.iter().map(|(_, down)| *down).collect();
+        assert!(rows.windows(2).all(|pair| (pair[1] - pair[0] - 1.0).abs() < 1e-9), "{rows:?}");
+    }
+}
