@@ -123,7 +123,10 @@ pub(crate) fn store_error(error: StoreError) -> PyErr {
         | StoreError::NoSuchJob { .. }
         | StoreError::NotCompleted { .. }
         | StoreError::AmbiguousKey { .. } => PyKeyError::new_err(message),
-        StoreError::CannotOpen { .. } | StoreError::Disk { .. } => PyOSError::new_err(message),
+        StoreError::CannotOpen { .. }
+        | StoreError::Disk { .. }
+        | StoreError::HardLinked { .. }
+        | StoreError::MountedAlone { .. } => PyOSError::new_err(message),
         StoreError::Empty { .. }
         | StoreError::NotAStore { .. }
         | StoreError::Foreign { .. }

@@ -30,13 +30,7 @@ impl Changes {
         let mut changes = Vec::new();
         for (experiment, _) in reader.manifests()? {
             let used = reader.used_manifests(&experiment)?;
-            let of = used.iter().filter_map(|before| {
-                let is_next = |after: &&UsedManifest| Some(&after.from) == before.until.as_ref();
-                // A text that came with a merge may have no successor here.
-                let after = used.iter().find(is_next).filter(|after| after.text != before.text)?;
-                Some(Change::between(before, after))
-            });
-            changes.push((experiment, of.collect()));
+            changes.push((experiment, changes_of(&used)));
         }
         Ok(Changes(changes))
     }
@@ -77,6 +71,24 @@ impl Changes {
         }
         Ok(())
     }
+}
+
+/// The changes between texts that are in the order of their replacement. The change to the current text is
+/// the last one.
+fn changes_of(used: &[UsedManifest]) -> Vec<Change> {
+    let successor = |place: usize| {
+        let is_next = |after: &&UsedManifest| Some(&after.from) == used[place].until.as_ref();
+        used[place + 1..].iter().chain(&used[..place]).find(is_next)
+    };
+    let mut pairs: Vec<(&UsedManifest, &UsedManifest)> = used
+        .iter()
+        .enumerate()
+        // A text that came with a merge may have no successor here.
+        .filter_map(|(place, before)| Some((before, successor(place)?)))
+        .filter(|(before, after)| after.text != before.text)
+        .collect();
+    pairs.sort_by_key(|(_, after)| after.until.is_none());
+    pairs.into_iter().map(|(before, after)| Change::between(before, after)).collect()
 }
 
 impl Change {

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use crate::cli::answer::{self, AnswerFormat, Failed};
 use crate::cli::{Error, Exit, StoreArgument, folder, simulate};
 use crate::manifest::companions;
-use crate::portable::portable;
-use crate::report::unused_stem;
+use crate::portable::{digest, portable};
+use crate::report::{defused, unused_stem};
 use crate::store::{self, Reader};
 
 /// Write the public views as files, with the meanings of their columns and the manifests; or write
@@ -83,13 +83,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let reader = Reader::open(&arguments.store.store)?;
     let manifests = chosen(&reader, &arguments.experiment)?;
     folder::make(&arguments.out)?;
-    for (view, sql) in store::exports(&arguments.experiment) {
-        if !reader.has_view(view)? {
+    for (view, sql) in reader.exports(&arguments.experiment)? {
+        let path = arguments.out.join(format!("{view}.{extension}"));
+        let Some(sql) = sql else {
             let why = "an earlier version made the store; the next `jitai run` adds the view";
             writeln!(io::stderr(), "{view} left out: {why}")?;
+            remove(&path)?;
             continue;
-        }
-        let path = arguments.out.join(format!("{view}.{extension}"));
+        };
         write_whole(&path, |file| {
             answer::write(&reader, &sql, format, file).map_err(|failed| match failed {
                 Failed::Output(source) => failure(&path)(source),
@@ -99,21 +100,80 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     }
     let path = arguments.out.join("columns.csv");
     write_whole(&path, |file| write_columns(file).map_err(|error| failure(&path)(error.into())))?;
-    let folder = arguments.out.join("manifests");
-    folder::make(&folder)?;
+    write_manifests(&arguments.out.join("manifests"), manifests)?;
+    Ok(Exit::Done)
+}
+
+/// Writes the manifests of experiments, and the list of their files. Removes the manifests of an earlier
+/// export that this one does not have.
+fn write_manifests(folder: &Path, manifests: Vec<(String, String)>) -> Result<(), Error> {
+    folder::make(folder)?;
     let mut stems = Vec::new();
+    let mut listed = Vec::new();
     for (experiment, text) in manifests {
         let stem = unused_stem(&stems, &experiment);
-        let path = folder.join(format!("{stem}.toml"));
         for companion in companions(&text) {
             let what =
                 format!("manifests/{stem}.toml reads {companion}, which the store does not have");
             writeln!(io::stderr(), "note: {what}; pass this file on, too")?;
         }
+        let name = format!("{stem}.toml");
         stems.push(stem);
-        write_whole(&path, |mut file| file.write_all(text.as_bytes()).map_err(failure(&path)))?;
+        let path = folder.join(&name);
+        write_whole(&path, |mut file| {
+            file.write_all(text.as_bytes()).and_then(|()| file.flush()).map_err(failure(&path))
+        })?;
+        listed.push([name, defused(&experiment).into_owned(), digest(text.as_bytes())]);
     }
-    Ok(Exit::Done)
+    let index = folder.join(INDEX);
+    remove_earlier(&index, &listed)?;
+    write_whole(&index, |file| {
+        let mut out = csv::Writer::from_writer(file);
+        let header = out.write_record(["file", "experiment", "sha256"]);
+        header
+            .and_then(|()| listed.iter().try_for_each(|row| out.write_record(row)))
+            .and_then(|()| Ok(out.flush()?))
+            .map_err(|error| failure(&index)(error.into()))
+    })
+}
+
+/// The list of the manifests of an export, for the next export: file, experiment, and SHA-256 of the file.
+const INDEX: &str = ".index.csv";
+
+/// Removes the files that an earlier export listed and this one does not have, unless somebody has changed
+/// them since.
+fn remove_earlier(index: &Path, listed: &[[String; 3]]) -> Result<(), Error> {
+    let Ok(mut earlier) = csv::Reader::from_path(index) else { return Ok(()) };
+    // A damaged line names no file to remove.
+    for row in earlier.deserialize::<[String; 3]>().flatten() {
+        let [name, _, sha256] = row;
+        let is_name = Path::new(&name).file_name().is_some_and(|last| last == name.as_str());
+        if !is_name || listed.iter().any(|[ours, ..]| *ours == name) {
+            continue;
+        }
+        let path = index.with_file_name(name);
+        match fs::read(&path) {
+            Ok(bytes) if digest(&bytes) == sha256 => remove(&path)?,
+            Ok(_) => {
+                let what = "of an earlier export was changed since, and is kept";
+                writeln!(io::stderr(), "note: {} {what}", path.display())?;
+            }
+            Err(_) => {}
+        }
+    }
+    Ok(())
+}
+
+/// Removes a file of an earlier export, if there is one.
+fn remove(path: &Path) -> Result<(), Error> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        Err(source) => {
+            let what = format!("remove `{}`, which an earlier export wrote", path.display());
+            Err(Error::Io { what, source })
+        }
+        Ok(()) => Ok(writeln!(io::stderr(), "{} removed", path.display())?),
+    }
 }
 
 /// The experiments to export, each with its manifest.
@@ -138,7 +198,11 @@ fn write_whole(
 ) -> Result<(), Error> {
     let partial = path.with_extension("partial");
     let file = File::create(&partial).map_err(failure(&partial))?;
-    write(BufWriter::new(file))?;
+    if let Err(error) = write(BufWriter::new(file)) {
+        // The error takes precedence; the next export overwrites a leftover file.
+        let _ = fs::remove_file(&partial);
+        return Err(error);
+    }
     fs::rename(&partial, path).map_err(failure(path))?;
     writeln!(io::stderr(), "{}", path.display())?;
     Ok(())

@@ -8,7 +8,7 @@ use comfy_table::{CellAlignment, ColumnConstraint, Table, Width, presets};
 use serde_json::Value;
 
 use crate::manifest::printable;
-use crate::report::defused;
+use crate::report::{defused, rounded};
 
 /// Spaces on the left and on the right of each column of a table.
 const PADDING: (u16, u16) = (0, 2);
@@ -40,7 +40,8 @@ pub(super) enum Field<'a> {
     Integer(i64),
     /// A number; full precision in CSV and JSON.
     Real(f64),
-    /// A number that a table shows with this number of decimals; full precision in CSV and JSON.
+    /// A number that a table shows with this number of decimals; full precision in CSV and JSON. Zero has
+    /// no sign.
     Rounded(f64, usize),
     /// Numbers written out, such as `12.3 ± 4.5`.
     Figure(String),
@@ -64,7 +65,7 @@ impl<'a> Field<'a> {
     /// The text for a table: rounded, with control characters escaped, and cut if it is long.
     fn for_reading(&self) -> String {
         match self {
-            Field::Rounded(value, decimals) => format!("{value:.decimals$}"),
+            Field::Rounded(value, decimals) => rounded(*value, *decimals),
             Field::Text(text) => shown(text),
             Field::Nested(value) => shown(&value.to_string()),
             Field::Bytes(bytes) if bytes.len() > MOST_SHOWN / 2 => {
@@ -84,7 +85,9 @@ impl<'a> Field<'a> {
         match self {
             Field::Empty => Cow::Borrowed(""),
             Field::Integer(value) => Cow::Owned(value.to_string()),
-            Field::Real(value) | Field::Rounded(value, _) => Cow::Owned(value.to_string()),
+            Field::Real(value) => Cow::Owned(value.to_string()),
+            // Adding 0 removes the sign of −0.
+            Field::Rounded(value, _) => Cow::Owned((value + 0.0).to_string()),
             Field::Figure(text) => Cow::Borrowed(text),
             Field::Text(text) => Cow::Borrowed(text),
             Field::Bytes(bytes) => Cow::Owned(as_sql(bytes)),
@@ -105,7 +108,8 @@ impl<'a> Field<'a> {
         match self {
             Field::Empty => out.write_all(b"null"),
             Field::Integer(value) => Ok(serde_json::to_writer(out, value)?),
-            Field::Real(value) | Field::Rounded(value, _) => Ok(serde_json::to_writer(out, value)?),
+            Field::Real(value) => Ok(serde_json::to_writer(out, value)?),
+            Field::Rounded(value, _) => Ok(serde_json::to_writer(out, &(value + 0.0))?),
             Field::Figure(text) => Ok(serde_json::to_writer(out, text)?),
             Field::Text(text) => Ok(serde_json::to_writer(out, text)?),
             Field::Bytes(bytes) => {
@@ -330,6 +334,19 @@ mod tests {
         assert_eq!(lines.len(), 2 + ALIGNED_TOGETHER);
         assert_eq!(lines[ALIGNED_TOGETHER], lines[ALIGNED_TOGETHER + 1]);
         assert_eq!(lines[2], "x                7  end");
+    }
+
+    #[test]
+    fn zero_has_no_sign_unless_a_query_returns_one() {
+        let (nothing, little) = (Field::Rounded(-0.0, 2), Field::Rounded(-0.004, 2));
+        assert_eq!([&nothing, &little].map(Field::for_reading), ["0.00", "0.00"]);
+        assert_eq!([&nothing, &little].map(|field| field.exact().into_owned()), ["0", "-0.004"]);
+        let json = |field: Field<'_>| {
+            let mut out = Vec::new();
+            field.write_json(&mut out).unwrap();
+            String::from_utf8(out).unwrap()
+        };
+        assert_eq!((json(nothing), json(Field::Real(-0.0))), ("0.0".into(), "-0.0".into()));
     }
 
     #[test]

@@ -11,6 +11,7 @@ use crate::cli::output::counted;
 use crate::manifest::printable;
 use crate::plan::Swept;
 use crate::record::{Failure, Outcome, Results};
+use crate::report::rounded;
 use crate::schedule::{self, CheckpointNote, Event, EventSink, Found, Left, Queued, Speeds};
 use crate::train::TrainingProgress;
 
@@ -192,7 +193,7 @@ impl Shown {
             Outcome::Completed(results) => {
                 self.done += 1;
                 self.speeds.add(&queued.job, 1.0, wall);
-                ("completed", format!("mean return {:.1}", mean_return(results)))
+                ("completed", format!("mean return {}", rounded(mean_return(results), 1)))
             }
             Outcome::Failed(failure) => {
                 self.done += 1;
@@ -375,7 +376,7 @@ impl Shown {
 fn worker_line(progress: Option<TrainingProgress>, name: &str) -> String {
     let mut line = match progress {
         Some(TrainingProgress { episode, episodes, recent_return, .. }) => {
-            format!("{episode}/{episodes}, return {recent_return:.0}:")
+            format!("{episode}/{episodes}, return {}:", rounded(recent_return, 0))
         }
         None => "starting:".to_owned(),
     };

@@ -98,7 +98,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         selection = selection.shard(shard);
     }
     let mut store = Store::open(&arguments.store.store)?;
-    if !arguments.replacing.permit(&Reader::open(&arguments.store.store)?, &manifests)? {
+    if !arguments.replacing.permit(&store.reader()?, &manifests)? {
         return Ok(Exit::Differs);
     }
     for manifest in &manifests {
@@ -110,7 +110,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let options = arguments.options();
     let remaining = Remaining::of(&store, &selection, options.retry_failed)?;
     let mut end = End::before(&remaining);
-    let reader = Reader::open(&arguments.store.store)?;
+    let reader = store.reader()?;
     if !remaining.queue.is_empty() {
         let mut shown = arguments.shown(&reader, &remaining.queue, Swept::of(&manifests))?;
         // If the mark cannot be set, a crash counts as a kill, and the jobs can still run.

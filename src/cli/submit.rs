@@ -90,7 +90,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     // On a machine without a cluster, nothing is written.
     cluster.limits().map_err(ClusterError::from)?;
     let mut store = Store::open(&arguments.store.store)?;
-    if !arguments.replacing.permit(&Reader::open(&arguments.store.store)?, &manifests)? {
+    if !arguments.replacing.permit(&store.reader()?, &manifests)? {
         return Ok(Exit::Differs);
     }
     for manifest in &manifests {
@@ -140,7 +140,7 @@ impl Submitting<'_> {
             )?;
         }
         self.collect(&look)?;
-        let reader = Reader::open(self.store.path())?;
+        let reader = self.store.reader()?;
         let draft = self.cluster.draft(self.request, Some(&reader), &look, limits)?;
         let submitted = match draft.chunks.is_empty() {
             true => None,
@@ -227,7 +227,7 @@ impl Submitting<'_> {
             if self.ours(&look).any(|(_, survey)| submissions::is_open(survey)) {
                 continue;
             }
-            let reader = Reader::open(self.store.path())?;
+            let reader = self.store.reader()?;
             let limits = Limits { most_tasks: USUAL_TASKS };
             let draft = self.cluster.draft(self.request, Some(&reader), &look, limits)?;
             if draft.held > 0 {

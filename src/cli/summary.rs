@@ -8,7 +8,7 @@ use crate::cli::output::{Field, Format, Rows};
 use crate::manifest::printable;
 use crate::plan::{self, JobKey, Swept};
 use crate::record::JobRecord;
-use crate::report::{self, Line};
+use crate::report::{self, Line, rounded};
 use crate::schedule::Selection;
 use crate::store::{FailedJob, Parts, Reader};
 
@@ -49,10 +49,10 @@ pub(super) fn print(reader: &Reader, selection: &Selection<'_>) -> Result<Option
 }
 
 fn fields(line: &Line, context_error: Option<f64>) -> Vec<Field<'static>> {
-    let percent = |share: f64| Field::Figure(format!("{:.1} %", 100.0 * share));
+    let percent = |share: f64| Field::Figure(format!("{} %", rounded(100.0 * share, 1)));
     let spread = line.returns.map_or(Field::Empty, |returns| match returns.sd {
-        Ok(sd) => Field::Figure(format!("{:.1} ± {sd:.1}", returns.mean)),
-        Err(_) => Field::Figure(format!("{:.1}", returns.mean)),
+        Ok(sd) => Field::Figure(format!("{} ± {sd:.1}", rounded(returns.mean, 1))),
+        Err(_) => Field::Figure(rounded(returns.mean, 1)),
     });
     let word = |text: &String| match text.parse::<f64>() {
         Ok(_) => Field::Figure(text.clone()),

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use super::error::ClusterError;
 use super::folder::{Part, Submission, write_whole};
 use crate::plan::JobKey;
-use crate::store::{self, JobState, MergeProgress, Merged, Reader, Sources, Store};
+use crate::store::{self, JobState, MergeProgress, Merged, Sources, Store};
 
 /// The list of the parts of a submission that were merged into its store.
 const LIST: &str = "collected";
@@ -24,7 +24,7 @@ pub fn collect<'s>(
     hear: impl FnMut(MergeProgress),
 ) -> Result<Merged, ClusterError> {
     let mut states = HashMap::new();
-    Reader::open(store.path())?.tried(|key, state| {
+    store.reader()?.tried(|key, state| {
         states.insert(key, state);
     })?;
     let mut new: Vec<(&Submission, HashSet<String>, Vec<Part>)> = Vec::new();

@@ -28,6 +28,7 @@ use super::attempt::Attempt;
 use super::clock::random;
 use super::error::ClusterError;
 use crate::plan::JobKey;
+use crate::store::{StoreError, beside, resolve};
 
 /// Version of the files of a submission; other versions are rejected.
 const FORMAT: u32 = 1;
@@ -103,11 +104,11 @@ pub struct Submissions {
 }
 
 impl Submissions {
-    /// The folder beside a store. The folder may not exist yet.
-    pub fn beside(store: &Path) -> io::Result<Submissions> {
-        let mut path = std::path::absolute(store)?.into_os_string();
-        path.push(".submissions");
-        Ok(Submissions { path: path.into() })
+    /// The folder beside a store. The folder and the store may not exist yet.
+    ///
+    /// **Errors**: the path of the store cannot be resolved.
+    pub fn beside(store: &Path) -> Result<Submissions, StoreError> {
+        Ok(Submissions { path: beside(&resolve(store)?, ".submissions") })
     }
 
     /// Creates the folder: beside the store, or in `elsewhere` with a symbolic link beside the store.
@@ -144,10 +145,15 @@ impl Submissions {
     }
 
     /// All submissions that have an intent, the earliest first.
+    ///
+    /// **Errors**: a submission cannot be read, or a link leads to a missing folder. Jobs that it may hold
+    /// would otherwise be submitted again.
     pub fn list(&self) -> Result<Vec<Submission>, ClusterError> {
+        require_target(&self.path)?;
         let mut found = Vec::new();
         for name in names(&self.path)? {
             let path = self.path.join(&name);
+            require_target(&path)?;
             if path.join("submission.json").is_file() {
                 found.push(Submission::open(&path)?);
             }
@@ -402,6 +408,14 @@ fn parse_key(text: &str) -> Option<JobKey> {
     is_key.then(|| u128::from_str_radix(text, 16).ok()).flatten().map(|n| JobKey(n.to_be_bytes()))
 }
 
+/// Fails if the path is a link to a missing file or folder.
+fn require_target(path: &Path) -> Result<(), ClusterError> {
+    match path.is_symlink() {
+        true => fs::metadata(path).map(drop).map_err(ClusterError::io("follow the link", path)),
+        false => Ok(()),
+    }
+}
+
 /// Names of the files in a folder, sorted, without unfinished files.
 fn names(folder: &Path) -> Result<Vec<String>, ClusterError> {
     let entries = match fs::read_dir(folder) {
@@ -460,6 +474,27 @@ mod tests {
         whole(&path, |_| Err(ErrorKind::StorageFull.into())).unwrap_err();
         assert_eq!(fs::read(&path).unwrap(), b"one");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn submissions_lie_beside_the_file_of_the_store_and_not_beside_a_link() {
+        let place = tempfile::tempdir().unwrap();
+        let root = place.path().canonicalize().unwrap();
+        std::os::unix::fs::symlink("later.sqlite", root.join("link.sqlite")).unwrap();
+        let expected = root.join("later.sqlite.submissions");
+        for store in ["link.sqlite", "later.sqlite"] {
+            assert_eq!(Submissions::beside(&root.join(store)).unwrap().path(), expected);
+        }
+    }
+
+    #[test]
+    fn a_link_to_a_missing_folder_is_not_an_empty_folder() {
+        let place = tempfile::tempdir().unwrap();
+        let store = place.path().join("s.sqlite");
+        std::os::unix::fs::symlink("/gone", place.path().join("s.sqlite.submissions")).unwrap();
+        let submissions = Submissions::beside(&store).unwrap();
+        let error = submissions.list().unwrap_err().to_string();
+        assert!(error.starts_with("failed to follow the link `"), "{error}");
     }
 
     #[test]

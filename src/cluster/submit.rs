@@ -89,7 +89,8 @@ impl Draft {
 
     /// Estimated core-hours of all chunks.
     pub fn core_hours(&self) -> f64 {
-        self.chunks.iter().map(|chunk| chunk.seconds).sum::<f64>() / 3600.0
+        // The sum of nothing would be −0.
+        self.chunks.iter().fold(0.0, |seconds, chunk| seconds + chunk.seconds) / 3600.0
     }
 }
 
@@ -103,11 +104,9 @@ impl Look {
 impl<'a> Cluster<'a> {
     /// The submissions of the store at a path.
     ///
-    /// **Errors**: the current folder cannot be determined.
+    /// **Errors**: the path cannot be resolved.
     pub fn of(store: &Path, engine: &'a dyn Engine) -> Result<Cluster<'a>, ClusterError> {
-        let submissions =
-            Submissions::beside(store).map_err(ClusterError::io("find the folder of", store))?;
-        Ok(Cluster { submissions, engine })
+        Ok(Cluster { submissions: Submissions::beside(store)?, engine })
     }
 
     /// The folder of the submissions.

@@ -110,7 +110,10 @@ impl Survey {
             chunks: (0..submission.intent.chunks)
                 .map(chunk)
                 .collect::<Result<_, ClusterError>>()?,
-            core_hours: attempts.values().flatten().map(Attempt::core_hours).sum(),
+            core_hours: attempts
+                .values()
+                .flatten()
+                .fold(0.0, |hours, one| hours + one.core_hours()),
             stopped: submission.stopped(),
         })
     }

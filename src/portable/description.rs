@@ -87,7 +87,8 @@ pub fn describe_observations(job: &Job) -> Vec<Json> {
     features.chain(times).collect()
 }
 
-fn digest(bytes: &[u8]) -> String {
+/// The SHA-256 of some bytes, in hexadecimal.
+pub fn digest(bytes: &[u8]) -> String {
     HEXLOWER.encode(&Sha256::digest(bytes))
 }
 

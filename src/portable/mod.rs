@@ -11,6 +11,7 @@ use serde_json::Value as Json;
 
 use crate::agent::{Architecture, Weights, WeightsError};
 use crate::store::StoredWeights;
+pub use description::digest;
 
 /// A policy as files.
 #[derive(Clone, Debug)]

@@ -25,7 +25,10 @@ pub struct Metric {
 /// the metrics of its first training episodes.
 pub const METRICS: &[(&str, &str)] = &[
     ("mean_return", "mean undiscounted return, in steps walked"),
-    ("sd_return", "standard deviation of the return (n - 1), in steps walked; 0 for one episode"),
+    (
+        "sd_return",
+        "standard deviation of the return (n - 1), in steps walked; absent for one episode",
+    ),
     ("mean_length", "mean episode length, in steps of the simulation"),
     ("disengagement_rate", "share of episodes that ended in disengagement"),
     ("message_rate", "share of steps on which a message was sent (actions 1 to 3)"),

@@ -97,9 +97,19 @@ impl Entry {
     fn exact(&self) -> String {
         match self {
             Entry::Text(text) => text.clone(),
-            Entry::Number { value, .. } => value.to_string(),
+            // Adding 0 removes the sign of −0.
+            Entry::Number { value, .. } => (value + 0.0).to_string(),
             Entry::Missing(_) => String::new(),
         }
+    }
+}
+
+/// The text of a number with `decimals` decimals. Zero has no sign.
+pub fn rounded(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(digits) if digits.chars().all(|c| matches!(c, '0' | '.')) => digits.to_owned(),
+        Some(_) | None => text,
     }
 }
 

@@ -23,6 +23,7 @@ mod winner;
 mod words;
 
 pub use assemble::{AssembleError, Work, assemble};
+pub use data_table::rounded;
 pub use document::{ReportFile, report};
 pub use escape::{defused, unused_stem};
 pub use page::Hosts;

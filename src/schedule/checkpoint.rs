@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 
 use crate::kill_point::{self, KillPoint};
 use crate::plan::JobKey;
-use crate::store::{self, JobState, Reader, StoreError};
+use crate::store::{CHECKPOINTS, JobState, Reader, StoreError, beside, resolve};
 use crate::train::{CheckpointError, Checkpoints, ReadCheckpoint, Resumed, WriteCheckpoint};
 
 /// The minimum time between two checkpoints, as a multiple of the time that writing one takes. The resulting
@@ -100,13 +100,11 @@ impl Entry {
 }
 
 impl CheckpointFolder {
-    /// The folder beside a store; it need not exist.
+    /// The folder beside a store, whose path is resolved. The folder need not exist.
     pub fn beside(store: &Path) -> Self {
-        // Beside the file itself rather than beside a link to it, like SQLite's own files.
-        let mut path =
-            fs::canonicalize(store).unwrap_or_else(|_| store.to_owned()).into_os_string();
-        path.push(store::CHECKPOINTS);
-        CheckpointFolder { path: path.into() }
+        let path = beside(store, CHECKPOINTS);
+        // A link may lead to a folder that does not exist yet. If it leads nowhere, writing reports it.
+        CheckpointFolder { path: resolve(&path).unwrap_or(path) }
     }
 
     /// Removes files that no run will resume from: checkpoints of completed or failed jobs, and

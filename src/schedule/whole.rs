@@ -12,7 +12,8 @@ use super::sweep::{Context, Options, SweepError, Tally};
 use crate::manifest::Manifest;
 use crate::plan::{self, JobKey};
 use crate::store::{
-    Experiment, JobState, JobStates, Reader, Registered, RetryFailed, Store, StoreError};
+    Experiment, JobState, JobStates, Registered, RetryFailed, Store, StoreError,
+};
 use crate::train;
 
 /// Registers a manifest with its jobs, or only with its jobs in `part`. Returns `None` if `stop` was set
@@ -58,7 +59,7 @@ impl Remaining {
         selection: &Selection<'_>,
         retry_failed: RetryFailed,
     ) -> Result<Remaining, StoreError> {
-        let reader = Reader::open(store.path())?;
+        let reader = store.reader()?;
         CheckpointFolder::beside(store.path()).clear(&reader)?;
         store.clear_crash_marks()?;
         let mut states = JobStates::of(&reader);

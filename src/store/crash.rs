@@ -19,8 +19,8 @@ use rusqlite::Connection;
 
 use crate::record::{Failure, FailureKind};
 
-use super::beside::beside;
 use super::liveness::ProcessTable;
+use super::place::beside;
 
 /// The number of crashes after which a job has failed, if the last crash happened in isolation.
 const MOST_CRASHES: u32 = 3;

@@ -19,15 +19,21 @@ pub struct UsedManifest {
 }
 
 impl Reader {
-    /// All texts of an experiment's manifest, earliest first; empty for an unknown experiment.
+    /// All texts of an experiment's manifest, in the order in which they were replaced, the current one last;
+    /// empty for an unknown experiment. Instants do not give this order, because a clock can be set back.
     pub fn used_manifests(&self, experiment: &str) -> Result<Vec<UsedManifest>, StoreError> {
         self.read("read the manifests of an experiment", |connection| {
             if !are_known(connection)? {
                 return Ok(Vec::new());
             }
             let mut statement = connection.prepare_cached(
-                "SELECT used_from, used_until, manifest FROM manifest WHERE experiment = ?1
-                 ORDER BY used_until IS NULL, used_from",
+                "SELECT used_from, used_until, manifest FROM (
+                    SELECT earlier.id AS id, used_from, used_until, earlier.manifest AS manifest
+                    FROM earlier_manifest AS earlier
+                    JOIN experiment ON experiment.id = earlier.experiment WHERE name = ?1
+                    UNION ALL
+                    SELECT NULL, updated_at, NULL, manifest FROM experiment WHERE name = ?1)
+                 ORDER BY id IS NULL, id",
             )?;
             let rows = statement.query_map([experiment], |row| {
                 Ok(UsedManifest { from: row.get(0)?, until: row.get(1)?, text: row.get(2)? })

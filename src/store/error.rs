@@ -256,6 +256,29 @@ pub enum StoreError {
         /// The reason.
         reason: String,
     },
+    /// The file has several names, each of which would have a write-ahead log of its own.
+    #[error(
+        "`{}` has {names} names (hard links), and SQLite keeps a separate write-ahead log for each; \
+         keep the name that has a file ending in -wal beside it, or any if none has, and delete the \
+         others",
+        .path.display()
+    )]
+    HardLinked {
+        /// The path.
+        path: PathBuf,
+        /// The number of names.
+        names: u64,
+    },
+    /// The file is a mount point, so its write-ahead log lies beside another name.
+    #[error(
+        "`{}` is mounted as a single file, without the write-ahead log that lies beside the original; \
+         mount the folder of the store instead",
+        .path.display()
+    )]
+    MountedAlone {
+        /// The path.
+        path: PathBuf,
+    },
     /// The content of the file is damaged.
     #[error(
         "`{}` is damaged: {reason}; `jitai doctor` reports which runs are intact",

@@ -4,7 +4,7 @@ use super::error::StoreError;
 use super::read::Reader;
 
 /// The public views, with the order of their rows.
-const ORDERS: [(&str, &str); 10] = [
+const ORDERS: [(&str, &str); 11] = [
     ("run_summary", "experiment, job_key, agent, attempt"),
     ("parameter", "job_key, name"),
     ("metric", "job_key, name"),
@@ -14,15 +14,19 @@ const ORDERS: [(&str, &str); 10] = [
     ("arm_summary", "experiment, job_key, agent"),
     ("decision", "job_key, phase, episode, step"),
     ("participant", "job_key, phase, episode, name"),
-    ("manifest", "experiment, used_from"),
+    ("manifest", "experiment, number"),
+    ("conflict", "job_key, results_sha256"),
 ];
 
 /// The documentation of the views, which defines their columns.
 const REFERENCE: &str = include_str!("../../docs/store.md");
 
+/// The order of the view `manifest` in stores of versions that have the view without the column `number`.
+const EARLIER_ORDER: &str = "experiment, used_from";
+
 /// The public views, each with the query for all its rows in a fixed order. If `experiments` is not empty,
 /// only the rows of these experiments and their jobs.
-pub fn exports(experiments: &[String]) -> impl Iterator<Item = (&'static str, String)> {
+fn exports(experiments: &[String]) -> impl Iterator<Item = (&'static str, String)> {
     let quoted: Vec<String> =
         experiments.iter().map(|name| format!("'{}'", name.replace('\'', "''"))).collect();
     let quoted = quoted.join(", ");
@@ -72,6 +76,24 @@ pub fn columns() -> impl Iterator<Item = Column> {
 }
 
 impl Reader {
+    /// The public views, each with the query for all its rows in a fixed order; `None` for a view that the
+    /// store lacks, because an earlier version made it. If `experiments` is not empty, only the rows of these
+    /// experiments and their jobs.
+    pub fn exports(
+        &self,
+        experiments: &[String],
+    ) -> Result<Vec<(&'static str, Option<String>)>, StoreError> {
+        let is_numbered = self.has_column("manifest", "number")?;
+        let query = |(view, sql): (&'static str, String)| {
+            let sql = match view {
+                "manifest" if !is_numbered => sql.replace("experiment, number", EARLIER_ORDER),
+                _ => sql,
+            };
+            Ok((view, self.has_view(view)?.then_some(sql)))
+        };
+        exports(experiments).map(query).collect()
+    }
+
     /// The experiments, each with the text of its manifest, in the order of their first run.
     pub fn manifests(&self) -> Result<Vec<(String, String)>, StoreError> {
         self.read("read the manifests", |connection| {

@@ -11,9 +11,9 @@ use std::time::{Duration, Instant};
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, ErrorCode, OpenFlags};
 
-use super::beside::beside;
 use super::error::StoreError;
 use super::migrate::{self, APPLICATION_ID, OLDEST_READABLE, SCHEMA_VERSION};
+use super::place::{beside, require_one_name, resolve};
 use super::{implied, mount, sandbox, schema};
 use crate::plan;
 
@@ -34,11 +34,12 @@ enum Presence {
     Database,
 }
 
-/// A writing connection to the store at `path`, which is created or migrated as needed, and the absolute
-/// path.
+/// A writing connection to the store at `path`, which is created or migrated as needed, and the name of
+/// its file.
 pub(super) fn open_writer(path: &Path) -> Result<(Connection, PathBuf), StoreError> {
-    let path = absolute(path)?;
+    let path = resolve(path)?;
     look(&path)?;
+    require_one_name(&path)?;
     if let Some(kind) = mount::network_file_system(&path) {
         return Err(StoreError::Network { path, kind });
     }
@@ -68,42 +69,49 @@ pub(super) fn open_writer(path: &Path) -> Result<(Connection, PathBuf), StoreErr
     Ok((connection, path))
 }
 
-/// A reading connection to the store at `path`, and the absolute path. The caller checks the schema.
+/// A reading connection to the store at `path`, and the name of its file. The caller checks the schema.
 pub(super) fn open_reader(path: &Path) -> Result<(Connection, PathBuf), StoreError> {
-    let path = absolute(path)?;
+    let path = resolve(path)?;
+    require_one_log(&path)?;
+    Ok((open_reader_at(&path)?, path))
+}
+
+/// Like [`open_reader`], for the resolved name of a file that is known to have no log under another name.
+pub(super) fn open_reader_at(path: &Path) -> Result<Connection, StoreError> {
     let asked = Instant::now();
     loop {
-        match look(&path)? {
-            Presence::Absent => return Err(StoreError::Missing { path }),
+        match look(path)? {
+            Presence::Absent => return Err(StoreError::Missing { path: path.to_owned() }),
             // Another process has just begun to create the store.
             Presence::Blank if asked.elapsed() < BEING_MADE => thread::sleep(BEING_MADE / 50),
-            Presence::Blank => return Err(StoreError::Empty { path }),
+            Presence::Blank => return Err(StoreError::Empty { path: path.to_owned() }),
             Presence::Database => break,
         }
     }
     let action = "open the store";
-    let connection = match is_sealed(&path) {
-        true => connect_immutable(&path),
-        false => connect_reader(&path).or_else(|error| match error.sqlite_error_code() {
-            Some(ErrorCode::CannotOpen | ErrorCode::ReadOnly) if at_rest(&path) => {
-                connect_immutable(&path)
+    let connection = match is_sealed(path) {
+        true => connect_immutable(path),
+        false => connect_reader(path).or_else(|error| match error.sqlite_error_code() {
+            Some(ErrorCode::CannotOpen | ErrorCode::ReadOnly) if at_rest(path) => {
+                connect_immutable(path)
             }
             _ => Err(error),
         }),
     };
-    let connection = connection.map_err(|source| StoreError::sqlite(&path, action, source))?;
-    let mut found = identify(&connection, &path)?;
+    let connection = connection.map_err(|source| StoreError::sqlite(path, action, source))?;
+    let mut found = identify(&connection, path)?;
     // The tables appear with the first transaction.
     while found == 0 && asked.elapsed() < BEING_MADE {
         thread::sleep(BEING_MADE / 50);
-        found = identify(&connection, &path)?;
+        found = identify(&connection, path)?;
     }
+    let path = || path.to_owned();
     match found {
-        0 => Err(StoreError::Missing { path }),
+        0 => Err(StoreError::Missing { path: path() }),
         found if found < OLDEST_READABLE => {
-            Err(StoreError::Older { path, found, known: SCHEMA_VERSION })
+            Err(StoreError::Older { path: path(), found, known: SCHEMA_VERSION })
         }
-        _ => Ok((connection, path)),
+        _ => Ok(connection),
     }
 }
 
@@ -112,7 +120,8 @@ pub(super) fn open_reader(path: &Path) -> Result<(Connection, PathBuf), StoreErr
 /// **Errors**: [`StoreError::Damaged`] if its header or schema cannot be read; the path is not a regular
 /// file, or is a store of a newer release.
 pub(super) fn open_damaged(path: &Path) -> Result<Connection, StoreError> {
-    let path = absolute(path)?;
+    let path = resolve(path)?;
+    require_one_log(&path)?;
     match look(&path) {
         Ok(Presence::Absent) => return Err(StoreError::Missing { path }),
         Ok(Presence::Blank) => return Err(StoreError::Empty { path }),
@@ -155,12 +164,11 @@ pub(super) fn require_current(connection: &Connection, path: &Path) -> Result<()
     }
 }
 
-/// The absolute path, so that SQLite does not interpret it as a URI or a special name.
-fn absolute(path: &Path) -> Result<PathBuf, StoreError> {
-    std::path::absolute(path).map_err(|error| StoreError::CannotOpen {
-        path: path.to_owned(),
-        reason: error.to_string(),
-    })
+/// Fails if the file has another name, under which transactions may lie in another log. A file whose header
+/// says that it has no write-ahead log, such as a sealed store, is read under any name.
+fn require_one_log(path: &Path) -> Result<(), StoreError> {
+    let named = require_one_name(path);
+    if named.is_err() && at_rest(path) && has_no_log(path) { Ok(()) } else { named }
 }
 
 /// Determines the kind of file at `path`, without a lock or additional files.
@@ -199,7 +207,7 @@ fn look(path: &Path) -> Result<Presence, StoreError> {
 
 /// The application id and schema version in the file itself, without its write-ahead log.
 fn header(path: &Path) -> rusqlite::Result<(u32, u32)> {
-    let connection = open_immutable(path)?;
+    let connection = open_uri(path, IMMUTABLE)?;
     let number = |name| connection.pragma_query_value(None, name, |row| row.get(0));
     Ok((number("application_id")?, number("user_version")?))
 }
@@ -314,15 +322,24 @@ fn at_rest(path: &Path) -> bool {
     fs::metadata(beside(path, "-wal")).map_or(true, |metadata| metadata.len() == 0)
 }
 
+/// Whether the header says that the file has no write-ahead log. Without locks, SQLite cannot open a log.
+fn has_no_log(path: &Path) -> bool {
+    let opened = open_uri(path, "mode=ro&nolock=1");
+    opened.and_then(|file| file.query_row("SELECT 1 FROM sqlite_schema", [], |_| Ok(()))).is_ok()
+}
+
 /// A connection without locks and additional files, for folders in which this process cannot create the files
 /// that readers share with a writer.
 fn connect_immutable(path: &Path) -> rusqlite::Result<Connection> {
-    let connection = open_immutable(path)?;
+    let connection = open_uri(path, IMMUTABLE)?;
     configure_reader(&connection)?;
     Ok(connection)
 }
 
-fn open_immutable(path: &Path) -> rusqlite::Result<Connection> {
+/// Reads a file that no process changes.
+const IMMUTABLE: &str = "immutable=1";
+
+fn open_uri(path: &Path, settings: &str) -> rusqlite::Result<Connection> {
     let mut uri = String::from("file:");
     for byte in path.as_os_str().as_encoded_bytes() {
         match byte {
@@ -332,7 +349,7 @@ fn open_immutable(path: &Path) -> rusqlite::Result<Connection> {
             other => uri.push_str(&format!("%{other:02x}")),
         }
     }
-    uri.push_str("?immutable=1");
+    uri.push_str(&format!("?{settings}"));
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY
         | OpenFlags::SQLITE_OPEN_NO_MUTEX
         | OpenFlags::SQLITE_OPEN_URI;

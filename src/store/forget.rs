@@ -151,12 +151,14 @@ fn delete_jobs(connection: &Connection, held: &Held) -> rusqlite::Result<()> {
         .iter()
         .map(|(table, rows)| connection.prepare(&format!("DELETE FROM {table} WHERE {rows}")))
         .collect::<rusqlite::Result<Vec<_>>>()?;
+    let mut conflicts = connection.prepare("DELETE FROM recorded_conflict WHERE job = ?1")?;
     let mut job_row = connection.prepare("DELETE FROM job WHERE id = ?1")?;
     for (job, ..) in held.0.iter().filter(|(.., alone)| *alone) {
         let ids = runs.query_map([job], |row| row.get(0))?;
         for run in ids.collect::<rusqlite::Result<Vec<i64>>>()? {
             of_run.iter_mut().try_for_each(|delete| delete.execute([run]).map(drop))?;
         }
+        conflicts.execute([job])?;
         job_row.execute([job])?;
     }
     Ok(())

@@ -6,8 +6,8 @@ use std::process;
 
 use rusqlite::{Connection, OpenFlags, Transaction, TransactionBehavior};
 
-use super::beside::beside;
 use super::error::StoreError;
+use super::place::beside;
 use super::transaction::commit;
 
 /// Marks a SQLite file as a store: the letters `JITA`.
@@ -59,6 +59,10 @@ pub(super) const MIGRATIONS: &[Migration] = &[
     Migration {
         name: "0009_record_choices",
         sql: include_str!("../../migrations/0009_record_choices.sql"),
+    },
+    Migration {
+        name: "0010_show_conflicts_and_machines",
+        sql: include_str!("../../migrations/0010_show_conflicts_and_machines.sql"),
     },
 ];
 

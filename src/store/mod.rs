@@ -23,10 +23,10 @@
 //! Imports between the files of this module have no cycles.
 
 mod among;
-mod beside;
 mod choice;
 mod claim;
 mod completed;
+mod conflict;
 mod copy;
 mod counts;
 mod crash;
@@ -50,6 +50,7 @@ mod merge;
 mod migrate;
 mod mount;
 mod participant;
+mod place;
 mod query;
 mod read;
 mod results;
@@ -78,7 +79,7 @@ pub use doctor::{Diagnosis, Finding, examine};
 pub use earlier_manifest::UsedManifest;
 pub use error::StoreError;
 pub use experiment::{Experiment, Registered};
-pub use export::{Column, columns, exports};
+pub use export::{Column, columns};
 pub use forget::{Belongings, Forgotten};
 pub use job_states::JobStates;
 pub use liveness::host_name;
@@ -86,6 +87,7 @@ pub use merge::{
     Conflict, Damage, MergeProgress, Merged, OtherManifest, Sources, merge, stores_of,
 };
 pub use migrate::SCHEMA_VERSION;
+pub use place::{beside, resolve};
 pub use query::{Answer, Interrupter, QueryError, VIEWS, Value};
 pub use read::{FailedJob, Pace, Reader};
 pub use results::{Finished, RunEnd};

@@ -10,7 +10,7 @@ use super::error::is_damage;
 use super::read::Reader;
 
 /// The public views, which `docs/store.md` describes.
-pub const VIEWS: [&str; 10] = [
+pub const VIEWS: [&str; 11] = [
     "run_summary",
     "parameter",
     "metric",
@@ -21,6 +21,7 @@ pub const VIEWS: [&str; 10] = [
     "decision",
     "participant",
     "manifest",
+    "conflict",
 ];
 
 /// Why a query failed.

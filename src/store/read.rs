@@ -12,6 +12,7 @@ use super::liveness::ProcessTable;
 use super::seed_group::SeedGroups;
 use super::session::{self, Holders};
 use super::state::{JobState, state_sql};
+use super::writer::Store;
 use super::{file, sandbox, schema};
 
 /// The store, open for reading. It never writes and never waits for a writer. Every call sees the latest
@@ -57,7 +58,11 @@ impl Reader {
     ///
     /// **Errors**: `path` does not exist, is not a store, or is a store of a newer release.
     pub fn open(path: &Path) -> Result<Reader, StoreError> {
-        let (mut connection, path) = file::open_reader(path)?;
+        let (connection, path) = file::open_reader(path)?;
+        Reader::of(connection, path)
+    }
+
+    fn of(mut connection: Connection, path: PathBuf) -> Result<Reader, StoreError> {
         schema::require(&connection, &path)?;
         sandbox::allow_reading_only(&mut connection)
             .map_err(|source| StoreError::sqlite(&path, "open the store", source))?;
@@ -69,6 +74,14 @@ impl Reader {
         self.read("read the schema", |connection| {
             let named = "SELECT EXISTS (SELECT 1 FROM sqlite_schema WHERE name = ?1)";
             Ok(connection.prepare_cached(named)?.query_row([name], |row| row.get(0))?)
+        })
+    }
+
+    /// Whether a view has a column, which it may lack in stores of earlier versions.
+    pub fn has_column(&self, view: &str, name: &str) -> Result<bool, StoreError> {
+        self.read("read the schema", |connection| {
+            let named = "SELECT EXISTS (SELECT 1 FROM pragma_table_info(?1) WHERE name = ?2)";
+            Ok(connection.prepare_cached(named)?.query_row([view, name], |row| row.get(0))?)
         })
     }
 
@@ -207,6 +220,15 @@ impl Reader {
         body: impl FnOnce(&Connection) -> Result<T, Fault>,
     ) -> Result<T, StoreError> {
         body(&self.connection).map_err(|fault| fault.at(&self.path, action))
+    }
+}
+
+impl Store {
+    /// Opens the store for reading, under the name by which it is open. It may have got another name since.
+    ///
+    /// **Errors**: as [`Reader::open`].
+    pub fn reader(&self) -> Result<Reader, StoreError> {
+        Reader::of(file::open_reader_at(&self.path)?, self.path.clone())
     }
 }
 

@@ -13,6 +13,9 @@ use super::insert::insert_rows;
 use super::writer::Store;
 use super::{choice, decision, participant};
 
+/// The metric that is undefined for one test episode.
+const SD_RETURN: &str = "sd_return";
+
 /// The end of a claimed run.
 #[derive(Clone, Copy, Debug)]
 pub struct RunEnd<'a> {
@@ -93,7 +96,13 @@ fn insert_results(connection: &Connection, run: i64, results: &Results) -> rusql
     let mut names = MetricNames { connection, ids: HashMap::new() };
     let metrics = results.metrics.iter();
     let metrics = metrics.map(|metric| Ok((names.id(metric.name)?, metric.value)));
-    let metrics = metrics.collect::<rusqlite::Result<Vec<_>>>()?.into_iter();
+    let mut metrics = metrics.collect::<rusqlite::Result<Vec<_>>>()?;
+    // The standard deviation of one episode is undefined, and readers and views show none. The file has the
+    // 0 that earlier releases stored, so that equal results have equal digests.
+    if results.episodes.len() == 1 && results.metrics.iter().all(|one| one.name != SD_RETURN) {
+        metrics.push((names.id(SD_RETURN)?, 0.0));
+    }
+    let metrics = metrics.into_iter();
     let metrics = metrics.map(|(metric, value)| [run.into(), metric.into(), value.into()]);
     insert_rows(connection, "run_metric", metrics)?;
     // Sorted by the table's key, so that every row is appended.

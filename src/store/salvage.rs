@@ -9,11 +9,11 @@ use std::path::{Path, PathBuf};
 
 use rusqlite::Connection;
 
-use super::beside::beside;
 use super::copy::{Copied, Ended, RunCopy, copy};
 use super::error::StoreError;
 use super::file;
 use super::migrate;
+use super::place::{beside, resolve};
 use super::verify::CheckWeights;
 use super::writer::Store;
 
@@ -47,7 +47,7 @@ pub fn salvage(
         return Err(StoreError::InTheWay { path: new.to_owned() });
     }
     // The new store gets its name only when it is complete. A killed salvage leaves its partial store.
-    let partial = beside(new, ".partial");
+    let (damaged, partial) = (&resolve(damaged)?, beside(new, ".partial"));
     remove(&partial);
     let salvaged = write_new(damaged, &partial, check_weights).and_then(|salvaged| {
         let renamed = fs::rename(&partial, new).map_err(|error| StoreError::CannotOpen {

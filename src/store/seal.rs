@@ -5,14 +5,15 @@ use std::path::Path;
 
 use rusqlite::{Connection, OpenFlags};
 
-use super::beside::beside;
 use super::error::StoreError;
+use super::place::{beside, resolve};
 
 /// Moves the write-ahead log of a store that no process has open into its file, and switches the log off. The
 /// file alone is then the store.
 ///
 /// **Errors**: the store cannot be written, or another process has it open.
 pub fn seal(path: &Path) -> Result<(), StoreError> {
+    let path = &resolve(path)?;
     let error = |source| StoreError::sqlite(path, "seal the store", source);
     let connection =
         Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_WRITE).map_err(error)?;

@@ -318,13 +318,15 @@ impl Tested {
             self.episodes.iter().map(|e| (e.total_reward - mean) * (e.total_reward - mean)).sum();
         let steps: u64 = self.episodes.iter().map(|e| u64::from(e.length)).sum();
         let disengaged = self.episodes.iter().filter(|e| e.disengaged).count();
-        let mut metrics = vec![
-            Metric { name: "mean_return", value: mean },
-            Metric { name: "sd_return", value: (squares / (n - 1.0).max(1.0)).sqrt() },
+        let mut metrics = vec![Metric { name: "mean_return", value: mean }];
+        if self.episodes.len() > 1 {
+            metrics.push(Metric { name: "sd_return", value: (squares / (n - 1.0)).sqrt() });
+        }
+        metrics.extend([
             Metric { name: "mean_length", value: steps as f64 / n },
             Metric { name: "disengagement_rate", value: disengaged as f64 / n },
             Metric { name: "message_rate", value: self.messages as f64 / steps as f64 },
-        ];
+        ]);
         if let Some(costs) = self.costs {
             let value = mean - costs / n;
             metrics.push(Metric { name: "mean_net_return", value });
@@ -420,7 +422,9 @@ mod tests {
             messages: 0,
             costs: None,
         };
-        assert!(tested.metrics().iter().all(|m| m.name != "mean_net_return"));
+        let names: Vec<&str> = tested.metrics().iter().map(|m| m.name).collect();
+        let defined = ["mean_return", "mean_length", "disengagement_rate", "message_rate"];
+        assert_eq!(names, defined);
         assert!(tested.metrics().iter().all(|m| m.value.is_finite()));
     }
 }

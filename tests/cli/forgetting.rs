@@ -2,6 +2,8 @@
 
 use std::fs;
 
+use rusqlite::Connection;
+
 use crate::support::{Effort, Folder, assert_same_rows, manifest, until};
 
 /// Two experiments; the second shares the jobs of one sigma with the first.
@@ -100,6 +102,34 @@ fn results_that_no_experiment_holds_are_counted() {
 }
 
 #[test]
+fn the_latest_change_of_a_manifest_is_the_last_one_whatever_the_clock_said() {
+    let folder = two();
+    let text = |seeds: &str| manifest("sweep", "[0.4, 0.6]", seeds, Effort::Trivial);
+    // The first run was ten days ahead.
+    let ahead = "UPDATE experiment SET created_at = '2999-01-01T00:00:00.000Z',
+        updated_at = '2999-01-01T00:00:00.000Z' WHERE name = 'sweep'";
+    Connection::open(folder.path("jitai.sqlite")).unwrap().execute_batch(ahead).unwrap();
+    for seeds in ["3", "4"] {
+        folder.write("sweep.toml", text(seeds));
+        folder.jitai(["run", "sweep.toml", "--quiet"]).succeeded();
+    }
+    let status = folder.jitai(["status"]).succeeded();
+    status.prints("(the latest of 2 changes)").prints("  - seeds = 3\n  + seeds = 4\n");
+    let changes = folder.jitai(["status", "--format", "json"]).succeeded().json();
+    let added = |place: usize| changes[0]["manifest_changes"][place]["added"][0].clone();
+    assert_eq!((added(0), added(1)), ("seeds = 3".into(), "seeds = 4".into()));
+    folder.jitai(["export", "--out", "export"]).succeeded();
+    let mut rows = csv::Reader::from_path(folder.path("export/manifest.csv")).unwrap();
+    let rows: Vec<csv::StringRecord> = rows.records().map(Result::unwrap).collect();
+    let rows: Vec<(&str, bool)> = rows
+        .iter()
+        .filter(|row| &row[0] == "sweep")
+        .map(|row| (&row[4], row[3].contains("seeds = 4")))
+        .collect();
+    assert_eq!(rows, [("1", false), ("2", false), ("3", true)]);
+}
+
+#[test]
 fn every_text_of_a_manifest_is_kept_and_status_shows_what_changed() {
     let folder = two();
     assert!(!folder.jitai(["status"]).succeeded().stdout.contains("changed"));
@@ -118,7 +148,7 @@ fn every_text_of_a_manifest_is_kept_and_status_shows_what_changed() {
     let changes = status[0]["manifest_changes"].as_array().unwrap();
     assert_eq!(changes.len(), 2);
     assert_eq!(changes[0]["added"], changes[1]["removed"]);
-    let texts = "SELECT manifest FROM manifest WHERE experiment = 'sweep' ORDER BY used_from";
+    let texts = "SELECT manifest FROM manifest WHERE experiment = 'sweep' ORDER BY number";
     let kept = folder.jitai(["query", texts, "--format", "json"]).succeeded().json();
     let kept: Vec<&str> =
         kept.as_array().unwrap().iter().map(|row| row["manifest"].as_str().unwrap()).collect();

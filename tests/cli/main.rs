@@ -9,6 +9,7 @@ mod exits;
 mod external;
 mod failures;
 mod forgetting;
+mod links;
 mod memory;
 mod merging;
 mod names;

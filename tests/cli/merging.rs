@@ -97,7 +97,7 @@ fn views(folder: &Folder) -> Vec<(String, Vec<u8>)> {
         ORDER BY 1, 2, 3, 8";
     let runs = folder.jitai(["query", runs, "--format", "csv"]).succeeded().stdout;
     views.push(("run_summary".to_owned(), runs.into_bytes()));
-    let manifests = "SELECT experiment, manifest FROM manifest ORDER BY 1, used_from";
+    let manifests = "SELECT experiment, manifest FROM manifest ORDER BY 1, number";
     let manifests = folder.jitai(["query", manifests, "--format", "csv"]).succeeded().stdout;
     views.push(("manifest".to_owned(), manifests.into_bytes()));
     views
@@ -291,6 +291,39 @@ fn a_job_with_other_results_is_a_conflict_and_the_store_keeps_its_own() {
     assert_eq!(json["conflicts"][0]["ours"]["host"], "here");
     assert_eq!(json["conflicts"][0]["theirs"]["results_sha256"], *theirs);
     assert_same_rows(&folder.dump(), &before);
+
+    // The view has the conflict once, and a merge passes it on. A store that has the other results has
+    // none of its own.
+    let conflicts = |store: &str| {
+        let sql =
+            "SELECT job_key, source, results_sha256, host, processor, code_version, kept_sha256
+            FROM conflict";
+        folder.jitai(["query", sql, "--format", "csv", "--store", store]).succeeded().stdout
+    };
+    let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap();
+    let found = conflicts("jitai.sqlite");
+    assert_eq!(found.lines().count(), 2, "{found}");
+    let start = format!("{key},theirs.sqlite,{theirs},{},", host.trim());
+    assert!(found.lines().nth(1).unwrap().starts_with(&start), "{found}");
+    assert!(found.trim_end().ends_with(&format!(",0.1.0,{ours}")), "{found}");
+    folder.jitai(["merge", "jitai.sqlite", "--store", "copy.sqlite"]).succeeded();
+    assert_eq!(conflicts("copy.sqlite"), found);
+    folder.jitai(["merge", "copy.sqlite", "--store", "theirs.sqlite"]).ended(1);
+    let turned = conflicts("theirs.sqlite");
+    let start = format!("{key},copy.sqlite,{ours},here,any,");
+    assert!(turned.lines().nth(1).unwrap().starts_with(&start), "{turned}");
+    assert_eq!(turned.lines().count(), 2, "{turned}");
+    folder.jitai(["export", "--out", "export"]).succeeded();
+    assert_eq!(folder.read("export/conflict.csv").lines().count(), 2);
+    let machines = "SELECT DISTINCT host, processor, backend, git_revision FROM run_summary";
+    let machines = folder.jitai(["query", machines, "--format", "csv"]).succeeded();
+    machines.prints("here,any,");
+    folder.jitai(["doctor"]).succeeded().prints("is healthy");
+    folder.jitai(["doctor", "--salvage", "saved.sqlite"]).succeeded();
+    assert_eq!(conflicts("saved.sqlite"), found);
+    folder.jitai(["forget", "sweep", "--results", "--yes"]).succeeded();
+    assert_eq!(conflicts("jitai.sqlite").lines().count(), 1);
+    folder.jitai(["doctor"]).succeeded().prints("is healthy");
 }
 
 #[test]

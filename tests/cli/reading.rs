@@ -251,6 +251,40 @@ fn an_export_of_one_experiment_has_its_rows_alone_and_says_what_they_are() {
 }
 
 #[test]
+fn an_export_removes_the_manifests_of_an_earlier_one_unless_they_were_changed() {
+    let folder = Folder::completed(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    for name in ["other", "third"] {
+        folder.write("other.toml", manifest(name, "0.6", "1", Effort::Trivial));
+        folder.jitai(["run", "other.toml", "--quiet"]).succeeded();
+    }
+    folder.jitai(["export", "--out", "out"]).succeeded();
+    folder.write("out/manifests/mine.toml", "written by somebody");
+    folder.write("out/manifests/third.toml", "changed by somebody");
+    folder.write("other.toml", "not of the export");
+    for name in ["other", "third"] {
+        folder.jitai(["forget", name, "--yes"]).succeeded();
+    }
+    let export = folder.jitai(["export", "--out", "out"]).succeeded();
+    export
+        .says("out/manifests/other.toml removed")
+        .says("third.toml of an earlier export was changed");
+    let mut left: Vec<_> = fs::read_dir(folder.path("out/manifests"))
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    left.sort();
+    assert_eq!(left, [".index.csv", "mine.toml", "sweep.toml", "third.toml"]);
+    assert_eq!(folder.read("other.toml"), "not of the export");
+    // A list that was tampered with names no file outside of its folder.
+    let index = folder.read("out/manifests/.index.csv");
+    let digest = "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855";
+    folder.write("out/manifests/.index.csv", format!("{index}../../empty,x,{digest}\n"));
+    folder.write("empty", "");
+    folder.jitai(["export", "--out", "out"]).succeeded();
+    assert!(folder.path("empty").exists());
+}
+
+#[test]
 fn an_export_names_the_files_that_its_manifests_read() {
     let text = manifest("sweep", "0.6", "1", Effort::Trivial);
     let folder = Folder::with(&text.replacen(

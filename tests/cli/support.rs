@@ -15,8 +15,17 @@ const PATIENCE: Duration = Duration::from_secs(120);
 const GLANCE: Duration = Duration::from_millis(2);
 
 /// Columns that depend on the circumstances of a run, not on the content of its job.
-const CIRCUMSTANCES: [&str; 5] =
-    ["attempt", "wall_seconds", "started_at", "ended_at", "code_version"];
+const CIRCUMSTANCES: [&str; 9] = [
+    "attempt",
+    "wall_seconds",
+    "started_at",
+    "ended_at",
+    "code_version",
+    "host",
+    "processor",
+    "backend",
+    "git_revision",
+];
 
 /// The duration of the jobs of a [`manifest`].
 #[derive(Clone, Copy, Debug)]
@@ -167,9 +176,9 @@ impl Folder {
     pub fn dump(&self) -> Vec<String> {
         let store = self.store();
         let mut lines = Vec::new();
-        // A row of arm_summary depends on the other jobs of its experiment, and a row of manifest
-        // depends on the time of the run.
-        let left_out = ["arm_summary", "manifest"];
+        // A row of arm_summary depends on the other jobs of its experiment, a row of manifest on the
+        // time of the run, and a row of conflict on merges.
+        let left_out = ["arm_summary", "manifest", "conflict"];
         for view in views(&store).into_iter().filter(|view| !left_out.contains(&view.as_str())) {
             let columns: Vec<String> = columns(&store, &view)
                 .into_iter()

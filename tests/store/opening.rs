@@ -7,7 +7,7 @@ use std::thread;
 use jitai::store::{Reader, SCHEMA_VERSION, Store, StoreError};
 use rusqlite::Connection;
 
-use crate::sample::{Sample, completed, dqn, raw};
+use crate::sample::{Sample, completed, dqn, experiment, raw};
 
 fn refused(path: &Path, expected: &str) {
     let write = Store::open(path).unwrap_err().to_string();
@@ -99,6 +99,26 @@ fn what_is_no_database_is_refused() {
     refused(&folder.path().join("absent/a.sqlite"), "create it first");
     refused(Path::new("/dev/null"), "is a device or pipe, not a store");
     assert_eq!(fs::read(folder.path().join("notes.txt")).unwrap(), b"hello");
+}
+
+#[test]
+fn a_store_that_gets_a_second_name_while_it_is_open_stays_usable_under_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, link) = (folder.path().join("a.sqlite"), folder.path().join("link.sqlite"));
+    std::os::unix::fs::symlink("a.sqlite", &link).unwrap();
+    let mut store = Store::open(&link).unwrap();
+    assert_eq!(store.path(), path.canonicalize().unwrap());
+    let second = folder.path().join("second.sqlite");
+    fs::hard_link(&path, &second).unwrap();
+    store.register(&experiment("sweep"), [("dqn", dqn(0.4, 1))]).unwrap();
+    assert_eq!(store.reader().unwrap().experiment_counts().unwrap()[0].counts.pending, 1);
+    for other in [&path, &link, &second] {
+        assert!(matches!(Store::open(other), Err(StoreError::HardLinked { names: 2, .. })));
+        assert!(matches!(Reader::open(other), Err(StoreError::HardLinked { names: 2, .. })));
+    }
+    drop(store);
+    fs::remove_file(&second).unwrap();
+    assert_eq!(Reader::open(&link).unwrap().experiment_counts().unwrap()[0].counts.pending, 1);
 }
 
 #[cfg(target_os = "linux")]

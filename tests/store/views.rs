@@ -6,9 +6,9 @@ use std::path::Path;
 use jitai::plan::Job;
 use jitai::record::Outcome;
 
-use crate::sample::{Sample, completed, dqn, failed, number, realistic, reinforce};
+use crate::sample::{Sample, completed, dqn, failed, number, realistic, reinforce, results};
 
-const VIEWS: [&str; 10] = [
+const VIEWS: [&str; 11] = [
     "run_summary",
     "parameter",
     "metric",
@@ -19,6 +19,7 @@ const VIEWS: [&str; 10] = [
     "decision",
     "participant",
     "manifest",
+    "conflict",
 ];
 
 fn documentation() -> String {
@@ -102,6 +103,37 @@ fn the_views_show_what_was_stored() {
         "0.9 1.0 0 2 17"
     );
     assert_eq!(line("SELECT value FROM parameter WHERE name = 'agent.layers'"), "[128,128]");
+}
+
+#[test]
+fn the_standard_deviation_of_one_episode_is_null_although_the_file_has_a_number() {
+    let job = dqn(0.4, 7);
+    let mut sample = Sample::with(std::slice::from_ref(&job));
+    let mut one = results();
+    one.episodes.truncate(1);
+    // What earlier releases stored.
+    one.metrics[1].value = 0.0;
+    sample.run(&job, &Outcome::Completed(one.clone()));
+    let raw = sample.raw();
+    let stored = "SELECT count(*) FROM run_metric WHERE value = 0.0";
+    assert_eq!(number(&raw, stored), 1);
+    for undefined in [
+        "run_summary WHERE sd_return IS NULL AND mean_return = 1.0",
+        "arm_summary WHERE sd_return IS NULL AND mean_return = 1.0",
+        "metric WHERE name = 'sd_return' AND value IS NULL",
+    ] {
+        assert_eq!(number(&raw, &format!("SELECT count(*) FROM {undefined}")), 1, "{undefined}");
+    }
+    assert_eq!(number(&raw, "SELECT count(*) FROM metric WHERE value IS NULL"), 1);
+    // Today's results, which do not have the metric, have the same digest.
+    let mut today = Sample::with(std::slice::from_ref(&job));
+    one.metrics.remove(1);
+    today.run(&job, &Outcome::Completed(one));
+    let digest = |raw: &Connection| {
+        let sql = "SELECT hex(results_sha256) FROM run";
+        raw.query_row(sql, [], |row| row.get::<_, String>(0)).unwrap()
+    };
+    assert_eq!(digest(&raw), digest(&today.raw()));
 }
 
 #[test]

@@ -57,6 +57,9 @@ pub(in crate::store) type JobRow = NamedRow<4>;
 /// Which experiment holds which job: `experiment`, `job`, `agent`, `position`.
 pub(in crate::store) type MembershipRow = [Value; 4];
 
+/// A conflict that an earlier merge found: its job, and the columns of [`crate::store::conflict::COLUMNS`].
+pub(in crate::store) type ConflictRow = [Value; 8];
+
 /// A session of the source.
 pub(in crate::store) struct SessionRow {
     /// The columns of [`SESSION`].
@@ -115,6 +118,7 @@ pub(in crate::store) enum Batch {
     Jobs(Vec<JobRow>),
     Memberships(Vec<MembershipRow>),
     Runs(Vec<CopiedRun>),
+    Conflicts(Vec<ConflictRow>),
     /// The sessions of the source with their ends, after the last run.
     Sessions(Vec<Arc<SessionRow>>),
 }

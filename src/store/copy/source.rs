@@ -6,13 +6,14 @@ use std::sync::Arc;
 use rusqlite::Connection;
 use rusqlite::types::Value;
 
+use crate::store::conflict;
 use crate::store::earlier_manifest;
 use crate::store::verify::{self, CheckWeights, row_ids};
 
 use super::results::{MetricNames, ResultRows};
 use super::rows::{
-    Batch, Content, CopiedRun, EarlierManifests, Ended, ExperimentRow, JobRow, MembershipRow,
-    NamedRow, SESSION, SessionRow,
+    Batch, ConflictRow, Content, CopiedRun, EarlierManifests, Ended, ExperimentRow, JobRow,
+    MembershipRow, NamedRow, SESSION, SessionRow,
 };
 use super::sql::{read_row, read_rows};
 
@@ -88,6 +89,7 @@ impl<'a> Source<'a> {
             let batch = self.runs(&mut runs);
             give(Batch::Runs(batch))?;
         }
+        give(Batch::Conflicts(self.conflicts()))?;
         give(Batch::Sessions(self.sessions.into_values().flatten().collect()))?;
         Ok(!whole)
     }
@@ -102,6 +104,17 @@ impl<'a> Source<'a> {
             EarlierManifests { experiment: *experiment, texts }
         };
         experiments.iter().map(of).collect()
+    }
+
+    /// The conflicts that earlier merges found, as far as they are readable.
+    fn conflicts(&self) -> Vec<ConflictRow> {
+        if !conflict::are_known(self.connection).unwrap_or(false) {
+            return Vec::new();
+        }
+        let select =
+            format!("SELECT job, {} FROM recorded_conflict WHERE id = ?1", conflict::COLUMNS);
+        let row = |id| read_row(self.connection, &select, id);
+        row_ids(self.connection, "recorded_conflict").0.into_iter().filter_map(row).collect()
     }
 
     fn experiments(&self) -> Vec<ExperimentRow> {

@@ -1,17 +1,19 @@
 //! Writing the target: inserts missing rows and keeps existing ones.
 
 use std::collections::HashMap;
+use std::path::Path;
 use std::sync::Arc;
 
 use rusqlite::types::Value;
 use rusqlite::{Connection, OptionalExtension};
 
+use crate::store::conflict;
 use crate::store::earlier_manifest;
 use crate::store::transaction::NOW;
 
 use super::rows::{
-    Content, CopiedRun, EarlierManifests, Ended, ExperimentRow, JobRow, MembershipRow, NamedRow,
-    SESSION, SessionRow,
+    ConflictRow, Content, CopiedRun, EarlierManifests, Ended, ExperimentRow, JobRow, MembershipRow,
+    NamedRow, SESSION, SessionRow,
 };
 use super::sql::{Written, find, write};
 
@@ -66,6 +68,8 @@ pub(in crate::store) struct ExperimentsCopied {
 /// The target of a copy: maps row ids of the current source to row ids of the target.
 #[derive(Default)]
 pub(in crate::store) struct Target {
+    /// The path of the source.
+    source: String,
     experiments: HashMap<i64, i64>,
     jobs: HashMap<i64, i64>,
     sessions: HashMap<i64, i64>,
@@ -116,6 +120,11 @@ fn insert_missing<const COLUMNS: usize>(
 }
 
 impl Target {
+    /// The target of a copy from the store at `source`.
+    pub(super) fn new(source: &Path) -> Self {
+        Target { source: source.display().to_string(), ..Target::default() }
+    }
+
     /// Copies the experiments whose names the target lacks.
     pub(in crate::store) fn experiments(
         &mut self,
@@ -202,6 +211,7 @@ impl Target {
             }
             (Ended::Completed, Some((own, true, _))) => {
                 let (theirs, ours) = (run.origin(), origin_of(target, own)?);
+                self.record_conflict(target, job, &run.digest, &theirs)?;
                 Ok(RunCopy::Conflict(Box::new(Origins { theirs, ours })))
             }
             (Ended::Failed | Ended::Interrupted, Some((_, true, _))) => Ok(RunCopy::AlreadyThere),
@@ -217,6 +227,45 @@ impl Target {
                 })
             }
         }
+    }
+
+    /// Records results that are not copied, unless they are recorded already.
+    fn record_conflict(
+        &self,
+        target: &Connection,
+        job: i64,
+        digest: &Value,
+        theirs: &Origin,
+    ) -> rusqlite::Result<()> {
+        let insert = format!(
+            "INSERT INTO recorded_conflict (job, {}) VALUES (?1, ?2, {NOW}, ?3, ?4, ?5, ?6, ?7)",
+            conflict::COLUMNS
+        );
+        let Origin { host, processor, code_version, git_revision, .. } = theirs.clone();
+        let texts = [self.source.clone(), host, processor, code_version, git_revision];
+        let mut values = vec![job.into(), digest.clone()];
+        values.extend(texts.map(Value::Text));
+        write(target, &insert, &values).map(drop)
+    }
+
+    /// Copies the conflicts of the source, unless they are recorded already.
+    pub(super) fn conflicts(
+        &self,
+        target: &Connection,
+        conflicts: &[ConflictRow],
+    ) -> rusqlite::Result<()> {
+        let insert = format!(
+            "INSERT INTO recorded_conflict (job, {}) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
+            conflict::COLUMNS
+        );
+        for row in conflicts {
+            if let Some(job) = translate(&self.jobs, &row[0]) {
+                let mut values = row.clone();
+                values[0] = job;
+                write(target, &insert, &values)?;
+            }
+        }
+        Ok(())
     }
 
     /// Inserts a run with its results, or nothing at all.

@@ -1,5 +1,7 @@
 //! Copying batches from a source to a target, in one transaction each.
 
+use std::path::Path;
+
 use rusqlite::Connection;
 
 use crate::store::error::StoreError;
@@ -26,13 +28,17 @@ pub(in crate::store) struct Copied {
 }
 
 /// Writes the batches of one source.
-#[derive(Default)]
 pub(in crate::store) struct Copier {
     target: Target,
     pub(in crate::store) copied: Copied,
 }
 
 impl Copier {
+    /// The writer of batches from the store at `source`.
+    pub(in crate::store) fn new(source: &Path) -> Self {
+        Copier { target: Target::new(source), copied: Copied::default() }
+    }
+
     /// Writes a batch. Calls `report` with the result for every run, once the result is on the disk.
     ///
     /// **Errors**: `to` cannot be written. Batches that were committed before remain.
@@ -63,6 +69,9 @@ impl Copier {
                 })?;
                 runs.iter().zip(became).for_each(|(run, became)| report(run, became));
             }
+            Batch::Conflicts(rows) => {
+                to.write(ACTION, |open| Ok(target.conflicts(open, rows)?))?;
+            }
             Batch::Sessions(rows) => {
                 to.write_durably(ACTION, |open| Ok(target.end_sessions(open, rows)?))?;
             }
@@ -85,7 +94,7 @@ pub(in crate::store) fn copy(
     let snapshot = from
         .unchecked_transaction()
         .map_err(|source| StoreError::sqlite(&to.path, "read the source of a copy", source))?;
-    let mut copier = Copier::default();
+    let mut copier = Copier::new(Path::new(from.path().unwrap_or_default()));
     let source = Source::new(&snapshot, Extent::Everything(check_weights));
     let unreadable = source.read(|batch| copier.write(to, &batch, &mut report))?;
     Ok(Copied { runs_unreadable: unreadable, ..copier.copied })

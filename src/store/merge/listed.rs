@@ -5,35 +5,31 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use crate::store::error::StoreError;
+use crate::store::place::resolve;
 
 /// The folder of a submission that holds its parts.
 const PARTS: &str = "parts";
 
 /// The stores that `from` names, in order and without duplicates, to be merged into the store at `into`. A
 /// folder stands for all files in it and in its subfolder `parts` whose names end in `.sqlite`, sorted by
-/// name, except `into`.
+/// name, except `into`. A link to a missing file is listed too, so that opening it fails.
 ///
-/// **Errors**: a path does not exist, a folder cannot be read, or `into` itself is named.
+/// **Errors**: links lead in a circle, a folder cannot be read, or `into` itself is named.
 pub fn stores_of(from: &[PathBuf], into: &Path) -> Result<Vec<PathBuf>, StoreError> {
-    let place = |path: &Path| path.canonicalize().ok();
-    let target = place(into);
+    let target = resolve(into)?;
     let mut places = Vec::new();
     let mut stores = Vec::new();
     for path in from {
         let found = if path.is_dir() {
-            let in_folder = stores_in(path)?;
-            in_folder
-                .into_iter()
-                .filter(|store| target.is_none() || place(store) != target)
-                .collect()
-        } else if target.is_some() && place(path) == target {
+            stores_in(path)?
+        } else if resolve(path)? == target {
             return Err(StoreError::MergeIntoItself { path: path.clone() });
         } else {
             vec![path.clone()]
         };
         for store in found {
-            let place = place(&store).unwrap_or_else(|| store.clone());
-            if !places.contains(&place) {
+            let place = resolve(&store)?;
+            if place != target && !places.contains(&place) {
                 places.push(place);
                 stores.push(store);
             }
@@ -46,7 +42,8 @@ pub fn stores_of(from: &[PathBuf], into: &Path) -> Result<Vec<PathBuf>, StoreErr
 fn stores_in(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     let mut stores = listed(folder)?;
     let parts = folder.join(PARTS);
-    if parts.is_dir() {
+    // A link to a missing folder cannot be listed, which is an error.
+    if parts.is_dir() || parts.is_symlink() {
         stores.extend(listed(&parts)?);
     }
     Ok(stores)
@@ -57,7 +54,7 @@ fn listed(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
         let mut stores = Vec::new();
         for entry in fs::read_dir(folder)? {
             let path = entry?.path();
-            if path.extension().is_some_and(|extension| extension == "sqlite") && path.is_file() {
+            if path.extension().is_some_and(|extension| extension == "sqlite") && !path.is_dir() {
                 stores.push(path);
             }
         }
@@ -72,6 +69,8 @@ fn listed(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
 
 #[cfg(test)]
 mod tests {
+    use std::os::unix::fs::symlink;
+
     use super::*;
 
     #[test]
@@ -92,12 +91,30 @@ mod tests {
     }
 
     #[test]
+    fn what_a_folder_cannot_give_is_not_skipped() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        let into = path("into.sqlite");
+        let list = || stores_of(&[folder.path().to_owned()], &into);
+        symlink("/gone/a.sqlite", path("a.sqlite")).unwrap();
+        assert_eq!(list().unwrap(), [path("a.sqlite")]);
+        symlink("b.sqlite", path("b.sqlite")).unwrap();
+        assert!(matches!(list(), Err(StoreError::CannotOpen { .. })));
+        fs::remove_file(path("b.sqlite")).unwrap();
+        symlink("/gone/parts", path("parts")).unwrap();
+        assert!(matches!(list(), Err(StoreError::NotMergeable { .. })));
+    }
+
+    #[test]
     fn a_store_is_not_merged_into_itself() {
         let folder = tempfile::tempdir().unwrap();
         let into = folder.path().join("a.sqlite");
         fs::write(&into, "").unwrap();
-        let other_spelling = folder.path().join(".").join("a.sqlite");
-        let error = stores_of(&[other_spelling], &into).unwrap_err();
-        assert!(matches!(error, StoreError::MergeIntoItself { .. }), "{error}");
+        let link = folder.path().join("link.sqlite");
+        symlink("a.sqlite", &link).unwrap();
+        for other_name in [folder.path().join(".").join("a.sqlite"), link] {
+            let error = stores_of(&[other_name], &into).unwrap_err();
+            assert!(matches!(error, StoreError::MergeIntoItself { .. }), "{error}");
+        }
     }
 }

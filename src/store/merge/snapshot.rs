@@ -47,9 +47,10 @@ pub(super) fn count(path: &Path) -> Result<usize, StoreError> {
     Ok(connection.query_row(count, [], |row| row.get(0)).unwrap_or(0))
 }
 
-/// A connection to the store with its own schema, in a transaction, and the absolute path.
+/// A connection to the store with its own schema, in a transaction, and the name of its file.
 fn open_as_it_is(path: &Path) -> Result<(Connection, PathBuf), StoreError> {
-    let (connection, path) = file::open_reader(path).map_err(in_words_of_a_merge)?;
+    let opened = file::open_reader(path);
+    let (connection, path) = opened.map_err(|error| in_words_of_a_merge(path, error))?;
     connection
         .execute_batch("BEGIN")
         .map_err(|source| StoreError::sqlite(&path, "read the store", source))?;
@@ -57,13 +58,18 @@ fn open_as_it_is(path: &Path) -> Result<(Connection, PathBuf), StoreError> {
     Ok((connection, path))
 }
 
-/// Converts an error of opening a store to one without advice about the target.
-fn in_words_of_a_merge(error: StoreError) -> StoreError {
+/// Converts an error of opening a store at `source` to one without advice about the target.
+fn in_words_of_a_merge(source: &Path, error: StoreError) -> StoreError {
     let not_mergeable =
         |path, reason: &str| StoreError::NotMergeable { path, reason: reason.to_owned() };
     match error {
-        StoreError::Missing { path } => not_mergeable(path, "it does not exist"),
-        StoreError::MissingFolder { path, .. } => not_mergeable(path, "it does not exist"),
+        StoreError::Missing { path } | StoreError::MissingFolder { path, .. } => {
+            let reason = match source.is_symlink() {
+                true => format!("it is a link to `{}`, which does not exist", path.display()),
+                false => "it does not exist".to_owned(),
+            };
+            StoreError::NotMergeable { path: source.to_owned(), reason }
+        }
         StoreError::Empty { path } => not_mergeable(path, "it is an empty file"),
         StoreError::NotAStore { path, what } => not_mergeable(path, &format!("it is {what}")),
         StoreError::Foreign { path } => {

@@ -137,7 +137,7 @@ fn take(
     mut handled: impl FnMut(usize),
 ) -> Result<(), StoreError> {
     let damage = |what: String| Damage { source: path.to_owned(), job_key: None, what };
-    let mut copier = Copier::default();
+    let mut copier = Copier::new(path);
     // A thread that panicked sends no last message; the scope propagates its panic.
     for message in from {
         match message {
