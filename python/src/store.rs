@@ -6,7 +6,7 @@ use std::sync::{Mutex, MutexGuard, TryLockError};
 use std::thread;
 use std::time::Duration;
 
-use jitai::results::{Answer, ColumnType, QueryError, Reader, SqlValue, exports};
+use jitai::results::{Answer, ColumnType, QueryError, Reader, SqlValue};
 use jitai::store::StoreError;
 use numpy::PyArray1;
 use pyo3::exceptions::{
@@ -87,7 +87,8 @@ impl StoreReader {
         experiment: Option<String>,
     ) -> PyResult<Vec<PyColumn<'py>>> {
         let experiments: Vec<String> = experiment.into_iter().collect();
-        let sql = exports(&experiments).find(|(view, _)| *view == name).map(|(_, sql)| sql);
+        let all = self.with(py, |reader| reader.exports(&experiments).map_err(store_error))?;
+        let sql = all.into_iter().find(|(view, _)| *view == name).and_then(|(_, sql)| sql);
         self.columns(py, &sql.ok_or_else(|| PyValueError::new_err(format!("no view {name}")))?)
     }
 

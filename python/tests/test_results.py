@@ -118,6 +118,54 @@ def test_a_name_that_occurs_again_gets_a_number(store, frames):
         assert list(results.query(join).columns)[-4:] == ["name", "value", "name_2", "value_2"]
 
 
+def test_conflicts_and_the_order_of_manifests_are_frames(store, tmp_path):
+    path = tmp_path / "changed.sqlite"
+    shutil.copy(store, path)
+    with sqlite3.connect(path) as connection:
+        # Another clock, and the results of another machine.
+        connection.execute("UPDATE experiment SET updated_at = '2999-01-01T00:00:00.000Z'")
+        connection.execute(
+            "INSERT INTO recorded_conflict (job, results_sha256, found_at, source, host, processor,"
+            " code_version, git_revision) SELECT min(id), zeroblob(32), '2026-01-31T12:00:00.000Z',"
+            " 'theirs.sqlite', 'other', 'any', '0', '0' FROM job"
+        )
+    manifest = tmp_path / "small.toml"
+    manifest.write_text(MANIFEST.replace("seeds = 2", "seeds = 3"))
+    run = [str(PROGRAM), "run", str(manifest), "--store", str(path), "--quiet"]
+    subprocess.run(run, check=True, capture_output=True)
+    link = tmp_path / "link.sqlite"
+    link.symlink_to("changed.sqlite")
+    with jitai.open(link) as results:
+        conflicts = results.conflicts("small")
+        assert list(conflicts.host) == ["other"] and list(conflicts.results_sha256) == ["00" * 32]
+        assert isinstance(conflicts.found_at.dtype, pandas.DatetimeTZDtype)
+        manifests = results.manifests()
+        assert list(manifests.number) == [1, 2]
+        assert ["seeds = 3" in text for text in manifests.manifest] == [False, True]
+        assert results.runs().host.notna().all()
+
+
+def test_the_spread_of_one_episode_is_missing(tmp_path):
+    manifest = tmp_path / "one.toml"
+    manifest.write_text(MANIFEST.replace("test_episodes = 20", "test_episodes = 1"))
+    path = tmp_path / "one.sqlite"
+    run = [str(PROGRAM), "run", str(manifest), "--store", str(path), "--quiet"]
+    subprocess.run(run, check=True, capture_output=True)
+    with jitai.open(path) as results:
+        assert results.runs().sd_return.isna().all() and results.arms().sd_return.isna().all()
+        metrics = results.metrics()
+        assert metrics[metrics.name == "sd_return"].value.isna().all()
+        assert metrics[metrics.name != "sd_return"].value.notna().all()
+
+
+def test_a_store_with_two_names_is_refused(store, tmp_path):
+    path = tmp_path / "one.sqlite"
+    shutil.copy(store, path)
+    path.with_name("two.sqlite").hardlink_to(path)
+    with pytest.raises(OSError, match="has 2 names"):
+        jitai.open(path)
+
+
 def test_columns_have_types(store):
     with jitai.open(store) as results:
         runs = results.runs()

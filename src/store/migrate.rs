@@ -69,8 +69,8 @@ pub(super) const MIGRATIONS: &[Migration] = &[
 /// The version of the schema that this program writes.
 pub const SCHEMA_VERSION: u32 = MIGRATIONS.len() as u32;
 
-/// The oldest version that this program reads without migrating it. Later migrations change no table, and no
-/// view whose rows a store of that version could lack.
+/// The oldest version that this program reads without migrating it. Later migrations change no table that
+/// readers use, and add views, columns of views, and NULL for the standard deviation of one episode.
 pub(super) const OLDEST_READABLE: u32 = 1;
 
 /// Applies the migrations that the file lacks, all or none of them.

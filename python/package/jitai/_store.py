@@ -14,7 +14,7 @@ import numpy.typing as npt
 from jitai._jitai import StoreReader
 
 #: Columns with instants, which the store holds as text in UTC.
-_INSTANTS = ("started_at", "ended_at", "used_from", "used_until")
+_INSTANTS = ("started_at", "ended_at", "used_from", "used_until", "found_at")
 #: Largest integer up to which all integers are exact as reals.
 _LARGEST_EXACT = 2**53
 
@@ -45,8 +45,8 @@ class Store:
 
     The frames have the columns of the views in ``docs/store.md``, in their order and with their types, even
     without rows: text, 64-bit integers and reals. NULL is null in polars; in pandas it is NaN among
-    numbers, and integers beside it are reals. The columns ``started_at``, ``ended_at``, ``used_from`` and
-    ``used_until`` are instants in UTC.
+    numbers, and integers beside it are reals. The columns ``started_at``, ``ended_at``, ``used_from``,
+    ``used_until`` and ``found_at`` are instants in UTC.
     """
 
     def __init__(self, path: str | os.PathLike[str], *, frames: str | None = None) -> None:
@@ -89,6 +89,10 @@ class Store:
     def manifests(self, experiment: str | None = None) -> Any:
         """Every text that the manifest of an experiment had: the view ``manifest``."""
         return self._view("manifest", experiment)
+
+    def conflicts(self, experiment: str | None = None) -> Any:
+        """Results that merges found of jobs with other results: the view ``conflict``."""
+        return self._view("conflict", experiment)
 
     def parameters(self, experiment: str | None = None, *, wide: bool = False) -> Any:
         """Parameters of jobs: the view ``parameter``, or one row for each job if ``wide``.
