@@ -119,7 +119,7 @@ fn draw_one(
         .clone()
         .map(|(_, line)| line.points.iter().map(|at| frame.place((x, y), (at.x, at.y))).collect())
         .collect();
-    let shifts = shifts(&chart.lines, &placed);
+    let shifts = shifts(&chart.lines, &placed, (frame.top, frame.top + frame.height));
     marks.extend(of_each.clone().flat_map(|(series, line)| {
         line_marks(line, (x, y), frame, shifts[series]).into_iter().map(move |mark| mark.of(series))
     }));

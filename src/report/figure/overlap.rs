@@ -8,8 +8,9 @@ const NEAR: f64 = 1.2;
 
 /// The shift of each line. Intervals of several arms at one place stand side by side, and lines that run on one
 /// another stand one above the other. `placed` holds the points of each line before they are shifted.
-pub(super) fn shifts(lines: &[Line], placed: &[Vec<Point>]) -> Vec<Point> {
-    dodges(lines).into_iter().zip(steps(lines, placed)).collect()
+/// `frame` holds the heights of the upper and lower edge of the frame, where lines stay inside.
+pub(super) fn shifts(lines: &[Line], placed: &[Vec<Point>], frame: (f64, f64)) -> Vec<Point> {
+    dodges(lines).into_iter().zip(steps(lines, placed, frame)).collect()
 }
 
 /// The horizontal shift of each line with bars.
@@ -34,7 +35,7 @@ fn dodges(lines: &[Line]) -> Vec<f64> {
 }
 
 /// The vertical shift of each line that runs on another.
-fn steps(lines: &[Line], placed: &[Vec<Point>]) -> Vec<f64> {
+fn steps(lines: &[Line], placed: &[Vec<Point>], (top, bottom): (f64, f64)) -> Vec<f64> {
     /// Maximum distance between neighbouring lines, and between the first and the last line.
     const STEP: f64 = 2.2;
     const WHOLE: f64 = 7.0;
@@ -57,8 +58,12 @@ fn steps(lines: &[Line], placed: &[Vec<Point>]) -> Vec<f64> {
         let points = &placed[group[0]];
         let falls = points.first().zip(points.last()).is_some_and(|(one, end)| end.1 > one.1);
         let sign = if falls { -1.0 } else { 1.0 };
+        let heights = || group.iter().flat_map(|at| &placed[*at]).map(|point| point.1);
+        let (highest, lowest) = (heights().fold(bottom, f64::min), heights().fold(top, f64::max));
+        let half = last / 2.0 * step;
+        let inside = (bottom - lowest - half).min(0.0) + (highest - top - half).min(0.0).abs();
         for (rank, at) in group.iter().enumerate() {
-            steps[*at] = sign * (rank as f64 - last / 2.0) * step;
+            steps[*at] = sign * (rank as f64 - last / 2.0) * step + inside;
         }
     }
     steps
@@ -100,6 +105,8 @@ mod tests {
         }
     }
 
+    const FRAME: (f64, f64) = (-100.0, 200.0);
+
     #[test]
     fn intervals_of_several_arms_at_one_place_stand_beside_each_other() {
         let arm = |xs: &[f64]| line(xs, Spread::Bars);
@@ -117,7 +124,7 @@ mod tests {
         let level = |y: f64| vec![(0.0, y), (50.0, y), (100.0, y)];
         // The second line lies on the first, the third crosses both, and the fourth is elsewhere.
         let placed = [level(20.0), level(20.5), vec![(0.0, 0.0), (100.0, 40.0)], level(60.0)];
-        assert_eq!(steps(&lines, &placed), [-1.1, 1.1, 0.0, 0.0]);
+        assert_eq!(steps(&lines, &placed, FRAME), [-1.1, 1.1, 0.0, 0.0]);
         // Lines with other points, such as an optimum, lie on one another too; a part is enough.
         let placed = [
             vec![(0.0, 10.0), (30.0, 20.0), (60.0, 30.0), (100.0, 90.0)],
@@ -125,9 +132,12 @@ mod tests {
             level(70.0),
             Vec::new(),
         ];
-        assert_eq!(steps(&lines, &placed), [1.1, -1.1, 0.0, 0.0]);
+        assert_eq!(steps(&lines, &placed, FRAME), [1.1, -1.1, 0.0, 0.0]);
+        // At the lower edge of the frame, both stay inside.
+        let placed = [level(200.0), level(200.0), level(0.0), Vec::new()];
+        assert_eq!(steps(&lines, &placed, FRAME)[..2], [-2.2, 0.0]);
         let equal: Vec<Line> = (0..8).map(|_| line(&[0.0, 1.0], Spread::Bars)).collect();
-        let shifts = shifts(&equal, &vec![level(5.0); 8]);
+        let shifts = shifts(&equal, &vec![level(5.0); 8], FRAME);
         let rows: Vec<f64> = shifts.iter().map(|(_, down)| *down).collect();
         assert!(rows.windows(2).all(|pair| (pair[1] - pair[0] - 1.0).abs() < 1e-9), "{rows:?}");
     }
