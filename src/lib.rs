@@ -144,7 +144,7 @@ pub mod results {
     };
     pub use crate::store::{
         Answer, ColumnType, ExperimentCounts, FailedJob, Interrupter, JobState, Pace, Parts,
-        QueryError, Reader, StoredWeights, VIEWS, Value as SqlValue, exports,
+        QueryError, Reader, StoredWeights, VIEWS, Value as SqlValue,
     };
 }
 

@@ -267,11 +267,7 @@ impl<'a> Survey<'a> {
         }
     }
 
-    fn reason(
-        &mut self,
-        planned: &PlannedJob,
-        state: JobState,
-    ) -> Result<Option<Reason>, Error> {
+    fn reason(&mut self, planned: &PlannedJob, state: JobState) -> Result<Option<Reason>, Error> {
         match state {
             JobState::Interrupted => return Ok(Some(Reason::Interrupted)),
             JobState::Failed => return Ok(Some(Reason::Failed)),

@@ -123,7 +123,8 @@ impl Base {
         let job = &planned.job;
         let named = |(section, keys, values): (&str, &'static [Key], Vec<Value>)| {
             let named = keys.iter().zip(values);
-            let named = named.map(|(key, value)| (format!("{section}.{}", key.name), setting(&value)));
+            let named =
+                named.map(|(key, value)| (format!("{section}.{}", key.name), setting(&value)));
             named.collect::<Vec<_>>()
         };
         let algorithm = Setting::Text(job.algorithm().to_owned());

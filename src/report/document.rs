@@ -3,8 +3,6 @@
 //! In: experiments with their jobs and findings. Out: files to write. The files depend only on the
 //! input, so two reports of one store are byte-identical.
 
-use std::collections::HashSet;
-
 use super::arm_tables;
 use super::data_table::DataTable;
 use super::escape::{unused, unused_stem};

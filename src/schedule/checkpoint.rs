@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 
 use crate::kill_point::{self, KillPoint};
 use crate::plan::JobKey;
-use crate::store::{CHECKPOINTS, JobState, Reader, StoreError, beside, resolve};
+use crate::store::{self, CHECKPOINTS, JobState, Reader, StoreError, beside, resolve};
 use crate::train::{CheckpointError, Checkpoints, ReadCheckpoint, Resumed, WriteCheckpoint};
 
 /// The minimum time between two checkpoints, as a multiple of the time that writing one takes. The resulting

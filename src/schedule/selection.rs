@@ -96,7 +96,8 @@ impl<'a> Selection<'a> {
         for manifest in self.manifests {
             let time_limit = manifest.time_limit_seconds.map(Duration::from_secs);
             let folder = manifest.folder();
-            let mut jobs = self.jobs(manifest).map(|planned| (planned.form.key(), planned)).peekable();
+            let mut jobs =
+                self.jobs(manifest).map(|planned| (planned.form.key(), planned)).peekable();
             while jobs.peek().is_some() {
                 let mut new = Vec::new();
                 for (key, planned) in jobs.by_ref().take(ASKED_TOGETHER) {

@@ -11,9 +11,7 @@ use super::selection::Selection;
 use super::sweep::{Context, Options, SweepError, Tally};
 use crate::manifest::Manifest;
 use crate::plan::{self, JobKey};
-use crate::store::{
-    Experiment, JobState, JobStates, Registered, RetryFailed, Store, StoreError,
-};
+use crate::store::{Experiment, JobState, JobStates, Registered, RetryFailed, Store, StoreError};
 use crate::train;
 
 /// Registers a manifest with its jobs, or only with its jobs in `part`. Returns `None` if `stop` was set

@@ -194,10 +194,9 @@ fn heads(
          CROSS JOIN run ON run.job = job.id AND run.status = 'completed'
          JOIN session ON session.id = run.session",
     )?;
-    let rows = statement
-        .query_map([json(keys)], |row| {
-            Ok((row.get(0)?, (JobKey(row.get(8)?), head(row, shared)?)))
-        })?;
+    let rows = statement.query_map([json(keys)], |row| {
+        Ok((row.get(0)?, (JobKey(row.get(8)?), head(row, shared)?)))
+    })?;
     rows.collect()
 }
 

@@ -65,9 +65,7 @@ const LOWER_QUARTILE: &str = "lower_quartile_return";
 pub fn value(job: &JobRecord, metric: &str) -> Option<f64> {
     let run = job.completed()?;
     match metric {
-        LOWER_QUARTILE => {
-            run.metric(LOWER_QUARTILE).or_else(|| lower_quartile(&run.returns).ok())
-        }
+        LOWER_QUARTILE => run.metric(LOWER_QUARTILE).or_else(|| lower_quartile(&run.returns).ok()),
         MESSAGES => Some(run.metric("message_rate")? * run.metric("mean_length")?),
         recorded => run.metric(recorded),
     }

@@ -100,10 +100,7 @@ pub fn pairs<'j>(sides: &Sides, jobs: &[&'j JobRecord], aside: &[&str]) -> Vec<P
 }
 
 /// The agent, the scenario and the values of these parameters, as a key of a table.
-fn common<'n>(
-    arm: &'n ArmId,
-    names: &[&String],
-) -> (&'n str, &'n str, Vec<Option<Token<'n>>>) {
+fn common<'n>(arm: &'n ArmId, names: &[&String]) -> (&'n str, &'n str, Vec<Option<Token<'n>>>) {
     let token = |name: &&String| {
         let setting = arm.settings.iter().find(|(key, _)| key == *name);
         setting.map(|(_, value)| Token::of(value))
