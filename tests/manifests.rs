@@ -55,7 +55,8 @@ fn every_faulty_manifest_is_told_exactly_what_is_wrong() {
 fn a_faulty_manifest_has_one_fault_unless_it_is_named_for_many() {
     for stem in bad_manifests() {
         let faults = manifest::load(&stem.with_extension("toml")).unwrap_err();
-        let many = stem.ends_with("bad-many-faults");
+        let name = stem.file_name().unwrap().to_string_lossy();
+        let many = name.starts_with("bad-many-");
         assert_eq!(faults.list().len() > 1, many, "{}\n{faults}", stem.display());
     }
 }

@@ -7,7 +7,7 @@ use serde_json::json;
 
 use crate::cli::output::{counted, shell_word};
 use crate::cli::{Error, Exit};
-use crate::manifest::{self, Faults, Manifest, Override, Published};
+use crate::manifest::{self, Faults, Manifest, Overridden, Override, Published};
 use crate::plan::{self, Factors};
 use crate::report::splits;
 
@@ -32,14 +32,16 @@ enum Format {
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let (mut valid, mut faulty) = (Vec::new(), Vec::new());
     for path in &arguments.manifests.paths {
-        let loaded = manifest::load_with(path, &arguments.manifests.set);
-        match loaded.and_then(|manifest| Published::of(&manifest).map(|_| manifest)) {
-            Ok(manifest) => valid.push((path, manifest)),
-            Err(faults) => faulty.push(faults),
+        match manifest::load_with(path, &arguments.manifests.set) {
+            Ok(read) => match Published::of(&read.manifest) {
+                Ok(_) => valid.push((path, read)),
+                Err(faults) => faulty.push(faults),
+            },
+            Err(faults) => faulty.extend(Published::faults_with(faults, path)),
         }
     }
     if faulty.is_empty() {
-        check_names(valid.iter().map(|(_, manifest)| manifest))?;
+        check_names(valid.iter().map(|(_, read)| &read.manifest))?;
     }
     match arguments.format {
         Format::Json => {
@@ -54,7 +56,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
             Ok(if faulty.is_empty() { Exit::Done } else { Exit::Usage })
         }
         Format::Text => {
-            let shown = valid.iter().try_for_each(|(path, manifest)| show(path, manifest));
+            let shown = valid.iter().try_for_each(|(path, read)| show(path, read));
             // Faults are reported even if nobody reads the output to its end.
             if !faulty.is_empty() {
                 return Err(Error::Manifests(faulty));
@@ -66,21 +68,28 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
 }
 
 /// Prints that a manifest is valid, the number of its jobs as a product of factors, and hints.
-fn show(path: &Path, manifest: &Manifest) -> io::Result<()> {
-    let (path, factors) = (path.display(), Factors::of(manifest));
+fn show(path: &Path, read: &Overridden) -> io::Result<()> {
+    let Overridden { manifest, left_out } = read;
+    hint(path, left_out)?;
+    let (shown, factors) = (path.display(), Factors::of(manifest));
     let mut out = io::stdout().lock();
     if let [all] = factors.as_slice() {
-        writeln!(out, "{path}: ok, {all}")?;
+        writeln!(out, "{shown}: ok, {all}")?;
     } else {
-        writeln!(out, "{path}: ok, {}", counted(plan::count(manifest), "job"))?;
+        writeln!(out, "{shown}: ok, {}", counted(plan::count(manifest), "job"))?;
         for some in &factors {
             writeln!(out, "  {}: {some}", some.names())?;
         }
     }
-    for hint in manifest::hints(manifest).into_iter().chain(splits(manifest)) {
-        writeln!(io::stderr(), "{path}: hint: {hint}")?;
-    }
-    Ok(())
+    let hints: Vec<String> =
+        manifest::hints(manifest).into_iter().chain(splits(manifest)).collect();
+    hint(path, &hints)
+}
+
+/// Writes hints on a manifest to standard error.
+fn hint(path: &Path, hints: &[String]) -> io::Result<()> {
+    let path = path.display();
+    hints.iter().try_for_each(|hint| writeln!(io::stderr(), "{path}: hint: {hint}"))
 }
 
 /// Manifests with overrides of their keys.
@@ -121,7 +130,11 @@ pub(super) fn load_all<P: AsRef<Path>>(
     let mut faulty: Vec<Faults> = Vec::new();
     for path in paths {
         match manifest::load_with(path.as_ref(), set) {
-            Ok(manifest) => manifests.push(manifest),
+            Ok(Overridden { manifest, left_out }) => {
+                // The manifest is valid, whether or not somebody reads the hints.
+                let _ = hint(path.as_ref(), &left_out);
+                manifests.push(manifest);
+            }
             Err(faults) => faulty.push(faults),
         }
     }

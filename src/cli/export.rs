@@ -5,6 +5,7 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use crate::cli::answer::{self, AnswerFormat, Failed};
+use crate::cli::output::no_experiment;
 use crate::cli::{Error, Exit, StoreArgument, folder, simulate};
 use crate::manifest::companions;
 use crate::portable::{digest, portable};
@@ -183,8 +184,7 @@ fn chosen(reader: &Reader, names: &[String]) -> Result<Vec<(String, String)>, Er
         names.iter().find(|name| manifests.iter().all(|(known, _)| known != *name))
     {
         let known: Vec<&str> = manifests.iter().map(|(name, _)| name.as_str()).collect();
-        let known = known.join(", ");
-        let what = format!("--experiment: the store has no experiment `{unknown}`; it has {known}");
+        let what = format!("--experiment: {}", no_experiment("the store", unknown, &known));
         return Err(Error::Usage(what));
     }
     manifests.retain(|(name, _)| names.is_empty() || names.contains(name));

@@ -2,7 +2,7 @@
 
 use std::io::{self, Write};
 
-use crate::cli::output::counted;
+use crate::cli::output::{counted, no_experiment};
 use crate::cli::{Error, Exit, StoreArgument, confirm};
 use crate::manifest::printable;
 use crate::store::{Belongings, Counts, Forgotten, Reader, Store};
@@ -33,8 +33,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let Arguments { experiment, results, yes, store } = arguments;
     let name = printable(experiment);
     let file = printable(&store.store.display().to_string());
-    let unknown = || Error::Usage(format!("{file} has no experiment `{name}`; see `jitai status`"));
-    let belongings = Reader::open(&store.store)?.belongings(experiment)?.ok_or_else(unknown)?;
+    let reader = Reader::open(&store.store)?;
+    let manifests = reader.manifests()?;
+    let known: Vec<&str> = manifests.iter().map(|(name, _)| name.as_str()).collect();
+    let unknown = || Error::Usage(no_experiment(&file, experiment, &known));
+    let belongings = reader.belongings(experiment)?.ok_or_else(unknown)?;
     let Belongings { jobs, alone, unheld } = belongings;
     writeln!(io::stderr(), "{name} has {}; {}", described(&jobs), only_here(&jobs, &alone))?;
     if unheld > 0 {

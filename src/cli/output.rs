@@ -4,10 +4,11 @@ use std::borrow::Cow;
 use std::io::{self, Write};
 
 use clap::ValueEnum;
-use comfy_table::{CellAlignment, ColumnConstraint, Table, Width, presets};
+use comfy_table::{CellAlignment, ColumnConstraint, ContentArrangement, Table, Width, presets};
 use serde_json::Value;
 
-use crate::manifest::printable;
+use crate::manifest::{nearest, printable};
+pub(super) use crate::plan::counted;
 use crate::report::{defused, rounded};
 
 /// Spaces on the left and on the right of each column of a table.
@@ -38,7 +39,7 @@ pub(super) enum Field<'a> {
     Empty,
     /// A whole number.
     Integer(i64),
-    /// A number; full precision in CSV and JSON.
+    /// A number that a table shows with 12 significant digits; full precision in CSV and JSON.
     Real(f64),
     /// A number that a table shows with this number of decimals; full precision in CSV and JSON. Zero has
     /// no sign.
@@ -66,17 +67,16 @@ impl<'a> Field<'a> {
     fn for_reading(&self) -> String {
         match self {
             Field::Rounded(value, decimals) => rounded(*value, *decimals),
+            Field::Real(value) => significant(*value).to_string(),
             Field::Text(text) => shown(text),
             Field::Nested(value) => shown(&value.to_string()),
             Field::Bytes(bytes) if bytes.len() > MOST_SHOWN / 2 => {
                 let first: String = digits(&bytes[..MOST_SHOWN / 2]).collect();
                 format!("x'{first}… ({} bytes)", bytes.len())
             }
-            Field::Empty
-            | Field::Integer(_)
-            | Field::Real(_)
-            | Field::Figure(_)
-            | Field::Bytes(_) => self.exact().into_owned(),
+            Field::Empty | Field::Integer(_) | Field::Figure(_) | Field::Bytes(_) => {
+                self.exact().into_owned()
+            }
         }
     }
 
@@ -124,6 +124,16 @@ impl<'a> Field<'a> {
     }
 }
 
+/// The number with 12 significant digits, as many as the values of a range have.
+fn significant(number: f64) -> f64 {
+    format!("{number:.11e}").parse().unwrap_or(number)
+}
+
+/// The maximum width of a table, from the environment variable `COLUMNS`; `None` for any width.
+fn widest() -> Option<u16> {
+    std::env::var("COLUMNS").ok()?.trim().parse().ok().filter(|columns| *columns > 0)
+}
+
 /// Bytes as an SQL literal.
 pub(super) fn as_sql(bytes: &[u8]) -> String {
     ["x'"].into_iter().flat_map(str::chars).chain(digits(bytes)).chain(['\'']).collect()
@@ -145,12 +155,19 @@ fn shown(text: &str) -> String {
     }
 }
 
-/// A number with its noun: `1 job`, `2 jobs`.
-pub(super) fn counted(count: impl TryInto<u64>, noun: &str) -> String {
-    match count.try_into().unwrap_or(u64::MAX) {
-        1 => format!("1 {noun}"),
-        count => format!("{count} {noun}s"),
-    }
+/// The message about an experiment that a store does not have, with the experiment that was probably meant.
+pub(super) fn no_experiment(store: &str, name: &str, known: &[&str]) -> String {
+    const SHOWN: usize = 10;
+    let meant = nearest(name, known.iter().copied());
+    let meant =
+        meant.map_or(String::new(), |meant| format!(", did you mean `{}`?", printable(meant)));
+    let more = if known.len() > SHOWN { ", …" } else { "" };
+    let has = match known {
+        [] => "no experiments".to_owned(),
+        some => some.iter().take(SHOWN).copied().collect::<Vec<_>>().join(", "),
+    };
+    let (name, has) = (printable(name), printable(&has));
+    format!("{store} has no experiment `{name}`{meant}; it has {has}{more}")
 }
 
 /// A word for a shell, quoted if necessary.
@@ -181,8 +198,7 @@ impl<W: Write> Rows<W> {
     pub(super) fn new(format: Format, columns: &[String], mut out: W) -> io::Result<Self> {
         Ok(match format {
             Format::Table => {
-                let mut table = Table::new();
-                table.load_style(presets::NOTHING);
+                let mut table = empty();
                 table.set_header(columns.iter().map(|name| shown(name)));
                 lay_out(&mut table, &[]);
                 Rows::Table(out, Box::new(table), Vec::new())
@@ -206,8 +222,7 @@ impl<W: Write> Rows<W> {
                 if table.row_count() >= ALIGNED_TOGETHER {
                     print(table, out)?;
                     *widths = table.column_max_content_widths();
-                    **table = Table::new();
-                    table.load_style(presets::NOTHING);
+                    **table = empty();
                 }
                 for (field, column) in fields.iter().zip(table.column_iter_mut()) {
                     // The cell's alignment also applies to the header.
@@ -262,6 +277,17 @@ impl<W: Write> Rows<W> {
             }
         }
     }
+}
+
+/// A table without rows.
+fn empty() -> Table {
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING);
+    if let Some(columns) = widest() {
+        table.set_content_arrangement(ContentArrangement::Dynamic);
+        table.set_width(columns);
+    }
+    table
 }
 
 fn print(table: &Table, out: &mut impl Write) -> io::Result<()> {
@@ -347,11 +373,6 @@ mod tests {
             String::from_utf8(out).unwrap()
         };
         assert_eq!((json(nothing), json(Field::Real(-0.0))), ("0.0".into(), "-0.0".into()));
-    }
-
-    #[test]
-    fn things_are_counted_as_people_say_it() {
-        assert_eq!([0, 1, 2].map(|n| counted(n, "job")), ["0 jobs", "1 job", "2 jobs"]);
     }
 
     #[test]

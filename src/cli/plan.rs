@@ -34,6 +34,10 @@ pub(super) struct Arguments {
     #[arg(long, conflicts_with_all = ["jobs", "filter", "format"])]
     resolved: bool,
     /// Show only the jobs with these parameters, such as agent=dqn,sigma=0.4|0.6
+    ///
+    /// Commas separate conditions, and bars separate alternatives. A value that contains one of them stands in
+    /// double quotes, which the shell must not remove: --filter 'agent="dqn, small"'. In quotes, \" and \\
+    /// stand for a quote and a backslash.
     #[arg(long, value_name = "NAME=VALUE,...")]
     filter: Option<Filter>,
     /// Show only one shard of the jobs, such as 3/40, as for `run`

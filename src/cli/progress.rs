@@ -419,13 +419,16 @@ impl Drop for Shown {
 impl Bars {
     fn new(jobs: usize, workers: usize) -> Self {
         let all = MultiProgress::with_draw_target(ProgressDrawTarget::stderr_with_hz(10));
-        let style = |template| {
+        let style = |template: &str| {
             ProgressStyle::with_template(template)
                 .expect("the templates are written here")
                 .progress_chars("=> ")
         };
         let sweep = all.add(ProgressBar::new(jobs as u64));
-        sweep.set_style(style("{elapsed_precise} {bar:16} {pos}/{len} jobs, {wide_msg}"));
+        let noun = if jobs == 1 { "job" } else { "jobs" };
+        sweep.set_style(style(&format!(
+            "{{elapsed_precise}} {{bar:16}} {{pos}}/{{len}} {noun}, {{wide_msg}}"
+        )));
         let workers = (0..workers)
             .map(|_| {
                 let bar = all.add(ProgressBar::no_length());

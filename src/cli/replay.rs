@@ -9,7 +9,7 @@ use std::path::Path;
 use serde::Deserialize;
 
 use crate::agent::{Actor, certain};
-use crate::cli::output::Format;
+use crate::cli::output::{Format, counted};
 use crate::cli::setting::preset;
 use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit};
@@ -322,9 +322,12 @@ impl Differences {
         }
         writeln!(
             err,
-            "{episodes} episodes, {} steps; {} recorded values differ; largest numerical \
-             difference: {:.1e}",
-            self.steps, self.count, self.largest
+            "{}, {}; {} {}; largest numerical difference: {:.1e}",
+            counted(episodes, "episode"),
+            counted(self.steps, "step"),
+            counted(self.count, "recorded value"),
+            if self.count == 1 { "differs" } else { "differ" },
+            self.largest
         )
     }
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::cli::check::ManifestArguments;
 use crate::cli::counting::Counting;
-use crate::cli::output::counted;
+use crate::cli::output::{counted, no_experiment};
 use crate::cli::{Error, Exit, StoreArgument, folder};
 use crate::manifest::Published;
 use crate::report::{AssembleError, Hosts, ReportFile, ReportedExperiment, Work, assemble, report};
@@ -56,6 +56,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let hosts = if arguments.hosts { Hosts::Named } else { Hosts::Unnamed };
     let files = report(&experiments, &store, hosts);
     files.iter().try_for_each(|file| write(&arguments.out, file))?;
+    let in_store = reader.manifests()?;
+    let in_store: Vec<&str> = in_store.iter().map(|(name, _)| name.as_str()).collect();
     for experiment in &experiments {
         if let Some(note) = unfinished(experiment) {
             writeln!(io::stderr(), "note: {note}")?;
@@ -67,6 +69,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
                 "note: no figures of {name}, because it declares no [[analysis]]; the page has tables of its \
                  arms and agents"
             )?;
+        }
+        // Jobs of another experiment count, too, so a report without this one can be complete.
+        let is_empty = experiment.jobs.iter().all(|job| job.completed().is_none());
+        if is_empty && !in_store.contains(&experiment.name.as_str()) {
+            let note = no_experiment(&store, &experiment.name, &in_store);
+            writeln!(io::stderr(), "note: {note}")?;
         }
     }
     let mut out = io::stdout().lock();
@@ -84,9 +92,10 @@ fn unfinished(experiment: &ReportedExperiment) -> Option<String> {
     let missing = jobs.iter().filter(|job| job.completed().is_none()).count();
     (missing > 0).then(|| {
         format!(
-            "{missing} of {} of {} have no completed run",
+            "{missing} of {} of {} {} no completed run",
             counted(jobs.len() as u64, "job"),
-            experiment.name
+            experiment.name,
+            if missing == 1 { "has" } else { "have" }
         )
     })
 }

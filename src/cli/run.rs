@@ -37,6 +37,10 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "N", value_parser = workers)]
     workers: Option<NonZeroUsize>,
     /// Run only the jobs with these parameters, such as agent=dqn,sigma=0.4|0.6
+    ///
+    /// Commas separate conditions, and bars separate alternatives. A value that contains one of them stands in
+    /// double quotes, which the shell must not remove: --filter 'agent="dqn, small"'. In quotes, \" and \\
+    /// stand for a quote and a backslash.
     #[arg(long, value_name = "NAME=VALUE,...")]
     filter: Option<Filter>,
     /// Run only one shard of the jobs, such as 3/40 for the third of forty shards
@@ -60,7 +64,7 @@ pub(super) struct Arguments {
     /// nothing. If writing a checkpoint takes long, the interval grows to at most 25 seconds.
     #[arg(long, value_name = "SECONDS", default_value = "20", value_parser = seconds)]
     checkpoint_every: Duration,
-    /// Show warnings and errors only
+    /// Show warnings and errors only, and no summary
     #[arg(long, short)]
     quiet: bool,
     /// Format of progress and summary
@@ -261,10 +265,10 @@ impl End {
         if arguments.format == Format::Json || self.cause == Cause::Signal {
             return Ok(());
         }
-        let example = summary::print(reader, selection)?;
         if arguments.quiet {
             return Ok(());
         }
+        let example = summary::print(reader, selection)?;
         if self.failed() > 0 {
             list_failures(&reader.failed_jobs()?, manifests)?;
         }

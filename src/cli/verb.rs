@@ -2,7 +2,8 @@
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::error::{ContextKind, ContextValue};
+use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::cli::{
     Error, cancel, check, doctor, export, forget, merge, optimum, plan, query, report, run, schema,
@@ -10,6 +11,7 @@ use crate::cli::{
 };
 use crate::kernel::Isa;
 use crate::kill_point;
+use crate::manifest::nearest;
 
 /// Reinforcement-learning experiments for just-in-time adaptive interventions.
 #[derive(Parser)]
@@ -40,9 +42,23 @@ enum Verb {
     Schema(schema::Arguments),
 }
 
+/// The error with the nearest verb as the only suggestion for a misspelt verb.
+fn naming_the_nearest(mut error: clap::Error) -> clap::Error {
+    if let Some(ContextValue::String(found)) = error.get(ContextKind::InvalidSubcommand) {
+        let command = Arguments::command();
+        let verbs = command.get_subcommands().filter(|verb| !verb.is_hide_set());
+        let verbs: Vec<&str> = verbs.map(clap::Command::get_name).collect();
+        if let Some(meant) = nearest(found, verbs.iter().copied()) {
+            let meant = ContextValue::Strings(vec![meant.to_owned()]);
+            error.insert(ContextKind::SuggestedSubcommand, meant);
+        }
+    }
+    error
+}
+
 /// Runs the program with the arguments of the process.
 pub fn main() -> ExitCode {
-    let verb = Arguments::parse().verb;
+    let verb = Arguments::try_parse().unwrap_or_else(|error| naming_the_nearest(error).exit()).verb;
     if let Err(error) = Isa::check_choice() {
         return Error::Usage(error.to_string()).report().into();
     }

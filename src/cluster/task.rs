@@ -20,7 +20,7 @@ use super::clock::{now, random};
 use super::error::ClusterError;
 use super::folder::{HandedIn, Submission, copy_whole};
 use crate::manifest::{self, Manifest};
-use crate::plan::JobKey;
+use crate::plan::{JobKey, counted};
 use crate::record::Outcome;
 use crate::schedule::{
     self, CheckpointFolder, CheckpointNote, Context, Event, Options, Queued, Selection,
@@ -226,7 +226,7 @@ impl Run<'_> {
                 say(self.out, &line);
             }
             Event::FewerWorkers { started, reason } => {
-                say(self.out, &format!("only {started} workers started: {reason}"));
+                say(self.out, &format!("only {} started: {reason}", counted(*started, "worker")));
             }
             Event::Ended { outcome: Outcome::Interrupted, .. }
             | Event::Started { .. }

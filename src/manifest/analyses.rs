@@ -6,17 +6,18 @@ use toml::de::DeTable;
 
 use super::analysed_jobs;
 use super::analysis::{Analysis, AnalysisDraft};
-use super::analysis_keys::{ANALYSED_METRICS, ERROR_AXIS, KindName};
+use super::analysis_keys::{ANALYSED_METRICS, ERROR_AXIS, KindName, WINDOW};
 use super::analysis_kind::{AnalysisKind, CurveAxis, Recovery};
 use super::condition::Condition;
 use super::declared::Manifest;
 use super::draft::Draft;
-use super::fault::{Fault, FaultList};
+use super::fault::{Fault, FaultList, near};
 use super::first_episodes::{first_episodes, first_return};
 use super::limits::MOST_COMPARISONS;
 use super::parameter::{named, parameters};
 use super::presence::absent;
 use super::read::shortened;
+use super::respelt::respelt;
 use super::section::Section;
 use super::sides::Sides;
 use super::source::{Located, Span};
@@ -31,30 +32,32 @@ impl Reader<'_> {
     /// Reads `[[analysis]]`.
     pub fn analyses(&mut self, draft: &mut Draft, node: &Node) {
         let mut names = HashSet::new();
-        for (span, table) in self.tables("analysis", node) {
-            let before = self.faults.len();
-            let Some(kind) = self.kind(span, table) else { continue };
-            self.analysis_keys(kind, table);
+        for (place, (span, written)) in self.tables("analysis", node).into_iter().enumerate() {
+            let shared = KindName::ALL[0].key_names();
+            let kind = self.kind(span, &respelt(written, &shared));
+            if let Some(kind) = kind {
+                self.analysis_keys(kind, written);
+            }
+            let known = kind.map_or(shared, KindName::key_names);
+            let table = &*respelt(written, &known);
             let name = match table.get("name") {
                 Some(node) => self.name("name", node),
                 None => {
                     let help = "files and links use it: write name = \"figure-1\"";
                     let fault = Fault::at(span, "missing key `name` in an [[analysis]]");
                     self.faults.add(fault.help(help));
-                    continue;
+                    Located { value: String::new(), span }
                 }
             };
             if !name.value.is_empty() && !names.insert(name.value.clone()) {
                 let message = format!("another [[analysis]] is called `{}`", name.value);
                 self.faults.add(Fault::at(name.span, message));
             }
-            let analysis = self.analysis(kind, &name.value, span, table);
-            if let Some(analysis) = analysis.filter(|_| self.faults.len() == before) {
-                draft.analyses.push(analysis);
-            }
+            draft.analyses.push(self.analysis((place, kind), &name.value, span, table));
         }
     }
 
+    /// The kind of an analysis; for an unknown word, the kind with the nearest one.
     fn kind(&mut self, span: Span, table: &DeTable) -> Option<KindName> {
         let words: Vec<&str> = KindName::ALL.iter().map(|kind| kind.word()).collect();
         let Some(node) = table.get("kind") else {
@@ -62,7 +65,8 @@ impl Reader<'_> {
             self.faults.add(fault.help(format!("expected one of {}", words.join(", "))));
             return None;
         };
-        let word = self.word("kind", &words, node)?;
+        let word = self.word("kind", &words, node);
+        let word = word.or_else(|| near(node.get_ref().as_str()?, words))?;
         KindName::ALL.iter().find(|kind| kind.word() == word).copied()
     }
 
@@ -81,26 +85,28 @@ impl Reader<'_> {
         }
     }
 
+    /// The analysis in a table. A faulty part has been reported, and is replaced by one that always holds.
     fn analysis(
         &mut self,
-        kind: KindName,
+        (place, kind): (usize, Option<KindName>),
         name: &str,
         span: Span,
         table: &DeTable,
-    ) -> Option<AnalysisDraft> {
+    ) -> AnalysisDraft {
         let title = table.get("title").and_then(|node| self.text("title", node));
-        let metric = match table.get("metric") {
-            Some(node) => match node.get_ref().as_str().and_then(first_episodes) {
-                Some(episodes) => first_return(episodes),
-                None => self.word("metric", ANALYSED_METRICS, node)?,
-            },
-            None => ANALYSED_METRICS[0],
-        };
+        let metric = table.get("metric").map(|node| {
+            match node.get_ref().as_str().and_then(first_episodes) {
+                Some(episodes) => Some(first_return(episodes)),
+                None => self.word("metric", ANALYSED_METRICS, node),
+            }
+        });
         let jobs = table.get("where").and_then(|node| self.table("where", node));
         let mut located = jobs.map(|jobs| self.conditions(jobs, "`where`")).unwrap_or_default();
         let conditions = located.iter().map(|condition| condition.value.clone()).collect();
         let mut axes = Vec::new();
-        let kind = AnalysisKind::read(kind, self, name, (span, table), &mut axes)?;
+        let kind =
+            kind.and_then(|kind| AnalysisKind::read(kind, self, name, (span, table), &mut axes));
+        let kind = kind.unwrap_or(AnalysisKind::LearningCurve { window: WINDOW });
         if let (Some(sides), Some(node)) = (kind.sides(), table.get("between")) {
             for side in [&sides.first, &sides.second] {
                 located.push(Located { value: side.clone(), span: node.span().into() });
@@ -113,19 +119,19 @@ impl Reader<'_> {
                 located.extend(values.map(|value| Located { value, span }));
             }
         }
-        let participants = self.participants(metric, table);
+        let participants = self.participants(metric.unwrap_or(Some(ANALYSED_METRICS[0])), table);
         let mut panels = Vec::new();
         let figure = self.figure_keys(table, &mut panels);
         let analysis = Analysis {
             name: name.to_owned(),
             title,
-            metric,
+            metric: metric.flatten().unwrap_or(ANALYSED_METRICS[0]),
             participants: participants.as_ref().map(|range| range.value),
             conditions,
             figure,
             kind,
         };
-        Some(AnalysisDraft { analysis, conditions: located, participants, panels, axes, span })
+        AnalysisDraft { place, analysis, conditions: located, participants, panels, axes, span }
     }
 
     /// The conditions on the arms of a recovery, under the key `key`.
@@ -159,7 +165,11 @@ impl Reader<'_> {
             return None;
         };
         let parameter = by.get_ref().as_str().unwrap_or_default();
-        let (first, second) = (self.side(parameter, by, one)?, self.side(parameter, by, other)?);
+        let is_known = matches!(parameter, "agent" | "agent.name") || named(parameter).is_some();
+        let first = self.side(parameter, by, one);
+        // An unknown parameter is reported once.
+        let (first, second) = (first, is_known.then(|| self.side(parameter, by, other)).flatten());
+        let (first, second) = (first?, second?);
         if first == second {
             self.expected("between", "two different values", other);
             return None;
@@ -294,25 +304,58 @@ fn kind_of(parameter: Parameter) -> Option<Kind> {
     sections.filter_map(of).next().or_else(|| free_key(parameter.key()).map(|key| key.kind))
 }
 
-/// Reports analyses that refer to something that the manifest does not declare.
-pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
+/// The faults of each analysis that refers to something that the manifest does not declare, by its index;
+/// reports analyses that are too many to be checked.
+pub(super) fn lost(
+    draft: &Draft,
+    manifest: &Manifest,
+    faults: &mut FaultList,
+) -> Vec<(usize, FaultList)> {
     if !comparisons_fit(draft, manifest, faults) {
-        return;
+        return Vec::new();
     }
     let seeds: HashSet<u64> = manifest.seeds.iter().copied().collect();
+    let mut lost = Vec::new();
     for analysis in &draft.analyses {
-        let before = faults.len();
-        for condition in &analysis.conditions {
-            let Some((name, absent, present)) = absent(draft, manifest, &condition.value) else {
-                continue;
-            };
-            let message = format!("no job to analyse has `{name}` = {absent}");
-            let fault = Fault::at(condition.span, message);
-            faults.add(match present.is_empty() {
-                true => fault.help(format!("no agent of this manifest has the key `{name}`")),
-                false => fault.help(format!("its values here: {present}")),
-            });
+        let mut faults = FaultList::default();
+        let checked = Checked { draft, manifest, analysis };
+        checked.conditions(&mut faults);
+        checked.metric(&mut faults);
+        checked.sides(&mut faults);
+        checked.inference_error(&mut faults);
+        if let AnalysisKind::Recovery(recovery) = &analysis.analysis.kind {
+            analysed_jobs::of_recovery(draft, manifest, (analysis, recovery), &mut faults);
+        } else if faults.is_empty() {
+            analysed_jobs::of(draft, manifest, analysis, &mut faults);
         }
+        checked.axes(&mut faults);
+        checked.seeds(&seeds, &mut faults);
+        if !faults.is_empty() {
+            lost.push((analysis.place, faults));
+        }
+    }
+    lost
+}
+
+/// An analysis that is checked against the rest of its manifest.
+struct Checked<'m> {
+    draft: &'m Draft,
+    manifest: &'m Manifest,
+    analysis: &'m AnalysisDraft,
+}
+
+impl Checked<'_> {
+    fn conditions(&self, faults: &mut FaultList) {
+        for condition in &self.analysis.conditions {
+            if let Some(absent) = absent(self.draft, self.manifest, &condition.value) {
+                faults.add(absent.fault("no job to analyse", condition.span));
+            }
+        }
+    }
+
+    /// Reports a metric or participants that no job records.
+    fn metric(&self, faults: &mut FaultList) {
+        let Checked { draft, manifest, analysis } = self;
         if let Some(episodes) = first_episodes(analysis.analysis.metric) {
             const LISTS: &str = "first_episodes";
             let lists = manifest.evaluation.get(LISTS).unwrap_or_default();
@@ -335,6 +378,11 @@ pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
             let help = "name a parameter that has a distribution, or is a column of `rows`";
             faults.add(Fault::at(range.span, message).help(help));
         }
+    }
+
+    /// Reports a side whose agent lacks a key of a condition.
+    fn sides(&self, faults: &mut FaultList) {
+        let Checked { manifest, analysis, .. } = self;
         for side in analysis.analysis.kind.sides().iter().flat_map(|sides| sides.both()) {
             let Condition::AgentName(names) = side else { continue };
             let agent = manifest.agents.iter().find(|agent| names.contains(&agent.name));
@@ -354,9 +402,18 @@ pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
                 faults.add(Fault::at(condition.span, message).help(help));
             }
         }
+    }
+
+    /// Reports an inference error that depends on more than sigma.
+    fn inference_error(&self, faults: &mut FaultList) {
+        let Checked { manifest, analysis, .. } = self;
+        if !analysis.analysis.kind.shows_inference_error() {
+            return;
+        }
         let odds = manifest.environment.get(CONTEXT_PROBABILITY.key()).unwrap_or_default();
-        let unequal = odds.iter().find(|value| **value != Value::Real(0.5));
-        if let Some(value) = unequal.filter(|_| analysis.analysis.kind.shows_inference_error()) {
+        let is_invalid = self.draft.is_invalid(CONTEXT_PROBABILITY);
+        let unequal = odds.iter().find(|value| **value != Value::Real(0.5) && !is_invalid);
+        if let Some(value) = unequal {
             let message = format!(
                 "the context inference error requires equally likely contexts, found \
                  `{CONTEXT_PROBABILITY}` = {value}"
@@ -366,23 +423,29 @@ pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
         }
         let differing =
             ["sigma", CONTEXT_PROBABILITY.key()].into_iter().find(|name| differ_in(manifest, name));
-        if let Some(name) = differing.filter(|_| analysis.analysis.kind.shows_inference_error()) {
+        if let Some(name) = differing {
             let message = format!("the context inference error depends on `population.{name}`");
             let help = "use another analysis";
             faults.add(Fault::at(analysis.span, message).help(help));
         }
-        if let AnalysisKind::Recovery(recovery) = &analysis.analysis.kind {
-            analysed_jobs::of_recovery(draft, manifest, (analysis, recovery), faults);
-        } else if faults.len() == before {
-            analysed_jobs::of(draft, manifest, analysis, faults);
-        }
-        for axis in &analysis.axes {
-            let lengths = manifest.agents.iter().map(|agent| manifest.length(agent, axis.value));
-            if lengths.max().is_some_and(|most| most < 2) && !draft.is_invalid(axis.value) {
-                let message = format!("`{}` is not swept: it has one value", axis.value);
+    }
+
+    /// Reports axes and panels of keys that are not swept, and axes of values that are no numbers.
+    fn axes(&self, faults: &mut FaultList) {
+        let Checked { draft, manifest, analysis } = self;
+        let is_single = |parameter| {
+            let lengths = manifest.agents.iter().map(|agent| manifest.length(agent, parameter));
+            lengths.max().is_some_and(|most| most < 2) && !draft.is_invalid(parameter)
+        };
+        for axis in analysis.axes.iter().filter(|axis| !draft.is_invalid(axis.value)) {
+            let mut add = |says: &str, help: &str| {
+                let message = format!("`{}` {says}", axis.value);
+                faults.add(Fault::at(axis.span, message).help(help));
+            };
+            if is_single(axis.value) {
                 let help =
                     "an axis needs a number with several values: sweep it, or name another number";
-                faults.add(Fault::at(axis.span, message).help(help));
+                add("is not swept: it has one value", help);
             }
             let repeats = |values: &&[Value]| {
                 let mut seen = HashSet::new();
@@ -393,32 +456,29 @@ pub(super) fn hold(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
             let is_number = |value: &Value| {
                 matches!(value, Value::Real(_) | Value::Integer(_) | Value::Negative(_))
             };
-            if lists.clone().any(|list| !list.iter().all(is_number))
-                && !draft.is_invalid(axis.value)
-            {
-                let message = format!("`{}` has values that are not numbers", axis.value);
-                faults.add(Fault::at(axis.span, message).help("an axis needs numbers"));
+            if lists.clone().any(|list| !list.iter().all(is_number)) {
+                add("has values that are not numbers", "an axis needs numbers");
             }
-            if lists.any(|list| repeats(&list)) && !draft.is_invalid(axis.value) {
-                let message = format!("`{}` has a value twice", axis.value);
+            if lists.any(|list| repeats(&list)) {
                 let help = "an axis needs distinct values; use another parameter of its zip";
-                faults.add(Fault::at(axis.span, message).help(help));
+                add("has a value twice", help);
             }
         }
-        for panel in &analysis.panels {
-            let lengths = manifest.agents.iter().map(|agent| manifest.length(agent, panel.value));
-            if lengths.max().is_some_and(|most| most < 2) && !draft.is_invalid(panel.value) {
-                let message = format!("`{}` is not swept: it has one value", panel.value);
-                let help = "panels need a key with several values";
-                faults.add(Fault::at(panel.span, message).help(help));
-            }
+        for panel in analysis.panels.iter().filter(|panel| is_single(panel.value)) {
+            let message = format!("`{}` is not swept: it has one value", panel.value);
+            faults
+                .add(Fault::at(panel.span, message).help("panels need a key with several values"));
         }
-        let reported = analysis.analysis.kind.reporting_seeds();
+    }
+
+    /// Reports a selection that reports on seeds of its search.
+    fn seeds(&self, seeds: &HashSet<u64>, faults: &mut FaultList) {
+        let reported = self.analysis.analysis.kind.reporting_seeds();
         let shared = reported.iter().find(|seed| seeds.contains(seed));
-        if let (Some(seed), false) = (shared, draft.is_invalid(Parameter::Seed)) {
+        if let (Some(seed), false) = (shared, self.draft.is_invalid(Parameter::Seed)) {
             let message = format!("seed {seed} is used both for the search and for the report");
             let help = "search on seeds that are not reported, such as seeds = [101, 102]";
-            faults.add(Fault::at(analysis.span, message).help(help));
+            faults.add(Fault::at(self.analysis.span, message).help(help));
         }
     }
 }

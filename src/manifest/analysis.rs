@@ -31,6 +31,8 @@ pub struct Analysis {
 /// An analysis with the positions of its parts in the manifest.
 #[derive(Clone, Debug)]
 pub(super) struct AnalysisDraft {
+    /// Its index among the analyses of the file.
+    pub place: usize,
     pub analysis: Analysis,
     /// The conditions on its jobs and sides, with their positions.
     pub conditions: Vec<Located<Condition>>,

@@ -120,11 +120,15 @@ impl AnalysisKind {
                 Some(AnalysisKind::LearningCurve { window })
             }
             KindName::HeatMap => {
-                let x = reader.axis("x", span, table, axes)?;
-                let y = reader.axis("y", span, table, axes)?;
+                let x = reader.axis("x", span, table, axes);
+                let y = reader.axis("y", span, table, axes);
                 let wanted = table.contains_key("by") || table.contains_key("between");
-                let sides = if wanted { Some(reader.sides(span, table)?) } else { None };
-                Some(AnalysisKind::HeatMap { x, y, sides })
+                let sides = if wanted { Some(reader.sides(span, table)) } else { None };
+                let sides = match sides {
+                    Some(sides) => Some(sides?),
+                    None => None,
+                };
+                Some(AnalysisKind::HeatMap { x: x?, y: y?, sides })
             }
             KindName::ActionChoice => {
                 let bins = match table.get("bins") {
@@ -135,9 +139,9 @@ impl AnalysisKind {
             }
             KindName::Selection => selection(reader, span, table),
             KindName::Recovery => {
-                let with = reader.arms("with", span, table)?;
-                let without = reader.arms("without", span, table)?;
-                Some(AnalysisKind::Recovery(Recovery { with, without }))
+                let with = reader.arms("with", span, table);
+                let without = reader.arms("without", span, table);
+                Some(AnalysisKind::Recovery(Recovery { with: with?, without: without? }))
             }
             KindName::InferenceError => Some(AnalysisKind::InferenceError),
         }
@@ -256,16 +260,15 @@ fn conditions(conditions: &[Condition]) -> String {
 }
 
 fn contrast(reader: &mut Reader, name: &str, span: Span, table: &DeTable) -> Option<Contrast> {
-    let sides = reader.sides(span, table)?;
-    let pairing = match table.get("pairing") {
-        Some(node) => Pairing::named(reader.word("pairing", Pairing::WORDS, node)?)?,
-        None => Pairing::Unpaired,
-    };
+    let sides = reader.sides(span, table);
+    let pairing =
+        table.get("pairing").and_then(|node| reader.word("pairing", Pairing::WORDS, node));
+    let pairing = pairing.and_then(Pairing::named).unwrap_or(Pairing::Unpaired);
     let family = match table.get("family") {
         Some(node) => reader.name("family", node).value,
         None => name.to_owned(),
     };
-    Some(Contrast { sides, pairing, family })
+    Some(Contrast { sides: sides?, pairing, family })
 }
 
 fn window(reader: &mut Reader, node: &Node) -> Option<u32> {
@@ -284,10 +287,8 @@ fn bins(reader: &mut Reader, node: &Node) -> Option<u8> {
 }
 
 fn selection(reader: &mut Reader, span: Span, table: &DeTable) -> Option<AnalysisKind> {
-    let rule = match table.get("rule") {
-        Some(node) => SelectionRule::named(reader.word("rule", SelectionRule::WORDS, node)?)?,
-        None => SelectionRule::HighestMean,
-    };
+    let rule = table.get("rule").and_then(|node| reader.word("rule", SelectionRule::WORDS, node));
+    let rule = rule.and_then(SelectionRule::named).unwrap_or(SelectionRule::HighestMean);
     let Some(node) = table.get("reporting_seeds") else {
         let message = "missing key `reporting_seeds` in an [[analysis]] of kind \"selection\"";
         let help = "list the seeds of the manifests that report the chosen settings; results on \

@@ -18,13 +18,20 @@ use crate::agent::{Constraint, Violation};
 use crate::key::{Parameter, Value};
 
 /// Reports faults between the keys of `manifest`, which was completed from `draft`.
-pub(super) fn check(draft: &Draft, mut manifest: Manifest, faults: &mut FaultList) -> Manifest {
+///
+/// The faults of analyses that refer to something that the manifest does not declare are returned, by the
+/// index of the analysis.
+pub(super) fn check(
+    draft: &Draft,
+    mut manifest: Manifest,
+    faults: &mut FaultList,
+) -> (Manifest, Vec<(usize, FaultList)>) {
     let broken = zips(draft, &manifest, faults);
     manifest.zips.retain(|zip| !zip.parameters.iter().any(|name| broken.contains(name)));
+    let lost = analyses::lost(draft, &manifest, faults);
     if !size_fits(draft, &manifest, faults) || !comparisons_fit(draft, &manifest, faults) {
-        return manifest;
+        return (manifest, lost);
     }
-    analyses::hold(draft, &manifest, faults);
     let exclusions_hold = exclusions(draft, &manifest, faults);
     let grids: Vec<Grid> =
         (0..manifest.agents.len()).map(|agent| Grid::of(&manifest, agent)).collect();
@@ -49,7 +56,7 @@ pub(super) fn check(draft: &Draft, mut manifest: Manifest, faults: &mut FaultLis
     if exclusions_hold && broken.is_empty() && !draft.invalid_cells {
         matches(draft, &grids, faults);
     }
-    manifest
+    (manifest, lost)
 }
 
 /// Reports zips of parameters that are not swept or differ in length; returns the parameters of faulty
@@ -120,16 +127,11 @@ fn same_places(
 fn exclusions(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -> bool {
     let mut hold = true;
     for condition in draft.exclusions.iter().flat_map(|exclusion| &exclusion.value) {
-        let Some((name, absent, present)) = absent(draft, manifest, &condition.value) else {
+        let Some(absent) = absent(draft, manifest, &condition.value) else {
             continue;
         };
         hold = false;
-        let message = format!("no cell to exclude has `{name}` = {absent}");
-        let fault = Fault::at(condition.span, message);
-        faults.add(match present.is_empty() {
-            true => fault.help(format!("no agent of this manifest has the key `{name}`")),
-            false => fault.help(format!("its values here: {present}")),
-        });
+        faults.add(absent.fault("no cell to exclude", condition.span));
     }
     hold
 }
@@ -224,6 +226,7 @@ fn hold(
     let fault = |message| Fault::at(span.unwrap_or(name.span), message);
     let of = match concerned {
         Concerned::Environment(_) => String::new(),
+        Concerned::Agent(_) if name.value.is_empty() => String::new(),
         Concerned::Agent(_) => format!("agent `{}`: ", name.value),
     };
     faults.add(match violation {
@@ -242,12 +245,12 @@ fn matches(draft: &Draft, grids: &[Grid], faults: &mut FaultList) {
         let known = |condition: &Condition| match condition {
             Condition::Scenario(_) => !draft.is_invalid(Parameter::Scenario),
             Condition::Seed(_) => !draft.is_invalid(Parameter::Seed),
-            Condition::AgentName(_) => !draft.invalid_agents,
+            Condition::AgentName(_) => !draft.invalid_agents(),
             Condition::Key { parameter, .. } => !draft.is_invalid(*parameter),
         };
         let conditions: Vec<Condition> =
             exclusion.value.iter().map(|condition| condition.value.clone()).collect();
-        let all_known = !draft.invalid_agents && conditions.iter().all(known);
+        let all_known = !draft.invalid_agents() && conditions.iter().all(known);
         let exclusion_met = Exclusion { conditions };
         if all_known && !grids.iter().any(|grid| grid.meets(&exclusion_met)) {
             let fault = Fault::at(exclusion.span, "the exclusion matches no cell");

@@ -13,7 +13,12 @@ use crate::key::{Distribution, Key, Kind, Rows, Value};
 ///
 /// A missing or faulty value is replaced by one valid value, so that the remaining checks can run. If
 /// faults were reported, the manifest is valid for these checks only.
-pub(super) fn complete(draft: &Draft, path: &str, text: &str, faults: &mut FaultList) -> Manifest {
+pub(super) fn complete(
+    draft: &mut Draft,
+    path: &str,
+    text: &str,
+    faults: &mut FaultList,
+) -> Manifest {
     let mut missing = |is_missing: bool, message: &str, help: &str| {
         if is_missing {
             faults.add(Fault::at(Span { start: 0, end: 0 }, message).help(help));
@@ -24,9 +29,15 @@ pub(super) fn complete(draft: &Draft, path: &str, text: &str, faults: &mut Fault
     let help = "write scenarios = [\"P-H-D\", \"L-H-D\"]";
     missing(draft.scenarios.is_none(), "missing key `scenarios`", help);
     missing(draft.seeds.is_none(), "missing key `seeds`", "write seeds = 3");
-    let agents_missing = draft.agents.is_empty() && !draft.invalid_agents;
+    let agents_missing = draft.agents.is_empty() && !draft.invalid_agents();
     let help = "write an [[agent]] with name and algorithm, or extends = \"paper\"";
     missing(agents_missing, "missing [[agent]]", help);
+    if agents_missing {
+        draft.unread_agents.push(None);
+    }
+    for settings in draft.all_settings() {
+        require(settings, faults);
+    }
     let scenarios = draft.scenarios.as_ref().map(|scenarios| scenarios.value.clone());
     let seeds = draft.seeds.as_ref().map(|seeds| seeds.value.clone());
     let exclusions = draft.exclusions.iter().map(|exclusion| {
@@ -44,8 +55,8 @@ pub(super) fn complete(draft: &Draft, path: &str, text: &str, faults: &mut Fault
         time_limit_seconds: draft.time_limit_seconds,
         scenarios: given_or(scenarios, || Scenario::of(Feature::Context)),
         seeds: given_or(seeds, || 1),
-        environment: parameters(&draft.environment, faults),
-        population: parameters(&draft.population, faults),
+        environment: parameters(&draft.environment),
+        population: parameters(&draft.population),
         agents: draft
             .agents
             .iter()
@@ -53,10 +64,10 @@ pub(super) fn complete(draft: &Draft, path: &str, text: &str, faults: &mut Fault
                 name: agent.name.value.clone(),
                 label: agent.label.as_ref().map(|label| label.value.clone()),
                 algorithm: agent.algorithm,
-                parameters: parameters(&agent.settings, faults),
+                parameters: parameters(&agent.settings),
             })
             .collect(),
-        evaluation: parameters(&draft.evaluation, faults),
+        evaluation: parameters(&draft.evaluation),
         zips: zips.map(|zip| Zip { parameters: zip.value.clone() }).collect(),
         exclusions: exclusions.filter(|exclusion| !exclusion.conditions.is_empty()).collect(),
         analyses: draft.analyses.iter().map(|draft| draft.analysis.clone()).collect(),
@@ -67,24 +78,32 @@ fn given_or<T>(given: Option<Vec<T>>, harmless: impl Fn() -> T) -> Vec<T> {
     given.filter(|list| !list.is_empty()).unwrap_or_else(|| vec![harmless()])
 }
 
-fn parameters(settings: &Settings, faults: &mut FaultList) -> Parameters {
+/// Reports the keys of a section that are missing, and marks them as faulty.
+fn require(settings: &mut Settings, faults: &mut FaultList) {
+    let section = settings.section;
+    for (place, key) in section.keys().iter().enumerate() {
+        if settings.given.contains_key(&place) || key.default().is_some() {
+            continue;
+        }
+        let span = settings.span.unwrap_or(Span { start: 0, end: 0 });
+        let table = match section {
+            Section::Environment | Section::Population | Section::Evaluation => {
+                format!("[{}]", section.name())
+            }
+            Section::Agent(_) => "[[agent]]".to_owned(),
+        };
+        let message = format!("missing key `{}` in {table}", key.name);
+        let help = format!("it is {}: {}", key.kind.expectation(), key.doc());
+        faults.add(Fault::at(span, message).help(help));
+        settings.mark_invalid(place, span);
+    }
+}
+
+fn parameters(settings: &Settings) -> Parameters {
     let section = settings.section;
     let value = |(place, key): (usize, &Key)| {
-        let default = key.default();
         let given = settings.given.get(&place).map(|values| values.value.clone());
-        if given.is_none() && default.is_none() {
-            let span = settings.span.unwrap_or(Span { start: 0, end: 0 });
-            let place = match section {
-                Section::Environment | Section::Population | Section::Evaluation => {
-                    format!("[{}]", section.name())
-                }
-                Section::Agent(_) => "[[agent]]".to_owned(),
-            };
-            let message = format!("missing key `{}` in {place}", key.name);
-            let help = format!("it is {}: {}", key.kind.expectation(), key.doc());
-            faults.add(Fault::at(span, message).help(help));
-        }
-        given_or(given, || default.clone().unwrap_or_else(|| harmless(key.kind)))
+        given_or(given, || key.default().unwrap_or_else(|| harmless(key.kind)))
     };
     Parameters::new(section, section.keys().iter().enumerate().map(value).collect())
 }

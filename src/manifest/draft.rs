@@ -32,8 +32,8 @@ pub(super) struct Draft {
     pub analyses: Vec<AnalysisDraft>,
     /// Whether the file states a version of the format.
     pub has_format: bool,
-    /// Whether some agents could not be read.
-    pub invalid_agents: bool,
+    /// The names of agents that could not be read; `None` for an agent whose name is unknown.
+    pub unread_agents: Vec<Option<String>>,
     /// Whether some zips or exclusions could not be read.
     pub invalid_cells: bool,
 }
@@ -79,7 +79,7 @@ impl Settings {
         self.given.entry(place).or_insert(Located { value: Vec::new(), span });
     }
 
-    fn override_with(&mut self, other: Settings) {
+    pub fn override_with(&mut self, other: Settings) {
         self.span = other.span.or(self.span);
         self.given.extend(other.given);
     }
@@ -108,7 +108,7 @@ impl Draft {
             exclusions: Vec::new(),
             analyses: Vec::new(),
             has_format: false,
-            invalid_agents: false,
+            unread_agents: Vec::new(),
             invalid_cells: false,
         }
     }
@@ -119,7 +119,9 @@ impl Draft {
         self.population.override_with(other.population);
         self.evaluation.override_with(other.evaluation);
         for agent in other.agents {
-            match self.agents.iter_mut().find(|mine| mine.name.value == agent.name.value) {
+            let name = &agent.name.value;
+            let mut same = self.agents.iter_mut().filter(|mine| mine.name.value == *name);
+            match same.next().filter(|_| !name.is_empty()) {
                 Some(mine) => {
                     mine.name = agent.name;
                     mine.label = agent.label.or(mine.label.take());
@@ -128,6 +130,7 @@ impl Draft {
                 None => self.agents.push(agent),
             }
         }
+        self.unread_agents.extend(other.unread_agents);
         self.exclusions.extend(other.exclusions);
         self.analyses.extend(other.analyses);
         Draft {
@@ -140,7 +143,6 @@ impl Draft {
             seeds: other.seeds.or(self.seeds),
             zips: other.zips.or(self.zips),
             has_format: other.has_format,
-            invalid_agents: other.invalid_agents || self.invalid_agents,
             invalid_cells: other.invalid_cells || self.invalid_cells,
             ..self
         }
@@ -165,6 +167,17 @@ impl Draft {
         self
     }
 
+    /// The settings of every section.
+    pub fn all_settings(&mut self) -> impl Iterator<Item = &mut Settings> {
+        let sections = [&mut self.environment, &mut self.population, &mut self.evaluation];
+        sections.into_iter().chain(self.agents.iter_mut().map(|agent| &mut agent.settings))
+    }
+
+    /// Whether some agents could not be read.
+    pub fn invalid_agents(&self) -> bool {
+        !self.unread_agents.is_empty()
+    }
+
     /// Whether the values of `parameter` are faulty, for at least one agent that has the parameter.
     pub fn is_invalid(&self, parameter: Parameter) -> bool {
         match parameter {
@@ -174,7 +187,7 @@ impl Draft {
             Parameter::Population(key) => self.population.is_invalid(key),
             Parameter::Evaluation(key) => self.evaluation.is_invalid(key),
             Parameter::Agent(key) => {
-                self.invalid_agents
+                self.invalid_agents()
                     || self.agents.iter().any(|agent| agent.settings.is_invalid(key))
             }
         }
@@ -205,7 +218,7 @@ impl Draft {
             "seeds" => {
                 self.seeds.get_or_insert(Located { value: Vec::new(), span });
             }
-            "agent" => self.invalid_agents = true,
+            "agent" => self.unread_agents.push(None),
             "zip" | "exclude" => self.invalid_cells = true,
             "environment" => {
                 for place in 0..self.environment.section.keys().len() {

@@ -7,6 +7,7 @@ use std::fmt;
 
 use serde::ser::{Serialize, SerializeSeq, Serializer};
 
+use super::edits::Edits;
 use super::source::{Position, Source, Span, visible};
 
 /// One thing that is wrong.
@@ -35,7 +36,7 @@ impl Fault {
     pub(crate) fn nearest<'w>(
         self,
         found: &str,
-        words: impl IntoIterator<Item = &'w str>,
+        words: impl IntoIterator<Item = &'w str> + Clone,
     ) -> Fault {
         match nearest(found, words) {
             Some(word) => self.help(format!("did you mean `{word}`?")),
@@ -62,17 +63,26 @@ impl Fault {
 
 /// The word nearest to `found`: its edit distance is at most a third of the length of `found`, or `found`
 /// is one of its parts.
-pub fn nearest<'w>(found: &str, words: impl IntoIterator<Item = &'w str>) -> Option<&'w str> {
-    const LONGEST: usize = 60;
-    const SHORTEST_PART: usize = 3;
-    let length = found.chars().count();
-    if length > LONGEST {
-        return None;
-    }
-    let farthest = (length / 3).max(1);
+pub fn nearest<'w>(
+    found: &str,
+    words: impl IntoIterator<Item = &'w str> + Clone,
+) -> Option<&'w str> {
+    // A near word takes precedence over a word with `found` as a part.
+    near(found, words.clone()).or_else(|| with_part(found, words))
+}
+
+/// Maximum number of letters of a word that is compared with others.
+const LONGEST: usize = 60;
+
+/// The word nearest to `found`, whose edit distance is at most a third of the length of `found`.
+pub(super) fn near<'w>(found: &str, words: impl IntoIterator<Item = &'w str>) -> Option<&'w str> {
     let lower = found.to_lowercase();
     let letters = lower.chars().count();
-    let (mut near, mut with_part) = (None, None);
+    if letters > LONGEST {
+        return None;
+    }
+    let farthest = (letters / 3).max(1);
+    let mut near = None;
     for word in words {
         let text = word.to_lowercase();
         // The difference in length is a cheap lower bound of the edit distance.
@@ -85,13 +95,29 @@ pub fn nearest<'w>(found: &str, words: impl IntoIterator<Item = &'w str>) -> Opt
                 }
             }
         }
-        let is_part = length >= SHORTEST_PART && text.split(['_', '-', '.']).any(|p| p == lower);
-        if with_part.is_none() && is_part {
-            with_part = Some(word);
-        }
     }
-    // A near word takes precedence over a word with `found` as a part.
-    near.map(|(_, word)| word).or(with_part)
+    near.map(|(_, word)| word)
+}
+
+/// The first word that has `found` as a part.
+fn with_part<'w>(found: &str, words: impl IntoIterator<Item = &'w str>) -> Option<&'w str> {
+    const SHORTEST: usize = 3;
+    let lower = found.to_lowercase();
+    let is_part =
+        |word: &&str| word.to_lowercase().split(['_', '-', '.']).any(|part| part == lower);
+    let comparable = (SHORTEST..=LONGEST).contains(&lower.chars().count());
+    words.into_iter().filter(|_| comparable).find(is_part)
+}
+
+/// The nearest value: the nearest number, or a text that is similar enough.
+pub fn nearest_value<'v>(wanted: &str, values: &'v [String]) -> Option<&'v str> {
+    let Ok(number) = wanted.parse::<f64>() else {
+        return nearest(wanted, values.iter().map(String::as_str));
+    };
+    let distance =
+        |value: &&String| value.parse::<f64>().map_or(f64::INFINITY, |x| (x - number).abs());
+    let near = values.iter().min_by(|one, other| distance(one).total_cmp(&distance(other)))?;
+    distance(&near).is_finite().then_some(near)
 }
 
 /// Collects faults while a manifest is read.
@@ -121,11 +147,23 @@ impl FaultList {
         self.list.is_empty()
     }
 
+    /// The messages of the faults that were kept.
+    pub fn messages(&self) -> impl Iterator<Item = &str> {
+        self.list.iter().map(Fault::message)
+    }
+
     /// Keeps the faults that do not begin on a line of one of `others`.
     pub fn retain_off_lines_of(&mut self, others: &FaultList, source: &Source) {
         let line = |fault: &Fault| fault.span.map(|span| source.position(span.start).line);
         let taken: std::collections::HashSet<_> = others.list.iter().map(line).collect();
         self.list.retain(|fault| !taken.contains(&line(fault)));
+    }
+
+    /// Traces the faults of a changed text back to their positions in the original text.
+    pub fn trace(&mut self, edits: &Edits) {
+        for fault in &mut self.list {
+            fault.span = fault.span.map(|span| edits.original(span).0);
+        }
     }
 
     /// Keeps the faults that begin before `offset`.
@@ -174,6 +212,43 @@ impl Faults {
     /// The faults, by position.
     pub fn list(&self) -> &[Fault] {
         &self.list
+    }
+
+    /// The faults together with those of `other`, which concern the same file.
+    pub(crate) fn and(mut self, other: Faults) -> Vec<Faults> {
+        if self.file != other.file || self.source.text() != other.source.text() {
+            return vec![self, other];
+        }
+        self.list.extend(other.list);
+        self.list.sort_by_key(|fault| fault.span.map(|span| span.start));
+        vec![self]
+    }
+
+    /// The text with the faults.
+    pub(crate) fn text(&self) -> &str {
+        self.source.text()
+    }
+
+    /// The faults at their positions in `text`, before changes by options; faults of a changed value name
+    /// the option instead.
+    pub(super) fn before_options(
+        mut self,
+        edits: &Edits,
+        options: &[String],
+        text: &str,
+    ) -> Faults {
+        for fault in &mut self.list {
+            let Some(span) = fault.span else { continue };
+            match edits.original(span) {
+                (span, None) => fault.span = Some(span),
+                (_, Some(place)) => {
+                    fault.span = None;
+                    fault.message = format!("{}: {}", options[place], fault.message);
+                }
+            }
+        }
+        self.list.sort_by_key(|fault| fault.span.map(|span| span.start));
+        Faults { source: Source::new(text), ..self }
     }
 
     /// The position of a fault of this list; `None` for a fault of the file as a whole.

@@ -1,16 +1,124 @@
 //! Hints for valid manifests that probably differ from the author's intent.
 
+use std::path::{Path, PathBuf};
+use std::{env, fs};
+
 use super::declared::{DeclaredAgent, Manifest};
+use super::grid::Grid;
 use super::printable;
+use super::repair::share;
+use crate::agent::{Constraint, Violation};
 use crate::key::{Key, Parameter, Value};
+
+/// Standard deviation of the context feature above which the feature says next to nothing.
+const LARGE_SIGMA: f64 = 10.0;
+
+/// Number of rollouts below which PPO has hardly begun to learn.
+const FEW_ROLLOUTS: u64 = 50;
 
 /// Hints on a valid manifest, as fragments.
 pub fn hints(manifest: &Manifest) -> Vec<String> {
-    let of_agent = |agent| {
-        let layers = layers_like_a_sweep(manifest, agent);
-        layers.into_iter().chain(keys_without_gru(agent)).chain(minibatch_of_one_step(agent))
+    let mut hints: Vec<String> = large_sigma(manifest).into_iter().collect();
+    for (place, agent) in manifest.agents.iter().enumerate() {
+        hints.extend(layers_like_a_sweep(manifest, agent));
+        hints.extend(keys_without_effect(manifest, agent));
+        hints.extend(minibatch_of_one_step(agent));
+        hints.extend(few_rollouts(manifest, place));
+        hints.extend(missing_programs(manifest, agent));
+    }
+    hints
+}
+
+/// A hint for a feature noise that is probably a percentage.
+fn large_sigma(manifest: &Manifest) -> Option<String> {
+    let values = manifest.environment.get("sigma")?;
+    let large = values.iter().find_map(|value| match value {
+        Value::Real(sigma) if *sigma >= LARGE_SIGMA => Some(*sigma),
+        _ => None,
+    })?;
+    Some(format!(
+        "`environment.sigma` = {large} is {large} times the difference between the two contexts, so the \
+         feature says next to nothing; {large} % is written {}",
+        share(large)
+    ))
+}
+
+/// A hint for a budget of PPO that ends after a few rollouts.
+fn few_rollouts(manifest: &Manifest, place: usize) -> Option<String> {
+    const EPISODES: Parameter = Parameter::Agent("episodes");
+    const HORIZON: Parameter = Parameter::Environment("horizon");
+    const LANES: Parameter = Parameter::Agent("lanes");
+    const STEPS: Parameter = Parameter::Agent("steps");
+    const FEW: Constraint = Constraint {
+        parameters: &[EPISODES, HORIZON, LANES, STEPS],
+        violation: |of| {
+            let steps = of.whole(EPISODES).saturating_mul(of.whole(HORIZON));
+            let rollouts = steps.div_ceil(of.whole(LANES).saturating_mul(of.whole(STEPS)));
+            let noun = if rollouts == 1 { "rollout" } else { "rollouts" };
+            (rollouts < FEW_ROLLOUTS).then(|| {
+                Violation::Contradiction(format!(
+                    "learns from at most {rollouts} {noun}: `episodes` = {} of at most {} steps make {} \
+                     steps, and a rollout takes {} (`lanes` times `steps`); raise `episodes`, or lower \
+                     `lanes` or `steps`",
+                    of.whole(EPISODES),
+                    of.whole(HORIZON),
+                    steps,
+                    of.whole(LANES).saturating_mul(of.whole(STEPS)),
+                ))
+            })
+        },
     };
-    manifest.agents.iter().flat_map(of_agent).collect()
+    let agent = &manifest.agents[place];
+    if agent.algorithm.name() != "ppo" {
+        return None;
+    }
+    match Grid::of(manifest, place).violation(&FEW)?.1 {
+        Violation::Contradiction(says) => Some(format!("agent {} {says}", printable(&agent.name))),
+        Violation::Impossible { .. } | Violation::TooLarge { .. } => None,
+    }
+}
+
+/// Hints for outside programs that this machine does not have.
+fn missing_programs(manifest: &Manifest, agent: &DeclaredAgent) -> Vec<String> {
+    let commands = agent.parameters.iter().find(|(key, _)| key.name == "command");
+    let commands = commands.map_or(&[][..], |(_, values)| values);
+    let folder = Path::new(&manifest.path).parent().unwrap_or(Path::new(""));
+    let hint = |value: &Value| {
+        let Value::Words(words) = value else { return None };
+        let program = words.first()?;
+        let reason = why_missing(program, folder)?;
+        let (name, program) = (printable(&agent.name), printable(program));
+        Some(format!("`command` of agent {name} cannot start on this machine: {program} {reason}"))
+    };
+    commands.iter().filter_map(hint).collect()
+}
+
+/// Why a program cannot be started; `None` if it can. A path starts from the folder of the manifest.
+fn why_missing(program: &str, folder: &Path) -> Option<&'static str> {
+    if program.contains('/') {
+        return match fs::metadata(folder.join(program)) {
+            Err(_) => Some("does not exist; the path is relative to the folder of the manifest"),
+            Ok(kind) if !kind.is_file() => Some("is not a file"),
+            Ok(kind) if !is_executable(&kind) => Some("is not executable"),
+            Ok(_) => None,
+        };
+    }
+    let path = env::var_os("PATH").unwrap_or_default();
+    let is_here = |folder: PathBuf| {
+        fs::metadata(folder.join(program)).is_ok_and(|kind| kind.is_file() && is_executable(&kind))
+    };
+    let is_found = env::split_paths(&path).any(is_here);
+    (!is_found).then_some("is in no folder of the PATH")
+}
+
+#[cfg(unix)]
+fn is_executable(file: &fs::Metadata) -> bool {
+    std::os::unix::fs::PermissionsExt::mode(&file.permissions()) & 0o111 != 0
+}
+
+#[cfg(not(unix))]
+fn is_executable(_: &fs::Metadata) -> bool {
+    true
 }
 
 /// A hint for `layers = [32, 64, 128]`: widths that increase from the input on are rare in a network and
@@ -31,24 +139,85 @@ fn layers_like_a_sweep(manifest: &Manifest, agent: &DeclaredAgent) -> Option<Str
     ))
 }
 
-/// Hints for keys of a GRU in an agent without one: they change the job key and not the result.
-fn keys_without_gru(agent: &DeclaredAgent) -> Vec<String> {
-    let none = Value::Choice("none");
-    if agent.parameters.get("recurrent").is_none_or(|values| values.iter().any(|v| *v != none)) {
-        return Vec::new();
-    }
-    let of_gru = |name: &str| ["units", "layers_before_gru"].contains(&name);
-    let declared = agent.parameters.iter().filter(|(key, values)| {
-        of_gru(key.name) && values.iter().any(|value| Some(value) != key.default().as_ref())
+/// A key that has an effect under a condition only; at other values it changes the job key and not the
+/// result.
+struct Conditional {
+    key: &'static str,
+    has_effect: fn(&Manifest, &DeclaredAgent) -> bool,
+    /// What follows "has no effect".
+    says: &'static str,
+}
+
+const CONDITIONAL: &[Conditional] = &[
+    Conditional { key: "units", has_effect: has_gru, says: "without `recurrent = \"gru\"`" },
+    Conditional {
+        key: "layers_before_gru",
+        has_effect: has_gru,
+        says: "without `recurrent = \"gru\"`",
+    },
+    Conditional {
+        key: "sequence",
+        has_effect: |manifest, agent| {
+            let longest =
+                manifest.environment.get("horizon").unwrap_or_default().iter().max_by(by_size);
+            let is_shorter =
+                |value: &Value| longest.is_none_or(|most| by_size(&value, &most).is_lt());
+            any(agent, "sequence", |value| *value != Value::Integer(0) && is_shorter(value))
+        },
+        says: "if no episode is longer",
+    },
+    Conditional {
+        key: "probability_draws",
+        has_effect: |_, agent| {
+            let draws = any(agent, "action_centring", |value| *value == Value::Flag(true))
+                || any(agent, "smoothing", |value| *value != Value::Real(0.0));
+            draws && any(agent, "draw", |value| *value == Value::Choice("step"))
+        },
+        says: "without `action_centring` or `smoothing`, and with `draw = \"episode\"`",
+    },
+    Conditional { key: "first_update", has_effect: updates, says: UPDATES },
+    Conditional { key: "update_interval", has_effect: updates, says: UPDATES },
+];
+
+const UPDATES: &str = "with `update = \"once\"` or `posterior = \"reset\"`";
+
+/// Whether any value of a key meets a condition.
+fn any(agent: &DeclaredAgent, key: &str, is_met: impl Fn(&Value) -> bool) -> bool {
+    let values = agent.parameters.get(key).unwrap_or_default();
+    values.iter().any(is_met)
+}
+
+fn has_gru(_: &Manifest, agent: &DeclaredAgent) -> bool {
+    any(agent, "recurrent", |value| *value != Value::Choice("none"))
+}
+
+fn updates(_: &Manifest, agent: &DeclaredAgent) -> bool {
+    any(agent, "update", |value| *value != Value::Choice("once"))
+        && any(agent, "posterior", |value| *value != Value::Choice("reset"))
+}
+
+/// The order of whole numbers.
+fn by_size(one: &&Value, other: &&Value) -> std::cmp::Ordering {
+    let whole = |value: &Value| if let Value::Integer(whole) = value { *whole } else { 0 };
+    whole(one).cmp(&whole(other))
+}
+
+/// Hints for keys that no job of an agent reads.
+fn keys_without_effect(manifest: &Manifest, agent: &DeclaredAgent) -> Vec<String> {
+    let idle = CONDITIONAL.iter().filter_map(|conditional| {
+        let is_key = |(key, _): &(&'static Key, &[Value])| key.name == conditional.key;
+        let (key, values) = agent.parameters.iter().find(is_key)?;
+        let is_set = values.iter().any(|value| Some(value) != key.default().as_ref());
+        (is_set && !(conditional.has_effect)(manifest, agent)).then(|| {
+            format!(
+                "`{}` of agent {} has no effect {}",
+                key.name,
+                printable(&agent.name),
+                conditional.says
+            )
+        })
     });
-    let hint = |(key, _): (&'static Key, _)| {
-        format!(
-            "`{}` of agent {} has no effect without `recurrent = \"gru\"`",
-            key.name,
-            printable(&agent.name)
-        )
-    };
-    declared.map(hint).collect()
+    idle.collect()
 }
 
 /// A hint for minibatches of one step whose advantage is normalised: it becomes 0, and the policy does not
@@ -107,6 +276,96 @@ mod tests {
         for line in ["units = 64", "batch = 8", "recurrent = [\"none\", \"gru\"]\nunits = 32"] {
             assert!(hints_for(line).is_empty(), "{line}");
         }
+    }
+
+    fn hints_of(environment: &str, agent: &str) -> Vec<String> {
+        let text = format!(
+            "format = 1\nname = \"t\"\nscenarios = [\"P-H-D\"]\nseeds = 1\n[environment]\n{environment}\n\
+             [[agent]]\nname = \"a\"\n{agent}\n"
+        );
+        hints(&parse("t", text.as_bytes()).unwrap())
+    }
+
+    #[test]
+    fn keys_that_no_job_reads_have_no_effect() {
+        let bandit = |keys: &str| {
+            hints_of(
+                "sigma = 0.4",
+                &format!("algorithm = \"linear_thompson\"\nwarm_up = 5\n{keys}"),
+            )
+        };
+        for (keys, key) in [
+            ("probability_draws = 500", "probability_draws"),
+            ("probability_draws = 500\nsmoothing = 0.1\ndraw = \"episode\"", "probability_draws"),
+            ("first_update = 3\nupdate = \"once\"", "first_update"),
+            ("update_interval = 3\nupdate = \"once\"", "update_interval"),
+            ("first_update = [3, 4]\nposterior = \"reset\"", "first_update"),
+        ] {
+            let hints = bandit(keys);
+            assert_eq!(hints.len(), 1, "{keys}: {hints:?}");
+            assert!(
+                hints[0].starts_with(&format!("`{key}` of agent a has no effect")),
+                "{hints:?}"
+            );
+        }
+        for keys in [
+            "probability_draws = 500\nsmoothing = 0.1",
+            "probability_draws = 500\naction_centring = true\npi_min = 0.1",
+            "first_update = 3\nupdate = [\"once\", \"episode\"]",
+            "",
+        ] {
+            assert!(bandit(keys).is_empty(), "{keys}: {:?}", bandit(keys));
+        }
+        let dqn = "algorithm = \"dueling_dqn\"\nrecurrent = \"gru\"\nsequence =";
+        let long = hints_of("sigma = 0.4\nhorizon = 20", &format!("{dqn} 20"));
+        assert_eq!(long, ["`sequence` of agent a has no effect if no episode is longer"]);
+        for shorter in ["19", "0", "[10, 30]"] {
+            let hints = hints_of("sigma = 0.4\nhorizon = 20", &format!("{dqn} {shorter}"));
+            assert!(hints.is_empty(), "{shorter}: {hints:?}");
+        }
+    }
+
+    #[test]
+    fn a_budget_of_a_few_rollouts_hardly_trains_ppo() {
+        let ppo = |keys: &str| hints_of("sigma = 0.4", &format!("algorithm = \"ppo\"\n{keys}"));
+        // 700 episodes of 50 steps in rollouts of 16 lanes and 50 steps: 43.75.
+        let [hint] = &ppo("episodes = 700")[..] else { panic!() };
+        assert!(
+            hint.starts_with("agent a learns from at most 44 rollouts: `episodes` = 700 of"),
+            "{hint}"
+        );
+        assert!(ppo("episodes = 800").is_empty());
+        assert_eq!(ppo("episodes = 800\nlanes = [16, 32]").len(), 1);
+    }
+
+    #[test]
+    fn a_percentage_is_a_large_sigma() {
+        let rule = "algorithm = \"rule\"\nrule = \"random\"";
+        let [hint] = &hints_of("sigma = [40, 80]", rule)[..] else { panic!() };
+        assert!(hint.starts_with("`environment.sigma` = 40 is 40 times"), "{hint}");
+        assert!(hint.ends_with("40 % is written 0.4"), "{hint}");
+        assert!(hints_of("sigma = [0.4, 5]", rule).is_empty());
+    }
+
+    #[test]
+    fn outside_programs_that_this_machine_lacks_are_named() {
+        let outside = |command: &str| {
+            hints_of(
+                "sigma = 0.4",
+                &format!("algorithm = \"external\"\nversion = \"1\"\ncommand = {command}"),
+            )
+        };
+        for (command, reason) in [
+            ("[\"no-such-program\"]", "no-such-program is in no folder of the PATH"),
+            ("[\"./no-such-program\", \"x\"]", "./no-such-program does not exist"),
+            ("[\"/tmp\"]", "/tmp is not a file"),
+        ] {
+            let [hint] = &outside(command)[..] else { panic!("{command}") };
+            assert!(hint.contains(reason), "{hint}");
+        }
+        assert!(outside("[\"sh\", \"x.sh\"]").is_empty());
+        assert!(outside("[\"/bin/sh\"]").is_empty());
+        assert_eq!(outside("[[\"sh\"], [\"no-such-program\"]]").len(), 1);
     }
 
     #[test]

@@ -10,6 +10,7 @@ use toml::de::DeTable;
 use super::declared::Manifest;
 use super::fault::{Fault, FaultList, Faults};
 use super::read::{newer_format, shortened};
+use super::repair::{Repaired, repaired};
 use super::source::{Source, Span};
 use super::sweep::Reader;
 use super::{check, complete};
@@ -56,29 +57,58 @@ fn read(path: &Path) -> Result<Vec<u8>, Fault> {
 /// # Errors
 /// Every fault of the text, with positions.
 pub fn parse(path: &str, bytes: &[u8]) -> Result<Manifest, Faults> {
-    let text = decode(path, bytes)?;
-    let Document { root, repeats, syntax, broken_at } = document(text);
+    let (manifest, mut faults, lost) = read_text(path, decode(path, bytes)?)?;
+    lost.into_iter().for_each(|(_, lost)| faults.append(lost));
+    if faults.is_empty() {
+        return Ok(manifest);
+    }
+    Err(faults.of(path, Source::new(&manifest.source)))
+}
+
+/// A manifest, its faults, and the faults of each analysis that refers to something it does not declare, by
+/// the index of the analysis. With any fault, the manifest serves for its source only.
+pub(super) type Checked = (Manifest, FaultList, Vec<(usize, FaultList)>);
+
+/// Reads and checks the text of a manifest.
+///
+/// # Errors
+/// Every fault of a text whose notation or format is too faulty for a check of its content.
+pub(super) fn read_text(path: &str, text: &str) -> Result<Checked, Faults> {
+    let repaired = repaired(text);
+    let readable = repaired.as_ref().map_or(text, |repaired| &repaired.text);
+    let Document { root, repeats, syntax, broken_at } = document(readable);
     if let Some(fault) = newer_format(root.get_ref()) {
         return Err(Faults::of_text(path, text, fault));
     }
-    let mut reader = Reader::new(text);
+    let mut reader = Reader::new(readable);
     reader.folder = Path::new(path).parent().unwrap_or(Path::new("")).to_owned();
     let mut draft = reader.draft(root.get_ref());
     let mut faults = reader.faults;
     faults.append(repeats);
     if !syntax.is_empty() {
         // A syntax fault can cause missing keys, and faults on its line or after a break.
-        let source = Source::new(text);
-        faults.retain_off_lines_of(&syntax, &source);
+        faults.retain_off_lines_of(&syntax, &Source::new(readable));
         faults.retain_before(broken_at);
         faults.append(syntax);
-        return Err(faults.of(path, source));
+        return Err(in_original(faults, repaired, text).of(path, Source::new(text)));
     }
-    let manifest = complete::complete(&draft, path, text, &mut faults);
-    // A missing agent has been reported; conditions on agents are not reported as well.
-    draft.invalid_agents |= draft.agents.is_empty();
-    let manifest = check::check(&draft, manifest, &mut faults);
-    if faults.is_empty() { Ok(manifest) } else { Err(faults.of(path, Source::new(text))) }
+    let manifest = complete::complete(&mut draft, path, text, &mut faults);
+    let (manifest, lost) = check::check(&draft, manifest, &mut faults);
+    if repaired.is_none() {
+        return Ok((manifest, faults, lost));
+    }
+    lost.into_iter().for_each(|(_, lost)| faults.append(lost));
+    Ok((manifest, in_original(faults, repaired, text), Vec::new()))
+}
+
+/// The faults of a repaired text with their positions in the original, and the faults that were repaired.
+fn in_original(mut faults: FaultList, repaired: Option<Repaired>, text: &str) -> FaultList {
+    let Some(Repaired { edits, slips, erased, .. }) = repaired else { return faults };
+    faults.trace(&edits);
+    faults.retain_off_lines_of(&erased, &Source::new(text));
+    faults.append(slips);
+    faults.append(erased);
+    faults
 }
 
 /// The bytes as text, without a byte-order mark.
@@ -122,34 +152,68 @@ pub(crate) struct Document<'t> {
 /// Reads a TOML text, and continues after syntax faults.
 pub(crate) fn document(text: &str) -> Document<'_> {
     let (root, errors) = DeTable::parse_recoverable(text);
+    let (mut repeats, mut syntax) = (FaultList::default(), FaultList::default());
+    let mut broken_at = usize::MAX;
+    for broken in broken(text, &errors) {
+        if broken.is_repeat {
+            repeats.add(broken.fault);
+            continue;
+        }
+        syntax.add(broken.fault);
+        if broken.breaks_structure {
+            broken_at = broken.span.start;
+            break;
+        }
+    }
+    Document { root, repeats, syntax, broken_at }
+}
+
+/// A fault that the parser found.
+pub(super) struct Broken<'t> {
+    pub span: Span,
+    /// The text at its position.
+    pub written: &'t str,
+    pub fault: Fault,
+    /// Whether a key is set a second time.
+    pub is_repeat: bool,
+    /// Whether the parser loses the structure of the document after the fault.
+    pub breaks_structure: bool,
+}
+
+/// The faults that the parser found in a text, by position; at most one per line.
+pub(super) fn broken<'t>(text: &'t str, errors: &[toml::de::Error]) -> Vec<Broken<'t>> {
     let span = |error: &toml::de::Error| error.span().map_or(Span { start: 0, end: 0 }, Span::from);
     let mut errors: Vec<(Span, &str)> =
         errors.iter().map(|error| (span(error), error.message())).collect();
     errors.sort_by_key(|(span, _)| *span);
     let source = Source::new(text);
-    let (mut repeats, mut syntax) = (FaultList::default(), FaultList::default());
-    let (mut broken_at, mut last_line) = (usize::MAX, 0);
+    let (mut last_line, mut repeated_until) = (0, 0);
+    let mut all = Vec::new();
     for (span, message) in errors {
         let line = source.position(span.start).line;
-        if line == last_line {
+        let is_repeat = message == "duplicate key";
+        if line == last_line || (is_repeat && span.start < repeated_until) {
             continue;
         }
         last_line = line;
         let written = text.get(span.start..span.end).unwrap_or("");
-        if message == "duplicate key" {
-            let name = shortened(written);
-            repeats.add(Fault::at(span, format!("`{name}` is set twice")));
-            continue;
+        let breaks_structure = breaks_structure(message);
+        let fault = match is_repeat {
+            true => Fault::at(span, format!("`{}` is set twice", shortened(written))),
+            false => Fault::at(span, in_our_words(message, written)),
+        };
+        // Keys of a table that is opened twice are set twice because of the table.
+        if is_repeat && text[..span.start].trim_end_matches([' ', '\t']).ends_with('[') {
+            let next = text[span.start..].find("\n[").map_or(text.len(), |next| span.start + next);
+            repeated_until = next;
         }
-        let fault = Fault::at(span, in_our_words(message, written));
-        if breaks_structure(message) {
-            broken_at = span.start;
-            syntax.add(fault.help("check that every earlier list and table is closed"));
-            break;
-        }
-        syntax.add(fault);
+        let fault = match breaks_structure {
+            true => fault.help("check that every earlier list and table is closed"),
+            false => fault,
+        };
+        all.push(Broken { span, written, fault, is_repeat, breaks_structure });
     }
-    Document { root, repeats, syntax, broken_at }
+    all
 }
 
 fn in_our_words(message: &str, written: &str) -> String {

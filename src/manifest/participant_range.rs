@@ -6,6 +6,7 @@ use serde_json::{Value as Json, json};
 use toml::de::DeTable;
 
 use super::fault::Fault;
+use super::respelt::respelt;
 use super::source::{Located, Span};
 use super::sweep::{Node, Reader};
 use crate::env::ParticipantSampler;
@@ -80,10 +81,11 @@ impl fmt::Display for ParticipantRange {
 }
 
 impl Reader<'_> {
-    /// Reads the key `participants` of an analysis of `metric`; `None` if it is absent or faulty.
+    /// Reads the key `participants` of an analysis of `metric`, `None` for a faulty metric; `None` if the key
+    /// is absent or faulty.
     pub(super) fn participants(
         &mut self,
-        metric: &str,
+        metric: Option<&str>,
         table: &DeTable,
     ) -> Option<Located<ParticipantRange>> {
         const KEYS: [&str; 3] = ["parameter", "from_quantile", "to_quantile"];
@@ -99,29 +101,34 @@ impl Reader<'_> {
             self.faults.add(Fault::at(key.span().into(), message).nearest(found, KEYS));
         }
         let here = Span::from(node.span());
-        if !METRICS.contains(&metric) {
+        let keys = &*respelt(keys, &KEYS);
+        if let Some(metric) = metric.filter(|metric| !METRICS.contains(metric)) {
             let message = format!("`participants`: `{metric}` is not recorded per episode");
             let help = format!("use one of {}", METRICS.join(", "));
             self.faults.add(Fault::at(here, message).help(help));
         }
-        let Some(named) = keys.get("parameter") else {
-            let fault = Fault::at(here, "`participants`: missing key `parameter`");
-            self.faults.add(fault.help("name a key of [population]: parameter = \"delta_d\""));
-            return None;
-        };
         let names: Vec<&'static str> = ParticipantSampler::all_names().collect();
-        let parameter = self.word("parameter", &names, named)?;
-        let place = names.iter().position(|name| *name == parameter)? as u8;
+        let parameter = match keys.get("parameter") {
+            Some(named) => self.word("parameter", &names, named),
+            None => {
+                let fault = Fault::at(here, "`participants`: missing key `parameter`");
+                self.faults.add(fault.help("name a key of [population]: parameter = \"delta_d\""));
+                None
+            }
+        };
         let mut share = |name: &str, default: f64| match keys.get(name) {
             Some(node) => self.share(name, node),
             None => Some(default),
         };
-        let (from, to) = (share("from_quantile", 0.0)?, share("to_quantile", 1.0)?);
+        let (from, to) = (share("from_quantile", 0.0), share("to_quantile", 1.0));
+        let (from, to) = (from?, to?);
         if from >= to {
             let message = "`participants`: `from_quantile` is not below `to_quantile`";
             self.faults.add(Fault::at(here, message));
             return None;
         }
+        let parameter = parameter?;
+        let place = names.iter().position(|name| *name == parameter)? as u8;
         Some(Located { value: ParticipantRange { parameter, place, from, to }, span: here })
     }
 

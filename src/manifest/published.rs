@@ -98,16 +98,34 @@ impl Published {
     /// Faults of the file or of its name, with positions.
     pub fn of(manifest: &Manifest) -> Result<Option<Published>, Faults> {
         let Some(name) = &manifest.published else { return Ok(None) };
-        let folder = Path::new(&manifest.path).parent().unwrap_or(Path::new(""));
+        Published::named(name, &manifest.path, &manifest.source).map(Some)
+    }
+
+    /// The faults of a manifest at `path`, together with the faults of the file of published numbers that
+    /// it names.
+    pub fn faults_with(faults: Faults, path: &Path) -> Vec<Faults> {
+        let (root, _) = DeTable::parse_recoverable(faults.text());
+        let name = root.get_ref().get("published").and_then(|node| node.get_ref().as_str());
+        let label = path.display().to_string();
+        let read = name.map(|name| Published::named(name, &label, faults.text()));
+        match read {
+            Some(Err(others)) => faults.and(others),
+            Some(Ok(_)) | None => vec![faults],
+        }
+    }
+
+    /// Reads the file called `name` in the folder of the manifest at `manifest`, whose text is `source`.
+    fn named(name: &str, manifest: &str, source: &str) -> Result<Published, Faults> {
+        let folder = Path::new(manifest).parent().unwrap_or(Path::new(""));
         let path = folder.join(name);
         let unreadable = |reason: String| {
             let message = format!("`published`: `{}` cannot be read: {reason}", path.display());
-            let fault = match span_of_name(&manifest.source) {
+            let fault = match span_of_name(source) {
                 Some(span) => Fault::at(span, message),
                 None => Fault::whole(message),
             };
             let fault = fault.help("the path is relative to the folder of the manifest");
-            Faults::of_text(&manifest.path, &manifest.source, fault)
+            Faults::of_text(manifest, source, fault)
         };
         let file = fs::metadata(&path).map_err(|error| unreadable(error.to_string()))?;
         if !file.is_file() {
@@ -117,7 +135,7 @@ impl Published {
             return Err(unreadable(format!("it is larger than {MOST_BYTES} bytes")));
         }
         let text = fs::read_to_string(&path).map_err(|error| unreadable(error.to_string()))?;
-        Published::parse(&path, &text).map(Some)
+        Published::parse(&path, &text)
     }
 
     /// Reads the text of the file called `path`.
@@ -167,7 +185,7 @@ impl Published {
 
 /// The position of the key for published numbers in a manifest's text.
 fn span_of_name(text: &str) -> Option<Span> {
-    let root = DeTable::parse(text).ok()?;
+    let (root, _) = DeTable::parse_recoverable(text);
     Some(root.get_ref().get("published")?.span().into())
 }
 

@@ -6,6 +6,7 @@ use super::draft::{AgentDraft, Draft, Settings};
 use super::fault::{Fault, nearest};
 use super::limits::MOST_JOBS;
 use super::preset;
+use super::respelt::respelt;
 use super::section::Section;
 use super::source::{Located, Span, hidden};
 use super::sweep::{Node, Reader, Repeats, whole, zipped};
@@ -36,7 +37,7 @@ pub(super) const TOP_KEYS: [&str; 16] = [
 const ABOVE_TABLES: usize = 10;
 
 /// The keys of [`TOP_KEYS`] that are arrays of tables, with double brackets.
-const TABLES: [&str; 2] = ["agent", "analysis"];
+pub(super) const TABLES: [&str; 3] = ["agent", "exclude", "analysis"];
 
 /// The table of an outside program's parameters, in its [[agent]].
 const PARAMETERS: &str = "parameters";
@@ -64,49 +65,63 @@ pub(super) fn newer_format(root: &DeTable) -> Option<Fault> {
 impl Reader<'_> {
     /// The content of the document, merged over the preset that it extends.
     pub fn draft(&mut self, root: &DeTable) -> Draft {
+        let mut draft = Draft::new();
+        for key in root.keys().filter(|key| !TOP_KEYS.contains(&key.get_ref().as_ref())) {
+            self.astray(&mut draft, key.get_ref(), key.span().into());
+        }
+        let root = &*respelt(root, &TOP_KEYS);
         let inherited = self.inherited(root);
         self.zipped = zipped(root);
-        let mut draft = Draft::new();
-        let mut astray = Vec::new();
         for (key, node) in root {
-            match key.get_ref().as_ref() {
-                "format" => {
-                    self.format(node);
-                    draft.has_format = true;
-                }
-                "extends" => {}
-                "name" => draft.name = Some(self.name("name", node)),
-                "question" => draft.question = self.text("question", node),
-                "hypothesis" => draft.hypothesis = self.text("hypothesis", node),
-                "published" => draft.published = self.text("published", node),
-                "time_limit_seconds" => draft.time_limit_seconds = self.time_limit(node),
-                "scenarios" => {
-                    let value = self.scenarios("scenarios", node);
-                    draft.scenarios = Some(Located { value, span: node.span().into() });
-                }
-                "seeds" => {
-                    let value = self.seeds("seeds", node);
-                    draft.seeds = Some(Located { value, span: node.span().into() });
-                }
-                "environment" => {
-                    draft.environment = self.section(Section::Environment, node);
-                    if !node.get_ref().is_table() {
-                        draft.mark_invalid("environment", node.span().into());
-                    }
-                }
-                "population" => draft.population = self.section(Section::Population, node),
-                "evaluation" => draft.evaluation = self.section(Section::Evaluation, node),
-                "agent" => self.agents(&mut draft, &inherited, node),
-                "zip" => self.zips(&mut draft, node),
-                "exclude" => self.exclusions(&mut draft, node),
-                "analysis" => self.analyses(&mut draft, node),
-                found => astray.push((found, Span::from(key.span()))),
+            self.top_key(&mut draft, &inherited, key.get_ref(), node);
+        }
+        // Keys above all tables that stand in a table have been reported, and are read all the same.
+        for key in TOP_KEYS[..ABOVE_TABLES].iter().filter(|key| **key != "name") {
+            let stray = tables_of(root).find_map(|table| table.get(*key));
+            if let Some(node) = stray.filter(|_| !root.contains_key(*key)) {
+                self.top_key(&mut draft, &inherited, key, node);
             }
         }
-        for (found, span) in astray {
-            self.astray(&mut draft, found, span);
+        for (name, span) in std::mem::take(&mut self.misplaced) {
+            if let Some((place, _)) = Section::Environment.find(name) {
+                draft.environment.mark_invalid(place, span);
+            }
         }
         inherited.overridden_by(draft)
+    }
+
+    /// Reads a top-level key; unknown keys have been reported.
+    fn top_key(&mut self, draft: &mut Draft, inherited: &Draft, key: &str, node: &Node) {
+        match key {
+            "format" => {
+                self.format(node);
+                draft.has_format = true;
+            }
+            "name" => draft.name = Some(self.name("name", node)),
+            "question" => draft.question = self.text("question", node),
+            "hypothesis" => draft.hypothesis = self.text("hypothesis", node),
+            "published" => draft.published = self.text("published", node),
+            "time_limit_seconds" => draft.time_limit_seconds = self.time_limit(node),
+            "scenarios" => {
+                let value = self.scenarios("scenarios", node);
+                draft.scenarios = Some(Located { value, span: node.span().into() });
+            }
+            "seeds" => {
+                let value = self.seeds("seeds", node);
+                draft.seeds = Some(Located { value, span: node.span().into() });
+            }
+            "environment" => {
+                let read = self.section(Section::Environment, node);
+                draft.environment.override_with(read);
+            }
+            "population" => draft.population = self.section(Section::Population, node),
+            "evaluation" => draft.evaluation = self.section(Section::Evaluation, node),
+            "agent" => self.agents(draft, inherited, node),
+            "zip" => self.zips(draft, node),
+            "exclude" => self.exclusions(draft, node),
+            "analysis" => self.analyses(draft, node),
+            _ => {}
+        }
     }
 
     /// Reports an unknown top-level key. The key that was probably meant is not reported as missing.
@@ -125,19 +140,11 @@ impl Reader<'_> {
         }
     }
 
-    /// The draft of the preset that the document extends. A misspelt `extends` selects the first preset, so
-    /// that keys which the preset gives are not reported as missing.
+    /// The draft of the preset that the document extends.
     fn inherited(&mut self, root: &DeTable) -> Draft {
         let (name, span) = match root.get("extends") {
             Some(node) => (self.extends(node), node.span()),
-            None => {
-                let is_meant =
-                    |found: &str| nearest(found, TOP_KEYS).is_some_and(|key| key == "extends");
-                let Some(key) = root.keys().find(|key| is_meant(key.get_ref())) else {
-                    return Draft::new();
-                };
-                (preset::names()[0], key.span())
-            }
+            None => return Draft::new(),
         };
         preset::draft(name).moved_to(span.into())
     }
@@ -302,8 +309,18 @@ impl Reader<'_> {
     fn section(&mut self, section: Section, node: &Node) -> Settings {
         let mut settings = Settings::new(section);
         settings.span = Some(node.span().into());
-        if let Some(table) = self.table(section.name(), node) {
-            self.settings(&mut settings, table, &[]);
+        let only = match node.get_ref().as_array().map(|entries| &entries[..]) {
+            Some([entry]) => entry.get_ref().as_table(),
+            _ => None,
+        };
+        // A table that double brackets opened is read all the same.
+        match self.table(section.name(), node).or(only) {
+            Some(table) => self.settings(&mut settings, table, &[]),
+            None => {
+                for place in 0..section.keys().len() {
+                    settings.mark_invalid(place, node.span().into());
+                }
+            }
         }
         settings
     }
@@ -311,20 +328,23 @@ impl Reader<'_> {
     /// Reads the keys of `table` except `others`, which the caller reads.
     fn settings(&mut self, settings: &mut Settings, table: &DeTable, others: &[&str]) {
         let section = settings.section;
-        for (key, node) in table {
-            let found = key.get_ref().as_ref();
-            if others.contains(&found) {
-                continue;
+        let mut known: Vec<&str> = section.keys().iter().map(|key| key.name).collect();
+        known.extend(others);
+        for key in table.keys().filter(|key| !known.contains(&key.get_ref().as_ref())) {
+            let (found, span) = (key.get_ref().as_ref(), Span::from(key.span()));
+            self.unknown_key(section, span, found, others);
+            if let Some((_, key)) = Section::Environment.find(found) {
+                self.misplaced.push((key.name, span));
             }
-            let Some((_, known)) = section.find(found) else {
-                self.unknown_key(section, key.span().into(), found, others);
-                let meant = nearest(found, section.keys().iter().map(|key| key.name));
-                if let Some((place, _)) = meant.and_then(|meant| section.find(meant)) {
-                    settings.mark_invalid(place, key.span().into());
-                }
-                continue;
-            };
-            self.setting(settings, known.name, node);
+            let meant = nearest(found, section.keys().iter().map(|key| key.name));
+            if let Some((place, _)) = meant.and_then(|meant| section.find(meant)) {
+                settings.mark_invalid(place, span);
+            }
+        }
+        for (key, node) in &*respelt(table, &known) {
+            if let Some((_, known)) = section.find(key.get_ref()) {
+                self.setting(settings, known.name, node);
+            }
         }
     }
 
@@ -352,22 +372,42 @@ impl Reader<'_> {
     }
 
     fn agents(&mut self, draft: &mut Draft, inherited: &Draft, node: &Node) {
-        let before = self.faults.len();
-        let is_empty = node.get_ref().as_array().is_some_and(|agents| agents.is_empty());
-        if is_empty && inherited.agents.is_empty() {
+        let entries = node.get_ref().as_array().map_or(0, |agents| agents.len());
+        if node.get_ref().is_array() && entries == 0 && inherited.agents.is_empty() {
             self.expected("agent", "at least one [[agent]]", node);
         }
-        for (span, table) in self.tables("agent", node) {
-            let Some(agent) = self.agent(inherited, span, table) else { continue };
-            let same = |other: &&AgentDraft| other.name.value == agent.name.value;
-            if let Some(first) = draft.agents.iter().find(same) {
-                let first = self.text[..first.name.span.start].matches('\n').count() + 1;
-                let message = format!("two agents are called `{}`", agent.name.value);
-                let fault = Fault::at(agent.name.span, message);
+        let tables = self.tables("agent", node);
+        if tables.len() < entries || tables.is_empty() {
+            draft.unread_agents.push(None);
+        }
+        let mut names: Vec<Located<String>> = Vec::new();
+        for (span, table) in tables {
+            let agent = self.agent(inherited, span, table);
+            let name = match &agent {
+                Ok(agent) => Some(agent.name.clone()),
+                Err(name) => name.clone(),
+            };
+            let name = name.filter(|name| !name.value.is_empty());
+            let same = name.as_ref().and_then(|name| {
+                names.iter().find(|other| other.value == name.value).map(|first| (name, first))
+            });
+            if let Some((name, first)) = same {
+                let first = self.text[..first.span.start].matches('\n').count() + 1;
+                let fault = Fault::at(name.span, format!("two agents are called `{}`", name.value));
                 self.faults.add(fault.help(format!("the first is on line {first}")));
-                continue;
             }
-            draft.agents.push(agent);
+            let is_first = same.is_none();
+            match agent {
+                Ok(agent) if is_first && name.is_some() => draft.agents.push(agent),
+                Ok(agent) if is_first => {
+                    draft.unread_agents.push(None);
+                    draft.agents.push(agent);
+                }
+                Ok(_) | Err(_) => {
+                    draft.unread_agents.push(name.as_ref().map(|name| name.value.clone()));
+                }
+            }
+            names.extend(name);
         }
         for agent in &draft.agents {
             let Some(label) = &agent.label else { continue };
@@ -381,10 +421,21 @@ impl Reader<'_> {
                 self.faults.add(fault.help("figures distinguish agents by their labels"));
             }
         }
-        draft.invalid_agents = self.faults.len() > before;
     }
 
-    fn agent(&mut self, inherited: &Draft, span: Span, table: &DeTable) -> Option<AgentDraft> {
+    /// The agent in a table; its name, if that could be read, for an agent that could not.
+    fn agent(
+        &mut self,
+        inherited: &Draft,
+        span: Span,
+        written: &DeTable,
+    ) -> Result<AgentDraft, Option<Located<String>>> {
+        let mut others = vec!["name", "label", "algorithm"];
+        let of_agents = Section::all().into_iter().filter(|one| algorithm_of(*one).is_some());
+        let mut known: Vec<&str> =
+            of_agents.flat_map(|section| section.keys()).map(|key| key.name).collect();
+        known.extend(others.iter().chain([&PARAMETERS]));
+        let table = &*respelt(written, &known);
         let name = match table.get("name") {
             Some(node) => Some(self.name("name", node)).filter(|name| !name.value.is_empty()),
             None => {
@@ -402,8 +453,8 @@ impl Reader<'_> {
             let section = Section::Agent(algorithm);
             table.keys().filter(|key| section.find(key.get_ref()).is_some()).count()
         };
-        let likely = algorithm.or(Algorithm::all().into_iter().max_by_key(known))?;
-        let mut others = vec!["name", "label", "algorithm"];
+        let likely = algorithm.or(Algorithm::all().into_iter().max_by_key(known));
+        let likely = likely.expect("there are algorithms");
         let free = table.get(PARAMETERS).filter(|_| likely.is_external());
         let free = free.and_then(|node| self.free_parameters(node));
         let likely = match &free {
@@ -415,13 +466,20 @@ impl Reader<'_> {
         }
         let mut settings = Settings::new(Section::Agent(likely));
         settings.span = Some(span);
-        self.settings(&mut settings, table, &others);
+        self.settings(&mut settings, written, &others);
         for (key, node) in free.map(|(_, given)| given).unwrap_or_default() {
             self.setting(&mut settings, key, node);
         }
         let label = self.label(table);
-        let algorithm = algorithm.map(|_| likely)?;
-        Some(AgentDraft { name: name?, label, algorithm, settings })
+        let is_preset = |one: &AgentDraft| Some(one.name.value.as_str()) == called;
+        let of_preset = inherited.agents.iter().find(|one| is_preset(one));
+        let fits = of_preset.is_none_or(|preset| preset.algorithm.name() == likely.name());
+        if algorithm.is_none() || !fits {
+            return Err(name);
+        }
+        // An agent without a name is checked all the same.
+        let name = name.unwrap_or(Located { value: String::new(), span });
+        Ok(AgentDraft { name, label, algorithm: likely, settings })
     }
 
     /// The name of an agent in figures and tables.
@@ -474,11 +532,22 @@ impl Reader<'_> {
                 let fault = Fault::at(node.span().into(), message);
                 self.faults
                     .add(fault.help("give the agent another name to add it to the preset's"));
-                Some(preset)
+                Some(algorithm)
             }
             (Some(algorithm), _) => Some(algorithm),
         }
     }
+}
+
+/// The tables below a table, and the tables in its lists.
+fn tables_of<'r, 'n>(root: &'r DeTable<'n>) -> impl Iterator<Item = &'r DeTable<'n>> {
+    root.values().flat_map(|node| match node.get_ref() {
+        DeValue::Table(table) => vec![table],
+        DeValue::Array(list) => {
+            list.iter().filter_map(|entry| entry.get_ref().as_table()).collect()
+        }
+        _ => Vec::new(),
+    })
 }
 
 /// The algorithm that a section belongs to; `None` for other sections.

@@ -12,9 +12,11 @@ use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Table, TableLike, Value
 
 use super::condition::short_name;
 use super::declared::Manifest;
+use super::edits::Edits;
 use super::fault::{Fault, Faults, nearest};
-use super::load::{load, parse};
+use super::load::{load, parse, read_text};
 use super::parameter::parameters;
+use super::source::{Source, printable};
 use crate::agent::free_key;
 use crate::key::Parameter;
 
@@ -63,25 +65,88 @@ enum Place<'m> {
     Agents(Vec<&'m str>, &'static str),
 }
 
-/// Reads and validates the manifest at `path` with overrides; later overrides replace earlier ones.
+/// A manifest with its overrides.
+#[derive(Clone, Debug)]
+pub struct Overridden {
+    /// The manifest.
+    pub manifest: Manifest,
+    /// The analyses that were left out, because they refer to values that an override replaced; one
+    /// sentence fragment each.
+    pub left_out: Vec<String>,
+}
+
+/// Reads and validates the manifest at `path` with overrides; later overrides replace earlier ones. An
+/// analysis that does not hold with the overrides is left out.
 ///
 /// # Errors
 /// Every fault of the file; or the first override whose key the manifest cannot have; or every fault of the
 /// manifest with its overrides.
-pub fn load_with(path: &Path, overrides: &[Override]) -> Result<Manifest, Faults> {
+pub fn load_with(path: &Path, overrides: &[Override]) -> Result<Overridden, Faults> {
     let manifest = load(path)?;
     if overrides.is_empty() {
-        return Ok(manifest);
+        return Ok(Overridden { manifest, left_out: Vec::new() });
     }
-    let text =
-        with(&manifest, overrides).map_err(|fault| Faults::of_file(&manifest.path, fault))?;
-    parse(&manifest.path, text.as_bytes())
+    let label = &manifest.path;
+    let edited = with(&manifest, overrides).map_err(|fault| Faults::of_file(label, fault))?;
+    let options: Vec<String> = edited.options.iter().map(|set| format!("--set {set}")).collect();
+    let traced = |faults: Faults| faults.before_options(&edited.edits, &options, &manifest.source);
+    let (read, faults, lost) = read_text(label, &edited.text).map_err(traced)?;
+    if !faults.is_empty() {
+        return Err(traced(faults.of(label, Source::new(&edited.text))));
+    }
+    if lost.is_empty() {
+        return Ok(Overridden { manifest: read, left_out: Vec::new() });
+    }
+    let left_out = lost.iter().map(|(place, faults)| {
+        let name = read.analyses.get(*place).map_or("", |analysis| &analysis.name);
+        let reasons: Vec<&str> = faults.messages().collect();
+        format!("analysis `{}` is left out: {}", printable(name), reasons.join("; "))
+    });
+    let left_out = left_out.collect();
+    let text = without_analyses(&edited.text, lost.iter().map(|(place, _)| *place))
+        .map_err(|fault| Faults::of_file(label, fault))?;
+    let manifest = parse(label, text.as_bytes()).map_err(traced)?;
+    Ok(Overridden { manifest, left_out })
+}
+
+/// The text without the analyses at these places.
+fn without_analyses(text: &str, places: impl Iterator<Item = usize>) -> Result<String, Fault> {
+    let mut document = editable(text)?;
+    let places: Vec<usize> = places.collect();
+    let is_left = match document.get_mut("analysis") {
+        Some(Item::ArrayOfTables(tables)) => {
+            places.iter().rev().for_each(|place| drop(tables.remove(*place)));
+            !tables.is_empty()
+        }
+        Some(Item::Value(Value::Array(tables))) => {
+            places.iter().rev().for_each(|place| drop(tables.remove(*place)));
+            !tables.is_empty()
+        }
+        _ => true,
+    };
+    if !is_left {
+        document.remove("analysis");
+    }
+    Ok(document.to_string())
+}
+
+fn editable(text: &str) -> Result<DocumentMut, Fault> {
+    text.parse().map_err(|error| Fault::whole(format!("cannot be edited: {error}")))
+}
+
+/// A manifest's text with overrides.
+struct Edited<'s> {
+    text: String,
+    edits: Edits,
+    /// The override of each edit.
+    options: Vec<&'s Override>,
 }
 
 /// The manifest's text with overrides.
-fn with(manifest: &Manifest, overrides: &[Override]) -> Result<String, Fault> {
-    let unreadable = |error| Fault::whole(format!("cannot be edited: {error}"));
-    let mut document: DocumentMut = manifest.source.parse().map_err(unreadable)?;
+fn with<'s>(manifest: &Manifest, overrides: &'s [Override]) -> Result<Edited<'s>, Fault> {
+    let mut document = editable(&manifest.source)?;
+    let mut edited =
+        Edited { text: manifest.source.clone(), edits: Edits::default(), options: Vec::new() };
     for set in overrides {
         match place(manifest, set)? {
             Place::Top(key) => put(document.as_table_mut(), key, set.value_of(key)),
@@ -91,24 +156,36 @@ fn with(manifest: &Manifest, overrides: &[Override]) -> Result<String, Fault> {
                 put(table, key, set.value_of(key));
             }
             Place::Agents(agents, key) => {
-                let list = document
-                    .entry("agent")
-                    .or_insert_with(|| Item::ArrayOfTables(ArrayOfTables::new()));
                 for agent in agents {
+                    let list = document
+                        .entry("agent")
+                        .or_insert_with(|| Item::ArrayOfTables(ArrayOfTables::new()));
                     set_agent(list, agent, key, set)?;
+                    edited.record(set, document.to_string());
                 }
+                continue;
             }
         }
+        edited.record(set, document.to_string());
     }
-    let mut text = document.to_string();
-    if !text.ends_with('\n') {
-        text.push('\n');
+    if !edited.text.ends_with('\n') {
+        edited.text.push('\n');
     }
     let named: Vec<String> = overrides.iter().map(|set| format!("--set {set}")).collect();
     // A value may contain a line break; a comment may not.
     let comment: String =
         named.join(" ").chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-    Ok(format!("{text}# {comment}\n"))
+    edited.text += &format!("# {comment}\n");
+    Ok(edited)
+}
+
+impl<'s> Edited<'s> {
+    /// Takes the text after an override.
+    fn record(&mut self, set: &'s Override, text: String) {
+        self.edits.add(&self.text, &text);
+        self.options.push(set);
+        self.text = text;
+    }
 }
 
 /// Sets a key of one agent, in its table or in a new table that is laid over the preset's agent.
@@ -299,8 +376,8 @@ mod tests {
     fn set(overrides: &[&str]) -> Result<Manifest, String> {
         let overrides: Vec<Override> = overrides.iter().map(|text| text.parse().unwrap()).collect();
         let manifest = parse("t.toml", TEXT.as_bytes()).unwrap();
-        let text = with(&manifest, &overrides).map_err(|fault| fault.message().to_owned())?;
-        parse("t.toml", text.as_bytes()).map_err(|faults| faults.to_string())
+        let edited = with(&manifest, &overrides).map_err(|fault| fault.message().to_owned())?;
+        parse("t.toml", edited.text.as_bytes()).map_err(|faults| faults.to_string())
     }
 
     fn values(manifest: &Manifest, name: &str) -> Vec<String> {
@@ -368,7 +445,7 @@ mod tests {
             .replace("= 2", "= 3")
             .replace("[\n  0.6, # usual\n]", "0.2")
             .replace("= 0.9", "= 0.5");
-        let found = with(&manifest, &overrides).unwrap();
+        let found = with(&manifest, &overrides).unwrap().text;
         let last = "# --set name=m --set scenario=C-T --set seeds=3 --set sigma=0.2 --set agent.own.gamma=0.5\n";
         assert_eq!(found, expected + last);
     }

@@ -9,6 +9,9 @@ use toml::de::{DeTable, DeValue};
 use super::fault::{Fault, FaultList};
 use super::parameter::parameter;
 use super::range::{self, MOST_VALUES, MOST_VALUES_IN_ALL, RangeError, Spacing};
+use super::repair::share;
+use super::respelt::respelt;
+use super::source::Span;
 use crate::key::{Kind, Parameter, Value};
 
 /// A value of the TOML tree with its position in the text.
@@ -21,6 +24,8 @@ pub(super) struct Reader<'t> {
     pub faults: FaultList,
     /// Parameters in zips. Their lists may repeat values, because places of a zip differ as a whole.
     pub zipped: HashSet<Parameter>,
+    /// Keys of the environment that stand in another table.
+    pub misplaced: Vec<(&'static str, Span)>,
     /// The folder that relative file names start from.
     pub folder: PathBuf,
     /// The number of values that further lists and ranges may have.
@@ -49,6 +54,7 @@ impl<'t> Reader<'t> {
             text,
             faults: FaultList::default(),
             zipped: HashSet::new(),
+            misplaced: Vec::new(),
             folder: PathBuf::new(),
             values_left: MOST_VALUES_IN_ALL,
         }
@@ -208,7 +214,16 @@ impl<'t> Reader<'t> {
                 return Vec::new();
             }
         };
+        const KEYS: [&str; 5] = ["from", "to", "step", "count", "scale"];
         let before = self.faults.len();
+        for key in table.keys().filter(|key| !KEYS.contains(&key.get_ref().as_ref())) {
+            let found = key.get_ref();
+            let message = format!("unknown key `{found}` in the range of `{name}`");
+            self.faults.add(Fault::at(key.span().into(), message).nearest(found, KEYS));
+        }
+        // A misspelt third key is not read beside one that stands there.
+        let is_spaced = table.contains_key("step") || table.contains_key("count");
+        let table = &*respelt(table, if is_spaced { &KEYS[..2] } else { &KEYS });
         self.range_keys(name, node, table);
         let mut part = |key: &str, kind: Kind| {
             let node = table.get(key)?;
@@ -247,14 +262,8 @@ impl<'t> Reader<'t> {
         true
     }
 
-    /// Reports keys that are unknown, missing or mutually exclusive in a range.
+    /// Reports keys that are missing or mutually exclusive in a range.
     fn range_keys(&mut self, name: &str, node: &Node, table: &DeTable) {
-        const KEYS: [&str; 5] = ["from", "to", "step", "count", "scale"];
-        for key in table.keys().filter(|key| !KEYS.contains(&key.get_ref().as_ref())) {
-            let found = key.get_ref();
-            let message = format!("unknown key `{found}` in the range of `{name}`");
-            self.faults.add(Fault::at(key.span().into(), message).nearest(found, KEYS));
-        }
         let has = |key: &str| table.contains_key(key);
         let problem = match (has("from") && has("to"), has("step"), has("count"), has("scale")) {
             (false, ..) => "needs `from` and `to`",
@@ -423,6 +432,12 @@ fn hint(fault: Fault, kind: Kind, node: &Node) -> Fault {
             Kind::Real { .. } | Kind::PositiveReal { .. } | Kind::Integer { .. },
             DeValue::String(text),
         ) if text.parse::<f64>().is_ok() => fault.help("numbers are written without quotes"),
+        (Kind::Real { min, max: 1.0 }, _) if min >= 0.0 => match number(node) {
+            Some(percent) if (2.0..=100.0).contains(&percent) => {
+                fault.help(format!("{percent} % is written {}", share(percent)))
+            }
+            _ => fault,
+        },
         (Kind::Flag, DeValue::String(text)) if text.parse::<bool>().is_ok() => {
             fault.help("true and false are written without quotes")
         }

@@ -9,7 +9,7 @@ use super::described::{shown, value_of};
 use crate::agent::{Algorithm, free_key};
 use crate::env::Scenario;
 use crate::key::{Kind, Parameter, Value};
-use crate::manifest::{self, Section, nearest, parameters, printable, short_name};
+use crate::manifest::{self, Section, nearest, nearest_value, parameters, printable, short_name};
 
 /// Maximum number of values that a message lists.
 const VALUES_SHOWN: usize = 10;
@@ -39,7 +39,8 @@ struct Term {
 pub enum FilterError {
     /// A part without a name, an equals sign or a value.
     #[error(
-        "`{}`: expected `name=value`, as in agent=dqn,sigma=0.4|0.6,scenario=P-H-D",
+        "`{}`: expected `name=value`, as in agent=dqn,sigma=0.4|0.6,scenario=P-H-D; a value with a comma \
+         or a bar has double quotes, as in 'agent=\"a,b\"'",
         printable(.0)
     )]
     Form(String),
@@ -92,11 +93,15 @@ fn meant(nearest: &Option<String>) -> String {
 impl FromStr for Filter {
     type Err = FilterError;
 
+    /// Reads conditions that commas separate; bars separate the alternatives of a condition. Separators in
+    /// double quotes and in brackets belong to the value. In quotes, `\"` and `\\` stand for a quote and a
+    /// backslash.
     fn from_str(text: &str) -> Result<Self, FilterError> {
         let condition = |part: &str| {
             let fault = || FilterError::Form(part.to_owned());
             let (name, values) = part.split_once('=').ok_or_else(fault)?;
-            let values: Vec<String> = values.split('|').map(|v| v.trim().to_owned()).collect();
+            let values = split(values, '|').ok_or_else(fault)?;
+            let values: Vec<String> = values.iter().map(|value| value.trim().to_owned()).collect();
             if name.trim().is_empty() || values.iter().any(String::is_empty) {
                 return Err(fault());
             }
@@ -104,18 +109,49 @@ impl FromStr for Filter {
             let name = if name.trim() == "agent.name" { "agent" } else { name.trim() };
             Ok(Term::written(name.to_owned(), values))
         };
-        let mut depth = 0usize;
-        let parts = text.split(|c| {
-            match c {
-                '[' | '{' => depth += 1,
-                ']' | '}' => depth = depth.saturating_sub(1),
-                _ => {}
-            }
-            // Commas inside a list or a table do not separate conditions.
-            c == ',' && depth == 0
-        });
-        Ok(Filter(parts.map(condition).collect::<Result<_, _>>()?))
+        let parts = split(text, ',').ok_or_else(|| FilterError::Form(text.to_owned()))?;
+        Ok(Filter(parts.into_iter().map(condition).collect::<Result<_, _>>()?))
     }
+}
+
+/// The parts of a text between separators outside of quotes and brackets; `None` if a quote is not closed.
+/// A quote opens where a value begins, and anywhere in brackets.
+fn split(text: &str, separator: char) -> Option<Vec<&str>> {
+    let (mut parts, mut start) = (Vec::new(), 0);
+    let (mut depth, mut is_quoted, mut is_escaped, mut begins) = (0_usize, false, false, true);
+    for (at, c) in text.char_indices() {
+        match c {
+            _ if is_escaped => is_escaped = false,
+            '\\' if is_quoted => is_escaped = true,
+            '"' if is_quoted => is_quoted = false,
+            _ if is_quoted => {}
+            '"' if begins || depth > 0 => is_quoted = true,
+            '[' | '{' => depth += 1,
+            ']' | '}' => depth = depth.saturating_sub(1),
+            _ if c == separator && depth == 0 => {
+                parts.push(&text[start..at]);
+                start = at + c.len_utf8();
+            }
+            _ => {}
+        }
+        begins = matches!(c, '=' | '|' | ',') || (begins && c.is_whitespace());
+    }
+    parts.push(&text[start..]);
+    (!is_quoted).then_some(parts)
+}
+
+/// A value without its quotes.
+fn unquoted(written: &str) -> String {
+    let inner = written.strip_prefix('"').and_then(|rest| rest.strip_suffix('"'));
+    let text = inner.and_then(|_| serde_json::from_str(written).ok());
+    text.unwrap_or_else(|| inner.unwrap_or(written).to_owned())
+}
+
+/// A value as a filter writes it, in quotes if it contains a separator.
+fn quoted(value: String) -> String {
+    let is_list = value.starts_with(['[', '{']);
+    let is_plain = !value.contains([',', '|']) && !value.starts_with('"');
+    if is_list || is_plain { value } else { serde_json::json!(value).to_string() }
 }
 
 impl Filter {
@@ -189,7 +225,7 @@ impl Term {
     }
 
     fn value_in(&self, planned: &PlannedJob) -> Option<String> {
-        value_of(&planned.agent, &planned.job, &self.name).map(|value| shown(&value))
+        value_of(&planned.agent, &planned.job, &self.name).map(|value| quoted(shown(&value)))
     }
 
     fn why_unmet(&self, before: &[Term], jobs: impl Iterator<Item = PlannedJob>) -> FilterError {
@@ -204,6 +240,7 @@ impl Term {
             return FilterError::Absent { name: self.name.clone(), before: met_before };
         }
         let nearest = self.values.iter().find_map(|wanted| nearest_value(wanted, &values));
+        let nearest = nearest.map(str::to_owned);
         let left_out = values.len() > VALUES_SHOWN;
         values.truncate(VALUES_SHOWN);
         if left_out {
@@ -237,10 +274,11 @@ fn condition(name: &str, written: &[String]) -> Option<manifest::Condition> {
         written.iter().filter_map(|word| read(word)).collect()
     }
     if name == "agent" {
-        return Some(manifest::Condition::AgentName(written.to_vec()));
+        let names = written.iter().map(|word| unquoted(word)).collect();
+        return Some(manifest::Condition::AgentName(names));
     }
     if matches!(name, "algorithm" | "agent.algorithm") {
-        let known = |word: &str| Some(Value::Choice(Algorithm::named(word)?.name()));
+        let known = |word: &str| Some(Value::Choice(Algorithm::named(&unquoted(word))?.name()));
         let values = read(written, known);
         let parameter = Parameter::Agent("algorithm");
         return Some(manifest::Condition::Key { parameter, values });
@@ -253,9 +291,10 @@ fn condition(name: &str, written: &[String]) -> Option<manifest::Condition> {
     });
     Some(match named.next()? {
         Parameter::Scenario => {
-            manifest::Condition::Scenario(read(written, |word| word.parse::<Scenario>().ok()))
+            let scenario = |word: &str| unquoted(word).parse::<Scenario>().ok();
+            manifest::Condition::Scenario(read(written, scenario))
         }
-        Parameter::Seed => manifest::Condition::Seed(read(written, whole)),
+        Parameter::Seed => manifest::Condition::Seed(read(written, |word| whole(&unquoted(word)))),
         parameter @ (Parameter::Environment(key)
         | Parameter::Population(key)
         | Parameter::Agent(key)
@@ -274,8 +313,13 @@ fn condition(name: &str, written: &[String]) -> Option<manifest::Condition> {
     })
 }
 
-/// The value of a kind for a word, in range or not.
-fn value(kind: Kind, word: &str) -> Option<Value> {
+/// The value of a kind for a word, in range or not. Quotes make a scalar a text; of other kinds, they are no
+/// part of the value.
+fn value(kind: Kind, written: &str) -> Option<Value> {
+    let word: &str = &match kind {
+        Kind::Scalar => written.to_owned(),
+        _ => unquoted(written),
+    };
     let numbers = || serde_json::from_str::<Vec<f64>>(word).ok();
     match kind {
         Kind::Real { .. } | Kind::PositiveReal { .. } => word.parse().ok().map(Value::Real),
@@ -299,7 +343,7 @@ fn value(kind: Kind, word: &str) -> Option<Value> {
         Kind::Scalar => {
             let written = serde_json::from_str(word).ok();
             let value = written.and_then(|json: serde_json::Value| kind.value(&json));
-            value.or_else(|| Some(Value::Text(word.to_owned())))
+            value.or_else(|| Some(Value::Text(unquoted(word))))
         }
         Kind::Distribution(_) | Kind::Rows(_) => kind.value(&serde_json::json!(word)),
     }
@@ -325,17 +369,6 @@ fn nearest_names(name: &str, known: &[String]) -> String {
     });
     known.truncate(NAMES_SHOWN);
     known.join(", ")
-}
-
-/// The nearest value: the nearest number, or a text that is similar enough.
-fn nearest_value(wanted: &str, values: &[String]) -> Option<String> {
-    let Ok(number) = wanted.parse::<f64>() else {
-        return nearest(wanted, values.iter().map(String::as_str)).map(str::to_owned);
-    };
-    let distance =
-        |value: &&String| value.parse::<f64>().map_or(f64::INFINITY, |x| (x - number).abs());
-    let near = values.iter().min_by(|one, other| distance(one).total_cmp(&distance(other)))?;
-    distance(&near).is_finite().then(|| near.clone())
 }
 
 #[cfg(test)]

@@ -13,6 +13,7 @@ mod job;
 mod shard;
 mod swept;
 
+pub use described::counted;
 pub use earlier::{ChangedDefault, under_earlier_default};
 pub use expand::{PlannedJob, count, expand, jobs};
 pub use factors::Factors;

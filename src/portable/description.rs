@@ -6,7 +6,7 @@ use sha2::{Digest, Sha256};
 
 use crate::agent::{Activation, Architecture, Choice};
 use crate::env::{Feature, ObservationSpec};
-use crate::plan::Job;
+use crate::plan::{Job, counted};
 use crate::store::StoredWeights;
 
 /// The version of the description's form.
@@ -40,7 +40,7 @@ fn meaning(job: &Job, feature: Feature, at: usize) -> (String, &'static str, f64
         Feature::Available => ("whether a message can be sent".to_owned(), "0 or 1", 1.0),
         Feature::Budget => {
             let budget = environment.message_budget;
-            (format!("remaining share of the {budget} messages"), "0 to 1", 1.0)
+            (format!("remaining share of the {}", counted(budget, "message")), "0 to 1", 1.0)
         }
         Feature::PreviousAction => {
             (format!("whether the previous action was {}", ACTIONS[at]), "0 or 1", 1.0)

@@ -2,6 +2,7 @@
 
 use super::data_table::shown;
 use crate::analyse::declared::{Distance, Reproduction, Subject};
+use crate::plan::counted;
 
 /// The results of a comparison with published numbers, in sentences.
 pub fn reproduction(reproduction: &Reproduction) -> Vec<String> {
@@ -45,9 +46,9 @@ fn distance(subject: Subject, by: &Distance) -> String {
     let Distance { agent, mean, root_mean_square, numbers } = by;
     let side = if *mean < 0.0 { "lower" } else { "higher" };
     format!(
-        "{agent} {} steps over {numbers} {}s, ours {} {side} on average",
+        "{agent} {} steps over {}, ours {} {side} on average",
         shown(*root_mean_square, 0),
-        subject.name(),
+        counted(*numbers, subject.name()),
         shown(mean.abs(), 0)
     )
 }

@@ -8,7 +8,7 @@ use super::words::metric_title;
 use crate::analyse::declared::{Arm, ArmId, Candidate, Content, Finding, Ranking, is_at};
 use crate::analyse::{Interval, Sample, mean_interval};
 use crate::manifest::{Analysis, AnalysisKind, Manifest, printable};
-use crate::plan::{self, Job, PlannedJob};
+use crate::plan::{self, Job, PlannedJob, counted};
 use crate::record::{JobRecord, JobStatus, SharedSettings};
 use crate::store::{Parts, Reader, StoreError};
 
@@ -97,13 +97,14 @@ impl Search<'_> {
         let mut lines = vec![
             format!("Search `{name}` of experiment `{experiment}`: {agent}, {scenario}{around}"),
             format!(
-                "Best of {} settings tried, by the {} of {}",
-                ranking.tried(),
+                "Best of {} tried, by the {} of {}",
+                counted(ranking.tried(), "setting"),
                 ranking.rule.replace('_', " "),
                 metric_title(metric)
             ),
             format!("On the seeds of the search: {}", mean(&winner.sample, metric)),
         ];
+        lines.extend(ranking.at_ends().map(|end| format!("At the end of its range: {end}")));
         // Keys outside the agent belong elsewhere in the other manifest.
         let others = |(key, _): &&(String, _)| !key.starts_with("agent.");
         let others = written(&mut winner.settings.iter().filter(others));

@@ -20,6 +20,7 @@ pub fn metric_title(metric: &str) -> String {
         "disengagement_rate" => "episodes ended by disengagement, %".to_owned(),
         "message_rate" => "steps with a message, %".to_owned(),
         other => match first_episodes(other) {
+            Some(1) => "return of the first episode, steps walked".to_owned(),
             Some(episodes) => format!("mean return of the first {episodes} episodes, steps walked"),
             None => other.replace('_', " "),
         },

@@ -9,6 +9,7 @@ use rusqlite::{Connection, OpenFlags, Transaction, TransactionBehavior};
 use super::error::StoreError;
 use super::place::beside;
 use super::transaction::commit;
+use crate::plan::counted;
 
 /// Marks a SQLite file as a store: the letters `JITA`.
 pub(super) const APPLICATION_ID: u32 = 0x4A49_5441;
@@ -146,7 +147,8 @@ fn apply(transaction: &Transaction<'_>, migration: &Migration) -> Result<(), Str
         .query_row("SELECT count(*) FROM pragma_foreign_key_check", [], |row| row.get::<_, i64>(0))
         .map_err(|error| error.to_string())?;
     if dangling > 0 {
-        return Err(format!("{dangling} rows refer to missing rows"));
+        let verb = if dangling == 1 { "refers" } else { "refer" };
+        return Err(format!("{} {verb} to missing rows", counted(dangling, "row")));
     }
     Ok(())
 }
@@ -245,7 +247,7 @@ mod tests {
 
     #[test]
     fn a_migration_that_fails_leaves_the_file_as_it_was() {
-        for (faulty, expected) in [(FAULTY, "no such column"), (LOSSY, "1 rows refer")] {
+        for (faulty, expected) in [(FAULTY, "no such column"), (LOSSY, "1 row refers")] {
             let (_folder, path) = version_one();
             let mut connection = Connection::open(&path).unwrap();
             let steps: &'static [Migration] = Box::leak(Box::new([FIRST, faulty]));

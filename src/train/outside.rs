@@ -16,7 +16,7 @@ use crate::agent::External;
 use crate::env::{Action, Population};
 use crate::external::{FromProgram, PROTOCOL, Program, ProgramError, ToProgram};
 use crate::key::{Keyed, Value};
-use crate::plan::Job;
+use crate::plan::{Job, counted};
 use crate::record::Outcome;
 use crate::train::control::TrainingControl;
 use crate::train::decision_log::DecisionLog;
@@ -106,7 +106,7 @@ impl Session<'_> {
         let mut lanes = Lanes::new(self.job, lanes);
         loop {
             let episodes = record.episodes();
-            let when = format!("in training, after {episodes} episodes");
+            let when = format!("in training, after {}", counted(episodes, "episode"));
             let answered = match self.program.receive(EXPECTED, &when, self.stop)? {
                 FromProgram::Reset(reset) => lanes.reset(&reset, record, self.program),
                 FromProgram::Step(step) => lanes.step(&step, record, self.program)?,

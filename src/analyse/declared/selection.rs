@@ -1,10 +1,12 @@
 //! Hyper-parameters ranked by a stated rule.
 
 use std::collections::HashMap;
+use std::fmt;
 
 use super::arm::{ArmId, Token, arms};
 use crate::analyse::{Interval, Moments, Sample, Undefined, mean_interval};
-use crate::manifest::{SelectionRule, Setting};
+use crate::key::Kind;
+use crate::manifest::{Section, SelectionRule, Setting};
 use crate::record::JobRecord;
 
 /// The settings of one agent in one scenario and environment, best first. Rankings do not mix
@@ -28,9 +30,83 @@ impl Ranking {
         (self.candidates.len() > 1 && best.rank(rule).is_some()).then_some(best)
     }
 
+    /// The numbers of the winner at the end of their searched ranges, each as a sentence fragment. Ends
+    /// that the key itself sets do not count.
+    pub fn at_ends(&self) -> impl Iterator<Item = RangeEnd> {
+        let settings = self.winner().map_or(&[][..], |winner| &winner.settings);
+        settings.iter().filter_map(|(name, value)| self.end(name, value))
+    }
+
+    /// The end of the range of a parameter at which the value is, among the settings tried.
+    fn end(&self, name: &str, value: &Setting) -> Option<RangeEnd> {
+        let Setting::Number(best) = value else { return None };
+        let tried = self.candidates.iter().filter(|candidate| candidate.sample.n() > 0);
+        let settings = tried.flat_map(|candidate| &candidate.settings);
+        let of_name = settings.filter(|(other, _)| other == name);
+        let numbers = || {
+            of_name.clone().filter_map(|(_, other)| match other {
+                Setting::Number(number) => Some(*number),
+                Setting::Text(_) => None,
+            })
+        };
+        let (least, most) = (numbers().fold(*best, f64::min), numbers().fold(*best, f64::max));
+        let side = match *best {
+            _ if least == most => return None,
+            best if best == least => Side::Smallest,
+            best if best == most => Side::Largest,
+            _ => return None,
+        };
+        (!is_limit(name, *best)).then(|| RangeEnd { name: name.to_owned(), value: *best, side })
+    }
+
     /// The number of settings with a completed run.
     pub fn tried(&self) -> usize {
         self.candidates.iter().filter(|candidate| candidate.sample.n() > 0).count()
+    }
+}
+
+/// A parameter whose best value is the smallest or the largest of those tried.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RangeEnd {
+    name: String,
+    value: f64,
+    side: Side,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Side {
+    Smallest,
+    Largest,
+}
+
+impl fmt::Display for RangeEnd {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (further, extreme) = match self.side {
+            Side::Smallest => ("smaller", "smallest"),
+            Side::Largest => ("larger", "largest"),
+        };
+        let value = Setting::Number(self.value);
+        let name = &self.name;
+        write!(
+            f,
+            "{name} = {value} is the {extreme} value tried, and a {further} one may be better"
+        )
+    }
+}
+
+/// Whether a parameter can have no value beyond this one: the limit of its key, or a flag.
+fn is_limit(name: &str, value: f64) -> bool {
+    let key = |section: Section| {
+        let (_, key) = section.find(name.strip_prefix(section.name())?.strip_prefix('.')?)?;
+        Some(key.kind)
+    };
+    match Section::all().into_iter().find_map(key) {
+        Some(Kind::Real { min, max }) => value == min || value == max,
+        Some(Kind::PositiveReal { max }) => value == max,
+        Some(Kind::Integer { min, max }) => value == min as f64 || value == max as f64,
+        // The number of an outside program's parameter may be a flag.
+        Some(Kind::Scalar) | None => value == 0.0 || value == 1.0,
+        Some(_) => true,
     }
 }
 

@@ -4,6 +4,7 @@ use super::forest::forest_figures;
 use super::{Drawn, Sheet, amount, related};
 use crate::analyse::declared::{ALPHA, ContrastFigure, ContrastRow};
 use crate::analyse::{FEW_SEEDS, Tests};
+use crate::plan::counted;
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{arm_label, seeds};
 use crate::report::scene::Scene;
@@ -100,8 +101,9 @@ impl Drawn for ContrastFigure {
                 reasons.push(reason);
             }
         }
-        (open > 0)
-            .then(|| format!("{open} of {} comparisons ({})", self.rows.len(), reasons.join(", ")))
+        (open > 0).then(|| {
+            format!("{open} of {} ({})", counted(self.rows.len(), "comparison"), reasons.join(", "))
+        })
     }
 
     fn is_table(&self) -> bool {

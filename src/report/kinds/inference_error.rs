@@ -3,6 +3,7 @@
 use super::{Drawn, Sheet, parameter};
 use crate::analyse::declared::ErrorFigure;
 use crate::env::inference_error;
+use crate::plan::counted;
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{
     Axis, AxisScale, Chart, INK, Line, Look, Marker, Numbers, PUBLISHED, Place, Spread, Style, draw,
@@ -23,7 +24,8 @@ impl Drawn for ErrorFigure {
         let runs: usize = self.points.iter().map(|point| point.runs).sum();
         format!(
             "Rate at which the most likely context is wrong, exact and over all test steps of n = \
-             {runs} runs"
+             {}",
+            counted(runs, "run")
         )
     }
 
@@ -39,7 +41,11 @@ impl Drawn for ErrorFigure {
         }
         let last = self.points.last()?;
         let seen = last.seen.map_or_else(String::new, |seen| {
-            format!(" and {} % were seen in {} steps", shown(seen * 100.0, 1), last.steps)
+            format!(
+                " and {} % were seen in {}",
+                shown(seen * 100.0, 1),
+                counted(last.steps, "step")
+            )
         });
         let exact = shown(last.exact * 100.0, 1);
         Some(format!("At σ = {} it is {exact} %{seen}", parameter(last.sigma)))
@@ -59,11 +65,11 @@ fn error_figure(figure: &ErrorFigure, style: &Style) -> Vec<Scene> {
     let seen = figure.points.iter().filter_map(|point| {
         let y = point.seen?;
         let tip = format!(
-            "σ = {}: {} % seen in {} test steps of {} runs; exact {} %",
+            "σ = {}: {} % seen in {} of {}; exact {} %",
             parameter(point.sigma),
             shown(y * 100.0, 1),
-            point.steps,
-            point.runs,
+            counted(point.steps, "test step"),
+            counted(point.runs, "run"),
             shown(point.exact * 100.0, 1)
         );
         Some(Place { x: point.sigma, y, interval: None, tip })
@@ -88,7 +94,7 @@ fn error_figure(figure: &ErrorFigure, style: &Style) -> Vec<Scene> {
     lines.retain(|line| !line.points.is_empty());
     let runs: usize = figure.points.iter().map(|point| point.runs).sum();
     let drawn = if figure.published.is_empty() { "" } else { "; published: 1000 draws each" };
-    let note = format!("Line: exact. Points: test steps of n = {runs} runs{drawn}.");
+    let note = format!("Line: exact. Points: test steps of n = {}{drawn}.", counted(runs, "run"));
     let description = "context inference error against feature noise".to_owned();
     draw(&[Chart { heading: None, description, lines, note }], &error_axes(most), style)
 }

@@ -3,6 +3,7 @@
 use super::{Drawn, Sheet, ends};
 use crate::analyse::declared::{ArmId, LearningFigure, LearningLine, LearningPanel};
 use crate::manifest::PanelKey;
+use crate::plan::counted;
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{
     AxisScale, Chart, Line, Looks, Numbers, Panel, Panels, Place, Spread, arm_label, axes, draw,
@@ -27,8 +28,8 @@ impl Drawn for LearningFigure {
     fn shows(&self, _: &str) -> String {
         let counts = self.lines().map(|line| line.seeds.0).filter(|n| *n > 0);
         format!(
-            "Return in training: moving mean over {} episodes and its 95 % interval over seeds, {}",
-            self.window,
+            "Return in training: moving mean over {} and its 95 % interval over seeds, {}",
+            counted(self.window, "episode"),
             seeds(counts)
         )
     }
@@ -50,7 +51,9 @@ impl Drawn for LearningFigure {
 
     fn lacks(&self) -> Option<String> {
         let short = self.lines().filter(|line| line.points.is_empty() && line.seeds.0 > 0).count();
-        (short > 0).then(|| format!("{short} lines, whose training is shorter than the window"))
+        (short > 0).then(|| {
+            format!("{}, whose training is shorter than the window", counted(short, "line"))
+        })
     }
 
     fn arms(&self) -> Vec<&ArmId> {
@@ -80,8 +83,8 @@ fn learning_figures(figure: &LearningFigure, sheet: &Sheet<'_>) -> Vec<(String, 
             labelled.map(|(line, label)| drawn_line(line, label, sheet.looks)).collect();
         lines.extend(optimum_lines(members().map(|l| (&l.name, level(l))), sheet.looks));
         let note = format!(
-            "Moving mean over {} episodes; mean and 95 % interval, {}.",
-            figure.window,
+            "Moving mean over {}; mean and 95 % interval, {}.",
+            counted(figure.window, "episode"),
             seeds(members().map(|line| line.seeds.0).filter(|n| *n > 0))
         );
         let heading = panel.heading.clone();

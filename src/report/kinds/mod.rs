@@ -18,6 +18,7 @@ use super::words::unit_numbers;
 use crate::analyse::Interval;
 use crate::analyse::declared::{ArmId, Content, Finding};
 use crate::manifest::Setting;
+use crate::plan::counted;
 
 /// Inputs that all figures of a finding share.
 pub(super) struct Sheet<'s> {
@@ -96,7 +97,7 @@ pub(super) fn caption(finding: &Finding) -> String {
     let failed =
         if jobs.failed > 0 { format!(", {} of which failed", jobs.failed) } else { String::new() };
     let open = jobs.total() - jobs.completed;
-    let open = (open > 0).then(|| format!("{open} of {} jobs{failed}", jobs.total()));
+    let open = (open > 0).then(|| format!("{open} of {}{failed}", counted(jobs.total(), "job")));
     let missing: Vec<String> = open.into_iter().chain(drawn.lacks()).collect();
     let missing = (!missing.is_empty()).then(|| format!("Missing: {}", missing.join("; ")));
     let shown = drawn.shows(finding.metric) + &among(finding);

@@ -3,6 +3,7 @@
 use super::{Drawn, Sheet};
 use crate::analyse::declared::{ArmId, RecoveryRow};
 use crate::analyse::{Interval, Recovered, Undefined};
+use crate::plan::counted;
 use crate::report::arm_tables;
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{arm_label, seeds, settings_label};
@@ -107,9 +108,9 @@ impl Drawn for Vec<RecoveryRow> {
             })
             .collect();
         Some(format!(
-            "Of the distance to the optimum, between {} are recovered in {} comparisons{}",
+            "Of the distance to the optimum, between {} are recovered in {}{}",
             ends.join(" and "),
-            known.len(),
+            counted(known.len(), "comparison"),
             if has_further_loss(&known) { FURTHER_LOSS } else { "" }
         ))
     }
@@ -120,7 +121,7 @@ impl Drawn for Vec<RecoveryRow> {
         }
         let unknown: Vec<Undefined> = self.iter().filter_map(|row| row.recovered.err()).collect();
         let reason = unknown.first()?;
-        Some(format!("{} of {} shares ({reason})", unknown.len(), self.len()))
+        Some(format!("{} of {} ({reason})", unknown.len(), counted(self.len(), "share")))
     }
 
     fn is_table(&self) -> bool {

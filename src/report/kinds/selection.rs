@@ -2,6 +2,7 @@
 
 use super::{Drawn, Sheet, amount, ends};
 use crate::analyse::declared::Ranking;
+use crate::plan::counted;
 use crate::report::data_table::{DataTable, Entry};
 use crate::report::figure::{arm_label, seeds, settings_label};
 use crate::report::scene::Scene;
@@ -37,8 +38,17 @@ impl Drawn for Vec<Ranking> {
         let searched: Vec<&Ranking> = self.iter().filter(|one| one.candidates.len() > 1).collect();
         let [ranking] = searched.as_slice() else {
             let count = searched.len();
+            let at_end = searched.iter().filter(|one| one.at_ends().next().is_some()).count();
+            let at_end = match at_end {
+                0 => String::new(),
+                _ => format!(
+                    "; {at_end} of them have it at the end of a range, so search further there"
+                ),
+            };
             return (count > 0).then(|| {
-                format!("The table lists the best setting of each of {count} searches first")
+                format!(
+                    "The table lists the best setting of each of {count} searches first{at_end}"
+                )
             });
         };
         let best = ranking.candidates.first()?;
@@ -48,10 +58,11 @@ impl Drawn for Vec<Ranking> {
             |interval| format!(", 95 % interval {}", ends(interval, metric)),
         );
         Some(format!(
-            "{} does best with {}: {mean} (best of {} settings tried{spread})",
+            "{} does best with {}: {mean} (best of {} tried{spread}){}",
             arm_label(&ranking.place),
             settings_label(&best.settings),
-            ranking.tried()
+            counted(ranking.tried(), "setting"),
+            ranking.at_ends().map(|end| format!("; {end}")).collect::<String>()
         ))
     }
 

@@ -13,6 +13,7 @@ use super::scene::web_font;
 use super::section::{ReportedExperiment, Section, all_jobs};
 use super::tables;
 use crate::analyse::declared::{JobCounts, Reproduction, Subject};
+use crate::plan::counted;
 
 const STYLE: &str = include_str!("style.css");
 const SCRIPT: &str = include_str!("script.js");
@@ -71,10 +72,11 @@ fn header(
 ) -> Markup {
     let jobs = all_jobs(experiments);
     let state = match jobs {
+        JobCounts { completed: 1, failed: 0, open: 0 } => "The job is completed".to_owned(),
         JobCounts { completed, failed: 0, open: 0 } => format!("All {completed} jobs completed"),
         JobCounts { completed, failed, open } => format!(
-            "{completed} of {} jobs completed, {failed} failed, {open} unfinished",
-            jobs.total()
+            "{completed} of {} completed, {failed} failed, {open} unfinished",
+            counted(jobs.total(), "job")
         ),
     };
     let (inside, outside) =

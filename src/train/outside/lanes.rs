@@ -6,7 +6,7 @@ use crate::env::{
     PhysicalActivity, VectorEnvironment,
 };
 use crate::external::{Program, Reset, Rows, Step, ToProgram};
-use crate::plan::Job;
+use crate::plan::{Job, counted};
 use crate::rng::{Purpose, Stream};
 
 use super::broken::Broken;
@@ -148,10 +148,15 @@ impl Lanes {
         }
         if step.actions.len() != lanes {
             let found = step.actions.len();
-            return Err(format!("expected {lanes} actions, one for every lane, found {found}"));
+            return Err(format!(
+                "expected {}, one for every lane, found {found}",
+                counted(lanes, "action")
+            ));
         }
         if let Some(given) = step.probabilities.as_ref().filter(|given| given.len() != lanes) {
-            return Err(format!("expected {lanes} probabilities, found {}", given.len()));
+            let found = given.len();
+            let noun = if lanes == 1 { "probability" } else { "probabilities" };
+            return Err(format!("expected {lanes} {noun}, found {found}"));
         }
         for lane in 0..lanes {
             if !self.is_running(lane) {

@@ -2,7 +2,7 @@
 
 use crate::agent::{OutOfMemory, TrainedEpisode};
 use crate::external::{Episodes, ProgramError, Update};
-use crate::plan::Job;
+use crate::plan::{Job, counted};
 use crate::record::{Failure, FailureKind, Outcome, Phase, Results};
 use crate::train::control::TrainingControl;
 use crate::train::curve::CurveRecorder;
@@ -55,8 +55,8 @@ impl<'j> TrainingRecord<'j> {
             Some(begun) => self.begun = begun,
             None => {
                 return Err(format!(
-                    "expected at most {budget} episodes of training, the job's budget; found \
-                     {episodes} more after {}",
+                    "expected at most {} of training, the job's budget; found {episodes} more after {}",
+                    counted(budget, "episode"),
                     self.begun
                 ));
             }
@@ -128,7 +128,9 @@ impl<'j> TrainingRecord<'j> {
         }
         let longest = self.job.environment.longest_episode();
         let wrong = of.lengths.iter().find(|length| !(1..=longest).contains(*length));
-        wrong.map(|length| format!("`lengths`: expected 1 to {longest} steps, found {length}"))
+        let steps =
+            if longest == 1 { "1 step".to_owned() } else { format!("1 to {longest} steps") };
+        wrong.map(|length| format!("`lengths`: expected {steps}, found {length}"))
     }
 
     /// The outcome of a job whose program failed.

@@ -1,0 +1,363 @@
+//! Repairs slips of notation, so that the rest of a manifest is read as its author meant it.
+//!
+//! In: the text of a manifest. Out: a text that the TOML parser can read further, a fault for each repaired
+//! slip, and the changes, through which positions in the new text are traced back. A manifest with a slip is
+//! faulty in any case; a repair only finds its other faults. It does not know the meaning of keys, except
+//! which of them take whole numbers.
+
+use std::collections::HashMap;
+
+use toml::de::DeTable;
+
+use super::edits::Edits;
+use super::fault::{Fault, FaultList, nearest};
+use super::load::{Broken, broken};
+use super::read::{TABLES, TOP_KEYS};
+use super::section::Section;
+use super::source::{Source, Span};
+use crate::key::Kind;
+
+/// A text with its slips repaired.
+pub(super) struct Repaired {
+    pub text: String,
+    pub edits: Edits,
+    /// The slips whose values are now read as their author meant them.
+    pub slips: FaultList,
+    /// The slips whose values are erased; faults on their lines follow from them.
+    pub erased: FaultList,
+}
+
+/// A date, which no key accepts, in place of a value that cannot be read.
+const ERASED: &str = "0001-01-01";
+
+/// Maximum number of slips that are repaired: a hostile file could have millions.
+const MOST: usize = 1000;
+
+/// A slip: a stretch of the text, and what to put in its place.
+#[derive(Clone, Debug)]
+struct Slip {
+    span: Span,
+    put: String,
+    /// `None` if the fault is reported elsewhere.
+    fault: Option<Fault>,
+    /// The fault of the parser, for a slip that remains one after the repair.
+    unrepaired: Option<Fault>,
+}
+
+impl Slip {
+    /// The slip with its value erased.
+    fn erased(self) -> Slip {
+        Slip { put: ERASED.to_owned(), fault: self.unrepaired.clone(), ..self }
+    }
+}
+
+/// The text with its slips repaired; `None` if it has none.
+pub(super) fn repaired(text: &str) -> Option<Repaired> {
+    let (root, errors) = DeTable::parse_recoverable(text);
+    let faults = broken(text, &errors);
+    let mut slips = headers(text, root.get_ref(), &faults);
+    slips.extend(values(text, &faults));
+    slips.sort_by_key(|slip| slip.span);
+    if slips.is_empty() {
+        return None;
+    }
+    // A value that is still unreadable after its repair is erased.
+    let source = Source::new(text);
+    let line = |slip: &Slip| source.position(slip.span.start).line;
+    let lines = unread(&apply(text, &slips).0);
+    for slip in &mut slips {
+        if slip.unrepaired.is_some() && lines.contains(&line(slip)) {
+            *slip = slip.clone().erased();
+        }
+    }
+    let lines = unread(&apply(text, &slips).0);
+    slips.retain(|slip| slip.unrepaired.is_none() || !lines.contains(&line(slip)));
+    let (text, edits) = apply(text, &slips);
+    let mut repaired =
+        Repaired { text, edits, slips: FaultList::default(), erased: FaultList::default() };
+    for slip in slips {
+        let list = match slip.put.trim() == ERASED {
+            true => &mut repaired.erased,
+            false => &mut repaired.slips,
+        };
+        slip.fault.into_iter().for_each(|fault| list.add(fault));
+    }
+    Some(repaired)
+}
+
+fn apply(text: &str, slips: &[Slip]) -> (String, Edits) {
+    Edits::replace(text, slips.iter().map(|slip| (slip.span, slip.put.as_str())))
+}
+
+/// The lines that the parser cannot read.
+fn unread(text: &str) -> Vec<usize> {
+    let (_, errors) = DeTable::parse_recoverable(text);
+    let source = Source::new(text);
+    let faults = broken(text, &errors);
+    faults.iter().map(|fault| source.position(fault.span.start).line).collect()
+}
+
+/// The lines of a text, each with the offset at which it starts.
+fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    text.split_inclusive('\n').scan(0, |end, line| {
+        let start = *end;
+        *end += line.len();
+        Some((start, line))
+    })
+}
+
+/// The name in a header of single brackets, `[name]`, and its offset in the line.
+fn header(line: &str) -> Option<(&str, usize)> {
+    let uncommented = line.split('#').next().unwrap_or_default().trim();
+    let name = uncommented.strip_prefix('[')?.strip_suffix(']')?.trim();
+    let is_name = |c: char| c.is_alphanumeric() || "_-".contains(c);
+    let named = !name.is_empty() && name.chars().all(is_name);
+    named.then(|| (name, line.find('[').unwrap_or_default()))
+}
+
+/// The table of double brackets that a name of a top-level table means.
+fn table_of(name: &str) -> Option<&'static str> {
+    let known = TOP_KEYS.into_iter().find(|key| *key == name);
+    known.or_else(|| nearest(name, TOP_KEYS)).filter(|meant| TABLES.contains(meant))
+}
+
+/// Tables opened by single brackets instead of double ones; one fault for all tables of a name.
+fn headers(text: &str, root: &DeTable, faults: &[Broken]) -> Vec<Slip> {
+    let is_repeated = |name: &str, start: usize, line: &str| {
+        let within = |fault: &&Broken| (start..start + line.len()).contains(&fault.span.start);
+        faults.iter().filter(within).any(|fault| fault.is_repeat && fault.written == name)
+    };
+    let headers = lines(text).filter_map(|(start, line)| {
+        let (name, offset) = header(line)?;
+        Some((start, line, name, offset, table_of(name)?))
+    });
+    let headers: Vec<_> = headers.take(MOST).collect();
+    let is_single = |name: &str| {
+        root.get(name).is_some_and(|node| node.get_ref().is_table())
+            || headers
+                .iter()
+                .any(|(start, line, found, ..)| *found == name && is_repeated(name, *start, line))
+    };
+    let mut single: HashMap<&str, bool> = HashMap::new();
+    for (_, _, name, ..) in &headers {
+        single.entry(name).or_insert_with(|| is_single(name));
+    }
+    let mut slips: Vec<Slip> = Vec::new();
+    let mut seen: HashMap<&str, (usize, usize)> = HashMap::new();
+    for (start, line, name, offset, _) in headers.iter().filter(|(_, _, name, ..)| single[name]) {
+        let start = start + offset;
+        let end = start + line[*offset..].find(']').map_or(0, |end| end + 1);
+        let (_, count) = seen.entry(name).or_insert((slips.len(), 0));
+        *count += 1;
+        let put = format!("[[{name}]]");
+        slips.push(Slip { span: Span { start, end }, put, fault: None, unrepaired: None });
+    }
+    for (name, (first, count)) in seen {
+        // A misspelt name is reported with the brackets that it needs.
+        if !TABLES.contains(&name) {
+            continue;
+        }
+        let message =
+            format!("`{name}`: expected tables, each opened by [[{name}]], found [{name}]");
+        let help = match count {
+            1 => format!("write [[{name}]]"),
+            count => format!("write [[{name}]] at the beginning of all {count} tables"),
+        };
+        slips[first].fault = Some(Fault::at(slips[first].span, message).help(help));
+    }
+    slips
+}
+
+/// Values in a notation that is not TOML, up to the first one that breaks the structure of the text.
+fn values(text: &str, faults: &[Broken]) -> Vec<Slip> {
+    let starts: Vec<usize> = lines(text).map(|(start, _)| start).collect();
+    let mut slips: Vec<Slip> = Vec::new();
+    for broken in faults.iter().filter(|fault| !fault.is_repeat) {
+        let place = starts.partition_point(|start| *start <= broken.span.start).saturating_sub(1);
+        let start = starts.get(place).copied().unwrap_or_default();
+        let end = starts.get(place + 1).copied().unwrap_or(text.len());
+        let slip = value_slip(&text[start..end], start, broken);
+        match slip {
+            Some(slip) if slips.len() < MOST => slips.push(slip),
+            Some(_) => break,
+            None if broken.breaks_structure => break,
+            None => {}
+        }
+    }
+    slips
+}
+
+/// The slip on a line with a key and a value.
+fn value_slip(line: &str, start: usize, broken: &Broken) -> Option<Slip> {
+    let written = &line[..comment(line)];
+    let equals = outside(written).find(|(_, c)| *c == '=').map(|(at, _)| at);
+    let from = equals.map_or(0, |at| at + 1);
+    let value = written[from..].trim();
+    let from = from + (written[from..].len() - written[from..].trim_start().len());
+    let span = Span { start: start + from, end: start + from + value.len() };
+    let key = equals.map(|at| written[..at].trim()).filter(|key| !key.is_empty());
+    let unrepaired = Some(broken.fault.clone());
+    if let Some((put, fault)) = meant(key, value, span, broken) {
+        return Some(Slip { span, put, fault: Some(fault), unrepaired });
+    }
+    // Without its key, or in a list of several lines, a value cannot be erased.
+    key.filter(|_| !broken.breaks_structure)?;
+    let put = ERASED.to_owned();
+    // A missing value needs a space behind the equals sign.
+    let put = if value.is_empty() { format!(" {put}") } else { put };
+    let fault = unrepaired.clone();
+    Some(Slip { span, put, fault, unrepaired })
+}
+
+/// The value in TOML that a slip means, and the fault.
+fn meant(key: Option<&str>, value: &str, span: Span, broken: &Broken) -> Option<(String, Fault)> {
+    let named = key.map_or(String::new(), |key| format!("`{key}`: "));
+    let write = |put: &str| match key {
+        Some(key) => format!("write {key} = {put}"),
+        None => format!("write {put}"),
+    };
+    let fault = |says: &str, put: String| {
+        let fault = Fault::at(span, format!("{named}{says}")).help(write(&put));
+        Some((put, fault))
+    };
+    if let Some(straight) = straight_quotes(value) {
+        let put = list(&straight).unwrap_or(straight);
+        return fault("curly quotes; TOML has straight quotes", put);
+    }
+    let key = key?;
+    if value.starts_with('{') {
+        let put = decimal_points(value).filter(|_| broken.breaks_structure)?;
+        return fault("a decimal comma; numbers have a decimal point", put);
+    }
+    if let Some(inner) = value.strip_prefix('(').and_then(|rest| rest.strip_suffix(')')) {
+        return fault("parentheses; lists have square brackets", format!("[{}]", quoted(inner)));
+    }
+    let commas = commas(value);
+    if let ([last], Some(rest)) = (&commas[..], value.strip_suffix(','))
+        && *last == rest.len()
+        && !rest.trim().is_empty()
+    {
+        return fault("a comma after the value", rest.trim_end().to_owned());
+    }
+    if !commas.is_empty() && !broken.breaks_structure {
+        return match decimal_points(value).filter(|_| !takes_whole_numbers(key)) {
+            Some(put) if commas.len() == 1 => {
+                fault("a decimal comma; numbers have a decimal point", put)
+            }
+            Some(put) if list(&put).is_some() => {
+                fault("decimal commas in a list without brackets", list(&put)?)
+            }
+            _ => fault("a list without brackets", list(value)?),
+        };
+    }
+    if let Some(percent) = value.strip_suffix('%').and_then(|number| number.trim().parse().ok()) {
+        return fault("a percentage; shares are written as fractions", share(percent));
+    }
+    if let word @ ("True" | "TRUE" | "False" | "FALSE") = value {
+        return fault("true and false have lower-case letters", word.to_lowercase());
+    }
+    let is_word = |c: char| c.is_alphanumeric() || "_-.".contains(c);
+    let starts = value.starts_with(char::is_alphabetic) && value.chars().all(is_word);
+    starts.then(|| (format!("\"{value}\""), broken.fault.clone()))
+}
+
+/// A percentage as a share, without the noise of its division.
+pub(super) fn share(percent: f64) -> String {
+    let share = format!("{:.11e}", percent / 100.0);
+    share.parse().map_or(share, |share: f64| format!("{share:?}"))
+}
+
+/// The characters outside of straight quotes, with their offsets.
+fn outside(text: &str) -> impl Iterator<Item = (usize, char)> {
+    let mut quote = None;
+    text.char_indices().filter(move |(_, c)| match quote {
+        Some(open) => {
+            if *c == open {
+                quote = None;
+            }
+            false
+        }
+        None => {
+            if matches!(c, '"' | '\'') {
+                quote = Some(*c);
+            }
+            true
+        }
+    })
+}
+
+/// The offset of a line's comment, or of its end.
+fn comment(line: &str) -> usize {
+    outside(line).find(|(_, c)| *c == '#').map_or(line.trim_end().len(), |(at, _)| at)
+}
+
+/// The offsets of commas outside of quotes and brackets.
+fn commas(value: &str) -> Vec<usize> {
+    let mut depth = 0_usize;
+    let outer = outside(value).filter(|(_, c)| {
+        match c {
+            '[' | '{' => depth += 1,
+            ']' | '}' => depth = depth.saturating_sub(1),
+            _ => {}
+        }
+        *c == ',' && depth == 0
+    });
+    outer.map(|(at, _)| at).collect()
+}
+
+/// A list of the values that commas separate; `None` without a comma.
+fn list(value: &str) -> Option<String> {
+    (!commas(value).is_empty()).then(|| format!("[{}]", quoted(value)))
+}
+
+/// Values separated by commas, with quotes around words.
+fn quoted(value: &str) -> String {
+    let (mut items, mut start) = (Vec::new(), 0);
+    for end in commas(value).into_iter().chain([value.len()]) {
+        items.push(value[start..end].trim());
+        start = end + 1;
+    }
+    let quote = |item: &str| match item {
+        "true" | "false" | "inf" | "nan" => item.to_owned(),
+        _ if item.starts_with(char::is_alphabetic) => format!("\"{item}\""),
+        _ => item.to_owned(),
+    };
+    let items = items.into_iter().filter(|item| !item.is_empty());
+    items.map(quote).collect::<Vec<_>>().join(", ")
+}
+
+/// The value with straight quotes; `None` if it has no curly quotes outside of straight ones.
+fn straight_quotes(value: &str) -> Option<String> {
+    let is_curly = |c: char| "“”„‟«»‘’‚‛".contains(c);
+    // A straight quote that is not closed is closed by a curly one, or is an apostrophe.
+    let is_open = outside(&format!("{value}#")).last().is_none_or(|(_, c)| c != '#');
+    let all: Vec<(usize, char)> =
+        if is_open { value.char_indices().collect() } else { outside(value).collect() };
+    let curly = all.into_iter().filter(|(_, c)| is_curly(*c));
+    let seen: Vec<usize> = curly.map(|(at, _)| at).collect();
+    let straight = |(at, c)| if seen.binary_search(&at).is_ok() { '"' } else { c };
+    (!seen.is_empty()).then(|| value.char_indices().map(straight).collect())
+}
+
+/// The value with points for commas between digits, unless all of several commas are between digits.
+fn decimal_points(value: &str) -> Option<String> {
+    let bytes = value.as_bytes();
+    let is_digit =
+        |at: Option<usize>| at.and_then(|at| bytes.get(at)).is_some_and(u8::is_ascii_digit);
+    let all = bytes.iter().filter(|byte| **byte == b',').count();
+    let within = |at: usize| is_digit(at.checked_sub(1)) && is_digit(Some(at + 1));
+    let decimal: Vec<usize> =
+        value.match_indices(',').map(|(at, _)| at).filter(|at| within(*at)).collect();
+    let is_decimal = !decimal.is_empty() && (decimal.len() < all || all == 1);
+    let point = |(at, c)| if decimal.binary_search(&at).is_ok() { '.' } else { c };
+    is_decimal.then(|| value.char_indices().map(point).collect())
+}
+
+/// Whether the key takes whole numbers or lists of them.
+fn takes_whole_numbers(key: &str) -> bool {
+    let name = key.rsplit('.').next().unwrap_or(key).trim();
+    let is_whole =
+        |kind| matches!(kind, Kind::Integer { .. } | Kind::Widths { .. } | Kind::Counts { .. });
+    let of = |section: Section| section.find(name).is_some_and(|(_, key)| is_whole(key.kind));
+    ["seed", "seeds", "reporting_seeds"].contains(&name) || Section::all().into_iter().any(of)
+}
