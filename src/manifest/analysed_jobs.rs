@@ -22,7 +22,7 @@ pub(super) fn of_recovery(
 ) {
     let is_absent = |one: &Located<Condition>| absent(draft, manifest, &one.value).is_some();
     if draft.is_invalid(Parameter::Scenario)
-        || draft.invalid_agents
+        || draft.invalid_agents()
         || analysis.conditions.iter().any(is_absent)
     {
         return;
@@ -74,7 +74,7 @@ pub(super) fn of(
     analysis: &AnalysisDraft,
     faults: &mut FaultList,
 ) {
-    if draft.is_invalid(Parameter::Scenario) || draft.invalid_agents {
+    if draft.is_invalid(Parameter::Scenario) || draft.invalid_agents() {
         return;
     }
     let conditions: Vec<&Condition> = analysis.analysis.conditions.iter().collect();
