@@ -124,8 +124,13 @@ impl<'a> Field<'a> {
     }
 }
 
-/// The number with 12 significant digits, as many as the values of a range have.
+/// The number with 12 significant digits, as many as the values of a range have, and with all digits before
+/// its point.
 fn significant(number: f64) -> f64 {
+    const ALL_WHOLE: f64 = 1e12;
+    if number.abs() >= ALL_WHOLE {
+        return number;
+    }
     format!("{number:.11e}").parse().unwrap_or(number)
 }
 
@@ -198,7 +203,7 @@ impl<W: Write> Rows<W> {
     pub(super) fn new(format: Format, columns: &[String], mut out: W) -> io::Result<Self> {
         Ok(match format {
             Format::Table => {
-                let mut table = empty();
+                let mut table = empty(columns.len());
                 table.set_header(columns.iter().map(|name| shown(name)));
                 lay_out(&mut table, &[]);
                 Rows::Table(out, Box::new(table), Vec::new())
@@ -222,7 +227,7 @@ impl<W: Write> Rows<W> {
                 if table.row_count() >= ALIGNED_TOGETHER {
                     print(table, out)?;
                     *widths = table.column_max_content_widths();
-                    **table = empty();
+                    **table = empty(widths.len());
                 }
                 for (field, column) in fields.iter().zip(table.column_iter_mut()) {
                     // The cell's alignment also applies to the header.
@@ -279,13 +284,14 @@ impl<W: Write> Rows<W> {
     }
 }
 
-/// A table without rows.
-fn empty() -> Table {
+/// A table without rows, for this number of columns. It is not narrower than its columns can be read.
+fn empty(columns: usize) -> Table {
+    const NARROWEST: usize = 8;
     let mut table = Table::new();
     table.load_style(presets::NOTHING);
-    if let Some(columns) = widest() {
+    if let Some(width) = widest().filter(|width| usize::from(*width) >= NARROWEST * columns) {
         table.set_content_arrangement(ContentArrangement::Dynamic);
-        table.set_width(columns);
+        table.set_width(width);
     }
     table
 }

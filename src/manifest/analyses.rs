@@ -1,5 +1,6 @@
 //! Reads `[[analysis]]`, and checks each analysis against the rest of the manifest.
 
+use std::cell::LazyCell;
 use std::collections::HashSet;
 
 use toml::de::DeTable;
@@ -14,7 +15,7 @@ use super::draft::Draft;
 use super::fault::{Fault, FaultList, near};
 use super::first_episodes::{first_episodes, first_return};
 use super::limits::MOST_COMPARISONS;
-use super::parameter::{named, parameters};
+use super::parameter::{meant, named};
 use super::presence::absent;
 use super::read::shortened;
 use super::respelt::respelt;
@@ -142,10 +143,12 @@ impl Reader<'_> {
             self.faults.add(fault.help(help));
             return None;
         };
-        let conditions = self.table(key, node)?;
-        let conditions = self.conditions(conditions, &format!("`{key}`"));
-        if conditions.is_empty() {
+        let table = self.table(key, node)?;
+        if table.is_empty() {
             self.expected(key, "at least one condition, as in { agent.name = \"ppo\" }", node);
+        }
+        let conditions = self.conditions(table, &format!("`{key}`"));
+        if conditions.is_empty() {
             return None;
         }
         Some(conditions.into_iter().map(|condition| condition.value).collect())
@@ -260,17 +263,13 @@ impl Reader<'_> {
         let found = self.found(node);
         let message = format!("`{key}`: expected the dotted name of a parameter, found {found}");
         let dotted = node.get_ref().as_str().unwrap_or_default();
-        let names: Vec<String> =
-            parameters().into_iter().map(|parameter| parameter.to_string()).collect();
         let fault = Fault::at(node.span().into(), message);
-        // The bare key lacks its section. Edit distance would not suggest the full name.
-        let known = names.iter().map(String::as_str).chain(others.iter().copied());
+        // The section alone means its only name among the others.
         let section = others.iter().copied().find(|name| name.split('.').next() == Some(dotted));
-        let bare = known.clone().find(|name| name.split('.').next_back() == Some(dotted));
-        let bare = section.or(bare);
-        self.faults.add(match bare.filter(|name| *name != dotted) {
+        let meant = section.map(str::to_owned).or_else(|| meant(dotted, others));
+        self.faults.add(match meant.filter(|name| name != dotted) {
             Some(name) => fault.help(format!("did you mean `{name}`?")),
-            None => fault.nearest(dotted, known.filter(|name| *name != dotted)),
+            None => fault,
         });
     }
 
@@ -314,7 +313,7 @@ pub(super) fn lost(
     if !comparisons_fit(draft, manifest, faults) {
         return Vec::new();
     }
-    let seeds: HashSet<u64> = manifest.seeds.iter().copied().collect();
+    let seeds = LazyCell::new(|| manifest.seeds.iter().copied().collect());
     let mut lost = Vec::new();
     for analysis in &draft.analyses {
         let mut faults = FaultList::default();
@@ -472,7 +471,11 @@ impl Checked<'_> {
     }
 
     /// Reports a selection that reports on seeds of its search.
-    fn seeds(&self, seeds: &HashSet<u64>, faults: &mut FaultList) {
+    fn seeds(
+        &self,
+        seeds: &LazyCell<HashSet<u64>, impl FnOnce() -> HashSet<u64>>,
+        faults: &mut FaultList,
+    ) {
         let reported = self.analysis.analysis.kind.reporting_seeds();
         let shared = reported.iter().find(|seed| seeds.contains(seed));
         if let (Some(seed), false) = (shared, self.draft.is_invalid(Parameter::Seed)) {

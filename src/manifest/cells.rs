@@ -6,8 +6,8 @@ use toml::de::DeTable;
 
 use super::condition::Condition;
 use super::draft::Draft;
-use super::fault::{Fault, nearest};
-use super::parameter::{named, parameter, parameters};
+use super::fault::{Fault, near, nearest};
+use super::parameter::{meant, named, parameter};
 use super::read::{MOST_ENTRIES, shortened};
 use super::section::Section;
 use super::source::{Located, Span};
@@ -58,13 +58,10 @@ impl Reader<'_> {
             let found = self.found(node);
             let message =
                 format!("`zip`: expected the dotted name of a swept parameter, found {found}");
-            let names: Vec<String> = parameters().into_iter().map(|p| p.to_string()).collect();
             let fault = Fault::at(node.span().into(), message);
-            // The bare key lacks its section. Edit distance would not suggest the full name.
-            let bare = names.iter().find(|name| name.split('.').next_back() == Some(dotted));
-            self.faults.add(match bare {
+            self.faults.add(match meant(dotted, &[]) {
                 Some(name) => fault.help(format!("did you mean `{name}`?")),
-                None => fault.nearest(dotted, names.iter().map(String::as_str)),
+                None => fault,
             });
         }
         parameter
@@ -106,17 +103,14 @@ impl Reader<'_> {
                 found => {
                     let message = format!("unknown key `{}` in {place}", shortened(found));
                     let fault = Fault::at(key.span().into(), message);
-                    let dotted = parameters().into_iter().map(|parameter| parameter.to_string());
-                    let mut dotted = dotted.chain(["agent.name".to_owned()]);
-                    let ending = format!(".{found}");
-                    let meant = dotted.find(|name| name == found || name.ends_with(&ending));
-                    self.faults.add(match meant {
+                    let tables = near(found, CONDITIONS).map(str::to_owned);
+                    self.faults.add(match tables.or_else(|| meant(found, &["agent.name"])) {
                         // Quotes make the dot a part of the key.
                         Some(meant) if meant == found => {
                             fault.help(format!("write it without quotes: {meant} = …"))
                         }
                         Some(meant) => fault.help(format!("did you mean `{meant}`?")),
-                        None => fault.nearest(found, CONDITIONS),
+                        None => fault,
                     });
                 }
             }

@@ -29,7 +29,13 @@ pub(super) fn check(
     let broken = zips(draft, &manifest, faults);
     manifest.zips.retain(|zip| !zip.parameters.iter().any(|name| broken.contains(name)));
     let lost = analyses::lost(draft, &manifest, faults);
-    if !size_fits(draft, &manifest, faults) || !comparisons_fit(draft, &manifest, faults) {
+    if !size_fits(draft, &manifest, faults) {
+        if listed(&manifest) <= FEW_LISTED {
+            exclusions(draft, &manifest, faults);
+        }
+        return (manifest, lost);
+    }
+    if !comparisons_fit(draft, &manifest, faults) {
         return (manifest, lost);
     }
     let exclusions_hold = exclusions(draft, &manifest, faults);
@@ -160,12 +166,20 @@ fn size_fits(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -> bool
     false
 }
 
+/// The number of values in the conditions of exclusions up to which they are compared with a grid of any size.
+const FEW_LISTED: usize = 1000;
+
+/// The number of values in the conditions of exclusions.
+fn listed(manifest: &Manifest) -> usize {
+    let listed = manifest.exclusions.iter().flat_map(|exclusion| &exclusion.conditions);
+    listed.map(Condition::len).sum()
+}
+
 /// Whether comparing cells with exclusions takes acceptable time; reports a fault if not.
 fn comparisons_fit(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -> bool {
     let sizes = manifest.agents.iter().map(|agent| size(&axes(manifest, agent)));
     let cells = sizes.fold(0, u128::saturating_add);
-    let listed = manifest.exclusions.iter().flat_map(|exclusion| &exclusion.conditions);
-    let listed: usize = listed.map(Condition::len).sum();
+    let listed = listed(manifest);
     let of_cells = cells.saturating_mul(manifest.exclusions.len() as u128);
     let comparisons = of_cells.saturating_add((listed * manifest.agents.len()) as u128);
     if comparisons <= u128::from(MOST_COMPARISONS) {

@@ -43,6 +43,11 @@ impl Edits {
         self.0.push(Edit { start, old: old.len() - end, new: new.len() - end });
     }
 
+    /// Adds changes that were made after these.
+    pub fn append(&mut self, mut later: Edits) {
+        self.0.append(&mut later.0);
+    }
+
     /// The span in the original text, and the index of the last change that the span touches.
     pub fn original(&self, mut span: Span) -> (Span, Option<usize>) {
         let mut touched = None;

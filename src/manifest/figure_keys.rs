@@ -4,7 +4,7 @@ use serde_json::{Value as Json, json};
 use toml::de::DeTable;
 
 use super::fault::Fault;
-use super::parameter::{named, parameters};
+use super::parameter::{meant, named};
 use super::source::Located;
 use super::sweep::{Node, Reader};
 use super::written::quoted;
@@ -125,10 +125,11 @@ impl Reader<'_> {
             Some(Parameter::Seed) | None => {
                 let expected = "\"agent\", \"scenario\" or the dotted name of a swept key";
                 let message = format!("`panel`: expected {expected}, found {}", self.found(node));
-                let names: Vec<String> = parameters().iter().map(Parameter::to_string).collect();
-                let known = names.iter().map(String::as_str).chain(["agent"]);
                 let fault = Fault::at(node.span().into(), message);
-                self.faults.add(fault.nearest(found, known.filter(|name| *name != "seed")));
+                self.faults.add(match meant(found, &["agent"]).filter(|name| name != "seed") {
+                    Some(name) => fault.help(format!("did you mean `{name}`?")),
+                    None => fault,
+                });
                 None
             }
         }

@@ -1,6 +1,7 @@
 //! The parameters that a grid can vary, and the values that a manifest declares for them.
 
 use super::condition::{Condition, short_name};
+use super::fault::nearest;
 use super::section::Section;
 use crate::agent::free_key;
 use crate::key::{Key, Parameter, Value};
@@ -32,6 +33,22 @@ pub(super) fn named(name: &str) -> Option<Parameter> {
     let is_meant = |parameter: &Parameter| short_name(&parameter.to_string()) == name;
     let mut meant = parameters().into_iter().filter(is_meant);
     parameter(name).or_else(|| meant.next().filter(|_| meant.next().is_none()))
+}
+
+/// The dotted name that a text probably means, among the parameters and `others`: the name whose last part
+/// it is, or else the nearest name.
+pub(super) fn meant(found: &str, others: &[&str]) -> Option<String> {
+    let names: Vec<String> = parameters().iter().map(Parameter::to_string).collect();
+    let all = || names.iter().map(String::as_str).chain(others.iter().copied());
+    let last = |name: &str| name.rsplit('.').next().unwrap_or(name).to_owned();
+    let exact = all().find(|name| *name == found || last(name) == found);
+    // A bare key lacks its section. Edit distance would not suggest the full name.
+    let bare = || {
+        let lasts: Vec<String> = all().map(last).collect();
+        let near = nearest(found, lasts.iter().map(String::as_str))?;
+        all().find(|name| last(name) == near)
+    };
+    exact.or_else(|| nearest(found, all())).or_else(bare).map(str::to_owned)
 }
 
 /// The values of every key of a section: one value, or several that the grid sweeps.

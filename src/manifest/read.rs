@@ -582,8 +582,33 @@ fn belonging(fault: Fault, here: Option<Section>, found: &str, names: &[&str]) -
             let table = nearest(found, TABLES).unwrap_or_default();
             fault.help(format!("did you mean [[{table}]], once for each {table}?"))
         }
+        None if agent_here.is_some() && found == "budget" => {
+            fault.help("did you mean `episodes`, the budget of training?")
+        }
+        None if nearest(found, names.iter().copied()).is_none() => {
+            let keys = Section::all().into_iter().flat_map(|section| {
+                section.keys().iter().map(move |key| (section.name(), key.name))
+            });
+            let keys: Vec<(&str, &str)> = keys.collect();
+            let meant = nearest(found, keys.iter().map(|(_, key)| *key));
+            match keys.iter().find(|(_, key)| Some(*key) == meant) {
+                Some((section, key)) => {
+                    fault.help(format!("did you mean `{key}` of {}?", brackets(section)))
+                }
+                None => fault.one_of(
+                    if here.is_some() { "its" } else { "the manifest's" },
+                    names,
+                    found,
+                ),
+            }
+        }
         None => fault.one_of(if here.is_some() { "its" } else { "the manifest's" }, names, found),
     }
+}
+
+/// The header of a section.
+fn brackets(section: &str) -> String {
+    if TABLES.contains(&section) { format!("[[{section}]]") } else { format!("[{section}]") }
 }
 
 /// A text of the author's, shortened for messages.

@@ -40,8 +40,10 @@ struct Slip {
     put: String,
     /// `None` if the fault is reported elsewhere.
     fault: Option<Fault>,
-    /// The fault of the parser, for a slip that remains one after the repair.
+    /// The fault of the parser, for a value that can be erased.
     unrepaired: Option<Fault>,
+    /// The line on which the parser found the slip; 0 for a header.
+    found_on: usize,
 }
 
 impl Slip {
@@ -53,6 +55,34 @@ impl Slip {
 
 /// The text with its slips repaired; `None` if it has none.
 pub(super) fn repaired(text: &str) -> Option<Repaired> {
+    // A slip can hide others, such as a list that is not closed.
+    const ROUNDS: usize = 10;
+    let mut whole: Option<Repaired> = None;
+    for _ in 0..ROUNDS {
+        let Some(next) = repaired_once(whole.as_ref().map_or(text, |whole| &whole.text)) else {
+            break;
+        };
+        whole = Some(match whole {
+            Some(earlier) => earlier.then(next),
+            None => next,
+        });
+    }
+    whole
+}
+
+impl Repaired {
+    /// The repairs of this text and of its repaired text.
+    fn then(mut self, mut next: Repaired) -> Repaired {
+        next.slips.trace(&self.edits);
+        next.erased.trace(&self.edits);
+        self.slips.append(next.slips);
+        self.erased.append(next.erased);
+        self.edits.append(next.edits);
+        Repaired { text: next.text, ..self }
+    }
+}
+
+fn repaired_once(text: &str) -> Option<Repaired> {
     let (root, errors) = DeTable::parse_recoverable(text);
     let faults = broken(text, &errors);
     let mut slips = headers(text, root.get_ref(), &faults);
@@ -71,7 +101,13 @@ pub(super) fn repaired(text: &str) -> Option<Repaired> {
         }
     }
     let lines = unread(&apply(text, &slips).0);
-    slips.retain(|slip| slip.unrepaired.is_none() || !lines.contains(&line(slip)));
+    slips.retain(|slip| {
+        let is_read = !lines.contains(&line(slip)) && !lines.contains(&slip.found_on);
+        slip.fault.is_none() && slip.unrepaired.is_none() || is_read
+    });
+    if slips.is_empty() {
+        return None;
+    }
     let (text, edits) = apply(text, &slips);
     let mut repaired =
         Repaired { text, edits, slips: FaultList::default(), erased: FaultList::default() };
@@ -150,7 +186,13 @@ fn headers(text: &str, root: &DeTable, faults: &[Broken]) -> Vec<Slip> {
         let (_, count) = seen.entry(name).or_insert((slips.len(), 0));
         *count += 1;
         let put = format!("[[{name}]]");
-        slips.push(Slip { span: Span { start, end }, put, fault: None, unrepaired: None });
+        slips.push(Slip {
+            span: Span { start, end },
+            put,
+            fault: None,
+            unrepaired: None,
+            found_on: 0,
+        });
     }
     for (name, (first, count)) in seen {
         // A misspelt name is reported with the brackets that it needs.
@@ -176,7 +218,8 @@ fn values(text: &str, faults: &[Broken]) -> Vec<Slip> {
         let place = starts.partition_point(|start| *start <= broken.span.start).saturating_sub(1);
         let start = starts.get(place).copied().unwrap_or_default();
         let end = starts.get(place + 1).copied().unwrap_or(text.len());
-        let slip = value_slip(&text[start..end], start, broken);
+        let unclosed = broken.breaks_structure.then(|| unclosed(text, &starts, place)).flatten();
+        let slip = unclosed.or_else(|| value_slip(&text[start..end], start, place, broken));
         match slip {
             Some(slip) if slips.len() < MOST => slips.push(slip),
             Some(_) => break,
@@ -188,7 +231,8 @@ fn values(text: &str, faults: &[Broken]) -> Vec<Slip> {
 }
 
 /// The slip on a line with a key and a value.
-fn value_slip(line: &str, start: usize, broken: &Broken) -> Option<Slip> {
+fn value_slip(line: &str, start: usize, place: usize, broken: &Broken) -> Option<Slip> {
+    let found_on = place + 1;
     let written = &line[..comment(line)];
     let equals = outside(written).find(|(_, c)| *c == '=').map(|(at, _)| at);
     let from = equals.map_or(0, |at| at + 1);
@@ -198,7 +242,7 @@ fn value_slip(line: &str, start: usize, broken: &Broken) -> Option<Slip> {
     let key = equals.map(|at| written[..at].trim()).filter(|key| !key.is_empty());
     let unrepaired = Some(broken.fault.clone());
     if let Some((put, fault)) = meant(key, value, span, broken) {
-        return Some(Slip { span, put, fault: Some(fault), unrepaired });
+        return Some(Slip { span, put, fault: Some(fault), unrepaired, found_on });
     }
     // Without its key, or in a list of several lines, a value cannot be erased.
     key.filter(|_| !broken.breaks_structure)?;
@@ -206,7 +250,25 @@ fn value_slip(line: &str, start: usize, broken: &Broken) -> Option<Slip> {
     // A missing value needs a space behind the equals sign.
     let put = if value.is_empty() { format!(" {put}") } else { put };
     let fault = unrepaired.clone();
-    Some(Slip { span, put, fault, unrepaired })
+    Some(Slip { span, put, fault, unrepaired, found_on })
+}
+
+/// A list that is not closed on its line, although the line at `place` begins something else.
+fn unclosed(text: &str, starts: &[usize], place: usize) -> Option<Slip> {
+    let line = |at: usize| &text[starts[at]..starts.get(at + 1).copied().unwrap_or(text.len())];
+    let opened = (0..place).rev().find(|at| !line(*at)[..comment(line(*at))].trim().is_empty())?;
+    let written = line(opened)[..comment(line(opened))].trim_end();
+    let equals = outside(written).find(|(_, c)| *c == '=').map(|(at, _)| at)?;
+    let (key, value) = (written[..equals].trim(), written[equals + 1..].trim());
+    let count = |bracket| outside(value).filter(|(_, c)| *c == bracket).count();
+    let missing = count('[').checked_sub(count(']')).filter(|missing| *missing > 0)?;
+    let put = "]".repeat(missing);
+    let end = starts[opened] + written.len();
+    let message = format!("`{key}`: the list is not closed");
+    let span = Span { start: end - value.len(), end };
+    let fault = Fault::at(span, message).help(format!("write {key} = {value}{put}"));
+    let span = Span { start: end, end };
+    Some(Slip { span, put, fault: Some(fault), unrepaired: None, found_on: place + 1 })
 }
 
 /// The value in TOML that a slip means, and the fault.
@@ -221,7 +283,7 @@ fn meant(key: Option<&str>, value: &str, span: Span, broken: &Broken) -> Option<
         Some((put, fault))
     };
     if let Some(straight) = straight_quotes(value) {
-        let put = list(&straight).unwrap_or(straight);
+        let put = key.and_then(|_| list(&straight)).unwrap_or(straight);
         return fault("curly quotes; TOML has straight quotes", put);
     }
     let key = key?;
@@ -231,6 +293,11 @@ fn meant(key: Option<&str>, value: &str, span: Span, broken: &Broken) -> Option<
     }
     if let Some(inner) = value.strip_prefix('(').and_then(|rest| rest.strip_suffix(')')) {
         return fault("parentheses; lists have square brackets", format!("[{}]", quoted(inner)));
+    }
+    if value.starts_with('[') && outside(value).any(|(_, c)| c == ';') {
+        let put = decimal_points(&value.replace(';', ", ;")).unwrap_or(value.to_owned());
+        let put = put.replace(", ;", ",").replace(';', ",");
+        return fault("semicolons; the values of a list have commas between them", put);
     }
     let commas = commas(value);
     if let ([last], Some(rest)) = (&commas[..], value.strip_suffix(','))
@@ -252,6 +319,20 @@ fn meant(key: Option<&str>, value: &str, span: Span, broken: &Broken) -> Option<
     }
     if let Some(percent) = value.strip_suffix('%').and_then(|number| number.trim().parse().ok()) {
         return fault("a percentage; shares are written as fractions", share(percent));
+    }
+    if let Some(put) = with_all_digits(value) {
+        return fault("a number needs a digit on both sides of its point", put);
+    }
+    let numbers: Vec<&str> = value.split_whitespace().collect();
+    if numbers.len() > 1 && numbers.iter().all(|number| number.parse::<f64>().is_ok()) {
+        return fault("a list without brackets and commas", format!("[{}]", numbers.join(", ")));
+    }
+    if takes(key, |kind| kind == Kind::Flag) {
+        match value {
+            "yes" | "on" => return fault("a flag is true or false", "true".to_owned()),
+            "no" | "off" => return fault("a flag is true or false", "false".to_owned()),
+            _ => {}
+        }
     }
     if let word @ ("True" | "TRUE" | "False" | "FALSE") = value {
         return fault("true and false have lower-case letters", word.to_lowercase());
@@ -328,7 +409,10 @@ fn quoted(value: &str) -> String {
 
 /// The value with straight quotes; `None` if it has no curly quotes outside of straight ones.
 fn straight_quotes(value: &str) -> Option<String> {
-    let is_curly = |c: char| "“”„‟«»‘’‚‛".contains(c);
+    // A single curly quote within double ones is an apostrophe.
+    let is_double = |c: char| "“”„‟«»".contains(c);
+    let doubles = value.contains(is_double);
+    let is_curly = |c: char| is_double(c) || (!doubles && "‘’‚‛".contains(c));
     // A straight quote that is not closed is closed by a curly one, or is an apostrophe.
     let is_open = outside(&format!("{value}#")).last().is_none_or(|(_, c)| c != '#');
     let all: Vec<(usize, char)> =
@@ -353,11 +437,25 @@ fn decimal_points(value: &str) -> Option<String> {
     is_decimal.then(|| value.char_indices().map(point).collect())
 }
 
+/// The number with the digit that it lacks before or behind its point.
+fn with_all_digits(value: &str) -> Option<String> {
+    let whole = match value.strip_prefix('.') {
+        Some(rest) => format!("0.{rest}"),
+        None => format!("{}.0", value.strip_suffix('.')?),
+    };
+    whole.parse::<f64>().is_ok().then_some(whole)
+}
+
 /// Whether the key takes whole numbers or lists of them.
 fn takes_whole_numbers(key: &str) -> bool {
-    let name = key.rsplit('.').next().unwrap_or(key).trim();
     let is_whole =
         |kind| matches!(kind, Kind::Integer { .. } | Kind::Widths { .. } | Kind::Counts { .. });
-    let of = |section: Section| section.find(name).is_some_and(|(_, key)| is_whole(key.kind));
-    ["seed", "seeds", "reporting_seeds"].contains(&name) || Section::all().into_iter().any(of)
+    ["seed", "seeds", "reporting_seeds"].contains(&key) || takes(key, is_whole)
+}
+
+/// Whether a key of this name takes values of such a kind.
+fn takes(key: &str, is_such: impl Fn(Kind) -> bool) -> bool {
+    let name = key.rsplit('.').next().unwrap_or(key).trim();
+    let of = |section: Section| section.find(name).is_some_and(|(_, key)| is_such(key.kind));
+    Section::all().into_iter().any(of)
 }

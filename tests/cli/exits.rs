@@ -219,11 +219,34 @@ fn a_sweep_without_a_single_worker_is_an_error() {
 }
 
 #[test]
-fn a_quiet_run_says_nothing_but_its_summary() {
+fn a_quiet_run_prints_nothing() {
     let folder = folder();
-    let run = folder.jitai(["run", "sweep.toml", "--quiet"]).succeeded();
-    assert_eq!(run.stderr, "");
-    assert!(run.stdout.contains("mean return ± sd over seeds"), "{}", run.stdout);
+    let run = folder.jitai(["run", "sweep.toml", "-q"]).succeeded();
+    assert_eq!((run.stdout.as_str(), run.stderr.as_str()), ("", ""));
+    let again = folder.jitai(["run", "sweep.toml"]).succeeded();
+    again.prints("mean return ± sd over seeds");
+}
+
+#[test]
+fn a_misspelt_verb_names_the_nearest_one() {
+    let folder = Folder::new();
+    for (misspelt, verb) in [("reprot", "report"), ("chekc", "check"), ("stauts", "status")] {
+        let said = folder.jitai([misspelt, "sweep.toml"]).ended(2).stderr;
+        assert!(said.contains(&format!("a similar subcommand exists: '{verb}'")), "{said}");
+    }
+    let said = folder.jitai(["plan", "--wokers", "2", "sweep.toml"]).ended(2);
+    said.says("'--workers'");
+}
+
+#[test]
+fn an_experiment_that_is_not_there_has_a_nearest_name() {
+    let folder = folder();
+    folder.jitai(["run", "sweep.toml", "-q"]).succeeded();
+    let meant = "has no experiment `sweeep`, did you mean `sweep`?; it has sweep";
+    folder.jitai(["forget", "sweeep", "--yes"]).ended(2).says(meant);
+    folder.jitai(["export", "--experiment", "sweeep", "--out", "out"]).ended(2).says(meant);
+    folder.write("other.toml", manifest("sweeep", "0.9", "[7]", Effort::Trivial));
+    folder.jitai(["report", "other.toml", "--out", "report"]).succeeded().says(meant);
 }
 
 #[test]

@@ -311,3 +311,114 @@ fn set_gives_keys_other_values_and_the_store_keeps_the_text() {
     let refused = folder.jitai(["plan", "sweep.toml", "--set", "sigma"]).ended(2);
     refused.says("expected a key, an equals sign and a value");
 }
+
+/// A manifest with a curve along sigma and a comma in the name of an agent.
+const WITH_A_CURVE: &str = "format = 1
+name = \"curve\"
+scenarios = [\"P-H-D\"]
+seeds = 1
+evaluation.test_episodes = 5
+[environment]
+sigma = [
+  0.4,
+  0.8,
+]
+[[agent]]
+name = \"never, ever|x\"
+algorithm = \"rule\"
+rule = \"never\"
+[[agent]]
+name = \"random\"
+algorithm = \"rule\"
+rule = \"random\"
+[[analysis]]
+name = \"along-sigma\"
+kind = \"curve\"
+x = \"environment.sigma\"
+[[analysis]]
+name = \"agents\"
+kind = \"contrast\"
+by = \"agent.name\"
+between = [\"random\", \"never, ever|x\"]
+";
+
+#[test]
+fn an_analysis_that_loses_its_axis_to_an_option_is_left_out_with_a_hint() {
+    let folder = Folder::with(WITH_A_CURVE);
+    let hint = "sweep.toml: hint: analysis `along-sigma` is left out: `environment.sigma` is not swept: it \
+                has one value";
+    let one = ["--set", "sigma=0.4"];
+    for verb in [&["check"][..], &["plan"], &["run", "-q"], &["report", "--out", "report"]] {
+        let arguments = verb.iter().chain(&["sweep.toml"]).chain(&one).copied();
+        folder.jitai(arguments).succeeded().says(hint);
+    }
+    assert!(folder.path("report/tables/agents.csv").exists());
+    assert!(!folder.path("report/tables/along-sigma.csv").exists());
+    let resolved = folder.jitai(["plan", "sweep.toml", "--resolved", "--set", "sigma=0.4"]);
+    folder.write("resolved.toml", resolved.succeeded().stdout);
+    folder.jitai(["check", "resolved.toml"]).succeeded().prints("2 jobs");
+    // In the file itself, the analysis is at fault.
+    folder.write("sweep.toml", WITH_A_CURVE.replace("  0.8,\n", ""));
+    let fault = "sweep.toml:21:5: `environment.sigma` is not swept";
+    folder.jitai(["check", "sweep.toml"]).ended(2).says(fault);
+    folder.jitai(["run", "sweep.toml"]).ended(2).says(fault);
+}
+
+#[test]
+fn a_fault_of_an_option_names_the_option_and_other_faults_their_lines_of_the_file() {
+    let folder = Folder::with(&format!("{WITH_A_CURVE}[[exclude]]\nenvironment.sigma = 0.8\n"));
+    let set = |option| folder.jitai(["check", "sweep.toml", "--set", option]).ended(2).stderr;
+    let said = set("sigma=-1");
+    assert!(said.starts_with("sweep.toml: --set sigma=-1: `sigma`: expected a number"), "{said}");
+    // The edited text has four lines fewer.
+    let said = set("sigma=0.4");
+    let fault =
+        "sweep.toml:29:21: no cell to exclude has `environment.sigma` = 0.8\n  29 | environment.s";
+    assert!(said.starts_with(fault), "{said}");
+}
+
+#[test]
+fn a_faulty_file_of_rows_does_not_hide_a_missing_file_of_published_numbers() {
+    let folder = Folder::with(&WITH_A_CURVE.replace(
+        "seeds = 1\n",
+        "seeds = 1\npublished = \"none.toml\"\npopulation.rows = \"none.csv\"\n",
+    ));
+    folder
+        .jitai(["check", "sweep.toml"])
+        .ended(2)
+        .says("sweep.toml:5:13: `published`: `none.toml` cannot be read")
+        .says("sweep.toml:6:19: `rows`: `none.csv` cannot be read")
+        .says("2 faults in sweep.toml");
+}
+
+#[test]
+fn a_quoted_value_of_a_filter_may_contain_commas_and_bars() {
+    let folder = Folder::with(WITH_A_CURVE);
+    let plan =
+        |filter| folder.jitai(["plan", "sweep.toml", "--format", "json", "--filter", filter]);
+    let jobs = |filter| plan(filter).succeeded().json()[0]["jobs"].clone();
+    assert_eq!(jobs("agent=\"never, ever|x\""), 2);
+    assert_eq!(jobs("sigma=0.4, agent = \"never, ever|x\"|random"), 2);
+    assert_eq!(jobs("agent=\"random\",sigma=\"0.4\"|0.8"), 2);
+    plan("agent=\"never, ever|y\"")
+        .ended(2)
+        .says("no job has agent=\"never, ever|y\", did you mean \"never, ever|x\"?");
+    plan("agent=\"never").ended(2).says("a value with a comma or a bar has double quotes");
+    folder.jitai(["plan", "--help"]).succeeded().prints("--filter 'agent=\"dqn, small\"'");
+}
+
+#[test]
+fn hints_name_what_probably_differs_from_the_intent() {
+    let folder = Folder::with(
+        "format = 1\nname = \"h\"\nscenarios = [\"P-T\"]\nseeds = 1\nenvironment.sigma = [40, 80]\n\
+         [[agent]]\nname = \"out\"\nalgorithm = \"external\"\ncommand = [\"no-such-program\"]\n\
+         version = \"1\"\n[[agent]]\nname = \"ppo\"\nalgorithm = \"ppo\"\nepisodes = 100\n",
+    );
+    folder
+        .jitai(["check", "sweep.toml"])
+        .succeeded()
+        .says("hint: `environment.sigma` = 40 is 40 times")
+        .says("40 % is written 0.4")
+        .says("hint: `command` of agent out cannot start on this machine: no-such-program is in no")
+        .says("hint: agent ppo learns from at most 7 rollouts");
+}

@@ -458,3 +458,34 @@ mod parquet {
         assert_eq!(types, [Type::DOUBLE, text, text, Type::INT64]);
     }
 }
+
+#[test]
+fn tables_show_numbers_as_people_read_them_and_other_formats_every_digit() {
+    let folder = completed();
+    let query = ["query", "SELECT 0.1 + 0.2 AS sum, 1.0 / 3 AS third, 12345678901234.5 AS large"];
+    let table = folder.jitai(query).succeeded().stdout;
+    let words: Vec<&str> = table.lines().nth(1).unwrap().split_whitespace().collect();
+    assert_eq!(words, ["0.3", "0.333333333333", "12345678901234.5"]);
+    let csv = folder.jitai(query.into_iter().chain(["--format", "csv"])).succeeded().stdout;
+    assert_eq!(csv, "sum,third,large\n0.30000000000000004,0.3333333333333333,12345678901234.5\n");
+    let json = folder.jitai(query.into_iter().chain(["--format", "json"])).succeeded().json();
+    assert_eq!(json[0]["sum"], json!(0.1 + 0.2));
+}
+
+#[test]
+fn tables_are_no_wider_than_columns() {
+    let folder = completed();
+    let text = "a text of several words that is long enough for two lines";
+    let sql = format!("SELECT '{text}' AS one, '{text}' AS other");
+    let widest = |columns: &str| {
+        let mut command = folder.command(["query", &sql]);
+        let output = command.env("COLUMNS", columns).output().unwrap();
+        let table = String::from_utf8(output.stdout).unwrap();
+        table.lines().map(|line| line.chars().count()).max().unwrap()
+    };
+    assert!((40..=60).contains(&widest("60")), "{}", widest("60"));
+    // Without a number, and for columns too narrow to read, a table has its natural width.
+    for columns in ["", "none", "0", "10"] {
+        assert_eq!(widest(columns), 2 * text.len() + 2, "{columns}");
+    }
+}

@@ -122,6 +122,7 @@ impl Folder {
     ) -> Command {
         let mut command = Command::new(program);
         command.args(arguments).current_dir(self.0.path()).env_remove("JITAI_STORE");
+        command.env_remove("COLUMNS");
         command.stdin(Stdio::null());
         command
     }

@@ -171,3 +171,48 @@ pub fn rankings(rule: SelectionRule, metric: &str, jobs: &[&JobRecord]) -> Vec<R
 fn is_surrounding(name: &str) -> bool {
     ["environment.", "population."].iter().any(|section| name.starts_with(section))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A ranking of candidates with one setting each, best first.
+    fn ranking(name: &str, values: &[f64]) -> Ranking {
+        let candidate = |value: &f64| {
+            let sample = Sample::new([(1, 1.0), (2, 2.0)], 0, 0).unwrap();
+            let settings = vec![(name.to_owned(), Setting::Number(*value))];
+            let interval = mean_interval(sample.values());
+            Candidate { settings, sample, mean: Ok(1.5), interval }
+        };
+        let (agent, scenario) = ("dqn".to_owned(), "P-T".to_owned());
+        Ranking {
+            place: ArmId { agent, scenario, settings: Vec::new() },
+            rule: SelectionRule::HighestMean.word(),
+            candidates: values.iter().map(candidate).collect(),
+        }
+    }
+
+    #[test]
+    fn a_winner_at_the_end_of_its_range_is_known() {
+        let ends = |name: &str, values: &[f64]| {
+            ranking(name, values).at_ends().map(|end| end.to_string()).collect::<Vec<_>>()
+        };
+        let rate = "agent.learning_rate";
+        assert_eq!(
+            ends(rate, &[0.01, 0.001, 0.0001]),
+            [
+                "agent.learning_rate = 0.01 is the largest value tried, and a larger one may be better"
+            ]
+        );
+        assert_eq!(
+            ends(rate, &[0.0001, 0.01]),
+            [
+                "agent.learning_rate = 0.0001 is the smallest value tried, and a smaller one may be better"
+            ]
+        );
+        assert!(ends(rate, &[0.001, 0.0001, 0.01]).is_empty());
+        assert!(ends(rate, &[0.001]).is_empty(), "nothing was searched");
+        assert!(ends("agent.gamma", &[1.0, 0.9]).is_empty(), "gamma cannot be larger");
+        assert!(ends("agent.action_centring", &[1.0, 0.0]).is_empty(), "a flag has no range");
+    }
+}
