@@ -64,8 +64,9 @@ fn endless_and_rules() -> String {
 fn killed_after_a_second(folder: &Folder, session: i64, more: &[&str]) {
     let arguments = [&["run", "sweep.toml", "--workers", "1"], more].concat();
     let run = folder.start(arguments);
-    let outlived = OUTLIVED.replace("(SELECT max(id) FROM session)", &session.to_string());
-    until("the start of a job is outlived", || folder.count_if_there(&outlived) == Some(1));
+    until("the start of a job is outlived", || {
+        folder.count_if_there(&outlived(session)) == Some(1)
+    });
     run.signal("KILL");
     assert_eq!(run.wait().code, None);
 }
@@ -104,28 +105,32 @@ fn a_job_that_gets_further_between_kills_has_not_failed() {
     assert_eq!(folder.number("SELECT count(suspects) FROM run"), 0);
 }
 
-/// SQL: the running jobs of the latest session that have outlived their start.
-const OUTLIVED: &str = "SELECT count(*) FROM run JOIN session ON session.id = run.session
-    WHERE status = 'running' AND session = (SELECT max(id) FROM session)
-        AND 86400 * (julianday(heartbeat_at) - julianday(run.started_at)) >= 1";
+/// SQL: the running jobs of a session that have outlived their start.
+fn outlived(session: i64) -> String {
+    format!(
+        "SELECT count(*) FROM run JOIN session ON session.id = run.session
+         WHERE status = 'running' AND session = {session}
+            AND 86400 * (julianday(heartbeat_at) - julianday(run.started_at)) >= 1"
+    )
+}
 
 #[test]
 fn jobs_that_run_side_by_side_are_suspects_after_the_second_kill() {
     let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Endless));
-    for suspects in [0, 2] {
-        let run = folder.start(["run", "sweep.toml", "--workers", "2"]);
-        until("both outlive their start", || folder.count_if_there(OUTLIVED) == Some(2));
+    let start = || folder.start(["run", "sweep.toml", "--workers", "2"]);
+    for (session, suspects, side_by_side) in [(1, 0, 2), (4, 2, 1)] {
+        let run = start();
+        until("both outlive their start", || folder.count_if_there(&outlived(session)) == Some(2));
         run.signal("KILL");
         run.wait();
         // The next run takes over the jobs and starts them.
-        let next = folder.start(["run", "sweep.toml", "--workers", "2"]);
-        let running = format!("{RUNNING} AND session = (SELECT max(id) FROM session)");
-        let side_by_side = if suspects == 0 { 2 } else { 1 };
+        let next = start();
+        let running = format!("{RUNNING} AND session = {}", session + 1);
         until("the next run runs", || folder.count_if_there(&running) == Some(side_by_side));
         next.signal("INT");
         next.wait().ended(130);
         assert_eq!(folder.number("SELECT count(suspects) FROM run"), suspects);
-        // The stop measured a time, so a kill before it is not one of several in a row.
+        // A kill soon after the start makes no suspect, but the next kill is the second in a row.
         if suspects == 0 {
             ended_while_running(&folder, 3, 2, "KILL");
         }
@@ -136,7 +141,7 @@ fn jobs_that_run_side_by_side_are_suspects_after_the_second_kill() {
 fn a_process_that_ends_after_a_second_signal_counts_against_no_job() {
     let folder = Folder::with(&endless_and_rules());
     let run = folder.start(["run", "sweep.toml", "--workers", "1"]);
-    until("the job outlives its start", || folder.count_if_there(OUTLIVED) == Some(1));
+    until("the job outlives its start", || folder.count_if_there(&outlived(1)) == Some(1));
     for signal in ["STOP", "INT", "TERM", "CONT"] {
         run.signal(signal);
     }

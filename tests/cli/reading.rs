@@ -6,7 +6,7 @@ use std::process::Stdio;
 
 use serde_json::json;
 
-use crate::support::{Effort, Folder, columns, manifest, views};
+use crate::support::{Effort, Folder, columns, manifest, until, views};
 
 fn completed() -> Folder {
     Folder::completed(&manifest("sweep", "[0.4, 0.6]", "2", Effort::Trivial))

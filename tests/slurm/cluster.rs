@@ -141,9 +141,10 @@ exit 8
 impl Lab {
     /// A lab for [`WAITING_JOBS`], with one chunk per job.
     pub fn waiting(profile: &str) -> Option<Lab> {
-        let lab = Lab::in_three_chunks(WAITING_JOBS, profile)?;
+        let mut lab = Lab::in_three_chunks(WAITING_JOBS, profile)?;
         lab.folder.write("program.sh", WAITING_PROGRAM);
-        Some(Lab { program: Some(WAITING_PROGRAM), ..lab })
+        lab.program = Some(WAITING_PROGRAM);
+        Some(lab)
     }
 
     /// A lab whose cluster permits three tasks per array, and whose jobs would fill more. One of the
