@@ -5,6 +5,7 @@
 //! weights and results of queries. A [`Store`] writes, a [`Reader`] reads. `migrations/*.sql` creates the
 //! tables, and `docs/store.md` documents the public views.
 //!
+//! - A store has one name, to which links lead, and everything beside it has that name (`place.rs`).
 //! - Every write is an immediate transaction. Writers wait for each other; readers never wait.
 //! - The end of a run is on the disk when [`Store::finish_all`] returns. Other writes do not wait for the
 //!   disk, because the next run repeats writes that a power failure undoes.

@@ -5,7 +5,7 @@
 //! Symbolic links lead to one name ([`resolve`]). A second hard link, or a mount of the file alone, cannot
 //! be resolved, so such a file is rejected unless it cannot have a log ([`require_one_name`]).
 
-use std::fs;
+use std::fs::{self, Metadata};
 use std::io::{self, ErrorKind};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
@@ -54,13 +54,14 @@ fn follow(path: &Path) -> io::Result<PathBuf> {
 
 /// Fails if the file at `path`, which is resolved, has another name with a write-ahead log of its own.
 pub(super) fn require_one_name(path: &Path) -> Result<(), StoreError> {
-    // A file that cannot be looked at is reported when it is opened.
-    match fs::metadata(path).map_or(1, |metadata| metadata.nlink()) {
+    // What is not a file, or cannot be looked at, is reported when it is opened.
+    let names = fs::metadata(path).ok().filter(Metadata::is_file).map_or(0, |file| file.nlink());
+    match names {
+        2.. => Err(StoreError::HardLinked { path: path.to_owned(), names }),
         1 if mount::is_mounted_alone(path) => {
             Err(StoreError::MountedAlone { path: path.to_owned() })
         }
-        1 => Ok(()),
-        names => Err(StoreError::HardLinked { path: path.to_owned(), names }),
+        0 | 1 => Ok(()),
     }
 }
 
@@ -128,5 +129,7 @@ mod tests {
         }
         fs::remove_file(&one).unwrap();
         require_one_name(&two).unwrap();
+        // A folder has a link in each of its subfolders.
+        require_one_name(folder.path()).unwrap();
     }
 }

@@ -50,7 +50,7 @@ fn an_answer_has_its_columns_and_then_its_rows() {
     }
     let twice = "SELECT 1 AS a, 2 AS b, 3 AS A, run.* FROM metric AS run JOIN metric USING (name)";
     assert_eq!(ask(&reader, twice).unwrap()[0], "a|b|A_2|job_key|name|value");
-    assert_eq!(ask(&reader, "PRAGMA table_info(run_summary)").unwrap().len(), 19);
+    assert_eq!(ask(&reader, "PRAGMA table_info(run_summary)").unwrap().len(), 23);
     assert!(ask(&reader, "EXPLAIN QUERY PLAN SELECT * FROM metric").unwrap().len() > 1);
 }
 

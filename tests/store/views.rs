@@ -5,6 +5,7 @@ use std::path::Path;
 
 use jitai::plan::Job;
 use jitai::record::Outcome;
+use rusqlite::Connection;
 
 use crate::sample::{Sample, completed, dqn, failed, number, realistic, reinforce, results};
 
