@@ -1,16 +1,22 @@
-//! Writes to a store: the jobs of an experiment, and the ends of runs.
+//! Writes to a store: the jobs of an experiment, and the ends of runs. Reads of a large one: a report, and a
+//! run with nothing to do.
 
 use std::slice;
+use std::sync::LazyLock;
 use std::sync::atomic::AtomicBool;
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use jitai::agent::{Agent, Reinforce};
 use jitai::env::{Environment, Population};
-use jitai::manifest::{Evaluation, RecordedDecisions};
-use jitai::plan::Job;
+use jitai::manifest::{Evaluation, Manifest, RecordedDecisions};
+use jitai::plan::{self, Job};
 use jitai::record::{Outcome, Provenance};
-use jitai::store::{Claim, Claimed, Experiment, Isolation, RetryFailed, RunEnd, SessionId, Store};
+use jitai::results::{Hosts, assemble, report, summarise_arms};
+use jitai::schedule::{Options, register_experiment, run_manifests};
+use jitai::store::{
+    Claim, Claimed, Experiment, Isolation, Parts, Reader, RetryFailed, RunEnd, SessionId, Store,
+};
 use jitai::train::{self, Uncontrolled};
 use tempfile::TempDir;
 
@@ -163,4 +169,92 @@ fn ending_with_decisions(bencher: Bencher<'_, '_>) {
             fresh.store.finish(&claim, &outcome, 1.0).unwrap();
             fresh
         });
+}
+
+/// A completed experiment of 100,000 jobs.
+struct Large {
+    manifest: Manifest,
+    fresh: Fresh,
+}
+
+impl Large {
+    /// The experiment with these keys, which must make 100,000 jobs. Its results are those of ten jobs.
+    fn of(keys: &str) -> Large {
+        let text = format!(
+            "format = 1\nname = \"bench\"\nevaluation.test_episodes = 10\n{keys}\n[[analysis]]\nname = \"search\"\n\
+             kind = \"selection\"\nreporting_seeds = [0]\n"
+        );
+        let manifest = jitai::manifest::parse("bench", text.as_bytes()).unwrap();
+        let mut fresh = Fresh::new();
+        register_experiment(&mut fresh.store, &manifest, None, &AtomicBool::new(false)).unwrap();
+        let jobs: Vec<Job> = plan::jobs(&manifest).map(|planned| planned.job).collect();
+        assert_eq!(jobs.len(), 100_000);
+        let evaluation = Evaluation { test_episodes: 10, ..Evaluation::default() };
+        let tried = (1..=10).map(|seed| Job { seed, ..job(1, evaluation.clone()) });
+        let outcomes: Vec<Outcome> = tried.map(|job| train::run(&job, &Uncontrolled)).collect();
+        let session = fresh.begin_session();
+        for jobs in jobs.chunks(1000) {
+            let claims: Vec<Claim> = jobs.iter().map(|job| fresh.claim(session, job)).collect();
+            let ends = claims.iter().zip(outcomes.iter().cycle());
+            let end = |(claim, outcome)| RunEnd { claim, outcome, wall_seconds: 1.0 };
+            fresh.store.finish_all(&ends.map(end).collect::<Vec<_>>()).unwrap();
+        }
+        fresh.store.end_session(session).unwrap();
+        Large { manifest, fresh }
+    }
+
+    fn reader(&self) -> Reader {
+        Reader::open(self.fresh.store.path()).unwrap()
+    }
+}
+
+/// 40 arms of 2500 seeds.
+static SEEDS: LazyLock<Large> = LazyLock::new(|| {
+    Large::of(
+        "scenarios = [\"P-H-D\", \"L-H-D\", \"P-T\", \"L-T\"]\nseeds = 2500\nenvironment.sigma = 0.6\n[[agent]]\n\
+         name = \"a\"\nalgorithm = \"reinforce\"\nepisodes = 1\n\
+         learning_rate = { from = 0.0001, to = 0.001, step = 0.0001 }",
+    )
+});
+
+/// 100,000 arms of one seed.
+static ARMS: LazyLock<Large> = LazyLock::new(|| {
+    Large::of(
+        "scenarios = [\"P-H-D\", \"P-T\"]\nseeds = 1\nenvironment.sigma = 0.6\n[[agent]]\nname = \"a\"\n\
+         algorithm = \"reinforce\"\nepisodes = 1\ngamma = { from = 0.5, to = 1, count = 200 }\n\
+         learning_rate = { from = 0.0001, to = 0.025, count = 250 }",
+    )
+});
+
+const LARGE: [(&str, &LazyLock<Large>); 2] = [("40 arms", &SEEDS), ("100,000 arms", &ARMS)];
+
+fn large(name: &str) -> &'static Large {
+    let (_, large) = LARGE.into_iter().find(|(known, _)| *known == name).unwrap();
+    large
+}
+
+/// A report on 100,000 completed runs, without writing its files; counted in runs.
+#[divan::bench(sample_count = 1, sample_size = 1, args = LARGE.map(|(name, _)| name))]
+fn reporting(bencher: Bencher<'_, '_>, name: &str) {
+    let large = large(name);
+    bencher.counter(ItemsCount::new(100_000_usize)).bench_local(|| {
+        let manifests = slice::from_ref(&large.manifest);
+        let experiments = assemble(&large.reader(), manifests, |_, _, _| {}).unwrap();
+        report(&experiments, "bench", Hosts::Unnamed)
+    });
+}
+
+/// A run of an experiment with 100,000 completed runs, and the summary of its arms; counted in runs.
+#[divan::bench(sample_count = 3, sample_size = 1, args = LARGE.map(|(name, _)| name))]
+fn running_nothing(bencher: Bencher<'_, '_>, name: &str) {
+    let large = large(name);
+    bencher.counter(ItemsCount::new(100_000_usize)).bench_local(|| {
+        let mut store = Store::open(large.fresh.store.path()).unwrap();
+        let (stop, options) = (AtomicBool::new(false), Options::default());
+        let manifests = slice::from_ref(&large.manifest);
+        let tally = run_manifests(&mut store, manifests, options, &stop, |_| {}).unwrap();
+        assert_eq!(tally.already_completed, 100_000);
+        let data = large.reader().data_set(&large.manifest, Parts::default()).unwrap();
+        summarise_arms(&data.jobs)
+    });
 }

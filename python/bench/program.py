@@ -50,6 +50,7 @@ steps = {steps}
 minibatches = {minibatches}
 epochs = {epochs}
 engine = "{engine}"
+at_horizon = "termination"
 {memory}
 """
     with tempfile.TemporaryDirectory() as folder:

@@ -54,13 +54,14 @@ fn middle_mean(sorted: &[f64], times: &[u32]) -> f64 {
     let middle = left as f64;
     let mut sum = -0.0;
     for (value, times) in sorted.iter().zip(times) {
-        let times = *times as usize;
-        let skipped = times.min(below);
-        below -= skipped;
-        let added = (times - skipped).min(left);
-        left -= added;
-        for _ in 0..added {
+        let mut times = *times as usize;
+        if below > 0 {
+            let skipped = times.min(below);
+            (below, times) = (below - skipped, times - skipped);
+        }
+        while times > 0 && left > 0 {
             sum += value;
+            (times, left) = (times - 1, left - 1);
         }
         if left == 0 {
             break;

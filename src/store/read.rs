@@ -11,7 +11,7 @@ use super::error::{Fault, StoreError};
 use super::liveness::ProcessTable;
 use super::seed_group::SeedGroups;
 use super::session::{self, Holders};
-use super::state::{JobState, state_sql};
+use super::state::{JobState, States, state_sql};
 use super::writer::Store;
 use super::{file, sandbox, schema};
 
@@ -109,14 +109,14 @@ impl Reader {
     /// Calls `see` with each job that has a run, and its state. All other jobs are pending.
     pub fn tried(&self, mut see: impl FnMut(JobKey, JobState)) -> Result<(), StoreError> {
         self.read("read the states of jobs", |connection| {
-            let state = state_sql("job.id", "?1");
-            let mut statement = connection.prepare_cached(&format!(
-                "SELECT unhex(key), {state}
-                 FROM (SELECT DISTINCT job FROM run) AS tried JOIN job ON job.id = tried.job"
-            ))?;
-            let mut rows = statement.query([holders(connection)?.alive_json()])?;
+            let states = States::read(connection, &holders(connection)?.alive)?;
+            let mut statement = connection.prepare_cached("SELECT id, unhex(key) FROM job")?;
+            let mut rows = statement.query([])?;
             while let Some(row) = rows.next()? {
-                see(JobKey(row.get(0)?), row.get(1)?);
+                match states.of(row.get(0)?) {
+                    JobState::Pending => {}
+                    state => see(JobKey(row.get(1)?), state),
+                }
             }
             Ok(())
         })

@@ -421,4 +421,24 @@ fn hints_name_what_probably_differs_from_the_intent() {
         .says("40 % is written 0.4")
         .says("hint: `command` of agent out cannot start on this machine: no-such-program is in no")
         .says("hint: agent ppo learns from at most 7 rollouts");
+#[test]
+fn a_plan_names_a_default_that_has_changed_since_the_jobs_were_completed() {
+    let with = |keys: &str| {
+        format!(
+            "format = 1\nname = \"sweep\"\nscenarios = [\"C\"]\nseeds = 2\nenvironment.sigma = 0.4\n\
+             evaluation.test_episodes = 1\n[[agent]]\nname = \"ppo\"\nalgorithm = \"ppo\"\nepisodes = 1\n\
+             layers = [4]\n{keys}"
+        )
+    };
+    let folder = Folder::with(&with("at_horizon = \"termination\"\n"));
+    folder.jitai(["run", "sweep.toml", "--quiet"]).succeeded();
+    folder.write("sweep.toml", with(""));
+    let plan = folder.jitai(["plan", "sweep.toml"]).succeeded();
+    plan.says("2 jobs to run, of ppo with at_horizon = \"truncation\", which is the default now")
+        .says("to keep those results, write at_horizon = \"termination\" in the agent");
+    let jobs = folder.jitai(["plan", "sweep.toml", "--jobs"]).succeeded();
+    jobs.prints("at_horizon = \"truncation\" is the new default of ppo");
+    // A manifest that keeps the former default has nothing to run.
+    folder.write("sweep.toml", with("at_horizon = \"termination\"\n"));
+    folder.jitai(["plan", "sweep.toml"]).succeeded().says("nothing to run");
 }

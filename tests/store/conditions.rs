@@ -113,7 +113,7 @@ fn a_condition_selects_the_same_jobs_in_memory_and_in_sql() {
         }
     }
     let reader = Reader::open(&sample.path).unwrap();
-    let mut data = reader.data_set_of("sweep", jobs(), Parts::default(), |_| ()).unwrap();
+    let mut data = reader.data_set_of("sweep", jobs(), |_| Parts::default(), |_| ()).unwrap();
     data.jobs.retain(|job| job.completed().is_some());
     let all = conditions(&manifest);
     let columns = ["environment.sigma", "environment.mu", "agent.layers", "agent.algorithm"];

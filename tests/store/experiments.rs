@@ -247,17 +247,14 @@ fn a_data_set_has_the_planned_jobs_with_what_became_of_them() {
     let parts = Parts { curve: true, actions: true, returns: true };
     let mut seen = 0;
     let reader = Reader::open(&sample.path).unwrap();
-    let data = reader.data_set_of("sweep", planned, parts, |_| seen += 1).unwrap();
+    let data = reader.data_set_of("sweep", planned, |_| parts, |_| seen += 1).unwrap();
     let [first, second, third, fourth] = data.jobs.as_slice() else { panic!("{data:?}") };
     assert_eq!((data.experiment.as_str(), seen), ("sweep", 4));
     assert_eq!((first.job_key, first.seed, first.scenario.as_str()), (jobs[0].key(), 1, "P-H-D"));
     assert_eq!(second.number("agent.learning_rate"), Some(5e-4));
     assert!(matches!(&second.status, JobStatus::Failed(failure) if failure.episode == 17));
     assert_eq!(third.status, JobStatus::Pending);
-    assert_eq!(
-        (fourth.agent.as_str(), fourth.number("environment.sigma")),
-        ("reinforce", Some(0.4))
-    );
+    assert_eq!((&*fourth.agent, fourth.number("environment.sigma")), ("reinforce", Some(0.4)));
     let run = first.completed().unwrap();
     assert_eq!((run.metric("mean_return"), run.metric("sd_return")), (Some(1.0), Some(2.0)));
     assert_eq!((&run.curve[..], &run.returns[..]), (&[(10, 7.5)][..], &[2500.0, 310.0][..]));

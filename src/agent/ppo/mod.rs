@@ -84,7 +84,7 @@ keys! {
         reward_scale: f64 = 200.0, in Kind::POSITIVE;
         /// how the horizon ends an episode: as a "termination", with value 0 afterwards, or as a
         /// "truncation", with the value of the last observation
-        at_horizon: AtHorizon = AtHorizon::Termination;
+        at_horizon: AtHorizon = AtHorizon::Truncation, earlier AtHorizon::Termination;
         /// which code performs the updates: "fused", kernels with the same results on every
         /// processor, or "burn", Burn's modules and gradients, many times slower, with results that depend
         /// on the processor
