@@ -147,7 +147,10 @@ fn agent_can_meet(
                 Condition::Key { parameter: same, values } if same == parameter => {
                     Some(values.iter().collect::<HashSet<&Value>>())
                 }
-                _ => None,
+                Condition::Key { .. }
+                | Condition::AgentName(_)
+                | Condition::Scenario(_)
+                | Condition::Seed(_) => None,
             });
             let sets: Vec<HashSet<&Value>> = sets.collect();
             let has = manifest.values(agent, *parameter).unwrap_or_default();

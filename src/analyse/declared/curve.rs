@@ -156,7 +156,7 @@ impl CurveFigure {
         let [first, second] = self.lines.as_slice() else { return Vec::new() };
         let (one, other) = if first.points.is_empty() { (second, first) } else { (first, second) };
         let pairs = one.points.len();
-        let gap = |point: &'_ CurvePoint| {
+        let gap = |point: &CurvePoint| {
             let (sample, other) = (&point.sample, other.sample_at(point.x)?);
             let gap = sample.mean().ok()? - other.mean().ok()?;
             Some((gap, Apart::of(sample, other, pairs)))

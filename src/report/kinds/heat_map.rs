@@ -394,7 +394,8 @@ mod tests {
             [-1e7, 0.3, 0.000_02, 1_690_988.0, 123_456_789_012.0, 1e300, 1e-300, 0.0, 7.0, 7.5];
         for place in [1e-300, 0.1, 1e6, 0.300_000_000_000_000_04] {
             let map = map(&values, place);
-            let scene = heat_figure(&map, ("mean_return", &style), heat_range(&[map.clone()]));
+            let scene =
+                heat_figure(&map, ("mean_return", &style), heat_range(std::slice::from_ref(&map)));
             let room = (scene.width - left(&map) - RIGHT) / values.len() as f64;
             let mut numbers = Vec::new();
             for mark in &scene.marks {
