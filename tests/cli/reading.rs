@@ -4,6 +4,7 @@ use std::fs;
 use std::io::Write;
 use std::process::Stdio;
 
+use rusqlite::Connection;
 use serde_json::json;
 
 use crate::support::{Effort, Folder, columns, manifest, until, views};
@@ -182,6 +183,12 @@ fn export_writes_every_view_with_its_columns_and_rows() {
     );
     folder.write("recorded.toml", recorded);
     folder.jitai(["run", "recorded.toml", "--quiet"]).succeeded();
+    // The results of another machine, which a merge found.
+    let conflict = "INSERT INTO recorded_conflict
+            (job, results_sha256, found_at, source, host, processor, code_version, git_revision)
+        SELECT job, zeroblob(32), ended_at, 'theirs.sqlite', 'there', 'any', '0', '0'
+        FROM run WHERE status = 'completed' LIMIT 1";
+    Connection::open(folder.path("jitai.sqlite")).unwrap().execute_batch(conflict).unwrap();
     folder.jitai(["export", "--out", "results/csv"]).succeeded().says("run_summary.csv");
     folder.jitai(["export", "--out", "results/json", "--format", "json"]).succeeded();
     let store = folder.store();
