@@ -127,6 +127,7 @@ fn a_key_of_the_environment_can_be_added_too() {
         kind: Kind::PROBABILITY,
         written_doc: "",
         default: Some(|| Value::Real(0.1)),
+        earlier: None,
         before: Some(|| Value::Real(0.0)),
     };
     let grown: Vec<Key> = Environment::KEYS.iter().copied().chain([noise]).collect();

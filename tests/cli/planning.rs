@@ -336,7 +336,7 @@ name = \"along-sigma\"
 kind = \"curve\"
 x = \"environment.sigma\"
 [[analysis]]
-name = \"agents\"
+name = \"difference\"
 kind = \"contrast\"
 by = \"agent.name\"
 between = [\"random\", \"never, ever|x\"]
@@ -352,8 +352,8 @@ fn an_analysis_that_loses_its_axis_to_an_option_is_left_out_with_a_hint() {
         let arguments = verb.iter().chain(&["sweep.toml"]).chain(&one).copied();
         folder.jitai(arguments).succeeded().says(hint);
     }
-    assert!(folder.path("report/tables/agents.csv").exists());
-    assert!(!folder.path("report/tables/along-sigma.csv").exists());
+    assert!(folder.path("report/tables/curve-difference.csv").exists());
+    assert!(!folder.path("report/tables/curve-along-sigma.csv").exists());
     let resolved = folder.jitai(["plan", "sweep.toml", "--resolved", "--set", "sigma=0.4"]);
     folder.write("resolved.toml", resolved.succeeded().stdout);
     folder.jitai(["check", "resolved.toml"]).succeeded().prints("2 jobs");
@@ -404,7 +404,7 @@ fn a_quoted_value_of_a_filter_may_contain_commas_and_bars() {
         .ended(2)
         .says("no job has agent=\"never, ever|y\", did you mean \"never, ever|x\"?");
     plan("agent=\"never").ended(2).says("a value with a comma or a bar has double quotes");
-    folder.jitai(["plan", "--help"]).succeeded().prints("--filter 'agent=\"dqn, small\"'");
+    folder.jitai(["plan", "--help"]).succeeded().prints("stands in double quotes");
 }
 
 #[test]
@@ -421,6 +421,8 @@ fn hints_name_what_probably_differs_from_the_intent() {
         .says("40 % is written 0.4")
         .says("hint: `command` of agent out cannot start on this machine: no-such-program is in no")
         .says("hint: agent ppo learns from at most 7 rollouts");
+}
+
 #[test]
 fn a_plan_names_a_default_that_has_changed_since_the_jobs_were_completed() {
     let with = |keys: &str| {

@@ -253,7 +253,7 @@ fn an_export_of_one_experiment_has_its_rows_alone_and_says_what_they_are() {
     assert_eq!(folder.read("one/manifests/other.toml"), folder.read("other.toml"));
     assert!(!folder.path("one/manifests/sweep.toml").exists());
     let unknown = folder.jitai(["export", "--out", "none", "--experiment", "othre"]).ended(2);
-    unknown.says("the store has no experiment `othre`; it has sweep, other");
+    unknown.says("the store has no experiment `othre`, did you mean `other`?; it has sweep, other");
     assert!(!folder.path("none").exists());
 }
 

@@ -144,7 +144,7 @@ fn verdict(rows: &[&ContrastRow]) -> String {
 fn statistic(row: &ContrastRow) -> String {
     match (row.contrast.test(), row.corrected) {
         (Ok(test), Ok(p)) => {
-            format!(" (t = {}, Holm-corrected p {})", rounded(test.t, 2), related(p.holm))
+            format!(" (t = {}, Holm-corrected p {})", shown(test.t, 2), related(p.holm))
         }
         _ => String::new(),
     }
