@@ -21,8 +21,8 @@ const MOST_BUFFER_NUMBERS: u64 = 500_000_000;
 /// Maximum number of points of a learning curve.
 const MOST_CURVE_POINTS: u64 = 1_000_000;
 
-/// Maximum number of decisions that a job records. Training holds 56 bytes per decision, and the
-/// store about 50.
+/// Maximum number of decisions that a job records. Training holds 88 bytes per decision, and the
+/// store 70 to 130.
 const MOST_DECISIONS: u64 = 5_000_000;
 
 /// A constraint on the jobs of an algorithm.
