@@ -6,7 +6,7 @@ use std::{env, fs};
 use super::declared::{DeclaredAgent, Manifest};
 use super::grid::Grid;
 use super::printable;
-use super::repair::share;
+use super::written::share;
 use crate::agent::{Constraint, Violation};
 use crate::key::{Key, Parameter, Value};
 

@@ -9,12 +9,13 @@ use std::collections::HashMap;
 
 use toml::de::DeTable;
 
+use super::document::{Broken, broken};
 use super::edits::Edits;
 use super::fault::{Fault, FaultList, nearest};
-use super::load::{Broken, broken};
 use super::read::{TABLES, TOP_KEYS};
 use super::section::Section;
 use super::source::{Source, Span};
+use super::written::share;
 use crate::key::Kind;
 
 /// A text with its slips repaired.
@@ -94,16 +95,19 @@ fn repaired_once(text: &str) -> Option<Repaired> {
     // A value that is still unreadable after its repair is erased.
     let source = Source::new(text);
     let line = |slip: &Slip| source.position(slip.span.start).line;
-    let lines = unread(&apply(text, &slips).0);
+    let left = unread(&apply(text, &slips).0);
     for slip in &mut slips {
-        if slip.unrepaired.is_some() && lines.contains(&line(slip)) {
+        if slip.unrepaired.is_some() && left.iter().any(|unread| unread.line == line(slip)) {
             *slip = slip.clone().erased();
         }
     }
-    let lines = unread(&apply(text, &slips).0);
-    slips.retain(|slip| {
-        let is_read = !lines.contains(&line(slip)) && !lines.contains(&slip.found_on);
-        slip.fault.is_none() && slip.unrepaired.is_none() || is_read
+    let left = unread(&apply(text, &slips).0);
+    slips.retain(|slip| match (&slip.unrepaired, slip.found_on) {
+        (Some(_), _) => left.iter().all(|unread| unread.line != line(slip)),
+        // A bracket is in its place if what follows is no part of the list.
+        (None, found_on) => {
+            left.iter().all(|unread| unread.line != found_on || !unread.breaks_structure)
+        }
     });
     if slips.is_empty() {
         return None;
@@ -125,12 +129,21 @@ fn apply(text: &str, slips: &[Slip]) -> (String, Edits) {
     Edits::replace(text, slips.iter().map(|slip| (slip.span, slip.put.as_str())))
 }
 
-/// The lines that the parser cannot read.
-fn unread(text: &str) -> Vec<usize> {
+/// A line that the parser cannot read.
+struct Unread {
+    line: usize,
+    breaks_structure: bool,
+}
+
+fn unread(text: &str) -> Vec<Unread> {
     let (_, errors) = DeTable::parse_recoverable(text);
     let source = Source::new(text);
-    let faults = broken(text, &errors);
-    faults.iter().map(|fault| source.position(fault.span.start).line).collect()
+    let faults = broken(text, &errors).into_iter().filter(|fault| !fault.is_repeat);
+    let unread = faults.map(|fault| Unread {
+        line: source.position(fault.span.start).line,
+        breaks_structure: fault.breaks_structure,
+    });
+    unread.collect()
 }
 
 /// The lines of a text, each with the offset at which it starts.
@@ -340,12 +353,6 @@ fn meant(key: Option<&str>, value: &str, span: Span, broken: &Broken) -> Option<
     let is_word = |c: char| c.is_alphanumeric() || "_-.".contains(c);
     let starts = value.starts_with(char::is_alphabetic) && value.chars().all(is_word);
     starts.then(|| (format!("\"{value}\""), broken.fault.clone()))
-}
-
-/// A percentage as a share, without the noise of its division.
-pub(super) fn share(percent: f64) -> String {
-    let share = format!("{:.11e}", percent / 100.0);
-    share.parse().map_or(share, |share: f64| format!("{share:?}"))
 }
 
 /// The characters outside of straight quotes, with their offsets.

@@ -9,9 +9,9 @@ use toml::de::{DeTable, DeValue};
 use super::fault::{Fault, FaultList};
 use super::parameter::parameter;
 use super::range::{self, MOST_VALUES, MOST_VALUES_IN_ALL, RangeError, Spacing};
-use super::repair::share;
 use super::respelt::respelt;
 use super::source::Span;
+use super::written::share;
 use crate::key::{Kind, Parameter, Value};
 
 /// A value of the TOML tree with its position in the text.

@@ -13,3 +13,9 @@ pub(super) fn quoted(text: &impl Display) -> String {
     // JSON and TOML escape alike, except DEL: only TOML requires an escape.
     serde_json::Value::String(text.to_string()).to_string().replace('\u{7f}', "\\u007f")
 }
+
+/// A percentage as a share, without the noise of its division.
+pub(super) fn share(percent: f64) -> String {
+    let share = format!("{:.11e}", percent / 100.0);
+    share.parse().map_or(share, |share: f64| format!("{share:?}"))
+}

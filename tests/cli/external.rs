@@ -244,7 +244,7 @@ fn every_fault_of_a_program_is_a_failure_with_its_reason() {
         ),
         (
             "ready; begin; say '{\"type\":\"step\",\"actions\":[1,1]}'; hear",
-            "expected 1 actions, one for every lane, found 2",
+            "expected 1 action, one for every lane, found 2",
         ),
         (
             "ready; begin; say '{\"type\":\"step\",\"actions\":[1],\"probabilities\":[0]}'; hear",
