@@ -200,7 +200,7 @@ pub fn store(bytes: &[u8]) {
         let _ = reader.paces();
         let _ = reader.manifest("fuzzed");
         let parts = Parts { curve: true, actions: true, returns: true };
-        let _ = reader.data_set_of("fuzzed", plan::jobs(&declared()), parts, |_| ());
+        let _ = reader.data_set_of("fuzzed", plan::jobs(&declared()), |_| parts, |_| ());
     }
     match store::examine(&path, &check_weights) {
         Ok(diagnosis) => assert!(diagnosis.intact <= diagnosis.completed),
