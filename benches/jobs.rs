@@ -104,7 +104,7 @@ fn a_thousand_decisions(bencher: Bencher<'_, '_>, probabilities: &str) {
     let mut policy = learner.policy(Actions::AsTrained);
     let mut streams = LaneStreams::Shared(Stream::new(1, Purpose::TestEnvironment));
     let mut choices = Stream::new(1, Purpose::TestActions);
-    let (mut actions, mut chances) = (vec![Action::default(); 1000], vec![0.0; 1000]);
+    let (mut actions, mut chances) = (vec![Action::default(); 1000], vec![[0.0; 4]; 1000]);
     lanes.reset(LaneSet::All, &mut streams);
     for _ in 0..10 {
         policy.act(&lanes, &mut choices, &mut actions, None);

@@ -1,6 +1,7 @@
 //! Writes to a store: the jobs of an experiment, and the ends of runs. Reads of a large one: a report, and a
 //! run with nothing to do.
 
+use std::path::PathBuf;
 use std::slice;
 use std::sync::LazyLock;
 use std::sync::atomic::AtomicBool;
@@ -174,7 +175,8 @@ fn ending_with_decisions(bencher: Bencher<'_, '_>) {
 /// A completed experiment of 100,000 jobs.
 struct Large {
     manifest: Manifest,
-    fresh: Fresh,
+    path: PathBuf,
+    _folder: TempDir,
 }
 
 impl Large {
@@ -200,11 +202,12 @@ impl Large {
             fresh.store.finish_all(&ends.map(end).collect::<Vec<_>>()).unwrap();
         }
         fresh.store.end_session(session).unwrap();
-        Large { manifest, fresh }
+        let Fresh { store, _folder } = fresh;
+        Large { manifest, path: store.path().to_owned(), _folder }
     }
 
     fn reader(&self) -> Reader {
-        Reader::open(self.fresh.store.path()).unwrap()
+        Reader::open(&self.path).unwrap()
     }
 }
 
@@ -249,7 +252,7 @@ fn reporting(bencher: Bencher<'_, '_>, name: &str) {
 fn running_nothing(bencher: Bencher<'_, '_>, name: &str) {
     let large = large(name);
     bencher.counter(ItemsCount::new(100_000_usize)).bench_local(|| {
-        let mut store = Store::open(large.fresh.store.path()).unwrap();
+        let mut store = Store::open(&large.path).unwrap();
         let (stop, options) = (AtomicBool::new(false), Options::default());
         let manifests = slice::from_ref(&large.manifest);
         let tally = run_manifests(&mut store, manifests, options, &stop, |_| {}).unwrap();
