@@ -305,7 +305,7 @@ fn a_store_cut_short_is_told_and_what_is_left_is_saved() {
                 assert!(rows.binary_search(row).is_ok(), "{place}: {row:.200}");
             }
         } else {
-            salvage.ended(3).says("`jitai.sqlite` has no readable store data");
+            salvage.ended(3).says("jitai.sqlite` has no readable store data");
         }
     }
 }
@@ -438,7 +438,7 @@ fn doctor_refuses_what_is_no_store_and_salvage_what_is_in_the_way() {
     foreign.execute_batch("CREATE TABLE note (text TEXT); INSERT INTO note VALUES ('x')").unwrap();
     folder.jitai(["doctor"]).ended(3).says("a SQLite file of another program");
     let salvage = folder.jitai(["doctor", "--salvage", "new.sqlite"]).ended(3);
-    salvage.says("`jitai.sqlite` has no readable store data");
+    salvage.says("jitai.sqlite` has no readable store data");
     folder.write("new.sqlite", "precious");
     let salvage = folder.jitai(["doctor", "--salvage", "new.sqlite"]).ended(3);
     salvage.says("`new.sqlite` already exists");

@@ -58,7 +58,7 @@ fn names_are_shown_without_what_a_terminal_would_obey() {
     let nowhere = ["plan", "sweep.toml", "--filter", "agent=\u{202e}nobody\u{1b}[31m"];
     let refused = folder.jitai(nowhere).ended(2);
     assert_plain(&refused.stderr);
-    refused.says("no job has agent=\\u{202e}nobody\\u{1b}[31m; its values: =cmd(");
+    refused.says("no job has agent=\\u{202e}nobody\\u{1b}[31m; its values: \"=cmd(");
 }
 
 #[test]
