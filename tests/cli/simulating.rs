@@ -442,7 +442,7 @@ fn differences_from_the_recording_are_told_with_their_places() {
         .ended(1)
         .says("episode 3, step 3: reward is ")
         .says(", recorded 1000000\n")
-        .says("; 1 recorded values differ;");
+        .says("; 1 recorded value differs;");
     changed(&|cases| cases[0]["disengaged"] = opposite(&cases[0]["disengaged"]))
         .ended(1)
         .says("episode 1, after its last step: disengaged is false, recorded true\n");
