@@ -169,6 +169,8 @@ def check_hiding(page):
 
 def check_tables(page):
     """The hint to scroll is shown above exactly the tables that are wider than their container."""
+    # Sizes are observed once per frame.
+    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
     wrong = page.evaluate(
         """() => [...document.querySelectorAll(".scroll")].filter((scroll) => scroll.offsetParent !== null)
             .filter((scroll) => (scroll.scrollWidth > scroll.clientWidth + 1) === scroll.previousElementSibling.hidden)

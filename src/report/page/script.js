@@ -85,10 +85,10 @@ for (const list of document.querySelectorAll(".switches")) {
   });
 }
 
-// A table that is too wide for the page shows a hint above it.
+// A table that is too wide for the page shows a hint above it. The arrow of a sorted column widens the table.
 const hint = (scroll) => {
   const more = scroll.scrollWidth > scroll.clientWidth + 1;
   scroll.previousElementSibling.hidden = !more;
 };
-const sizes = new ResizeObserver((entries) => entries.forEach((entry) => hint(entry.target)));
-for (const scroll of document.querySelectorAll(".scroll")) sizes.observe(scroll);
+const sizes = new ResizeObserver((entries) => entries.forEach((entry) => hint(entry.target.closest(".scroll"))));
+for (const sized of document.querySelectorAll(".scroll, .scroll table")) sizes.observe(sized);
