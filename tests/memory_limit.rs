@@ -98,7 +98,7 @@ fn a_network_that_exceeds_the_limit_is_refused_and_the_others_complete() {
 #[test]
 fn jobs_that_the_kernel_kills_come_last_and_fail_and_the_others_complete() {
     for workers in [1, 2] {
-        let Some(group) = Group::with_megabytes(40 + workers) else { return };
+        let Some(group) = Group::with_megabytes(24 + workers) else { return };
         // Six copies of a million weights take 23 MB, within the limit; the whole program takes 68 MB.
         let folder = Folder::with(&manifest(1000));
         let (mut kills, mut completed) = (0, Vec::new());

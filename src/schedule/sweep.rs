@@ -150,6 +150,7 @@ pub fn run(
             held_elsewhere: VecDeque::new(),
             suspects: VecDeque::new(),
             isolation: Isolation::Shared,
+            some_died: false,
             gathered: Vec::new(),
             rechecked_at: Instant::now(),
             heartbeat_at: Instant::now(),
@@ -255,6 +256,8 @@ struct Sweep<'scope, 'a> {
     suspects: VecDeque<Queued>,
     /// The isolation of the running jobs.
     isolation: Isolation,
+    /// Whether the process of a waiting job died: the next job may end this process, too.
+    some_died: bool,
     gathered: Vec<Gathered>,
     rechecked_at: Instant,
     heartbeat_at: Instant,
@@ -272,6 +275,10 @@ impl Sweep<'_, '_> {
         loop {
             if self.context.stop.load(Ordering::Relaxed) {
                 self.halt.store(true, Ordering::Relaxed);
+            }
+            // What is complete must not be lost with the next job.
+            if self.some_died && !self.gathered.is_empty() {
+                self.store_gathered()?;
             }
             let assigned = if self.halted() { Assigned::AllThatCan } else { self.assign()? };
             let patience = match (assigned, self.gathered.first()) {
@@ -303,20 +310,21 @@ impl Sweep<'_, '_> {
     }
 
     /// Moves jobs whose processes died behind all others, after the other jobs of their agents, which may
-    /// die in the same way.
+    /// die in the same way. The job with the fewest deaths comes first: it may be innocent.
     fn postpone_jobs_that_died(&mut self) -> Result<(), StoreError> {
         let died = self.store.died()?;
-        let has_died = |queued: &Queued| died.contains(&queued.key);
+        let deaths = |queued: &Queued| died.get(&queued.key).copied();
         let agents: HashSet<String> = self
             .waiting
             .iter()
-            .filter(|queued| has_died(queued))
+            .filter(|queued| deaths(queued).is_some())
             .map(|queued| queued.agent.clone())
             .collect();
-        if !agents.is_empty() {
+        self.some_died = !agents.is_empty();
+        if self.some_died {
             self.waiting
                 .make_contiguous()
-                .sort_by_key(|queued| (has_died(queued), agents.contains(&queued.agent)));
+                .sort_by_key(|queued| (deaths(queued), agents.contains(&queued.agent)));
         }
         Ok(())
     }

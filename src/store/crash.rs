@@ -168,9 +168,10 @@ pub(super) fn suspects(
 /// SQL: whether the process of the run `before` was killed, after which nobody measured a time.
 const WAS_KILLED: &str = "before.status = 'interrupted' AND before.wall_seconds IS NULL";
 
-/// The jobs that died several times in a row, or are suspects: they run after all others. A job that wrote a
-/// checkpoint in one of its last two attempts gets further, and is not among them.
-pub(super) fn died(connection: &Connection) -> rusqlite::Result<Vec<[u8; 16]>> {
+/// The jobs that died several times in a row, or are suspects, each with the number of deaths among its last
+/// two attempts: they run after all others, by this number. A job that wrote a checkpoint in one of these
+/// attempts gets further, and is not among them.
+pub(super) fn died(connection: &Connection) -> rusqlite::Result<Vec<([u8; 16], u32)>> {
     let Some(store) = connection.path() else { return Ok(Vec::new()) };
     let store = Path::new(store);
     let mut statement = connection.prepare_cached(&format!(
@@ -184,10 +185,10 @@ pub(super) fn died(connection: &Connection) -> rusqlite::Result<Vec<[u8; 16]>> {
         let (key, last): (String, u32) = (row.get(1)?, row.get(2)?);
         let kept = |attempt| has_checkpoint(store, &key, attempt);
         let gets_further = kept(last) || kept(last.saturating_sub(1));
-        Ok((row.get(0)?, gets_further && row.get::<_, u32>(4)? == 0))
+        let is_postponed = row.get::<_, u32>(4)? > 0 || !gets_further;
+        Ok(is_postponed.then_some((row.get(0)?, row.get(3)?)))
     })?;
-    let jobs = jobs.filter(|job| !matches!(job, Ok((_, true))));
-    jobs.map(|job| job.map(|(key, _)| key)).collect()
+    jobs.filter_map(Result::transpose).collect()
 }
 
 /// The crash record of a job.

@@ -1,6 +1,6 @@
 //! Sessions: one per process that runs jobs, with a heartbeat. The runs of a dead session are interrupted.
 
-use std::collections::HashSet;
+use std::collections::HashMap;
 use std::fs::File;
 use std::io::Write;
 use std::time::Duration;
@@ -91,12 +91,12 @@ impl Store {
         created.map_err(|error| StoreError::CannotOpen { path, reason: error.to_string() })
     }
 
-    /// The jobs whose processes died several times in a row, or that may have caused a death. They should
-    /// run after all others.
-    pub fn died(&self) -> Result<HashSet<JobKey>, StoreError> {
-        let keys = crash::died(&self.connection)
+    /// The jobs whose processes died several times in a row, or that may have caused a death, with the number
+    /// of deaths in the last two attempts. They should run after all others, by this number.
+    pub fn died(&self) -> Result<HashMap<JobKey, u32>, StoreError> {
+        let jobs = crash::died(&self.connection)
             .map_err(|source| StoreError::sqlite(&self.path, "look for jobs that died", source))?;
-        Ok(keys.into_iter().map(JobKey).collect())
+        Ok(jobs.into_iter().map(|(key, deaths)| (JobKey(key), deaths)).collect())
     }
 
     /// Removes the crash marks of dead sessions that hold no runs: processes that were killed while idle, or

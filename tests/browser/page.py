@@ -268,7 +268,7 @@ def main():
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         path = report(pathlib.Path(folder))
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        for width in (1280, 820, 390):
+        for width in (1280, 1200, 820, 390):
             page = browser.new_page(viewport={"width": width, "height": 900})
             said, requests = [], []
             page.on("console", lambda message: said.append(message.text))

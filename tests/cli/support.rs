@@ -111,7 +111,7 @@ impl Folder {
             return self.command_of(program, arguments);
         }
         let heeding = ["--default-signal=HUP,INT", program];
-        self.command_of("env", heeding.into_iter().chain(arguments))
+        self.command_of("/usr/bin/env", heeding.into_iter().chain(arguments))
     }
 
     /// A command for another program in this folder.

@@ -327,7 +327,7 @@ impl Lab {
         tasks.first().map(|(process, words)| (*process, words[4].parse().unwrap()))
     }
 
-    /// The outside program that a chunk's task runs.
+    /// The outside program that a chunk's task runs, or will run.
     pub fn program_of(&self, chunk: u32) -> u32 {
         let is_of_chunk = |(_, words): &(u32, Vec<String>)| words[4] == chunk.to_string();
         let (task, _) = self.tasks().into_iter().find(is_of_chunk).expect("the chunk runs");
@@ -336,7 +336,12 @@ impl Lab {
             text(&line).contains("program.sh")
                 && stat(*process).is_some_and(|stat| stat[1] == task.to_string())
         };
-        processes().into_iter().find(is_program).expect("its job has started its program")
+        let mut program = None;
+        until("its job has started its program", || {
+            program = processes().into_iter().find(is_program);
+            program.is_some()
+        });
+        program.unwrap()
     }
 
     /// A process that runs a task whose chunk contains the job, once its attempt is recorded.
