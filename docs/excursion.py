@@ -27,14 +27,13 @@ def probability_of_sending(trial):
     """The probability with which each decision sends a message, whichever.
 
     Without `action_probabilities`, only the probability of the action taken is known. It is enough if
-    there is one message at a time to send or not to send.
+    there is a single kind of message.
     """
     sends, taken = trial["action"] > 0, trial["action_probability"]
     known = trial["action_probabilities"].notna()
     of_one = np.where(sends, taken, 1 - taken)
-    # Of two actions drawn with probability p, the mean of 1 / p over the taken ones is 2.
-    if not known.all() and abs((1 / taken[~known]).mean() - 2) > 0.2:
-        raise SystemExit("the probability of sending a message needs `action_probabilities`")
+    if trial.loc[sends & ~known, "action"].nunique() > 1:
+        raise SystemExit("this trial has several messages but no `action_probabilities`: run it again to record them")
     none = trial["action_probabilities"].map(lambda text: json.loads(text)[0], na_action="ignore")
     return np.where(known, 1 - none.astype(float), of_one)
 

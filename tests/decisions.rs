@@ -329,10 +329,11 @@ fn a_bandit_records_the_probabilities_that_it_drew_by() {
 
 /// Learning agents with this value of `unavailable`.
 fn learners(unavailable: Unavailable) -> [Agent; 5] {
-    let dqn = DuelingDqn { episodes: 9, layers: vec![8], unavailable, ..DuelingDqn::default() };
+    let dqn =
+        DuelingDqn { episodes: 9, layers: vec![8], batch: 4, unavailable, ..DuelingDqn::default() };
     let ppo = Ppo { episodes: 20, layers: vec![8], lanes: 8, unavailable, ..Ppo::default() };
     [
-        Agent::of(&DuelingDqn { recurrent: Recurrent::Gru, units: 8, batch: 4, ..dqn.clone() }),
+        Agent::of(&DuelingDqn { recurrent: Recurrent::Gru, units: 8, ..dqn.clone() }),
         Agent::of(&Reinforce { episodes: 9, layers: vec![8], unavailable, ..Reinforce::default() }),
         Agent::of(&Ppo { recurrent: Recurrent::Gru, units: 8, minibatches: 2, ..ppo.clone() }),
         Agent::of(&ppo),
@@ -427,6 +428,18 @@ fn a_training_without_a_single_message_is_no_failure() {
         job.environment.message_budget = 0;
         let results = results(&job);
         assert!(results.decisions.iter().all(|step| step.action == 0 && !step.can_send));
+    }
+}
+
+#[test]
+fn a_budget_for_every_step_changes_no_result() {
+    let agents = [Unavailable::Masked, Unavailable::Chosen].map(learners).into_iter().flatten();
+    for agent in agents {
+        let mut job = job(agent, RecordedDecisions::None);
+        job.environment.horizon = 3;
+        let unlimited = results(&job);
+        job.environment.message_budget = 3;
+        assert!(results(&job) == unlimited, "{}", job.algorithm());
     }
 }
 

@@ -72,8 +72,8 @@ keys! {
         /// number of draws that compute action probabilities; read with action_centring or
         /// smoothing
         probability_draws: u32 = 1000, in Kind::Integer { min: 100, max: 100_000 };
-        /// what the agent does where no message can be sent: "masked", not choose and learn nothing from a
-        /// choice, or "chosen", learn as if the action that it chose had been taken
+        /// what the agent does where no message can be sent: "masked", it makes no choice and learns
+        /// from none, or "chosen", it chooses, and learns as if its choice had been taken
         unavailable: Unavailable = Unavailable::Masked, before Unavailable::Masked;
     }
 }

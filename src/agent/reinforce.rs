@@ -45,8 +45,8 @@ keys! {
         /// processor, or "burn", Burn's modules and gradients, many times slower, with results that depend
         /// on the processor
         engine: Engine = Engine::Fused;
-        /// what the agent does where no message can be sent: "masked", not choose and learn nothing from a
-        /// choice, or "chosen", learn as if the action that it chose had been taken
+        /// what the agent does where no message can be sent: "masked", it makes no choice and learns
+        /// from none, or "chosen", it chooses, and learns as if its choice had been taken
         unavailable: Unavailable = Unavailable::Masked, before Unavailable::Masked;
     }
 }

@@ -4,7 +4,7 @@ use crate::cli::output::counted;
 use crate::manifest::printable;
 use crate::store::FailedJob;
 
-/// The failed jobs of an experiment with the same kind of failure and the same message.
+/// The failed jobs of an experiment with the same kind of failure and the same message up to its numbers.
 pub(super) struct SameFailure<'f> {
     /// The first of these jobs.
     pub(super) first: &'f FailedJob,
@@ -24,6 +24,15 @@ impl SameFailure<'_> {
     }
 }
 
+/// A message without its numbers, which differ between jobs that failed in the same way.
+pub(super) fn without_numbers(message: &str) -> String {
+    let mut plain = message.replace(|c: char| c.is_ascii_digit(), "#");
+    while plain.contains("##") {
+        plain = plain.replace("##", "#");
+    }
+    plain
+}
+
 /// `1 more job`, `2 more jobs`.
 pub(super) fn more(jobs: usize) -> String {
     counted(jobs, "more job")
@@ -36,7 +45,8 @@ pub(super) fn different<'f>(
     let mut places = std::collections::HashMap::new();
     let mut different: Vec<SameFailure<'f>> = Vec::new();
     for job in failed {
-        let failure = (&job.experiment, job.failure.kind.name(), &job.failure.message);
+        let message = without_numbers(&job.failure.message);
+        let failure = (&job.experiment, job.failure.kind.name(), message);
         let place = *places.entry(failure).or_insert(different.len());
         match different.get_mut(place) {
             Some(same) => same.jobs += 1,
@@ -44,4 +54,17 @@ pub(super) fn different<'f>(
         }
     }
     different
+}
+
+#[cfg(test)]
+mod tests {
+    use super::without_numbers;
+
+    #[test]
+    fn messages_that_differ_in_numbers_are_the_same() {
+        let message = |update, loss| format!("the loss of update {update} is {loss}");
+        assert_eq!(without_numbers(&message(7, "NaN")), without_numbers(&message(123, "NaN")));
+        assert_ne!(without_numbers(&message(7, "NaN")), without_numbers(&message(7, "infinite")));
+        assert_ne!(without_numbers("1"), without_numbers(""));
+    }
 }

@@ -123,8 +123,13 @@ enum Reason {
     Interrupted,
     /// A run failed.
     Failed,
-    /// It was completed by another version of the simulation or of the algorithm.
-    Outdated { simulation: Option<Change>, algorithm: Option<(&'static str, Change)> },
+    /// It was completed by another version of the simulation or of the algorithm, perhaps with the earlier
+    /// default of a key.
+    Outdated {
+        simulation: Option<Change>,
+        algorithm: Option<(&'static str, Change)>,
+        default: Option<ChangedDefault>,
+    },
     /// It was completed with the earlier default of a key.
     Default(ChangedDefault),
 }
@@ -145,34 +150,44 @@ impl Change {
 impl fmt::Display for Reason {
     /// Formats the reason for one job.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (simulation, algorithm) = match self {
+        let (simulation, algorithm, default) = match self {
             Reason::Interrupted => return write!(f, "was interrupted"),
             Reason::Failed => return write!(f, "failed; runs with --retry-failed"),
-            Reason::Default(ChangedDefault { algorithm, key, now, before }) => {
+            Reason::Default(changed @ ChangedDefault { key, before, .. }) => {
                 return write!(
                     f,
-                    "{key} = {now} is the new default of {algorithm}; with {key} = {before} it is \
-                     completed"
+                    "{}; with {key} = {before} it is completed",
+                    new_default(changed)
                 );
             }
-            Reason::Outdated { simulation, algorithm } => (simulation, algorithm),
+            Reason::Outdated { simulation, algorithm, default } => (simulation, algorithm, default),
         };
         let simulation = simulation.map(|change| ("the simulation", change));
         let changes = simulation.into_iter().chain(*algorithm);
         let changes =
             changes.map(|(what, Change { from, to })| format!("{what} changed: {from} → {to}"));
+        let changes = changes.chain(default.as_ref().map(new_default));
         f.write_str(&changes.collect::<Vec<_>>().join(", "))
     }
 }
 
+fn new_default(ChangedDefault { algorithm, key, now, .. }: &ChangedDefault) -> String {
+    format!("{key} = {now} is the new default of {algorithm}")
+}
+
 impl Reason {
     /// The reason for a job whose content was completed by earlier versions of the code.
-    fn outdated(planned: &PlannedJob, earlier: Versions) -> Reason {
+    fn outdated(
+        planned: &PlannedJob,
+        earlier: Versions,
+        default: Option<ChangedDefault>,
+    ) -> Reason {
         let now = planned.job.versions();
         let algorithm = Change::between(earlier.algorithm, now.algorithm);
         Reason::Outdated {
             simulation: Change::between(earlier.environment, now.environment),
             algorithm: algorithm.map(|change| (planned.job.algorithm(), change)),
+            default,
         }
     }
 
@@ -280,13 +295,16 @@ impl<'a> Survey<'a> {
         }
         let Some(states) = &mut self.states else { return Ok(None) };
         if let Some(earlier) = states.superseded(&planned.form)? {
-            return Ok(Some(Reason::outdated(planned, earlier)));
+            return Ok(Some(Reason::outdated(planned, earlier, None)));
         }
         let Some((changed, form)) = plan::under_earlier_default(&planned.job) else {
             return Ok(None);
         };
-        let is_completed = states.ask(&[form.key()])?[0] == JobState::Completed;
-        Ok(is_completed.then_some(Reason::Default(changed)))
+        if states.ask(&[form.key()])?[0] == JobState::Completed {
+            return Ok(Some(Reason::Default(changed)));
+        }
+        let earlier = states.superseded(&form)?;
+        Ok(earlier.map(|earlier| Reason::outdated(planned, earlier, Some(changed))))
     }
 
     fn speeds(&self) -> Result<Speeds, StoreError> {

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Value, json};
 
+use crate::cli::failures::without_numbers;
 use crate::cli::output::counted;
 use crate::manifest::printable;
 use crate::plan::Swept;
@@ -200,7 +201,7 @@ impl Shown {
                 self.failed += 1;
                 let same = self
                     .failures
-                    .entry((failure.kind.name(), failure.message.clone()))
+                    .entry((failure.kind.name(), without_numbers(&failure.message)))
                     .or_default();
                 *same += 1;
                 is_news = *same == 1;

@@ -112,8 +112,8 @@ fn show(reader: &Reader, format: Format) -> Result<Unfinished, Error> {
     // CSV output has no place for changes.
     let changes = (format != Format::Csv).then(|| Changes::read(reader)).transpose()?;
     let experiments = reader.experiment_counts()?;
-    let running: u64 = experiments.iter().map(|one| one.counts.running).sum();
-    let workers = usize::try_from(running).ok().filter(|running| *running > 0);
+    // A running job of several experiments takes one worker.
+    let workers = usize::try_from(reader.running()?).ok().filter(|running| *running > 0);
     let workers = workers.unwrap_or_else(|| schedule::one_per_core().get());
     let mut columns = counts::COLUMNS.map(str::to_owned).to_vec();
     if format == Format::Json {

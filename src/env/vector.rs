@@ -32,8 +32,8 @@ impl Action {
     }
 }
 
-/// The probability of every action in one choice, by the action's number. All are NaN where only the
-/// probability of the chosen action is known, except this one.
+/// The probability of every action in one choice, by the action's number. Where only the chosen action's
+/// probability is known, the others are NaN.
 pub type ActionProbabilities = [f64; Action::COUNT];
 
 /// Whether an episode is running, and how it ended if not.

@@ -1,13 +1,14 @@
 //! Hints for valid manifests that probably differ from the author's intent.
 
+use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
-use std::{env, fs};
+use std::{env, fs, iter};
 
 use super::declared::{DeclaredAgent, Manifest};
 use super::grid::Grid;
 use super::printable;
 use super::written::share;
-use crate::agent::{Constraint, Violation};
+use crate::agent::{Constraint, UNAVAILABLE, Violation};
 use crate::key::{Key, Parameter, Value};
 
 /// Standard deviation of the context feature above which the feature says next to nothing.
@@ -47,12 +48,13 @@ fn large_sigma(manifest: &Manifest) -> Option<String> {
 fn few_rollouts(manifest: &Manifest, place: usize) -> Option<String> {
     const EPISODES: Parameter = Parameter::Agent("episodes");
     const HORIZON: Parameter = Parameter::Environment("horizon");
+    const UNPAID_LAST_STEP: Parameter = Parameter::Environment("unpaid_last_step");
     const LANES: Parameter = Parameter::Agent("lanes");
     const STEPS: Parameter = Parameter::Agent("steps");
     const FEW: Constraint = Constraint {
-        parameters: &[EPISODES, HORIZON, LANES, STEPS],
+        parameters: &[EPISODES, HORIZON, UNPAID_LAST_STEP, LANES, STEPS],
         violation: |of| {
-            let steps = of.whole(EPISODES).saturating_mul(of.whole(HORIZON));
+            let steps = of.whole(EPISODES).saturating_mul(of.longest_episode());
             let rollouts = steps.div_ceil(of.whole(LANES).saturating_mul(of.whole(STEPS)));
             let noun = if rollouts == 1 { "rollout" } else { "rollouts" };
             (rollouts < FEW_ROLLOUTS).then(|| {
@@ -61,7 +63,7 @@ fn few_rollouts(manifest: &Manifest, place: usize) -> Option<String> {
                      steps, and a rollout takes {} (`lanes` times `steps`); raise `episodes`, or lower \
                      `lanes` or `steps`",
                     of.whole(EPISODES),
-                    of.whole(HORIZON),
+                    of.longest_episode(),
                     steps,
                     of.whole(LANES).saturating_mul(of.whole(STEPS)),
                 ))
@@ -158,10 +160,15 @@ const CONDITIONAL: &[Conditional] = &[
     Conditional {
         key: "sequence",
         has_effect: |manifest, agent| {
-            let longest =
-                manifest.environment.get("horizon").unwrap_or_default().iter().max_by(by_size);
-            let is_shorter =
-                |value: &Value| longest.is_none_or(|most| by_size(&value, &most).is_lt());
+            let values = |key| manifest.environment.get(key).unwrap_or_default();
+            let longest = values("horizon").iter().max_by(by_size);
+            let has_more = values("unpaid_last_step").contains(&Value::Flag(true));
+            let is_shorter = |value: &Value| {
+                longest.is_none_or(|most| match by_size(&value, &most) {
+                    Ordering::Equal => has_more,
+                    order => order.is_lt(),
+                })
+            };
             any(agent, "sequence", |value| *value != Value::Integer(0) && is_shorter(value))
         },
         says: "if no episode is longer",
@@ -174,6 +181,19 @@ const CONDITIONAL: &[Conditional] = &[
             draws && any(agent, "draw", |value| *value == Value::Choice("step"))
         },
         says: "without `action_centring` or `smoothing`, and with `draw = \"episode\"`",
+    },
+    Conditional {
+        key: UNAVAILABLE,
+        has_effect: |manifest, agent| {
+            let place = manifest.agents.iter().position(|other| other.name == agent.name);
+            let grid = Grid::of(manifest, place.expect("the agent is declared"));
+            let mut cells = iter::successors(grid.first(), |cell| grid.after(cell));
+            cells.any(|cell| {
+                let widest = grid.population(&cell).widest(&grid.environment(&cell));
+                widest.availability < 1.0 || widest.can_spend_budget()
+            })
+        },
+        says: "where a message can be sent at every step",
     },
     Conditional { key: "first_update", has_effect: updates, says: UPDATES },
     Conditional { key: "update_interval", has_effect: updates, says: UPDATES },
@@ -197,7 +217,7 @@ fn updates(_: &Manifest, agent: &DeclaredAgent) -> bool {
 }
 
 /// The order of whole numbers.
-fn by_size(one: &&Value, other: &&Value) -> std::cmp::Ordering {
+fn by_size(one: &&Value, other: &&Value) -> Ordering {
     let whole = |value: &Value| if let Value::Integer(whole) = value { *whole } else { 0 };
     whole(one).cmp(&whole(other))
 }
@@ -275,6 +295,20 @@ mod tests {
         assert_eq!(hints_for("layers = [8, 8]\nlayers_before_gru = 2"), [other]);
         for line in ["units = 64", "batch = 8", "recurrent = [\"none\", \"gru\"]\nunits = 32"] {
             assert!(hints_for(line).is_empty(), "{line}");
+        }
+    }
+
+    #[test]
+    fn what_an_agent_does_without_messages_has_no_effect_where_all_can_be_sent() {
+        let agent = "algorithm = \"dueling_dqn\"\nunavailable = \"chosen\"";
+        let hint =
+            "`unavailable` of agent a has no effect where a message can be sent at every step";
+        for environment in ["sigma = 0.4", "sigma = 0.4\nmessage_budget = 50"] {
+            assert_eq!(hints_of(environment, agent), [hint], "{environment}");
+        }
+        for environment in ["availability = [1.0, 0.5]", "message_budget = 49"] {
+            let environment = format!("sigma = 0.4\n{environment}");
+            assert!(hints_of(&environment, agent).is_empty(), "{environment}");
         }
     }
 

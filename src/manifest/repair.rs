@@ -89,6 +89,13 @@ fn repaired_once(text: &str) -> Option<Repaired> {
     let mut slips = headers(text, root.get_ref(), &faults);
     slips.extend(values(text, &faults));
     slips.sort_by_key(|slip| slip.span);
+    // The parser can find several faults in one value; the first one says enough.
+    let mut end = 0;
+    slips.retain(|slip| {
+        let is_apart = end <= slip.span.start;
+        end = if is_apart { slip.span.end } else { end };
+        is_apart
+    });
     if slips.is_empty() {
         return None;
     }

@@ -9,6 +9,7 @@ use crate::record::Decision;
 
 use super::decision::{blocks, row_id};
 use super::insert::{insert_renumbered, insert_rows};
+use super::schema::has_table;
 
 const TABLE: &str = "recorded_choice";
 
@@ -24,11 +25,7 @@ pub(super) const SELECT: &str = "SELECT id & 549755813887, bits, probabilities F
 
 /// Whether the file has the table, which stores of earlier versions lack.
 pub(super) fn are_known(connection: &Connection) -> rusqlite::Result<bool> {
-    connection
-        .prepare_cached(
-            "SELECT EXISTS (SELECT 1 FROM sqlite_schema WHERE name = 'recorded_choice')",
-        )?
-        .query_row([], |row| row.get(0))
+    has_table(connection, "recorded_choice")
 }
 
 /// Inserts the choices of a run in progress, which must be sorted by phase, episode and step.

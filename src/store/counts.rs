@@ -40,6 +40,16 @@ impl Reader {
     }
 }
 
+impl Reader {
+    /// The number of running runs. A job of several experiments has one.
+    pub fn running(&self) -> Result<u64, StoreError> {
+        self.read("count running jobs", |connection| {
+            let sql = "SELECT count(*) FROM run WHERE status = 'running'";
+            Ok(connection.query_row(sql, [], |row| row.get(0))?)
+        })
+    }
+}
+
 #[derive(Default)]
 struct Counted {
     counts: Counts,

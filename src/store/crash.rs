@@ -2,14 +2,15 @@
 //!
 //! Such a job would end every later process, too. Therefore the jobs of a process that died become suspects.
 //! A suspect runs after all other jobs and in isolation, so that the next death has only one suspect. After
-//! three deaths, the last of them in isolation, the job has failed. Deaths differ:
+//! three deaths in a row, the last of them in isolation, the job has failed. A checkpoint ends the row: a job
+//! that gets further is no suspect. Deaths differ:
 //!
 //! - A process that aborts (a failed allocation, a stack overflow, a panic within a panic) marks its file. All
 //!   of its jobs are suspects.
 //! - A process that was killed while the kernel killed processes for lack of memory counts like an abort.
 //! - Another process that was killed may have been killed by a person or a batch system. A job is a suspect
 //!   only if it ran for a second without reaching a checkpoint, and was the only job of its process or was
-//!   killed in its previous attempt, too. A job that gets further each time is never a suspect.
+//!   killed in its previous attempt, too.
 //! - A process that was asked to stop, or ended with its machine, counts against no job.
 
 use std::fs;
@@ -39,7 +40,7 @@ pub const CHECKPOINTS: &str = ".checkpoints";
 pub(super) enum Death {
     /// It aborted, or was killed when memory was short.
     Crashed,
-    /// It was killed, nobody knows why.
+    /// It was killed for an unknown reason.
     Killed,
     /// No job is to blame, or nothing is known.
     Blameless,
@@ -165,12 +166,12 @@ pub(super) fn suspects(
     stuck.map(|run| run.map(|(id, ..)| id)).collect()
 }
 
-/// SQL: whether the process of the run `before` was killed, after which nobody measured a time.
+/// SQL: whether the process of the run `before` was killed, so that its wall time is NULL.
 const WAS_KILLED: &str = "before.status = 'interrupted' AND before.wall_seconds IS NULL";
 
 /// The jobs that died several times in a row, or are suspects, each with the number of deaths among its last
-/// two attempts: they run after all others, by this number. A job that wrote a checkpoint in one of these
-/// attempts gets further, and is not among them.
+/// two attempts: they run after all others, by this number. A job that gets further is not among them: it wrote a
+/// checkpoint in its last attempt, or in the one before if it is no suspect.
 pub(super) fn died(connection: &Connection) -> rusqlite::Result<Vec<([u8; 16], u32)>> {
     let Some(store) = connection.path() else { return Ok(Vec::new()) };
     let store = Path::new(store);
@@ -184,9 +185,9 @@ pub(super) fn died(connection: &Connection) -> rusqlite::Result<Vec<([u8; 16], u
     let jobs = statement.query_map([], |row| {
         let (key, last): (String, u32) = (row.get(1)?, row.get(2)?);
         let kept = |attempt| has_checkpoint(store, &key, attempt);
-        let gets_further = kept(last) || kept(last.saturating_sub(1));
-        let is_postponed = row.get::<_, u32>(4)? > 0 || !gets_further;
-        Ok(is_postponed.then_some((row.get(0)?, row.get(3)?)))
+        let is_suspect = row.get::<_, u32>(4)? > 0;
+        let gets_further = kept(last) || !is_suspect && kept(last.saturating_sub(1));
+        Ok((!gets_further).then_some((row.get(0)?, row.get(3)?)))
     })?;
     jobs.filter_map(Result::transpose).collect()
 }
@@ -202,16 +203,27 @@ pub(super) enum Record {
     Guilty(Failure),
 }
 
-/// The crash record of a job since its last failure.
+/// The crash record of a job since its last failure and its last checkpoint.
 pub(super) fn record(connection: &Connection, job: i64) -> rusqlite::Result<Record> {
-    let (crashes, last): (u32, Option<u32>) = connection
-        .prepare_cached(
-            "SELECT count(suspects), (SELECT suspects FROM run WHERE job = ?1
-                AND suspects IS NOT NULL ORDER BY attempt DESC LIMIT 1)
-             FROM run WHERE job = ?1 AND attempt > (SELECT coalesce(max(attempt), 0) FROM run
-                WHERE job = ?1 AND status = 'failed')",
-        )?
-        .query_row([job], |row| Ok((row.get(0)?, row.get(1)?)))?;
+    let mut statement = connection.prepare_cached(
+        "SELECT key, attempt, suspects FROM run JOIN job ON job.id = run.job
+         WHERE run.job = ?1 AND attempt > (SELECT coalesce(max(attempt), 0) FROM run
+            WHERE job = ?1 AND status = 'failed')
+         ORDER BY attempt DESC",
+    )?;
+    let mut attempts = statement.query([job])?;
+    // From the last attempt back.
+    let (mut crashes, mut last) = (0, None);
+    while let Some(row) = attempts.next()? {
+        let (key, attempt): (String, u32) = (row.get(0)?, row.get(1)?);
+        if connection.path().is_some_and(|store| has_checkpoint(Path::new(store), &key, attempt)) {
+            break;
+        }
+        if let Some(suspects) = row.get::<_, Option<u32>>(2)? {
+            last = last.or(Some(suspects));
+            crashes += 1;
+        }
+    }
     Ok(match (crashes, last) {
         (0, _) => Record::Clean,
         (MOST_CRASHES.., Some(1)) => Record::Guilty(Failure {

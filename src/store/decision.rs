@@ -7,7 +7,8 @@ use rusqlite::{CachedStatement, Connection, Error};
 
 use crate::record::{Decision, Phase};
 
-use super::insert::RUN;
+use super::insert::{RUN, insert_renumbered};
+use super::schema::has_table;
 
 /// The number of steps per row.
 const STEPS: usize = 10;
@@ -41,11 +42,7 @@ pub(super) static SELECT: LazyLock<String> = LazyLock::new(|| {
 
 /// Whether the file has the table, which stores of earlier versions lack.
 pub(super) fn are_known(connection: &Connection) -> rusqlite::Result<bool> {
-    connection
-        .prepare_cached(
-            "SELECT EXISTS (SELECT 1 FROM sqlite_schema WHERE name = 'recorded_decision')",
-        )?
-        .query_row([], |row| row.get(0))
+    has_table(connection, "recorded_decision")
 }
 
 /// Inserts the decisions of a run in progress, which must be sorted by phase, episode and step.
@@ -126,15 +123,5 @@ pub(super) fn insert_copied(
     own: i64,
     values: &[Value],
 ) -> rusqlite::Result<()> {
-    let mut insert = target.prepare_cached(&INSERT)?;
-    for row in values.chunks(COLUMNS) {
-        for (column, value) in row.iter().enumerate() {
-            match (column, value) {
-                (0, Value::Integer(id)) => insert.raw_bind_parameter(1, id | own << RUN)?,
-                _ => insert.raw_bind_parameter(column + 1, value)?,
-            }
-        }
-        insert.raw_execute()?;
-    }
-    Ok(())
+    insert_renumbered::<COLUMNS>(target, "recorded_decision", own, values)
 }

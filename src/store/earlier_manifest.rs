@@ -6,6 +6,7 @@ use sha2::{Digest, Sha256};
 
 use super::error::StoreError;
 use super::read::Reader;
+use super::schema::has_table;
 
 /// A text that an experiment's manifest has or had.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -45,8 +46,7 @@ impl Reader {
 
 /// Whether the file has the table of earlier manifests, which stores of earlier releases lack.
 pub(super) fn are_known(connection: &Connection) -> rusqlite::Result<bool> {
-    let table = "SELECT 1 FROM sqlite_schema WHERE name = 'earlier_manifest'";
-    connection.prepare_cached(table)?.exists([])
+    has_table(connection, "earlier_manifest")
 }
 
 /// Stores an experiment's current text, before another one replaces it at the instant `until`.

@@ -6,6 +6,7 @@ use rusqlite::{Connection, Error};
 use crate::record::{ParticipantValue, Phase};
 
 use super::insert::{RUN, insert_renumbered, insert_rows};
+use super::schema::has_table;
 
 // The lowest bits of the parts of a row id; the bits below the episode are the place of the parameter.
 const PHASE: u32 = 38;
@@ -22,11 +23,7 @@ pub(super) const OF_TEST: &str = "SELECT id >> 14 & 16777215, value FROM recorde
 
 /// Whether the file has the table, which stores of earlier versions lack.
 pub(super) fn are_known(connection: &Connection) -> rusqlite::Result<bool> {
-    connection
-        .prepare_cached(
-            "SELECT EXISTS (SELECT 1 FROM sqlite_schema WHERE name = 'recorded_participant')",
-        )?
-        .query_row([], |row| row.get(0))
+    has_table(connection, "recorded_participant")
 }
 
 /// Inserts the parameters of the participants of a run in progress, which must be sorted by phase, episode

@@ -49,7 +49,7 @@ fn follow(path: &Path) -> io::Result<PathBuf> {
             Err(_) => return Ok(folder.canonicalize().map_or(place.clone(), |it| it.join(name))),
         };
     }
-    Ok(place)
+    place.canonicalize()
 }
 
 /// Fails if the file at `path`, which is resolved, has another name with a write-ahead log of its own.

@@ -17,6 +17,11 @@ static VERSIONS: LazyLock<Vec<Vec<Part>>> = LazyLock::new(|| {
     versions().expect("the migrations make a schema, as every test of the store shows")
 });
 
+/// Whether the file has a table, which stores of earlier versions may lack.
+pub(super) fn has_table(connection: &Connection, name: &str) -> rusqlite::Result<bool> {
+    connection.prepare_cached("SELECT 1 FROM sqlite_schema WHERE name = ?1")?.exists([name])
+}
+
 /// A table, view, index or trigger.
 #[derive(Debug, PartialEq, Eq)]
 struct Part {

@@ -88,13 +88,14 @@ fn a_store_behind_a_link_has_its_marks_checkpoints_and_backups_beside_the_file()
     // A link to a folder that does not exist yet.
     let checkpoints = folder.path("real/jitai.sqlite.checkpoints");
     symlink("../elsewhere/checkpoints", &checkpoints).unwrap();
-    let run = ["run", "sweep.toml", "--workers", "2", "--checkpoint-every", "0.05"];
-    for aborts in 1..=3 {
-        let sweep = folder.start(run);
+    let run = ["run", "sweep.toml", "--workers", "2"];
+    let with_checkpoints = [run.as_slice(), &["--checkpoint-every", "0.05"]].concat();
+    for aborts in 1..=5 {
+        let sweep = folder.start(if aborts == 1 { with_checkpoints.clone() } else { run.to_vec() });
         let running =
             format!("SELECT count(*) FROM run WHERE status = 'running' AND session = {aborts}");
-        // Two suspects of the first abort; then the first of them runs alone.
-        let jobs = if aborts == 1 { 2 } else { 1 };
+        // After checkpoints, an abort makes no suspects; after the second one, both run alone by turns.
+        let jobs = if aborts <= 2 { 2 } else { 1 };
         until("jobs run", || folder.count_if_there(&running) == Some(jobs));
         assert!(names(&folder, "real").contains(&format!("jitai.sqlite-session-{aborts}")));
         until("it has a checkpoint", || {
@@ -103,7 +104,7 @@ fn a_store_behind_a_link_has_its_marks_checkpoints_and_backups_beside_the_file()
         sweep.signal("ABRT");
         assert_eq!(sweep.wait().code, None);
     }
-    // The third abort was in isolation, so the job has failed.
+    // The third abort of the first job without a checkpoint was in isolation, so the job has failed.
     let sweep = folder.start(run);
     until("a job has crashed", || {
         folder.count_if_there("SELECT count(*) FROM run WHERE failure_kind = 'crashed'") == Some(1)

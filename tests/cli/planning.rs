@@ -2,6 +2,7 @@
 
 use std::time::{Duration, Instant};
 
+use jitai::plan::Versions;
 use rusqlite::Connection;
 use serde_json::{Value, json};
 
@@ -443,4 +444,39 @@ fn a_plan_names_a_default_that_has_changed_since_the_jobs_were_completed() {
     // A manifest that keeps the former default has nothing to run.
     folder.write("sweep.toml", with("at_horizon = \"termination\"\n"));
     folder.jitai(["plan", "sweep.toml"]).succeeded().says("nothing to run");
+}
+
+#[test]
+fn a_plan_names_a_new_default_beside_a_new_version_of_the_algorithm() {
+    let with = |keys: &str| {
+        format!(
+            "format = 1\nname = \"sweep\"\nscenarios = [\"C\"]\nseeds = 2\nenvironment.sigma = 0.4\n\
+             environment.availability = 0.5\nevaluation.test_episodes = 1\n[[agent]]\nname = \"ppo\"\n\
+             algorithm = \"ppo\"\nepisodes = 1\nlayers = [4]\n{keys}"
+        )
+    };
+    let folder = Folder::with(&with("at_horizon = \"termination\"\n"));
+    folder.jitai(["run", "sweep.toml", "--quiet"]).succeeded();
+    // As if the version before had completed the jobs.
+    let store = Connection::open(folder.path("jitai.sqlite")).unwrap();
+    let fixed = "SELECT sql FROM sqlite_schema WHERE name = 'job_is_fixed'";
+    let trigger: String = store.query_row(fixed, [], |row| row.get(0)).unwrap();
+    store.execute_batch("DROP TRIGGER job_is_fixed").unwrap();
+    let mut jobs = store.prepare("SELECT id, algorithm_version, canonical FROM job").unwrap();
+    let rows = jobs.query_map([], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?))).unwrap();
+    let mut version = 0;
+    for (id, now, canonical) in rows.collect::<rusqlite::Result<Vec<(i64, u32, String)>>>().unwrap()
+    {
+        version = now;
+        let before = Versions { environment: 1, algorithm: now - 1 };
+        let key = before.key_of(&canonical).to_string();
+        let update = "UPDATE job SET key = ?2, algorithm_version = ?3 WHERE id = ?1";
+        store.execute(update, (id, key, before.algorithm)).unwrap();
+    }
+    store.execute_batch(&trigger).unwrap();
+    let plan = || folder.jitai(["plan", "sweep.toml"]).succeeded();
+    let changed = format!("2 jobs to run again: ppo changed: {} → {version}", version - 1);
+    assert!(!plan().says(&changed).stderr.contains("new default"));
+    folder.write("sweep.toml", with(""));
+    plan().says(&format!("{changed}, at_horizon = \"truncation\" is the new default of ppo"));
 }

@@ -17,6 +17,7 @@ use crate::agent::fused::{
 use crate::agent::learner::{Actions, Learner};
 use crate::agent::network::{Engine, Recurrent};
 use crate::agent::policy::EpsilonGreedy;
+use crate::agent::unavailable::Unavailable;
 use crate::agent::weights::{Weights, WeightsError};
 use crate::agent::{layers, orthogonal};
 use crate::env::{ObservationSpec, VectorEnvironment};
@@ -214,7 +215,10 @@ impl AlgorithmParameters for DuelingDqn {
     }
 
     fn start(&self, task: &Task) -> Result<Start, StartError> {
-        Ok(Start::Learner(learner_in(self, task.simulation(LANES), task.seed)?))
+        // After the last step, a budget for every step may be spent, although no message was withheld.
+        let unavailable = if task.can_withhold() { self.unavailable } else { Unavailable::Chosen };
+        let parameters = DuelingDqn { unavailable, ..self.clone() };
+        Ok(Start::Learner(learner_in(&parameters, task.simulation(LANES), task.seed)?))
     }
 
     fn trained(

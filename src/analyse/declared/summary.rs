@@ -176,7 +176,9 @@ fn on_all_cores<T: Sync, R: Send>(items: &[T], of: impl Fn(&T) -> R + Sync) -> V
         items.map(|(place, item)| (place, of(item))).collect::<Vec<_>>()
     };
     let mut found: Vec<(usize, R)> = thread::scope(|scope| {
-        let threads: Vec<_> = (1..cores.min(items.len())).map(|_| scope.spawn(work)).collect();
+        // Where the system refuses a thread, the others do its work.
+        let start = |_| thread::Builder::new().spawn_scoped(scope, work).ok();
+        let threads: Vec<_> = (1..cores.min(items.len())).map_while(start).collect();
         let mut found = work();
         for thread in threads {
             found.extend(thread.join().expect("statistics do not panic"));

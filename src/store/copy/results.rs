@@ -125,6 +125,20 @@ impl ResultRows {
     /// The digest of these results for the job with this key, equal to [`crate::store::digest::of_run`];
     /// `None` if the name of a metric cannot be read.
     pub(super) fn digest(&self, job_key: &str) -> Option<[u8; 32]> {
+        self.digest_of(job_key, &[&self.decisions, &self.participants, &self.choices])
+    }
+
+    /// Whether choices were recorded.
+    pub(super) fn has_choices(&self) -> bool {
+        !self.choices.is_empty()
+    }
+
+    /// A digest of all these results but the recorded choices, to compare with another run of the job.
+    pub(super) fn digest_without_choices(&self) -> Option<[u8; 32]> {
+        self.digest_of("", &[&self.decisions, &self.participants])
+    }
+
+    fn digest_of(&self, job_key: &str, recorded: &[&Vec<Value>]) -> Option<[u8; 32]> {
         let mut digest = ResultsDigest::new(job_key);
         for (table, values) in TABLES.iter().zip(&self.tables) {
             digest.begin_table();
@@ -139,8 +153,7 @@ impl ResultRows {
                 }
             }
         }
-        let recorded = [&self.decisions, &self.participants, &self.choices];
-        recorded.into_iter().flatten().for_each(|value| digest.add(value.into()));
+        recorded.iter().copied().flatten().for_each(|value| digest.add(value.into()));
         Some(digest.finish())
     }
 

@@ -11,6 +11,7 @@ use crate::store::conflict;
 use crate::store::earlier_manifest;
 use crate::store::transaction::NOW;
 
+use super::results::{MetricNames, ResultRows};
 use super::rows::{
     ConflictRow, Content, CopiedRun, EarlierManifests, Ended, ExperimentRow, JobRow, MembershipRow,
     NamedRow, SESSION, SessionRow,
@@ -119,6 +120,18 @@ fn insert_missing<const COLUMNS: usize>(
     Ok(inserted)
 }
 
+/// Whether the target's run `own` has the results of the source's run, and only one of the two has recorded
+/// choices: the other one was made before choices were recorded.
+fn differs_in_record_alone(target: &Connection, own: i64, run: &CopiedRun) -> bool {
+    let Content::Results(theirs) = &run.content else { return false };
+    let names = Arc::new(MetricNames::read(target));
+    let ours = ResultRows::read(target, &names, own);
+    ours.is_some_and(|ours| {
+        ours.has_choices() != theirs.has_choices()
+            && ours.digest_without_choices() == theirs.digest_without_choices()
+    })
+}
+
 impl Target {
     /// The target of a copy from the store at `source`.
     pub(super) fn new(source: &Path) -> Self {
@@ -206,7 +219,9 @@ impl Target {
             .optional()?;
         match (run.ended, current) {
             (_, Some((_, false, _))) => Ok(RunCopy::InProgress),
-            (Ended::Completed, Some((_, true, digest))) if digest == run.digest => {
+            (Ended::Completed, Some((own, true, digest)))
+                if digest == run.digest || differs_in_record_alone(target, own, run) =>
+            {
                 Ok(RunCopy::AlreadyThere)
             }
             (Ended::Completed, Some((own, true, _))) => {

@@ -2,13 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use rusqlite::Connection;
+use rusqlite::{Connection, params};
 
 use crate::plan::Job;
 use crate::record::{
     CURVE_METRICS, CurvePoint, Decision, Failure, FailureKind, Outcome, Phase, Results, TestEpisode,
 };
 
+use crate::store::digest;
 use crate::store::sample::{begin_session, claim, job, results};
 use crate::store::{Experiment, SessionId, Store};
 
@@ -178,6 +179,36 @@ fn a_conflict_is_reported_and_the_run_of_the_target_is_kept() {
     assert_eq!((&*theirs.host, &*theirs.processor, &*theirs.code_version), ("4", "5", "1"));
     assert_eq!(target.text("SELECT hex(results_sha256) FROM run WHERE id = 1"), before);
     assert_eq!(target.number("SELECT total_reward = 51 FROM test_episode WHERE run = 1"), 1);
+}
+
+/// Makes a store whose decisions were recorded by an earlier release, without the choices.
+fn forget_choices(store: &Sample) {
+    let raw = &store.store.connection;
+    raw.execute_batch(
+        "DROP TRIGGER recorded_choice_stays; DROP TRIGGER run_ends_once; DELETE FROM recorded_choice",
+    )
+    .unwrap();
+    let mut completed = raw.prepare("SELECT id FROM run WHERE status = 'completed'").unwrap();
+    let runs = completed.query_map([], |row| row.get(0)).unwrap();
+    for run in runs.collect::<rusqlite::Result<Vec<i64>>>().unwrap() {
+        let digest = digest::of_run(raw, run).unwrap();
+        raw.execute("UPDATE run SET results_sha256 = ?2 WHERE id = ?1", params![run, digest])
+            .unwrap();
+    }
+}
+
+#[test]
+fn the_same_results_without_a_record_of_choices_are_no_conflict() {
+    let (with, mut without, mut other) = (source(), source(), Sample::new());
+    let Outcome::Completed(results) = otherwise_completed() else { unreachable!() };
+    other.run(&seed(1), &Outcome::Completed(Results { decisions: decisions(), ..results }));
+    forget_choices(&without);
+    forget_choices(&other);
+    let mut target = source();
+    assert_eq!(target.became(&without.path), ["already there"; 4]);
+    assert_eq!(target.became(&other.path), ["conflict"]);
+    assert_eq!(target.rows(), with.rows());
+    assert_eq!(without.became(&with.path), ["already there"; 4]);
 }
 
 #[test]
