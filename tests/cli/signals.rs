@@ -106,7 +106,9 @@ fn a_wait_for_a_cluster_ignores_and_heeds_the_same_signals() {
         let script = format!(
             "{ignored} PATH=$PWD/bin:$PATH; export PATH; exec {program} submit sweep.toml --wait"
         );
-        let run = Running::of(folder.command_of("sh", ["-c", &script]));
+        // Unless the script says otherwise, the program heeds signals that this process ignores.
+        let heeding = ["--default-signal=HUP,INT", "sh", "-c", &script];
+        let run = Running::of(folder.command_of("/usr/bin/env", heeding));
         until("it waits", || run.stderr().contains("waiting"));
         run
     };

@@ -199,12 +199,14 @@ fn forget_choices(store: &Sample) {
 
 #[test]
 fn the_same_results_without_a_record_of_choices_are_no_conflict() {
-    let (with, mut without, mut other) = (source(), source(), Sample::new());
+    let (with, mut without, mut target, mut other) =
+        (source(), Sample::new(), Sample::new(), Sample::new());
+    without.copy(&with.path);
+    target.copy(&with.path);
     let Outcome::Completed(results) = otherwise_completed() else { unreachable!() };
     other.run(&seed(1), &Outcome::Completed(Results { decisions: decisions(), ..results }));
     forget_choices(&without);
     forget_choices(&other);
-    let mut target = source();
     assert_eq!(target.became(&without.path), ["already there"; 4]);
     assert_eq!(target.became(&other.path), ["conflict"]);
     assert_eq!(target.rows(), with.rows());
