@@ -169,27 +169,32 @@ pub(super) fn suspects(
 /// SQL: whether the process of the run `before` was killed, so that its wall time is NULL.
 const WAS_KILLED: &str = "before.status = 'interrupted' AND before.wall_seconds IS NULL";
 
-/// The jobs that died several times in a row, or are suspects, each with the number of deaths among its last
-/// two attempts: they run after all others, by this number. A job that gets further is not among them: it wrote a
-/// checkpoint in its last attempt, or in the one before if it is no suspect.
+/// The jobs whose last attempts died, if there were two or one was a suspect, each with the number of these
+/// deaths: they run after all others, by this number. Attempts before the last checkpoint, or before the last
+/// two, do not count.
 pub(super) fn died(connection: &Connection) -> rusqlite::Result<Vec<([u8; 16], u32)>> {
     let Some(store) = connection.path() else { return Ok(Vec::new()) };
-    let store = Path::new(store);
     let mut statement = connection.prepare_cached(&format!(
-        "SELECT unhex(job.key), job.key, max(before.attempt), count(*), count(before.suspects)
+        "SELECT job.key, unhex(job.key), attempt, suspects IS NOT NULL
          FROM run AS before JOIN job ON job.id = before.job
          WHERE {WAS_KILLED} AND before.attempt >= (SELECT max(attempt) FROM run
             WHERE run.job = before.job) - 1
-         GROUP BY job.id HAVING count(before.suspects) > 0 OR count(*) = 2"
+         ORDER BY job.id, attempt DESC"
     ))?;
-    let jobs = statement.query_map([], |row| {
-        let (key, last): (String, u32) = (row.get(1)?, row.get(2)?);
-        let kept = |attempt| has_checkpoint(store, &key, attempt);
-        let is_suspect = row.get::<_, u32>(4)? > 0;
-        let gets_further = kept(last) || !is_suspect && kept(last.saturating_sub(1));
-        Ok((!gets_further).then_some((row.get(0)?, row.get(3)?)))
+    let attempts = statement.query_map([], |row| {
+        Ok((row.get::<_, String>(0)?, row.get(1)?, row.get::<_, u32>(2)?, row.get::<_, bool>(3)?))
     })?;
-    jobs.filter_map(Result::transpose).collect()
+    let attempts: Vec<_> = attempts.collect::<rusqlite::Result<_>>()?;
+    let jobs = attempts.chunk_by(|(one, ..), (next, ..)| one == next);
+    let deaths = jobs.filter_map(|attempts| {
+        let kept = |(key, _, attempt, _): &&(String, _, u32, bool)| {
+            has_checkpoint(Path::new(store), key, *attempt)
+        };
+        let died: Vec<_> = attempts.iter().take_while(|attempt| !kept(attempt)).collect();
+        let is_suspect = died.iter().any(|(.., is_suspect)| *is_suspect);
+        (is_suspect || died.len() == 2).then(|| (attempts[0].1, died.len() as u32))
+    });
+    Ok(deaths.collect())
 }
 
 /// The crash record of a job.
