@@ -1,7 +1,11 @@
-//! Stratified bootstrap: intervals for statistics over several conditions.
+//! Bootstrap intervals for statistics over several conditions.
 //!
-//! Seeds are resampled within each condition; the conditions are fixed. Every bootstrap uses the same
-//! random stream, so an interval depends on the values alone and not on its position in a report.
+//! The conditions are fixed, and seeds are resampled. Equal seeds of two conditions have met the same random
+//! numbers, so their values are not independent: a seed is drawn with its values in all conditions. Conditions
+//! without a seed in common are resampled separately. Every bootstrap uses the same random stream, so an
+//! interval depends on the values alone and not on its position in a report.
+
+use std::collections::BTreeMap;
 
 use super::interval::{Interval, LEVEL};
 use super::quantile::quantile_of_sorted;
@@ -27,30 +31,34 @@ pub struct Aggregate {
 /// Inter-quartile mean: the mean of the values of all conditions and seeds, without the lowest and
 /// the highest quarter (each rounded down to whole values).
 ///
-/// Each condition is weighted by its number of seeds.
+/// Each condition is weighted by its number of seeds. Its interval resamples seeds, each with its values in
+/// all conditions.
 ///
-/// With few seeds per condition the interval is too narrow, however many conditions there are:
-/// resamples of n values have (n - 1)/n of their variance. `docs/statistics.md` has the coverage.
+/// With few seeds the interval is too narrow, however many conditions there are: resamples of n values have
+/// (n - 1)/n of their variance. `docs/statistics.md` has the coverage.
 ///
 /// **Errors**: no condition, or a condition without values. For the interval: fewer than two seeds
 /// in a condition, or no variance.
 ///
 /// **Source**: Agarwal et al., "Deep reinforcement learning at the edge of the statistical
-/// precipice", 2021; Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13.
+/// precipice", 2021; Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13; Davison and
+/// Hinkley, "Bootstrap Methods and their Application", 1997, section 3.8, for whole clusters.
 pub fn interquartile_mean(conditions: &[&Sample]) -> Result<Aggregate, Undefined> {
-    let strata: Vec<&[f64]> = conditions.iter().map(|sample| sample.values()).collect();
-    at_least(1, strata.iter().map(|values| values.len()).min().unwrap_or(0))?;
-    let mut sorted = strata.concat();
+    let fewest = conditions.iter().map(|sample| sample.n()).min().unwrap_or(0);
+    at_least(1, fewest)?;
+    let mut sorted: Vec<f64> =
+        conditions.iter().flat_map(|sample| sample.values()).copied().collect();
     sorted.sort_unstable_by(f64::total_cmp);
-    let value = finite(middle_mean(&sorted, &vec![1; sorted.len()]))?;
-    Ok(Aggregate { value, interval: percentile_interval(&strata, &sorted) })
+    let value = finite(middle_mean(&sorted, &vec![1; sorted.len()], sorted.len()))?;
+    let interval = at_least(2, fewest).and_then(|()| percentile_interval(conditions, sorted));
+    Ok(Aggregate { value, interval })
 }
 
-/// The mean without the lowest and the highest quarter. `times` counts how often each value occurs; values
-/// ascend, and are added in this order.
-fn middle_mean(sorted: &[f64], times: &[u32]) -> f64 {
-    let cut = sorted.len() / 4;
-    let (mut below, mut left) = (cut, sorted.len() - 2 * cut);
+/// The mean of `total` values without the lowest and the highest quarter. `times` counts how often each of the
+/// different values occurs; values ascend, and are added in this order.
+fn middle_mean(sorted: &[f64], times: &[u32], total: usize) -> f64 {
+    let cut = total / 4;
+    let (mut below, mut left) = (cut, total - 2 * cut);
     let middle = left as f64;
     let mut sum = -0.0;
     for (value, times) in sorted.iter().zip(times) {
@@ -70,25 +78,40 @@ fn middle_mean(sorted: &[f64], times: &[u32]) -> f64 {
     sum / middle
 }
 
-/// Percentile interval of the middle mean, with resampling within strata. `sorted` has the values of all
-/// strata in ascending order.
+/// Percentile interval of the middle mean. `sorted` has the values of all conditions in ascending order.
 ///
-/// A resample is counted rather than sorted: how often it has each of the values.
-fn percentile_interval(strata: &[&[f64]], sorted: &[f64]) -> Result<Interval, Undefined> {
-    at_least(2, strata.iter().map(|values| values.len()).min().unwrap_or(0))?;
-    let ranks = ranks(strata);
+/// Seeds are drawn until every condition has as many values as before; what it has in excess is left out.
+/// Where all conditions have the same seeds, that takes as many draws as there are seeds. A resample is counted
+/// rather than sorted: how often it has each of the different values.
+fn percentile_interval(
+    conditions: &[&Sample],
+    mut sorted: Vec<f64>,
+) -> Result<Interval, Undefined> {
+    let total = sorted.len();
+    sorted.dedup_by(|one, other| one.total_cmp(other).is_eq());
+    let groups = groups(conditions, &sorted);
     let mut stream = Stream::new(STREAM, Purpose::Bootstrap);
     let mut times = vec![0_u32; sorted.len()];
+    // The numbers of values that the conditions still lack.
+    let mut lacks = vec![0; conditions.len()];
     let mut seen = Vec::with_capacity(RESAMPLES);
     for _ in 0..RESAMPLES {
         times.fill(0);
-        for ranks in &ranks {
-            let n = u32::try_from(ranks.len()).map_err(|_| Undefined::OutOfRange)?;
-            for _ in ranks {
-                times[ranks[stream.below(n) as usize] as usize] += 1;
+        conditions.iter().zip(&mut lacks).for_each(|(sample, lacks)| *lacks = sample.n());
+        for seeds in &groups {
+            let n = u32::try_from(seeds.len()).map_err(|_| Undefined::OutOfRange)?;
+            let mut left: usize = seeds.iter().map(Vec::len).sum();
+            while left > 0 {
+                for (rank, condition) in &seeds[stream.below(n) as usize] {
+                    if lacks[*condition] > 0 {
+                        times[*rank as usize] += 1;
+                        lacks[*condition] -= 1;
+                        left -= 1;
+                    }
+                }
             }
         }
-        seen.push(finite(middle_mean(sorted, &times))?);
+        seen.push(finite(middle_mean(&sorted, &times, total))?);
     }
     seen.sort_unstable_by(f64::total_cmp);
     if seen[0] == seen[RESAMPLES - 1] {
@@ -100,27 +123,45 @@ fn percentile_interval(strata: &[&[f64]], sorted: &[f64]) -> Result<Interval, Un
     Ok(Interval { low, high })
 }
 
-/// For each stratum, the ranks of its values among the values of all strata. They ascend, so that the
-/// interval does not depend on which seed had which value.
-fn ranks(strata: &[&[f64]]) -> Vec<Vec<u32>> {
-    let all = strata.iter().enumerate();
-    let all = all.flat_map(|(place, values)| values.iter().map(move |value| (*value, place)));
-    let mut all: Vec<(f64, usize)> = all.collect();
-    all.sort_unstable_by(|(one, _), (other, _)| one.total_cmp(other));
-    let mut ranks: Vec<Vec<u32>> = vec![Vec::new(); strata.len()];
-    for (rank, (_, place)) in (0..).zip(&all) {
-        ranks[*place].push(rank);
+/// A seed's values: the rank of each among the different values, and its condition.
+type SeedValues = Vec<(u32, usize)>;
+
+/// The seeds of each group of conditions that are linked by seeds. Seeds are in the order of their ranks, so
+/// that the interval does not depend on their numbers.
+fn groups(conditions: &[&Sample], sorted: &[f64]) -> Vec<Vec<SeedValues>> {
+    let mut seeds: BTreeMap<u64, (usize, SeedValues)> = BTreeMap::new();
+    // The group of each condition: the first condition that it is linked to.
+    let mut group_of: Vec<usize> = (0..conditions.len()).collect();
+    for (place, sample) in conditions.iter().enumerate() {
+        for (seed, value) in sample.seeds().iter().zip(sample.values()) {
+            let rank = sorted.partition_point(|other| other.total_cmp(value).is_lt()) as u32;
+            let (first, ranks) = seeds.entry(*seed).or_insert((place, Vec::new()));
+            ranks.push((rank, place));
+            let (one, other) = (group_of[*first], group_of[place]);
+            if one != other {
+                let (kept, merged) = (one.min(other), one.max(other));
+                group_of.iter_mut().filter(|group| **group == merged).for_each(|it| *it = kept);
+            }
+        }
     }
-    ranks
+    let mut groups = vec![Vec::new(); conditions.len()];
+    for (first, mut ranks) in seeds.into_values() {
+        ranks.sort_unstable();
+        groups[group_of[first]].push(ranks);
+    }
+    groups.retain(|seeds| !seeds.is_empty());
+    groups.iter_mut().for_each(|seeds| seeds.sort_unstable());
+    groups
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// The coverage of the interval: the share of intervals that contain the true value 0, for
-    /// conditions with equal true means and `seeds` normally distributed seeds each.
-    fn coverage(conditions: usize, seeds: usize, rounds: usize) -> f64 {
+    /// The coverage of the interval: the share of intervals that contain the true value 0, for conditions
+    /// with equal true means and `seeds` normally distributed seeds each, whose values correlate between
+    /// conditions.
+    fn coverage(conditions: usize, seeds: u64, correlation: f64, rounds: usize) -> f64 {
         // Resampling uses another stream.
         let mut stream = Stream::new(STREAM + 1, Purpose::Bootstrap);
         let mut normal = || {
@@ -128,9 +169,14 @@ mod tests {
             (-2.0 * radius.ln()).sqrt() * (std::f64::consts::TAU * angle).cos()
         };
         let holds = |_: &usize| {
-            let arms: Vec<Sample> = (0..conditions)
-                .map(|_| Sample::new((0..seeds as u64).map(|seed| (seed, normal())), 0, 0).unwrap())
-                .collect();
+            let common: Vec<f64> = (0..seeds).map(|_| normal()).collect();
+            let mut arm = |_| {
+                let value = |(seed, common): (u64, &f64)| {
+                    (seed, correlation.sqrt() * common + (1.0 - correlation).sqrt() * normal())
+                };
+                Sample::new((0..).zip(&common).map(value), 0, 0).unwrap()
+            };
+            let arms: Vec<Sample> = (0..conditions).map(&mut arm).collect();
             let mean = interquartile_mean(&arms.iter().collect::<Vec<_>>()).unwrap();
             mean.interval.unwrap().contains(0.0)
         };
@@ -144,7 +190,34 @@ mod tests {
         assert_eq!((interval.low, interval.high), (1.0, 5.0));
         // All three seeds are on one side of the true value with probability 2/8. The standard
         // deviation of the coverage is 2 %.
-        let covered = coverage(1, 3, 500);
+        let covered = coverage(1, 3, 0.0, 500);
         assert!((0.69..0.81).contains(&covered), "{covered}");
+    }
+
+    #[test]
+    fn seeds_that_conditions_share_are_drawn_together() {
+        let sample =
+            |first: u64, values: [f64; 4]| Sample::new((first..).zip(values), 0, 0).unwrap();
+        let interval = |arms: &[Sample]| {
+            interquartile_mean(&arms.iter().collect::<Vec<_>>()).unwrap().interval.unwrap()
+        };
+        let values = [1.0, 5.0, 2.0, 9.0];
+        let alone = interval(&[sample(0, values)]);
+        // A second arm with the same values adds nothing, unless its seeds are others.
+        assert_eq!(interval(&[sample(0, values), sample(0, values)]), alone);
+        let apart = interval(&[sample(0, values), sample(4, values)]);
+        assert!(apart.high - apart.low < 0.9 * (alone.high - alone.low), "{apart:?} {alone:?}");
+        // One shared seed links two arms.
+        assert_ne!(interval(&[sample(0, values), sample(3, values)]), apart);
+    }
+
+    #[test]
+    fn intervals_over_conditions_with_common_seeds_hold_the_truth() {
+        for correlation in [0.0, 0.3, 1.0] {
+            let covered = coverage(4, 10, correlation, 400);
+            // It is 90 to 94 %, and drawing within conditions would give 62 % at a correlation of 1. The
+            // standard deviation is 1.5 %.
+            assert!((0.86..0.98).contains(&covered), "{correlation}: {covered}");
+        }
     }
 }

@@ -182,12 +182,22 @@ fn assert_drawn(ours: Interval, theirs: &Value) {
 }
 
 #[test]
-fn interquartile_means_with_stratified_bootstrap_intervals() {
+fn interquartile_means_with_bootstrap_intervals() {
     for case in cases("interquartile_mean") {
-        let conditions = samples(&case["conditions"]);
-        let ours = interquartile_mean(&conditions.iter().collect::<Vec<_>>()).unwrap();
-        assert_near(ours.value, number(&case["value"]), "inter-quartile mean");
-        assert_drawn(ours.interval.unwrap(), &case["interval"]);
+        let of_seeds = |first: fn(u64) -> u64| {
+            let conditions = (0..).zip(rows(&case["conditions"]));
+            let condition = |(place, values): (u64, Vec<f64>)| {
+                Sample::new((first(place)..).zip(values), 0, 0).unwrap()
+            };
+            let conditions: Vec<Sample> = conditions.map(condition).collect();
+            interquartile_mean(&conditions.iter().collect::<Vec<_>>()).unwrap()
+        };
+        let (apart, joint) = (of_seeds(|place| 100 * place), of_seeds(|_| 0));
+        for ours in [apart, joint] {
+            assert_near(ours.value, number(&case["value"]), "inter-quartile mean");
+        }
+        assert_drawn(apart.interval.unwrap(), &case["interval"]);
+        assert_drawn(joint.interval.unwrap(), &case["joint_interval"]);
     }
 }
 

@@ -92,8 +92,8 @@ pub fn agents(rows: &[AgentSummary]) -> DataTable {
         (".share_low", ""),
         (".share_high", ""),
     ];
-    let caption = "Agents: inter-quartile means (IQM) over arms and seeds; intervals resample \
-                   seeds within arms";
+    let caption = "Agents: inter-quartile means (IQM) over arms and seeds; intervals \
+                   resample seeds, each with its values in all arms";
     let is_few = rows.iter().any(|row| (1..FEW_SEEDS).contains(&row.fewest));
     let mut table = DataTable::new(warned(caption, is_few), &columns);
     for row in rows {

@@ -218,6 +218,27 @@ def bootstrap_interval(statistic, strata, resamples=200_000):
     return numpy.quantile(numpy.concatenate(parts), [0.025, 0.975]).tolist()
 
 
+def joint_interval(strata, resamples=200_000):
+    """Percentile interval of the middle mean; equal places in two strata are one seed, drawn with all its values.
+
+    Seeds are drawn until every stratum has as many values as before.
+    """
+    generator = numpy.random.default_rng(7)
+    seeds, total = max(map(len, strata)), sum(map(len, strata))
+    means = []
+    for _ in range(resamples // 20_000):
+        drawn = generator.integers(seeds, size=(20_000, 20 * seeds))
+        taken = []
+        for values in strata:
+            has = drawn < len(values)
+            counts = has & (numpy.cumsum(has, axis=1) <= len(values))
+            assert (counts.sum(axis=1) == len(values)).all()
+            places = numpy.argsort(~counts, axis=1, kind="stable")[:, : len(values)]
+            taken.append(numpy.array(values)[numpy.take_along_axis(drawn, places, axis=1)])
+        means.append(middle_mean(numpy.concatenate(taken, axis=1), axis=1))
+    return numpy.quantile(numpy.concatenate(means), [0.025, 0.975]).tolist()
+
+
 def interquartile_means():
     generator = numpy.random.default_rng(5)
     for sizes in [(6, 6, 6, 6), (10,) * 12, (5, 4, 7)]:
@@ -231,6 +252,7 @@ def interquartile_means():
             "interval": bootstrap_interval(
                 lambda drawn: middle_mean(numpy.concatenate(drawn, axis=1), axis=1), strata
             ),
+            "joint_interval": joint_interval(strata),
         }
 
 

@@ -1,8 +1,8 @@
 //! The rate at which the more probable context is wrong.
 
 use super::arm::by_value;
-use crate::env::inference_error;
-use crate::manifest::Published;
+use crate::env::{FirstContext, inference_error};
+use crate::manifest::{Published, Setting};
 use crate::record::JobRecord;
 
 /// The error along sigma: by the formula, in test steps, and as published.
@@ -21,10 +21,10 @@ pub struct ErrorPoint {
     pub sigma: f64,
     /// The error by the formula.
     pub exact: f64,
-    /// Share of the test steps of all completed runs at which the more probable context was wrong;
-    /// `None` without test steps.
+    /// Share of the test steps of all completed runs at which the more probable context was wrong, without
+    /// steps whose context is fixed; `None` without such test steps.
     pub seen: Option<f64>,
-    /// Test steps.
+    /// These test steps.
     pub steps: u64,
     /// Completed runs.
     pub runs: usize,
@@ -42,16 +42,28 @@ impl ErrorFigure {
     }
 }
 
+/// The number of test steps of a job whose context is known beforehand: a fixed first context is never wrong.
+fn certain_steps(job: &JobRecord) -> u64 {
+    let is_fixed = job.setting("environment.first_context").is_none_or(
+        |first| matches!(first, Setting::Text(word) if word == FirstContext::Fixed.word()),
+    );
+    if is_fixed { job.number("evaluation.test_episodes").unwrap_or(0.0) as u64 } else { 0 }
+}
+
 /// The error at every sigma of the jobs.
 pub fn figure(jobs: &[&JobRecord], published: Option<&Published>) -> ErrorFigure {
     let point = |(at, jobs): (f64, Vec<&JobRecord>)| {
-        let runs: Vec<_> = jobs.iter().filter_map(|job| job.completed()).collect();
+        let runs = jobs.iter().filter_map(|job| Some((job, job.completed()?)));
+        let runs: Vec<_> = runs.collect();
         let (mut steps, mut wrong) = (0, 0);
-        for count in runs.iter().flat_map(|run| &run.actions) {
-            steps += count.count;
-            // Context 0 is more probable in bins from 5 on.
-            let likely = u8::from(count.bin < 5);
-            wrong += if likely == count.context { 0 } else { count.count };
+        for (job, run) in &runs {
+            for count in &run.actions {
+                steps += count.count;
+                // Context 0 is more probable in bins from 5 on.
+                let likely = u8::from(count.bin < 5);
+                wrong += if likely == count.context { 0 } else { count.count };
+            }
+            steps = steps.saturating_sub(certain_steps(job));
         }
         let seen = (steps > 0).then(|| wrong as f64 / steps as f64);
         ErrorPoint { sigma: at, exact: inference_error(at), seen, steps, runs: runs.len() }

@@ -66,7 +66,7 @@ pub struct AgentSummary {
     pub runs: usize,
     /// Smallest number of seeds with a result in an arm; 0 without an arm.
     pub fewest: usize,
-    /// Inter-quartile mean of the mean returns; its bootstrap resamples seeds within arms.
+    /// Inter-quartile mean of the mean returns; its bootstrap draws seeds with their values in all arms.
     pub returns: Result<Aggregate, Undefined>,
     /// The same for shares of the optimum, over the arms with a known optimum; `None` if there are
     /// results but no known optimum.

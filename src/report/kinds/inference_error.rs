@@ -23,8 +23,8 @@ impl Drawn for ErrorFigure {
     fn shows(&self, _: &str) -> String {
         let runs: usize = self.points.iter().map(|point| point.runs).sum();
         format!(
-            "Rate at which the most likely context is wrong, exact and over all test steps of n = \
-             {}",
+            "Rate at which the most likely context is wrong, exact and over the test steps of n = {}, \
+             without first steps whose context is fixed",
             counted(runs, "run")
         )
     }
