@@ -50,10 +50,6 @@ fn sample(values: &[f64]) -> Sample {
     Sample::new((1..).zip(values.iter().copied()), 0, 0).unwrap()
 }
 
-fn samples(values: &Value) -> Vec<Sample> {
-    rows(values).iter().map(|values| sample(values)).collect()
-}
-
 #[test]
 fn tails_of_students_t_are_exact_to_1e_200() {
     for row in rows(&reference()["two_sided_p"]) {
