@@ -33,7 +33,10 @@ def probability_of_sending(trial):
     known = trial["action_probabilities"].notna()
     of_one = np.where(sends, taken, 1 - taken)
     if trial.loc[sends & ~known, "action"].nunique() > 1:
-        raise SystemExit("this trial has several messages but no `action_probabilities`: run it again to record them")
+        raise SystemExit(
+            "this trial has several messages and no `action_probabilities`, which jitai records for its own agents"
+            " and for programs that report the probability of every action; earlier trials have to run again"
+        )
     none = trial["action_probabilities"].map(lambda text: json.loads(text)[0], na_action="ignore")
     return np.where(known, 1 - none.astype(float), of_one)
 
@@ -121,6 +124,8 @@ def exact_effect(trial, parameters):
 if __name__ == "__main__":
     path = Path(sys.argv[1] if len(sys.argv) > 1 else "jitai.sqlite").resolve()
     experiment = sys.argv[2] if len(sys.argv) > 2 else "trial"
+    if not path.is_file():
+        raise SystemExit(f"there is no store {path}")
     store = sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)
     trial = pd.read_sql(
         """SELECT d.* FROM arm_summary AS s JOIN decision AS d ON d.job_key = s.job_key
@@ -128,6 +133,8 @@ if __name__ == "__main__":
         store,
         params=[experiment],
     )
+    if trial.empty:
+        raise SystemExit(f"{path} has no recorded test decisions of the agent `random` of the experiment {experiment!r}")
     trial["person"] = trial.groupby(["job_key", "episode"]).ngroup()
     # Decisions of earlier versions do not say whether the budget was spent.
     trial["can_send"] = trial["can_send"].fillna(trial["available"])

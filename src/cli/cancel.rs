@@ -4,6 +4,7 @@ use std::io::{self, Write};
 
 use crate::cli::{Error, Exit, StoreArgument, submissions};
 use crate::cluster::{Cluster, Submission};
+use crate::store::{require_one_name, resolve};
 
 /// Cancel the remaining tasks of a submission; completed runs are kept
 ///
@@ -22,6 +23,8 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
+    // The submissions lie beside one name of the store.
+    require_one_name(&resolve(&arguments.store.store)?)?;
     let engine = submissions::engine();
     let cluster = Cluster::of(&arguments.store.store, &*engine)?;
     let chosen: Vec<Submission> = if arguments.submissions.is_empty() {

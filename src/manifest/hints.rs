@@ -87,19 +87,32 @@ fn missing_programs(manifest: &Manifest, agent: &DeclaredAgent) -> Vec<String> {
     let folder = Path::new(&manifest.path).parent().unwrap_or(Path::new(""));
     let hint = |value: &Value| {
         let Value::Words(words) = value else { return None };
-        let program = words.first()?;
-        let reason = why_missing(program, folder)?;
+        let (program, arguments) = words.split_first()?;
+        let (program, reason) = match why_missing(program, folder) {
+            Some(reason) => (program, reason),
+            None => (arguments.iter().find(|word| is_missing_script(word, folder))?, NOT_THERE),
+        };
         let (name, program) = (printable(&agent.name), printable(program));
         Some(format!("`command` of agent {name} cannot start on this machine: {program} {reason}"))
     };
     commands.iter().filter_map(hint).collect()
 }
 
+const NOT_THERE: &str = "does not exist; the path is relative to the folder of the manifest";
+
+/// Whether an argument of an interpreter is the name of a script that does not exist.
+fn is_missing_script(word: &str, folder: &Path) -> bool {
+    const SCRIPTS: [&str; 8] = ["py", "R", "r", "jl", "sh", "js", "pl", "awk"];
+    let path = Path::new(word);
+    let is_script = path.extension().is_some_and(|form| SCRIPTS.iter().any(|known| form == *known));
+    is_script && !word.starts_with('-') && !folder.join(path).exists()
+}
+
 /// Why a program cannot be started; `None` if it can. A path starts from the folder of the manifest.
 fn why_missing(program: &str, folder: &Path) -> Option<&'static str> {
     if program.contains('/') {
         return match fs::metadata(folder.join(program)) {
-            Err(_) => Some("does not exist; the path is relative to the folder of the manifest"),
+            Err(_) => Some(NOT_THERE),
             Ok(kind) if !kind.is_file() => Some("is not a file"),
             Ok(kind) if !is_executable(&kind) => Some("is not executable"),
             Ok(_) => None,

@@ -88,7 +88,7 @@ pub use merge::{
     Conflict, Damage, MergeProgress, Merged, OtherManifest, Sources, merge, stores_of,
 };
 pub use migrate::SCHEMA_VERSION;
-pub use place::{beside, resolve};
+pub use place::{beside, require_one_name, resolve};
 pub use query::{Answer, Interrupter, QueryError, VIEWS, Value};
 pub use read::{FailedJob, Pace, Reader};
 pub use results::{Finished, RunEnd};

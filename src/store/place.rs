@@ -53,7 +53,9 @@ fn follow(path: &Path) -> io::Result<PathBuf> {
 }
 
 /// Fails if the file at `path`, which is resolved, has another name with a write-ahead log of its own.
-pub(super) fn require_one_name(path: &Path) -> Result<(), StoreError> {
+///
+/// **Errors**: the file has several hard links, or is a mount point itself.
+pub fn require_one_name(path: &Path) -> Result<(), StoreError> {
     // What is not a file, or cannot be looked at, is reported when it is opened.
     let names = fs::metadata(path).ok().filter(Metadata::is_file).map_or(0, |file| file.nlink());
     match names {

@@ -167,7 +167,7 @@ fn a_link_to_nothing_in_a_merged_folder_ends_the_merge() {
 
 /// Every command that opens a store, with `other.sqlite` as the source or target of a merge.
 fn every_command(store: &str) -> Vec<Vec<&str>> {
-    let commands: [&[&str]; 10] = [
+    let commands: [&[&str]; 11] = [
         &["run", "sweep.toml"],
         &["status"],
         &["plan", "sweep.toml"],
@@ -178,6 +178,7 @@ fn every_command(store: &str) -> Vec<Vec<&str>> {
         &["doctor", "--salvage", "saved.sqlite"],
         &["forget", "sweep", "--yes"],
         &["merge", "other.sqlite"],
+        &["cancel"],
     ];
     let mut commands: Vec<Vec<&str>> =
         commands.iter().map(|command| [command, &["--store", store][..]].concat()).collect();

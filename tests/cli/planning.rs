@@ -412,15 +412,18 @@ fn a_quoted_value_of_a_filter_may_contain_commas_and_bars() {
 fn hints_name_what_probably_differs_from_the_intent() {
     let folder = Folder::with(
         "format = 1\nname = \"h\"\nscenarios = [\"P-T\"]\nseeds = 1\nenvironment.sigma = [40, 80]\n\
-         [[agent]]\nname = \"out\"\nalgorithm = \"external\"\ncommand = [\"no-such-program\"]\n\
+         [[agent]]\nname = \"out\"\nalgorithm = \"external\"\n\
+         command = [[\"no-such-program\"], [\"sh\", \"-e\", \"gone.sh\"], [\"sh\", \"here.sh\"]]\n\
          version = \"1\"\n[[agent]]\nname = \"ppo\"\nalgorithm = \"ppo\"\nepisodes = 100\n",
     );
+    folder.write("here.sh", "");
     folder
         .jitai(["check", "sweep.toml"])
         .succeeded()
         .says("hint: `environment.sigma` = 40 is 40 times")
         .says("40 % is written 0.4")
         .says("hint: `command` of agent out cannot start on this machine: no-such-program is in no")
+        .says("hint: `command` of agent out cannot start on this machine: gone.sh does not exist")
         .says("hint: agent ppo learns from at most 7 rollouts");
 }
 

@@ -4,10 +4,10 @@ use super::Numbers;
 use super::axis::{Axis, AxisScale, Frame, HEIGHT_TICKS, round_range, tick_width};
 use super::label::{Placing, below, beside, end_labels, placing};
 use super::line::{Chart, GAP, LEAST_PLOT, LEFT, Line, Place, Spread, marker};
-use super::overlap::shifts;
+use super::overlap::{dodges, widenings};
 use super::style::Style;
 use super::{FAINT, INK, NOTE, TEXT, fitting, text};
-use crate::report::scene::{Anchor, Fill, Mark, Point, Scene, Shape, Stroke, Weight};
+use crate::report::scene::{Anchor, Color, Fill, Mark, Point, Scene, Shape, Stroke, Weight};
 use crate::report::words::metric_title;
 
 const HEIGHT: f64 = 236.0;
@@ -119,28 +119,29 @@ fn draw_one(
         .clone()
         .map(|(_, line)| line.points.iter().map(|at| frame.place((x, y), (at.x, at.y))).collect())
         .collect();
-    let shifts = shifts(&chart.lines, &placed, (frame.top, frame.top + frame.height));
+    let (dodges, wider) = (dodges(&chart.lines), widenings(&chart.lines, &placed));
     marks.extend(of_each.clone().flat_map(|(series, line)| {
-        line_marks(line, (x, y), frame, shifts[series]).into_iter().map(move |mark| mark.of(series))
+        let marks = line_marks(line, (x, y), frame, (dodges[series], wider[series]));
+        marks.into_iter().map(move |mark| mark.of(series))
     }));
     for hollow in [true, false] {
         let of_kind = of_each.clone().filter(|(_, line)| line.look.marker.is_hollow() == hollow);
         marks.extend(of_kind.flat_map(|(series, line)| {
-            point_marks(line, (x, y), frame, shifts[series])
+            point_marks(line, (x, y), frame, dodges[series])
                 .into_iter()
                 .map(move |mark| mark.of(series))
         }));
     }
     marks.extend(match placing {
         Placing::Beside { is_crowded: true, .. } => beside(chart, (x, y), frame),
-        Placing::Beside { is_crowded: false, .. } => end_labels(chart, (x, y), (frame, &shifts)),
+        Placing::Beside { is_crowded: false, .. } => end_labels(chart, (x, y), (frame, &dodges)),
         Placing::Below { .. } => below(chart, style, frame.top + frame.height + BOTTOM + GAP - 3.0),
     });
     if style.has_titles() {
         let at = (whole.0 / 2.0, whole.1 - 5.0);
-        let is_moved = shifts.iter().any(|(_, down)| *down != 0.0);
-        let beside = if is_moved { " Lines on one another: drawn side by side." } else { "" };
-        let note = format!("{}{beside}", chart.note);
+        let are_stripes = wider.iter().any(Option::is_some);
+        let stripes = if are_stripes { " Lines on one another: stripes." } else { "" };
+        let note = format!("{}{stripes}", chart.note);
         marks.push(fitting(at, note, (NOTE, whole.0 - 8.0), FAINT).into());
     }
     let series = chart.lines.iter().map(|line| line.facets.clone()).collect();
@@ -148,7 +149,15 @@ fn draw_one(
     Scene { width, height, description, marks, series }
 }
 
-fn line_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, (right, down): Point) -> Vec<Mark> {
+/// How much wider than a line the white below it is.
+const CASING: f64 = 1.2;
+
+fn line_marks(
+    line: &Line,
+    axes: (&Axis, &Axis),
+    frame: &Frame,
+    (right, wider): (f64, Option<f64>),
+) -> Vec<Mark> {
     let mut marks = Vec::new();
     let color = line.look.color;
     let place = |x, y| frame.place(axes, (x, y));
@@ -168,7 +177,7 @@ fn line_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, (right, down): P
             marks.push(Shape::Area { points: upper, fill, stroke: None }.into());
         }
     }
-    let moved = |(x, y): Point| (x + right, y + down);
+    let moved = |(x, y): Point| (x + right, y);
     let points: Vec<(f64, f64)> = line.points.iter().map(|point| (point.x, point.y)).collect();
     if line.spread != Spread::Points {
         let width = match line.spread {
@@ -176,9 +185,18 @@ fn line_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, (right, down): P
             Spread::Band => 1.3,
             Spread::Points | Spread::Exact => 1.0,
         };
-        let stroke = Stroke { color, width, dash: line.look.dash, opacity: 1.0 };
+        let stroke = Stroke {
+            color,
+            width: width + wider.unwrap_or(0.0),
+            dash: line.look.dash,
+            opacity: 1.0,
+        };
+        // What separates a line from a wider one below it, whatever their colours.
+        let casing = wider.map(|_| Stroke::solid(Color::WHITE, stroke.width + CASING));
         for part in clipped(&points, axes.1.range()) {
-            let points = part.into_iter().map(|(x, y)| moved(place(x, y))).collect();
+            let points: Vec<Point> = part.into_iter().map(|(x, y)| moved(place(x, y))).collect();
+            let casing = casing.map(|stroke| Shape::Line { points: points.clone(), stroke }.into());
+            marks.extend(casing);
             marks.push(Shape::Line { points, stroke }.into());
         }
     }
@@ -228,12 +246,7 @@ fn clipped(points: &[(f64, f64)], (low, high): (f64, f64)) -> Vec<Vec<(f64, f64)
 
 /// The points of a line that are marked or have a tooltip. Intervals are drawn above the fill of
 /// hollow marks, which would hide short intervals.
-fn point_marks(
-    line: &Line,
-    axes: (&Axis, &Axis),
-    frame: &Frame,
-    (right, down): Point,
-) -> Vec<Mark> {
+fn point_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, right: f64) -> Vec<Mark> {
     let is_marked = matches!(line.spread, Spread::Bars | Spread::Points);
     let (low, high) = axes.1.range();
     let is_inside = |point: &&Place| (low..=high).contains(&point.y);
@@ -241,7 +254,7 @@ fn point_marks(
     let said = said.filter(is_inside);
     let place = |x, y| {
         let at = frame.place(axes, (x, y));
-        (at.0 + right, at.1 + down)
+        (at.0 + right, at.1)
     };
     let mark = |point: &Place| {
         let at = place(point.x, point.y);
@@ -303,21 +316,28 @@ mod tests {
         let axis = ("x".to_owned(), Numbers::Plain, AxisScale::Linear);
         let axes = axes(slice::from_ref(&chart), axis, ("mean_return", Numbers::Plain), &style);
         let scene = draw(slice::from_ref(&chart), &axes, &style).remove(0);
-        let height = |series: usize| {
-            let mut of_series = scene.marks.iter().filter(|mark| mark.series == Some(series));
-            of_series.find_map(|mark| match &mark.shape {
-                Shape::Line { points, stroke } if stroke.width == 1.6 => Some(points[0].1),
+        let lines = |series: usize| -> Vec<(f64, f64)> {
+            let of_series = scene.marks.iter().filter(|mark| mark.series == Some(series));
+            let lines = of_series.filter_map(|mark| match &mark.shape {
+                Shape::Line { points, stroke } if points.len() == 3 => {
+                    Some((stroke.width, points[0].1))
+                }
                 _ => None,
-            })
+            });
+            lines.collect()
         };
-        assert!((height(0).unwrap() - height(1).unwrap()).abs() > 2.0);
+        // White and line; the second line is within the first one, at the same height.
+        let (first, second) = (lines(0), lines(1));
+        assert_eq!((first.len(), second.len()), (2, 2));
+        assert!(first[1].0 > second[0].0 && second[0].0 > second[1].0, "{first:?} {second:?}");
+        assert_eq!(first[1].1, second[1].1);
         let has = |words: &str| {
             scene.marks.iter().any(|mark| match &mark.shape {
                 Shape::Text { text, .. } => text.contains(words),
                 _ => false,
             })
         };
-        assert!(has("n = 3. Lines on one another: drawn side by side."));
+        assert!(has("n = 3. Lines on one another: stripes."));
     }
 
     #[test]

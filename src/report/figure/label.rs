@@ -150,7 +150,7 @@ fn ends_early(chart: &Chart, line: &Line) -> bool {
 pub(super) fn end_labels(
     chart: &Chart,
     axes: (&Axis, &Axis),
-    (frame, shifts): (&Frame, &[Point]),
+    (frame, dodges): (&Frame, &[f64]),
 ) -> Vec<Mark> {
     let right = frame.left + frame.width;
     let mut ends: Vec<(usize, Point, f64)> = Vec::new();
@@ -183,8 +183,7 @@ pub(super) fn end_labels(
         if (height - end.1).abs() > TEXT || end.0 < right - FAR {
             let color = chart.lines[series].look.color;
             let stroke = Stroke { color, width: 0.5, dash: None, opacity: 0.6 };
-            let (across, down) = shifts[series];
-            let points = vec![(end.0 + across + 3.0, end.1 + down), (right + 5.0, height)];
+            let points = vec![(end.0 + dodges[series] + 3.0, end.1), (right + 5.0, height)];
             marks.push(Mark::from(Shape::Line { points, stroke }).of(series));
         }
         marks.push(letters(chart, series, (right + 6.0, height + TEXT * 0.35), (TEXT, None)));

@@ -1,4 +1,6 @@
-//! Small shifts of lines that would cover each other.
+//! Lines that would cover each other: bars stand side by side, and lines are stripes of different widths.
+//!
+//! Only bars are moved, along the axis. No mark is moved to another value.
 
 use super::line::{Line, Spread};
 use crate::report::scene::Point;
@@ -6,15 +8,8 @@ use crate::report::scene::Point;
 /// Lines closer than this cover each other.
 const NEAR: f64 = 1.2;
 
-/// The shift of each line. Intervals of several arms at one place stand side by side, and lines that run on one
-/// another stand one above the other. `placed` holds the points of each line before they are shifted.
-/// `frame` holds the heights of the upper and lower edge of the frame, where lines stay inside.
-pub(super) fn shifts(lines: &[Line], placed: &[Vec<Point>], frame: (f64, f64)) -> Vec<Point> {
-    dodges(lines).into_iter().zip(steps(lines, placed, frame)).collect()
-}
-
-/// The horizontal shift of each line with bars.
-fn dodges(lines: &[Line]) -> Vec<f64> {
+/// The horizontal shift of each line with bars: intervals of several arms at one place stand side by side.
+pub(super) fn dodges(lines: &[Line]) -> Vec<f64> {
     /// Maximum distance between neighbouring lines, and between the first and the last line.
     const STEP: f64 = 2.4;
     const WHOLE: f64 = 8.0;
@@ -34,11 +29,12 @@ fn dodges(lines: &[Line]) -> Vec<f64> {
     dodges
 }
 
-/// The vertical shift of each line that runs on another.
-fn steps(lines: &[Line], placed: &[Vec<Point>], (top, bottom): (f64, f64)) -> Vec<f64> {
-    /// Maximum distance between neighbouring lines, and between the first and the last line.
-    const STEP: f64 = 2.2;
-    const WHOLE: f64 = 7.0;
+/// How much wider each line of those is drawn that run on one another. Of two, the one that is drawn first is
+/// wider, so that each shows as a stripe. `placed` holds the points of each line.
+pub(super) fn widenings(lines: &[Line], placed: &[Vec<Point>]) -> Vec<Option<f64>> {
+    /// Maximum difference between successive lines, and between the first and the last line.
+    const STEP: f64 = 2.8;
+    const WHOLE: f64 = 8.4;
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for (at, line) in lines.iter().enumerate() {
         if line.spread == Spread::Points {
@@ -50,23 +46,15 @@ fn steps(lines: &[Line], placed: &[Vec<Point>], (top, bottom): (f64, f64)) -> Ve
             None => groups.push(vec![at]),
         }
     }
-    let mut steps = vec![0.0; lines.len()];
+    let mut wider = vec![None; lines.len()];
     for group in groups.iter().filter(|group| group.len() > 1) {
         let last = (group.len() - 1) as f64;
         let step = STEP.min(WHOLE / last);
-        // Together with the shift to the right, a falling line moves up, away from itself.
-        let points = &placed[group[0]];
-        let falls = points.first().zip(points.last()).is_some_and(|(one, end)| end.1 > one.1);
-        let sign = if falls { -1.0 } else { 1.0 };
-        let heights = || group.iter().flat_map(|at| &placed[*at]).map(|point| point.1);
-        let (highest, lowest) = (heights().fold(bottom, f64::min), heights().fold(top, f64::max));
-        let half = last / 2.0 * step;
-        let inside = (bottom - lowest - half).min(0.0) + (highest - top - half).min(0.0).abs();
         for (rank, at) in group.iter().enumerate() {
-            steps[*at] = sign * (rank as f64 - last / 2.0) * step + inside;
+            wider[*at] = Some((last - rank as f64) * step);
         }
     }
-    steps
+    wider
 }
 
 /// Whether two lines run on one another over more than a crossing.
@@ -105,8 +93,6 @@ mod tests {
         }
     }
 
-    const FRAME: (f64, f64) = (-100.0, 200.0);
-
     #[test]
     fn intervals_of_several_arms_at_one_place_stand_beside_each_other() {
         let arm = |xs: &[f64]| line(xs, Spread::Bars);
@@ -119,12 +105,12 @@ mod tests {
     }
 
     #[test]
-    fn lines_that_run_on_one_another_are_moved_apart_and_others_are_not() {
+    fn lines_that_others_run_on_are_wider_and_others_are_not() {
         let lines: Vec<Line> = (0..4).map(|_| line(&[0.0, 1.0], Spread::Band)).collect();
         let level = |y: f64| vec![(0.0, y), (50.0, y), (100.0, y)];
         // The second line lies on the first, the third crosses both, and the fourth is elsewhere.
         let placed = [level(20.0), level(20.5), vec![(0.0, 0.0), (100.0, 40.0)], level(60.0)];
-        assert_eq!(steps(&lines, &placed, FRAME), [-1.1, 1.1, 0.0, 0.0]);
+        assert_eq!(widenings(&lines, &placed), [Some(2.8), Some(0.0), None, None]);
         // Lines with other points, such as an optimum, lie on one another too; a part is enough.
         let placed = [
             vec![(0.0, 10.0), (30.0, 20.0), (60.0, 30.0), (100.0, 90.0)],
@@ -132,13 +118,10 @@ mod tests {
             level(70.0),
             Vec::new(),
         ];
-        assert_eq!(steps(&lines, &placed, FRAME), [1.1, -1.1, 0.0, 0.0]);
-        // At the lower edge of the frame, both stay inside.
-        let placed = [level(200.0), level(200.0), level(0.0), Vec::new()];
-        assert_eq!(steps(&lines, &placed, FRAME)[..2], [-2.2, 0.0]);
+        assert_eq!(widenings(&lines, &placed), [Some(2.8), Some(0.0), None, None]);
         let equal: Vec<Line> = (0..8).map(|_| line(&[0.0, 1.0], Spread::Bars)).collect();
-        let shifts = shifts(&equal, &vec![level(5.0); 8], FRAME);
-        let rows: Vec<f64> = shifts.iter().map(|(_, down)| *down).collect();
-        assert!(rows.windows(2).all(|pair| (pair[1] - pair[0] - 1.0).abs() < 1e-9), "{rows:?}");
+        let wider = widenings(&equal, &vec![level(5.0); 8]);
+        let wider: Vec<f64> = wider.into_iter().flatten().collect();
+        assert!(wider.windows(2).all(|pair| (pair[0] - pair[1] - 1.2).abs() < 1e-9), "{wider:?}");
     }
 }
