@@ -406,11 +406,12 @@ mod tests {
             ("[\"no-such-program\"]", "no-such-program is in no folder of the PATH"),
             ("[\"./no-such-program\", \"x\"]", "./no-such-program does not exist"),
             ("[\"/tmp\"]", "/tmp is not a file"),
+            ("[\"sh\", \"-e\", \"x.sh\"]", "x.sh does not exist"),
         ] {
             let [hint] = &outside(command)[..] else { panic!("{command}") };
             assert!(hint.contains(reason), "{hint}");
         }
-        assert!(outside("[\"sh\", \"x.sh\"]").is_empty());
+        assert!(outside("[\"sh\", \"-c\", \"exit\"]").is_empty());
         assert!(outside("[\"/bin/sh\"]").is_empty());
         assert_eq!(outside("[[\"sh\"], [\"no-such-program\"]]").len(), 1);
     }
