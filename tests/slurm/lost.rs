@@ -42,12 +42,14 @@ fn a_task_killed_by_sigkill() {
     assert!(!shown.stdout.contains("finished 1"), "{}", shown.stdout);
     assert!(lab.logs().contains("the task was killed by signal 9"), "{}", lab.logs());
     lab.finish();
-    let submissions = lab.submissions();
-    assert_eq!(submissions.len(), 2);
-    let again = submissions[1]["jobs"].as_u64().unwrap();
-    assert!((1..=4).contains(&again), "only the jobs of the killed task: {submissions:#?}");
-    // A piece has one job, if the cluster permits that many tasks.
-    assert_eq!(submissions[1]["chunks"], again.min(3), "the second time in pieces");
+    // A piece has one job. The cluster permits three tasks, so a fourth piece waits for the next submission.
+    let again = lab.submissions().split_off(1);
+    let number = |of: &str| -> Vec<u64> {
+        again.iter().map(|submission| submission[of].as_u64().unwrap()).collect()
+    };
+    let jobs = number("jobs");
+    assert!(matches!(jobs[..], [1..=3] | [3, 1]), "only the jobs of the killed task: {again:#?}");
+    assert_eq!(number("chunks"), jobs, "in pieces");
 }
 
 #[test]
