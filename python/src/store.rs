@@ -115,7 +115,9 @@ impl StoreReader {
 
 /// The exception for an error of the store.
 pub(crate) fn store_error(error: StoreError) -> PyErr {
+    // Options of the program mean nothing in Python.
     let message = error.to_string();
+    let message = message.replace(" with --store", "").replace("; --store names another store", "");
     match error {
         StoreError::Missing { .. } | StoreError::MissingFolder { .. } => {
             PyFileNotFoundError::new_err(message)

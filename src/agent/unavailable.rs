@@ -31,6 +31,20 @@ impl Unavailable {
         }
     }
 
+    /// The choice in a lane with its probabilities: action 0 with probability 1 where the agent does not
+    /// choose.
+    pub fn choice<Env: VectorEnvironment + ?Sized>(
+        self,
+        environment: &Env,
+        lane: usize,
+        (action, probabilities): (Action, ActionProbabilities),
+    ) -> (Action, ActionProbabilities) {
+        match self.chooses(environment, lane) {
+            true => (action, probabilities),
+            false => (Action::NONE, certain(Action::NONE)),
+        }
+    }
+
     /// Replaces choices that the agent does not make by action 0 with probability 1.
     ///
     /// **Shapes**: `actions` and `probabilities` are \[lanes\].
@@ -41,10 +55,8 @@ impl Unavailable {
         probabilities: &mut [ActionProbabilities],
     ) {
         for (lane, choice) in actions.iter_mut().zip(probabilities).enumerate() {
-            if !self.chooses(environment, lane) {
-                let (action, probabilities) = choice;
-                (*action, *probabilities) = (Action::default(), certain(Action::default()));
-            }
+            let (action, probabilities) = choice;
+            (*action, *probabilities) = self.choice(environment, lane, (*action, *probabilities));
         }
     }
 }

@@ -67,7 +67,7 @@ impl<'a> Field<'a> {
     fn for_reading(&self) -> String {
         match self {
             Field::Rounded(value, decimals) => rounded(*value, *decimals),
-            Field::Real(value) => significant(*value).to_string(),
+            Field::Real(value) => short(significant(*value)),
             Field::Text(text) => shown(text),
             Field::Nested(value) => shown(&value.to_string()),
             Field::Bytes(bytes) if bytes.len() > MOST_SHOWN / 2 => {
@@ -85,9 +85,9 @@ impl<'a> Field<'a> {
         match self {
             Field::Empty => Cow::Borrowed(""),
             Field::Integer(value) => Cow::Owned(value.to_string()),
-            Field::Real(value) => Cow::Owned(value.to_string()),
+            Field::Real(value) => Cow::Owned(short(*value)),
             // Adding 0 removes the sign of −0.
-            Field::Rounded(value, _) => Cow::Owned((value + 0.0).to_string()),
+            Field::Rounded(value, _) => Cow::Owned(short(value + 0.0)),
             Field::Figure(text) => Cow::Borrowed(text),
             Field::Text(text) => Cow::Borrowed(text),
             Field::Bytes(bytes) => Cow::Owned(as_sql(bytes)),
@@ -132,6 +132,13 @@ fn significant(number: f64) -> f64 {
         return number;
     }
     format!("{number:.11e}").parse().unwrap_or(number)
+}
+
+/// Every digit of a number, with an exponent if it would begin or end with many zeros.
+fn short(number: f64) -> String {
+    let size = number.abs();
+    let is_plain = size == 0.0 || (1e-5..1e17).contains(&size) || !size.is_finite();
+    if is_plain { number.to_string() } else { format!("{number:e}") }
 }
 
 /// The maximum width of a table, from the environment variable `COLUMNS`; `None` for any width.

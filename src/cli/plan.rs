@@ -19,9 +19,6 @@ use crate::plan::{self, ChangedDefault, Filter, JobKey, PlannedJob, Shard, Swept
 use crate::schedule::{self, Left, Selection, Speeds};
 use crate::store::{Counts, JobState, JobStates, Reader, StoreError};
 
-/// Number of jobs in one query of the store.
-const ASKED_TOGETHER: usize = 1000;
-
 /// Show what would run: jobs completed, pending and failed, and the estimated time
 #[derive(clap::Args)]
 pub(super) struct Arguments {
@@ -224,7 +221,7 @@ impl<'a> Survey<'a> {
     ) -> Result<(), Error> {
         let mut jobs = self.selection.jobs(&self.selection.manifests()[place]);
         loop {
-            let some: Vec<PlannedJob> = jobs.by_ref().take(ASKED_TOGETHER).collect();
+            let some: Vec<PlannedJob> = jobs.by_ref().take(JobStates::TOGETHER).collect();
             if some.is_empty() {
                 return Ok(());
             }

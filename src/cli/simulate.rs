@@ -10,7 +10,7 @@ use std::sync::LazyLock;
 
 use crate::agent::{
     self, Actions, Actor, DecisionRuleError, RuleParameters, RulePolicy, Start, StartError, Task,
-    Weights,
+    Unavailable, Weights,
 };
 use crate::cli::output::{Field, Format, Rows};
 use crate::cli::setting::adjusted;
@@ -181,7 +181,8 @@ fn of_run(key: &str, arguments: &Arguments) -> Result<Rolled, Error> {
     };
     let weights = Weights::from_bytes(&safetensors).map_err(unusable)?;
     let policy = job.agent.trained(&task, &weights, actions).map_err(unusable)?;
-    Ok(Rolled::new(&task, policy, arguments))
+    let unavailable = job.agent.unavailable();
+    Ok(Rolled { unavailable, ..Rolled::new(&task, policy, arguments) })
 }
 
 /// Converts errors about the key into usage errors, and keeps errors of the store.
@@ -199,6 +200,7 @@ pub(super) fn refused_key(option: &str, error: StoreError) -> Error {
 struct Rolled {
     lane: PhysicalActivity,
     actor: Box<dyn Actor>,
+    unavailable: Unavailable,
     streams: RollStreams,
 }
 
@@ -206,21 +208,25 @@ impl Rolled {
     fn new(task: &Task, actor: Box<dyn Actor>, arguments: &Arguments) -> Self {
         // The lane has the participants of the test, not of the training.
         let lane = task.simulation(1).with_population(task.population);
-        Rolled { lane, actor, streams: RollStreams::of_test(arguments.seed) }
+        let streams = RollStreams::of_test(arguments.seed);
+        Rolled { lane, actor, unavailable: Unavailable::Chosen, streams }
     }
 
     /// Rolls the next episode and returns its steps.
     fn episode(&mut self) -> Vec<Step> {
-        let Rolled { lane, actor, streams } = self;
-        let mut steps = Steps(Vec::new());
+        let Rolled { lane, actor, unavailable, streams } = self;
+        let mut steps = Steps { steps: Vec::new(), unavailable: *unavailable };
         train::begin(lane, &mut **actor, streams);
         train::roll(lane, &mut **actor, streams, &mut steps);
-        steps.0
+        steps.steps
     }
 }
 
 /// Collects the steps of an episode.
-struct Steps(Vec<Step>);
+struct Steps {
+    steps: Vec<Step>,
+    unavailable: Unavailable,
+}
 
 impl StepObserver<PhysicalActivity> for Steps {
     fn chosen(
@@ -229,12 +235,15 @@ impl StepObserver<PhysicalActivity> for Steps {
         actions: &[Action],
         probabilities: &[ActionProbabilities],
     ) {
-        let probability = Some(probabilities[0][actions[0].index()]);
-        self.0.push(Step { probability, ..Step::chosen(lanes, actions[0]) });
+        let choice = (actions[0], probabilities[0]);
+        let (chosen, probabilities) = self.unavailable.choice(lanes, 0, choice);
+        let step = Step::chosen(lanes, chosen);
+        let taken = if step.can_send { probabilities[chosen.index()] } else { 1.0 };
+        self.steps.push(Step { probability: Some(taken), ..step });
     }
 
     fn paid(&mut self, lanes: &PhysicalActivity, rewards: &[f64]) {
-        if let Some(step) = self.0.last_mut() {
+        if let Some(step) = self.steps.last_mut() {
             step.pay(lanes, lanes.outcomes(rewards)[0]);
         }
     }

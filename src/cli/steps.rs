@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use crate::cli::output::{Field, Format, Rows};
 use crate::env::{Action, ContextDraw, EpisodeStatus, PhysicalActivity, VectorEnvironment};
 
-const COLUMNS: [&str; 13] = [
+const COLUMNS: [&str; 15] = [
     "episode",
     "step",
     "context",
@@ -14,6 +14,8 @@ const COLUMNS: [&str; 13] = [
     "habituation",
     "disengagement",
     "available",
+    "can_send",
+    "chosen_action",
     "action",
     "action_probability",
     "reward",
@@ -31,11 +33,16 @@ pub(super) struct Step {
     pub(super) habituation: f64,
     /// Disengagement risk before the step.
     pub(super) disengagement: f64,
-    /// Whether a message could be sent.
+    /// Whether a message could be sent, apart from the budget of messages.
     pub(super) available: bool,
+    /// Whether a message could be sent.
+    pub(super) can_send: bool,
+    /// The action chosen.
+    pub(super) chosen: Action,
     /// The action taken.
     pub(super) action: Action,
-    /// The probability with which the action was chosen; `None` if it was forced.
+    /// The probability with which the action was taken, 1 where no message could be sent; `None` if the action
+    /// was forced.
     pub(super) probability: Option<f64>,
     /// The steps walked.
     pub(super) reward: f64,
@@ -45,14 +52,16 @@ pub(super) struct Step {
 
 impl Step {
     /// The current step of the first lane with the chosen action; its reward is not known yet.
-    pub(super) fn chosen(lanes: &PhysicalActivity, action: Action) -> Self {
+    pub(super) fn chosen(lanes: &PhysicalActivity, chosen: Action) -> Self {
         Step {
             time: lanes.times()[0],
             draw: lanes.context(0),
             habituation: lanes.habituation()[0],
             disengagement: lanes.disengagement()[0],
             available: lanes.is_available(0),
-            action: lanes.taken(0, action),
+            can_send: lanes.can_send(0),
+            chosen,
+            action: lanes.taken(0, chosen),
             probability: None,
             reward: 0.0,
             status: EpisodeStatus::Running,
@@ -97,6 +106,8 @@ impl<W: Write> StepRows<W> {
                 Field::Rounded(step.habituation, 4),
                 Field::Rounded(step.disengagement, 4),
                 Field::Integer(i64::from(step.available)),
+                Field::Integer(i64::from(step.can_send)),
+                Field::Integer(step.chosen.index() as i64),
                 Field::Integer(step.action.index() as i64),
                 step.probability.map_or(Field::Empty, |p| Field::Rounded(p, 4)),
                 Field::Rounded(step.reward, 2),

@@ -112,7 +112,10 @@ impl Submissions {
     }
 
     /// Creates the folder: beside the store, or in `elsewhere` with a symbolic link beside the store.
+    ///
+    /// **Errors**: the link leads to a missing folder, or the folder cannot be created.
     pub fn make(&self, elsewhere: Option<&Path>) -> Result<(), ClusterError> {
+        require_target(&self.path)?;
         if let Some(elsewhere) = elsewhere
             && fs::symlink_metadata(&self.path).is_err()
         {
@@ -493,8 +496,10 @@ mod tests {
         let store = place.path().join("s.sqlite");
         std::os::unix::fs::symlink("/gone", place.path().join("s.sqlite.submissions")).unwrap();
         let submissions = Submissions::beside(&store).unwrap();
-        let error = submissions.list().unwrap_err().to_string();
-        assert!(error.starts_with("failed to follow the link `"), "{error}");
+        for error in [submissions.list().unwrap_err(), submissions.make(None).unwrap_err()] {
+            let error = error.to_string();
+            assert!(error.starts_with("failed to follow the link `"), "{error}");
+        }
     }
 
     #[test]

@@ -159,6 +159,12 @@ impl Population {
         widest
     }
 
+    /// Whether messages can be unavailable at some steps for anybody, for lack of availability or budget.
+    pub fn can_withhold(&self, environment: &Environment) -> bool {
+        let widest = self.widest(environment);
+        widest.availability < 1.0 || widest.can_spend_budget()
+    }
+
     /// The environment with the smallest or largest values that participants can have.
     pub(super) fn extreme(&self, environment: &Environment, extreme: Extreme) -> Environment {
         let mut with = environment.clone();

@@ -23,6 +23,8 @@ const LOOK: Duration = Duration::from_millis(20);
 const GRACE: Duration = Duration::from_secs(2);
 /// Time for a program to end after it broke the protocol.
 const SHORT_GRACE: Duration = Duration::from_millis(500);
+const KILLED: &str = "was ended by signal 9 (SIGKILL, as systems send it when memory is short)";
+
 /// Time in which a stop may follow the end of a program. A batch system signals all processes of a job at
 /// once, and a program may end before jitai has noticed the signal.
 const STOP_FOLLOWS: Duration = Duration::from_millis(200);
@@ -165,6 +167,7 @@ impl Program {
         let end = match self.status.filter(|_| by_itself) {
             Some(status) => match (status.code(), status.signal()) {
                 (Some(code), _) => format!("exited with code {code}"),
+                (None, Some(9)) => KILLED.to_owned(),
                 (None, Some(signal)) => format!("was ended by signal {signal}"),
                 (None, None) => "ended".to_owned(),
             },

@@ -147,6 +147,11 @@ impl FaultList {
         self.list.is_empty()
     }
 
+    /// The faults that were kept.
+    pub fn iter(&self) -> impl Iterator<Item = &Fault> {
+        self.list.iter()
+    }
+
     /// The messages of the faults that were kept.
     pub fn messages(&self) -> impl Iterator<Item = &str> {
         self.list.iter().map(Fault::message)
@@ -157,6 +162,16 @@ impl FaultList {
         let line = |fault: &Fault| fault.span.map(|span| source.position(span.start).line);
         let taken: std::collections::HashSet<_> = others.list.iter().map(line).collect();
         self.list.retain(|fault| !taken.contains(&line(fault)));
+    }
+
+    /// Replaces the faults that begin on a line of one of `explanations` by this one.
+    pub fn explain(&mut self, explanations: FaultList, source: &Source) {
+        let line = |fault: &Fault| fault.span.map(|span| source.position(span.start).line);
+        let faulty: std::collections::HashSet<_> = self.list.iter().map(line).collect();
+        let mut known = explanations;
+        known.list.retain(|fault| faulty.contains(&line(fault)));
+        self.retain_off_lines_of(&known, source);
+        self.append(known);
     }
 
     /// Traces the faults of a changed text back to their positions in the original text.

@@ -101,6 +101,13 @@ impl<'m> Grid<'m> {
         })
     }
 
+    /// The environments of the cells that are not excluded, with their populations; each pair once.
+    pub(super) fn settings(&self) -> impl Iterator<Item = (Environment, Population)> + use<'_, 'm> {
+        let axes: Vec<_> = self.environment.iter().chain(&self.population).copied().collect();
+        let cells = self.projected(&self.concerned(&axes));
+        cells.map(|cell| (self.environment(&cell), self.population(&cell)))
+    }
+
     /// Whether the parameter has several values.
     pub(super) fn is_swept(&self, parameter: Parameter) -> bool {
         self.manifest.length(self.agent, parameter) > 1
@@ -125,7 +132,7 @@ impl<'m> Grid<'m> {
     }
 
     /// The cells that are not excluded, with the first place on every axis that is not concerned.
-    fn projected(&self, concerned: &[bool]) -> impl Iterator<Item = Cell> {
+    fn projected(&self, concerned: &[bool]) -> impl Iterator<Item = Cell> + use<'_, 'm> {
         let length = |(axis, concerned): (&Axis, &bool)| if *concerned { axis.length } else { 1 };
         let lengths: Vec<usize> = self.axes.iter().zip(concerned).map(length).collect();
         let first = Cell(vec![0; lengths.len()]);

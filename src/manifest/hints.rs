@@ -2,11 +2,16 @@
 
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
-use std::{env, fs, iter};
+use std::{env, fs};
 
+use super::analysis::Analysis;
+use super::analysis_kind::AnalysisKind;
+use super::condition::Condition;
 use super::declared::{DeclaredAgent, Manifest};
+use super::fault::Fault;
 use super::grid::Grid;
 use super::printable;
+use super::repair::decimal_lists;
 use super::written::share;
 use crate::agent::{Constraint, UNAVAILABLE, Violation};
 use crate::key::{Key, Parameter, Value};
@@ -27,6 +32,13 @@ pub fn hints(manifest: &Manifest) -> Vec<String> {
         hints.extend(few_rollouts(manifest, place));
         hints.extend(missing_programs(manifest, agent));
     }
+    hints.extend(manifest.analyses.iter().flat_map(|one| long_windows(manifest, one)));
+    let lists = decimal_lists(&manifest.source);
+    let hint = |list: &Fault| {
+        let remedy = list.hint().unwrap_or_default();
+        format!("a comma between digits separates two values; if it is a decimal comma, {remedy}")
+    };
+    hints.extend(lists.iter().map(hint));
     hints
 }
 
@@ -42,6 +54,32 @@ fn large_sigma(manifest: &Manifest) -> Option<String> {
          feature says next to nothing; {large} % is written {}",
         share(large)
     ))
+}
+
+/// Hints for agents whose training is shorter than the window of a learning curve.
+fn long_windows(manifest: &Manifest, analysis: &Analysis) -> Vec<String> {
+    let AnalysisKind::LearningCurve { window } = analysis.kind else { return Vec::new() };
+    let is_analysed = |agent: &&DeclaredAgent| {
+        let names = |condition: &Condition| match condition {
+            Condition::AgentName(names) => names.contains(&agent.name),
+            Condition::Scenario(_) | Condition::Seed(_) | Condition::Key { .. } => true,
+        };
+        analysis.conditions.iter().all(names)
+    };
+    let short = manifest.agents.iter().filter(is_analysed).filter_map(|agent| {
+        let values = agent.parameters.get("episodes")?;
+        let most = values.iter().max_by(by_size)?;
+        let Value::Integer(most) = most else { return None };
+        (*most < u64::from(window)).then(|| {
+            format!(
+                "`window` = {window} of analysis {} is longer than the training of agent {} (`episodes` = \
+                 {most}), whose lines stay empty",
+                printable(&analysis.name),
+                printable(&agent.name),
+            )
+        })
+    });
+    short.collect()
 }
 
 /// A hint for a budget of PPO that ends after a few rollouts.
@@ -200,11 +238,7 @@ const CONDITIONAL: &[Conditional] = &[
         has_effect: |manifest, agent| {
             let place = manifest.agents.iter().position(|other| other.name == agent.name);
             let grid = Grid::of(manifest, place.expect("the agent is declared"));
-            let mut cells = iter::successors(grid.first(), |cell| grid.after(cell));
-            cells.any(|cell| {
-                let widest = grid.population(&cell).widest(&grid.environment(&cell));
-                widest.availability < 1.0 || widest.can_spend_budget()
-            })
+            grid.settings().any(|(environment, population)| population.can_withhold(&environment))
         },
         says: "where a message can be sent at every step",
     },
@@ -383,6 +417,33 @@ mod tests {
         );
         assert!(ppo("episodes = 800").is_empty());
         assert_eq!(ppo("episodes = 800\nlanes = [16, 32]").len(), 1);
+    }
+
+    #[test]
+    fn a_window_longer_than_the_training_leaves_a_line_empty() {
+        let hints = |episodes: &str, analysis: &str| {
+            let agent = format!("algorithm = \"reinforce\"\nepisodes = {episodes}\n{analysis}");
+            hints_of("sigma = 0.4", &agent)
+        };
+        let curve = "[[analysis]]\nname = \"c\"\nkind = \"learning_curve\"\nwindow = 500";
+        let [hint] = &hints("[20, 499]", curve)[..] else { panic!() };
+        let longer = "`window` = 500 of analysis c is longer than the training of agent a \
+                      (`episodes` = 499), whose lines stay empty";
+        assert_eq!(hint, longer);
+        assert!(hints("[20, 500]", curve).is_empty());
+        assert_eq!(hints("20", "").len(), 1, "the default figure has a window, too");
+    }
+
+    #[test]
+    fn a_comma_between_digits_may_be_a_decimal_comma() {
+        let rule = "algorithm = \"rule\"\nrule = \"random\"";
+        let [hint] = &hints_of("sigma = [40,5, 6]", rule)[1..] else { panic!() };
+        assert!(hint.ends_with("if it is a decimal comma, write sigma = [40.5, 6]"), "{hint}");
+        for plain in
+            ["sigma = [0,5]", "sigma = [1, 2, 3]", "sigma = [0,1,2]", "sigma = [0.1,0.2, 0.3]"]
+        {
+            assert!(hints_of(plain, rule).is_empty(), "{plain}");
+        }
     }
 
     #[test]

@@ -8,7 +8,7 @@ use super::declared::Manifest;
 use super::document::{Document, document};
 use super::fault::{Fault, FaultList, Faults};
 use super::read::newer_format;
-use super::repair::{Repaired, repaired};
+use super::repair::{Repaired, decimal_lists, repaired};
 use super::source::{Source, Span};
 use super::sweep::Reader;
 use super::{check, complete};
@@ -93,6 +93,7 @@ pub(super) fn read_text(path: &str, text: &str) -> Result<Checked, Faults> {
     let manifest = complete::complete(&mut draft, path, text, &mut faults);
     let (manifest, lost) = check::check(&draft, manifest, &mut faults);
     if repaired.is_none() {
+        faults.explain(decimal_lists(text), &Source::new(text));
         return Ok((manifest, faults, lost));
     }
     lost.into_iter().for_each(|(_, lost)| faults.append(lost));
@@ -103,6 +104,7 @@ pub(super) fn read_text(path: &str, text: &str) -> Result<Checked, Faults> {
 fn in_original(mut faults: FaultList, repaired: Option<Repaired>, text: &str) -> FaultList {
     let Some(Repaired { edits, slips, erased, .. }) = repaired else { return faults };
     faults.trace(&edits);
+    faults.explain(decimal_lists(text), &Source::new(text));
     faults.retain_off_lines_of(&erased, &Source::new(text));
     faults.append(slips);
     faults.append(erased);

@@ -262,7 +262,7 @@ fn value_slip(line: &str, start: usize, place: usize, broken: &Broken) -> Option
     let key = equals.map(|at| written[..at].trim()).filter(|key| !key.is_empty());
     let unrepaired = Some(broken.fault.clone());
     if let Some((put, fault)) = meant(key, value, span, broken) {
-        return Some(Slip { span, put, fault: Some(fault), unrepaired, found_on });
+        return Some(Slip { span, put, fault, unrepaired, found_on });
     }
     // Without its key, or in a list of several lines, a value cannot be erased.
     key.filter(|_| !broken.breaks_structure)?;
@@ -291,8 +291,13 @@ fn unclosed(text: &str, starts: &[usize], place: usize) -> Option<Slip> {
     Some(Slip { span, put, fault: Some(fault), unrepaired: None, found_on: place + 1 })
 }
 
-/// The value in TOML that a slip means, and the fault.
-fn meant(key: Option<&str>, value: &str, span: Span, broken: &Broken) -> Option<(String, Fault)> {
+/// The value in TOML that a slip means, and the fault, unless the value itself is one.
+fn meant(
+    key: Option<&str>,
+    value: &str,
+    span: Span,
+    broken: &Broken,
+) -> Option<(String, Option<Fault>)> {
     let named = key.map_or(String::new(), |key| format!("`{key}`: "));
     let write = |put: &str| match key {
         Some(key) => format!("write {key} = {put}"),
@@ -300,7 +305,7 @@ fn meant(key: Option<&str>, value: &str, span: Span, broken: &Broken) -> Option<
     };
     let fault = |says: &str, put: String| {
         let fault = Fault::at(span, format!("{named}{says}")).help(write(&put));
-        Some((put, fault))
+        Some((put, Some(fault)))
     };
     if let Some(straight) = straight_quotes(value) {
         let put = key.and_then(|_| list(&straight)).unwrap_or(straight);
@@ -309,7 +314,7 @@ fn meant(key: Option<&str>, value: &str, span: Span, broken: &Broken) -> Option<
     let key = key?;
     if value.starts_with('{') {
         let put = decimal_points(value).filter(|_| broken.breaks_structure)?;
-        return fault("a decimal comma; numbers have a decimal point", put);
+        return fault(DECIMAL_COMMA, put);
     }
     if let Some(inner) = value.strip_prefix('(').and_then(|rest| rest.strip_suffix(')')) {
         return fault("parentheses; lists have square brackets", format!("[{}]", quoted(inner)));
@@ -328,9 +333,7 @@ fn meant(key: Option<&str>, value: &str, span: Span, broken: &Broken) -> Option<
     }
     if !commas.is_empty() && !broken.breaks_structure {
         return match decimal_points(value).filter(|_| !takes_whole_numbers(key)) {
-            Some(put) if commas.len() == 1 => {
-                fault("a decimal comma; numbers have a decimal point", put)
-            }
+            Some(put) if put.parse::<f64>().is_ok() => fault(DECIMAL_COMMA, put),
             Some(put) if list(&put).is_some() => {
                 fault("decimal commas in a list without brackets", list(&put)?)
             }
@@ -344,6 +347,9 @@ fn meant(key: Option<&str>, value: &str, span: Span, broken: &Broken) -> Option<
         return fault("a number needs a digit on both sides of its point", put);
     }
     let numbers: Vec<&str> = value.split_whitespace().collect();
+    if is_grouped(&numbers) {
+        return fault("spaces within a number", numbers.concat());
+    }
     if numbers.len() > 1 && numbers.iter().all(|number| number.parse::<f64>().is_ok()) {
         return fault("a list without brackets and commas", format!("[{}]", numbers.join(", ")));
     }
@@ -355,12 +361,67 @@ fn meant(key: Option<&str>, value: &str, span: Span, broken: &Broken) -> Option<
         }
     }
     if let word @ ("True" | "TRUE" | "False" | "FALSE") = value {
-        return fault("true and false have lower-case letters", word.to_lowercase());
+        let word = word.to_lowercase();
+        // A key of another kind takes neither.
+        let is_of_another = takes(key, |kind| kind != Kind::Flag);
+        return match is_of_another {
+            true => Some((word, None)),
+            false => fault("true and false have lower-case letters", word),
+        };
     }
     let is_word = |c: char| c.is_alphanumeric() || "_-.".contains(c);
     let starts = value.starts_with(char::is_alphabetic) && value.chars().all(is_word);
-    starts.then(|| (format!("\"{value}\""), broken.fault.clone()))
+    starts.then(|| (format!("\"{value}\""), Some(broken.fault.clone())))
 }
+
+/// Whether these are the parts of one number with spaces between its thousands.
+fn is_grouped(parts: &[&str]) -> bool {
+    let [first, rest @ ..] = parts else { return false };
+    let are_digits = |part: &&str| part.bytes().all(|byte| byte.is_ascii_digit());
+    let is_begun = (1..=3).contains(&first.len()) && !first.starts_with('0');
+    let is_group = |part: &&str| part.len() == 3 && are_digits(part);
+    !rest.is_empty() && is_begun && are_digits(first) && rest.iter().all(is_group)
+}
+
+/// Lists that TOML can read, but whose author probably wrote decimal commas, as in `[0,4, 0,6]`: some commas
+/// stand between digits, and some before a space. One fault for each; they are slips only if something is
+/// wrong with the values.
+pub(super) fn decimal_lists(text: &str) -> FaultList {
+    let mut found = FaultList::default();
+    for (start, line) in lines(text) {
+        let written = &line[..comment(line)];
+        let Some((key, value)) = written.split_once('=') else { continue };
+        let (key, from) = (key.trim(), written.len() - value.trim_start().len());
+        let value = value.trim();
+        // One comma between digits separates two values, as in `[0,5]`.
+        let is_list = value.starts_with('[') && value.matches(',').count() > 1;
+        let put = decimal_points(value).filter(|_| is_list);
+        let Some(put) = put.filter(|_| !takes_whole_numbers(key)) else { continue };
+        let items = put.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
+        let is_number = |item: &str| item.trim().is_empty() || item.trim().parse::<f64>().is_ok();
+        if !items.is_some_and(|items| items.split(',').all(is_number)) {
+            continue;
+        }
+        let span = Span { start: start + from, end: start + from + value.len() };
+        let fault = Fault::at(span, format!("`{key}`: {DECIMAL_COMMA}"));
+        found.add(fault.help(format!("write {key} = {put}")));
+    }
+    found
+}
+
+/// The slip in a value that an option gives to a key; `None` if it is TOML or a text.
+pub(super) fn slip(key: &str, value: &str) -> Option<Fault> {
+    if value.starts_with(char::is_alphabetic) {
+        return None;
+    }
+    let text = format!("{key} = {value}\n");
+    let slips = repaired(&text)?.slips;
+    let first = slips.iter().next()?;
+    let fault = Fault::whole(first.message());
+    Some(first.hint().map_or(fault.clone(), |hint| fault.help(hint)))
+}
+
+const DECIMAL_COMMA: &str = "a decimal comma; numbers have a decimal point";
 
 /// The characters outside of straight quotes, with their offsets.
 fn outside(text: &str) -> impl Iterator<Item = (usize, char)> {

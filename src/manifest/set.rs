@@ -16,6 +16,7 @@ use super::edits::Edits;
 use super::fault::{Fault, Faults, nearest};
 use super::load::{load, parse, read_text};
 use super::parameter::parameters;
+use super::repair::slip;
 use super::source::{Source, printable};
 use crate::agent::free_key;
 use crate::key::Parameter;
@@ -148,7 +149,14 @@ fn with<'s>(manifest: &Manifest, overrides: &'s [Override]) -> Result<Edited<'s>
     let mut edited =
         Edited { text: manifest.source.clone(), edits: Edits::default(), options: Vec::new() };
     for set in overrides {
-        match place(manifest, set)? {
+        let place = place(manifest, set)?;
+        if !matches!(place, Place::Top("name" | "question" | "hypothesis"))
+            && let Some(slip) = slip(short_name(&set.key), &set.value)
+        {
+            let fault = Fault::whole(format!("--set {set}: {}", slip.message()));
+            return Err(slip.hint().map_or(fault.clone(), |hint| fault.help(hint)));
+        }
+        match place {
             Place::Top(key) => put(document.as_table_mut(), key, set.value_of(key)),
             Place::Section(section, key) => {
                 let table = document.entry(section).or_insert_with(|| Item::Table(Table::new()));

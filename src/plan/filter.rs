@@ -44,6 +44,12 @@ pub enum FilterError {
         printable(.0)
     )]
     Form(String),
+    /// A comma within a number.
+    #[error(
+        "`{}`: a decimal comma, or a list; write `{}` for one number, and `{}` for either value",
+        printable(.0), printable(&.0.replace(',', ".")), printable(&.0.replace(',', "|"))
+    )]
+    DecimalComma(String),
     /// No parameter has the name.
     #[error(
         "no job has a parameter `{}`{}; similar names are {known}",
@@ -110,6 +116,12 @@ impl FromStr for Filter {
             Ok(Term::written(name.to_owned(), values))
         };
         let parts = split(text, ',').ok_or_else(|| FilterError::Form(text.to_owned()))?;
+        let is_number = |part: &str| part.trim().parse::<f64>().is_ok();
+        if let Some(at) = parts.iter().position(|part| is_number(part)).filter(|at| *at > 0)
+            && parts[at - 1].split_once('=').is_some_and(|(_, value)| is_number(value))
+        {
+            return Err(FilterError::DecimalComma(parts[at - 1..=at].join(",")));
+        }
         Ok(Filter(parts.into_iter().map(condition).collect::<Result<_, _>>()?))
     }
 }

@@ -72,7 +72,5 @@ pub struct Section<'e> {
 
 /// The jobs of all experiments, each counted once.
 pub fn all_jobs(experiments: &[&ReportedExperiment]) -> JobCounts {
-    let mut seen = std::collections::HashSet::new();
-    let jobs = experiments.iter().flat_map(|experiment| &experiment.jobs);
-    JobCounts::of(jobs.filter(|job| seen.insert(job.job_key)))
+    JobCounts::of(experiments.iter().flat_map(|experiment| &experiment.jobs))
 }

@@ -9,9 +9,7 @@ use std::time::Duration;
 use super::Queued;
 use crate::manifest::Manifest;
 use crate::plan::{self, Filter, FilterError, JobKey, PlannedJob, Shard};
-
-/// The number of jobs whose states are read at once.
-const ASKED_TOGETHER: usize = 1000;
+use crate::store::JobStates;
 
 /// A selection of jobs from at least one manifest.
 pub struct Selection<'a> {
@@ -100,7 +98,7 @@ impl<'a> Selection<'a> {
                 self.jobs(manifest).map(|planned| (planned.form.key(), planned)).peekable();
             while jobs.peek().is_some() {
                 let mut new = Vec::new();
-                for (key, planned) in jobs.by_ref().take(ASKED_TOGETHER) {
+                for (key, planned) in jobs.by_ref().take(JobStates::TOGETHER) {
                     match places.entry(key) {
                         Entry::Vacant(place) => {
                             place.insert(None);

@@ -40,9 +40,6 @@ impl Parts {
     }
 }
 
-/// The number of jobs whose states are read at once.
-const JOBS_PER_QUESTION: usize = 1000;
-
 impl Reader {
     /// The jobs of a manifest with their status and results, in the manifest's order.
     pub fn data_set(&self, manifest: &Manifest, parts: Parts) -> Result<DataSet, StoreError> {
@@ -64,7 +61,7 @@ impl Reader {
         let mut jobs = Vec::new();
         loop {
             let first = jobs.len();
-            jobs.extend(planned.by_ref().take(JOBS_PER_QUESTION).map(|planned| {
+            jobs.extend(planned.by_ref().take(JobStates::TOGETHER).map(|planned| {
                 let key = planned.form.key();
                 JobRecord::sharing(&mut shared, &planned, key, JobStatus::Pending)
             }));

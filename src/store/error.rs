@@ -104,7 +104,7 @@ pub enum StoreError {
     },
     /// The file or its folder cannot be opened.
     #[error(
-        "cannot open `{}`: {reason}; check the permissions of the file and its folder",
+        "cannot open `{}`: {reason}; check the path, and the permissions of the file and its folder",
         .path.display()
     )]
     CannotOpen {

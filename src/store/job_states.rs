@@ -20,6 +20,9 @@ pub struct JobStates<'r> {
 }
 
 impl<'r> JobStates<'r> {
+    /// The number of jobs to ask for at once.
+    pub const TOGETHER: usize = 1000;
+
     /// The states of the jobs of this store.
     pub fn of(reader: &'r Reader) -> JobStates<'r> {
         JobStates { reader, asked: 0, tried: None }

@@ -45,6 +45,12 @@ pub enum QueryError {
         /// The name.
         name: String,
     },
+    /// The view is newer than the store.
+    #[error("the store is of an earlier version, without the view {view}; `jitai run` adds it")]
+    LaterView {
+        /// The view.
+        view: String,
+    },
     /// An error in the SQL at a known place.
     #[error("{message} at line {line}, column {column}\n  {text}\n  {:>column$}{help}", "^")]
     Sql {
@@ -168,7 +174,11 @@ impl Reader {
             Error::SqlInputError { msg, .. } | Error::SqliteFailure(_, Some(msg))
                 if msg.starts_with(NO_SUCH_TABLE) =>
             {
-                QueryError::NoSuchTable { name: msg[NO_SUCH_TABLE.len()..].to_owned() }
+                let name = msg[NO_SUCH_TABLE.len()..].to_owned();
+                match VIEWS.iter().any(|view| view.eq_ignore_ascii_case(&name)) {
+                    true => QueryError::LaterView { view: name },
+                    false => QueryError::NoSuchTable { name },
+                }
             }
             Error::SqlInputError { msg, offset, .. } => {
                 let (line, column, text) = place(sql, usize::try_from(offset).unwrap_or(0));

@@ -2,7 +2,7 @@
 
 use std::io;
 
-use crate::agent::{OutOfMemory, StepObserver, Unavailable, certain, reserve};
+use crate::agent::{OutOfMemory, StepObserver, Unavailable, reserve};
 use crate::env::{Action, ActionProbabilities, EpisodeStatus, PhysicalActivity, VectorEnvironment};
 use crate::record::{Decision, ParticipantValue, Phase};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
@@ -87,10 +87,8 @@ impl StepObserver<PhysicalActivity> for DecisionLog {
             let draw = lanes.context(lane);
             let shown = lanes.parameters().observed_probability;
             let zero = draw.probability_of_zero;
-            let (chosen, probabilities) = match self.unavailable.chooses(lanes, lane) {
-                true => (actions[lane], probabilities[lane]),
-                false => (Action::NONE, certain(Action::NONE)),
-            };
+            let choice = (actions[lane], probabilities[lane]);
+            let (chosen, probabilities) = self.unavailable.choice(lanes, lane, choice);
             let episode = self.episode(lane, step);
             if step == 0 && self.phase == Phase::Train {
                 let phase = self.phase;

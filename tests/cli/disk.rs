@@ -96,7 +96,7 @@ fn a_disk_that_cannot_be_written_is_refused_before_any_training() {
     let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
     let Some(disk) = Disk::mount(&folder, "size=10m") else { return };
     disk.remount("ro");
-    folder.jitai(RUN).ended(3).says("disk/jitai.sqlite").says("check the permissions of the file");
+    folder.jitai(RUN).ended(3).says("disk/jitai.sqlite").says("the permissions of the file");
     disk.remount("rw");
     folder.jitai(RUN).succeeded();
     disk.remount("ro");

@@ -272,7 +272,11 @@ fn every_fault_of_a_program_is_a_failure_with_its_reason() {
             "exited with code 3 in training, after 0 episodes",
         ),
         ("ready; begin; step; echo oops >&2; exit 3", "standard error ends with: oops"),
-        ("ready; kill -s KILL $$", "was ended by signal 9 in training"),
+        (
+            "ready; kill -s KILL $$",
+            "was ended by signal 9 (SIGKILL, as systems send it when memory is short) in training",
+        ),
+        ("ready; kill -s TERM $$", "was ended by signal 15 in training"),
         ("exit 0", "exited with code 0 before training, where \"ready\" was expected"),
         (&acting("x").replace("; say 'x'; hear", "; exit 5"), "exited with code 5 in the test"),
         ("ready; exec >&-; sleep 60", "closed its standard output in training"),

@@ -85,6 +85,9 @@ fn every_reading_command_works_on_an_old_store_and_leaves_it_as_it_is() {
         ORDER BY agent, seed";
     let means = folder.jitai(["query", query, "--format", "csv"]).succeeded();
     assert_eq!(means.stdout, format!("job_key,mean_return\n{MEAN_RETURNS}"));
+    let newer = folder.jitai(["query", "SELECT * FROM decision"]).ended(2);
+    newer
+        .says("the store is of an earlier version, without the view decision; `jitai run` adds it");
     folder.jitai(["doctor"]).succeeded().prints("is healthy: 7 completed runs");
 
     let exported = folder.jitai(["export", "--out", "exported"]).succeeded();

@@ -211,6 +211,8 @@ fn a_wrong_filter_is_refused_with_what_there_is() {
             let wrong = folder.jitai([verb, "sweep.toml", "--filter", form]).ended(2);
             wrong.says("expected `name=value`");
         }
+        let comma = folder.jitai([verb, "sweep.toml", "--filter", "sigma=0,6"]).ended(2);
+        comma.says("write `sigma=0.6` for one number, and `sigma=0|6` for either value");
         let nobody = folder.jitai([verb, "sweep.toml", "--filter", "sigma=0.6,agent=dqm"]).ended(2);
         nobody
             .says("no job with sigma=0.6 has agent=dqm, did you mean dqn?; its values: dqn, reinf");
@@ -309,6 +311,17 @@ fn set_gives_keys_other_values_and_the_store_keeps_the_text() {
     refused.says("sweep.toml: --set siggma=1: no key `siggma`").says("did you mean `sigma`?");
     let refused = folder.jitai(["plan", "sweep.toml", "--set", "dqn.episodes=7"]).ended(2);
     refused.says("did you mean `agent.dqn.episodes`?");
+    for (set, told) in [
+        ("sigma=0,4", "`sigma`: a decimal comma; numbers have a decimal point"),
+        ("sigma=0.4,0.6", "write sigma = [0.4, 0.6]"),
+        ("sigma=[0,4, 0,6]", "write sigma = [0.4, 0.6]"),
+        ("agent.episodes=1 000", "write episodes = 1000"),
+    ] {
+        let refused = folder.jitai(["plan", "sweep.toml", "--set", set]).ended(2);
+        refused.says(&format!("--set {set}")).says(told);
+    }
+    folder.jitai(["plan", "sweep.toml", "--set", "sigma=[1,2]"]).succeeded();
+    folder.jitai(["plan", "sweep.toml", "--set", "question=1, 2 or 3"]).succeeded();
     let refused = folder.jitai(["plan", "sweep.toml", "--set", "sigma"]).ended(2);
     refused.says("expected a key, an equals sign and a value");
 }

@@ -469,12 +469,17 @@ mod parquet {
 #[test]
 fn tables_show_numbers_as_people_read_them_and_other_formats_every_digit() {
     let folder = completed();
-    let query = ["query", "SELECT 0.1 + 0.2 AS sum, 1.0 / 3 AS third, 12345678901234.5 AS large"];
+    let query = [
+        "query",
+        "SELECT 0.1 + 0.2 AS sum, 1.0 / 3 AS third, 12345678901234.5 AS large, \
+        1e-20 AS small",
+    ];
     let table = folder.jitai(query).succeeded().stdout;
     let words: Vec<&str> = table.lines().nth(1).unwrap().split_whitespace().collect();
-    assert_eq!(words, ["0.3", "0.333333333333", "12345678901234.5"]);
+    assert_eq!(words, ["0.3", "0.333333333333", "12345678901234.5", "1e-20"]);
     let csv = folder.jitai(query.into_iter().chain(["--format", "csv"])).succeeded().stdout;
-    assert_eq!(csv, "sum,third,large\n0.30000000000000004,0.3333333333333333,12345678901234.5\n");
+    let all = "0.30000000000000004,0.3333333333333333,12345678901234.5,1e-20";
+    assert_eq!(csv, format!("sum,third,large,small\n{all}\n"));
     let json = folder.jitai(query.into_iter().chain(["--format", "json"])).succeeded().json();
     assert_eq!(json[0]["sum"], json!(0.1 + 0.2));
 }

@@ -96,6 +96,30 @@ fn every_step_tells_the_probability_of_its_action() {
 }
 
 #[test]
+fn a_step_without_a_message_shows_what_was_chosen_and_why_it_was_not_sent() {
+    let folder = Folder::new();
+    let set = ["--set", "availability=0.5", "--set", "message_budget=1", "--set", "horizon=12"];
+    let random = [&["--policy", "random", "--episodes", "20"][..], &set].concat();
+    let (mut unavailable, mut over_budget) = (0, 0);
+    let mut is_spent = false;
+    for step in steps(&folder, &random) {
+        let whole = |name: &str| step[name].as_i64().unwrap();
+        is_spent &= whole("step") > 0;
+        let can_send = whole("available") == 1 && !is_spent;
+        assert_eq!(whole("can_send"), i64::from(can_send), "{step}");
+        let (taken, probability) = if can_send { (whole("chosen_action"), 0.25) } else { (0, 1.0) };
+        assert_eq!(whole("action"), taken, "{step}");
+        assert_eq!(step["action_probability"], probability, "{step}");
+        if !can_send && whole("chosen_action") != 0 {
+            unavailable += usize::from(whole("available") == 0);
+            over_budget += usize::from(is_spent);
+        }
+        is_spent |= taken != 0;
+    }
+    assert!(unavailable > 10 && over_budget > 10, "{unavailable} {over_budget}");
+}
+
+#[test]
 fn a_rule_knows_what_its_scenario_shows() {
     let folder = Folder::new();
     let certain = steps(&folder, &["--policy", "tailored", "--scenario", "C", "--set", "sigma=2"]);

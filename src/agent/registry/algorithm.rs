@@ -47,8 +47,7 @@ impl Task<'_> {
 
     /// Whether messages can be unavailable at some steps for anybody, for lack of availability or budget.
     pub fn can_withhold(&self) -> bool {
-        let widest = self.population.widest(self.environment);
-        widest.availability < 1.0 || widest.can_spend_budget()
+        self.population.can_withhold(self.environment)
     }
 
     /// The simulation for training, with this number of lanes.

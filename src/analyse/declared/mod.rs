@@ -31,6 +31,8 @@ pub use reproduction::{Comparison, Distance, Reproduction, Subject, reproduce};
 pub use selection::{Candidate, Ranking};
 pub use summary::{AgentSummary, ArmSummary, share_of_optimum, summarise_agents, summarise_arms};
 
+use std::collections::HashSet;
+
 use crate::manifest::{Analysis, AnalysisKind, ParticipantRange, Published};
 use crate::record::{JobRecord, JobStatus};
 
@@ -100,10 +102,11 @@ pub struct JobCounts {
 }
 
 impl JobCounts {
-    /// Counts jobs by state.
+    /// Counts jobs by state; agents with equal content share a job, which counts once.
     pub fn of<'j>(jobs: impl IntoIterator<Item = &'j JobRecord>) -> JobCounts {
         let mut counts = JobCounts::default();
-        for job in jobs {
+        let mut seen = HashSet::new();
+        for job in jobs.into_iter().filter(|job| seen.insert(job.job_key)) {
             *match job.status {
                 JobStatus::Completed(_) => &mut counts.completed,
                 JobStatus::Failed(_) => &mut counts.failed,

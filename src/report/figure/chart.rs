@@ -109,7 +109,7 @@ fn draw_one(
     }
     if chart.lines.iter().all(|line| line.points.is_empty()) {
         let at = (frame.left + frame.width / 2.0, frame.top + frame.height / 2.0);
-        let words = "no completed jobs yet";
+        let words = "nothing to draw yet";
         marks.push(text(at, words, (TEXT, Weight::Regular), FAINT, Anchor::Middle).into());
     }
     // Points are drawn above all lines. Filled points are drawn above hollow points, which are

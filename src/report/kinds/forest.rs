@@ -61,7 +61,7 @@ fn words(row: &ContrastRow, metric: &str) -> String {
     let difference = amount(difference, metric);
     match row.corrected {
         Ok(p) => format!("{difference}, p {}", related(p.holm)),
-        Err(_) => difference,
+        Err(_) => format!("{difference}, no p"),
     }
 }
 
