@@ -206,12 +206,12 @@ pub mod findings {
 /// Statistics over seeds: pure functions of samples.
 pub mod statistics {
     pub use crate::analyse::{
-        Aggregate, Agreement, Contrast, Corrected, Design, DuplicateSeed, Estimate, FEW_SEEDS,
-        HedgesG, Improvement, Interval, LEVEL, Likeness, Lost, MOST_ARRANGEMENTS, Moments, POWER,
-        RESAMPLES, Recovered, Sample, TTest, Tests, Undefined, Verdict, agreement, correct,
-        detectable, hedges_g, improvement, interquartile_mean, lower_quartile, mean_and_sd,
-        mean_interval, moving_mean, paired_detectable, paired_hedges_g, paired_improvement,
+        Aggregate, Agreement, Contrast, Corrected, Design, Detectable, DuplicateSeed, Estimate,
+        FEW_SEEDS, HedgesG, Improvement, Interval, LEVEL, Likeness, Lost, MOST_ARRANGEMENTS,
+        Moments, POWER, RESAMPLES, Recovered, Sample, TTest, Undefined, Verdict, agreement,
+        correct, detectable, hedges_g, improvement, interquartile_mean, lower_quartile,
+        mean_and_sd, mean_interval, moving_mean, paired_hedges_g, paired_improvement,
         paired_permutation_p, paired_t_test, permutation_p, quantile, recovered, student_t_test,
-        welch_t_test,
+        t_test, unpaired_t_test,
     };
 }

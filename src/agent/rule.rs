@@ -3,10 +3,11 @@
 use std::io;
 
 use crate::agent::actor::Actor;
+use crate::agent::registry::Task;
 use crate::agent::unavailable::certain;
 use crate::env::{
-    Action, ActionProbabilities, Belief, Environment, EpisodeStatus, PhysicalActivity, Scenario,
-    VectorEnvironment,
+    Action, ActionProbabilities, Belief, Environment, EpisodeStatus, FirstContext,
+    PhysicalActivity, Scenario, VectorEnvironment,
 };
 use crate::key::{KeyType, Keyed, Kind};
 use crate::optimum::{NoOptimum, OptimalPolicy};
@@ -87,7 +88,7 @@ impl RulePolicy {
                 Choice::Optimal(Box::new(OptimalPolicy::new(environment, scenario)?))
             }
         };
-        Ok(RulePolicy { choice, belief: Belief::new(environment, scenario) })
+        Ok(RulePolicy { choice, belief: belief(rule, environment, scenario) })
     }
 
     /// This rule for a population in which `widest` has the most noise. If contexts are certain for
@@ -132,6 +133,28 @@ impl RulePolicy {
                 certain(action)
             }
         }
+    }
+}
+
+/// What the rule knows about the context. The threshold compares the probability that the scenario shows, also
+/// where the other steps leave no doubt: a fixed first context has the probability 0.5.
+fn belief(rule: &RuleParameters, environment: &Environment, scenario: &Scenario) -> Belief {
+    match rule.rule {
+        DecisionRule::Threshold if scenario.shows_probability_alone() => {
+            Belief::Inferred { sigma: environment.sigma }
+        }
+        _ => Belief::new(environment, scenario),
+    }
+}
+
+impl RuleParameters {
+    /// Whether the rule acts otherwise in the first step than earlier versions did.
+    pub(super) fn acts_otherwise(&self, task: &Task) -> bool {
+        let widest = task.population.widest(task.environment);
+        self.rule == DecisionRule::Threshold
+            && task.scenario.shows_probability_alone()
+            && widest.first_context == FirstContext::Fixed
+            && Belief::new(&widest, task.scenario) == Belief::Certain
     }
 }
 

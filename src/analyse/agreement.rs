@@ -3,7 +3,7 @@
 use super::interval::Interval;
 use super::moments::{Moments, vary};
 use super::student::t_of_p;
-use super::t_test::TTest;
+use super::t_test::{TTest, unpaired_t_test};
 use super::undefined::{Undefined, finite};
 
 /// A number with its uncertainty.
@@ -28,10 +28,23 @@ impl Estimate {
         Ok(Estimate { value: mean, standard_error, df: n as f64 - 1.0 })
     }
 
-    /// The difference that a t test compares with 0.
-    pub fn of_test(test: &TTest) -> Estimate {
-        let TTest { difference: value, standard_error, df, .. } = *test;
-        Estimate { value, standard_error, df }
+    /// The difference of the means of two independent arms, with Satterthwaite's degrees of freedom.
+    ///
+    /// **Errors**: fewer than two values in an arm, or no variance in either arm.
+    ///
+    /// **Source**: Welch, "The generalization of 'Student's' problem when several different population
+    /// variances are involved", 1947.
+    pub fn of_difference(first: &[f64], second: &[f64]) -> Result<Estimate, Undefined> {
+        let TTest { difference: value, standard_error, .. } = unpaired_t_test(first, second)?;
+        let part = |values: &[f64]| -> Result<(f64, f64), Undefined> {
+            let Moments { n, sd, .. } = Moments::of(values)?;
+            // Shares of the variance avoid fourth powers of deviations, which could overflow or underflow.
+            let share = (sd? / standard_error).powi(2) / n as f64;
+            Ok((share, n as f64 - 1.0))
+        };
+        let ((share_1, free_1), (share_2, free_2)) = (part(first)?, part(second)?);
+        let df = 1.0 / (share_1.powi(2) / free_1 + share_2.powi(2) / free_2);
+        Ok(Estimate { value, standard_error, df })
     }
 
     /// The estimate of a difference that is published with only the p value of its two-sided t
@@ -67,6 +80,8 @@ pub struct Agreement {
     pub interval: Interval,
     /// The verdict.
     pub verdict: Verdict,
+    /// The smallest margin within which two one-sided t tests at 5 % find the estimates equivalent.
+    pub equivalence_bound: f64,
 }
 
 /// Compares two independent estimates. The joint standard error is the root of the sum of squares;
@@ -83,12 +98,19 @@ pub fn agreement(first: &Estimate, second: &Estimate) -> Result<Agreement, Undef
     judged(first.value - second.value, (part_1 + part_2).sqrt(), df)
 }
 
+/// Level of each of the two one-sided tests.
+const ONE_SIDED: f64 = 0.05;
+
 /// The agreement for a difference with its joint standard error.
+///
+/// **Source**: Schuirmann, "A comparison of the two one-sided tests procedure and the power approach for
+/// assessing the equivalence of average bioavailability", 1987, for the equivalence bound.
 fn judged(difference: f64, standard_error: f64, df: f64) -> Result<Agreement, Undefined> {
     let difference = finite(difference)?;
     let interval = Interval::around(difference, finite(standard_error)?, df);
     let verdict = if interval.contains(0.0) { Verdict::Inside } else { Verdict::Outside };
-    Ok(Agreement { difference, interval, verdict })
+    let equivalence_bound = difference.abs() + t_of_p(2.0 * ONE_SIDED, df) * standard_error;
+    Ok(Agreement { difference, interval, verdict, equivalence_bound })
 }
 
 /// The uncertainty of a number that is published without one, on the assumption that its seeds vary

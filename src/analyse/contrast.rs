@@ -1,12 +1,13 @@
 //! One arm against another: every statistic that a table of contrasts shows.
 
+use std::collections::BTreeSet;
+
 use super::effect_size::{HedgesG, hedges_g, paired_hedges_g};
 use super::improvement::{Improvement, improvement, paired_improvement};
 use super::moments::Moments;
 use super::permutation::{paired_permutation_p, permutation_p};
-use super::power::{detectable, paired_detectable};
 use super::sample::Sample;
-use super::t_test::{TTest, paired_t_test, pooled_sd, student_t_test, welch_t_test};
+use super::t_test::{TTest, paired_t_test, student_t_test, unpaired_t_test};
 use super::undefined::{Undefined, finite};
 
 /// How the seeds of two arms are paired.
@@ -16,23 +17,6 @@ pub enum Design {
     Independent,
     /// Equal seeds form a pair; seeds that only one arm has are left out.
     Matched,
-}
-
-/// The t tests of a design.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Tests {
-    /// Tests of independent arms.
-    Independent {
-        /// Welch's test, which allows different variances: the test to report.
-        welch: Result<TTest, Undefined>,
-        /// Student's test, which assumes equal variances, as in the paper.
-        student: Result<TTest, Undefined>,
-    },
-    /// The test of matched seeds.
-    Matched {
-        /// The t test of the differences.
-        paired: Result<TTest, Undefined>,
-    },
 }
 
 /// The comparison of two arms. Differences are the first minus the second.
@@ -46,17 +30,38 @@ pub struct Contrast {
     pub means: Result<(f64, f64), Undefined>,
     /// Difference of the means.
     pub difference: Result<f64, Undefined>,
-    /// The t tests, with the interval of the difference.
-    pub tests: Tests,
+    /// The test to report, with the interval of the difference: the t test of the differences of matched seeds,
+    /// or [`unpaired_t_test`].
+    pub test: Result<TTest, Undefined>,
+    /// Student's test: of the differences of matched seeds, or of independent arms with equal variances, as in
+    /// the paper.
+    pub student: Result<TTest, Undefined>,
     /// Hedges' g: the difference in standard deviations.
     pub hedges_g: Result<HedgesG, Undefined>,
     /// Probability that the first arm's policy is better, if larger values are better.
     pub improvement: Result<Improvement, Undefined>,
     /// Exact p value of the difference over all arrangements of the seeds.
     pub permutation_p: Result<f64, Undefined>,
-    /// Smallest difference that a test with these numbers of seeds and this spread detects with
-    /// probability [`POWER`](super::POWER).
-    pub detectable: Result<f64, Undefined>,
+}
+
+impl Design {
+    /// The design of two arms: matched if both were given the same seeds, independent otherwise.
+    pub fn of(first: &Sample, second: &Sample) -> Design {
+        // A seed without a value is known by its number alone.
+        let all = first.seeds().iter().chain(second.seeds()).collect::<BTreeSet<_>>().len();
+        let is_shared = first.declared() == second.declared() && all <= first.declared();
+        if is_shared { Design::Matched } else { Design::Independent }
+    }
+}
+
+/// The test to report of two arms.
+///
+/// **Errors**: as [`paired_t_test`] and [`unpaired_t_test`], or no seed in common.
+pub fn t_test(first: &Sample, second: &Sample, design: Design) -> Result<TTest, Undefined> {
+    match design {
+        Design::Independent => unpaired_t_test(first.values(), second.values()),
+        Design::Matched => paired_t_test(&first.matched(second)?),
+    }
 }
 
 impl Contrast {
@@ -70,32 +75,20 @@ impl Contrast {
             },
         }
     }
-
-    /// The test to report: Welch's for independent arms, the paired t test for matched seeds.
-    pub fn test(&self) -> Result<TTest, Undefined> {
-        match self.tests {
-            Tests::Independent { welch, .. } => welch,
-            Tests::Matched { paired } => paired,
-        }
-    }
 }
 
 fn independent(first: &[f64], second: &[f64]) -> Contrast {
     let means = means(first, second);
-    let student = student_t_test(first, second);
-    // The detectable difference is defined only where the test is.
-    let shared_sd = student.and_then(|_| pooled_sd(first, second));
-    let in_units = || Ok(shared_sd? * detectable(first.len(), second.len())?);
     Contrast {
         design: Design::Independent,
         seeds: (first.len(), second.len()),
         means,
         difference: means.and_then(|(one, two)| finite(one - two)),
-        tests: Tests::Independent { welch: welch_t_test(first, second), student },
+        test: unpaired_t_test(first, second),
+        student: student_t_test(first, second),
         hedges_g: hedges_g(first, second),
         improvement: improvement(first, second),
         permutation_p: permutation_p(first, second),
-        detectable: in_units(),
     }
 }
 
@@ -103,20 +96,16 @@ fn matched(pairs: &[(f64, f64)]) -> Contrast {
     let (first, second): (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
     let means = means(&first, &second);
     let paired = paired_t_test(pairs);
-    let in_units = || {
-        let sd = paired?.standard_error * (pairs.len() as f64).sqrt();
-        Ok(sd * paired_detectable(pairs.len())?)
-    };
     Contrast {
         design: Design::Matched,
         seeds: (pairs.len(), pairs.len()),
         means,
         difference: means.and_then(|(one, two)| finite(one - two)),
-        tests: Tests::Matched { paired },
+        test: paired,
+        student: paired,
         hedges_g: paired_hedges_g(pairs),
         improvement: paired_improvement(pairs),
         permutation_p: paired_permutation_p(pairs),
-        detectable: in_units(),
     }
 }
 
@@ -126,11 +115,11 @@ fn nothing_matched(reason: Undefined) -> Contrast {
         seeds: (0, 0),
         means: Err(reason),
         difference: Err(reason),
-        tests: Tests::Matched { paired: Err(reason) },
+        test: Err(reason),
+        student: Err(reason),
         hedges_g: Err(reason),
         improvement: Err(reason),
         permutation_p: Err(reason),
-        detectable: Err(reason),
     }
 }
 

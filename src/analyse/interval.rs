@@ -38,6 +38,23 @@ impl Interval {
     }
 }
 
+/// Interval of the mean of shares, which stays between 0 and 1: Student's interval of the logit of the mean, whose
+/// standard error is that of the mean divided by m (1 - m).
+///
+/// **Errors**: fewer than two values, or values without variance.
+///
+/// **Source**: Agresti, "Categorical Data Analysis", 3rd ed., 2013, section 3.1, for the delta method.
+pub fn share_interval(values: &[f64]) -> Result<Interval, Undefined> {
+    let Moments { n, mean, sd } = Moments::of(values)?;
+    let standard_error = sd? / (n as f64).sqrt();
+    vary(standard_error, mean)?;
+    let logit = (mean / (1.0 - mean)).ln();
+    let error = standard_error / (mean * (1.0 - mean));
+    let Interval { low, high } = Interval::around(logit, error, n as f64 - 1.0);
+    let share = |logit: f64| 1.0 / (1.0 + (-logit).exp());
+    Ok(Interval { low: share(low), high: share(high) })
+}
+
 /// Interval of the mean: mean ± t(0.975, n - 1) sd / sqrt(n).
 ///
 /// **Errors**: fewer than two values, or values without variance.

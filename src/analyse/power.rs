@@ -1,9 +1,10 @@
-//! The smallest difference that a comparison with a given number of seeds can detect.
+//! Minimum detectable differences: what a test would have found with high probability.
 
-use super::interval::critical;
+use super::interval::{Interval, LEVEL};
 use super::noncentral::noncentral_t;
 use super::root::root;
-use super::undefined::{Undefined, at_least};
+use super::student::{chi_squared_of_p, t_of_p};
+use super::t_test::TTest;
 
 /// Probability with which the minimum detectable difference is detected.
 pub const POWER: f64 = 0.8;
@@ -14,31 +15,34 @@ pub const POWER: f64 = 0.8;
 /// precipice", 2021, on comparisons of fewer than ten runs.
 pub const FEW_SEEDS: usize = 10;
 
-/// The standardised difference (in pooled standard deviations) that Student's two-sided t test with
-/// these numbers of seeds detects with probability [`POWER`] at the level
-/// 1 - [`LEVEL`](super::LEVEL).
+/// A minimum detectable difference.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Detectable {
+    /// The difference, by the estimated standard error.
+    pub difference: f64,
+    /// Its interval: the standard error is an estimate, which few seeds leave uncertain.
+    pub interval: Interval,
+}
+
+/// The difference that a two-sided t test detects with probability [`POWER`] at this level, with as many seeds
+/// and with the standard error of the given test.
 ///
-/// **Errors**: fewer than two seeds in an arm.
+/// For [`unpaired_t_test`](super::unpaired_t_test) the power is [`POWER`] or more.
 ///
 /// **Source**: Cohen, "Statistical Power Analysis for the Behavioral Sciences", 1988; computed from
-/// the noncentral t distribution, without approximation.
-pub fn detectable(first: usize, second: usize) -> Result<f64, Undefined> {
-    at_least(2, first.min(second))?;
-    let scale = (1.0 / first as f64 + 1.0 / second as f64).sqrt();
-    Ok(detectable_shift((first + second - 2) as f64) * scale)
+/// the noncentral t distribution, without approximation. The interval is that of a standard deviation, from
+/// the chi-squared distribution.
+pub fn detectable(test: &TTest, level: f64) -> Detectable {
+    let shift = detectable_shift(test.df, level);
+    let difference = test.standard_error * shift;
+    let tail = (1.0 - LEVEL) / 2.0;
+    let end = |p: f64| difference * (test.df / chi_squared_of_p(p, test.df)).sqrt();
+    Detectable { difference, interval: Interval { low: end(1.0 - tail), high: end(tail) } }
 }
 
-/// As [`detectable`], for the paired t test, in standard deviations of the differences.
-///
-/// **Errors**: fewer than two pairs.
-pub fn paired_detectable(pairs: usize) -> Result<f64, Undefined> {
-    at_least(2, pairs)?;
-    Ok(detectable_shift((pairs - 1) as f64) / (pairs as f64).sqrt())
-}
-
-/// The shift of t that is detected with probability [`POWER`].
-fn detectable_shift(df: f64) -> f64 {
-    let bound = critical(df);
+/// The shift of t that is detected with probability [`POWER`] at this level.
+pub(super) fn detectable_shift(df: f64, level: f64) -> f64 {
+    let bound = t_of_p(level, df);
     let missed = |shift: f64| noncentral_t(bound, df, shift) - noncentral_t(-bound, df, shift);
     root(|shift| missed(shift) - (1.0 - POWER), (0.0, 10.0 + 2.0 * bound))
 }

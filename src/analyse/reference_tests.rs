@@ -113,13 +113,12 @@ fn contrasts_of_independent_and_of_matched_seeds() {
         let (first, second) = (sample(&first), sample(&second));
         let what = format!("{:?} against {:?}", first.values(), second.values());
         let ours = Contrast::new(&first, &second, Design::Independent);
-        let Tests::Independent { welch, student } = ours.tests else { panic!("{ours:?}") };
-        assert_t_test(student, &case["student"], &what);
-        assert_t_test(welch, &case["welch"], &what);
+        assert_t_test(ours.student, &case["student"], &what);
+        assert_t_test(ours.test, &case["unpaired"], &what);
         assert_effect(&ours, &case, "", &what);
         if !case["paired"].is_null() {
             let ours = Contrast::new(&first, &second, Design::Matched);
-            assert_t_test(ours.test(), &case["paired"], &what);
+            assert_t_test(ours.test, &case["paired"], &what);
             assert_effect(&ours, &case, "paired_", &what);
         }
     }
@@ -145,17 +144,34 @@ fn corrections_for_families_with_ties_and_with_undefined_tests() {
 
 #[test]
 fn minimum_detectable_differences_are_those_of_statsmodels() {
-    // The root search of statsmodels stops at a tolerance of about 1e-6; the last column is exact.
-    let near = |ours: f64, row: &[f64]| {
-        let [.., theirs, exact] = row else { panic!("{row:?}") };
-        assert!((ours - theirs).abs() <= 1e-5 * theirs, "{ours}, not {theirs}");
-        assert_near(ours, *exact, "minimum detectable difference");
-    };
-    for row in rows(&reference()["detectable"]["independent"]) {
-        near(detectable(row[0] as usize, row[1] as usize).unwrap(), &row);
+    for row in cases("detectable") {
+        let [n, level, exact, low, high] = [0, 1, 3, 4, 5].map(|at| number(&row[at]));
+        // With a standard error of 1, the difference is the shift.
+        let third = (3.0_f64).sqrt();
+        let values = [2.0 - third, 2.0, 2.0 + third];
+        let test = TTest { df: n - 1.0, ..paired_t_test(&values.map(|x| (x, 0.0))).unwrap() };
+        assert_near(test.standard_error, 1.0, "standard error");
+        let Detectable { difference, interval } = detectable(&test, level);
+        // The root search of statsmodels stops at a tolerance of about 1e-6, and fails far in the tail.
+        if let Some(theirs) = row[2].as_f64() {
+            assert!((difference - theirs).abs() <= 1e-5 * theirs, "{difference}, not {theirs}");
+        }
+        assert_near(difference, exact, "minimum detectable difference");
+        assert_near(interval.low, low, "its lower end");
+        assert_near(interval.high, high, "its upper end");
     }
-    for row in rows(&reference()["detectable"]["paired"]) {
-        near(paired_detectable(row[0] as usize).unwrap(), &row);
+}
+
+#[test]
+fn recoveries_of_independent_and_of_matched_seeds() {
+    for case in cases("recovery") {
+        let [with, without] = ["with", "without"].map(|side| sample(&numbers(&case[side])));
+        let optimum = number(&case["optimum"]);
+        for (design, name) in [(Design::Independent, "unpaired"), (Design::Matched, "paired")] {
+            let ours = recovered(&with, &without, optimum, design).unwrap();
+            assert_near(ours.share, number(&case["share"]), "share");
+            assert_interval(ours.interval.unwrap(), &case[name], TOLERANCE, name);
+        }
     }
 }
 

@@ -4,7 +4,7 @@
 //! that tables can report them. It stores neither its arm nor its metric.
 
 use super::undefined::Undefined;
-use super::{Interval, Moments, mean_interval};
+use super::{Interval, Moments, mean_interval, share_interval};
 
 /// The values of one metric of an arm, by seed.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -12,6 +12,8 @@ pub struct Sample {
     seeds: Vec<u64>,
     values: Vec<f64>,
     lost: Lost,
+    /// Whether the values are shares, from 0 to 1.
+    are_shares: bool,
 }
 
 /// Numbers of seeds of an arm without a value.
@@ -59,7 +61,12 @@ impl Sample {
         pairs.retain(|(_, value)| value.is_finite());
         let not_finite = u32::try_from(given - pairs.len()).unwrap_or(u32::MAX);
         let (seeds, values) = pairs.into_iter().unzip();
-        Ok(Sample { seeds, values, lost: Lost { failed, open, not_finite } })
+        Ok(Sample { seeds, values, lost: Lost { failed, open, not_finite }, are_shares: false })
+    }
+
+    /// The sample as one of shares, from 0 to 1, whose interval stays between both.
+    pub fn of_shares(self) -> Sample {
+        Sample { are_shares: true, ..self }
     }
 
     /// Values in ascending order of seed, all finite.
@@ -75,6 +82,11 @@ impl Sample {
     /// Number of values.
     pub fn n(&self) -> usize {
         self.values.len()
+    }
+
+    /// Number of seeds, those without a value included.
+    pub fn declared(&self) -> usize {
+        self.n() + (self.lost.ended() + self.lost.open) as usize
     }
 
     /// The mean over seeds.
@@ -95,7 +107,7 @@ impl Sample {
     ///
     /// **Errors**: as [`mean_interval`].
     pub fn interval(&self) -> Result<Interval, Undefined> {
-        mean_interval(&self.values)
+        if self.are_shares { share_interval(&self.values) } else { mean_interval(&self.values) }
     }
 
     /// Seeds without a value.

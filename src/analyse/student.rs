@@ -1,6 +1,7 @@
 //! Student's t distribution, accurate far into its tails.
 
 use statrs::function::beta::beta_reg;
+use statrs::function::gamma::gamma_lr;
 
 use super::root::root;
 
@@ -19,4 +20,10 @@ pub(super) fn two_sided_p(t: f64, df: f64) -> f64 {
 pub(super) fn t_of_p(p: f64, df: f64) -> f64 {
     // The search is over ln t, so that it reaches tails of any size; t² is finite at both ends.
     root(|ln_t| two_sided_p(ln_t.exp(), df).ln() - p.ln(), (-350.0, 350.0)).exp()
+}
+
+/// The number below which a chi-squared variable with `df` degrees of freedom lies with probability `p`, which
+/// is in (0, 1).
+pub(super) fn chi_squared_of_p(p: f64, df: f64) -> f64 {
+    root(|ln_x| gamma_lr(df / 2.0, ln_x.exp() / 2.0) - p, (-100.0, 20.0)).exp()
 }

@@ -23,7 +23,7 @@ pub enum Undefined {
     /// The optimum of the arms' environment is not known.
     #[error(
         "no optimum known: it needs a completed job of a scenario that shows H and D, in an environment \
-         whose optimum can be computed"
+         whose optimum can be computed; where messages cost steps, it is that of mean_net_return"
     )]
     NoOptimum,
     /// The loss is not known to be above 0, so that a share of it has no bounds.

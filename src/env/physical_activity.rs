@@ -407,6 +407,11 @@ impl PhysicalActivity {
         self.memory.available[lane]
     }
 
+    /// Whether a lane's next step counts: the step after the horizon of `unpaid_last_step` does not.
+    pub fn is_counted(&self, lane: usize) -> bool {
+        self.times[lane] < self.parameters.horizon
+    }
+
     /// The action that is taken in a lane if an agent chooses `action`: action 0 if messages are unavailable
     /// or the budget is spent.
     pub fn taken(&self, lane: usize, action: Action) -> Action {

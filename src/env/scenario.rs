@@ -105,6 +105,11 @@ impl Scenario {
         self.0.iter().map(|feature| feature.width()).sum()
     }
 
+    /// Whether it shows the context's probability and not the context.
+    pub fn shows_probability_alone(&self) -> bool {
+        self.0.contains(&Feature::Probability) && !self.0.contains(&Feature::Context)
+    }
+
     /// Whether it shows both habituation and disengagement risk.
     pub fn shows_state(&self) -> bool {
         [Feature::Habituation, Feature::Disengagement].iter().all(|f| self.0.contains(f))

@@ -215,8 +215,14 @@ fn count() -> Json {
 }
 
 /// Metrics that an analysis can have, in addition to the metrics of `evaluation.first_episodes`.
-pub const ANALYSED_METRICS: &[&str] =
-    &["mean_return", "lower_quartile_return", "mean_length", "disengagement_rate", "message_rate"];
+pub const ANALYSED_METRICS: &[&str] = &[
+    "mean_return",
+    "mean_net_return",
+    "lower_quartile_return",
+    "mean_length",
+    "disengagement_rate",
+    "message_rate",
+];
 
 /// The word for the axis that is not a parameter.
 pub const ERROR_AXIS: &str = "context_inference_error";
@@ -230,6 +236,8 @@ pub(super) const WINDOW: u32 = 100;
 choices! {
     /// How the seeds of two arms are compared.
     pub enum Pairing {
+        /// Paired by seed if both sides were given the same seeds, and unpaired otherwise.
+        Automatic = "automatic",
         /// As two independent samples.
         Unpaired = "unpaired",
         /// Paired by seed; a seed that one side lacks is left out.

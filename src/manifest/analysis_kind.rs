@@ -263,7 +263,7 @@ fn contrast(reader: &mut Reader, name: &str, span: Span, table: &DeTable) -> Opt
     let sides = reader.sides(span, table);
     let pairing =
         table.get("pairing").and_then(|node| reader.word("pairing", Pairing::WORDS, node));
-    let pairing = pairing.and_then(Pairing::named).unwrap_or(Pairing::Unpaired);
+    let pairing = pairing.and_then(Pairing::named).unwrap_or(Pairing::Automatic);
     let family = match table.get("family") {
         Some(node) => reader.name("family", node).value,
         None => name.to_owned(),

@@ -73,7 +73,9 @@ pub use limits::MOST_JOBS;
 pub use load::{load, parse};
 pub use parameter::{Parameters, parameter, parameters};
 pub use participant_range::ParticipantRange;
-pub use published::{Published, PublishedCurve, PublishedErrors, PublishedHeatMap, PublishedTest};
+pub use published::{
+    Equivalence, Published, PublishedCurve, PublishedErrors, PublishedHeatMap, PublishedTest,
+};
 pub use schema::schema;
 pub use section::Section;
 pub use set::{Overridden, Override, OverrideForm, load_with};

@@ -17,6 +17,9 @@ const MOST_BYTES: u64 = 10_000_000;
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Published {
+    /// The largest differences that count as equivalent.
+    #[serde(default)]
+    pub equivalence: Equivalence,
     /// Rates of context inference error.
     pub sigma_to_error: Option<PublishedErrors>,
     /// Differences of means with their p values.
@@ -28,6 +31,16 @@ pub struct Published {
     /// Differences of means over two parameters.
     #[serde(default, rename = "heat_map")]
     pub heat_maps: Vec<PublishedHeatMap>,
+}
+
+/// Margins of equivalence.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Equivalence {
+    /// Of returns and their differences, in steps walked.
+    pub steps: Option<f64>,
+    /// Of error rates, as a share.
+    pub rate: Option<f64>,
 }
 
 /// Rates of context inference error by sigma.
@@ -152,6 +165,10 @@ impl Published {
                 None => fault(message),
             }
         })?;
+        let Equivalence { steps, rate } = published.equivalence;
+        if [steps, rate].iter().flatten().any(|margin| !(*margin > 0.0 && margin.is_finite())) {
+            return Err(fault("a margin of [equivalence] is not above 0".to_owned()));
+        }
         match published.uneven() {
             None => Ok(published),
             Some(table) => Err(fault(format!("the lists of a [{table}] differ in length"))),

@@ -98,11 +98,14 @@ impl Job {
 
     /// The versions of the code that this job would run with.
     pub fn versions(&self) -> Versions {
-        let algorithm = self.agent.version();
-        // Where messages can be unavailable, agents with the key `unavailable` learned otherwise before the
-        // key was added. The version is higher in these jobs alone, so that all others keep their keys.
-        let is_later = self.agent.has_unavailable() && self.task().can_withhold();
-        Versions { environment: env::VERSION, algorithm: algorithm + u32::from(is_later) }
+        // The versions are higher in the jobs alone that a change of the code concerns, so that all others keep
+        // their keys. The step after the horizon, which pays nothing, is no longer part of the test.
+        let is_later = self.environment.unpaid_last_step;
+        let differs = self.agent.differs_in(&self.task());
+        Versions {
+            environment: env::VERSION + u32::from(is_later),
+            algorithm: self.agent.version() + u32::from(differs),
+        }
     }
 
     /// The exact error rate of the most likely context; `None` if it differs between participants.

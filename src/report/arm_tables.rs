@@ -4,11 +4,10 @@ use super::data_table::{DataTable, Entry, shown};
 use super::figure::arm_label;
 use super::tables::{between, high, in_unit, low, percent_between};
 use crate::analyse::declared::{AgentSummary, ArmSummary, share_of_optimum};
-use crate::analyse::{Aggregate, FEW_SEEDS, Interval, Undefined};
+use crate::analyse::{Aggregate, Interval, Undefined};
 
-/// Added to a caption if an arm has fewer than [`FEW_SEEDS`] seeds.
-const NARROW: &str = "; bootstrap intervals of fewer than ten seeds per arm are too narrow: with \
-                      three seeds, they contain the true value in 75 to 90 % of cases";
+/// The number of values from which on an inter-quartile mean leaves any out.
+const FOUR: usize = 4;
 
 /// One row per arm: four summaries of its returns, the behaviour of its policies, and their share
 /// of the optimum. `unknown_optima` holds the reasons for unknown optima.
@@ -23,7 +22,7 @@ pub fn arms(rows: &[ArmSummary], unknown_optima: &[String]) -> DataTable {
         (".low", ""),
         (".high", ""),
         ("interquartile_mean", "IQM"),
-        ("interquartile_interval", "bootstrap 95 %"),
+        ("interquartile_interval", "95 % interval"),
         (".interquartile_low", ""),
         (".interquartile_high", ""),
         ("lower_quartile_return", "Lower quartile"),
@@ -35,10 +34,11 @@ pub fn arms(rows: &[ArmSummary], unknown_optima: &[String]) -> DataTable {
         (".share_high", ""),
     ];
     let caption = "Arms: means over seeds of the return, its lower quartile over test episodes, the \
-                   share of episodes ended by disengagement, and the messages sent per episode";
-    let is_few = rows.iter().any(|row| (1..FEW_SEEDS).contains(&row.returns.n()));
+                   share of episodes ended by disengagement, and the messages sent per episode; IQM: \
+                   inter-quartile mean of the return, the mean of fewer than four values; the \
+                   optimum and its share are of the return minus the cost of messages";
     let unknown: String = unknown_optima.iter().map(|reason| format!("; {reason}")).collect();
-    let caption = format!("{}{unknown}", warned(caption, is_few));
+    let caption = format!("{caption}{unknown}");
     let mut table = DataTable::new(caption, &columns);
     table.rows = rows.iter().map(arm).collect();
     table
@@ -46,7 +46,7 @@ pub fn arms(rows: &[ArmSummary], unknown_optima: &[String]) -> DataTable {
 
 fn arm(row: &ArmSummary) -> Vec<Entry> {
     let (mean, interval) = (row.returns.mean(), row.returns.interval());
-    let interquartile = row.interquartile();
+    let (interquartile, net) = (row.interquartile(), row.net_returns.interval());
     let middle = interval_of(interquartile);
     let share = |value| share(value, row.optimum);
     vec![
@@ -57,7 +57,10 @@ fn arm(row: &ArmSummary) -> Vec<Entry> {
         between(interval, "mean_return"),
         low(interval),
         high(interval),
-        in_unit(interquartile.map(|middle| middle.value), "mean_return"),
+        called_mean(
+            in_unit(interquartile.map(|middle| middle.value), "mean_return"),
+            row.returns.n(),
+        ),
         between(middle, "mean_return"),
         low(middle),
         high(middle),
@@ -65,15 +68,20 @@ fn arm(row: &ArmSummary) -> Vec<Entry> {
         in_unit(row.disengagement.mean(), "disengagement_rate"),
         Entry::of(row.messages.mean(), 1),
         optimum(row.optimum),
-        share(mean),
-        share(interval.map(|interval| interval.low)),
-        share(interval.map(|interval| interval.high)),
+        share(row.net_returns.mean()),
+        share(net.map(|interval| interval.low)),
+        share(net.map(|interval| interval.high)),
     ]
 }
 
-/// A caption, with a warning about bootstrap intervals if seeds are few.
-fn warned(caption: &str, is_few: bool) -> String {
-    format!("{caption}{}", if is_few { NARROW } else { "" })
+/// An inter-quartile mean of this many values; of fewer than four it is called what it is, the mean.
+fn called_mean(entry: Entry, values: usize) -> Entry {
+    match entry {
+        Entry::Number { value, shown } if values < FOUR => {
+            Entry::Number { value, shown: format!("{shown} (mean)") }
+        }
+        entry => entry,
+    }
 }
 
 /// One row per agent and scenario: inter-quartile means over all their arms.
@@ -84,18 +92,17 @@ pub fn agents(rows: &[AgentSummary]) -> DataTable {
         ("arms", "Arms"),
         ("runs", "n"),
         ("interquartile_mean", "IQM of the return"),
-        ("interval", "bootstrap 95 %"),
+        ("interval", "95 % interval"),
         (".low", ""),
         (".high", ""),
         ("share_of_optimum", "IQM of the share of the optimum, %"),
-        ("share_interval", "its bootstrap 95 %"),
+        ("share_interval", "its 95 % interval"),
         (".share_low", ""),
         (".share_high", ""),
     ];
-    let caption = "Agents: inter-quartile means (IQM) over arms and seeds; intervals \
-                   resample seeds, each with its values in all arms";
-    let is_few = rows.iter().any(|row| (1..FEW_SEEDS).contains(&row.fewest));
-    let mut table = DataTable::new(warned(caption, is_few), &columns);
+    let caption = "Agents: inter-quartile means (IQM) over arms and seeds; t intervals with the error by \
+                   which the mean varies between resamples of the seeds, each with its values in all arms";
+    let mut table = DataTable::new(caption, &columns);
     for row in rows {
         let (returns, shares) = (interval_of(row.returns), row.shares.map(interval_of));
         let of_shares = |entry: &dyn Fn(Result<Interval, Undefined>) -> Entry| {
@@ -106,11 +113,14 @@ pub fn agents(rows: &[AgentSummary]) -> DataTable {
             Entry::text(&row.scenario),
             Entry::number(row.arms as f64, 0),
             Entry::number(row.runs as f64, 0),
-            in_unit(row.returns.map(|all| all.value), "mean_return"),
+            called_mean(in_unit(row.returns.map(|all| all.value), "mean_return"), row.runs),
             between(returns, "mean_return"),
             low(returns),
             high(returns),
-            row.shares.map_or_else(unknown, |shares| percent(shares.map(|all| all.value))),
+            called_mean(
+                row.shares.map_or_else(unknown, |shares| percent(shares.map(|all| all.value))),
+                row.runs,
+            ),
             of_shares(&percent_between),
             of_shares(&|interval| percent(interval.map(|interval| interval.low))),
             of_shares(&|interval| percent(interval.map(|interval| interval.high))),
@@ -124,7 +134,7 @@ pub fn optimum(optimum: Option<f64>) -> Entry {
     optimum.map_or_else(unknown, |value| Entry::number(value, 1))
 }
 
-/// A return as a share of the optimum.
+/// A net return as a share of the optimum.
 pub fn share(value: Result<f64, Undefined>, optimum: Option<f64>) -> Entry {
     match value.map(|value| share_of_optimum(value, optimum)) {
         Ok(Some(share)) => percent(Ok(share)),
@@ -150,7 +160,6 @@ fn interval_of(aggregate: Result<Aggregate, Undefined>) -> Result<Interval, Unde
 
 #[cfg(test)]
 mod tests {
-    use super::super::latex::latex;
     use super::*;
     use crate::analyse::Sample;
     use crate::analyse::declared::ArmId;
@@ -161,6 +170,7 @@ mod tests {
         ArmSummary {
             name: ArmId { agent: "dqn".into(), scenario: "P-H-D".into(), settings: Vec::new() },
             lower_quartiles: returns.clone(),
+            net_returns: returns.clone(),
             disengagement: returns.clone(),
             messages: returns.clone(),
             returns,
@@ -184,26 +194,10 @@ mod tests {
     }
 
     #[test]
-    fn bootstrap_intervals_of_few_seeds_come_with_a_warning() {
-        let of = |n: u32| {
+    fn the_inter_quartile_mean_of_few_values_is_called_mean() {
+        for (n, is_mean) in [(3, true), (4, false)] {
             let values: Vec<f64> = (0..n).map(f64::from).collect();
-            let agent = AgentSummary {
-                agent: "dqn".into(),
-                scenario: "P-H-D".into(),
-                // The other arm has many seeds.
-                arms: 2,
-                runs: n as usize + 30,
-                fewest: n as usize,
-                returns: Err(Undefined::NoSeeds),
-                shares: None,
-            };
-            [arms(&[row(&values, 0)], &[]), agents(&[agent])]
-        };
-        for (n, is_warned) in [(9, true), (10, false)] {
-            for table in of(n) {
-                assert_eq!(table.markdown().contains("too narrow"), is_warned, "{n} seeds");
-                assert_eq!(latex(&table).contains("too narrow"), is_warned, "{n} seeds");
-            }
+            assert_eq!(arms(&[row(&values, 0)], &[]).markdown().contains("(mean)"), is_mean);
         }
     }
 }

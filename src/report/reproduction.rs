@@ -38,6 +38,21 @@ pub fn reproduction(reproduction: &Reproduction) -> Vec<String> {
         "The joint 95 % interval of the difference, which is wide, includes 0 for {}.",
         counts.join(", ")
     ));
+    let equivalent = subjects.iter().filter_map(|subject| {
+        let (margin, equivalent, compared) = reproduction.equivalent(*subject)?;
+        let margin = match subject {
+            Subject::ErrorRate => format!("± {} percentage points", shown(100.0 * margin, 1)),
+            _ => format!("± {} steps", shown(margin, 0)),
+        };
+        (compared > 0).then(|| format!("{equivalent} of {compared} {}s ({margin})", subject.name()))
+    });
+    let equivalent: Vec<String> = equivalent.collect();
+    if !equivalent.is_empty() {
+        sentences.push(format!(
+            "Two one-sided tests at 5 % show equivalence within the declared margin for {}.",
+            equivalent.join(", ")
+        ));
+    }
     sentences
 }
 
@@ -73,7 +88,8 @@ mod tests {
             ours: Ok(100.0 + difference),
             our_error: Ok(10.0),
             seeds: 3,
-            agreement: Ok(Agreement { difference, interval, verdict }),
+            agreement: Ok(Agreement { difference, interval, verdict, equivalence_bound: 80.0 }),
+            margin: None,
         }
     }
 

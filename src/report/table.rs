@@ -63,6 +63,7 @@ mod tests {
         let settings = settings.iter().map(setting).collect();
         ArmSummary {
             name: ArmId { agent: agent.to_owned(), scenario: "P-H-D".to_owned(), settings },
+            net_returns: Sample::default(),
             lower_quartiles: Sample::default(),
             disengagement: Sample::default(),
             messages: Sample::default(),

@@ -79,6 +79,9 @@ pub fn reproduction(reproduction: &Reproduction) -> DataTable {
         (".joint_low", ""),
         (".joint_high", ""),
         ("verdict", "Verdict"),
+        ("equivalence_bound", "Equivalent within ±"),
+        (".margin", ""),
+        ("equivalent", "Equivalent within the margin"),
     ];
     let mut table = DataTable::new("Published numbers beside ours", &columns);
     table.rows = reproduction.comparisons.iter().map(comparison).collect();
@@ -115,6 +118,20 @@ fn comparison(one: &Comparison) -> Vec<Entry> {
             },
             Err(reason) => reason.to_string(),
         }),
+        Entry::of(
+            one.agreement.as_ref().map(|one| one.equivalence_bound).map_err(|e| *e),
+            decimals,
+        ),
+        match one.margin {
+            Some(margin) => Entry::number(margin, decimals),
+            None => Entry::Missing("no margin declared".to_owned()),
+        },
+        match (one.margin, one.is_equivalent()) {
+            (None, _) => Entry::Missing("no margin declared".to_owned()),
+            (Some(_), Some(true)) => Entry::text("yes"),
+            (Some(_), Some(false)) => Entry::text("not shown"),
+            (Some(_), None) => Entry::Missing("not compared".to_owned()),
+        },
     ]
 }
 

@@ -6,7 +6,7 @@
 use super::kinds::{amount, ends};
 use super::words::metric_title;
 use crate::analyse::declared::{Arm, ArmId, Candidate, Content, Finding, Ranking, is_at};
-use crate::analyse::{Interval, Sample, mean_interval};
+use crate::analyse::{Interval, Sample};
 use crate::manifest::{Analysis, AnalysisKind, Manifest, printable};
 use crate::plan::{self, Job, PlannedJob, counted};
 use crate::record::{JobRecord, JobStatus, SharedSettings};
@@ -126,7 +126,7 @@ impl Search<'_> {
         // The search mean is the best of several and therefore no unbiased estimate. It counts as a
         // fixed number, and the interval shows the uncertainty of the held-out mean alone.
         if let (Ok(search), Ok(new)) = (winner.sample.mean(), held_out.mean()) {
-            let interval = mean_interval(held_out.values());
+            let interval = held_out.interval();
             let interval = interval.map(|Interval { low, high }| {
                 between(Interval { low: search - high, high: search - low }, metric)
             });
@@ -143,7 +143,7 @@ impl Search<'_> {
 /// The mean of a sample with its interval and its number of seeds.
 fn mean(sample: &Sample, metric: &str) -> String {
     let shown = sample.mean().map_or_else(|reason| reason.to_string(), |it| amount(it, metric));
-    let interval = mean_interval(sample.values()).map(|interval| between(interval, metric));
+    let interval = sample.interval().map(|interval| between(interval, metric));
     format!("{shown}{}, n = {}", interval.unwrap_or_default(), sample.n())
 }
 

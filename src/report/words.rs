@@ -14,7 +14,8 @@ pub enum Numbers {
 /// The title of a metric in axes and captions, with its unit.
 pub fn metric_title(metric: &str) -> String {
     match metric {
-        "mean_return" => "mean return, steps walked".to_owned(),
+        "mean_return" => "mean return per episode, steps walked".to_owned(),
+        "mean_net_return" => "mean return minus the cost of messages, steps walked".to_owned(),
         "lower_quartile_return" => "lower-quartile return, steps walked".to_owned(),
         "mean_length" => "mean episode length, steps".to_owned(),
         "disengagement_rate" => "episodes ended by disengagement, %".to_owned(),

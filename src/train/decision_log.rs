@@ -80,7 +80,7 @@ impl StepObserver<PhysicalActivity> for DecisionLog {
             refused => return self.refused = self.refused.or(refused.err()),
         }
         for (lane, status) in lanes.statuses().iter().enumerate() {
-            if *status != EpisodeStatus::Running {
+            if *status != EpisodeStatus::Running || !lanes.is_counted(lane) {
                 continue;
             }
             let step = lanes.times()[lane];

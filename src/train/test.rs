@@ -188,8 +188,12 @@ impl Test {
         if batch.environment.any_running() {
             return Ok(());
         }
-        for (episode, status) in batch.played.iter_mut().zip(batch.environment.statuses()) {
-            episode.disengaged = *status == EpisodeStatus::Terminated;
+        let environment = &batch.environment;
+        let horizon = environment.parameters().horizon;
+        let ends = environment.statuses().iter().zip(environment.times());
+        for (episode, (status, time)) in batch.played.iter_mut().zip(ends) {
+            // The step after the horizon is no part of the episode.
+            episode.disengaged = *status == EpisodeStatus::Terminated && *time <= horizon;
         }
         self.played.append(&mut batch.played);
         Ok(())
@@ -242,7 +246,7 @@ impl StepObserver<PhysicalActivity> for Player<'_> {
             log.chosen(lanes, actions, probabilities);
         }
         for (lane, episode) in self.played.iter_mut().enumerate() {
-            if lanes.statuses()[lane] == EpisodeStatus::Running {
+            if lanes.statuses()[lane] == EpisodeStatus::Running && lanes.is_counted(lane) {
                 episode.length += 1;
                 let taken = lanes.taken(lane, actions[lane]);
                 self.counts.add(&lanes.context(lane), taken);

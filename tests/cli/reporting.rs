@@ -132,7 +132,10 @@ fn two_reports_of_one_store_are_equal_to_the_byte_and_hold_every_analysis() {
     assert!(!page.contains("NaN") && !table.contains("NaN"));
     let text = |name: &str| String::from_utf8(one[name].clone()).unwrap();
     let paired = text("report/tables/every-kind-gain.md");
-    assert!(paired.contains(": mean return, steps walked, paired by seed\n"), "{paired}");
+    assert!(
+        paired.contains(": mean return per episode, steps walked, paired by seed\n"),
+        "{paired}"
+    );
     // Settings are ranked at each place. Here, each of the two agents has only one setting, which is
     // first at all eight places.
     let chosen = text("report/tables/every-kind-chosen.csv");

@@ -125,7 +125,7 @@ fn figures_and_tables_stand_in_a_latex_article_and_a_pdf_looks_like_its_png() {
     assert!(of_figures.len() >= figures.len(), "{fonts}");
     assert!(of_figures.iter().all(|line| line.contains(" yes yes yes ")), "{fonts}");
     let words = String::from_utf8(printed(folder, "pdftotext", &["article.pdf", "-"])).unwrap();
-    assert!(words.matches("mean return, steps walked").count() >= 3, "{words}");
+    assert!(words.matches("mean return per episode, steps walked").count() >= 3, "{words}");
 
     let mut compared = 0;
     for path in &figures {

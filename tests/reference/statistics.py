@@ -21,7 +21,7 @@ import scipy
 import statsmodels
 from scipy import optimize, stats
 from statsmodels.stats.multitest import multipletests
-from statsmodels.stats.power import TTestIndPower, TTestPower
+from statsmodels.stats.power import TTestPower
 from statsmodels.stats.proportion import proportion_confint
 
 mpmath.mp.dps = 20
@@ -102,6 +102,20 @@ def t_test(result):
     }
 
 
+def unpaired(first, second):
+    """Welch's statistic with the degrees of freedom of the smaller side."""
+    welch = stats.ttest_ind(first, second, equal_var=False)
+    df = min(len(first), len(second)) - 1
+    difference = float(numpy.mean(first) - numpy.mean(second))
+    half = stats.t.isf((1 - LEVEL) / 2, df) * abs(difference / welch.statistic)
+    return {
+        "t": float(welch.statistic),
+        "df": df,
+        "p": two_sided_p(welch.statistic, df),
+        "interval": [difference - half, difference + half],
+    }
+
+
 def permutation_p(first, second, kind):
     """The p value of scipy; the statistic is the absolute difference, so that both tails count."""
     distance = lambda x, y, axis=-1: numpy.abs(numpy.mean(x, axis=axis) - numpy.mean(y, axis=axis))
@@ -124,7 +138,7 @@ def contrast(first, second):
         "first": first,
         "second": second,
         "student": t_test(student),
-        "welch": t_test(stats.ttest_ind(first, second, equal_var=False)),
+        "unpaired": unpaired(first, second),
         "permutation_p": permutation_p(first, second, "independent"),
         "improvement": {"probability": wins, "interval": newcombe(wins, m, n)},
     }
@@ -184,47 +198,79 @@ def multiplicity():
         yield {"p": family, **adjusted}
 
 
-def detectable_shift(df):
+def detectable_shift(df, level):
     """The shift that statsmodels searches for, to full precision; its own search stops at 1e-6."""
-    bound = stats.t.isf(0.025, df)
+    bound = stats.t.isf(level / 2, df)
     missed = lambda shift: noncentral(bound, df, shift) - noncentral(-bound, df, shift)
     return optimize.brentq(lambda shift: missed(shift) - 0.2, 1, 10 + 2 * bound, xtol=1e-13)
 
 
 def power():
-    """Rows of seeds, the standardised difference by statsmodels, and the same to full precision."""
-    rows = {"independent": [], "paired": []}
-    for m, n in [(2, 2), (3, 3), (3, 10), (5, 5), (10, 10), (10, 20), (50, 50), (300, 700)]:
-        d = TTestIndPower().solve_power(nobs1=m, ratio=n / m, alpha=0.05, power=0.8)
-        exact = detectable_shift(m + n - 2) * math.sqrt(1 / m + 1 / n)
-        rows["independent"].append([m, n, float(d), exact])
-    for n in (3, 5, 10, 30):
-        d = TTestPower().solve_power(nobs=n, alpha=0.05, power=0.8)
-        rows["paired"].append([n, float(d), detectable_shift(n - 1) / math.sqrt(n)])
-    return rows
+    """Rows of pairs and level, the shift by statsmodels and to full precision, and the ends of its interval."""
+    for n, level in [(2, 0.05), (3, 0.05), (3, 0.05 / 24), (5, 0.05), (10, 0.05), (10, 0.05 / 4), (30, 0.05)]:
+        shift = detectable_shift(n - 1, level)
+        # The search of statsmodels fails far in the tail.
+        d = TTestPower().solve_power(nobs=n, alpha=level, power=0.8) if level > 0.01 else math.nan
+        theirs = None if math.isnan(d) else float(d) * math.sqrt(n)
+        ends = [shift * math.sqrt((n - 1) / stats.chi2.ppf(p, n - 1)) for p in (0.975, 0.025)]
+        yield [n, level, theirs, shift, *ends]
+
+
+def recoveries():
+    """The shares at which scipy's t tests just reject, for independent and for matched seeds."""
+    generator = numpy.random.default_rng(11)
+    optimum = 3300.0
+    for n, mean, sd in [(3, 3100, 20), (10, 2950, 60), (6, 2700, 90)]:
+        common = generator.normal(0, 40, n)
+        with_ = [round(float(x), 3) for x in common + generator.normal(mean, sd, n)]
+        without = [round(float(x), 3) for x in common + generator.normal(2700, 60, n)]
+        share = (numpy.mean(with_) - numpy.mean(without)) / (optimum - numpy.mean(without))
+
+        def excess(test):
+            rest = lambda r: (1 - r) * numpy.array(without) + r * optimum
+            return lambda r: test(with_, rest(r)) - (1 - LEVEL)
+
+        ends = {}
+        tests = {
+            "unpaired": lambda x, y: unpaired(x, y)["p"],
+            "paired": lambda x, y: float(stats.ttest_rel(x, y).pvalue),
+        }
+        for name, test in tests.items():
+            off = excess(test)
+            solve = lambda one, other: optimize.brentq(off, one, other, xtol=1e-14, rtol=1e-14)
+            ends[name] = [solve(share - 2, share - 1e-9), solve(share + 1e-9, share + 2)]
+        yield {"with": with_, "without": without, "optimum": optimum, "share": float(share), **ends}
 
 
 def middle_mean(values, axis=None):
     return stats.trim_mean(values, 0.25, axis=axis)
 
 
-def bootstrap_interval(statistic, strata, resamples=200_000):
-    """Percentile interval; `statistic` takes one array per stratum, with one row per resample."""
+def resampled_interval(strata, means):
+    """The t interval of the middle mean with the deviation of its resamples."""
+    n = min(map(len, strata))
+    value = middle_mean(list(itertools.chain(*strata)))
+    half = stats.t.isf((1 - LEVEL) / 2, n - 1) * numpy.std(means) * math.sqrt(n / (n - 1))
+    return [float(value - half), float(value + half)]
+
+
+def apart_interval(strata, resamples=200_000):
+    """Strata without a seed in common are resampled separately."""
     generator = numpy.random.default_rng(7)
-    parts = []
+    means = []
     for _ in range(resamples // 20_000):
         drawn = [numpy.array(s)[generator.integers(len(s), size=(20_000, len(s)))] for s in strata]
-        parts.append(statistic(drawn))
-    return numpy.quantile(numpy.concatenate(parts), [0.025, 0.975]).tolist()
+        means.append(middle_mean(numpy.concatenate(drawn, axis=1), axis=1))
+    return resampled_interval(strata, numpy.concatenate(means))
 
 
 def joint_interval(strata, resamples=200_000):
-    """Percentile interval of the middle mean; equal places in two strata are one seed, drawn with all its values.
+    """Equal places in two strata are one seed, drawn with all its values.
 
     Seeds are drawn until every stratum has as many values as before.
     """
     generator = numpy.random.default_rng(7)
-    seeds, total = max(map(len, strata)), sum(map(len, strata))
+    seeds = max(map(len, strata))
     means = []
     for _ in range(resamples // 20_000):
         drawn = generator.integers(seeds, size=(20_000, 20 * seeds))
@@ -236,7 +282,7 @@ def joint_interval(strata, resamples=200_000):
             places = numpy.argsort(~counts, axis=1, kind="stable")[:, : len(values)]
             taken.append(numpy.array(values)[numpy.take_along_axis(drawn, places, axis=1)])
         means.append(middle_mean(numpy.concatenate(taken, axis=1), axis=1))
-    return numpy.quantile(numpy.concatenate(means), [0.025, 0.975]).tolist()
+    return resampled_interval(strata, numpy.concatenate(means))
 
 
 def interquartile_means():
@@ -249,9 +295,7 @@ def interquartile_means():
         yield {
             "conditions": strata,
             "value": float(middle_mean(list(itertools.chain(*strata)))),
-            "interval": bootstrap_interval(
-                lambda drawn: middle_mean(numpy.concatenate(drawn, axis=1), axis=1), strata
-            ),
+            "interval": apart_interval(strata),
             "joint_interval": joint_interval(strata),
         }
 
@@ -338,7 +382,8 @@ def main():
         "mean_interval": list(mean_intervals(cases)),
         "contrast": cases,
         "multiplicity": list(multiplicity()),
-        "detectable": power(),
+        "detectable": list(power()),
+        "recovery": list(recoveries()),
         "quantile": list(quantiles()),
         "interquartile_mean": list(interquartile_means()),
         "moving_mean": list(moving_means()),

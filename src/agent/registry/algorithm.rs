@@ -9,6 +9,7 @@ use crate::agent::constraint::{Constraint, FIRST_TESTED, FIRST_TRAINED};
 use crate::agent::learner::{Actions, Learner};
 use crate::agent::memory::OutOfMemory;
 use crate::agent::network::Engine;
+use crate::agent::rule::RuleParameters;
 use crate::agent::unavailable::{UNAVAILABLE, Unavailable};
 use crate::agent::weights::{Weights, WeightsError};
 use crate::env::{
@@ -422,9 +423,13 @@ impl Agent {
         (self.algorithm.version)(&self.values)
     }
 
-    /// Whether the algorithm has the key `unavailable`.
-    pub fn has_unavailable(&self) -> bool {
-        self.value(UNAVAILABLE).is_some()
+    /// Whether the agent learns or acts otherwise in this task than earlier versions did, although its version
+    /// is the same elsewhere.
+    pub fn differs_in(&self, task: &Task) -> bool {
+        // Where messages can be unavailable, agents learned otherwise before they had the key `unavailable`.
+        let learns_otherwise = || self.value(UNAVAILABLE).is_some() && task.can_withhold();
+        let rule: Option<RuleParameters> = self.parameters();
+        rule.is_some_and(|rule| rule.acts_otherwise(task)) || learns_otherwise()
     }
 
     /// Whether the agent chooses where no message can be sent. Agents without the key `unavailable` do.

@@ -1,7 +1,7 @@
 //! Which actions a trained policy chooses, by the probability of context 0.
 
 use super::arm::{ArmId, arms};
-use crate::analyse::{Interval, mean_interval};
+use crate::analyse::{Interval, share_interval};
 use crate::record::{CompletedRun, JobRecord, PROBABILITY_BINS};
 
 /// Number of actions: none, untailored, tailored to context 0, tailored to context 1.
@@ -72,7 +72,7 @@ fn shares(bin: u8, bins: u8, runs: &[&CompletedRun]) -> BinShares {
         let of =
             |counts: &[u64; ACTIONS]| counts[action] as f64 / counts.iter().sum::<u64>() as f64;
         let values: Vec<f64> = counts.iter().map(of).collect();
-        (values.iter().sum::<f64>() / values.len() as f64, mean_interval(&values).ok())
+        (values.iter().sum::<f64>() / values.len() as f64, share_interval(&values).ok())
     };
     BinShares {
         low: f64::from(bin) / f64::from(bins),

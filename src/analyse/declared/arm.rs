@@ -46,17 +46,36 @@ impl Arm<'_> {
                 JobStatus::Pending | JobStatus::Interrupted | JobStatus::Running => open += 1,
             }
         }
-        Sample::new(values, failed, open).expect("every seed is taken once")
+        let sample = Sample::new(values, failed, open).expect("every seed is taken once");
+        if SHARES.contains(&metric) { sample.of_shares() } else { sample }
     }
 
-    /// The best mean return that any policy can reach in the arm's environment, if it is known.
+    /// The best mean net return that any policy can reach in the arm's environment, if it is known.
     pub fn optimum(&self) -> Option<f64> {
         self.jobs.iter().find_map(|job| job.optimum)
+    }
+
+    /// The best value of a metric that any policy can reach, if it is known: of the net return, and of the
+    /// return where messages cost nothing.
+    pub fn optimum_of(&self, metric: &str) -> Option<f64> {
+        let costs =
+            || self.jobs.iter().any(|job| value(job, NET_RETURN) != value(job, "mean_return"));
+        match metric {
+            NET_RETURN => self.optimum(),
+            "mean_return" if !costs() => self.optimum(),
+            _ => None,
+        }
     }
 }
 
 /// Mean number of messages per test episode: the product of two recorded metrics.
 pub const MESSAGES: &str = "messages_per_episode";
+
+/// Name of the mean return minus the cost of messages, as a metric.
+pub const NET_RETURN: &str = "mean_net_return";
+
+/// Metrics that are shares, from 0 to 1.
+const SHARES: [&str; 2] = ["disengagement_rate", "message_rate"];
 
 /// Name of the lower quartile of the test returns, as a metric.
 const LOWER_QUARTILE: &str = "lower_quartile_return";
@@ -67,6 +86,8 @@ pub fn value(job: &JobRecord, metric: &str) -> Option<f64> {
     match metric {
         LOWER_QUARTILE => run.metric(LOWER_QUARTILE).or_else(|| lower_quartile(&run.returns).ok()),
         MESSAGES => Some(run.metric("message_rate")? * run.metric("mean_length")?),
+        // It is recorded only where messages cost something.
+        NET_RETURN => run.metric(NET_RETURN).or_else(|| run.metric("mean_return")),
         recorded => run.metric(recorded),
     }
 }

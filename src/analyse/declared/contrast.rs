@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 use std::ops::Deref;
 
 use super::arm::{ArmId, varying};
+use super::curve::ALPHA;
 use super::pairs::{Pair, pairs};
-use crate::analyse::{self, Corrected, Design, Sample, Tests, Undefined, correct};
+use crate::analyse::{self, Corrected, Design, Detectable, Sample, Undefined, correct, detectable};
 use crate::manifest::{Contrast, Pairing, Published, Setting, Sides};
 use crate::record::JobRecord;
 
@@ -27,6 +28,15 @@ impl Deref for ContrastFigure {
     }
 }
 
+/// A family of tests, over which p values are corrected.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Family {
+    /// The declared name.
+    pub name: String,
+    /// The number of its tests, those without a p value included.
+    pub members: usize,
+}
+
 /// A difference at one setting of the other parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ContrastRow {
@@ -43,7 +53,7 @@ pub struct ContrastRow {
     /// The comparison.
     pub contrast: analyse::Contrast,
     /// The family over which p values are corrected.
-    pub family: String,
+    pub family: Family,
     /// P values corrected over the family.
     pub corrected: Result<Corrected, Undefined>,
     /// Published difference and p value.
@@ -53,7 +63,7 @@ pub struct ContrastRow {
 impl ContrastRow {
     /// Whether seeds of both sides are matched.
     pub fn is_paired(&self) -> bool {
-        matches!(self.contrast.tests, Tests::Matched { .. })
+        self.contrast.design == Design::Matched
     }
 
     /// Numbers of seeds of each side that have a value but, if seeds are matched, no partner.
@@ -65,6 +75,13 @@ impl ContrastRow {
     /// Numbers of seeds of each side that ended without a value.
     pub fn lost(&self) -> (usize, usize) {
         (self.first.lost().ended() as usize, self.second.lost().ended() as usize)
+    }
+
+    /// The difference that the row's test detects with high probability at the level that Holm's correction
+    /// leaves it if it is the only difference of its family.
+    pub fn detectable(&self) -> Result<Detectable, Undefined> {
+        let level = ALPHA / self.family.members.max(1) as f64;
+        self.contrast.test.map(|test| detectable(&test, level))
     }
 
     /// The means of the sides over the compared seeds, whose difference is the contrast's difference.
@@ -87,10 +104,6 @@ pub fn figure(
     published: Option<&Published>,
 ) -> ContrastFigure {
     let sides = &contrast.sides;
-    let design = match contrast.pairing {
-        Pairing::Unpaired => Design::Independent,
-        Pairing::BySeed => Design::Matched,
-    };
     let both: Vec<&JobRecord> = jobs
         .iter()
         .filter(|job| sides.first.is_met_by(job) || sides.second.is_met_by(job))
@@ -100,7 +113,7 @@ pub fn figure(
     let by: Vec<&str> = by.iter().map(String::as_str).collect();
     let mut rows: Vec<ContrastRow> = pairs(sides, &both, &by)
         .into_iter()
-        .map(|pair| row(pair, (sides, design, metric, &contrast.family), published))
+        .map(|pair| row(pair, (contrast, metric), published))
         .collect();
     name_apart(&mut rows);
     ContrastFigure { sides: labels(sides), rows }
@@ -162,7 +175,7 @@ fn name_apart(rows: &mut [ContrastRow]) {
 /// A difference.
 fn row(
     Pair { name, first, second }: Pair<'_>,
-    (sides, design, metric, family): (&Sides, Design, &str, &str),
+    (contrast, metric): (&Contrast, &str),
     published: Option<&Published>,
 ) -> ContrastRow {
     let of = |jobs| super::Arm { name: name.clone(), jobs };
@@ -172,6 +185,12 @@ fn row(
     let error_of = |arm: &super::Arm<'_>| arm.jobs.first()?.context_error;
     let error = error_of(&first).filter(|error| error_of(&second) == Some(*error));
     let (first, second) = (first.sample(metric), second.sample(metric));
+    let sides = &contrast.sides;
+    let design = match contrast.pairing {
+        Pairing::Automatic => Design::of(&first, &second),
+        Pairing::Unpaired => Design::Independent,
+        Pairing::BySeed => Design::Matched,
+    };
     let words = words(sides);
     let published = published.filter(|_| metric == "mean_return");
     ContrastRow {
@@ -179,7 +198,7 @@ fn row(
         sides: labels(sides),
         error,
         contrast: analyse::Contrast::new(&first, &second, design),
-        family: family.to_owned(),
+        family: Family { name: contrast.family.clone(), members: 0 },
         corrected: Err(Undefined::NoSeeds),
         name,
         first,
@@ -207,12 +226,14 @@ fn published_test(
 pub fn correct_families<'r>(rows: impl IntoIterator<Item = &'r mut ContrastRow>) {
     let mut families: BTreeMap<String, Vec<&mut ContrastRow>> = BTreeMap::new();
     for row in rows {
-        families.entry(row.family.clone()).or_default().push(row);
+        families.entry(row.family.name.clone()).or_default().push(row);
     }
     for rows in families.into_values() {
-        let raw: Vec<_> = rows.iter().map(|row| row.contrast.test().map(|test| test.p)).collect();
+        let raw: Vec<_> = rows.iter().map(|row| row.contrast.test.map(|test| test.p)).collect();
+        let members = raw.len();
         for (row, corrected) in rows.into_iter().zip(correct(&raw)) {
             row.corrected = corrected;
+            row.family.members = members;
         }
     }
 }

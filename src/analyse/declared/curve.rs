@@ -1,7 +1,7 @@
 //! A metric along a parameter.
 
 use super::arm::{ArmId, arms, by_value, decided_by};
-use crate::analyse::{Sample, Undefined, welch_t_test};
+use crate::analyse::{Design, Sample, Undefined, t_test};
 use crate::env::inference_error;
 use crate::manifest::{CurveAxis, ERROR_AXIS, Published};
 use crate::record::JobRecord;
@@ -57,10 +57,10 @@ pub enum Apart {
 }
 
 impl Apart {
-    /// Whether two means differ, by Welch's t test with Bonferroni's correction for `pairs`
+    /// Whether two means differ, by the t test of the design with Bonferroni's correction for `pairs`
     /// comparisons. If the seeds of both arms have no variance, unequal means count as different.
-    fn of(one: &Sample, other: &Sample, pairs: usize) -> Apart {
-        match welch_t_test(one.values(), other.values()) {
+    pub(super) fn of((one, other): (&Sample, &Sample), design: Design, pairs: usize) -> Apart {
+        match t_test(one, other, design) {
             Ok(test) if test.p * (pairs as f64) < ALPHA => Apart::Surely,
             Err(Undefined::NoVariance) if one.mean() != other.mean() => Apart::Surely,
             Ok(_) | Err(Undefined::NoVariance) => Apart::Perhaps,
@@ -89,6 +89,8 @@ pub struct Ends<'l> {
     pub last: (&'l CurvePoint, f64),
     /// Whether the means differ.
     pub apart: Apart,
+    /// How the seeds of both points are paired in the test.
+    pub design: Design,
 }
 
 impl Ends<'_> {
@@ -106,8 +108,9 @@ impl CurveLine {
             self.points.iter().filter_map(|point| Some((point, point.sample.mean().ok()?)));
         let first = seen.next()?;
         let last = seen.next_back().unwrap_or(first);
-        let apart = Apart::of(&first.0.sample, &last.0.sample, pairs);
-        Some(Ends { first, last, apart })
+        let samples = (&first.0.sample, &last.0.sample);
+        let design = Design::of(samples.0, samples.1);
+        Some(Ends { first, last, apart: Apart::of(samples, design, pairs), design })
     }
 
     /// The metric of its seeds at a position on the axis, if it has any there.
@@ -139,7 +142,7 @@ impl CurveFigure {
     pub fn trends(&self) -> Option<Trends> {
         let pairs = self.lines.iter().filter(|line| line.across.is_none()).count();
         let mut trends = Trends::default();
-        for Ends { first: (_, start), last: (_, end), apart } in
+        for Ends { first: (_, start), last: (_, end), apart, .. } in
             self.lines.iter().filter_map(|line| line.ends(pairs)).filter(|ends| ends.are_apart())
         {
             trends.lines += usize::from(apart != Apart::Untested);
@@ -152,31 +155,29 @@ impl CurveFigure {
     /// The gaps between two lines at the points that both have: the point, the difference of the means, and
     /// whether it is significant, corrected for the number of points. A line without points spans the points
     /// of the other line.
-    fn gaps(&self) -> Vec<(&CurvePoint, f64, Apart)> {
+    fn gaps(&self) -> Vec<(&CurvePoint, f64, Apart, Design)> {
         let [first, second] = self.lines.as_slice() else { return Vec::new() };
         let (one, other) = if first.points.is_empty() { (second, first) } else { (first, second) };
         let pairs = one.points.len();
-        let gap = |point: &CurvePoint| {
-            let (sample, other) = (&point.sample, other.sample_at(point.x)?);
+        let gap = |point| {
+            let CurvePoint { sample, x, .. }: &CurvePoint = point;
+            let (sample, other) = (sample, other.sample_at(*x)?);
             let gap = sample.mean().ok()? - other.mean().ok()?;
-            Some((gap, Apart::of(sample, other, pairs)))
+            let design = Design::of(sample, other);
+            Some((point, gap, Apart::of((sample, other), design, pairs), design))
         };
-        let found = one
-            .points
-            .iter()
-            .filter_map(|point| gap(point).map(|(gap, apart)| (point, gap, apart)));
-        found.collect()
+        one.points.iter().filter_map(gap).collect()
     }
 
     /// Whether every gap between two lines can be tested.
     pub fn are_gaps_tested(&self) -> bool {
-        self.gaps().iter().all(|(_, _, apart)| *apart != Apart::Untested)
+        self.gaps().iter().all(|(_, _, apart, _)| *apart != Apart::Untested)
     }
 
     /// The widest gap between two lines. Significant gaps take precedence over wider gaps.
-    pub fn widest_gap(&self) -> Option<(&CurvePoint, f64, Apart)> {
+    pub fn widest_gap(&self) -> Option<(&CurvePoint, f64, Apart, Design)> {
         let gaps = self.gaps().into_iter();
-        let rank = |(_, gap, apart): &(&CurvePoint, f64, Apart)| {
+        let rank = |(_, gap, apart, _): &(&CurvePoint, f64, Apart, Design)| {
             let certainty = match apart {
                 Apart::Surely => 2,
                 Apart::Perhaps => 1,
@@ -216,7 +217,7 @@ pub fn figure(
         let points = by_value(&parameter, &arm.jobs).into_iter().map(|(value, jobs)| {
             let name = arm.name.clone();
             let here = super::Arm { name, jobs };
-            let best = here.optimum().filter(|_| metric == "mean_return");
+            let best = here.optimum_of(metric);
             optimum.extend(best.map(|best| (place(value), best)));
             CurvePoint { x: place(value), parameter: value, sample: here.sample(metric) }
         });
@@ -267,10 +268,12 @@ mod tests {
 
     #[test]
     fn a_difference_counts_for_less_the_more_pairs_are_looked_at() {
-        // t is 5.0 with 4 degrees of freedom: p is 0.0075.
-        let line = line(&[(20.0, 9.0), (56.742, 9.0)]);
-        assert_eq!(line.ends(6).unwrap().apart, Apart::Surely);
-        assert_eq!(line.ends(7).unwrap().apart, Apart::Perhaps);
+        // The differences of three seeds are 40 and 40 ± 6.93: t is 10 with 2 degrees of freedom, and p 0.00985.
+        let line = line(&[(20.0, 9.0), (60.0, 15.928)]);
+        let test = line.ends(1).unwrap();
+        assert_eq!(test.design, Design::Matched);
+        assert_eq!(line.ends(5).unwrap().apart, Apart::Surely);
+        assert_eq!(line.ends(6).unwrap().apart, Apart::Perhaps);
     }
 
     #[test]
@@ -281,7 +284,7 @@ mod tests {
         let lines = vec![
             line(&[(90.0, 1.0), (50.0, 1.0), (20.0, 1.0)]),
             line(&[(20.0, 1.0), (90.0, 1.0)]),
-            line(&[(20.0, 90.0), (30.0, 90.0)]),
+            line(&[(20.0, 90.0), (30.0, 9.0)]),
             // Without variance, every difference counts.
             line(&[(50.0, 0.0), (55.0, 0.0)]),
             line(&[(50.0, 0.0), (50.0, 0.0)]),
@@ -299,7 +302,7 @@ mod tests {
     fn two_lines_are_furthest_apart_where_they_differ_beyond_chance() {
         let gap = |second: &[(f64, f64)]| {
             let figure = figure(vec![line(&[(20.0, 1.0), (20.0, 1.0)]), line(second)]);
-            figure.widest_gap().map(|(point, gap, apart)| (point.x, gap, apart)).unwrap()
+            figure.widest_gap().map(|(point, gap, apart, _)| (point.x, gap, apart)).unwrap()
         };
         assert_eq!(gap(&[(20.0, 1.0), (60.0, 1.0)]), (2.0, -40.0, Apart::Surely));
         assert_eq!(gap(&[(20.0, 1.0), (60.0, 90.0)]), (2.0, -40.0, Apart::Perhaps));

@@ -3,7 +3,7 @@
 use super::arm::{arms, by_value, decided_by};
 use super::pairs::{Pair, pairs};
 use super::{Arm, ArmId};
-use crate::analyse::{Contrast, Design, Interval, Moments, Sample, Undefined, mean_interval};
+use crate::analyse::{Contrast, Design, Interval, Moments, Sample, Undefined};
 use crate::key::Parameter;
 use crate::manifest::{Condition, Published, Sides};
 use crate::record::JobRecord;
@@ -155,15 +155,15 @@ fn tile(jobs: &[&JobRecord], sides: Option<&Sides>, metric: &str) -> HeatTile {
         None => {
             let all = sample(jobs.to_vec());
             let mean = Moments::of(all.values()).map(|moments| moments.mean);
-            (mean, mean_interval(all.values()), all.n())
+            (mean, all.interval(), all.n())
         }
         Some(sides) => {
             let side = |condition: &Condition| {
                 sample(jobs.iter().filter(|job| condition.is_met_by(job)).copied().collect())
             };
             let (first, second) = (side(&sides.first), side(&sides.second));
-            let contrast = Contrast::new(&first, &second, Design::Independent);
-            let interval = contrast.test().map(|test| test.interval);
+            let contrast = Contrast::new(&first, &second, Design::of(&first, &second));
+            let interval = contrast.test.map(|test| test.interval);
             (contrast.difference, interval, first.n().min(second.n()))
         }
     };

@@ -1,7 +1,8 @@
 //! Learning curves: a moving mean over training episodes, over the seeds.
 
 use super::arm::{ArmId, arms};
-use crate::analyse::{Interval, mean_interval, moving_mean};
+use super::curve::Apart;
+use crate::analyse::{Design, Interval, Sample, mean_interval, moving_mean};
 use crate::record::JobRecord;
 
 /// Learning curves, one panel per scenario.
@@ -19,14 +20,33 @@ impl LearningFigure {
         self.panels.iter().flat_map(|panel| &panel.lines)
     }
 
-    /// The line whose last point is highest, with its mean and interval there.
-    pub fn highest_end(&self) -> Option<(&LearningLine, f64, Option<Interval>)> {
-        let ends = self.lines().filter_map(|line| {
-            let (_, mean, interval) = *line.points.last()?;
-            Some((line, mean, interval))
+    /// The line whose last point is highest, with its mean and interval there, and the comparisons of its last
+    /// point with those of all other lines, corrected for their number.
+    pub fn highest_end(&self) -> Option<HighestEnd<'_>> {
+        let lines: Vec<(&LearningLine, f64)> =
+            self.lines().filter_map(|line| Some((line, line.points.last()?.1))).collect();
+        let (line, mean) = *lines.iter().max_by(|one, other| one.1.total_cmp(&other.1))?;
+        let pairs = lines.len() - 1;
+        let others = lines.iter().filter(|(other, _)| !std::ptr::eq(*other, line));
+        let compared = others.map(|(other, _)| {
+            let design = Design::of(&line.end, &other.end);
+            (Apart::of((&line.end, &other.end), design, pairs), design)
         });
-        ends.max_by(|one, other| one.1.total_cmp(&other.1))
+        Some(HighestEnd { line, mean, interval: line.points.last()?.2, others: compared.collect() })
     }
+}
+
+/// The line that ends highest.
+#[derive(Clone, Debug)]
+pub struct HighestEnd<'l> {
+    /// The line.
+    pub line: &'l LearningLine,
+    /// The mean of its last point.
+    pub mean: f64,
+    /// The interval of this mean.
+    pub interval: Option<Interval>,
+    /// Whether its end differs from that of each other line, and how seeds are paired in the test.
+    pub others: Vec<(Apart, Design)>,
 }
 
 /// The learning curves of one scenario.
@@ -47,6 +67,8 @@ pub struct LearningLine {
     pub seeds: (usize, usize),
     /// The best mean return that any policy can reach, where it is known.
     pub optimum: Option<f64>,
+    /// The moving means of its seeds at its last point.
+    pub end: Sample,
     /// Training episodes finished, mean over seeds, and its interval where one is defined.
     pub points: Vec<(u32, f64, Option<Interval>)>,
 }
@@ -57,17 +79,22 @@ pub fn figure(window: u32, jobs: &[&JobRecord]) -> LearningFigure {
     let mut panels: Vec<LearningPanel> = Vec::new();
     let learners: Vec<&JobRecord> = jobs.iter().filter(|job| job.learns).copied().collect();
     for arm in arms(&learners, &[]) {
-        let curves: Vec<Vec<(u32, f64)>> = arm
+        let (seeds, curves): (Vec<u64>, Vec<Vec<(u32, f64)>>) = arm
             .jobs
             .iter()
             .filter_map(|job| {
                 let stride = job.number("evaluation.curve_stride")? as u32;
-                Some(moving_mean(&job.completed()?.curve, stride, window))
+                Some((job.seed, moving_mean(&job.completed()?.curve, stride, window)))
             })
-            .collect();
+            .unzip();
+        let shortest = curves.iter().map(Vec::len).min().unwrap_or(0);
+        let last = curves.iter().filter_map(|curve| Some(curve.get(shortest.checked_sub(1)?)?.1));
+        let lost = arm.sample("mean_return").lost();
+        let end = Sample::new(seeds.into_iter().zip(last), lost.failed, lost.open);
         let line = LearningLine {
             seeds: (curves.len(), arm.jobs.len()),
-            optimum: arm.optimum(),
+            optimum: arm.optimum_of("mean_return"),
+            end: end.expect("an arm has every seed once"),
             points: over_seeds(&curves),
             name: arm.name,
         };

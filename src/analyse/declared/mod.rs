@@ -21,11 +21,11 @@ mod summary;
 
 pub use action_choice::{ActionPanel, BinShares};
 pub use arm::{Arm, ArmId, condense, implied, is_at, varying};
-pub use contrast::{ContrastFigure, ContrastRow};
+pub use contrast::{ContrastFigure, ContrastRow, Family};
 pub use curve::{ALPHA, Apart, CurveFigure, CurveLine, CurvePoint, Ends, Trends};
 pub use heat_map::{HeatFigure, HeatTile, Scale, heat_range};
 pub use inference_error::{ErrorFigure, ErrorPoint};
-pub use learning_curve::{LearningFigure, LearningLine, LearningPanel};
+pub use learning_curve::{HighestEnd, LearningFigure, LearningLine, LearningPanel};
 pub use recovery::{RecoveryRow, ScenarioOptimum};
 pub use reproduction::{Comparison, Distance, Reproduction, Subject, reproduce};
 pub use selection::{Candidate, Ranking};

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use super::arm::{Arm, ArmId, Token, arms};
-use crate::analyse::{self, Recovered, Sample, Undefined};
+use crate::analyse::{self, Design, Recovered, Sample, Undefined};
 use crate::manifest::{Condition, Recovery, Setting};
 use crate::record::JobRecord;
 
@@ -45,7 +45,7 @@ pub fn rows(recovery: &Recovery, metric: &str, jobs: &[&JobRecord]) -> Vec<Recov
     };
     let mut optima: HashMap<_, ScenarioOptimum> = HashMap::new();
     for arm in &arms {
-        let Some(mean_return) = arm.optimum() else { continue };
+        let Some(mean_return) = arm.optimum_of(metric) else { continue };
         let next = || ScenarioOptimum { scenario: arm.name.scenario.clone(), mean_return };
         let best = optima.entry(environment(&arm.name)).or_insert_with(next);
         if mean_return > best.mean_return {
@@ -60,12 +60,14 @@ pub fn rows(recovery: &Recovery, metric: &str, jobs: &[&JobRecord]) -> Vec<Recov
     for with in of(&recovery.with) {
         let place = environment(&with.name);
         let optimum = optima.get(&place);
-        for without in partners.get(&place).into_iter().flatten() {
+        let partners = partners.get(&place).into_iter().flatten();
+        for without in partners.filter(|without| are_partners(recovery, with, without)) {
             let returns = [with.sample(metric), without.sample(metric)];
             let [of_with, of_without] = &returns;
             let recovered = optimum.ok_or(Undefined::NoOptimum).and_then(|optimum| {
                 let best = optimum.mean_return;
-                analyse::recovered(of_with.values(), of_without.values(), best)
+                let design = Design::of(of_with, of_without);
+                analyse::recovered(of_with, of_without, best, design)
             });
             rows.push(RecoveryRow {
                 with: with.name.clone(),
@@ -77,6 +79,31 @@ pub fn rows(recovery: &Recovery, metric: &str, jobs: &[&JobRecord]) -> Vec<Recov
         }
     }
     rows
+}
+
+/// Whether two arms in the same environment form a pair: what neither `with` nor `without` mentions is the same
+/// in both. Settings of two different agents need not agree.
+fn are_partners(recovery: &Recovery, with: &Arm<'_>, without: &Arm<'_>) -> bool {
+    let mentions =
+        |is: &dyn Fn(&Condition) -> bool| recovery.with.iter().chain(&recovery.without).any(is);
+    let (one, other) = (&with.name, &without.name);
+    let is_same_agent = one.agent == other.agent;
+    let is_mentioned = |name: &str| {
+        let is_of = |one: &Condition| match one {
+            Condition::Key { parameter, .. } => parameter.to_string() == name,
+            Condition::AgentName(_) | Condition::Scenario(_) | Condition::Seed(_) => false,
+        };
+        mentions(&is_of)
+    };
+    let settings = |of: &ArmId| -> Vec<(String, Setting)> {
+        of.settings.iter().filter(|(name, _)| !is_mentioned(name)).cloned().collect()
+    };
+    let is_agent = |one: &Condition| matches!(one, Condition::AgentName(_));
+    let is_scenario = |one: &Condition| matches!(one, Condition::Scenario(_));
+    one != other
+        && (is_same_agent || mentions(&is_agent))
+        && (one.scenario == other.scenario || mentions(&is_scenario))
+        && (!is_same_agent || settings(one) == settings(other))
 }
 
 /// The settings that distinguish an arm's environment, as a key of a table.

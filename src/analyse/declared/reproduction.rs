@@ -5,10 +5,10 @@ use std::collections::BTreeMap;
 use super::arm::arms;
 use crate::analyse::undefined::finite;
 use crate::analyse::{
-    Agreement, Estimate, Likeness, Moments, Sample, Undefined, Verdict, agreement, welch_t_test,
+    Agreement, Estimate, Likeness, Moments, Sample, Undefined, Verdict, agreement,
 };
 use crate::env::inference_error;
-use crate::manifest::Published;
+use crate::manifest::{Equivalence, Published};
 use crate::record::JobRecord;
 
 /// Number of seeds behind every published mean.
@@ -81,6 +81,16 @@ pub struct Comparison {
     pub seeds: usize,
     /// Our number minus the published number, with the joint interval.
     pub agreement: Result<Agreement, Undefined>,
+    /// The declared margin within which two numbers are equivalent.
+    pub margin: Option<f64>,
+}
+
+impl Comparison {
+    /// Whether both numbers are equivalent within the declared margin.
+    pub fn is_equivalent(&self) -> Option<bool> {
+        let margin = self.margin?;
+        self.agreement.ok().map(|agreement| agreement.equivalence_bound <= margin)
+    }
 }
 
 /// The distance of an agent's numbers from the published ones, as ours minus published.
@@ -108,6 +118,15 @@ impl Reproduction {
             }
         }
         counts
+    }
+
+    /// Of the comparisons of a subject whose margin is declared: the margin, the number that is equivalent, and
+    /// the number compared; `None` if no margin is declared.
+    pub fn equivalent(&self, subject: Subject) -> Option<(f64, usize, usize)> {
+        let of_subject = || self.comparisons.iter().filter(|one| one.subject == subject);
+        let margin = of_subject().find_map(|one| one.margin)?;
+        let verdicts = || of_subject().filter_map(Comparison::is_equivalent);
+        Some((margin, verdicts().filter(|is| *is).count(), verdicts().count()))
     }
 
     /// The distance of our numbers from the published numbers of a subject, by agent. Numbers can
@@ -154,6 +173,10 @@ pub fn reproduce(published: &Published, jobs: &[JobRecord]) -> Reproduction {
     comparisons.extend(curve_points(published, &jobs));
     comparisons.extend(heat_tiles(published, &jobs));
     comparisons.extend(error_rates(published, &jobs));
+    let Equivalence { steps, rate } = published.equivalence;
+    for one in &mut comparisons {
+        one.margin = if one.subject == Subject::ErrorRate { rate } else { steps };
+    }
     Reproduction { comparisons }
 }
 
@@ -303,7 +326,7 @@ fn difference(
 
 /// The difference of two arms with its standard error.
 fn estimate(first: &Sample, second: &Sample) -> Result<Estimate, Undefined> {
-    Ok(Estimate::of_test(&welch_t_test(first.values(), second.values())?))
+    Estimate::of_difference(first.values(), second.values())
 }
 
 /// The difference of the means of two arms, which needs one seed per arm.
@@ -364,6 +387,7 @@ fn unlabelled(
         our_error: ours.map(|ours| ours.standard_error),
         seeds,
         agreement,
+        margin: None,
     }
 }
 
@@ -371,7 +395,7 @@ fn unlabelled(
 fn certain(difference: f64) -> Result<Agreement, Undefined> {
     let interval = crate::analyse::Interval { low: difference, high: difference };
     let verdict = if difference == 0.0 { Verdict::Inside } else { Verdict::Outside };
-    Ok(Agreement { difference, interval, verdict })
+    Ok(Agreement { difference, interval, verdict, equivalence_bound: difference.abs() })
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::fmt;
 
 use super::arm::{ArmId, Token, arms};
-use crate::analyse::{Interval, Moments, Sample, Undefined, mean_interval};
+use crate::analyse::{Interval, Moments, Sample, Undefined};
 use crate::key::Kind;
 use crate::manifest::{Section, SelectionRule, Setting};
 use crate::record::JobRecord;
@@ -145,7 +145,7 @@ pub fn rankings(rule: SelectionRule, metric: &str, jobs: &[&JobRecord]) -> Vec<R
         let place = ArmId { settings: environment, ..arm.name.clone() };
         let candidate = Candidate {
             mean: Moments::of(sample.values()).map(|moments| moments.mean),
-            interval: mean_interval(sample.values()),
+            interval: sample.interval(),
             settings,
             sample,
         };
@@ -181,7 +181,7 @@ mod tests {
         let candidate = |value: &f64| {
             let sample = Sample::new([(1, 1.0), (2, 2.0)], 0, 0).unwrap();
             let settings = vec![(name.to_owned(), Setting::Number(*value))];
-            let interval = mean_interval(sample.values());
+            let interval = sample.interval();
             Candidate { settings, sample, mean: Ok(1.5), interval }
         };
         let (agent, scenario) = ("dqn".to_owned(), "P-T".to_owned());

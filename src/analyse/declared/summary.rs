@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
-use super::arm::{ArmId, MESSAGES, arms};
+use super::arm::{ArmId, MESSAGES, NET_RETURN, arms};
 use crate::analyse::{Aggregate, Sample, Undefined, interquartile_mean};
 use crate::record::JobRecord;
 
@@ -19,13 +19,15 @@ pub struct ArmSummary {
     pub name: ArmId,
     /// Mean returns of its seeds.
     pub returns: Sample,
+    /// Mean returns of its seeds minus the cost of messages.
+    pub net_returns: Sample,
     /// Lower quartiles of the test returns of its seeds.
     pub lower_quartiles: Sample,
     /// Shares of the test episodes that ended in disengagement.
     pub disengagement: Sample,
     /// Messages per test episode.
     pub messages: Sample,
-    /// The best mean return that any policy can reach; `None` if it was not computed.
+    /// The best mean net return that any policy can reach; `None` if it was not computed.
     pub optimum: Option<f64>,
     /// Feature noise of its jobs, if they have one.
     pub sigma: Option<f64>,
@@ -43,8 +45,7 @@ impl ArmSummary {
 
     /// Number of declared seeds.
     pub fn declared(&self) -> usize {
-        let lost = self.returns.lost();
-        self.returns.n() + (lost.ended() + lost.open) as usize
+        self.returns.declared()
     }
 
     /// Whether a seed has completed or failed.
@@ -64,8 +65,6 @@ pub struct AgentSummary {
     pub arms: usize,
     /// Number of results: seeds of all arms.
     pub runs: usize,
-    /// Smallest number of seeds with a result in an arm; 0 without an arm.
-    pub fewest: usize,
     /// Inter-quartile mean of the mean returns; its bootstrap draws seeds with their values in all arms.
     pub returns: Result<Aggregate, Undefined>,
     /// The same for shares of the optimum, over the arms with a known optimum; `None` if there are
@@ -78,6 +77,7 @@ pub fn summarise_arms(jobs: &[JobRecord]) -> Vec<ArmSummary> {
     let jobs: Vec<&JobRecord> = jobs.iter().collect();
     let summary = |arm: super::Arm<'_>| ArmSummary {
         returns: arm.sample("mean_return"),
+        net_returns: arm.sample(NET_RETURN),
         lower_quartiles: arm.sample("lower_quartile_return"),
         disengagement: arm.sample("disengagement_rate"),
         messages: arm.sample(MESSAGES),
@@ -155,8 +155,7 @@ impl<'a> Group<'a> {
             agent: self.agent.to_owned(),
             scenario: self.scenario.to_owned(),
             arms: self.ours.len(),
-            runs: runs.clone().sum(),
-            fewest: runs.min().unwrap_or(0),
+            runs: runs.sum(),
             returns: match self.ours[..] {
                 [arm] => arm.interquartile(),
                 _ => returns,
@@ -189,13 +188,13 @@ fn on_all_cores<T: Sync, R: Send>(items: &[T], of: impl Fn(&T) -> R + Sync) -> V
     found.into_iter().map(|(_, result)| result).collect()
 }
 
-/// The mean returns of an arm's seeds as shares of the optimum; `None` if the optimum is unknown or
+/// The net returns of an arm's seeds as shares of the optimum; `None` if the optimum is unknown or
 /// not above 0.
 fn shares(arm: &ArmSummary) -> Option<Sample> {
-    let values = arm.returns.seeds().iter().zip(arm.returns.values());
+    let values = arm.net_returns.seeds().iter().zip(arm.net_returns.values());
     let shares = values.map(|(seed, value)| Some((*seed, share_of_optimum(*value, arm.optimum)?)));
     let shares = shares.collect::<Option<Vec<_>>>()?;
-    let lost = arm.returns.lost();
+    let lost = arm.net_returns.lost();
     Some(Sample::new(shares, lost.failed, lost.open).expect("a sample has every seed once"))
 }
 
@@ -217,6 +216,7 @@ mod tests {
                 scenario: scenario.to_owned(),
                 settings: Vec::new(),
             },
+            net_returns: returns.clone(),
             returns,
             lower_quartiles: Sample::default(),
             disengagement: Sample::default(),

@@ -3,7 +3,7 @@
 use super::ticks::{linear, logarithmic, round_step};
 use super::{FAINT, GRID, INK, Numbers, TEXT, fitting, rising_title, text};
 use crate::manifest::Setting;
-use crate::report::data_table::signed;
+use crate::report::data_table::{shown, signed};
 use crate::report::scene::{Anchor, Mark, Shape, Stroke, Weight, width};
 
 /// An axis of a chart.
@@ -20,6 +20,8 @@ pub struct Axis {
     /// Ascending numbers before the range, each at a place of its own before a break of the axis: 0 on a
     /// logarithmic axis.
     aside: Vec<f64>,
+    /// The ascending numbers of the points, if they are few: the ticks where they fit.
+    marked: Vec<f64>,
 }
 
 /// The mapping of numbers to positions.
@@ -79,7 +81,7 @@ impl Axis {
                 (low - half, low + half)
             }
         };
-        Axis { title, range, scale, numbers, aside: Vec::new() }
+        Axis { title, range, scale, numbers, aside: Vec::new(), marked: Vec::new() }
     }
 
     /// A logarithmic axis of these numbers. Numbers that are not above 0, or far below all others, stand aside.
@@ -103,6 +105,34 @@ impl Axis {
             }
         };
         self
+    }
+
+    /// The axis with ticks at these numbers, if they are few and fit.
+    pub fn with_marked(self, mut numbers: Vec<f64>) -> Axis {
+        const MOST_MARKED: usize = 12;
+        numbers.sort_by(f64::total_cmp);
+        numbers.dedup();
+        numbers.retain(|number| !self.aside.contains(number));
+        let marked = if numbers.len() > MOST_MARKED { Vec::new() } else { numbers };
+        Axis { marked, ..self }
+    }
+
+    /// The ticks at the numbers of the points, and at those that stand aside; none if labels count from another
+    /// number.
+    fn marked_ticks(&self) -> Vec<Tick> {
+        if self.marked.is_empty() || self.base().is_some() {
+            return Vec::new();
+        }
+        let label = |number: f64| match self.numbers {
+            Numbers::Plain => signed(&Setting::Number(number).to_string()),
+            Numbers::Percent => shown(number * 100.0, usize::from(number != 0.0)),
+        };
+        let tick = |number: &f64| Tick {
+            share: self.share(*number),
+            label: label(*number),
+            is_zero: *number == 0.0,
+        };
+        self.aside.iter().chain(&self.marked).map(tick).collect()
     }
 
     /// The numbers at its ends.
@@ -223,6 +253,10 @@ impl Axis {
             (other.share - one.share) * length >= halves + BETWEEN
         };
         let fits = |ticks: &[Tick]| ticks.windows(2).all(|pair| fit(&pair[0], &pair[1]));
+        let marked = self.marked_ticks();
+        if !marked.is_empty() && fits(&marked) {
+            return marked;
+        }
         let counts = (1..=wanted.max(1)).rev().map(|wanted| self.ticks(wanted));
         for ticks in counts {
             if fits(&ticks) {

@@ -3,7 +3,7 @@
 use super::Numbers;
 use super::axis::{Axis, AxisScale, Frame, HEIGHT_TICKS, round_range, tick_width};
 use super::label::{Placing, below, beside, end_labels, placing};
-use super::line::{Chart, GAP, LEAST_PLOT, LEFT, Line, Place, Spread, marker};
+use super::line::{Chart, GAP, LEAST_PLOT, LEFT, Line, Place, Spread, marker, single};
 use super::overlap::{dodges, widenings};
 use super::style::Style;
 use super::{FAINT, INK, NOTE, TEXT, fitting, text};
@@ -48,7 +48,7 @@ pub fn axes(
         AxisScale::Linear => Axis::new(x_title, ends(&xs), AxisScale::Linear, x_numbers),
     };
     let has_marks = lines().any(|line| line.spread == Spread::Bars);
-    (if has_marks { x.padded() } else { x }, y)
+    (if has_marks { x.padded().with_marked(xs) } else { x }, y)
 }
 
 /// The smallest and the largest number; infinite if there are none.
@@ -258,7 +258,9 @@ fn point_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, right: f64) -> 
     };
     let mark = |point: &Place| {
         let at = place(point.x, point.y);
-        let shape = if is_marked {
+        let shape = if is_marked && point.is_single {
+            single(at, &line.look)
+        } else if is_marked {
             marker(at, &line.look, if line.look.marker.is_hollow() { 2.6 } else { 2.2 })
         } else {
             let fill = Fill { color: line.look.color, opacity: 0.0 };
@@ -267,13 +269,22 @@ fn point_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, right: f64) -> 
         let mark = Mark::from(shape);
         if point.tip.is_empty() { mark } else { mark.saying(&point.tip) }
     };
+    let is_mixed = line.points.iter().any(|point| !point.is_single);
+    let number = |point: &Place| {
+        let is_said = is_marked && point.is_single && is_mixed;
+        let (x, y) = place(point.x, point.y);
+        is_said.then(|| {
+            text((x + 4.5, y - 3.0), "n = 1", (NOTE, Weight::Regular), FAINT, Anchor::Start).into()
+        })
+    };
     let bar = |point: &Place| {
         let (low, high) = point.interval.filter(|_| line.spread == Spread::Bars)?;
         let points = vec![place(point.x, low), place(point.x, high)];
         let stroke = Stroke::solid(line.look.color, 1.0);
         Some(Mark::from(Shape::Line { points, stroke }))
     };
-    said.flat_map(|point| std::iter::once(mark(point)).chain(bar(point))).collect()
+    let marks = |point| std::iter::once(mark(point)).chain(bar(point)).chain(number(point));
+    said.flat_map(marks).collect()
 }
 
 #[cfg(test)]
@@ -300,7 +311,13 @@ mod tests {
             label: "arm".to_owned(),
             look: Look { color: INK, dash, marker: Marker::Disc },
             points: (0..3)
-                .map(|x| Place { x: f64::from(x), y: 5.0, interval: None, tip: String::new() })
+                .map(|x| Place {
+                    x: f64::from(x),
+                    y: 5.0,
+                    interval: None,
+                    is_single: false,
+                    tip: String::new(),
+                })
                 .collect(),
             reference: Vec::new(),
             spread: Spread::Bars,
@@ -348,7 +365,13 @@ mod tests {
             points: [1.0, 2.0]
                 .map(|x| {
                     let interval = Some((-scale, f64::INFINITY));
-                    Place { x: x * scale, y: -x * scale, interval, tip: String::new() }
+                    Place {
+                        x: x * scale,
+                        y: -x * scale,
+                        interval,
+                        is_single: false,
+                        tip: String::new(),
+                    }
                 })
                 .into(),
             reference: Vec::new(),

@@ -49,7 +49,18 @@ pub struct Place {
     pub x: f64,
     pub y: f64,
     pub interval: Option<(f64, f64)>,
+    /// Whether it has the value of a single seed.
+    pub is_single: bool,
     pub tip: String,
+}
+
+/// The mark of a single seed: the outline of the arm's mark, larger and without fill.
+pub(super) fn single(at: Point, look: &Look) -> Shape {
+    let look = match look.marker {
+        Marker::Disc | Marker::Ring => Look { marker: Marker::Ring, ..*look },
+        Marker::Square | Marker::Diamond => Look { marker: Marker::Diamond, ..*look },
+    };
+    marker(at, &look, 3.4)
 }
 
 /// The mark of a point.

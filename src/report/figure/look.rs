@@ -40,9 +40,9 @@ const OF_AGENTS: [Color; 8] = [
     Color(150, 150, 150),
 ];
 
-/// Dashes of the agents, in the manifest's order.
+/// Dashes of the agents, in the manifest's order. None are dots, as the lines of optima are.
 const DASHES: [Option<(f64, f64)>; 4] =
-    [None, Some((5.0, 2.5)), Some((1.5, 2.0)), Some((8.0, 2.0))];
+    [None, Some((5.0, 2.5)), Some((2.6, 1.6)), Some((10.0, 3.0))];
 
 /// The look of an arm.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -78,6 +78,9 @@ impl Marker {
     }
 }
 
+/// The number of shades of a colour.
+const SHADES: usize = 6;
+
 const MARKERS: [Marker; 4] = [Marker::Disc, Marker::Ring, Marker::Square, Marker::Diamond];
 
 /// The looks of a report's arms: colours by scenario, dashes and markers by agent. If there are
@@ -112,11 +115,14 @@ impl Looks {
 
     /// The look of the optimum in an arm's environment.
     pub fn of_optimum(&self, name: &ArmId) -> Look {
+        let scenario = place(&self.scenarios, &name.scenario);
         let color = match self.tells_agents() {
             true => INK,
             false => self.look(name).color.towards(INK, 0.25),
         };
-        Look { color, dash: Some((1.0, 2.4)), marker: Marker::Ring }
+        // Dots further apart tell scenarios apart where colours do not.
+        let gap = if self.tells_agents() { 2.4 + 2.0 * (scenario % 4) as f64 } else { 2.4 };
+        Look { color, dash: Some((1.0, gap)), marker: Marker::Ring }
     }
 
     /// The look of an arm.
@@ -129,10 +135,17 @@ impl Looks {
             (false, Some((_, color))) => (*color, agent),
             (false, None) => (COLORS[(4 + self.unknown(name)) % COLORS.len()], agent),
         };
-        // Arms that differ only in settings are shades of one colour.
-        let shade = match self.settings.get(&words(name)) {
-            Some(at) => *at as f64 / self.settings.len() as f64 * 0.6,
-            None => 0.0,
+        // Arms that differ only in settings have colours of their own, if nothing else needs them; else they are
+        // shades of one colour, with dashes and markers of their own.
+        let at = self.settings.get(&words(name)).copied().unwrap_or(0);
+        let colored = if self.tells_agents() { &self.agents } else { &self.scenarios };
+        let (base, kind, shade) = match colored.len() {
+            0 | 1 if at > 0 => {
+                let first = COLORS.iter().position(|color| *color == base).unwrap_or(0);
+                (COLORS[(first + at) % COLORS.len()], kind + at / COLORS.len(), 0.0)
+            }
+            0 | 1 => (base, kind, 0.0),
+            _ => (base, kind + at, (at % SHADES) as f64 / SHADES as f64 * 0.6),
         };
         Look {
             color: base.towards(Color::WHITE, shade),

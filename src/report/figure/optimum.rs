@@ -71,7 +71,7 @@ impl Optimum {
         let of = self.labels.join(", ");
         let place = |(x, y): &(f64, f64)| {
             let tip = format!("optimum {of}: {}", shown(*y, 0));
-            Place { x: *x, y: *y, interval: None, tip }
+            Place { x: *x, y: *y, interval: None, is_single: false, tip }
         };
         Line {
             label,

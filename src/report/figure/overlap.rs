@@ -82,7 +82,8 @@ mod tests {
     use crate::report::scene::Facets;
 
     fn line(xs: &[f64], spread: Spread) -> Line {
-        let place = |x: &f64| Place { x: *x, y: 0.0, interval: None, tip: String::new() };
+        let place =
+            |x: &f64| Place { x: *x, y: 0.0, interval: None, is_single: false, tip: String::new() };
         Line {
             label: String::new(),
             look: Look { color: INK, dash: None, marker: Marker::Ring },

@@ -1,9 +1,9 @@
 //! Contrasts: differences with their intervals, with one row per comparison.
 
-use super::forest::forest_figures;
-use super::{Drawn, Sheet, amount, related};
-use crate::analyse::declared::{ALPHA, ContrastFigure, ContrastRow};
-use crate::analyse::{FEW_SEEDS, Tests};
+use super::forest::{MOST_ROWS, forest_figures};
+use super::{Drawn, Sheet, gap, gap_title, related, test_name};
+use crate::analyse::FEW_SEEDS;
+use crate::analyse::declared::{ALPHA, ContrastFigure, ContrastRow, Family};
 use crate::plan::counted;
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{arm_label, seeds};
@@ -18,72 +18,89 @@ impl Drawn for ContrastFigure {
         if is_answered { forest_figures(&self.rows, sheet) } else { Vec::new() }
     }
 
+    fn wholes(&self, sheet: &Sheet<'_>, panels: usize) -> Vec<(String, usize)> {
+        let stem = || sheet.stem.to_owned();
+        // Parts of a panel that is higher than a page stay apart.
+        match self.rows.len() > MOST_ROWS {
+            true => (0..panels).map(|_| (stem(), 1)).collect(),
+            false => vec![(stem(), panels)],
+        }
+    }
+
     fn table(&self, title: &str, metric: &str) -> DataTable {
         table(title, self, metric)
     }
 
     fn shows(&self, metric: &str) -> String {
-        let sides = format!(" between {} and {}", self.sides.0, self.sides.1);
+        let (first, second) = &self.sides;
+        let test = test_name(self.rows.iter().map(|row| row.contrast.design));
         let counts = self.rows.iter().map(|row| row.contrast.seeds.0.min(row.contrast.seeds.1));
         let seeds = seeds(counts.filter(|n| *n > 0));
         format!(
-            "Differences in {}{sides} with their 95 % intervals, not corrected for the number of \
-             comparisons, {seeds} per side",
-            metric_title(metric)
+            "Differences in {} between {first} and {second} ({test}) with their 95 % intervals, not \
+             corrected for the number of comparisons, {seeds} per side",
+            metric_title(metric),
         )
     }
 
     fn finds(&self, metric: &str) -> Option<String> {
+        let (first, second) = (&self.sides.0, &self.sides.1);
         let answered: Vec<(&ContrastRow, f64)> =
             self.rows.iter().filter_map(|row| Some((row, row.contrast.difference.ok()?))).collect();
-        let size = |one: &&(&ContrastRow, f64)| one.1.abs();
-        let (row, largest) = answered.iter().max_by(|a, b| size(a).total_cmp(&size(b)))?;
-        let label = arm_label(&row.name);
-        let (first, second) = (&row.sides.0, &row.sides.1);
-        let test = test(row);
-        let side = if *largest < 0.0 { "below" } else { "above" };
-        let size = amount(largest.abs(), metric);
-        let rows: Vec<&ContrastRow> = answered.iter().map(|(row, _)| *row).collect();
-        if *largest == 0.0 {
-            let all = match answered.len() {
-                1 => String::new(),
-                all => format!(" in all {all} comparisons"),
-            };
-            return Some(format!("{first} and {second} have equal means{all}; {}", verdict(&rows)));
+        if answered.is_empty() {
+            return None;
         }
-        if let [_] = &answered[..]
-            && let (Ok(found), Ok(p)) = (row.contrast.test(), row.corrected)
-        {
-            let place = if label.is_empty() { String::new() } else { format!(", for {label}") };
-            let verdict = if is_significant(row) { "significant" } else { "not significant" };
+        let tested: Vec<(&ContrastRow, f64)> =
+            answered.iter().filter(|(row, _)| row.corrected.is_ok()).copied().collect();
+        if tested.is_empty() {
+            let reason = answered.iter().find_map(|(row, _)| row.corrected.err());
+            let reason = reason.map_or_else(String::new, |reason| format!(" ({reason})"));
             return Some(format!(
-                "{first} is {side} {second} by {size}{place}: {verdict} ({test} t = {}, {} degrees of \
-                 freedom, Holm-corrected p {})",
-                shown(found.t, 2),
-                shown(found.df, 1),
-                related(p.holm),
+                "No difference can be tested{reason}; {}",
+                widest(&answered, metric)
             ));
         }
-        let count = |is: fn(f64) -> bool| answered.iter().filter(|one| is(one.1)).count();
-        let (above, below) = (count(|d| d > 0.0), count(|d| d < 0.0));
-        let all = answered.len();
-        let signs = match (above, below) {
-            _ if all == 1 => format!("{first} is {side} {second}"),
-            (above, _) if above == all => {
-                format!("{first} is above {second} in all {all} comparisons")
+        let family = family(tested[0].0);
+        if tested.iter().all(|(_, difference)| *difference == 0.0) {
+            let all = match tested.len() {
+                1 => String::new(),
+                all => format!(" in all {all} tested comparisons"),
+            };
+            return Some(format!("{first} and {second} have equal means{all}"));
+        }
+        let significant: Vec<(&ContrastRow, f64)> =
+            tested.iter().filter(|(row, _)| is_significant(row)).copied().collect();
+        if let ([(row, _)], [_]) = (&tested[..], &self.rows[..]) {
+            let verdict = if significant.is_empty() { "not significant" } else { "significant" };
+            return Some(format!(
+                "{}: {verdict}{}{family}",
+                widest(&tested, metric),
+                statistic(row)
+            ));
+        }
+        let all = tested.len();
+        let of = |sign: f64| significant.iter().filter(|one| one.1 * sign > 0.0).count();
+        let signs = match (of(1.0), of(-1.0)) {
+            (0, 0) => format!("None of {all} tested differences is significant"),
+            (above, 0) if above == all => {
+                format!("{first} is significantly above {second} in all {all} tested comparisons")
             }
-            (_, below) if below == all => {
-                format!("{first} is below {second} in all {all} comparisons")
+            (0, below) if below == all => {
+                format!("{first} is significantly below {second} in all {all} tested comparisons")
             }
             (above, below) => format!(
-                "{first} is above {second} in {above} of {all} comparisons and below it in {below}"
+                "Of {all} tested comparisons, {first} is significantly above {second} in {above} and \
+                 significantly below it in {below}"
             ),
         };
-        let place = if label.is_empty() { String::new() } else { format!("for {label}, ") };
+        let (quoted, which) = match significant.is_empty() {
+            true => (&tested, "the widest"),
+            false => (&significant, "the widest significant one"),
+        };
         Some(format!(
-            "{signs}; it is furthest {side} {place}by {size}{}; {}",
-            statistic(row),
-            verdict(&rows)
+            "{signs}; at {which}, {}{}{family}",
+            widest(quoted, metric),
+            statistic(widest_of(quoted))
         ))
     }
 
@@ -111,41 +128,57 @@ impl Drawn for ContrastFigure {
     }
 }
 
+/// "9 degrees of freedom".
+fn freedom(df: f64) -> String {
+    if df == 1.0 { "1 degree of freedom".to_owned() } else { format!("{df} degrees of freedom") }
+}
+
+/// The row with the largest difference.
+fn widest_of<'r>(rows: &[(&'r ContrastRow, f64)]) -> &'r ContrastRow {
+    let size = |one: &&(&ContrastRow, f64)| one.1.abs();
+    let widest = rows.iter().max_by(|a, b| size(a).total_cmp(&size(b)));
+    widest.expect("there is a row").0
+}
+
+/// The largest of some differences: "a is above b by 12, for dqn".
+fn widest(rows: &[(&ContrastRow, f64)], metric: &str) -> String {
+    let row = widest_of(rows);
+    let difference = row.contrast.difference.unwrap_or_default();
+    let side = if difference < 0.0 { "below" } else { "above" };
+    let label = arm_label(&row.name);
+    let place = if label.is_empty() { String::new() } else { format!(", for {label}") };
+    let (first, second) = (&row.sides.0, &row.sides.1);
+    format!("{first} is {side} {second} by {}{place}", gap(difference.abs(), metric))
+}
+
 /// The name of the t test of a row.
 fn test(row: &ContrastRow) -> &'static str {
-    if row.is_paired() { "paired" } else { "Welch’s" }
+    if row.is_paired() { "paired" } else { "unpaired" }
 }
 
 fn is_significant(row: &ContrastRow) -> bool {
     row.corrected.is_ok_and(|p| p.holm < ALPHA)
 }
 
-/// How many of these differences are significant, with the relation of their p values to the level.
-fn verdict(rows: &[&ContrastRow]) -> String {
-    let (all, tested) = (rows.len(), rows.iter().filter(|row| row.corrected.is_ok()).count());
-    let significant = rows.iter().filter(|row| is_significant(row)).count();
-    let test = rows.first().map_or("Welch’s", |row| test(row));
-    let (words, relation) = match significant {
-        _ if tested == 0 => {
-            let reason = rows.iter().find_map(|row| row.corrected.err());
-            let reason = reason.map_or_else(String::new, |reason| format!(" ({reason})"));
-            return format!("no difference can be tested{reason}");
-        }
-        0 if tested < all => (format!("none of {tested} tested differences is"), "≥"),
-        0 => ("no difference is".to_owned(), "≥"),
-        all_of_them if all_of_them == all => ("every difference is".to_owned(), "<"),
-        1 => (format!("1 of {all} differences is"), "<"),
-        several => (format!("{several} of {all} differences are"), "<"),
-    };
-    format!("{words} significant ({test} t, Holm-corrected p {relation} {ALPHA})")
+/// The correction of a row's p value: "; p corrected by Holm over the 24 tests of family f".
+fn family(row: &ContrastRow) -> String {
+    let Family { name, members } = &row.family;
+    match members {
+        0 | 1 => String::new(),
+        _ => format!("; p is corrected by Holm over the {members} tests of the family {name}"),
+    }
 }
 
-/// The test of a row: " (t = 2.31, Holm-corrected p = 0.03)"; empty if it is undefined.
+/// The test of a row: " (paired t = 2.31, 9 degrees of freedom, p = 0.03)"; empty if it is undefined.
 fn statistic(row: &ContrastRow) -> String {
-    match (row.contrast.test(), row.corrected) {
-        (Ok(test), Ok(p)) => {
-            format!(" (t = {}, Holm-corrected p {})", shown(test.t, 2), related(p.holm))
-        }
+    match (row.contrast.test, row.corrected) {
+        (Ok(found), Ok(p)) => format!(
+            " ({} t = {}, {}, p {})",
+            test(row),
+            shown(found.t, 2),
+            freedom(found.df),
+            related(p.holm)
+        ),
         _ => String::new(),
     }
 }
@@ -157,6 +190,10 @@ fn table(title: &str, figure: &ContrastFigure, metric: &str) -> DataTable {
     let column = |is_shown: bool, names: [&'static str; 2]| names[usize::from(is_shown)];
     let is_unmatched = rows.iter().any(|row| row.unmatched() != (0, 0));
     let has_lost = rows.iter().any(|row| row.lost() != (0, 0));
+    let members = rows.first().map_or(0, |row| row.family.members);
+    let corrected = format!("p (Holm, {})", counted(members, "test"));
+    let level = if members > 1 { format!("0.05/{members}") } else { "0.05".to_owned() };
+    let detectable = format!("Detectable (80 % power at {level})");
     let is_few = rows.iter().any(|row| row.contrast.seeds.0.min(row.contrast.seeds.1) < FEW_SEEDS);
     let columns = [
         ("arm", "Arm"),
@@ -170,21 +207,29 @@ fn table(title: &str, figure: &ContrastFigure, metric: &str) -> DataTable {
         ("interval", "95 % interval, not corrected"),
         (".low", ""),
         (".high", ""),
+        ("test", "t test"),
+        (".df", ""),
         ("p", "p"),
         (".p_student", ""),
-        ("p_holm", "p (Holm)"),
+        ("p_holm", corrected.as_str()),
         (".p_benjamini_hochberg", ""),
         (".p_permutation", ""),
         ("hedges_g", if is_paired { "Hedges’ g (paired)" } else { "Hedges’ g" }),
         (".hedges_g_low", ""),
         (".hedges_g_high", ""),
         ("improvement", "P(greater)"),
-        (column(is_few, [".detectable", "detectable"]), "Detectable (80 % power)"),
+        (".improvement_low", ""),
+        (".improvement_high", ""),
+        (column(is_few, [".detectable", "detectable"]), detectable.as_str()),
+        (column(is_few, [".detectable_interval", "detectable_interval"]), "its 95 % interval"),
+        (".detectable_low", ""),
+        (".detectable_high", ""),
         ("published", "Published"),
         ("published_p", "Published p"),
     ];
-    let paired = if is_paired { ", paired by seed" } else { "" };
-    let caption = format!("{title}: {}{paired}", metric_title(metric));
+    let family = rows.first().map_or_else(String::new, family);
+    let designs = rows.iter().map(|row| row.contrast.design);
+    let caption = format!("{title}: {}; {}{family}", gap_title(metric), test_name(designs));
     let mut table = DataTable::new(caption, &columns);
     for row in rows {
         table.rows.push(contrast_entries(row, metric));
@@ -202,11 +247,10 @@ fn of_sides(numbers: (usize, usize)) -> Entry {
 
 fn contrast_entries(row: &ContrastRow, metric: &str) -> Vec<Entry> {
     let contrast = &row.contrast;
-    let interval = contrast.test().map(|test| test.interval);
-    let student = match contrast.tests {
-        Tests::Independent { student, .. } => student,
-        Tests::Matched { paired } => paired,
-    };
+    let interval = contrast.test.map(|test| test.interval);
+    let improvement = contrast.improvement.map(|improvement| improvement.interval);
+    let detectable = row.detectable();
+    let of_detectable = detectable.map(|detectable| detectable.interval);
     let (n, m) = contrast.seeds;
     let seeds = if n == m { n.to_string() } else { format!("{n}, {m}") };
     let g = contrast.hedges_g;
@@ -226,8 +270,10 @@ fn contrast_entries(row: &ContrastRow, metric: &str) -> Vec<Entry> {
         between(interval, metric),
         low(interval),
         high(interval),
-        Entry::p(contrast.test().map(|test| test.p)),
-        Entry::p(student.map(|test| test.p)),
+        Entry::text(test(row)),
+        Entry::of(contrast.test.map(|test| test.df), 0),
+        Entry::p(contrast.test.map(|test| test.p)),
+        Entry::p(contrast.student.map(|test| test.p)),
         Entry::p(row.corrected.map(|corrected| corrected.holm)),
         Entry::p(row.corrected.map(|corrected| corrected.benjamini_hochberg)),
         Entry::p(contrast.permutation_p),
@@ -235,7 +281,12 @@ fn contrast_entries(row: &ContrastRow, metric: &str) -> Vec<Entry> {
         Entry::of(g.map(|g| g.interval.low), 2),
         Entry::of(g.map(|g| g.interval.high), 2),
         Entry::of(contrast.improvement.map(|improvement| improvement.probability), 2),
-        in_unit(contrast.detectable, metric),
+        Entry::of(improvement.map(|interval| interval.low), 2),
+        Entry::of(improvement.map(|interval| interval.high), 2),
+        in_unit(detectable.map(|detectable| detectable.difference), metric),
+        between(of_detectable, metric),
+        low(of_detectable),
+        high(of_detectable),
         Entry::published(row.published.map(|(effect, _)| Entry::number(effect, 1))),
         Entry::published(row.published.map(|(_, p)| Entry::number(p, 5))),
     ]
@@ -255,7 +306,7 @@ mod tests {
             name: ArmId { agent: "dqn".into(), scenario: "P".into(), settings: Vec::new() },
             error: None,
             contrast: Contrast::new(&first, &second, Design::Independent),
-            family: String::new(),
+            family: Family::default(),
             corrected: holm
                 .map(|holm| Corrected { holm, benjamini_hochberg: holm })
                 .ok_or(Undefined::TooFewSeeds { have: 1, need: 2 }),
@@ -270,36 +321,51 @@ mod tests {
     }
 
     #[test]
-    fn a_verdict_has_the_relation_of_its_p_values_to_the_level() {
-        let of = |all: &[Option<f64>]| {
-            let rows: Vec<ContrastRow> = all.iter().map(|holm| row(12.0, *holm)).collect();
-            verdict(&rows.iter().collect::<Vec<_>>())
+    fn only_tested_differences_are_counted_and_the_widest_significant_one_is_quoted() {
+        let of = |all: &[(f64, Option<f64>)]| {
+            let rows: Vec<ContrastRow> = all.iter().map(|(mean, holm)| row(*mean, *holm)).collect();
+            let members = rows.len();
+            let family = Family { name: "f".into(), members };
+            let rows = rows.into_iter().map(|row| ContrastRow { family: family.clone(), ..row });
+            figure(rows.collect()).finds("mean_return").unwrap()
         };
-        let t = "significant (Welch’s t, Holm-corrected p";
-        assert_eq!(of(&[Some(0.2), Some(0.05)]), format!("no difference is {t} ≥ 0.05)"));
-        assert_eq!(of(&[Some(0.2), Some(0.01)]), format!("1 of 2 differences is {t} < 0.05)"));
-        assert_eq!(of(&[Some(0.01); 2]), format!("every difference is {t} < 0.05)"));
-        assert_eq!(of(&[Some(0.3), None]), format!("none of 1 tested differences is {t} ≥ 0.05)"));
         assert_eq!(
-            of(&[None, None]),
-            "no difference can be tested (too few seeds: 1 of at least 2)"
+            of(&[(12.0, Some(0.2)), (16.0, Some(0.05)), (90.0, None)]),
+            "None of 2 tested differences is significant; at the widest, a is above b by 6, for dqn P \
+             (unpaired t = 4.24, 1 degree of freedom, p = 0.050); p is corrected by Holm over the 3 tests \
+             of the family f"
+        );
+        assert_eq!(
+            of(&[(12.0, Some(0.01)), (16.0, Some(0.2)), (7.0, Some(0.3))]),
+            "Of 3 tested comparisons, a is significantly above b in 1 and significantly below it in 0; at \
+             the widest significant one, a is above b by 2, for dqn P (unpaired t = 1.41, 1 degree of \
+             freedom, p = 0.010); p is corrected by Holm over the 3 tests of the family f"
+        );
+        assert_eq!(
+            of(&[(12.0, Some(0.01)), (13.0, Some(0.02))]),
+            "a is significantly above b in all 2 tested comparisons; at the widest significant one, a is \
+             above b by 3, for dqn P (unpaired t = 2.12, 1 degree of freedom, p = 0.020); p is corrected \
+             by Holm over the 2 tests of the family f"
+        );
+        assert_eq!(
+            of(&[(12.0, Some(0.01))]),
+            "a is above b by 2, for dqn P: significant (unpaired t = 1.41, 1 degree of freedom, p = 0.010)"
+        );
+        assert_eq!(
+            of(&[(12.0, None), (16.0, None)]),
+            "No difference can be tested (too few seeds: 1 of at least 2); a is above b by 6, for dqn P"
         );
     }
 
     #[test]
     fn equal_means_are_called_equal() {
         let equal = || row(10.0, Some(1.0));
+        let of = |rows| figure(rows).finds("mean_return").unwrap();
         assert_eq!(
-            figure(vec![equal(), equal()]).finds("mean_return").unwrap(),
-            "a and b have equal means in all 2 comparisons; no difference is significant (Welch’s t, \
-             Holm-corrected p ≥ 0.05)"
+            of(vec![equal(), equal()]),
+            "a and b have equal means in all 2 tested comparisons"
         );
-        assert!(
-            figure(vec![equal()])
-                .finds("mean_return")
-                .unwrap()
-                .starts_with("a and b have equal means; ")
-        );
+        assert_eq!(of(vec![equal()]), "a and b have equal means");
     }
 
     #[test]

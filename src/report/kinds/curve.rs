@@ -1,6 +1,6 @@
 //! Curves: a metric along a parameter, one line per arm.
 
-use super::{Drawn, Sheet, amount, ends, parameter};
+use super::{Drawn, Sheet, amount, ends, gap as difference, parameter, quantity, test_name};
 use crate::analyse::Sample;
 use crate::analyse::declared::{
     ALPHA, Apart, ArmId, CurveFigure, CurveLine, CurvePoint, Ends, Trends,
@@ -70,16 +70,17 @@ impl CurveFigure {
     /// Whether two lines differ at any point; `None` if no point can be tested.
     fn gap(&self, first: &CurveLine, second: &CurveLine, metric: &str) -> Option<String> {
         let (one, other) = (arm_label(&first.name), arm_label(&second.name));
-        let (point, gap, apart) = self.widest_gap()?;
+        let (point, gap, apart, design) = self.widest_gap()?;
+        let test = test_name([design]);
         match apart {
             Apart::Surely => Some(format!(
-                "{one} and {other} are furthest apart at {}, by {} (Welch’s t, Bonferroni-corrected p < \
+                "{one} and {other} are furthest apart at {}, by {} ({test}, Bonferroni-corrected p < \
                  {ALPHA})",
                 self.at(point),
-                amount(gap.abs(), metric)
+                difference(gap.abs(), metric)
             )),
             Apart::Perhaps => Some(format!(
-                "{one} and {other} do not differ significantly at any {}point (Welch’s t, \
+                "{one} and {other} do not differ significantly at any {}point ({test}, \
                  Bonferroni-corrected p ≥ {ALPHA})",
                 if self.are_gaps_tested() { "" } else { "tested " }
             )),
@@ -90,7 +91,8 @@ impl CurveFigure {
     /// The ends of a line, and whether they differ.
     fn trend(&self, line: &CurveLine, metric: &str) -> Option<String> {
         let name = arm_label(&line.name);
-        let Ends { first: (first, start), last: (last, end), apart } = line.ends(1)?;
+        let Ends { first: (first, start), last: (last, end), apart, design } = line.ends(1)?;
+        let test = test_name([design]);
         let (from, to) = (amount(start, metric), amount(end, metric));
         if first.x == last.x {
             return Some(format!("{name} is at {from} at {}", self.at(first)));
@@ -100,11 +102,11 @@ impl CurveFigure {
         Some(match apart {
             _ if from == to => format!("{name} is at {from} both at {first} and at {last}"),
             Apart::Surely => format!(
-                "{name} {verb} from {from} at {first} to {to} at {last} (Welch’s t, p < {ALPHA})"
+                "{name} {verb} from {from} at {first} to {to} at {last} ({test}, p < {ALPHA})"
             ),
             Apart::Perhaps => format!(
                 "{name} is at {from} at {first} and at {to} at {last}; the difference is not \
-                 significant (Welch’s t, p ≥ {ALPHA})"
+                 significant ({test}, p ≥ {ALPHA})"
             ),
             Apart::Untested => format!(
                 "{name} is at {from} at {first} and at {to} at {last}, with too few seeds for a test"
@@ -130,8 +132,10 @@ impl CurveFigure {
             ),
         };
         let relation = if (falls, rises) == (0, 0) { "≥" } else { "<" };
+        let ends = self.lines.iter().filter_map(|line| line.ends(swept));
+        let test = test_name(ends.map(|ends| ends.design));
         Some(format!(
-            "Of {lines} {tested}, {change} significantly from the first to the last point (Welch’s t, \
+            "Of {lines} {tested}, {change} significantly from the first to the last point ({test}, \
              Bonferroni-corrected p {relation} {ALPHA})"
         ))
     }
@@ -146,7 +150,7 @@ fn curve_figures(figure: &CurveFigure, sheet: &Sheet<'_>) -> Vec<(String, Scene)
     let is_error = figure.is_error();
     let (x_title, x_numbers) = match is_error {
         true => ("context inference error, %".to_owned(), Numbers::Percent),
-        false => (short_name(&figure.axis).to_owned(), Numbers::Plain),
+        false => (quantity(&figure.axis), Numbers::Plain),
     };
     let extent = extent(figure);
     let line = |at: usize| {
@@ -217,7 +221,8 @@ fn across_places(
     let tip = format!("{name}, which lacks {axis}: {}", measured(sample, metric));
     let interval = sample.interval().ok().map(|interval| (interval.low, interval.high));
     let y = sample.mean().unwrap_or(f64::NAN);
-    let place = |x| Place { x, y, interval, tip: tip.clone() };
+    let is_single = sample.n() == 1;
+    let place = |x| Place { x, y, interval, is_single, tip: tip.clone() };
     extent.map_or_else(Vec::new, |(left, right)| vec![place(left), place(right)])
 }
 
@@ -245,7 +250,8 @@ fn curve_place(point: &CurvePoint, name: &ArmId, (metric, of): (&str, &CurveFigu
     };
     let tip = format!("{}, {at}: {}", arm_label(name), measured(&point.sample, metric));
     let interval = point.sample.interval().ok().map(|interval| (interval.low, interval.high));
-    Place { x: point.x, y: point.sample.mean().unwrap_or(f64::NAN), interval, tip }
+    let y = point.sample.mean().unwrap_or(f64::NAN);
+    Place { x: point.x, y, interval, is_single: point.sample.n() == 1, tip }
 }
 
 /// The mean of a sample with its interval and its number of seeds.
@@ -341,7 +347,13 @@ mod tests {
             look: Look { color: INK, dash: None, marker: Marker::Disc },
             points: xs
                 .iter()
-                .map(|x| Place { x: *x, y: 0.0, interval: None, tip: String::new() })
+                .map(|x| Place {
+                    x: *x,
+                    y: 0.0,
+                    interval: None,
+                    is_single: false,
+                    tip: String::new(),
+                })
                 .collect(),
             reference: Vec::new(),
             spread: Spread::Bars,

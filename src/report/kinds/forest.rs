@@ -1,17 +1,22 @@
 //! The figures of contrasts: forest plots around zero, with one row per comparison.
 
-use super::{Sheet, amount, ends, related};
+use super::{Sheet, ends, gap_title, related};
 use crate::analyse::declared::{ArmId, ContrastRow};
+use crate::plan::counted;
 use crate::report::data_table::shown;
 use crate::report::figure::{
     Axis, AxisScale, FAINT, GRID, INK, Look, Marker, NOTE, PUBLISHED, Panel, Panels, Style, TEXT,
     facets, fitting, marker, round_range, seeds, text,
 };
 use crate::report::scene::{Anchor, Mark, Scene, Shape, Stroke, Weight, width};
-use crate::report::words::{metric_title, unit_numbers};
+use crate::report::words::{Numbers, metric_title, unit_numbers};
 
 const TOP: f64 = 24.0;
 const ROW: f64 = 15.0;
+/// Maximum number of rows of a figure, which is then as high as a page.
+pub(super) const MOST_ROWS: usize = 50;
+/// Number of rows from which on the axis also has numbers at the top.
+const MANY_ROWS: usize = 20;
 /// Space below the rows for numbers and title.
 const BOTTOM: f64 = 39.0;
 /// Minimum width of the axis.
@@ -46,22 +51,35 @@ pub(super) fn forest_figures(rows: &[ContrastRow], sheet: &Sheet<'_>) -> Vec<(St
     let beside = widest(&written, NOTE) + 12.0;
     let right = (sheet.style.width() - beside).max(left + LEAST_PLOT);
     let across = Across { axis: axis(rows, sheet.metric), left, right, whole: right + beside };
-    let figure = |panel: &Panel| {
-        let shown = panel.members.iter();
-        let shown =
-            shown.map(|at| (&rows[*at], panels.labels[*at].as_str(), written[*at].as_str()));
-        forest(&shown.collect::<Vec<_>>(), &panel.heading, (&across, sheet.metric, sheet.style))
+    let figures = |(stem, panel): (String, &Panel)| -> Vec<(String, Scene)> {
+        let parts = panel.members.chunks(MOST_ROWS).enumerate();
+        let part = |(part, members): (usize, &[usize])| {
+            let shown = members.iter();
+            let shown =
+                shown.map(|at| (&rows[*at], panels.labels[*at].as_str(), written[*at].as_str()));
+            let layout = (&across, sheet.metric, sheet.style);
+            let scene = forest(&shown.collect::<Vec<_>>(), &panel.heading, layout);
+            let stem = if part == 0 { stem.clone() } else { format!("{stem}-part-{}", part + 1) };
+            (stem, scene)
+        };
+        parts.map(part).collect()
     };
-    panels.stems(sheet.stem).into_iter().zip(panels.panels.iter().map(figure)).collect()
+    panels.stems(sheet.stem).into_iter().zip(&panels.panels).flat_map(figures).collect()
 }
 
 /// The difference of a row with its corrected p value, for the end of its line.
 fn words(row: &ContrastRow, metric: &str) -> String {
     let Ok(difference) = row.contrast.difference else { return "–".to_owned() };
-    let difference = amount(difference, metric);
+    let difference = match unit_numbers(metric) {
+        (Numbers::Percent, decimals) => format!("{} pp", shown(difference * 100.0, decimals)),
+        (Numbers::Plain, decimals) => shown(difference, decimals),
+    };
     match row.corrected {
         Ok(p) => format!("{difference}, p {}", related(p.holm)),
-        Err(_) => format!("{difference}, no p"),
+        Err(_) => match row.contrast.seeds.0.min(row.contrast.seeds.1) {
+            1 => format!("{difference}, n = 1"),
+            _ => format!("{difference}, no p"),
+        },
     }
 }
 
@@ -71,10 +89,12 @@ fn forest(
     (across, metric, style): (&Across, &str, &Style),
 ) -> Scene {
     let Across { left, right, whole, .. } = *across;
-    let beside = TOP + BOTTOM + style.note();
+    let has_upper = rows.len() >= MANY_ROWS;
+    let top = if has_upper { TOP + TEXT + 3.0 } else { TOP };
+    let beside = top + BOTTOM + style.note();
     let high = style.row(ROW, rows.len(), beside);
-    let bottom = TOP + high * rows.len() as f64;
-    let mut marks = ruler(across, bottom);
+    let bottom = top + high * rows.len() as f64;
+    let mut marks = ruler(across, (top, bottom), has_upper);
     if let Some((row, ..)) = rows.first().filter(|_| style.has_titles() || !heading.is_empty()) {
         let sides = format!("{} − {}", row.sides.0, row.sides.1);
         let heading = if heading.is_empty() { sides } else { format!("{heading}: {sides}") };
@@ -86,7 +106,7 @@ fn forest(
         marks.push(text((from, 15.0), heading, (size, weight), INK, Anchor::Start).into());
     }
     for (at, (row, label, words)) in rows.iter().enumerate() {
-        let middle = TOP + high * (at as f64 + 0.5);
+        let middle = top + high * (at as f64 + 0.5);
         let plain = (TEXT, Weight::Regular);
         let place = (left - 6.0, middle + TEXT * 0.35);
         let mut of_row: Vec<Mark> = vec![text(place, *label, plain, INK, Anchor::End).into()];
@@ -98,7 +118,8 @@ fn forest(
     let compared = rows.iter().map(|(row, ..)| row.contrast.seeds.0.min(row.contrast.seeds.1));
     let is_published = rows.iter().any(|(row, ..)| row.published.is_some());
     let note = format!(
-        "Difference, uncorrected 95 % interval, Holm-corrected p{}, {} per side.{}",
+        "Difference, uncorrected 95 % interval, p corrected by Holm over {}{}, {} per side.{}",
+        counted(rows.first().map_or(0, |(row, ..)| row.family.members), "test"),
         if rows.iter().any(|(row, ..)| row.is_paired()) { ", paired by seed" } else { "" },
         seeds(compared.filter(|n| *n > 0)),
         if is_published { " Diamonds: published." } else { "" }
@@ -119,7 +140,7 @@ fn axis(rows: &[ContrastRow], metric: &str) -> Axis {
     for row in rows {
         numbers.extend(row.contrast.difference.ok());
         numbers.extend(row.published.map(|(effect, _)| effect));
-        let interval = row.contrast.test().map(|test| test.interval);
+        let interval = row.contrast.test.map(|test| test.interval);
         numbers.extend(interval.iter().flat_map(|interval| [interval.low, interval.high]));
     }
     numbers.retain(|number| number.is_finite());
@@ -127,7 +148,10 @@ fn axis(rows: &[ContrastRow], metric: &str) -> Axis {
     let high = numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     // All differences may be 0.
     let (low, high) = if low < high { (low, high) } else { (-1.0, 1.0) };
-    let title = format!("difference in {}", metric_title(metric));
+    let title = match gap_title(metric) {
+        rate if rate != metric_title(metric) => rate,
+        title => format!("difference in {title}"),
+    };
     let numbers = unit_numbers(metric).0;
     let mut axis = Axis::new(title, round_range(low, high), AxisScale::Linear, numbers);
     // A wider range may have wider steps.
@@ -142,14 +166,19 @@ fn axis(rows: &[ContrastRow], metric: &str) -> Axis {
 /// Maximum number of ticks.
 const TICKS: usize = 4;
 
-fn ruler(across: &Across, bottom: f64) -> Vec<Mark> {
+fn ruler(across: &Across, (top, bottom): (f64, f64), has_upper: bool) -> Vec<Mark> {
     let Across { axis, left, right, whole } = across;
     let mut marks = Vec::new();
     for tick in axis.ticks_along(right - left, TICKS) {
         let x = left + tick.share * (right - left);
         let stroke =
             if tick.is_zero { Stroke::solid(FAINT, 1.0) } else { Stroke::solid(GRID, 0.6) };
-        marks.push(Shape::Line { points: vec![(x, TOP), (x, bottom)], stroke }.into());
+        marks.push(Shape::Line { points: vec![(x, top), (x, bottom)], stroke }.into());
+        if has_upper {
+            let at = (x, top - 4.0);
+            let label = text(at, &tick.label, (TEXT, Weight::Regular), FAINT, Anchor::Middle);
+            marks.push(label.into());
+        }
         let at = (x, bottom + 4.0 + TEXT);
         marks.push(text(at, tick.label, (TEXT, Weight::Regular), FAINT, Anchor::Middle).into());
     }
@@ -172,7 +201,7 @@ fn row_marks(
     /// the interval is short.
     const END: f64 = 4.0;
     let mut marks = Vec::new();
-    let interval = row.contrast.test().ok().map(|test| test.interval);
+    let interval = row.contrast.test.ok().map(|test| test.interval);
     if let Some(interval) = interval {
         let (low, high) = (across.place(interval.low), across.place(interval.high));
         let mut line = |points, width| {
@@ -190,7 +219,9 @@ fn row_marks(
         let n = seeds([first, second].into_iter());
         let words = words(row, metric);
         let tip = format!("{label}: {words}{spread}, {n} per side");
-        let look = Look { color: INK, dash: None, marker: Marker::Disc };
+        // A difference of single seeds is an open circle.
+        let shape = if first.min(second) > 1 { Marker::Disc } else { Marker::Ring };
+        let look = Look { color: INK, dash: None, marker: shape };
         marks.push(Mark::from(marker((across.place(difference), middle), &look, 2.4)).saying(tip));
     }
     // Above our point, whose rim remains visible if both coincide.
@@ -205,6 +236,7 @@ fn row_marks(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::analyse::declared::Family;
     use crate::analyse::{Contrast, Corrected, Design, Sample};
 
     fn row(first: &[(u64, f64)], second: &[(u64, f64)]) -> ContrastRow {
@@ -215,7 +247,7 @@ mod tests {
             name: ArmId { agent: "dqn".into(), scenario: "P".into(), settings: Vec::new() },
             error: None,
             contrast: Contrast::new(&first, &second, Design::Independent),
-            family: String::new(),
+            family: Family::default(),
             corrected: Ok(Corrected { holm: 0.0001, benjamini_hochberg: 0.1 }),
             published: None,
             first,
@@ -247,7 +279,7 @@ mod tests {
             whole: 321.0,
         };
         let marks = row_marks(&row, "dqn P", 100.0, (&across, "mean_return"));
-        // An interval of ±13 steps on an axis of more than 1000: its end marks are higher than the point.
+        // An interval of ±20 steps on an axis of more than 1000: its end marks are higher than the point.
         let ends = marks.iter().filter(|mark| match &mark.shape {
             Shape::Line { points, .. } => {
                 points[0].0 == points[1].0 && points[1].1 - points[0].1 == 8.0
@@ -256,6 +288,6 @@ mod tests {
         });
         assert_eq!(ends.count(), 2);
         let tip = marks.iter().find_map(|mark| mark.tip.clone()).unwrap();
-        assert!(tip.contains("95 % interval 887 to 913, n = 2 seeds per side"), "{tip}");
+        assert!(tip.contains("95 % interval 880 to 920, n = 2 seeds per side"), "{tip}");
     }
 }

@@ -1,6 +1,8 @@
 //! Heat maps over two parameters: numbers on colours.
 
-use super::{Drawn, Sheet, amount, parameter};
+use std::collections::BTreeMap;
+
+use super::{Drawn, Sheet, amount, gap, parameter, quantity};
 use crate::analyse::declared::{ArmId, HeatFigure, HeatTile, Scale, heat_range};
 use crate::manifest::short_name;
 use crate::report::data_table::{DataTable, Entry, exponential, shown, shown_ends, signed};
@@ -17,8 +19,11 @@ use crate::report::words::{metric_title, unit_numbers};
 
 impl Drawn for Vec<HeatFigure> {
     fn figures(&self, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
-        let range = heat_range(self);
+        let whole = heat_range(self);
+        let scales = scales(self);
         let figure = |figure: &HeatFigure| {
+            let range = scales.get(figure.agent.as_str()).copied().unwrap_or(whole);
+            let range = (range, scales.is_empty());
             let panel = file_stem(&Names::plain(&format!("{} {}", figure.agent, figure.subject)));
             (
                 format!("{}-{panel}", sheet.stem),
@@ -56,6 +61,10 @@ impl Drawn for Vec<HeatFigure> {
         };
         let (map, tile, most) = tiles().max_by(|one, other| one.2.total_cmp(&other.2))?;
         let least = tiles().map(|(_, _, value)| value).fold(most, f64::min);
+        let amount = match map.scale {
+            Scale::Mean => amount,
+            Scale::Difference => gap,
+        };
         let (all, least, most) = (tiles().count(), amount(least, metric), amount(most, metric));
         if least == most {
             return Some(match all {
@@ -86,7 +95,15 @@ impl Drawn for Vec<HeatFigure> {
             1 => format!("1 of {all} intervals excludes 0"),
             beyond => format!("{beyond} of {all} intervals exclude 0"),
         };
-        Some(format!("{range}; {beyond} (Welch’s t, not corrected)"))
+        let which = match (tied, tile.is_beyond_zero()) {
+            (1, true) => ", and its interval excludes 0",
+            (1, false) => ", and its interval includes 0",
+            _ => "",
+        };
+        Some(format!(
+            "{range}{which}; {beyond} (t tests, paired by seed where both sides have the same seeds, not \
+             corrected)"
+        ))
     }
 }
 
@@ -97,11 +114,39 @@ const RIGHT: f64 = 8.0;
 /// Space for numbers, title, and two lines of notes.
 const BOTTOM: f64 = 60.0;
 const TILE_HEIGHT: f64 = 44.0;
+/// Colour of the edges of tiles and of the colour bar.
+const EDGE: Color = Color(170, 170, 170);
 /// Height of three lines of numbers.
 const LEAST_TILE: f64 = 36.0;
 
-/// A map of one agent, with the colour range of its analysis.
-fn heat_figure(figure: &HeatFigure, (metric, style): (&str, &Style), range: (f64, f64)) -> Scene {
+/// The colour ranges of the agents, if one range for all would hide the values of an agent; else empty.
+fn scales(figures: &[HeatFigure]) -> BTreeMap<&str, (f64, f64)> {
+    /// A smaller part of the range is not told apart by colour.
+    const LEAST: f64 = 0.25;
+    let mut of_agents: BTreeMap<&str, Vec<HeatFigure>> = BTreeMap::new();
+    for figure in figures {
+        of_agents.entry(&figure.agent).or_default().push(figure.clone());
+    }
+    let ranges: BTreeMap<&str, (f64, f64)> =
+        of_agents.into_iter().map(|(agent, figures)| (agent, heat_range(&figures))).collect();
+    // Differences are coloured by their distance from 0, means by their place in the range.
+    let is_difference = figures.first().is_some_and(|map| map.scale == Scale::Difference);
+    let span = |(low, high): (f64, f64)| match is_difference {
+        true => low.abs().max(high.abs()),
+        false => high - low,
+    };
+    let known = || ranges.values().copied().filter(|(low, high)| low <= high);
+    let whole = span(heat_range(figures));
+    let is_hidden = known().count() > 1 && known().any(|range| span(range) < LEAST * whole);
+    if is_hidden { ranges } else { BTreeMap::new() }
+}
+
+/// A map of one agent, with its colour range, and whether all maps of the analysis share it.
+fn heat_figure(
+    figure: &HeatFigure,
+    (metric, style): (&str, &Style),
+    (range, is_shared): ((f64, f64), bool),
+) -> Scene {
     let (columns, rows) = (&figure.x.1, &figure.y.1);
     let first = left(figure);
     // The explanation of colours is also shown in print, because no caption contains it.
@@ -129,7 +174,8 @@ fn heat_figure(figure: &HeatFigure, (metric, style): (&str, &Style), range: (f64
     }
     let facets = facets(&figure.name);
     let mut marks: Vec<Mark> = marks.into_iter().map(|mark| mark.of(0)).collect();
-    marks.extend(frame((figure, metric, style), range, (first, tile_width, tile_height), height));
+    let across = (first, tile_width, tile_height);
+    marks.extend(frame((figure, metric, style), (range, is_shared), across, height));
     let title = metric_title(metric);
     let description =
         format!("{title}: {} of {} over two parameters", figure.subject, figure.agent);
@@ -175,22 +221,57 @@ fn in_unit(value: f64, metric: &str) -> String {
     shown(value * unit(metric), unit_numbers(metric).1)
 }
 
-/// The meaning of the colours in words; empty if no tile has a value.
-fn scale_words(scale: Scale, (least, most): (f64, f64), metric: &str) -> String {
-    if least > most {
-        return String::new();
+/// The numbers at the ends of the colour bar; `None` if no tile has a value.
+fn ends_of_bar(scale: Scale, (least, most): (f64, f64)) -> Option<(f64, f64)> {
+    let far = least.abs().max(most.abs());
+    (least <= most).then_some(match scale {
+        Scale::Mean => (least, most),
+        Scale::Difference => (-far, far),
+    })
+}
+
+/// The colours with the numbers that they stand for, above the note.
+fn color_bar(
+    scale: Scale,
+    (range, is_shared): ((f64, f64), bool),
+    metric: &str,
+    (whole, height): (f64, f64),
+) -> Vec<Mark> {
+    const STEPS: usize = 48;
+    const HIGH: f64 = 7.0;
+    const ROOM: f64 = 4.0;
+    let Some((low, high)) = ends_of_bar(scale, range) else { return Vec::new() };
+    let plain = (NOTE, Weight::Regular);
+    let (unit, decimals) = (unit(metric), unit_numbers(metric).1);
+    let [least, most] = shown_ends(low * unit, high * unit, decimals);
+    let of = if is_shared { "colours of all maps" } else { "colours of this agent" };
+    let used = width(of, NOTE, Weight::Regular)
+        + width(&least, NOTE, Weight::Regular)
+        + width(&most, NOTE, Weight::Regular);
+    let long = (whole - 8.0 - used - 3.0 * ROOM).clamp(30.0, 110.0);
+    let left = (whole - used - long - 3.0 * ROOM) / 2.0;
+    let base = height - 16.0;
+    let mut at = left;
+    let mut marks: Vec<Mark> = vec![text((at, base), of, plain, FAINT, Anchor::Start).into()];
+    at += width(of, NOTE, Weight::Regular) + ROOM;
+    marks.push(text((at, base), &least, plain, FAINT, Anchor::Start).into());
+    at += width(&least, NOTE, Weight::Regular) + ROOM;
+    let (top, step) = (base - HIGH, long / STEPS as f64);
+    for place in 0..STEPS {
+        let share = (place as f64 + 0.5) / STEPS as f64;
+        let fill =
+            Fill { color: color((1.0 - share) * low + share * high, range, scale), opacity: 1.0 };
+        // Neighbours overlap, so that no seam is visible between them.
+        let wide = if place + 1 < STEPS { step + 0.4 } else { step };
+        let points = rectangle(at + place as f64 * step, top, wide, HIGH);
+        marks.push(Shape::Area { points, fill, stroke: None }.into());
     }
-    match scale {
-        Scale::Mean => {
-            let (unit, decimals) = (unit(metric), unit_numbers(metric).1);
-            let [least, most] = shown_ends(least * unit, most * unit, decimals);
-            format!("Colour, the same in all maps: pale {least} to dark {most}.")
-        }
-        Scale::Difference => {
-            let far = in_unit(least.abs().max(most.abs()), metric);
-            format!("Colour, the same in all maps: white 0, dark blue {far}, dark orange −{far}.")
-        }
-    }
+    let rim = Some(Stroke::solid(EDGE, 0.6));
+    let fill = Fill { color: Color::WHITE, opacity: 0.0 };
+    let points = rectangle(at, top, long, HIGH);
+    marks.push(Shape::Area { points, fill, stroke: rim }.into());
+    marks.push(text((at + long + ROOM, base), &most, plain, FAINT, Anchor::Start).into());
+    marks
 }
 
 fn share(part: f64, whole: f64) -> f64 {
@@ -210,7 +291,7 @@ fn tile_marks(
         text((middle, top + at), words, (size, weight), ink, Anchor::Middle).into()
     };
     let fill = Fill { color, opacity: 1.0 };
-    let rim = Some(Stroke::solid(Color::WHITE, 1.0));
+    let rim = Some(Stroke::solid(EDGE, 0.6));
     let area = Shape::Area { points: rectangle(left, top, width, height), fill, stroke: rim };
     let in_unit = |value: f64| in_unit(value, metric);
     // A number that needs much smaller letters has an exponent.
@@ -262,7 +343,7 @@ fn tile_marks(
 /// The heading, the values and names of the parameters, and the note.
 fn frame(
     (figure, metric, style): (&HeatFigure, &str, &Style),
-    range: (f64, f64),
+    (range, is_shared): ((f64, f64), bool),
     (left, tile_width, tile_height): (f64, f64, f64),
     height: f64,
 ) -> Vec<Mark> {
@@ -288,9 +369,9 @@ fn frame(
         marks.push(text(at, words, (size, Weight::Regular), FAINT, Anchor::End).into());
     }
     let at = (left + tile_width * columns.len() as f64 / 2.0, bottom + 27.0);
-    marks.push(text(at, symbol(&figure.x.0), plain, INK, Anchor::Middle).into());
+    marks.push(text(at, quantity(&figure.x.0), plain, INK, Anchor::Middle).into());
     let title =
-        rising_title((12.0, (TOP + bottom) / 2.0), symbol(&figure.y.0), bottom - TOP + 30.0);
+        rising_title((12.0, (TOP + bottom) / 2.0), quantity(&figure.y.0), bottom - TOP + 30.0);
     marks.push(title.into());
     let note = format!(
         "{}{} ± half of the 95 % interval, {}.",
@@ -298,9 +379,9 @@ fn frame(
         metric_title(metric),
         seeds(figure.tiles.iter().map(|tile| tile.seeds).filter(|n| *n > 0))
     );
-    let notes = [(16.0, note), (5.0, scale_words(figure.scale, range, metric))];
-    for (up, note) in notes.into_iter().skip(usize::from(!style.has_titles())) {
-        let at = (style.width() / 2.0, height - up);
+    marks.extend(color_bar(figure.scale, (range, is_shared), metric, (style.width(), height)));
+    if style.has_titles() {
+        let at = (style.width() / 2.0, height - 5.0);
         marks.push(fitting(at, note, (NOTE, style.width() - 8.0), FAINT).into());
     }
     marks
@@ -309,16 +390,6 @@ fn frame(
 /// The size of letters, smaller if the words would be wider than `room`.
 fn narrowed(words: &str, (size, weight): (f64, Weight), room: f64) -> f64 {
     size * (room / width(words, size, weight)).min(1.0)
-}
-
-/// A parameter as papers write it.
-fn symbol(dotted: &str) -> String {
-    match dotted {
-        "environment.ε_d" => "disengagement increment ε_d".to_owned(),
-        "environment.δ_d" => "disengagement decay δ_d".to_owned(),
-        "environment.σ" => "feature noise σ".to_owned(),
-        other => short_name(other).to_owned(),
-    }
 }
 
 fn table(title: &str, figures: &[HeatFigure], metric: &str) -> DataTable {
@@ -394,8 +465,8 @@ mod tests {
             [-1e7, 0.3, 0.000_02, 1_690_988.0, 123_456_789_012.0, 1e300, 1e-300, 0.0, 7.0, 7.5];
         for place in [1e-300, 0.1, 1e6, 0.300_000_000_000_000_04] {
             let map = map(&values, place);
-            let scene =
-                heat_figure(&map, ("mean_return", &style), heat_range(std::slice::from_ref(&map)));
+            let range = heat_range(std::slice::from_ref(&map));
+            let scene = heat_figure(&map, ("mean_return", &style), (range, true));
             let room = (scene.width - left(&map) - RIGHT) / values.len() as f64;
             let mut numbers = Vec::new();
             for mark in &scene.marks {
@@ -430,19 +501,32 @@ mod tests {
     }
 
     #[test]
-    fn a_colour_is_the_same_number_in_all_maps_and_the_note_tells_which() {
+    fn a_colour_is_the_same_number_in_all_maps_and_the_bar_tells_which() {
         let range = (-19.0, 839.0);
         let (half, whole) = (419.5, 839.0);
         assert_eq!(color(whole, range, Scale::Difference), Color(0, 92, 160));
         assert_ne!(color(half, range, Scale::Difference), color(whole, range, Scale::Difference));
-        assert_eq!(
-            scale_words(Scale::Difference, range, "mean_return"),
-            "Colour, the same in all maps: white 0, dark blue 839, dark orange −839."
-        );
-        assert_eq!(
-            scale_words(Scale::Mean, (100.0, 300.0), "mean_return"),
-            "Colour, the same in all maps: pale 100 to dark 300."
-        );
-        assert_eq!(scale_words(Scale::Mean, heat_range(&[]), "mean_return"), "");
+        let words = |scale, range| -> Vec<String> {
+            let marks = color_bar(scale, (range, true), "mean_return", (321.0, 200.0));
+            let texts = marks.into_iter().filter_map(|mark| match mark.shape {
+                Shape::Text { text, .. } => Some(text),
+                Shape::Area { .. } | Shape::Circle { .. } | Shape::Line { .. } => None,
+            });
+            texts.collect()
+        };
+        assert_eq!(words(Scale::Difference, range), ["colours of all maps", "−839", "839"]);
+        assert_eq!(words(Scale::Mean, (100.0, 300.0)), ["colours of all maps", "100", "300"]);
+        assert!(words(Scale::Mean, heat_range(&[])).is_empty());
+    }
+
+    #[test]
+    fn an_agent_whose_values_the_others_would_hide_has_colours_of_its_own() {
+        let of =
+            |agent: &str, values: &[f64]| HeatFigure { agent: agent.into(), ..map(values, 1.0) };
+        let far = [of("a", &[1000.0, 3000.0]), of("b", &[10.0, 20.0])];
+        let found = scales(&far);
+        assert_eq!((found["a"], found["b"]), ((1000.0, 3000.0), (10.0, 20.0)));
+        assert!(scales(&[of("a", &[1000.0, 3000.0]), of("b", &[1500.0, 2500.0])]).is_empty());
+        assert!(scales(&far[..1]).is_empty());
     }
 }

@@ -33,8 +33,7 @@ impl Drawn for ErrorFigure {
         if let Some((sigma, gap)) = self.furthest_published() {
             return Some(format!(
                 "The published rates are counts of 1000 draws; the largest difference is {} \
-                 points, at σ \
-                 = {}",
+                 percentage points, at σ = {}",
                 shown(gap * 100.0, 1),
                 parameter(sigma)
             ));
@@ -60,7 +59,7 @@ fn error_figure(figure: &ErrorFigure, style: &Style) -> Vec<Scene> {
     let look = |color, marker| Look { color, dash: None, marker };
     let exact = (0..=STEPS).map(|at| {
         let x = most * at as f64 / STEPS as f64;
-        Place { x, y: inference_error(x), interval: None, tip: String::new() }
+        Place { x, y: inference_error(x), interval: None, is_single: false, tip: String::new() }
     });
     let seen = figure.points.iter().filter_map(|point| {
         let y = point.seen?;
@@ -72,11 +71,11 @@ fn error_figure(figure: &ErrorFigure, style: &Style) -> Vec<Scene> {
             counted(point.runs, "run"),
             shown(point.exact * 100.0, 1)
         );
-        Some(Place { x: point.sigma, y, interval: None, tip })
+        Some(Place { x: point.sigma, y, interval: None, is_single: false, tip })
     });
     let reported = figure.published.iter().map(|(sigma, rate)| {
         let tip = format!("σ = {}: {} % published", parameter(*sigma), shown(rate * 100.0, 1));
-        Place { x: *sigma, y: *rate, interval: None, tip }
+        Place { x: *sigma, y: *rate, interval: None, is_single: false, tip }
     });
     let line = |label: &str, look, points: Vec<Place>, spread| Line {
         label: label.to_owned(),

@@ -1,7 +1,9 @@
 //! Learning curves: the moving mean of the return in training, one panel per scenario.
 
-use super::{Drawn, Sheet, ends};
-use crate::analyse::declared::{ArmId, LearningFigure, LearningLine, LearningPanel};
+use super::{Drawn, Sheet, ends, test_name};
+use crate::analyse::declared::{
+    ALPHA, Apart, ArmId, HighestEnd, LearningFigure, LearningLine, LearningPanel,
+};
 use crate::manifest::PanelKey;
 use crate::plan::counted;
 use crate::report::data_table::{DataTable, Entry, shown};
@@ -35,18 +37,31 @@ impl Drawn for LearningFigure {
     }
 
     fn finds(&self, _: &str) -> Option<String> {
-        let (line, mean, interval) = self.highest_end()?;
+        let HighestEnd { line, mean, interval, others } = self.highest_end()?;
         let interval = interval.map_or_else(String::new, |interval| {
             format!(" (95 % interval {})", ends(interval, "mean_return"))
         });
-        let is_tied =
-            |other: &&LearningLine| other.points.last().is_some_and(|last| last.1 == mean);
         let name = arm_label(&line.name);
-        let highest = match self.lines().filter(is_tied).count() {
-            ..=1 => format!("{name} ends"),
-            tied => format!("{name} and {} more end", tied - 1),
+        let at = format!("{name} ends at {}{interval}", shown(mean, 0));
+        if others.is_empty() {
+            return Some(at);
+        }
+        let tested = others.iter().filter(|(apart, _)| *apart != Apart::Untested).count();
+        let above = others.iter().filter(|(apart, _)| *apart == Apart::Surely).count();
+        if tested == 0 {
+            return Some(format!("{at}, the highest mean, with too few seeds for a test"));
+        }
+        let test = test_name(others.iter().map(|(_, design)| *design));
+        let all = others.len();
+        let relation = if above == 0 { "≥" } else { "<" };
+        let above = match above {
+            0 => format!("significantly above none of {}", counted(all, "other line")),
+            above if above == all => "significantly above every other line".to_owned(),
+            above => format!("significantly above {above} of {}", counted(all, "other line")),
         };
-        Some(format!("{highest} highest, at {}{interval}", shown(mean, 0)))
+        Some(format!(
+            "{at}, the highest mean, {above} ({test}, Bonferroni-corrected p {relation} {ALPHA})"
+        ))
     }
 
     fn lacks(&self) -> Option<String> {
@@ -122,7 +137,7 @@ fn drawn_line(line: &LearningLine, label: String, looks: &Looks) -> Line {
             false => String::new(),
         };
         let interval = interval.map(|interval| (interval.low, interval.high));
-        Place { x: f64::from(*episode), y: *mean, interval, tip }
+        Place { x: f64::from(*episode), y: *mean, interval, is_single: false, tip }
     };
     Line {
         label,

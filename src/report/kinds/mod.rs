@@ -14,10 +14,10 @@ use super::data_table::{DataTable, p_value, shown, shown_ends, signed};
 use super::figure::{Looks, Numbers, Panels, Style};
 use super::names::Names;
 use super::scene::Scene;
-use super::words::unit_numbers;
-use crate::analyse::Interval;
+use super::words::{metric_title, unit_numbers};
 use crate::analyse::declared::{ArmId, Content, Finding};
-use crate::manifest::Setting;
+use crate::analyse::{Design, Interval};
+use crate::manifest::{Setting, short_name};
 use crate::plan::counted;
 
 /// Inputs that all figures of a finding share.
@@ -129,6 +129,39 @@ pub(super) fn amount(value: f64, metric: &str) -> String {
     }
 }
 
+/// The name of the t tests of these designs.
+pub(super) fn test_name(designs: impl IntoIterator<Item = Design>) -> &'static str {
+    let (mut paired, mut unpaired) = (false, false);
+    for design in designs {
+        paired |= design == Design::Matched;
+        unpaired |= design == Design::Independent;
+    }
+    match (paired, unpaired) {
+        (true, false) => "t test paired by seed",
+        (true, true) => "t test, paired by seed where both sides have the same seeds",
+        (false, _) => "unpaired t test",
+    }
+}
+
+/// A difference of a metric with its unit: of rates, percentage points.
+pub(super) fn gap(value: f64, metric: &str) -> String {
+    match unit_numbers(metric) {
+        (Numbers::Percent, decimals) => {
+            format!("{} percentage points", shown(value * 100.0, decimals))
+        }
+        (Numbers::Plain, decimals) => shown(value, decimals),
+    }
+}
+
+/// The title of the differences of a metric, with their unit.
+pub(super) fn gap_title(metric: &str) -> String {
+    let title = metric_title(metric);
+    match title.strip_suffix(", %") {
+        Some(rate) => format!("{rate}, differences in percentage points"),
+        None => title,
+    }
+}
+
 /// The ends of a metric's interval with their unit: "5 % to 7 %".
 pub(super) fn ends(Interval { low, high }: Interval, metric: &str) -> String {
     match unit_numbers(metric) {
@@ -138,6 +171,24 @@ pub(super) fn ends(Interval { low, high }: Interval, metric: &str) -> String {
         }
         (Numbers::Plain, decimals) => shown_ends(low, high, decimals).join(" to "),
     }
+}
+
+/// The name of a parameter's quantity, as axes have it.
+fn quantity(dotted: &str) -> String {
+    let symbol = short_name(dotted);
+    let name = match symbol {
+        "σ" => "feature noise",
+        "σ_s" => "noise of steps",
+        "γ" => "discount",
+        "δ_h" => "habituation decay",
+        "ε_h" => "habituation increment",
+        "δ_d" => "disengagement decay",
+        "ε_d" => "disengagement increment",
+        "ρ_1" => "effect of an untailored message",
+        "ρ_2" => "effect of a tailored message",
+        _ => return symbol.replace('_', " "),
+    };
+    format!("{name} {symbol}")
 }
 
 /// A number of a parameter with its sign: every digit, or an exponent if it is very small or very large.
@@ -161,7 +212,7 @@ mod tests {
     use super::*;
     use crate::analyse::declared::{
         ActionPanel, BinShares, Candidate, ContrastFigure, ContrastRow, CurveFigure, CurveLine,
-        CurvePoint, JobCounts, LearningFigure, LearningLine, LearningPanel, Ranking,
+        CurvePoint, Family, JobCounts, LearningFigure, LearningLine, LearningPanel, Ranking,
     };
     use crate::analyse::{Contrast, Corrected, Design, Sample, Undefined};
     use crate::manifest::{FigureKeys, ParticipantRange};
@@ -178,7 +229,7 @@ mod tests {
             name: name(),
             error: None,
             contrast: Contrast::new(&first, &second, design),
-            family: String::new(),
+            family: Family::default(),
             corrected: Err(Undefined::NoSeeds),
             published: None,
             first,
@@ -243,9 +294,9 @@ mod tests {
             contrast(vec![row(first, second, Design::Independent)]).table("", "disengagement_rate")
         };
         assert!(is_shown(&of(9), "detectable") && !is_shown(&of(10), "detectable"));
-        // The standard deviation of 1, 2, 3 % is 1 %, and three seeds detect 3.1 standard deviations.
-        assert_eq!(entry(&of(3), "detectable").shown(), "3.1");
-        assert!(of(3).markdown().contains("Detectable (80 % power)"));
+        // The standard deviation of 1, 2, 3 % is 1 %; t with 2 degrees of freedom detects 5.65 standard errors.
+        assert_eq!(entry(&of(3), "detectable").shown(), "4.6");
+        assert!(of(3).markdown().contains("Detectable (80 % power at 0.05)"));
     }
 
     #[test]
@@ -255,6 +306,7 @@ mod tests {
                 name: name(),
                 seeds: (n, 3),
                 optimum: None,
+                end: Sample::default(),
                 points: vec![(100, 5.0, None)],
             };
             let panels = vec![LearningPanel { scenario: "P-H-D".into(), lines: vec![line] }];
@@ -298,10 +350,12 @@ mod tests {
         let jobs = JobCounts { completed: 9, failed: 3, open: 1 };
         assert_eq!(
             said(Content::Contrast(contrast(rows)), jobs),
-            "Differences in mean return, steps walked between a and b with their 95 % intervals, not \
-             corrected for the number of comparisons, n = 2 seeds per side. a is above b in 1 of 2 comparisons and below it in 1; it is furthest above \
-             for dqn P-H-D, by 50 (t = 35.36, Holm-corrected p = 0.010); 1 of 2 differences is \
-             significant (Welch’s t, Holm-corrected p < 0.05). Missing: 4 of 13 jobs, 3 of which failed; 1 of 3 comparisons (no seed completed)."
+            "Differences in mean return per episode, steps walked between a and b (unpaired t test) with their 95 % \
+             intervals, not corrected for the number of comparisons, n = 2 seeds per side. Of 2 tested \
+             comparisons, a is significantly above b in 1 and significantly below it in 0; at the widest \
+             significant one, a is above b by 50, for dqn P-H-D (unpaired t = 35.36, 1 degree of \
+             freedom, p = 0.010). Missing: 4 of 13 jobs, 3 of which failed; 1 of 3 comparisons (no seed \
+             completed)."
         );
     }
 
@@ -327,15 +381,16 @@ mod tests {
         // Differences -50 and -50.5: mean -50.25, standard error 0.25.
         assert_eq!(
             caption(&finding(0.003_2)),
-            "Differences in mean return, steps walked between a and b with their 95 % intervals, not \
-             corrected for the number of comparisons, n = 2 seeds per side, among the 20 % of participants with the largest ε_d. a is below b \
-             by 50, for dqn P-H-D: significant (paired t = −201.00, 1.0 degrees of \
-             freedom, Holm-corrected p = 0.0032)."
+            "Differences in mean return per episode, steps walked between a and b (t test paired by seed) with their \
+             95 % intervals, not corrected for the number of comparisons, n = 2 seeds per side, among the \
+             20 % of participants with the largest ε_d. a is below b by 50, for dqn P-H-D: significant \
+             (paired t = −201.00, 1 degree of freedom, p = 0.0032)."
         );
         assert!(caption(&finding(0.2)).contains("not significant (paired t"));
         assert_eq!(
             table(&finding(0.2)).caption,
-            ": mean return, steps walked, paired by seed, among the 20 % of participants with the largest ε_d"
+            ": mean return per episode, steps walked; t test paired by seed, among the 20 % of participants with the \
+             largest ε_d"
         );
     }
 
@@ -358,14 +413,13 @@ mod tests {
         let finds = |rows: Vec<ContrastRow>| contrast(rows).finds("mean_return").unwrap();
         assert_eq!(
             finds(vec![of("dqn", 100.5), of("reinforce", 124.0)]),
-            "population.phases=test is below population.phases=all in all 2 comparisons; it is furthest \
-             below for reinforce P-H-D, by 24 (t = −6.93, Holm-corrected p = 0.500); no difference is \
-             significant (paired t, Holm-corrected p ≥ 0.05)"
+            "None of 2 tested differences is significant; at the widest, population.phases=test is below \
+             population.phases=all by 24, for reinforce P-H-D (paired t = −6.93, 2 degrees of freedom, p \
+             = 0.500)"
         );
-        assert!(finds(vec![of("dqn", 60.0), of("reinforce", 124.0)]).starts_with(
-            "population.phases=test is above population.phases=all in 1 of 2 comparisons and below it \
-             in 1; it is furthest above for dqn P-H-D, by 40"
-        ));
+        let found = finds(vec![of("dqn", 60.0), of("reinforce", 124.0)]);
+        let widest = "population.phases=test is above population.phases=all by 40, for dqn P-H-D";
+        assert!(found.contains(widest), "{found}");
         assert!(!finds(vec![of("dqn", 60.0), of("dqn", 60.0)]).contains(". "));
     }
 
@@ -391,24 +445,24 @@ mod tests {
             let (shown, found) = said.split_once(". ").unwrap();
             assert_eq!(
                 shown,
-                "Mean and its 95 % interval of mean return, steps walked against delta_d, n = 3 seeds \
+                "Mean and its 95 % interval of mean return per episode, steps walked against delta_d, n = 3 seeds \
                  per point"
             );
             found.to_owned()
         };
         let [falls, noise] = [
             line("a", &[(90.0, 1.0), (50.0, 1.0), (20.0, 1.0)]),
-            line("b", &[(90.0, 90.0), (60.0, 90.0), (30.0, 90.0)]),
+            line("b", &[(90.0, 90.0), (60.0, 50.0), (30.0, 9.0)]),
         ];
         let (falls, noise) = (&falls, &noise);
         assert_eq!(
             of(slice::from_ref(falls)),
-            "a P-H-D falls from 90 at delta_d = 1 to 20 at delta_d = 3 (Welch’s t, p < 0.05)."
+            "a P-H-D falls from 90 at delta_d = 1 to 20 at delta_d = 3 (t test paired by seed, p < 0.05)."
         );
         assert_eq!(
             of(slice::from_ref(noise)),
             "b P-H-D is at 90 at delta_d = 1 and at 30 at delta_d = 3; the difference is not significant \
-             (Welch’s t, p ≥ 0.05)."
+             (t test paired by seed, p ≥ 0.05)."
         );
         assert_eq!(
             of(&[falls.clone(), noise.clone()]),
@@ -456,9 +510,9 @@ mod tests {
         assert_eq!([entry(&table, "x").shown(), entry(&table, "mean").shown()], ["–", "50.0"]);
         assert_eq!(
             said(Content::Curve(figure.clone()), ALL),
-            "Mean and its 95 % interval of mean return, steps walked against rate, n = 3 seeds per point; \
+            "Mean and its 95 % interval of mean return per episode, steps walked against rate, n = 3 seeds per point; \
              arms without rate are lines across. rule P-H-D and dqn P-H-D are furthest apart at rate = \
-             0.001, by 30 (Welch’s t, Bonferroni-corrected p < 0.05)."
+             0.001, by 30 (t test paired by seed, Bonferroni-corrected p < 0.05)."
         );
         let style = Style::of(&FigureKeys::default());
         let looks = Looks::of(figure.arms());

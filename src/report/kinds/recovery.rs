@@ -87,31 +87,28 @@ impl Drawn for Vec<RecoveryRow> {
         if known.len() <= LISTED && known.iter().all(|(row, _)| same(row)) {
             let shares: Vec<String> = known.iter().map(|(row, found)| share(row, found)).collect();
             let of = &first.optimum.as_ref()?.scenario;
-            let name = |id: &ArmId| arm_label(&ArmId { settings: Vec::new(), ..id.clone() });
             let (with, without, shares) =
-                (name(&first.with), name(&first.without), shares.join(", "));
-            return Some(match has_further_loss(&known) {
-                false => format!(
-                    "{with} recovers {shares} of what {without} loses against the optimum of {of}"
-                ),
-                true => format!(
-                    "Of what {without} loses against the optimum of {of}, {with} recovers a share of \
-                     {shares}{FURTHER_LOSS}"
-                ),
-            });
+                (unset(&first.with), unset(&first.without), shares.join(", "));
+            return Some(format!(
+                "Of what {without} loses against the optimum of {of}, {with} recovers {shares}"
+            ));
         }
         known.sort_by(|(_, a), (_, b)| f64::total_cmp(&a.share, &b.share));
         let ends: Vec<String> = [known.first()?, known.last()?]
             .iter()
             .map(|(row, found)| {
-                format!("{} ({} against {})", share(row, found), row.with.agent, row.without.agent)
+                format!(
+                    "{} ({} against {})",
+                    share(row, found),
+                    unset(&row.with),
+                    unset(&row.without)
+                )
             })
             .collect();
         Some(format!(
-            "Of the distance to the optimum, between {} are recovered in {}{}",
-            ends.join(" and "),
+            "Of the distance to the optimum, the arms of {} recover between {}",
             counted(known.len(), "comparison"),
-            if has_further_loss(&known) { FURTHER_LOSS } else { "" }
+            ends.join(" and "),
         ))
     }
 
@@ -129,11 +126,9 @@ impl Drawn for Vec<RecoveryRow> {
     }
 }
 
-/// What a share below 0 means.
-const FURTHER_LOSS: &str = ", where a share below 0 is a further loss";
-
-fn has_further_loss(known: &[(&RecoveryRow, Recovered)]) -> bool {
-    known.iter().any(|(_, found)| found.share < 0.0)
+/// The name of an arm without its settings.
+fn unset(name: &ArmId) -> String {
+    arm_label(&ArmId { settings: Vec::new(), ..name.clone() })
 }
 
 fn percent(value: Result<f64, Undefined>) -> Entry {
@@ -143,26 +138,30 @@ fn percent(value: Result<f64, Undefined>) -> Entry {
     }
 }
 
-/// A share with its interval: "93 % (91 to 95 %) at sigma=0.4".
+/// A share with its interval: "93 % (91 to 95 %) at sigma=0.4"; a share below 0 is a further loss: "nothing
+/// (−5 %, −9 to −1 %)".
 fn share(row: &RecoveryRow, found: &Recovered) -> String {
     let spread = match found.interval {
-        Ok(Interval { low, high }) => {
-            format!(" ({} %)", range(100.0 * low, 100.0 * high, 1))
-        }
-        Err(reason) => format!(" (no interval: {reason})"),
+        Ok(Interval { low, high }) => format!("{} %", range(100.0 * low, 100.0 * high, 1)),
+        Err(reason) => format!("no interval: {reason}"),
+    };
+    let share = format!("{} %", shown(100.0 * found.share, 1));
+    let share = match found.share < 0.0 {
+        false => format!("{share} ({spread})"),
+        true => format!("nothing ({share}, {spread})"),
     };
     let at = match settings_label(&row.with.settings) {
         label if label.is_empty() => label,
         label => format!(" at {label}"),
     };
-    format!("{} %{spread}{at}", shown(100.0 * found.share, 1))
+    format!("{share}{at}")
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::analyse::declared::ScenarioOptimum;
-    use crate::analyse::{Sample, recovered};
+    use crate::analyse::{Design, Sample, recovered};
     use crate::manifest::Setting;
 
     fn row(sigma: f64, with: [f64; 2], without: [f64; 2], optimum: Option<f64>) -> RecoveryRow {
@@ -178,9 +177,9 @@ mod tests {
             returns: [sample(with), sample(without)],
             optimum: optimum
                 .map(|mean_return| ScenarioOptimum { scenario: "P-H-D".to_owned(), mean_return }),
-            recovered: optimum
-                .ok_or(Undefined::NoOptimum)
-                .and_then(|optimum| recovered(&with, &without, optimum)),
+            recovered: optimum.ok_or(Undefined::NoOptimum).and_then(|optimum| {
+                recovered(&sample(with), &sample(without), optimum, Design::Matched)
+            }),
         }
     }
 
@@ -194,13 +193,14 @@ mod tests {
         ];
         assert_eq!(
             rows.finds("mean_return").unwrap(),
-            "ppo-gru P-M-S recovers 75.0 % (43.2 to 106.8 %) at sigma=0.4 of what ppo P-T loses \
-             against the optimum of P-H-D"
+            "Of what ppo P-T loses against the optimum of P-H-D, ppo-gru P-M-S recovers 75.0 % (43.2 to \
+             106.8 %) at sigma=0.4"
         );
         assert_eq!(
             rows.lacks().unwrap(),
             "1 of 2 shares (no optimum known: it needs a completed job of a scenario that shows H and \
-             D, in an environment whose optimum can be computed)"
+             D, in an environment whose optimum can be computed; where messages cost steps, it is that of \
+             mean_net_return)"
         );
         let table = rows.table("", "mean_return");
         assert_eq!(table.rows.len(), 2);
@@ -208,12 +208,12 @@ mod tests {
     }
 
     #[test]
-    fn a_share_below_0_is_called_a_further_loss() {
+    fn a_share_below_0_recovers_nothing() {
         let rows = vec![row(0.4, [49.0, 51.0], [60.0, 60.0], Some(100.0))];
         assert_eq!(
             rows.finds("mean_return").unwrap(),
-            "Of what ppo P-T loses against the optimum of P-H-D, ppo-gru P-M-S recovers a share of \
-             −25.0 % (−56.8 to 6.8 %) at sigma=0.4, where a share below 0 is a further loss"
+            "Of what ppo P-T loses against the optimum of P-H-D, ppo-gru P-M-S recovers nothing (−25.0 %, \
+             −56.8 to 6.8 %) at sigma=0.4"
         );
     }
 
@@ -226,8 +226,11 @@ mod tests {
             })
             .collect();
         let found = rows.finds("mean_return").unwrap();
-        assert!(found.starts_with("Of the distance to the optimum, between 12.5 %"), "{found}");
-        assert!(found.contains("and 100.0 %") && found.ends_with("in 8 comparisons"), "{found}");
+        let begins =
+            "Of the distance to the optimum, the arms of 8 comparisons recover between 12.5 %";
+        assert!(found.starts_with(begins), "{found}");
+        assert!(found.contains("and 100.0 %"), "{found}");
+        assert!(found.ends_with("(ppo-gru P-M-S against ppo P-T)"), "{found}");
         assert!(Vec::<RecoveryRow>::new().lacks().is_some());
     }
 }

@@ -1,7 +1,8 @@
 //! Selections: settings in the order of a rule.
 
-use super::{Drawn, Sheet, amount, ends};
+use super::{Drawn, Sheet, amount, ends, gap, test_name};
 use crate::analyse::declared::Ranking;
+use crate::analyse::{Design, t_test};
 use crate::plan::counted;
 use crate::report::data_table::{DataTable, Entry};
 use crate::report::figure::{arm_label, seeds, settings_label};
@@ -58,10 +59,12 @@ impl Drawn for Vec<Ranking> {
             |interval| format!(", 95 % interval {}", ends(interval, metric)),
         );
         Some(format!(
-            "{} does best with {}: {mean} (best of {} tried{spread}){}",
+            "{} does best with {}: {mean} (best of {} tried{spread}){}{}; the mean of the best of several \
+             settings is too high, and that on the reporting seeds is not",
             arm_label(&ranking.place),
             settings_label(&best.settings),
             counted(ranking.tried(), "setting"),
+            runner_up(ranking, metric).unwrap_or_default(),
             ranking.at_ends().map(|end| format!("; {end}")).collect::<String>()
         ))
     }
@@ -69,6 +72,23 @@ impl Drawn for Vec<Ranking> {
     fn is_table(&self) -> bool {
         true
     }
+}
+
+/// The difference between the best setting and the next: "; 12 above the next (95 % interval −5 to 29, …)".
+fn runner_up(ranking: &Ranking, metric: &str) -> Option<String> {
+    let [best, next, ..] = &ranking.candidates[..] else { return None };
+    let difference = best.sample.mean().ok()? - next.sample.mean().ok()?;
+    let side = if difference < 0.0 { "below" } else { "above" };
+    let design = Design::of(&best.sample, &next.sample);
+    let interval = match t_test(&best.sample, &next.sample, design) {
+        Ok(test) => {
+            let name = test_name([design]);
+            format!(" (95 % interval {}, {name}, not corrected)", ends(test.interval, metric))
+        }
+        Err(reason) => format!(" (no interval: {reason})"),
+    };
+    let settings = settings_label(&next.settings);
+    Some(format!("; {} {side} the next, {settings}{interval}", gap(difference.abs(), metric)))
 }
 
 fn table(title: &str, rankings: &[Ranking], metric: &str) -> DataTable {

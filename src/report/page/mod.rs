@@ -94,7 +94,7 @@ fn header(
             h1 { (title) }
             p.lead {
                 (state) " in " code { (store) }
-                ". Every mean is over trained policies (seeds), never over test episodes."
+                ". Every mean is over seeds, with one policy each, and never over test episodes."
             }
             p.note {
                 "Links to CSV, Markdown, LaTeX, SVG, PDF and PNG files point into the folder of this page; \
@@ -105,7 +105,7 @@ fn header(
             }
             div.tiles {
                 (tile(number, if number == 1 { "experiment" } else { "experiments" }))
-                (tile(jobs.completed, "trained policies"))
+                (tile(jobs.completed, if jobs.completed == 1 { "completed job" } else { "completed jobs" }))
                 @if inside + outside > 0 {
                     (tile(
                         format_args!("{inside} / {}", inside + outside),
@@ -163,7 +163,9 @@ fn reproduced(reproduction: &Reproduction) -> Markup {
                  three seeds, and that of an error rate from 1000 draws. Curve points and heat-map \
                  tiles are published without uncertainty: they get that of our runs with three seeds, \
                  plus ± 15 steps for reading points off the figure. By chance, 5 % of true \
-                 agreements fall outside the interval."
+                 agreements fall outside the interval. An interval that includes 0 does not show that two \
+                 numbers agree: the table has beside each the margin within which they are equivalent by \
+                 two one-sided tests at 5 %."
             }
             p.links { (parts::table_links("reproduction", &numbers)) }
             details {
