@@ -5,7 +5,8 @@
 use std::f64::consts::TAU;
 
 use jitai::statistics::{
-    Design, Sample, detectable, interquartile_mean, recovered, t_test, unpaired_t_test,
+    Design, Sample, detectable, interquartile_mean, paired_t_test, recovered, share_interval,
+    t_test, unpaired_t_test,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -60,12 +61,17 @@ fn paired_level(rng: &mut ChaCha8Rng, seeds: u64, correlation: f64) -> [f64; 4] 
     let mut hits = [0; 4];
     // The standard error that the difference is detectable with is the true one.
     let error = ((2.0 - 2.0 * correlation) / seeds as f64).sqrt();
+    let levels = [0.05, 0.05 / 24.0];
+    // In standard errors, the difference depends on the number of seeds alone.
+    let values: Vec<(f64, f64)> = (0..seeds).map(|seed| (seed as f64, 0.0)).collect();
+    let any = paired_t_test(&values).expect("they vary");
+    let shifts =
+        levels.map(|level| detectable(&any, level).difference / any.standard_error * error);
     for _ in 0..ROUNDS {
         let both = conditions(rng, 2, seeds, correlation);
         let (first, second) = (sample(&both[0], 0.0, 1.0), sample(&both[1], 0.0, 1.0));
         let test = t_test(&first, &second, Design::Matched).expect("they vary");
-        for (place, level) in [0.05, 0.05 / 24.0].into_iter().enumerate() {
-            let shift = detectable(&test, level).difference / test.standard_error * error;
+        for (place, (level, shift)) in levels.into_iter().zip(shifts).enumerate() {
             let shifted = sample(&both[0], shift, 1.0);
             let found = t_test(&shifted, &second, Design::Matched).expect("they vary");
             hits[place] += usize::from(test.p < level);
@@ -100,6 +106,19 @@ fn of_recovery(rng: &mut ChaCha8Rng, seeds: u64, correlation: f64, design: Desig
         }
     }
     percent(held, defined)
+}
+
+/// The share of intervals of a mean rate that hold it. The logits of seeds are normal.
+fn of_rate(rng: &mut ChaCha8Rng, seeds: u64, middle: f64) -> f64 {
+    const DEVIATION: f64 = 0.5;
+    let logit = (middle / (1.0 - middle)).ln();
+    let mut rate = || 1.0 / (1.0 + (-logit - DEVIATION * normal(rng)).exp());
+    let truth = (0..1_000_000).map(|_| rate()).sum::<f64>() / 1_000_000.0;
+    let holds = |_: &usize| {
+        let values: Vec<f64> = (0..seeds).map(|_| rate()).collect();
+        share_interval(&values).expect("they vary").contains(truth)
+    };
+    percent((0..ROUNDS).filter(holds).count(), ROUNDS)
 }
 
 fn main() {
@@ -140,6 +159,13 @@ fn main() {
                 let covered = of_middle(&mut rng, count, seeds, *correlation);
                 println!("{count:10}  {correlation:11}  {seeds:5}  {covered:6.1} %");
             }
+        }
+    }
+    println!("\nmean rate: coverage of its interval");
+    println!("rate  seeds  coverage");
+    for rate in [0.5, 0.9, 0.99] {
+        for seeds in [3, 5, 10, 20] {
+            println!("{rate:4}  {seeds:5}  {:4.1} %", of_rate(&mut rng, seeds, rate));
         }
     }
 }

@@ -66,15 +66,15 @@ answers[["3"]] <- pairs[c("agent", "label", "seed", "gain")]
 
 # 4. Is the gain more than chance?
 # The test also has the p value and an interval: print(test).
-welch <- function(runs) {
-  test <- t.test(mean_return ~ factor(scenario, c("P-H-D", "L-H-D")), runs)
+paired <- function(arm) {
+  test <- t.test(arm$mean_return_p, arm$mean_return_l, paired = TRUE)
   data.frame(
-    agent = runs$agent[1], label = runs$label[1], gain = -diff(unname(test$estimate)),
+    agent = arm$agent[1], label = arm$label[1], gain = unname(test$estimate),
     standard_error = test$stderr, t = unname(test$statistic), degrees_of_freedom = unname(test$parameter)
   )
 }
-by_arm <- split(quickstart, quickstart[c("agent", "label")], drop = TRUE)
-answers[["4"]] <- do.call(rbind, lapply(by_arm, welch))
+by_arm <- split(pairs, pairs[c("agent", "label")], drop = TRUE)
+answers[["4"]] <- do.call(rbind, lapply(by_arm, paired))
 
 # 5. What share of the best arm's return does each arm reach?
 means <- aggregate(

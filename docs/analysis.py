@@ -54,18 +54,14 @@ by_seed = quickstart.pivot(
 answers[3] = (by_seed["P-H-D"] - by_seed["L-H-D"]).rename("gain")
 
 # %% 4. Is the gain more than chance?
-# scipy.stats.ttest_ind(…, equal_var=False) is the same test, and has the p value.
-arm = quickstart.groupby(["agent", "label", "scenario"])["mean_return"]
-mean, variance, n = (table.unstack() for table in (arm.mean(), arm.var() / arm.count(), arm.count()))
-gain = mean["P-H-D"] - mean["L-H-D"]
-standard_error = (variance["P-H-D"] + variance["L-H-D"]) ** 0.5
-degrees_of_freedom = standard_error**4 / (variance**2 / (n - 1))[["P-H-D", "L-H-D"]].sum(axis=1)
+# scipy.stats.ttest_rel is the same test, and has the p value.
+gains = answers[3].dropna().groupby(["agent", "label"])
 answers[4] = pd.DataFrame(
     {
-        "gain": gain,
-        "standard_error": standard_error,
-        "t": gain / standard_error,
-        "degrees_of_freedom": degrees_of_freedom,
+        "gain": gains.mean(),
+        "standard_error": gains.sem(),
+        "t": gains.mean() / gains.sem(),
+        "degrees_of_freedom": gains.count() - 1,
     }
 )
 

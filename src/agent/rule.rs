@@ -3,7 +3,6 @@
 use std::io;
 
 use crate::agent::actor::Actor;
-use crate::agent::registry::Task;
 use crate::agent::unavailable::certain;
 use crate::env::{
     Action, ActionProbabilities, Belief, Environment, EpisodeStatus, FirstContext,
@@ -148,13 +147,21 @@ fn belief(rule: &RuleParameters, environment: &Environment, scenario: &Scenario)
 }
 
 impl RuleParameters {
-    /// Whether the rule acts otherwise in the first step than earlier versions did.
-    pub(super) fn acts_otherwise(&self, task: &Task) -> bool {
-        let widest = task.population.widest(task.environment);
+    /// Whether the rule acts otherwise in the first step than earlier versions did, which sent a message there if
+    /// all other contexts are certain. `widest` has the most noise that people have in the environment.
+    pub(super) fn acts_otherwise(
+        &self,
+        environment: &Environment,
+        widest: &Environment,
+        scenario: &Scenario,
+    ) -> bool {
+        let is_certain = |of: &Environment| Belief::new(of, scenario) == Belief::Certain;
         self.rule == DecisionRule::Threshold
-            && task.scenario.shows_probability_alone()
-            && widest.first_context == FirstContext::Fixed
-            && Belief::new(&widest, task.scenario) == Belief::Certain
+            && self.threshold > 0.5
+            && scenario.shows_probability_alone()
+            && environment.first_context == FirstContext::Fixed
+            && is_certain(environment)
+            && is_certain(widest)
     }
 }
 

@@ -28,6 +28,12 @@ impl Estimate {
         Ok(Estimate { value: mean, standard_error, df: n as f64 - 1.0 })
     }
 
+    /// The difference that a t test compares with 0.
+    pub fn of_test(test: &TTest) -> Estimate {
+        let TTest { difference: value, standard_error, df, .. } = *test;
+        Estimate { value, standard_error, df }
+    }
+
     /// The difference of the means of two independent arms, with Satterthwaite's degrees of freedom.
     ///
     /// **Errors**: fewer than two values in an arm, or no variance in either arm.

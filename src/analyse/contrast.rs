@@ -1,7 +1,5 @@
 //! One arm against another: every statistic that a table of contrasts shows.
 
-use std::collections::BTreeSet;
-
 use super::effect_size::{HedgesG, hedges_g, paired_hedges_g};
 use super::improvement::{Improvement, improvement, paired_improvement};
 use super::moments::Moments;
@@ -45,12 +43,23 @@ pub struct Contrast {
 }
 
 impl Design {
-    /// The design of two arms: matched if both were given the same seeds, independent otherwise.
+    /// The design of two arms: matched if the seeds of one are among those of the other, at least two; else
+    /// independent. It depends on the seeds that the arms were given, not on those that have a value yet.
     pub fn of(first: &Sample, second: &Sample) -> Design {
-        // A seed without a value is known by its number alone.
-        let all = first.seeds().iter().chain(second.seeds()).collect::<BTreeSet<_>>().len();
-        let is_shared = first.declared() == second.declared() && all <= first.declared();
-        if is_shared { Design::Matched } else { Design::Independent }
+        let (few, many) = match first.given().len() <= second.given().len() {
+            true => (first.given(), second.given()),
+            false => (second.given(), first.given()),
+        };
+        let are_shared = few.len() > 1 && few.iter().all(|seed| many.binary_search(seed).is_ok());
+        if are_shared { Design::Matched } else { Design::Independent }
+    }
+
+    /// The samples as this design compares them: of matched seeds, those that both have.
+    pub fn compared(self, first: &Sample, second: &Sample) -> (Sample, Sample) {
+        match self {
+            Design::Independent => (first.clone(), second.clone()),
+            Design::Matched => (first.shared_with(second), second.shared_with(first)),
+        }
     }
 }
 
@@ -125,4 +134,24 @@ fn nothing_matched(reason: Undefined) -> Contrast {
 
 fn means(first: &[f64], second: &[f64]) -> Result<(f64, f64), Undefined> {
     Ok((Moments::of(first)?.mean, Moments::of(second)?.mean))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn seeds_are_matched_where_those_of_one_arm_are_among_those_of_the_other() {
+        let of = |seeds: std::ops::Range<u64>| {
+            Sample::new(seeds.map(|seed| (seed, seed as f64)), 0, 0).unwrap()
+        };
+        let is_matched = |one: &Sample, other: &Sample| Design::of(one, other) == Design::Matched;
+        assert!(is_matched(&of(1..11), &of(1..11)));
+        assert!(is_matched(&of(1..13), &of(1..3)));
+        assert!(!is_matched(&of(1..13), &of(1..2)), "a single pair");
+        assert!(!is_matched(&of(1..6), &of(6..11)), "other seeds");
+        // What has a value yet does not count.
+        assert!(is_matched(&of(1..3).with_given(1..11), &of(5..11).with_given(1..11)));
+        assert!(!is_matched(&of(1..2).with_given(1..4), &of(4..5).with_given(4..7)));
+    }
 }

@@ -66,3 +66,22 @@ pub fn mean_interval(values: &[f64]) -> Result<Interval, Undefined> {
     vary(standard_error, mean)?;
     Ok(Interval::around(mean, standard_error, n as f64 - 1.0))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn intervals_of_shares_stay_between_0_and_1() {
+        let values = [0.9, 0.8, 1.0];
+        assert!(mean_interval(&values).unwrap().high > 1.0);
+        let Interval { low, high } = share_interval(&values).unwrap();
+        assert!(
+            (low - 0.362870147332).abs() < 1e-9 && (high - 0.993017751843).abs() < 1e-9,
+            "{low} {high}"
+        );
+        assert_eq!(share_interval(&[1.0; 3]), Err(Undefined::NoVariance));
+        assert_eq!(share_interval(&[0.0; 3]), Err(Undefined::NoVariance));
+        assert_eq!(share_interval(&[0.5]), Err(Undefined::TooFewSeeds { have: 1, need: 2 }));
+    }
+}

@@ -12,6 +12,8 @@ pub struct Sample {
     seeds: Vec<u64>,
     values: Vec<f64>,
     lost: Lost,
+    /// All seeds that the arm was given, ascending, where they are known.
+    given: Vec<u64>,
     /// Whether the values are shares, from 0 to 1.
     are_shares: bool,
 }
@@ -57,11 +59,33 @@ impl Sample {
         if let Some(twice) = pairs.windows(2).find(|pair| pair[0].0 == pair[1].0) {
             return Err(DuplicateSeed { seed: twice[0].0 });
         }
-        let given = pairs.len();
+        let given: Vec<u64> = pairs.iter().map(|(seed, _)| *seed).collect();
         pairs.retain(|(_, value)| value.is_finite());
-        let not_finite = u32::try_from(given - pairs.len()).unwrap_or(u32::MAX);
+        let not_finite = u32::try_from(given.len() - pairs.len()).unwrap_or(u32::MAX);
         let (seeds, values) = pairs.into_iter().unzip();
-        Ok(Sample { seeds, values, lost: Lost { failed, open, not_finite }, are_shares: false })
+        let lost = Lost { failed, open, not_finite };
+        Ok(Sample { seeds, values, lost, given, are_shares: false })
+    }
+
+    /// The sample with all seeds that its arm was given, those without a value included.
+    pub fn with_given(self, seeds: impl IntoIterator<Item = u64>) -> Sample {
+        let mut given: Vec<u64> = seeds.into_iter().collect();
+        given.sort_unstable();
+        given.dedup();
+        Sample { given, ..self }
+    }
+
+    /// All seeds that the arm was given, ascending; those that have a value, if others are not known.
+    pub fn given(&self) -> &[u64] {
+        &self.given
+    }
+
+    /// The sample with the values of the seeds that also have a value in the other sample.
+    pub fn shared_with(&self, other: &Sample) -> Sample {
+        let is_shared = |seed: &u64| other.seeds.binary_search(seed).is_ok();
+        let pairs = self.seeds.iter().copied().zip(self.values.iter().copied());
+        let (seeds, values) = pairs.filter(|(seed, _)| is_shared(seed)).unzip();
+        Sample { seeds, values, ..self.clone() }
     }
 
     /// The sample as one of shares, from 0 to 1, whose interval stays between both.

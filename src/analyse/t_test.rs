@@ -1,4 +1,4 @@
-//! Student's, Welch's and the paired t test, with the interval of the difference.
+//! Student's, the unpaired and the paired t test, with the interval of the difference.
 
 use super::interval::Interval;
 use super::moments::{Moments, vary};

@@ -261,7 +261,10 @@ fn summarise(rolled: &mut Rolled, arguments: &Arguments) -> Result<(), Error> {
     let mut returns = Vec::new();
     let (mut steps, mut messages, mut disengaged) = (0usize, 0usize, 0usize);
     for _ in 0..arguments.episodes {
-        let episode = rolled.episode();
+        // The step after the horizon that pays nothing is no part of the episode.
+        let horizon = rolled.lane.parameters().horizon;
+        let mut episode = rolled.episode();
+        episode.retain(|step| step.time < horizon);
         returns.push(episode.iter().map(|step| step.reward).sum::<f64>());
         steps += episode.len();
         messages += episode.iter().filter(|step| step.action != Action::NONE).count();

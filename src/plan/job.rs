@@ -468,6 +468,36 @@ mod tests {
     }
 
     #[test]
+    fn versions_are_higher_in_the_jobs_alone_whose_results_changed() {
+        let of = |change: fn(&mut Job)| {
+            let versions = jobs().into_iter().map(|mut job| {
+                let before = job.versions();
+                change(&mut job);
+                let Versions { environment, algorithm } = job.versions();
+                (environment - before.environment, algorithm - before.algorithm)
+            });
+            versions.collect::<Vec<_>>()
+        };
+        assert_eq!(of(|_| {}), [(0, 0); 3]);
+        assert_eq!(of(|job| job.environment.unpaid_last_step = true), [(1, 0); 3]);
+        assert_eq!(of(|job| job.environment.availability = 0.9), [(0, 1), (0, 1), (0, 0)]);
+        let threshold = |sigma: f64, scenario: &str, threshold: f64| {
+            let rule = RuleParameters { threshold, ..RuleParameters::new(DecisionRule::Threshold) };
+            let scenario = scenario.parse().unwrap();
+            let environment = Environment::paper(sigma);
+            let agent = Agent::of(&rule);
+            let job = Job { environment, scenario, agent, ..jobs().remove(2) };
+            job.versions().algorithm - jobs()[2].versions().algorithm
+        };
+        assert_eq!(threshold(0.0, "P-T", 0.8), 1);
+        // The context is shown, some are not certain, or the first one is enough.
+        assert_eq!(threshold(0.0, "C-T", 0.8), 0);
+        assert_eq!(threshold(0.0, "L-T", 0.8), 0);
+        assert_eq!(threshold(0.6, "P-T", 0.8), 0);
+        assert_eq!(threshold(0.0, "P-T", 0.5), 0);
+    }
+
+    #[test]
     fn the_canonical_form_is_the_whole_job_with_its_keys_in_order() {
         for job in jobs() {
             let canonical = job.canonical();

@@ -119,7 +119,7 @@ pub fn agents(rows: &[AgentSummary]) -> DataTable {
             high(returns),
             called_mean(
                 row.shares.map_or_else(unknown, |shares| percent(shares.map(|all| all.value))),
-                row.runs,
+                row.shared,
             ),
             of_shares(&percent_between),
             of_shares(&|interval| percent(interval.map(|interval| interval.low))),

@@ -3,7 +3,7 @@
 //! In: the rankings of a selection. Out: TOML with the numbers in comments. Held-out seeds are read
 //! from the whole store, because another experiment runs them.
 
-use super::kinds::{amount, ends};
+use super::kinds::{amount, ends, gap, gap_ends};
 use super::words::metric_title;
 use crate::analyse::declared::{Arm, ArmId, Candidate, Content, Finding, Ranking, is_at};
 use crate::analyse::{Interval, Sample};
@@ -128,11 +128,12 @@ impl Search<'_> {
         if let (Ok(search), Ok(new)) = (winner.sample.mean(), held_out.mean()) {
             let interval = held_out.interval();
             let interval = interval.map(|Interval { low, high }| {
-                between(Interval { low: search - high, high: search - low }, metric)
+                let interval = Interval { low: search - high, high: search - low };
+                format!(" (95 % interval {})", gap_ends(interval, metric))
             });
             lines.push(format!(
                 "Expected shrinkage on new seeds, by the held-out mean: {}{}",
-                amount(search - new, metric),
+                gap(search - new, metric),
                 interval.unwrap_or_default()
             ));
         }

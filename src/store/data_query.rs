@@ -44,6 +44,13 @@ impl DataQuery {
             let _ = write!(conditions, "\n  AND {}", rendered(condition));
         }
         let (part, join) = match self.part {
+            // It is recorded only where messages cost something.
+            DataPart::Metric("mean_net_return") => (
+                "coalesce(net.value, metric.value) AS mean_net_return".to_owned(),
+                "JOIN metric ON metric.job_key = run.job_key AND metric.name = 'mean_return'\n\
+                 LEFT JOIN metric AS net ON net.job_key = run.job_key AND net.name = 'mean_net_return'"
+                    .to_owned(),
+            ),
             DataPart::Metric(name) => (
                 format!("metric.value AS \"{name}\""),
                 format!(

@@ -133,7 +133,9 @@ fn two_reports_of_one_store_are_equal_to_the_byte_and_hold_every_analysis() {
     let text = |name: &str| String::from_utf8(one[name].clone()).unwrap();
     let paired = text("report/tables/every-kind-gain.md");
     assert!(
-        paired.contains(": mean return per episode, steps walked, paired by seed\n"),
+        paired.contains(
+            ": mean return per episode, steps walked; t test paired by seed; p is corrected"
+        ),
         "{paired}"
     );
     // Settings are ranked at each place. Here, each of the two agents has only one setting, which is

@@ -60,6 +60,14 @@ fn matching_rules_follow_the_likely_context() {
         assert_eq!(step["action"], expected, "{step}");
     }
     assert!(actions(&careful).contains(&0));
+
+    // Without noise, only the fixed first context is not certain: its shown probability is 0.5.
+    let certain = steps(&folder, &["--policy", "threshold:0.9", "--set", "sigma=0"]);
+    assert_eq!(certain[0]["action"], 0);
+    assert!(certain[1..].iter().all(|step| step["action"] == tailored(step)));
+    let sampled =
+        ["--policy", "threshold:0.9", "--set", "sigma=0", "--set", "first_context=sampled"];
+    assert!(steps(&folder, &sampled).iter().all(|step| step["action"] == tailored(step)));
 }
 
 #[test]
@@ -117,6 +125,31 @@ fn a_step_without_a_message_shows_what_was_chosen_and_why_it_was_not_sent() {
         is_spent |= taken != 0;
     }
     assert!(unavailable > 10 && over_budget > 10, "{unavailable} {over_budget}");
+}
+
+#[test]
+fn the_step_after_the_horizon_is_no_part_of_the_test() {
+    let text = "format = 1\nname = \"m\"\nscenarios = [\"P-H-D\"]\nseeds = 1\n[environment]\nsigma = 2.0\n\
+        horizon = 3\nunpaid_last_step = true\nepsilon_d = 0.31\ndelta_d = 0.0\n[evaluation]\n\
+        test_episodes = 200\nrecord_decisions = \"test\"\n[[agent]]\nname = \"a\"\nalgorithm = \"rule\"\n\
+        rule = \"tailored\"\n";
+    let folder = Folder::with(text);
+    folder.jitai(["run", "sweep.toml", "--quiet"]).succeeded();
+    let whole = |sql: &str| -> i64 { folder.store().query_row(sql, [], |row| row.get(0)).unwrap() };
+    assert_eq!(whole("SELECT min(length) = 3 AND max(length) = 3 FROM evaluation_episode"), 1);
+    assert_eq!(whole("SELECT count(*) FROM decision"), 600);
+    assert_eq!(whole("SELECT sum(count) FROM action_choice"), 600);
+    // Two wrongly tailored messages raise the risk to 0.72, and a third, in the step after the horizon, to 1.03.
+    assert_eq!(whole("SELECT sum(disengaged) FROM evaluation_episode"), 0);
+    folder.jitai(["doctor"]).succeeded();
+    let set = ["sigma=2", "horizon=3", "unpaid_last_step=true", "epsilon_d=0.31", "delta_d=0"];
+    let set = || set.iter().flat_map(|set| ["--set", set]);
+    let all: Vec<&str> = ["--episodes", "200"].into_iter().chain(set()).collect();
+    assert!(steps(&folder, &all).iter().any(|step| step["ending"] == "disengaged"));
+    let all = ["simulate", "--episodes", "200", "--summary", "--format", "json"];
+    let summary = folder.jitai(all.into_iter().chain(set())).succeeded().json();
+    assert_eq!(summary[0]["mean_length"], 3.0);
+    assert_eq!(summary[0]["disengagement_rate"], 0.0);
 }
 
 #[test]

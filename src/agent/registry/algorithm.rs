@@ -429,7 +429,10 @@ impl Agent {
         // Where messages can be unavailable, agents learned otherwise before they had the key `unavailable`.
         let learns_otherwise = || self.value(UNAVAILABLE).is_some() && task.can_withhold();
         let rule: Option<RuleParameters> = self.parameters();
-        rule.is_some_and(|rule| rule.acts_otherwise(task)) || learns_otherwise()
+        rule.is_some_and(|rule| {
+            let widest = task.population.widest(task.environment);
+            rule.acts_otherwise(task.environment, &widest, task.scenario)
+        }) || learns_otherwise()
     }
 
     /// Whether the agent chooses where no message can be sent. Agents without the key `unavailable` do.

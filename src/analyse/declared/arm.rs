@@ -47,6 +47,7 @@ impl Arm<'_> {
             }
         }
         let sample = Sample::new(values, failed, open).expect("every seed is taken once");
+        let sample = sample.with_given(seen);
         if SHARES.contains(&metric) { sample.of_shares() } else { sample }
     }
 

@@ -58,12 +58,12 @@ pub enum Apart {
 
 impl Apart {
     /// Whether two means differ, by the t test of the design with Bonferroni's correction for `pairs`
-    /// comparisons. If the seeds of both arms have no variance, unequal means count as different.
+    /// comparisons. Differences without variance cannot be tested, unless they are 0.
     pub(super) fn of((one, other): (&Sample, &Sample), design: Design, pairs: usize) -> Apart {
         match t_test(one, other, design) {
             Ok(test) if test.p * (pairs as f64) < ALPHA => Apart::Surely,
-            Err(Undefined::NoVariance) if one.mean() != other.mean() => Apart::Surely,
-            Ok(_) | Err(Undefined::NoVariance) => Apart::Perhaps,
+            Ok(_) => Apart::Perhaps,
+            Err(Undefined::NoVariance) if one.mean() == other.mean() => Apart::Perhaps,
             Err(_) => Apart::Untested,
         }
     }
@@ -95,7 +95,7 @@ pub struct Ends<'l> {
 
 impl Ends<'_> {
     /// Whether the line has more than one point.
-    fn are_apart(&self) -> bool {
+    pub fn are_apart(&self) -> bool {
         self.first.0.x != self.last.0.x
     }
 }
@@ -162,8 +162,9 @@ impl CurveFigure {
         let gap = |point| {
             let CurvePoint { sample, x, .. }: &CurvePoint = point;
             let (sample, other) = (sample, other.sample_at(*x)?);
-            let gap = sample.mean().ok()? - other.mean().ok()?;
             let design = Design::of(sample, other);
+            let (one, two) = design.compared(sample, other);
+            let gap = one.mean().ok()? - two.mean().ok()?;
             Some((point, gap, Apart::of((sample, other), design, pairs), design))
         };
         one.points.iter().filter_map(gap).collect()
@@ -282,10 +283,10 @@ mod tests {
         one_seed.points[1].sample = Sample::new([(1, 90.0)], 0, 2).unwrap();
         assert_eq!(one_seed.ends(1).unwrap().apart, Apart::Untested);
         let lines = vec![
-            line(&[(90.0, 1.0), (50.0, 1.0), (20.0, 1.0)]),
-            line(&[(20.0, 1.0), (90.0, 1.0)]),
+            line(&[(90.0, 1.0), (50.0, 1.0), (20.0, 2.0)]),
+            line(&[(20.0, 1.0), (90.0, 2.0)]),
             line(&[(20.0, 90.0), (30.0, 9.0)]),
-            // Without variance, every difference counts.
+            // Without variance, there is no test.
             line(&[(50.0, 0.0), (55.0, 0.0)]),
             line(&[(50.0, 0.0), (50.0, 0.0)]),
             one_seed.clone(),
@@ -293,7 +294,7 @@ mod tests {
             line(&[]),
         ];
         let trends = figure(lines).trends();
-        assert_eq!(trends, Some(Trends { lines: 5, falls: 1, rises: 2 }));
+        assert_eq!(trends, Some(Trends { lines: 4, falls: 1, rises: 1 }));
         assert_eq!(figure(vec![one_seed]).trends(), None);
         assert_eq!(figure(Vec::new()).trends(), None);
     }
@@ -301,7 +302,7 @@ mod tests {
     #[test]
     fn two_lines_are_furthest_apart_where_they_differ_beyond_chance() {
         let gap = |second: &[(f64, f64)]| {
-            let figure = figure(vec![line(&[(20.0, 1.0), (20.0, 1.0)]), line(second)]);
+            let figure = figure(vec![line(&[(20.0, 2.0), (20.0, 2.0)]), line(second)]);
             figure.widest_gap().map(|(point, gap, apart, _)| (point.x, gap, apart)).unwrap()
         };
         assert_eq!(gap(&[(20.0, 1.0), (60.0, 1.0)]), (2.0, -40.0, Apart::Surely));

@@ -3,7 +3,7 @@
 use super::arm::{arms, by_value, decided_by};
 use super::pairs::{Pair, pairs};
 use super::{Arm, ArmId};
-use crate::analyse::{Contrast, Design, Interval, Moments, Sample, Undefined};
+use crate::analyse::{Contrast, Design, Interval, Sample, Undefined};
 use crate::key::Parameter;
 use crate::manifest::{Condition, Published, Sides};
 use crate::record::JobRecord;
@@ -154,8 +154,7 @@ fn tile(jobs: &[&JobRecord], sides: Option<&Sides>, metric: &str) -> HeatTile {
     let (value, interval, seeds) = match sides {
         None => {
             let all = sample(jobs.to_vec());
-            let mean = Moments::of(all.values()).map(|moments| moments.mean);
-            (mean, all.interval(), all.n())
+            (all.mean(), all.interval(), all.n())
         }
         Some(sides) => {
             let side = |condition: &Condition| {
@@ -164,7 +163,7 @@ fn tile(jobs: &[&JobRecord], sides: Option<&Sides>, metric: &str) -> HeatTile {
             let (first, second) = (side(&sides.first), side(&sides.second));
             let contrast = Contrast::new(&first, &second, Design::of(&first, &second));
             let interval = contrast.test.map(|test| test.interval);
-            (contrast.difference, interval, first.n().min(second.n()))
+            (contrast.difference, interval, contrast.seeds.0.min(contrast.seeds.1))
         }
     };
     HeatTile { x: 0.0, y: 0.0, value, interval, seeds, published: None }

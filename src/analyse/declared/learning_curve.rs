@@ -21,14 +21,19 @@ impl LearningFigure {
     }
 
     /// The line whose last point is highest, with its mean and interval there, and the comparisons of its last
-    /// point with those of all other lines, corrected for their number.
+    /// point with those of the other lines of its panel. They are corrected for all pairs of lines of the panel,
+    /// because the highest one is chosen by its value.
     pub fn highest_end(&self) -> Option<HighestEnd<'_>> {
-        let lines: Vec<(&LearningLine, f64)> =
-            self.lines().filter_map(|line| Some((line, line.points.last()?.1))).collect();
-        let (line, mean) = *lines.iter().max_by(|one, other| one.1.total_cmp(&other.1))?;
-        let pairs = lines.len() - 1;
-        let others = lines.iter().filter(|(other, _)| !std::ptr::eq(*other, line));
-        let compared = others.map(|(other, _)| {
+        let end = |line: &LearningLine| line.points.last().map(|last| last.1);
+        let highest = |panel: &LearningPanel| panel.lines.iter().filter_map(end).reduce(f64::max);
+        let panels = self.panels.iter().filter_map(|panel| Some((panel, highest(panel)?)));
+        let (panel, mean) = panels.max_by(|one, other| one.1.total_cmp(&other.1))?;
+        let line = panel.lines.iter().find(|line| end(line) == Some(mean))?;
+        let drawn: Vec<&LearningLine> =
+            panel.lines.iter().filter(|line| end(line).is_some()).collect();
+        let pairs = drawn.len() * drawn.len().saturating_sub(1) / 2;
+        let others = drawn.into_iter().filter(|other| !std::ptr::eq(*other, line));
+        let compared = others.map(|other| {
             let design = Design::of(&line.end, &other.end);
             (Apart::of((&line.end, &other.end), design, pairs), design)
         });
@@ -45,7 +50,7 @@ pub struct HighestEnd<'l> {
     pub mean: f64,
     /// The interval of this mean.
     pub interval: Option<Interval>,
-    /// Whether its end differs from that of each other line, and how seeds are paired in the test.
+    /// Whether its end differs from that of each other line of its panel, and how seeds are paired in the test.
     pub others: Vec<(Apart, Design)>,
 }
 
@@ -91,6 +96,7 @@ pub fn figure(window: u32, jobs: &[&JobRecord]) -> LearningFigure {
         let last = curves.iter().filter_map(|curve| Some(curve.get(shortest.checked_sub(1)?)?.1));
         let lost = arm.sample("mean_return").lost();
         let end = Sample::new(seeds.into_iter().zip(last), lost.failed, lost.open);
+        let end = end.map(|end| end.with_given(arm.jobs.iter().map(|job| job.seed)));
         let line = LearningLine {
             seeds: (curves.len(), arm.jobs.len()),
             optimum: arm.optimum_of("mean_return"),

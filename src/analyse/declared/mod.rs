@@ -174,9 +174,7 @@ fn content_of(analysis: &Analysis, jobs: &[&JobRecord], published: Option<&Publi
         AnalysisKind::Selection { rule, reporting_seeds: _ } => {
             Content::Selection(selection::rankings(*rule, metric, jobs))
         }
-        AnalysisKind::Recovery(recovery) => {
-            Content::Recovery(recovery::rows(recovery, metric, jobs))
-        }
+        AnalysisKind::Recovery(recovery) => Content::Recovery(recovery::rows(recovery, jobs)),
         AnalysisKind::InferenceError => {
             Content::InferenceError(inference_error::figure(jobs, published))
         }

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::arm::{Arm, ArmId, Token, arms};
+use super::arm::{Arm, ArmId, NET_RETURN, Token, arms};
 use crate::analyse::{self, Design, Recovered, Sample, Undefined};
 use crate::manifest::{Condition, Recovery, Setting};
 use crate::record::JobRecord;
@@ -14,7 +14,9 @@ pub struct RecoveryRow {
     pub with: ArmId,
     /// The arm whose distance to the optimum is the loss.
     pub without: ArmId,
-    /// The returns of both arms' seeds.
+    /// How the seeds of both arms are paired.
+    pub design: Design,
+    /// The net returns of the seeds that are compared.
     pub returns: [Sample; 2],
     /// The largest optimum of the analysis' scenarios that show the state.
     pub optimum: Option<ScenarioOptimum>,
@@ -34,7 +36,7 @@ pub struct ScenarioOptimum {
 /// One row per pair of arms in the same environment, in the manifest's order. The optimum is the
 /// largest of this environment among the analysis' jobs, of which only those have one whose scenario
 /// shows the state.
-pub fn rows(recovery: &Recovery, metric: &str, jobs: &[&JobRecord]) -> Vec<RecoveryRow> {
+pub fn rows(recovery: &Recovery, jobs: &[&JobRecord]) -> Vec<RecoveryRow> {
     let arms = arms(jobs, &[]);
     let of = |conditions: &[Condition]| -> Vec<&Arm<'_>> {
         let meets = |arm: &&Arm<'_>| {
@@ -45,7 +47,7 @@ pub fn rows(recovery: &Recovery, metric: &str, jobs: &[&JobRecord]) -> Vec<Recov
     };
     let mut optima: HashMap<_, ScenarioOptimum> = HashMap::new();
     for arm in &arms {
-        let Some(mean_return) = arm.optimum_of(metric) else { continue };
+        let Some(mean_return) = arm.optimum() else { continue };
         let next = || ScenarioOptimum { scenario: arm.name.scenario.clone(), mean_return };
         let best = optima.entry(environment(&arm.name)).or_insert_with(next);
         if mean_return > best.mean_return {
@@ -61,18 +63,21 @@ pub fn rows(recovery: &Recovery, metric: &str, jobs: &[&JobRecord]) -> Vec<Recov
         let place = environment(&with.name);
         let optimum = optima.get(&place);
         let partners = partners.get(&place).into_iter().flatten();
-        for without in partners.filter(|without| are_partners(recovery, with, without)) {
-            let returns = [with.sample(metric), without.sample(metric)];
-            let [of_with, of_without] = &returns;
+        let partners: Vec<&&Arm<'_>> =
+            partners.filter(|without| are_partners(recovery, with, without)).collect();
+        for without in partners.iter().filter(|one| is_nearest(with, one, &partners)) {
+            // The optimum is that of the net return.
+            let (of_with, of_without) = (with.sample(NET_RETURN), without.sample(NET_RETURN));
+            let design = Design::of(&of_with, &of_without);
             let recovered = optimum.ok_or(Undefined::NoOptimum).and_then(|optimum| {
-                let best = optimum.mean_return;
-                let design = Design::of(of_with, of_without);
-                analyse::recovered(of_with, of_without, best, design)
+                analyse::recovered(&of_with, &of_without, optimum.mean_return, design)
             });
+            let (of_with, of_without) = design.compared(&of_with, &of_without);
             rows.push(RecoveryRow {
                 with: with.name.clone(),
                 without: without.name.clone(),
-                returns,
+                design,
+                returns: [of_with, of_without],
                 optimum: optimum.cloned(),
                 recovered,
             });
@@ -81,8 +86,22 @@ pub fn rows(recovery: &Recovery, metric: &str, jobs: &[&JobRecord]) -> Vec<Recov
     rows
 }
 
+/// Whether no arm of the same agent and scenario has more settings in common with the arm: keys that two agents
+/// sweep in the same way are compared at equal values.
+fn is_nearest(with: &Arm<'_>, without: &Arm<'_>, partners: &[&&Arm<'_>]) -> bool {
+    let common = |other: &ArmId| {
+        let is_common = |setting: &&(String, Setting)| other.settings.contains(setting);
+        with.name.settings.iter().filter(is_common).count()
+    };
+    let of_agent = partners.iter().map(|other| &other.name).filter(|other| {
+        other.agent == without.name.agent && other.scenario == without.name.scenario
+    });
+    let most = of_agent.map(common).max().unwrap_or(0);
+    common(&without.name) == most
+}
+
 /// Whether two arms in the same environment form a pair: what neither `with` nor `without` mentions is the same
-/// in both. Settings of two different agents need not agree.
+/// in both. Keys of two different agents need not agree.
 fn are_partners(recovery: &Recovery, with: &Arm<'_>, without: &Arm<'_>) -> bool {
     let mentions =
         |is: &dyn Fn(&Condition) -> bool| recovery.with.iter().chain(&recovery.without).any(is);
@@ -96,14 +115,16 @@ fn are_partners(recovery: &Recovery, with: &Arm<'_>, without: &Arm<'_>) -> bool 
         mentions(&is_of)
     };
     let settings = |of: &ArmId| -> Vec<(String, Setting)> {
-        of.settings.iter().filter(|(name, _)| !is_mentioned(name)).cloned().collect()
+        let counts = |name: &str| is_same_agent || !name.starts_with("agent.");
+        let counted = of.settings.iter().filter(|(name, _)| counts(name) && !is_mentioned(name));
+        counted.cloned().collect()
     };
     let is_agent = |one: &Condition| matches!(one, Condition::AgentName(_));
     let is_scenario = |one: &Condition| matches!(one, Condition::Scenario(_));
     one != other
         && (is_same_agent || mentions(&is_agent))
         && (one.scenario == other.scenario || mentions(&is_scenario))
-        && (!is_same_agent || settings(one) == settings(other))
+        && settings(one) == settings(other)
 }
 
 /// The settings that distinguish an arm's environment, as a key of a table.
@@ -139,7 +160,7 @@ mod tests {
             job
         });
         let jobs: Vec<JobRecord> = jobs.collect();
-        rows(recovery, "mean_return", &jobs.iter().collect::<Vec<_>>())
+        rows(recovery, &jobs.iter().collect::<Vec<_>>())
     }
 
     #[test]
@@ -158,6 +179,13 @@ mod tests {
             assert_eq!((optimum.scenario.as_str(), optimum.mean_return), ("P-H-D", best));
             assert_eq!(row.recovered, Err(Undefined::NoSeeds));
         }
+        // What neither side mentions is the same in both: an agent is compared with itself.
+        let sides = "with = { scenario = \"L-H-D\" }\nwithout = { scenario = \"P-T\" }";
+        let (before, _) = MANIFEST.split_once("with =").unwrap();
+        let scenarios = parse("t", format!("{before}{sides}").as_bytes()).unwrap();
+        let found = rows_with(&scenarios, |_, _| None);
+        let pairs = found.iter().map(|row| (row.with.agent.as_str(), row.without.agent.as_str()));
+        assert_eq!(pairs.collect::<Vec<_>>(), [("a", "a"), ("a", "a"), ("b", "b"), ("b", "b")]);
         let unknown = rows_with(&manifest, |_, _| None);
         assert!(unknown.iter().all(|row| row.recovered == Err(Undefined::NoOptimum)));
     }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::arm::arms;
 use crate::analyse::undefined::finite;
 use crate::analyse::{
-    Agreement, Estimate, Likeness, Moments, Sample, Undefined, Verdict, agreement,
+    Agreement, Design, Estimate, Likeness, Sample, Undefined, Verdict, agreement, t_test,
 };
 use crate::env::inference_error;
 use crate::manifest::{Equivalence, Published};
@@ -253,7 +253,7 @@ fn curve_point(published: f64, sample: &Sample) -> Comparison {
     let ours = Estimate::of_mean(sample.values());
     Comparison {
         subject: Subject::CurvePoint,
-        ours: Moments::of(sample.values()).map(|moments| moments.mean),
+        ours: sample.mean(),
         ..alike(published, likeness, ours, sample.n())
     }
 }
@@ -326,12 +326,17 @@ fn difference(
 
 /// The difference of two arms with its standard error.
 fn estimate(first: &Sample, second: &Sample) -> Result<Estimate, Undefined> {
-    Estimate::of_difference(first.values(), second.values())
+    let design = Design::of(first, second);
+    match design {
+        Design::Independent => Estimate::of_difference(first.values(), second.values()),
+        Design::Matched => t_test(first, second, design).map(|test| Estimate::of_test(&test)),
+    }
 }
 
 /// The difference of the means of two arms, which needs one seed per arm.
 fn gap(first: &Sample, second: &Sample) -> Result<f64, Undefined> {
-    finite(Moments::of(first.values())?.mean - Moments::of(second.values())?.mean)
+    let (first, second) = Design::of(first, second).compared(first, second);
+    finite(first.mean()? - second.mean()?)
 }
 
 /// A comparison with a number published without uncertainty, whose seeds are assumed to vary as much as ours.

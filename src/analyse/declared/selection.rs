@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::fmt;
 
 use super::arm::{ArmId, Token, arms};
-use crate::analyse::{Interval, Moments, Sample, Undefined};
+use crate::analyse::{Interval, Sample, Undefined};
 use crate::key::Kind;
 use crate::manifest::{Section, SelectionRule, Setting};
 use crate::record::JobRecord;
@@ -143,12 +143,8 @@ pub fn rankings(rule: SelectionRule, metric: &str, jobs: &[&JobRecord]) -> Vec<R
         let (environment, settings) =
             arm.name.settings.iter().cloned().partition(|(name, _)| is_surrounding(name));
         let place = ArmId { settings: environment, ..arm.name.clone() };
-        let candidate = Candidate {
-            mean: Moments::of(sample.values()).map(|moments| moments.mean),
-            interval: sample.interval(),
-            settings,
-            sample,
-        };
+        let candidate =
+            Candidate { mean: sample.mean(), interval: sample.interval(), settings, sample };
         let settings = arm.name.settings.iter().filter(|(name, _)| is_surrounding(name));
         let settings: Vec<_> = settings.map(|(name, value)| (name, Token::of(value))).collect();
         let found = (&arm.name.agent, &arm.name.scenario, settings);

@@ -38,7 +38,7 @@ pub struct ArmSummary {
 }
 
 impl ArmSummary {
-    /// Inter-quartile mean of the mean returns, with its bootstrap interval.
+    /// Inter-quartile mean of the mean returns, with its interval.
     pub fn interquartile(&self) -> Result<Aggregate, Undefined> {
         *self.interquartile.get_or_init(|| interquartile_mean(&[&self.returns]))
     }
@@ -65,6 +65,8 @@ pub struct AgentSummary {
     pub arms: usize,
     /// Number of results: seeds of all arms.
     pub runs: usize,
+    /// Number of results in the arms with a known optimum.
+    pub shared: usize,
     /// Inter-quartile mean of the mean returns; its bootstrap draws seeds with their values in all arms.
     pub returns: Result<Aggregate, Undefined>,
     /// The same for shares of the optimum, over the arms with a known optimum; `None` if there are
@@ -156,6 +158,7 @@ impl<'a> Group<'a> {
             scenario: self.scenario.to_owned(),
             arms: self.ours.len(),
             runs: runs.sum(),
+            shared: self.shares.iter().map(Sample::n).sum(),
             returns: match self.ours[..] {
                 [arm] => arm.interquartile(),
                 _ => returns,

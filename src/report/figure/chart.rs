@@ -269,9 +269,8 @@ fn point_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, right: f64) -> 
         let mark = Mark::from(shape);
         if point.tip.is_empty() { mark } else { mark.saying(&point.tip) }
     };
-    let is_mixed = line.points.iter().any(|point| !point.is_single);
     let number = |point: &Place| {
-        let is_said = is_marked && point.is_single && is_mixed;
+        let is_said = is_marked && point.is_single;
         let (x, y) = place(point.x, point.y);
         is_said.then(|| {
             text((x + 4.5, y - 3.0), "n = 1", (NOTE, Weight::Regular), FAINT, Anchor::Start).into()

@@ -79,7 +79,7 @@ impl Marker {
 }
 
 /// The number of shades of a colour.
-const SHADES: usize = 6;
+const SHADES: usize = 4;
 
 const MARKERS: [Marker; 4] = [Marker::Disc, Marker::Ring, Marker::Square, Marker::Diamond];
 
@@ -89,14 +89,20 @@ const MARKERS: [Marker; 4] = [Marker::Disc, Marker::Ring, Marker::Square, Marker
 pub struct Looks {
     agents: Vec<String>,
     scenarios: Vec<String>,
-    /// The place of each combination of settings.
-    settings: HashMap<Vec<(String, String)>, usize>,
+    /// The place of each arm apart from its scenario, and apart from its agent; empty if no arm has settings.
+    of_agents: HashMap<Apart, usize>,
+    of_scenarios: HashMap<Apart, usize>,
 }
+
+/// What distinguishes an arm besides its colour: its agent or scenario, and its settings.
+type Apart = (String, Vec<(String, String)>);
 
 impl Looks {
     /// The looks of these arms, in the order in which they first appear.
     pub fn of<'n>(names: impl IntoIterator<Item = &'n ArmId>) -> Looks {
         let mut looks = Looks::default();
+        let names: Vec<&ArmId> = names.into_iter().collect();
+        let have_settings = names.iter().any(|name| !name.settings.is_empty());
         for name in names {
             if !looks.agents.contains(&name.agent) {
                 looks.agents.push(name.agent.clone());
@@ -104,10 +110,11 @@ impl Looks {
             if !looks.scenarios.contains(&name.scenario) {
                 looks.scenarios.push(name.scenario.clone());
             }
-            let settings = words(name);
-            if !settings.is_empty() {
-                let place = looks.settings.len();
-                looks.settings.entry(settings).or_insert(place);
+            if have_settings {
+                let next = looks.of_agents.len();
+                looks.of_agents.entry((name.agent.clone(), words(name))).or_insert(next);
+                let next = looks.of_scenarios.len();
+                looks.of_scenarios.entry((name.scenario.clone(), words(name))).or_insert(next);
             }
         }
         looks
@@ -135,17 +142,21 @@ impl Looks {
             (false, Some((_, color))) => (*color, agent),
             (false, None) => (COLORS[(4 + self.unknown(name)) % COLORS.len()], agent),
         };
-        // Arms that differ only in settings have colours of their own, if nothing else needs them; else they are
-        // shades of one colour, with dashes and markers of their own.
-        let at = self.settings.get(&words(name)).copied().unwrap_or(0);
+        // Arms that differ in settings have colours of their own, if scenarios or agents need none; else dashes and
+        // markers of their own, and shades when these are used up.
+        let (places, word) = match self.tells_agents() {
+            true => (&self.of_scenarios, &name.scenario),
+            false => (&self.of_agents, &name.agent),
+        };
+        let at = places.get(&(word.clone(), words(name))).copied().unwrap_or(kind);
         let colored = if self.tells_agents() { &self.agents } else { &self.scenarios };
         let (base, kind, shade) = match colored.len() {
-            0 | 1 if at > 0 => {
+            _ if places.is_empty() => (base, kind, 0.0),
+            0 | 1 => {
                 let first = COLORS.iter().position(|color| *color == base).unwrap_or(0);
-                (COLORS[(first + at) % COLORS.len()], kind + at / COLORS.len(), 0.0)
+                (COLORS[(first + at) % COLORS.len()], at / COLORS.len(), 0.0)
             }
-            0 | 1 => (base, kind, 0.0),
-            _ => (base, kind + at, (at % SHADES) as f64 / SHADES as f64 * 0.6),
+            _ => (base, at, (at / DASHES.len() % SHADES) as f64 / SHADES as f64 * 0.6),
         };
         Look {
             color: base.towards(Color::WHITE, shade),
@@ -232,4 +243,47 @@ pub fn labels(names: &[&ArmId]) -> Vec<String> {
         if label.is_empty() { arm_label(names[0]) } else { label }
     };
     names.iter().map(label).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn arm(agent: &str, scenario: &str, rate: f64) -> ArmId {
+        let settings = vec![("agent.rate".to_owned(), Setting::Number(rate))];
+        ArmId { agent: agent.into(), scenario: scenario.into(), settings }
+    }
+
+    /// Whether all arms look differently, also without markers, as on learning curves.
+    fn are_distinct(arms: &[ArmId]) -> bool {
+        let looks = Looks::of(arms);
+        let seen: Vec<_> =
+            arms.iter().map(|arm| looks.look(arm)).map(|l| (l.color, l.dash)).collect();
+        (0..seen.len()).all(|at| !seen[..at].contains(&seen[at]))
+    }
+
+    #[test]
+    fn arms_that_differ_in_agent_scenario_or_settings_look_differently() {
+        let arms = |agents: &[&str], scenarios: &[&str], rates: u32| -> Vec<ArmId> {
+            let mut all = Vec::new();
+            for agent in agents {
+                for scenario in scenarios {
+                    all.extend((0..rates).map(|rate| arm(agent, scenario, f64::from(rate))));
+                }
+            }
+            all
+        };
+        assert!(are_distinct(&arms(&["a", "b"], &["P-H-D"], 8)));
+        assert!(are_distinct(&arms(&["a", "b"], &["P-H-D", "L-H-D"], 6)));
+        assert!(are_distinct(&arms(&["a", "b", "c", "d", "e"], &["P-H-D", "L-H-D"], 4)));
+    }
+
+    #[test]
+    fn the_optima_of_scenarios_look_differently_where_colours_are_of_agents() {
+        let names = ["a", "b", "c", "d", "e"].map(|agent| arm(agent, "P-H-D", 0.0));
+        let other = arm("a", "L-H-D", 0.0);
+        let looks = Looks::of(names.iter().chain([&other]));
+        assert_ne!(looks.of_optimum(&names[0]), looks.of_optimum(&other));
+        assert!(DASHES.iter().all(|dash| *dash != looks.of_optimum(&other).dash));
+    }
 }

@@ -34,10 +34,11 @@ impl Drawn for ContrastFigure {
     fn shows(&self, metric: &str) -> String {
         let (first, second) = &self.sides;
         let test = test_name(self.rows.iter().map(|row| row.contrast.design));
+        let test = test.map_or_else(String::new, |test| format!(" ({test})"));
         let counts = self.rows.iter().map(|row| row.contrast.seeds.0.min(row.contrast.seeds.1));
         let seeds = seeds(counts.filter(|n| *n > 0));
         format!(
-            "Differences in {} between {first} and {second} ({test}) with their 95 % intervals, not \
+            "Differences in {} between {first} and {second}{test} with their 95 % intervals, not \
              corrected for the number of comparisons, {seeds} per side",
             metric_title(metric),
         )
@@ -185,13 +186,16 @@ fn statistic(row: &ContrastRow) -> String {
 
 fn table(title: &str, figure: &ContrastFigure, metric: &str) -> DataTable {
     let ContrastFigure { sides: (first, second), rows } = figure;
-    let is_paired = rows.iter().any(ContrastRow::is_paired);
+    let is_paired = !rows.is_empty() && rows.iter().all(ContrastRow::is_paired);
     // Readers see only columns that some row needs; files have every column.
     let column = |is_shown: bool, names: [&'static str; 2]| names[usize::from(is_shown)];
     let is_unmatched = rows.iter().any(|row| row.unmatched() != (0, 0));
     let has_lost = rows.iter().any(|row| row.lost() != (0, 0));
     let members = rows.first().map_or(0, |row| row.family.members);
-    let corrected = format!("p (Holm, {})", counted(members, "test"));
+    let corrected = match members {
+        0 | 1 => "p (Holm)".to_owned(),
+        _ => format!("p (Holm, {members} tests)"),
+    };
     let level = if members > 1 { format!("0.05/{members}") } else { "0.05".to_owned() };
     let detectable = format!("Detectable (80 % power at {level})");
     let is_few = rows.iter().any(|row| row.contrast.seeds.0.min(row.contrast.seeds.1) < FEW_SEEDS);
@@ -211,6 +215,8 @@ fn table(title: &str, figure: &ContrastFigure, metric: &str) -> DataTable {
         (".df", ""),
         ("p", "p"),
         (".p_student", ""),
+        (".family", ""),
+        (".tests", ""),
         ("p_holm", corrected.as_str()),
         (".p_benjamini_hochberg", ""),
         (".p_permutation", ""),
@@ -229,7 +235,8 @@ fn table(title: &str, figure: &ContrastFigure, metric: &str) -> DataTable {
     ];
     let family = rows.first().map_or_else(String::new, family);
     let designs = rows.iter().map(|row| row.contrast.design);
-    let caption = format!("{title}: {}; {}{family}", gap_title(metric), test_name(designs));
+    let test = test_name(designs).map_or_else(String::new, |test| format!("; {test}"));
+    let caption = format!("{title}: {}{test}{family}", gap_title(metric));
     let mut table = DataTable::new(caption, &columns);
     for row in rows {
         table.rows.push(contrast_entries(row, metric));
@@ -274,6 +281,8 @@ fn contrast_entries(row: &ContrastRow, metric: &str) -> Vec<Entry> {
         Entry::of(contrast.test.map(|test| test.df), 0),
         Entry::p(contrast.test.map(|test| test.p)),
         Entry::p(contrast.student.map(|test| test.p)),
+        Entry::text(row.family.name.clone()),
+        Entry::number(row.family.members as f64, 0),
         Entry::p(row.corrected.map(|corrected| corrected.holm)),
         Entry::p(row.corrected.map(|corrected| corrected.benjamini_hochberg)),
         Entry::p(contrast.permutation_p),

@@ -32,11 +32,11 @@ impl Drawn for CurveFigure {
     fn shows(&self, metric: &str) -> String {
         let axis = match self.is_error() {
             true => "context inference error",
-            false => short_name(&self.axis),
+            false => &quantity(&self.axis),
         };
         let seeds = seeds(self.lines.iter().flat_map(CurveLine::seeds));
         let across = match self.lines.iter().any(|line| line.across.is_some()) {
-            true => format!("; arms without {axis} are lines across"),
+            true => format!("; arms without {} are lines across", short_name(&self.axis)),
             false => String::new(),
         };
         format!(
@@ -71,7 +71,7 @@ impl CurveFigure {
     fn gap(&self, first: &CurveLine, second: &CurveLine, metric: &str) -> Option<String> {
         let (one, other) = (arm_label(&first.name), arm_label(&second.name));
         let (point, gap, apart, design) = self.widest_gap()?;
-        let test = test_name([design]);
+        let test = test_name([design]).unwrap_or_default();
         match apart {
             Apart::Surely => Some(format!(
                 "{one} and {other} are furthest apart at {}, by {} ({test}, Bonferroni-corrected p < \
@@ -92,7 +92,7 @@ impl CurveFigure {
     fn trend(&self, line: &CurveLine, metric: &str) -> Option<String> {
         let name = arm_label(&line.name);
         let Ends { first: (first, start), last: (last, end), apart, design } = line.ends(1)?;
-        let test = test_name([design]);
+        let test = test_name([design]).unwrap_or_default();
         let (from, to) = (amount(start, metric), amount(end, metric));
         if first.x == last.x {
             return Some(format!("{name} is at {from} at {}", self.at(first)));
@@ -133,7 +133,8 @@ impl CurveFigure {
         };
         let relation = if (falls, rises) == (0, 0) { "≥" } else { "<" };
         let ends = self.lines.iter().filter_map(|line| line.ends(swept));
-        let test = test_name(ends.map(|ends| ends.design));
+        let with_test = ends.filter(|ends| ends.apart != Apart::Untested && ends.are_apart());
+        let test = test_name(with_test.map(|ends| ends.design)).unwrap_or_default();
         Some(format!(
             "Of {lines} {tested}, {change} significantly from the first to the last point ({test}, \
              Bonferroni-corrected p {relation} {ALPHA})"

@@ -1,8 +1,7 @@
 //! The figures of contrasts: forest plots around zero, with one row per comparison.
 
-use super::{Sheet, ends, gap_title, related};
-use crate::analyse::declared::{ArmId, ContrastRow};
-use crate::plan::counted;
+use super::{Sheet, gap_ends, gap_title, is_rate, related, test_name};
+use crate::analyse::declared::{ArmId, ContrastRow, Family};
 use crate::report::data_table::shown;
 use crate::report::figure::{
     Axis, AxisScale, FAINT, GRID, INK, Look, Marker, NOTE, PUBLISHED, Panel, Panels, Style, TEXT,
@@ -16,7 +15,7 @@ const ROW: f64 = 15.0;
 /// Maximum number of rows of a figure, which is then as high as a page.
 pub(super) const MOST_ROWS: usize = 50;
 /// Number of rows from which on the axis also has numbers at the top.
-const MANY_ROWS: usize = 20;
+const MANY_ROWS: usize = 21;
 /// Space below the rows for numbers and title.
 const BOTTOM: f64 = 39.0;
 /// Minimum width of the axis.
@@ -83,6 +82,15 @@ fn words(row: &ContrastRow, metric: &str) -> String {
     }
 }
 
+/// The family of a row: ", Holm-corrected p (family f of 24 tests)"; without a number for a family of one test.
+fn family(row: &ContrastRow) -> String {
+    let Family { name, members } = &row.family;
+    match members {
+        0 | 1 => ", p".to_owned(),
+        _ => format!(", Holm-corrected p (family {name} of {members} tests)"),
+    }
+}
+
 fn forest(
     rows: &[(&ContrastRow, &str, &str)],
     heading: &str,
@@ -118,9 +126,10 @@ fn forest(
     let compared = rows.iter().map(|(row, ..)| row.contrast.seeds.0.min(row.contrast.seeds.1));
     let is_published = rows.iter().any(|(row, ..)| row.published.is_some());
     let note = format!(
-        "Difference, uncorrected 95 % interval, p corrected by Holm over {}{}, {} per side.{}",
-        counted(rows.first().map_or(0, |(row, ..)| row.family.members), "test"),
-        if rows.iter().any(|(row, ..)| row.is_paired()) { ", paired by seed" } else { "" },
+        "Difference, uncorrected 95 % interval{}{}, {} per side.{}",
+        rows.first().map_or_else(String::new, |(row, ..)| family(row)),
+        test_name(rows.iter().map(|(row, ..)| row.contrast.design))
+            .map_or_else(String::new, |test| format!(", {test}")),
         seeds(compared.filter(|n| *n > 0)),
         if is_published { " Diamonds: published." } else { "" }
     );
@@ -148,9 +157,9 @@ fn axis(rows: &[ContrastRow], metric: &str) -> Axis {
     let high = numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     // All differences may be 0.
     let (low, high) = if low < high { (low, high) } else { (-1.0, 1.0) };
-    let title = match gap_title(metric) {
-        rate if rate != metric_title(metric) => rate,
-        title => format!("difference in {title}"),
+    let title = match is_rate(metric) {
+        true => gap_title(metric),
+        false => format!("difference in {}", metric_title(metric)),
     };
     let numbers = unit_numbers(metric).0;
     let mut axis = Axis::new(title, round_range(low, high), AxisScale::Linear, numbers);
@@ -213,7 +222,7 @@ fn row_marks(
     }
     if let Ok(difference) = row.contrast.difference {
         let spread = interval.map_or_else(String::new, |interval| {
-            format!(", 95 % interval {}", ends(interval, metric))
+            format!(", 95 % interval {}", gap_ends(interval, metric))
         });
         let (first, second) = row.contrast.seeds;
         let n = seeds([first, second].into_iter());
@@ -236,7 +245,6 @@ fn row_marks(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analyse::declared::Family;
     use crate::analyse::{Contrast, Corrected, Design, Sample};
 
     fn row(first: &[(u64, f64)], second: &[(u64, f64)]) -> ContrastRow {

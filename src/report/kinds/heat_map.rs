@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::{Drawn, Sheet, amount, gap, parameter, quantity};
+use super::{Drawn, Sheet, amount, gap, is_rate, parameter, quantity};
+use crate::analyse::Interval;
 use crate::analyse::declared::{ArmId, HeatFigure, HeatTile, Scale, heat_range};
 use crate::manifest::short_name;
 use crate::report::data_table::{DataTable, Entry, exponential, shown, shown_ends, signed};
@@ -47,9 +48,10 @@ impl Drawn for Vec<HeatFigure> {
         let is_difference = self.first().is_some_and(|map| map.scale == Scale::Difference);
         let counts = self.iter().flat_map(|map| &map.tiles).map(|tile| tile.seeds);
         format!(
-            "{} of {} ± half of the 95 % interval, {} per tile",
+            "{} of {}{}, {} per tile",
             if is_difference { "Difference" } else { "Mean" },
             metric_title(metric),
+            interval_words(if is_difference { Scale::Difference } else { Scale::Mean }, metric),
             seeds(counts.filter(|n| *n > 0))
         )
     }
@@ -101,7 +103,7 @@ impl Drawn for Vec<HeatFigure> {
             _ => "",
         };
         Some(format!(
-            "{range}{which}; {beyond} (t tests, paired by seed where both sides have the same seeds, not \
+            "{range}{which}; {beyond} (t tests, paired by seed where both sides share their seeds, not \
              corrected)"
         ))
     }
@@ -119,6 +121,14 @@ const EDGE: Color = Color(170, 170, 170);
 /// Height of three lines of numbers.
 const LEAST_TILE: f64 = 36.0;
 
+/// How tiles write their interval.
+fn interval_words(scale: Scale, metric: &str) -> &'static str {
+    match is_rate(metric) && scale == Scale::Mean {
+        true => " with its 95 % interval",
+        false => " ± half of the 95 % interval",
+    }
+}
+
 /// The colour ranges of the agents, if one range for all would hide the values of an agent; else empty.
 fn scales(figures: &[HeatFigure]) -> BTreeMap<&str, (f64, f64)> {
     /// A smaller part of the range is not told apart by colour.
@@ -135,9 +145,11 @@ fn scales(figures: &[HeatFigure]) -> BTreeMap<&str, (f64, f64)> {
         true => low.abs().max(high.abs()),
         false => high - low,
     };
-    let known = || ranges.values().copied().filter(|(low, high)| low <= high);
+    // An agent without two values has no range yet.
+    let known = || ranges.values().copied().filter(|range| is_difference || range.0 < range.1);
     let whole = span(heat_range(figures));
-    let is_hidden = known().count() > 1 && known().any(|range| span(range) < LEAST * whole);
+    let is_hidden = known().count() > 1
+        && known().any(|range| span(range) > 0.0 && span(range) < LEAST * whole);
     if is_hidden { ranges } else { BTreeMap::new() }
 }
 
@@ -308,7 +320,16 @@ fn tile_marks(
         Err(reason) => reason.to_string(),
     };
     let spread = tile.interval.ok().map(|interval| (interval.high - interval.low) / 2.0);
-    let spread_words = spread.map_or_else(String::new, |half| format!(" ± {}", in_unit(half)));
+    // The interval of a rate is not symmetric.
+    let between = tile.interval.ok().filter(|_| is_rate(metric) && figure.scale == Scale::Mean);
+    let between = between.map(|Interval { low, high }| {
+        let [low, high] = shown_ends(low * unit(metric), high * unit(metric), 0);
+        format!("{low}–{high}")
+    });
+    let spread_words = match &between {
+        Some(between) => format!(", {between}"),
+        None => spread.map_or_else(String::new, |half| format!(" ± {}", in_unit(half))),
+    };
     let published = tile.published.map(|value| format!("publ. {}", in_unit(value)));
     let tip = format!(
         "{} {}, {} = {}, {} = {}: {value}{spread_words} (95 %), {}{}",
@@ -330,8 +351,12 @@ fn tile_marks(
         }
         Err(_) => marks.push(line(first, "–".to_owned(), TEXT + 1.0, Weight::Regular)),
     }
-    if let Some(half) = spread {
-        let words = short(half, "± ", (NOTE, Weight::Regular));
+    let under = match (between, spread) {
+        (Some(between), _) => Some(between),
+        (None, Some(half)) => Some(short(half, "± ", (NOTE, Weight::Regular))),
+        (None, None) => (tile.seeds == 1).then(|| "n = 1".to_owned()),
+    };
+    if let Some(words) = under {
         marks.push(line(first + 11.0, words, NOTE, Weight::Regular));
     }
     if let Some(words) = published {
@@ -374,9 +399,10 @@ fn frame(
         rising_title((12.0, (TOP + bottom) / 2.0), quantity(&figure.y.0), bottom - TOP + 30.0);
     marks.push(title.into());
     let note = format!(
-        "{}{} ± half of the 95 % interval, {}.",
+        "{}{}{}, {}.",
         if figure.scale == Scale::Difference { "Difference in " } else { "" },
         metric_title(metric),
+        interval_words(figure.scale, metric),
         seeds(figure.tiles.iter().map(|tile| tile.seeds).filter(|n| *n > 0))
     );
     marks.extend(color_bar(figure.scale, (range, is_shared), metric, (style.width(), height)));
@@ -431,7 +457,6 @@ fn table(title: &str, figures: &[HeatFigure], metric: &str) -> DataTable {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analyse::Interval;
     use crate::manifest::FigureKeys;
 
     fn map(values: &[f64], place: f64) -> HeatFigure {

@@ -95,7 +95,10 @@ fn error_figure(figure: &ErrorFigure, style: &Style) -> Vec<Scene> {
     let drawn = if figure.published.is_empty() { "" } else { "; published: 1000 draws each" };
     let note = format!("Line: exact. Points: test steps of n = {}{drawn}.", counted(runs, "run"));
     let description = "context inference error against feature noise".to_owned();
-    draw(&[Chart { heading: None, description, lines, note }], &error_axes(most), style)
+    let sigmas = figure.points.iter().map(|point| point.sigma).chain([0.0]).collect();
+    let (x, y) = error_axes(most);
+    let axes = (x.with_marked(sigmas), y);
+    draw(&[Chart { heading: None, description, lines, note }], &axes, style)
 }
 
 fn error_axes(most: f64) -> (Axis, Axis) {

@@ -2,7 +2,7 @@
 
 use super::{Drawn, Sheet, ends, test_name};
 use crate::analyse::declared::{
-    ALPHA, Apart, ArmId, HighestEnd, LearningFigure, LearningLine, LearningPanel,
+    Apart, ArmId, HighestEnd, LearningFigure, LearningLine, LearningPanel,
 };
 use crate::manifest::PanelKey;
 use crate::plan::counted;
@@ -46,21 +46,25 @@ impl Drawn for LearningFigure {
         if others.is_empty() {
             return Some(at);
         }
-        let tested = others.iter().filter(|(apart, _)| *apart != Apart::Untested).count();
-        let above = others.iter().filter(|(apart, _)| *apart == Apart::Surely).count();
-        if tested == 0 {
+        let tested = || others.iter().filter(|(apart, _)| *apart != Apart::Untested);
+        let Some(test) = test_name(tested().map(|(_, design)| *design)) else {
             return Some(format!("{at}, the highest mean, with too few seeds for a test"));
-        }
-        let test = test_name(others.iter().map(|(_, design)| *design));
-        let all = others.len();
-        let relation = if above == 0 { "≥" } else { "<" };
+        };
+        let above = tested().filter(|(apart, _)| *apart == Apart::Surely).count();
+        let all = tested().count();
         let above = match above {
-            0 => format!("significantly above none of {}", counted(all, "other line")),
-            above if above == all => "significantly above every other line".to_owned(),
-            above => format!("significantly above {above} of {}", counted(all, "other line")),
+            0 => "not significantly above any other line".to_owned(),
+            above if above == all => "significantly above every other tested line".to_owned(),
+            above => {
+                format!("significantly above {above} of {}", counted(all, "other tested line"))
+            }
+        };
+        let scenario = match line.name.scenario.as_str() {
+            "" => String::new(),
+            scenario => format!(" on {scenario}"),
         };
         Some(format!(
-            "{at}, the highest mean, {above} ({test}, Bonferroni-corrected p {relation} {ALPHA})"
+            "{at}, the highest mean, {above}{scenario} ({test}, Bonferroni-corrected, 5 %)"
         ))
     }
 
@@ -139,6 +143,7 @@ fn drawn_line(line: &LearningLine, label: String, looks: &Looks) -> Line {
         let interval = interval.map(|interval| (interval.low, interval.high));
         Place { x: f64::from(*episode), y: *mean, interval, is_single: false, tip }
     };
+    let label = if line.seeds.0 == 1 { format!("{label} (n = 1)") } else { label };
     Line {
         label,
         look: looks.look(&line.name),

@@ -129,17 +129,18 @@ pub(super) fn amount(value: f64, metric: &str) -> String {
     }
 }
 
-/// The name of the t tests of these designs.
-pub(super) fn test_name(designs: impl IntoIterator<Item = Design>) -> &'static str {
+/// The name of the t tests of these designs; `None` without a test.
+pub(super) fn test_name(designs: impl IntoIterator<Item = Design>) -> Option<&'static str> {
     let (mut paired, mut unpaired) = (false, false);
     for design in designs {
         paired |= design == Design::Matched;
         unpaired |= design == Design::Independent;
     }
     match (paired, unpaired) {
-        (true, false) => "t test paired by seed",
-        (true, true) => "t test, paired by seed where both sides have the same seeds",
-        (false, _) => "unpaired t test",
+        (true, false) => Some("t test paired by seed"),
+        (true, true) => Some("t test, paired by seed where both sides share their seeds"),
+        (false, true) => Some("unpaired t test"),
+        (false, false) => None,
     }
 }
 
@@ -151,6 +152,22 @@ pub(super) fn gap(value: f64, metric: &str) -> String {
         }
         (Numbers::Plain, decimals) => shown(value, decimals),
     }
+}
+
+/// The ends of an interval of a difference with their unit.
+pub(super) fn gap_ends(Interval { low, high }: Interval, metric: &str) -> String {
+    match unit_numbers(metric) {
+        (Numbers::Percent, decimals) => {
+            let ends = shown_ends(low * 100.0, high * 100.0, decimals);
+            format!("{} percentage points", ends.join(" to "))
+        }
+        (Numbers::Plain, _) => ends(Interval { low, high }, metric),
+    }
+}
+
+/// Whether differences of a metric are in percentage points.
+pub(super) fn is_rate(metric: &str) -> bool {
+    unit_numbers(metric).0 == Numbers::Percent
 }
 
 /// The title of the differences of a metric, with their unit.
@@ -445,13 +462,13 @@ mod tests {
             let (shown, found) = said.split_once(". ").unwrap();
             assert_eq!(
                 shown,
-                "Mean and its 95 % interval of mean return per episode, steps walked against delta_d, n = 3 seeds \
+                "Mean and its 95 % interval of mean return per episode, steps walked against delta d, n = 3 seeds \
                  per point"
             );
             found.to_owned()
         };
         let [falls, noise] = [
-            line("a", &[(90.0, 1.0), (50.0, 1.0), (20.0, 1.0)]),
+            line("a", &[(90.0, 1.0), (50.0, 1.0), (20.0, 2.0)]),
             line("b", &[(90.0, 90.0), (60.0, 50.0), (30.0, 9.0)]),
         ];
         let (falls, noise) = (&falls, &noise);
@@ -466,12 +483,12 @@ mod tests {
         );
         assert_eq!(
             of(&[falls.clone(), noise.clone()]),
-            "a P-H-D and b P-H-D do not differ significantly at any point (Welch’s t, \
+            "a P-H-D and b P-H-D do not differ significantly at any point (t test paired by seed, \
              Bonferroni-corrected p ≥ 0.05)."
         );
-        let other = line("c", &[(90.0, 1.0), (10.0, 1.0), (20.0, 1.0)]);
+        let other = line("c", &[(90.0, 1.0), (10.0, 2.0), (20.0, 2.0)]);
         assert!(of(&[falls.clone(), other.clone()]).starts_with(
-            "a P-H-D and c P-H-D are furthest apart at delta_d = 2, by 40 (Welch’s t"
+            "a P-H-D and c P-H-D are furthest apart at delta_d = 2, by 40 (t test paired by seed"
         ));
         assert!(
             of(&[falls.clone(), noise.clone(), other])
@@ -479,7 +496,7 @@ mod tests {
         );
         assert_eq!(
             of(&[noise.clone(), noise.clone(), noise.clone()]),
-            "Of 3 lines, none falls or rises significantly from the first to the last point (Welch’s t, \
+            "Of 3 lines, none falls or rises significantly from the first to the last point (t test paired by seed, \
              Bonferroni-corrected p ≥ 0.05)."
         );
         assert!(of(&[falls.clone(), line("d", &[]), line("e", &[(5.0, 1.0)])]).starts_with(
@@ -501,7 +518,7 @@ mod tests {
         let rule = CurveLine {
             name: ArmId { agent: "rule".into(), ..name() },
             points: Vec::new(),
-            across: Some(values(50.0)),
+            across: Some(sample(&[(1, 50.0), (2, 48.0), (3, 52.0)], 0)),
             ..swept.clone()
         };
         let figure = CurveFigure { axis: "agent.rate".into(), lines: vec![rule, swept] };

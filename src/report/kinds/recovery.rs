@@ -1,8 +1,8 @@
 //! Recoveries: recovered shares of a loss.
 
-use super::{Drawn, Sheet};
+use super::{Drawn, Sheet, test_name};
 use crate::analyse::declared::{ArmId, RecoveryRow};
-use crate::analyse::{Interval, Recovered, Undefined};
+use crate::analyse::{Design, Interval, Recovered, Undefined};
 use crate::plan::counted;
 use crate::report::arm_tables;
 use crate::report::data_table::{DataTable, Entry, shown};
@@ -32,6 +32,7 @@ impl Drawn for Vec<RecoveryRow> {
             ("optimum_scenario", "Scenario of the optimum"),
             ("seeds_with", "n with"),
             ("seeds_without", "n without"),
+            ("test", "t test"),
             ("recovered", "Recovered, %"),
             ("interval", "95 % interval, %"),
             (".low", ""),
@@ -53,6 +54,7 @@ impl Drawn for Vec<RecoveryRow> {
                 },
                 Entry::number(with.n() as f64, 0),
                 Entry::number(without.n() as f64, 0),
+                Entry::text(if row.design == Design::Matched { "paired" } else { "unpaired" }),
                 percent(row.recovered.map(|found| found.share)),
                 percent_between(interval),
                 low(interval),
@@ -66,7 +68,9 @@ impl Drawn for Vec<RecoveryRow> {
         let counts = self.iter().flat_map(|row| row.returns.iter().map(|sample| sample.n()));
         format!(
             "Share of the distance to the exact optimum that is recovered, with its 95 % interval \
-             (Fieller’s), {} each",
+             (Fieller’s{}), {} each",
+            test_name(self.iter().map(|row| row.design))
+                .map_or_else(String::new, |test| format!(", {test}")),
             seeds(counts.filter(|n| *n > 0))
         )
     }
@@ -138,8 +142,8 @@ fn percent(value: Result<f64, Undefined>) -> Entry {
     }
 }
 
-/// A share with its interval: "93 % (91 to 95 %) at sigma=0.4"; a share below 0 is a further loss: "nothing
-/// (−5 %, −9 to −1 %)".
+/// A share with its interval: "93 % (91 to 95 %) at sigma=0.4"; a share below 0 is a further loss: "no
+/// loss (estimate −5 %, −9 to −1 %)".
 fn share(row: &RecoveryRow, found: &Recovered) -> String {
     let spread = match found.interval {
         Ok(Interval { low, high }) => format!("{} %", range(100.0 * low, 100.0 * high, 1)),
@@ -148,7 +152,7 @@ fn share(row: &RecoveryRow, found: &Recovered) -> String {
     let share = format!("{} %", shown(100.0 * found.share, 1));
     let share = match found.share < 0.0 {
         false => format!("{share} ({spread})"),
-        true => format!("nothing ({share}, {spread})"),
+        true => format!("no loss (estimate {share}, {spread})"),
     };
     let at = match settings_label(&row.with.settings) {
         label if label.is_empty() => label,
@@ -161,7 +165,7 @@ fn share(row: &RecoveryRow, found: &Recovered) -> String {
 mod tests {
     use super::*;
     use crate::analyse::declared::ScenarioOptimum;
-    use crate::analyse::{Design, Sample, recovered};
+    use crate::analyse::{Sample, recovered};
     use crate::manifest::Setting;
 
     fn row(sigma: f64, with: [f64; 2], without: [f64; 2], optimum: Option<f64>) -> RecoveryRow {
@@ -174,6 +178,7 @@ mod tests {
         RecoveryRow {
             with: name("ppo-gru", "P-M-S"),
             without: name("ppo", "P-T"),
+            design: Design::Matched,
             returns: [sample(with), sample(without)],
             optimum: optimum
                 .map(|mean_return| ScenarioOptimum { scenario: "P-H-D".to_owned(), mean_return }),
@@ -212,8 +217,8 @@ mod tests {
         let rows = vec![row(0.4, [49.0, 51.0], [60.0, 60.0], Some(100.0))];
         assert_eq!(
             rows.finds("mean_return").unwrap(),
-            "Of what ppo P-T loses against the optimum of P-H-D, ppo-gru P-M-S recovers nothing (−25.0 %, \
-             −56.8 to 6.8 %) at sigma=0.4"
+            "Of what ppo P-T loses against the optimum of P-H-D, ppo-gru P-M-S recovers no loss (estimate \
+             −25.0 %, −56.8 to 6.8 %) at sigma=0.4"
         );
     }
 

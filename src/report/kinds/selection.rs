@@ -1,8 +1,8 @@
 //! Selections: settings in the order of a rule.
 
-use super::{Drawn, Sheet, amount, ends, gap, test_name};
-use crate::analyse::declared::Ranking;
-use crate::analyse::{Design, t_test};
+use super::{Drawn, Sheet, amount, ends, gap, gap_ends, test_name};
+use crate::analyse::declared::{Candidate, Ranking};
+use crate::analyse::{Design, TTest, Undefined, t_test};
 use crate::plan::counted;
 use crate::report::data_table::{DataTable, Entry};
 use crate::report::figure::{arm_label, seeds, settings_label};
@@ -48,7 +48,8 @@ impl Drawn for Vec<Ranking> {
             };
             return (count > 0).then(|| {
                 format!(
-                    "The table lists the best setting of each of {count} searches first{at_end}"
+                    "The table lists the best setting of each of {count} searches first, and how far each is \
+                     from it{at_end}; {BIASED}"
                 )
             });
         };
@@ -59,8 +60,7 @@ impl Drawn for Vec<Ranking> {
             |interval| format!(", 95 % interval {}", ends(interval, metric)),
         );
         Some(format!(
-            "{} does best with {}: {mean} (best of {} tried{spread}){}{}; the mean of the best of several \
-             settings is too high, and that on the reporting seeds is not",
+            "{} has the highest mean with {}: {mean} (best of {} tried{spread}){}{}; {BIASED}",
             arm_label(&ranking.place),
             settings_label(&best.settings),
             counted(ranking.tried(), "setting"),
@@ -74,16 +74,31 @@ impl Drawn for Vec<Ranking> {
     }
 }
 
+/// Why the mean of a search is not to be reported.
+const BIASED: &str = "the mean of the best of several settings is biased upwards, so report the mean on the \
+                      reporting seeds";
+
+/// The difference between the best setting and another, with its t test.
+fn behind(
+    best: &Candidate,
+    other: &Candidate,
+) -> (Result<f64, Undefined>, Result<TTest, Undefined>) {
+    let design = Design::of(&best.sample, &other.sample);
+    let (one, two) = design.compared(&best.sample, &other.sample);
+    let difference = one.mean().and_then(|one| Ok(one - two.mean()?));
+    (difference, t_test(&best.sample, &other.sample, design))
+}
+
 /// The difference between the best setting and the next: "; 12 above the next (95 % interval −5 to 29, …)".
 fn runner_up(ranking: &Ranking, metric: &str) -> Option<String> {
     let [best, next, ..] = &ranking.candidates[..] else { return None };
-    let difference = best.sample.mean().ok()? - next.sample.mean().ok()?;
+    let (difference, test) = behind(best, next);
+    let difference = difference.ok()?;
     let side = if difference < 0.0 { "below" } else { "above" };
-    let design = Design::of(&best.sample, &next.sample);
-    let interval = match t_test(&best.sample, &next.sample, design) {
+    let interval = match test {
         Ok(test) => {
-            let name = test_name([design]);
-            format!(" (95 % interval {}, {name}, not corrected)", ends(test.interval, metric))
+            let name = test_name([Design::of(&best.sample, &next.sample)]).unwrap_or_default();
+            format!(" (95 % interval {}, {name}, not corrected)", gap_ends(test.interval, metric))
         }
         Err(reason) => format!(" (no interval: {reason})"),
     };
@@ -102,10 +117,19 @@ fn table(title: &str, rankings: &[Ranking], metric: &str) -> DataTable {
         ("interval", "95 % interval"),
         (".low", ""),
         (".high", ""),
+        ("behind", "Behind the best"),
+        ("behind_interval", "its 95 % interval"),
+        (".behind_low", ""),
+        (".behind_high", ""),
     ];
     let mut table = DataTable::new(title, &columns);
     for ranking in rankings {
         for (rank, candidate) in ranking.candidates.iter().enumerate() {
+            let (difference, test) = match rank {
+                0 => (Ok(0.0), Err(Undefined::NoVariance)),
+                _ => behind(&ranking.candidates[0], candidate),
+            };
+            let interval = test.map(|test| test.interval);
             table.rows.push(vec![
                 Entry::text(arm_label(&ranking.place)),
                 Entry::number(rank as f64 + 1.0, 0),
@@ -115,6 +139,10 @@ fn table(title: &str, rankings: &[Ranking], metric: &str) -> DataTable {
                 between(candidate.interval, metric),
                 low(candidate.interval),
                 high(candidate.interval),
+                in_unit(difference, metric),
+                between(interval, metric),
+                low(interval),
+                high(interval),
             ]);
         }
     }
