@@ -3,7 +3,7 @@
 CARGO ?= cargo
 JITAI := $(CARGO) run --release --quiet --
 
-.PHONY: help run paper readings bench bench-burn bench-readers bench-optima bench-coverage test test-slow
+.PHONY: help run paper readings bench bench-burn bench-readers bench-optima bench-coverage test lint test-slow
 .PHONY: test-features test-slurm slurm test-neon neon
 .PHONY: test-kill test-damage test-bad-input fuzz deny miri test-browser browser test-analysis analysis doc docs clean
 .PHONY: python python-sb3 test-python bench-python
@@ -44,22 +44,22 @@ bench-burn: ## time both engines with Burn compiled to be fast, on both of its C
 bench-optima: ## errors and times of the optima of random environments (minutes; ENVIRONMENTS=n, HORIZONS=n,n, SEED=n)
 	$(CARGO) bench --quiet --bench optima
 
-bench-coverage: ## how often bootstrap intervals hold the truth, by the number of seeds (minutes)
+bench-coverage: ## how often tests and intervals of few seeds are right, simulated (minutes)
 	$(CARGO) bench --quiet --bench coverage
 
 bench-readers: ## what eight readers that ask every second cost a sweep (minutes; PAIRS=n, PAUSE=seconds)
 	$(CARGO) build --release
 	JITAI=$(or $(CARGO_TARGET_DIR),target)/release/jitai benches/readers.sh
 
-# Tests use the build of `make run`, so that Burn is compiled once. They are compiled before the lints,
-# which would otherwise wait for the compilation of SQLite on one core. Many tests wait for processes, so
-# more tests run at once than there are cores.
+# Tests use the build of `make run`, so that Burn is compiled once. Many tests wait for processes, so more tests
+# run at once than there are cores.
 test: export RUST_TEST_THREADS ?= 4
-test: ## format, lints as errors, unit and integration tests
-	$(CARGO) fmt --check
-	$(CARGO) test --release --quiet --no-run
-	$(CARGO) clippy --release --all-targets --quiet -- -D warnings
+test: ## unit and integration tests
 	$(CARGO) test --release --quiet
+
+lint: ## format, and lints as errors
+	$(CARGO) fmt --check
+	$(CARGO) clippy --release --all-targets --quiet -- -D warnings
 
 # burn-flex is the other tensor backend of Burn. Both targets use the same features, so that Burn is
 # compiled once for both.

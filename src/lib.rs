@@ -211,7 +211,7 @@ pub mod statistics {
         Moments, POWER, RESAMPLES, Recovered, Sample, TTest, Undefined, Verdict, agreement,
         correct, detectable, hedges_g, improvement, interquartile_mean, lower_quartile,
         mean_and_sd, mean_interval, moving_mean, paired_hedges_g, paired_improvement,
-        paired_permutation_p, paired_t_test, permutation_p, quantile, recovered, student_t_test,
-        t_test, unpaired_t_test,
+        paired_permutation_p, paired_t_test, permutation_p, quantile, recovered, share_interval,
+        student_t_test, t_test, unpaired_t_test,
     };
 }

@@ -18,7 +18,8 @@ keys! {
     /// A decision rule that needs no training.
     pub struct RuleParameters {
         /// the rule: "never" sends nothing, "tailored" tailors to the likelier context, "threshold"
-        /// does so only if that context is probable enough, "optimal" maximises the mean return
+        /// does so only if that context is probable enough, "optimal" maximises the mean return less the cost of
+        /// messages
         rule: DecisionRule;
         /// minimum probability of the likelier context at which "threshold" sends a message
         threshold: f64 = 0.8, in Kind::Real { min: 0.5, max: 1.0 };
@@ -147,8 +148,9 @@ fn belief(rule: &RuleParameters, environment: &Environment, scenario: &Scenario)
 }
 
 impl RuleParameters {
-    /// Whether the rule acts otherwise in the first step than earlier versions did, which sent a message there if
-    /// all other contexts are certain. `widest` has the most noise that people have in the environment.
+    /// Whether the rule acts otherwise than earlier versions did: the threshold, which sent a message in the first
+    /// step if all other contexts are certain, and the optimal rule, which took messages for free. `widest` has the
+    /// most noise that people have in the environment.
     pub(super) fn acts_otherwise(
         &self,
         environment: &Environment,
@@ -156,12 +158,20 @@ impl RuleParameters {
         scenario: &Scenario,
     ) -> bool {
         let is_certain = |of: &Environment| Belief::new(of, scenario) == Belief::Certain;
-        self.rule == DecisionRule::Threshold
-            && self.threshold > 0.5
-            && scenario.shows_probability_alone()
-            && environment.first_context == FirstContext::Fixed
-            && is_certain(environment)
-            && is_certain(widest)
+        match self.rule {
+            DecisionRule::Threshold => {
+                self.threshold > 0.5
+                    && scenario.shows_probability_alone()
+                    && environment.first_context == FirstContext::Fixed
+                    && is_certain(environment)
+                    && is_certain(widest)
+            }
+            DecisionRule::Optimal => environment.message_cost > 0.0,
+            DecisionRule::Never
+            | DecisionRule::Untailored
+            | DecisionRule::Tailored
+            | DecisionRule::Random => false,
+        }
     }
 }
 

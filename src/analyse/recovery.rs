@@ -2,7 +2,7 @@
 
 use super::contrast::Design;
 use super::interval::{Interval, critical};
-use super::moments::Moments;
+use super::moments::{Moments, vary};
 use super::sample::Sample;
 use super::undefined::{Undefined, at_least, finite};
 
@@ -77,6 +77,8 @@ fn interval(
     let linear = gain * loss + t * t * (covariance - of_without);
     let constant = gain * gain - t * t * (of_with - 2.0 * covariance + of_without);
     let root = finite((linear * linear - square * constant).max(0.0).sqrt())?;
+    // Seeds that all recover the same share leave nothing but rounding errors.
+    vary(root / square, 1.0)?;
     Ok(Interval { low: (linear - root) / square, high: (linear + root) / square })
 }
 

@@ -273,6 +273,7 @@ fn summarise(rolled: &mut Rolled, arguments: &Arguments) -> Result<(), Error> {
     }
     let n = returns.len() as f64;
     let (mean, sd) = crate::analyse::mean_and_sd(&returns);
+    let cost = rolled.lane.parameters().message_cost;
     let columns = [
         "episodes",
         "mean_return",
@@ -281,15 +282,18 @@ fn summarise(rolled: &mut Rolled, arguments: &Arguments) -> Result<(), Error> {
         "disengagement_rate",
         "message_rate",
     ];
-    let columns: Vec<String> = columns.into_iter().map(str::to_owned).collect();
+    let net = (cost > 0.0).then_some("mean_net_return");
+    let columns: Vec<String> = columns.into_iter().chain(net).map(str::to_owned).collect();
     let mut rows = Rows::new(arguments.format, &columns, io::stdout().lock())?;
-    rows.row(&[
+    let net = net.map(|_| Field::Rounded(mean - cost * messages as f64 / n, 1));
+    let fields = [
         Field::Integer(returns.len() as i64),
         Field::Rounded(mean, 1),
         sd.map_or(Field::Empty, |sd| Field::Rounded(sd, 1)),
         Field::Rounded(steps as f64 / n, 2),
         Field::Rounded(disengaged as f64 / n, 3),
         Field::Rounded(messages as f64 / steps as f64, 3),
-    ])?;
+    ];
+    rows.row(&fields.into_iter().chain(net).collect::<Vec<_>>())?;
     Ok(rows.finish()?)
 }

@@ -252,5 +252,7 @@ choices! {
         HighestMean = "highest_mean",
         /// By the lower end of the 95 % interval of the mean over seeds.
         HighestLowerBound = "highest_lower_bound",
+        /// By the mean over seeds, the lowest first.
+        LowestMean = "lowest_mean",
     }
 }

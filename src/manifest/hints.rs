@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::{env, fs};
 
 use super::analysis::Analysis;
+use super::analysis_keys::SelectionRule;
 use super::analysis_kind::AnalysisKind;
 use super::condition::Condition;
 use super::declared::{DeclaredAgent, Manifest};
@@ -33,6 +34,7 @@ pub fn hints(manifest: &Manifest) -> Vec<String> {
         hints.extend(missing_programs(manifest, agent));
     }
     hints.extend(manifest.analyses.iter().flat_map(|one| long_windows(manifest, one)));
+    hints.extend(manifest.analyses.iter().filter_map(highest_rate));
     let lists = decimal_lists(&manifest.source);
     let hint = |list: &Fault| {
         let remedy = list.hint().unwrap_or_default();
@@ -56,9 +58,34 @@ fn large_sigma(manifest: &Manifest) -> Option<String> {
     ))
 }
 
+/// A hint for a search for the highest rate of something that is rarely wanted.
+fn highest_rate(analysis: &Analysis) -> Option<String> {
+    let AnalysisKind::Selection { rule, .. } = &analysis.kind else { return None };
+    let is_rate = ["disengagement_rate", "message_rate"].contains(&analysis.metric);
+    (is_rate && *rule != SelectionRule::LowestMean).then(|| {
+        format!(
+            "analysis {} selects the settings with the highest {}; `rule = \"{}\"` selects those with the \
+             lowest",
+            printable(&analysis.name),
+            analysis.metric,
+            SelectionRule::LowestMean.word()
+        )
+    })
+}
+
 /// Hints for agents whose training is shorter than the window of a learning curve.
 fn long_windows(manifest: &Manifest, analysis: &Analysis) -> Vec<String> {
     let AnalysisKind::LearningCurve { window } = analysis.kind else { return Vec::new() };
+    let strides = manifest.evaluation.get("curve_stride").unwrap_or_default();
+    if let Some(Value::Integer(stride)) = strides.iter().max_by(by_size)
+        && *stride > u64::from(window)
+    {
+        return vec![format!(
+            "`window` = {window} of analysis {} is shorter than `curve_stride` = {stride}, so its means are over \
+             {stride} episodes",
+            printable(&analysis.name)
+        )];
+    }
     let is_analysed = |agent: &&DeclaredAgent| {
         let names = |condition: &Condition| match condition {
             Condition::AgentName(names) => names.contains(&agent.name),

@@ -319,6 +319,29 @@ fn meant(
     if let Some(inner) = value.strip_prefix('(').and_then(|rest| rest.strip_suffix(')')) {
         return fault("parentheses; lists have square brackets", format!("[{}]", quoted(inner)));
     }
+    if let Some(items) = value.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
+        let items: Vec<Vec<&str>> =
+            items.split(',').map(|item| item.split_whitespace().collect()).collect();
+        if items.iter().any(|item| is_grouped(item)) {
+            let whole: Vec<String> = items.iter().map(|item| item.concat()).collect();
+            return fault("spaces within a number", format!("[{}]", whole.join(", ")));
+        }
+        let is_number = |word: &&str| word.parse::<f64>().is_ok();
+        if let [item] = &items[..]
+            && item.len() > 1
+            && item.iter().all(is_number)
+        {
+            let list = format!("[{}]", item.join(", "));
+            return fault("the values of a list have commas between them", list);
+        }
+        let words = |word: &str| items.iter().any(|item| item[..] == [word]);
+        if ["True", "TRUE", "False", "FALSE"].into_iter().any(words) {
+            let lower: Vec<String> =
+                items.iter().map(|item| item.concat().to_lowercase()).collect();
+            let list = format!("[{}]", lower.join(", "));
+            return fault("true and false have lower-case letters", list);
+        }
+    }
     if value.starts_with('[') && outside(value).any(|(_, c)| c == ';') {
         let put = decimal_points(&value.replace(';', ", ;")).unwrap_or(value.to_owned());
         let put = put.replace(", ;", ",").replace(';', ",");
@@ -332,6 +355,10 @@ fn meant(
         return fault("a comma after the value", rest.trim_end().to_owned());
     }
     if !commas.is_empty() && !broken.breaks_structure {
+        let thousands: Vec<&str> = value.split(',').collect();
+        if takes_whole_numbers(key) && is_grouped(&thousands) {
+            return fault("commas within a number", thousands.concat());
+        }
         return match decimal_points(value).filter(|_| !takes_whole_numbers(key)) {
             Some(put) if put.parse::<f64>().is_ok() => fault(DECIMAL_COMMA, put),
             Some(put) if list(&put).is_some() => {

@@ -82,8 +82,8 @@ const LEAST_MEAN: f64 = 1e-5;
 
 /// A key with a value that the recursion does not support, if there is one.
 ///
-/// Gamma-distributed steps have the same mean as noise-free steps, and nothing else depends on them. The cost
-/// of messages and an unpaid last step do not affect the mean return.
+/// Gamma-distributed steps have the same mean as noise-free steps, and nothing else depends on them. An unpaid last
+/// step does not affect the mean return, and a policy sends nothing in it.
 fn unsolved(e: &Environment) -> Option<&'static str> {
     let least = fewest_steps(e);
     let ends_at_once = e.initial_disengagement >= e.disengagement_threshold;

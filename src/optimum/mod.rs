@@ -1,4 +1,5 @@
-//! The optimum: the highest mean undiscounted return of any policy, and a policy that reaches it.
+//! The optimum: the highest mean undiscounted return of any policy, less the cost of messages, and a policy that
+//! reaches it.
 //!
 //! In: an environment and a scenario that shows habituation and disengagement risk. Out: an [`Optimum`] with
 //! an error estimate, or an [`OptimalPolicy`]. The module does not depend on agents or runs. It
@@ -15,13 +16,14 @@
 //!
 //! ```text
 //! nothing      N = V(n-1, (1 - delta_h) h, d)
-//! untailored   U = (1 - h') rho_1 + V(n-1, h', (1 - delta_d) d)
-//! suitable     S = (1 - h') rho_2 + V(n-1, h', (1 - delta_d) d)
-//! unsuitable   F = (1 - h') rho_3 + V(n-1, h', d + epsilon_d)
+//! untailored   U = (1 - h') rho_1 - c + V(n-1, h', (1 - delta_d) d)
+//! suitable     S = (1 - h') rho_2 - c + V(n-1, h', (1 - delta_d) d)
+//! unsuitable   F = (1 - h') rho_3 - c + V(n-1, h', d + epsilon_d)
 //! V(n, h, d) = (mu_0 + mu_1) / 2 + E_p max(N, U, p S + (1 - p) F, (1 - p) S + p F)
 //! ```
 //!
-//! With `disengagement_reward = "zero"`, F is minus the baseline if d + epsilon_d ends the episode.
+//! c is `message_cost`. With `disengagement_reward = "zero"`, F is minus the baseline and c if d + epsilon_d ends
+//! the episode.
 //! Gamma-distributed steps have the noise-free mean and change nothing. The recursion does not cover noise of
 //! the state, persistent or unequal contexts, availability and budgets, so [`check`] rejects them.
 //!

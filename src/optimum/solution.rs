@@ -65,11 +65,11 @@ pub(super) struct Solution {
 struct Row {
     rested: Cubic,
     messaged: Cubic,
-    /// Reward of an untailored message, without the baseline.
+    /// Reward of an untailored message, without the baseline and less its cost.
     untailored: f64,
-    /// Reward of a suitable message, without the baseline.
+    /// Reward of a suitable message, without the baseline and less its cost.
     suitable: f64,
-    /// Reward of an unsuitable message, without the baseline: if the episode continues, and if it ends.
+    /// Reward of an unsuitable message, without the baseline and less its cost: if the episode continues, and if it ends.
     unsuitable: f64,
     disengaging: f64,
 }
@@ -132,12 +132,13 @@ impl Solution {
         let row = |h: &f64| {
             let after = |action| apply_action(&self.environment, 0, action, *h, 0.0);
             let suitable = after(Action::tailored_to(0));
-            let unsuitable = after(Action::tailored_to(1)).reward;
+            let cost = self.environment.message_cost;
+            let unsuitable = after(Action::tailored_to(1)).reward - cost;
             Row {
                 rested: self.habituation.cubic(after(Action::NONE).habituation),
                 messaged: self.habituation.cubic(suitable.habituation),
-                untailored: after(Action::UNTAILORED).reward,
-                suitable: suitable.reward,
+                untailored: after(Action::UNTAILORED).reward - cost,
+                suitable: suitable.reward - cost,
                 unsuitable,
                 disengaging: self.disengaging(unsuitable),
             }
@@ -207,22 +208,22 @@ impl Solution {
             .map(|effect| later(effect.habituation, effect.disengagement));
         ActionValues {
             nothing: rested,
-            untailored: untailored.reward + calm,
-            suitable: suitable.reward + calm,
+            untailored: untailored.reward - e.message_cost + calm,
+            suitable: suitable.reward - e.message_cost + calm,
             unsuitable: match unsuitable.disengagement >= e.disengagement_threshold {
-                true => self.disengaging(unsuitable.reward) + annoyed,
-                false => unsuitable.reward + annoyed,
+                true => self.disengaging(unsuitable.reward - e.message_cost) + annoyed,
+                false => unsuitable.reward - e.message_cost + annoyed,
             },
         }
     }
 
-    /// The reward, without the baseline, of a wrong message that ends the episode and would otherwise pay
-    /// `reward`.
+    /// The reward, without the baseline and less the cost, of a wrong message that ends the episode and would
+    /// otherwise pay `reward`.
     fn disengaging(&self, reward: f64) -> f64 {
         match self.environment.disengagement_reward {
             DisengagementReward::Paid => reward,
             // Both baselines are equal; `check` ensures this.
-            DisengagementReward::Zero => -self.baseline[0],
+            DisengagementReward::Zero => -self.baseline[0] - self.environment.message_cost,
         }
     }
 

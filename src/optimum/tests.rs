@@ -73,11 +73,13 @@ fn by_every_course(e: &Environment, belief: &Expectation, time: u32, state: [f64
         let effect = apply_action(&unbiased, 0, action, state[0], state[1]);
         let ends = effect.disengagement >= e.disengagement_threshold;
         let state = [effect.habituation, effect.disengagement];
-        match e.disengagement_reward {
+        let cost = if action == Action::NONE { 0.0 } else { e.message_cost };
+        let paid = match e.disengagement_reward {
             DisengagementReward::Zero if ends => -e.mu[0],
             _ if ends => effect.reward,
             _ => effect.reward + by_every_course(e, belief, time + 1, state),
-        }
+        };
+        paid - cost
     };
     let values = ActionValues {
         nothing: after(Action::NONE),
@@ -115,6 +117,8 @@ fn odd_environments() -> Vec<Environment> {
         Environment { rho_1: -50.0, rho_2: -200.0, mu: [-1e5, -1e5], ..paper() },
         Environment { rho_3: 150.0, epsilon_d: 0.2, ..paper() },
         Environment { rho_3: -70.0, ..paper() },
+        Environment { message_cost: 90.0, ..paper() },
+        Environment { message_cost: 500.0, ..paper() },
         Environment {
             mu: [60.0, 60.0],
             rho_3: 90.0,
@@ -177,6 +181,7 @@ fn simulated(solution: &Solution, e: &Environment, count: u32) -> [f64; 2] {
             let action = solution.choose(time, believed, state[0], state[1]);
             let effect = apply_action(e, draw.context, action, state[0], state[1]);
             total += effect.reward;
+            total -= if action == Action::NONE { 0.0 } else { e.message_cost };
             state = [effect.habituation, effect.disengagement];
             if effect.disengagement >= e.disengagement_threshold {
                 break;
@@ -198,7 +203,9 @@ fn errors_of_interpolation_add_up_to_what_a_policy_s_return_differs_by() {
     let mut broken = 0.0;
     for (sigma, first_context) in [(0.6, FirstContext::Fixed), (2.0, FirstContext::Sampled)] {
         let paper = Environment::paper(sigma);
-        let environment = Environment { horizon: 80, mu: [5.0, -2.0], first_context, ..paper };
+        let message_cost = if sigma < 1.0 { 0.0 } else { 20.0 };
+        let environment =
+            Environment { horizon: 80, mu: [5.0, -2.0], first_context, message_cost, ..paper };
         for scenario in ["P-H-D", "L-H-D", "H-D"] {
             let belief = Belief::new(&environment, &scenario.parse().unwrap());
             let solution = Solution::new(&environment, belief, resolution);

@@ -8,10 +8,10 @@ use crate::env::{Belief, Environment, Scenario};
 /// The number of simulated episodes per grid.
 const EPISODES: u64 = 400;
 
-/// The highest mean return in an environment for a policy that observes a scenario.
+/// The highest mean net return in an environment for a policy that observes a scenario.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Optimum {
-    /// Mean undiscounted return of the best policy found, in steps walked.
+    /// Mean undiscounted return of the best policy found, in steps walked, less the cost of messages.
     pub mean_return: f64,
     /// The estimated difference from the best possible policy's mean return, in steps walked.
     pub error: f64,

@@ -44,12 +44,9 @@ pub enum FilterError {
         printable(.0)
     )]
     Form(String),
-    /// A comma within a number.
-    #[error(
-        "`{}`: a decimal comma, or a list; write `{}` for one number, and `{}` for either value",
-        printable(.0), printable(&.0.replace(',', ".")), printable(&.0.replace(',', "|"))
-    )]
-    DecimalComma(String),
+    /// A comma within a number, or a list.
+    #[error("`{}`: {}", printable(.0), printable(.1))]
+    DecimalComma(String, String),
     /// No parameter has the name.
     #[error(
         "no job has a parameter `{}`{}; similar names are {known}",
@@ -120,7 +117,17 @@ impl FromStr for Filter {
         if let Some(at) = parts.iter().position(|part| is_number(part)).filter(|at| *at > 0)
             && parts[at - 1].split_once('=').is_some_and(|(_, value)| is_number(value))
         {
-            return Err(FilterError::DecimalComma(parts[at - 1..=at].join(",")));
+            let written = parts[at - 1..=at].join(",");
+            let either = format!("`{}` for either value", written.replace(',', "|"));
+            let is_whole = !parts[at - 1..=at].join("").contains('.');
+            let says = match is_whole {
+                true => format!(
+                    "a decimal comma, or a list; write `{}` for one number, and {either}",
+                    written.replace(',', ".")
+                ),
+                false => format!("a list; write {either}"),
+            };
+            return Err(FilterError::DecimalComma(written, says));
         }
         Ok(Filter(parts.into_iter().map(condition).collect::<Result<_, _>>()?))
     }

@@ -495,6 +495,12 @@ mod tests {
         assert_eq!(threshold(0.0, "L-T", 0.8), 0);
         assert_eq!(threshold(0.6, "P-T", 0.8), 0);
         assert_eq!(threshold(0.0, "P-T", 0.5), 0);
+        let optimal = |message_cost: f64| {
+            let agent = Agent::of(&RuleParameters::new(DecisionRule::Optimal));
+            let environment = Environment { message_cost, ..Environment::paper(0.6) };
+            Job { environment, agent, ..jobs().remove(2) }.versions().algorithm
+        };
+        assert_eq!(optimal(5.0), optimal(0.0) + 1);
     }
 
     #[test]

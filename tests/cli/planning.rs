@@ -213,6 +213,8 @@ fn a_wrong_filter_is_refused_with_what_there_is() {
         }
         let comma = folder.jitai([verb, "sweep.toml", "--filter", "sigma=0,6"]).ended(2);
         comma.says("write `sigma=0.6` for one number, and `sigma=0|6` for either value");
+        let list = folder.jitai([verb, "sweep.toml", "--filter", "sigma=0.4,0.6"]).ended(2);
+        list.says("a list; write `sigma=0.4|0.6` for either value");
         let nobody = folder.jitai([verb, "sweep.toml", "--filter", "sigma=0.6,agent=dqm"]).ended(2);
         nobody
             .says("no job with sigma=0.6 has agent=dqm, did you mean dqn?; its values: dqn, reinf");

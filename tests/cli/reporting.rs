@@ -134,7 +134,7 @@ fn two_reports_of_one_store_are_equal_to_the_byte_and_hold_every_analysis() {
     let paired = text("report/tables/every-kind-gain.md");
     assert!(
         paired.contains(
-            ": mean return per episode, steps walked; t test paired by seed; p is corrected"
+            ": mean return per episode, steps walked; t test paired by seed; Holm’s correction"
         ),
         "{paired}"
     );

@@ -129,6 +129,7 @@ impl Candidate {
         match rule {
             SelectionRule::HighestMean => self.mean.ok(),
             SelectionRule::HighestLowerBound => self.interval.ok().map(|interval| interval.low),
+            SelectionRule::LowestMean => self.mean.ok().map(|mean| -mean),
         }
     }
 }

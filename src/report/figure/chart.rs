@@ -35,7 +35,8 @@ pub fn axes(
         .flat_map(|point| [point.y, point.interval.map_or(point.y, |(_, high)| high)])
         .chain(references().map(|at| at.1));
     let high = ys.filter(|y| y.is_finite()).fold(f64::NEG_INFINITY, f64::max);
-    let low = points().map(|point| point.y).filter(|y| y.is_finite()).fold(0.0, f64::min);
+    let lows = points().map(|point| point.interval.map_or(point.y, |(low, _)| low.min(point.y)));
+    let low = lows.filter(|y| y.is_finite()).fold(0.0, f64::min);
     let (low, high) = round_range(low, if high.is_finite() { high } else { 1.0 });
     let cap = if y_numbers == Numbers::Percent { 1.0 } else { f64::INFINITY };
     let low = style.limits.0.unwrap_or(low);
@@ -269,8 +270,9 @@ fn point_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, right: f64) -> 
         let mark = Mark::from(shape);
         if point.tip.is_empty() { mark } else { mark.saying(&point.tip) }
     };
+    let is_mixed = line.points.iter().any(|point| !point.is_single);
     let number = |point: &Place| {
-        let is_said = is_marked && point.is_single;
+        let is_said = is_marked && point.is_single && is_mixed;
         let (x, y) = place(point.x, point.y);
         is_said.then(|| {
             text((x + 4.5, y - 3.0), "n = 1", (NOTE, Weight::Regular), FAINT, Anchor::Start).into()

@@ -1,15 +1,14 @@
 //! Contrasts: differences with their intervals, with one row per comparison.
 
 use super::forest::{MOST_ROWS, forest_figures};
-use super::{Drawn, Sheet, gap, gap_title, related, test_name};
-use crate::analyse::FEW_SEEDS;
+use super::{Drawn, Sheet, gap, gap_title, metric_words, related, test_name};
 use crate::analyse::declared::{ALPHA, ContrastFigure, ContrastRow, Family};
+use crate::analyse::{FEW_SEEDS, Undefined};
 use crate::plan::counted;
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{arm_label, seeds};
 use crate::report::scene::Scene;
 use crate::report::tables::{between, high, in_unit, low};
-use crate::report::words::metric_title;
 
 impl Drawn for ContrastFigure {
     fn figures(&self, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
@@ -33,15 +32,16 @@ impl Drawn for ContrastFigure {
 
     fn shows(&self, metric: &str) -> String {
         let (first, second) = &self.sides;
-        let test = test_name(self.rows.iter().map(|row| row.contrast.design));
-        let test = test.map_or_else(String::new, |test| format!(" ({test})"));
-        let counts = self.rows.iter().map(|row| row.contrast.seeds.0.min(row.contrast.seeds.1));
-        let seeds = seeds(counts.filter(|n| *n > 0));
-        format!(
-            "Differences in {} between {first} and {second}{test} with their 95 % intervals, not \
-             corrected for the number of comparisons, {seeds} per side",
-            metric_title(metric),
-        )
+        let counts = self.rows.iter().flat_map(|row| <[usize; 2]>::from(row.contrast.seeds));
+        let (words, seeds) = (metric_words(metric), seeds(counts.filter(|n| *n > 0)));
+        let tested = self.rows.iter().filter(|row| row.contrast.test.is_ok());
+        let intervals = test_name(tested.map(|row| row.contrast.design)).map(|test| {
+            format!(
+                " ({test}) with their 95 % intervals, not corrected for the number of comparisons"
+            )
+        });
+        let intervals = intervals.unwrap_or_default();
+        format!("Differences in {words} between {first} and {second}{intervals}, {seeds} per side")
     }
 
     fn finds(&self, metric: &str) -> Option<String> {
@@ -53,6 +53,13 @@ impl Drawn for ContrastFigure {
         }
         let tested: Vec<(&ContrastRow, f64)> =
             answered.iter().filter(|(row, _)| row.corrected.is_ok()).copied().collect();
+        if answered.iter().all(|(_, difference)| *difference == 0.0) {
+            let all = match answered.len() {
+                1 => String::new(),
+                all => format!(" in all {all} comparisons"),
+            };
+            return Some(format!("{first} and {second} have equal means{all}"));
+        }
         if tested.is_empty() {
             let reason = answered.iter().find_map(|(row, _)| row.corrected.err());
             let reason = reason.map_or_else(String::new, |reason| format!(" ({reason})"));
@@ -62,13 +69,6 @@ impl Drawn for ContrastFigure {
             ));
         }
         let family = family(tested[0].0);
-        if tested.iter().all(|(_, difference)| *difference == 0.0) {
-            let all = match tested.len() {
-                1 => String::new(),
-                all => format!(" in all {all} tested comparisons"),
-            };
-            return Some(format!("{first} and {second} have equal means{all}"));
-        }
         let significant: Vec<(&ContrastRow, f64)> =
             tested.iter().filter(|(row, _)| is_significant(row)).copied().collect();
         if let ([(row, _)], [_]) = (&tested[..], &self.rows[..]) {
@@ -119,9 +119,22 @@ impl Drawn for ContrastFigure {
                 reasons.push(reason);
             }
         }
-        (open > 0).then(|| {
+        let open = (open > 0).then(|| {
             format!("{open} of {} ({})", counted(self.rows.len(), "comparison"), reasons.join(", "))
-        })
+        });
+        let constant = self.rows.iter().filter(|row| {
+            let difference = row.contrast.difference.is_ok_and(|difference| difference != 0.0);
+            difference && row.contrast.test == Err(Undefined::NoVariance)
+        });
+        let constant = match constant.count() {
+            0 => None,
+            1 => Some("the test of 1 difference that is the same for every seed".to_owned()),
+            some => {
+                Some(format!("the tests of {some} differences that are the same for every seed"))
+            }
+        };
+        let all: Vec<String> = open.into_iter().chain(constant).collect();
+        (!all.is_empty()).then(|| all.join("; "))
     }
 
     fn is_table(&self) -> bool {
@@ -166,20 +179,26 @@ fn family(row: &ContrastRow) -> String {
     let Family { name, members } = &row.family;
     match members {
         0 | 1 => String::new(),
-        _ => format!("; p is corrected by Holm over the {members} tests of the family {name}"),
+        _ => format!("; Holm’s correction is over the {members} tests of the family {name}"),
     }
 }
 
 /// The test of a row: " (paired t = 2.31, 9 degrees of freedom, p = 0.03)"; empty if it is undefined.
 fn statistic(row: &ContrastRow) -> String {
     match (row.contrast.test, row.corrected) {
-        (Ok(found), Ok(p)) => format!(
-            " ({} t = {}, {}, p {})",
-            test(row),
-            shown(found.t, 2),
-            freedom(found.df),
-            related(p.holm)
-        ),
+        (Ok(found), Ok(p)) => {
+            let t = format!(
+                "{} t = {}, {}, p {}",
+                test(row),
+                shown(found.t, 2),
+                freedom(found.df),
+                related(found.p)
+            );
+            match row.family.members {
+                0 | 1 => format!(" ({t})"),
+                _ => format!(" ({t}, corrected {})", related(p.holm)),
+            }
+        }
         _ => String::new(),
     }
 }
@@ -187,6 +206,7 @@ fn statistic(row: &ContrastRow) -> String {
 fn table(title: &str, figure: &ContrastFigure, metric: &str) -> DataTable {
     let ContrastFigure { sides: (first, second), rows } = figure;
     let is_paired = !rows.is_empty() && rows.iter().all(ContrastRow::is_paired);
+    let is_mixed = !is_paired && rows.iter().any(ContrastRow::is_paired);
     // Readers see only columns that some row needs; files have every column.
     let column = |is_shown: bool, names: [&'static str; 2]| names[usize::from(is_shown)];
     let is_unmatched = rows.iter().any(|row| row.unmatched() != (0, 0));
@@ -239,7 +259,7 @@ fn table(title: &str, figure: &ContrastFigure, metric: &str) -> DataTable {
     let caption = format!("{title}: {}{test}{family}", gap_title(metric));
     let mut table = DataTable::new(caption, &columns);
     for row in rows {
-        table.rows.push(contrast_entries(row, metric));
+        table.rows.push(contrast_entries(row, metric, is_mixed));
     }
     table
 }
@@ -252,7 +272,7 @@ fn of_sides(numbers: (usize, usize)) -> Entry {
     })
 }
 
-fn contrast_entries(row: &ContrastRow, metric: &str) -> Vec<Entry> {
+fn contrast_entries(row: &ContrastRow, metric: &str, is_mixed: bool) -> Vec<Entry> {
     let contrast = &row.contrast;
     let interval = contrast.test.map(|test| test.interval);
     let improvement = contrast.improvement.map(|improvement| improvement.interval);
@@ -286,7 +306,13 @@ fn contrast_entries(row: &ContrastRow, metric: &str) -> Vec<Entry> {
         Entry::p(row.corrected.map(|corrected| corrected.holm)),
         Entry::p(row.corrected.map(|corrected| corrected.benjamini_hochberg)),
         Entry::p(contrast.permutation_p),
-        Entry::of(g.map(|g| g.g), 2),
+        match (g, is_mixed && row.is_paired()) {
+            // The unit is another one than that of unpaired rows.
+            (Ok(g), true) => {
+                Entry::Number { value: g.g, shown: format!("{} (paired)", shown(g.g, 2)) }
+            }
+            (g, _) => Entry::of(g.map(|g| g.g), 2),
+        },
         Entry::of(g.map(|g| g.interval.low), 2),
         Entry::of(g.map(|g| g.interval.high), 2),
         Entry::of(contrast.improvement.map(|improvement| improvement.probability), 2),
@@ -305,7 +331,7 @@ fn contrast_entries(row: &ContrastRow, metric: &str) -> Vec<Entry> {
 mod tests {
     use super::*;
     use crate::analyse::declared::ArmId;
-    use crate::analyse::{Contrast, Corrected, Design, Sample, Undefined};
+    use crate::analyse::{Contrast, Corrected, Design, Sample};
 
     fn row(first: f64, holm: Option<f64>) -> ContrastRow {
         let sample = |mean: f64| Sample::new([(1, mean - 1.0), (2, mean + 1.0)], 0, 0).unwrap();
@@ -341,24 +367,24 @@ mod tests {
         assert_eq!(
             of(&[(12.0, Some(0.2)), (16.0, Some(0.05)), (90.0, None)]),
             "None of 2 tested differences is significant; at the widest, a is above b by 6, for dqn P \
-             (unpaired t = 4.24, 1 degree of freedom, p = 0.050); p is corrected by Holm over the 3 tests \
-             of the family f"
+             (unpaired t = 4.24, 1 degree of freedom, p = 0.147, corrected = 0.050); Holm’s correction is \
+             over the 3 tests of the family f"
         );
         assert_eq!(
             of(&[(12.0, Some(0.01)), (16.0, Some(0.2)), (7.0, Some(0.3))]),
             "Of 3 tested comparisons, a is significantly above b in 1 and significantly below it in 0; at \
              the widest significant one, a is above b by 2, for dqn P (unpaired t = 1.41, 1 degree of \
-             freedom, p = 0.010); p is corrected by Holm over the 3 tests of the family f"
+             freedom, p = 0.392, corrected = 0.010); Holm’s correction is over the 3 tests of the family f"
         );
         assert_eq!(
             of(&[(12.0, Some(0.01)), (13.0, Some(0.02))]),
             "a is significantly above b in all 2 tested comparisons; at the widest significant one, a is \
-             above b by 3, for dqn P (unpaired t = 2.12, 1 degree of freedom, p = 0.020); p is corrected \
-             by Holm over the 2 tests of the family f"
+             above b by 3, for dqn P (unpaired t = 2.12, 1 degree of freedom, p = 0.280, corrected = \
+             0.020); Holm’s correction is over the 2 tests of the family f"
         );
         assert_eq!(
             of(&[(12.0, Some(0.01))]),
-            "a is above b by 2, for dqn P: significant (unpaired t = 1.41, 1 degree of freedom, p = 0.010)"
+            "a is above b by 2, for dqn P: significant (unpaired t = 1.41, 1 degree of freedom, p = 0.392)"
         );
         assert_eq!(
             of(&[(12.0, None), (16.0, None)]),
@@ -370,10 +396,7 @@ mod tests {
     fn equal_means_are_called_equal() {
         let equal = || row(10.0, Some(1.0));
         let of = |rows| figure(rows).finds("mean_return").unwrap();
-        assert_eq!(
-            of(vec![equal(), equal()]),
-            "a and b have equal means in all 2 tested comparisons"
-        );
+        assert_eq!(of(vec![equal(), equal()]), "a and b have equal means in all 2 comparisons");
         assert_eq!(of(vec![equal()]), "a and b have equal means");
     }
 

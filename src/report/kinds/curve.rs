@@ -1,6 +1,8 @@
 //! Curves: a metric along a parameter, one line per arm.
 
-use super::{Drawn, Sheet, amount, ends, gap as difference, parameter, quantity, test_name};
+use super::{
+    Drawn, Sheet, amount, ends, gap as difference, metric_words, parameter, quantity, test_name,
+};
 use crate::analyse::Sample;
 use crate::analyse::declared::{
     ALPHA, Apart, ArmId, CurveFigure, CurveLine, CurvePoint, Ends, Trends,
@@ -40,8 +42,13 @@ impl Drawn for CurveFigure {
             false => String::new(),
         };
         format!(
-            "Mean and its 95 % interval of {} against {axis}, {seeds} per point{across}",
-            metric_title(metric)
+            "{} of {} against {axis}, {seeds} per point{across}",
+            if self.lines.iter().flat_map(CurveLine::seeds).any(|n| n > 1) {
+                "Mean and its 95 % interval"
+            } else {
+                "Values of single seeds"
+            },
+            metric_words(metric)
         )
     }
 
@@ -120,7 +127,7 @@ impl CurveFigure {
         let swept = self.lines.iter().filter(|line| line.across.is_none()).count();
         let noun = if lines == 1 { "line" } else { "lines" };
         let tested = match lines < swept {
-            true => format!("{noun} with several points and enough seeds"),
+            true => format!("{noun} that can be tested"),
             false => noun.to_owned(),
         };
         let change = match (falls, rises) {
@@ -161,6 +168,8 @@ fn curve_figures(figure: &CurveFigure, sheet: &Sheet<'_>) -> Vec<(String, Scene)
         let across = line.across.iter().filter(|sample| sample.n() > 0);
         let across =
             across.flat_map(|sample| across_places(sample, line, extent, (metric, figure)));
+        let is_single = line.seeds().all(|n| n == 1) && line.seeds().next().is_some();
+        let label = if is_single { format!("{label} (n = 1)") } else { label };
         Line {
             label,
             look: sheet.looks.look(&line.name),
@@ -177,7 +186,12 @@ fn curve_figures(figure: &CurveFigure, sheet: &Sheet<'_>) -> Vec<(String, Scene)
         lines.extend(optimum_lines(optima, sheet.looks));
         let has_reference = lines.iter().any(|line| !line.reference.is_empty());
         let note = format!(
-            "Mean and 95 % interval, {}.{}",
+            "{}{}.{}",
+            if members().flat_map(CurveLine::seeds).any(|n| n > 1) {
+                "Mean and 95 % interval, "
+            } else {
+                ""
+            },
             seeds(members().flat_map(CurveLine::seeds)),
             if has_reference { " Thin: published." } else { "" }
         );

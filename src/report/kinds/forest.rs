@@ -123,7 +123,7 @@ fn forest(
         of_row.extend(row_marks(row, label, middle, (across, metric)));
         marks.extend(of_row.into_iter().map(|mark| mark.of(at)));
     }
-    let compared = rows.iter().map(|(row, ..)| row.contrast.seeds.0.min(row.contrast.seeds.1));
+    let compared = rows.iter().flat_map(|(row, ..)| <[usize; 2]>::from(row.contrast.seeds));
     let is_published = rows.iter().any(|(row, ..)| row.published.is_some());
     let note = format!(
         "Difference, uncorrected 95 % interval{}{}, {} per side.{}",

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{Drawn, Sheet, amount, gap, is_rate, parameter, quantity};
+use super::{Drawn, Sheet, amount, gap, is_rate, metric_words, parameter, quantity};
 use crate::analyse::Interval;
 use crate::analyse::declared::{ArmId, HeatFigure, HeatTile, Scale, heat_range};
 use crate::manifest::short_name;
@@ -50,7 +50,7 @@ impl Drawn for Vec<HeatFigure> {
         format!(
             "{} of {}{}, {} per tile",
             if is_difference { "Difference" } else { "Mean" },
-            metric_title(metric),
+            metric_words(metric),
             interval_words(if is_difference { Scale::Difference } else { Scale::Mean }, metric),
             seeds(counts.filter(|n| *n > 0))
         )

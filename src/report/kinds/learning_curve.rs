@@ -30,8 +30,13 @@ impl Drawn for LearningFigure {
     fn shows(&self, _: &str) -> String {
         let counts = self.lines().map(|line| line.seeds.0).filter(|n| *n > 0);
         format!(
-            "Return in training: moving mean over {} and its 95 % interval over seeds, {}",
+            "Return in training: moving mean over {}{}, {}",
             counted(self.window, "episode"),
+            if self.lines().any(|line| line.seeds.0 > 1) {
+                " and its 95 % interval over seeds"
+            } else {
+                ""
+            },
             seeds(counts)
         )
     }
@@ -100,13 +105,20 @@ fn learning_figures(figure: &LearningFigure, sheet: &Sheet<'_>) -> Vec<(String, 
         let labelled = panel.members.iter().map(|at| (all[*at], panels.labels[*at].clone()));
         let mut lines: Vec<Line> =
             labelled.map(|(line, label)| drawn_line(line, label, sheet.looks)).collect();
-        lines.extend(optimum_lines(members().map(|l| (&l.name, level(l))), sheet.looks));
+        let is_empty = members().all(|line| line.points.is_empty());
+        let is_short = is_empty && members().any(|line| line.seeds.0 > 0);
+        if !is_empty {
+            lines.extend(optimum_lines(members().map(|l| (&l.name, level(l))), sheet.looks));
+        }
         let note = format!(
             "Moving mean over {}; mean and 95 % interval, {}.",
             counted(figure.window, "episode"),
             seeds(members().map(|line| line.seeds.0).filter(|n| *n > 0))
         );
-        let heading = panel.heading.clone();
+        let heading = match is_short {
+            true => format!("{}: training shorter than the window", panel.heading),
+            false => panel.heading.clone(),
+        };
         let description = format!("learning curves, {heading}");
         Chart { heading: Some(heading), description, lines, note }
     };

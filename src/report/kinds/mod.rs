@@ -170,6 +170,14 @@ pub(super) fn is_rate(metric: &str) -> bool {
     unit_numbers(metric).0 == Numbers::Percent
 }
 
+/// The title of a metric in a sentence, its unit in parentheses.
+pub(super) fn metric_words(metric: &str) -> String {
+    match metric_title(metric).split_once(", ") {
+        Some((title, unit)) => format!("{title} ({unit})"),
+        None => metric_title(metric),
+    }
+}
+
 /// The title of the differences of a metric, with their unit.
 pub(super) fn gap_title(metric: &str) -> String {
     let title = metric_title(metric);
@@ -367,11 +375,11 @@ mod tests {
         let jobs = JobCounts { completed: 9, failed: 3, open: 1 };
         assert_eq!(
             said(Content::Contrast(contrast(rows)), jobs),
-            "Differences in mean return per episode, steps walked between a and b (unpaired t test) with their 95 % \
-             intervals, not corrected for the number of comparisons, n = 2 seeds per side. Of 2 tested \
+            "Differences in mean return per episode (steps walked) between a and b (unpaired t test) with their 95 % \
+             intervals, not corrected for the number of comparisons, n = 1–2 seeds per side. Of 2 tested \
              comparisons, a is significantly above b in 1 and significantly below it in 0; at the widest \
              significant one, a is above b by 50, for dqn P-H-D (unpaired t = 35.36, 1 degree of \
-             freedom, p = 0.010). Missing: 4 of 13 jobs, 3 of which failed; 1 of 3 comparisons (no seed \
+             freedom, p = 0.018). Missing: 4 of 13 jobs, 3 of which failed; 1 of 3 comparisons (no seed \
              completed)."
         );
     }
@@ -398,7 +406,7 @@ mod tests {
         // Differences -50 and -50.5: mean -50.25, standard error 0.25.
         assert_eq!(
             caption(&finding(0.003_2)),
-            "Differences in mean return per episode, steps walked between a and b (t test paired by seed) with their \
+            "Differences in mean return per episode (steps walked) between a and b (t test paired by seed) with their \
              95 % intervals, not corrected for the number of comparisons, n = 2 seeds per side, among the \
              20 % of participants with the largest ε_d. a is below b by 50, for dqn P-H-D: significant \
              (paired t = −201.00, 1 degree of freedom, p = 0.0032)."
@@ -432,7 +440,7 @@ mod tests {
             finds(vec![of("dqn", 100.5), of("reinforce", 124.0)]),
             "None of 2 tested differences is significant; at the widest, population.phases=test is below \
              population.phases=all by 24, for reinforce P-H-D (paired t = −6.93, 2 degrees of freedom, p \
-             = 0.500)"
+             = 0.020)"
         );
         let found = finds(vec![of("dqn", 60.0), of("reinforce", 124.0)]);
         let widest = "population.phases=test is above population.phases=all by 40, for dqn P-H-D";
@@ -462,7 +470,7 @@ mod tests {
             let (shown, found) = said.split_once(". ").unwrap();
             assert_eq!(
                 shown,
-                "Mean and its 95 % interval of mean return per episode, steps walked against delta d, n = 3 seeds \
+                "Mean and its 95 % interval of mean return per episode (steps walked) against delta d, n = 3 seeds \
                  per point"
             );
             found.to_owned()
@@ -499,9 +507,10 @@ mod tests {
             "Of 3 lines, none falls or rises significantly from the first to the last point (t test paired by seed, \
              Bonferroni-corrected p ≥ 0.05)."
         );
-        assert!(of(&[falls.clone(), line("d", &[]), line("e", &[(5.0, 1.0)])]).starts_with(
-            "Of 1 line with several points and enough seeds, 1 falls and 0 rise significantly"
-        ));
+        assert!(
+            of(&[falls.clone(), line("d", &[]), line("e", &[(5.0, 1.0)])])
+                .starts_with("Of 1 line that can be tested, 1 falls and 0 rise significantly")
+        );
     }
 
     #[test]
@@ -527,7 +536,7 @@ mod tests {
         assert_eq!([entry(&table, "x").shown(), entry(&table, "mean").shown()], ["–", "50.0"]);
         assert_eq!(
             said(Content::Curve(figure.clone()), ALL),
-            "Mean and its 95 % interval of mean return per episode, steps walked against rate, n = 3 seeds per point; \
+            "Mean and its 95 % interval of mean return per episode (steps walked) against rate, n = 3 seeds per point; \
              arms without rate are lines across. rule P-H-D and dqn P-H-D are furthest apart at rate = \
              0.001, by 30 (t test paired by seed, Bonferroni-corrected p < 0.05)."
         );

@@ -66,11 +66,14 @@ impl Drawn for Vec<RecoveryRow> {
 
     fn shows(&self, _: &str) -> String {
         let counts = self.iter().flat_map(|row| row.returns.iter().map(|sample| sample.n()));
+        let has_interval =
+            |row: &&RecoveryRow| row.recovered.is_ok_and(|found| found.interval.is_ok());
+        let test = test_name(self.iter().filter(has_interval).map(|row| row.design));
         format!(
-            "Share of the distance to the exact optimum that is recovered, with its 95 % interval \
-             (Fieller’s{}), {} each",
-            test_name(self.iter().map(|row| row.design))
-                .map_or_else(String::new, |test| format!(", {test}")),
+            "Share of the distance to the exact optimum that is recovered{}, {} each",
+            test.map_or_else(String::new, |test| {
+                format!(", with its 95 % interval (Fieller’s, {test})")
+            }),
             seeds(counts.filter(|n| *n > 0))
         )
     }
@@ -143,16 +146,20 @@ fn percent(value: Result<f64, Undefined>) -> Entry {
 }
 
 /// A share with its interval: "93 % (91 to 95 %) at sigma=0.4"; a share below 0 is a further loss: "no
-/// loss (estimate −5 %, −9 to −1 %)".
+/// part (it loses a further 5 %, 1 to 9 %)".
 fn share(row: &RecoveryRow, found: &Recovered) -> String {
-    let spread = match found.interval {
-        Ok(Interval { low, high }) => format!("{} %", range(100.0 * low, 100.0 * high, 1)),
-        Err(reason) => format!("no interval: {reason}"),
-    };
-    let share = format!("{} %", shown(100.0 * found.share, 1));
+    let ends = |low: f64, high: f64| format!("{} %", range(100.0 * low, 100.0 * high, 1));
+    let none = |reason: Undefined| format!("no interval: {reason}");
     let share = match found.share < 0.0 {
-        false => format!("{share} ({spread})"),
-        true => format!("no loss (estimate {share}, {spread})"),
+        false => {
+            let spread = found.interval.map_or_else(none, |Interval { low, high }| ends(low, high));
+            format!("{} % ({spread})", shown(100.0 * found.share, 1))
+        }
+        true => {
+            let spread =
+                found.interval.map_or_else(none, |Interval { low, high }| ends(-high, -low));
+            format!("no part (it loses a further {} %, {spread})", shown(-100.0 * found.share, 1))
+        }
     };
     let at = match settings_label(&row.with.settings) {
         label if label.is_empty() => label,
@@ -217,8 +224,8 @@ mod tests {
         let rows = vec![row(0.4, [49.0, 51.0], [60.0, 60.0], Some(100.0))];
         assert_eq!(
             rows.finds("mean_return").unwrap(),
-            "Of what ppo P-T loses against the optimum of P-H-D, ppo-gru P-M-S recovers no loss (estimate \
-             −25.0 %, −56.8 to 6.8 %) at sigma=0.4"
+            "Of what ppo P-T loses against the optimum of P-H-D, ppo-gru P-M-S recovers no part (it loses \
+             a further 25.0 %, −6.8 to 56.8 %) at sigma=0.4"
         );
     }
 

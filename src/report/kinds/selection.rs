@@ -1,6 +1,6 @@
 //! Selections: settings in the order of a rule.
 
-use super::{Drawn, Sheet, amount, ends, gap, gap_ends, test_name};
+use super::{Drawn, Sheet, amount, ends, gap, gap_ends, metric_words, test_name};
 use crate::analyse::declared::{Candidate, Ranking};
 use crate::analyse::{Design, TTest, Undefined, t_test};
 use crate::plan::counted;
@@ -29,7 +29,7 @@ impl Drawn for Vec<Ranking> {
         let counts = candidates.map(|candidate| candidate.sample.n()).filter(|n| *n > 0);
         format!(
             "Settings by the {rule} of {}, with the 95 % interval of the mean, {} each",
-            metric_title(metric),
+            metric_words(metric),
             seeds(counts)
         )
     }
@@ -125,11 +125,14 @@ fn table(title: &str, rankings: &[Ranking], metric: &str) -> DataTable {
     let mut table = DataTable::new(title, &columns);
     for ranking in rankings {
         for (rank, candidate) in ranking.candidates.iter().enumerate() {
-            let (difference, test) = match rank {
-                0 => (Ok(0.0), Err(Undefined::NoVariance)),
-                _ => behind(&ranking.candidates[0], candidate),
+            let (difference, interval) = match rank {
+                0 => (Ok(0.0), None),
+                _ => {
+                    let (difference, test) = behind(&ranking.candidates[0], candidate);
+                    (difference, Some(test.map(|test| test.interval)))
+                }
             };
-            let interval = test.map(|test| test.interval);
+            let of_best = || Entry::Text(String::new());
             table.rows.push(vec![
                 Entry::text(arm_label(&ranking.place)),
                 Entry::number(rank as f64 + 1.0, 0),
@@ -140,9 +143,9 @@ fn table(title: &str, rankings: &[Ranking], metric: &str) -> DataTable {
                 low(candidate.interval),
                 high(candidate.interval),
                 in_unit(difference, metric),
-                between(interval, metric),
-                low(interval),
-                high(interval),
+                interval.map_or_else(of_best, |interval| between(interval, metric)),
+                interval.map_or_else(of_best, low),
+                interval.map_or_else(of_best, high),
             ]);
         }
     }
