@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::look::{labels, settings_label};
+use super::look::{Looks, labels, settings_label};
 use crate::analyse::declared::ArmId;
 use crate::manifest::{PanelKey, short_name};
 use crate::report::escape::file_stem;
@@ -21,12 +21,14 @@ pub struct Panel {
 }
 
 /// The panels of a figure and the keys that distinguish them.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Panels {
     /// The panels, in the order of the arms; at least one.
     pub panels: Vec<Panel>,
     /// The keys that panels are split by because there are many arms.
     pub added: Vec<String>,
+    /// The arms without the settings that distinguish panels.
+    pub arms: Vec<ArmId>,
     /// The label of every arm within its panel.
     pub labels: Vec<String>,
 }
@@ -93,6 +95,9 @@ impl Panels {
             }
         }
         let mut rest: Vec<ArmId> = arms.iter().map(|name| (*name).clone()).collect();
+        let keys = || by.iter().filter(|by| matches!(by, By::Key(_)));
+        let mut alike = rest.clone();
+        alike.iter_mut().for_each(|name| keys().for_each(|by| by.without(name)));
         rest.iter_mut().for_each(|name| by.iter().for_each(|by| by.without(name)));
         let mut labels = match declared {
             // The labels would be equal, so they are written in full.
@@ -106,7 +111,7 @@ impl Panels {
                 *label = super::arm_label(name);
             }
         }
-        Panels { panels, added, labels }
+        Panels { panels, added, arms: alike, labels }
     }
 
     /// All arms in one panel without a heading.
@@ -114,7 +119,17 @@ impl Panels {
         let members = (0..arms.len()).collect();
         let panel = Panel { heading: String::new(), members };
         let labels = arms.iter().map(|name| super::arm_label(name)).collect();
-        Panels { panels: vec![panel], added: Vec::new(), labels }
+        let arms = arms.iter().map(|name| (*name).clone()).collect();
+        Panels { panels: vec![panel], added: Vec::new(), arms, labels }
+    }
+
+    /// The looks of its arms: those of the report, unless arms that differ in the panels' settings alone are to look
+    /// the same in every panel.
+    pub fn looks(&self, of_report: &Looks, names: &[&ArmId]) -> Looks {
+        match names.iter().zip(&self.arms).all(|(name, arm)| *name == arm) {
+            true => of_report.clone(),
+            false => Looks::of(&self.arms),
+        }
     }
 
     /// The stems of the panels' files, which begin with `stem`.
@@ -203,7 +218,7 @@ mod tests {
 
     fn of(arms: &[ArmId], declared: Option<PanelKey>) -> (Vec<String>, Vec<usize>, Vec<String>) {
         let names: Vec<&ArmId> = arms.iter().collect();
-        let Panels { panels, added: _, labels } = Panels::of(&names, declared, None);
+        let Panels { panels, labels, .. } = Panels::of(&names, declared, None);
         let headings = panels.iter().map(|panel| panel.heading.clone()).collect();
         (headings, panels.iter().map(|panel| panel.members.len()).collect(), labels)
     }
@@ -242,5 +257,20 @@ mod tests {
         assert_eq!((headings, counts), (vec!["δ_d=1".into(), "δ_d=2".into()], vec![8, 8]));
         assert_eq!(labels[0], "a P");
         assert_eq!(of(&many, Some(PanelKey::Agent)).1, [4; 4]);
+    }
+
+    #[test]
+    fn an_arm_looks_the_same_in_every_panel() {
+        let all = arms(&["a", "b"], &["P-H-D"], &[0.1, 0.2]);
+        let names: Vec<&ArmId> = all.iter().collect();
+        let report = Looks::of(&all);
+        let decay = PanelKey::Key(Parameter::Environment("delta_d"));
+        let panels = Panels::of(&names, Some(decay), None);
+        let looks = panels.looks(&report, &names);
+        let seen: Vec<_> = panels.arms.iter().map(|arm| looks.look(arm)).collect();
+        // In the order of agents and decays.
+        assert!(seen[0] == seen[1] && seen[2] == seen[3] && seen[0] != seen[2], "{seen:?}");
+        let whole = Panels::of(&names, None, None);
+        assert_eq!(whole.looks(&report, &names), report);
     }
 }

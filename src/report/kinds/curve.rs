@@ -154,6 +154,7 @@ fn curve_figures(figure: &CurveFigure, sheet: &Sheet<'_>) -> Vec<(String, Scene)
     let (metric, style) = (sheet.metric, sheet.style);
     let names: Vec<&ArmId> = figure.lines.iter().map(|line| &line.name).collect();
     let panels = Panels::of(&names, style.panel, None);
+    let looks = panels.looks(sheet.looks, &names);
     let numbers = unit_numbers(metric).0;
     let is_error = figure.is_error();
     let (x_title, x_numbers) = match is_error {
@@ -172,7 +173,7 @@ fn curve_figures(figure: &CurveFigure, sheet: &Sheet<'_>) -> Vec<(String, Scene)
         let label = if is_single { format!("{label} (n = 1)") } else { label };
         Line {
             label,
-            look: sheet.looks.look(&line.name),
+            look: looks.look(&panels.arms[at]),
             points: points.chain(across).collect(),
             reference: line.published.clone(),
             spread: if line.across.is_some() { Spread::Band } else { Spread::Bars },
@@ -183,7 +184,7 @@ fn curve_figures(figure: &CurveFigure, sheet: &Sheet<'_>) -> Vec<(String, Scene)
         let members = || panel.members.iter().map(|at| &figure.lines[*at]);
         let mut lines: Vec<Line> = panel.members.iter().map(|at| line(*at)).collect();
         let optima = members().map(|line| (&line.name, line.optimum.clone()));
-        lines.extend(optimum_lines(optima, sheet.looks));
+        lines.extend(optimum_lines(optima, &looks));
         let has_reference = lines.iter().any(|line| !line.reference.is_empty());
         let note = format!(
             "{}{}.{}",

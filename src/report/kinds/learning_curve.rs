@@ -8,7 +8,7 @@ use crate::manifest::PanelKey;
 use crate::plan::counted;
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{
-    AxisScale, Chart, Line, Looks, Numbers, Panel, Panels, Place, Spread, arm_label, axes, draw,
+    AxisScale, Chart, Line, Look, Numbers, Panel, Panels, Place, Spread, arm_label, axes, draw,
     facets, optimum_lines, seeds,
 };
 use crate::report::scene::Scene;
@@ -93,6 +93,7 @@ fn learning_figures(figure: &LearningFigure, sheet: &Sheet<'_>) -> Vec<(String, 
     }
     let names: Vec<&ArmId> = all.iter().map(|line| &line.name).collect();
     let panels = Panels::of(&names, sheet.style.panel, Some(PanelKey::Scenario));
+    let looks = panels.looks(sheet.looks, &names);
     let ends = || all.iter().filter_map(|line| line.points.last()).map(|last| f64::from(last.0));
     let starts = all.iter().filter_map(|line| line.points.first()).map(|first| f64::from(first.0));
     let (most, least) = (ends().fold(0.0, f64::max), ends().fold(f64::INFINITY, f64::min));
@@ -102,13 +103,16 @@ fn learning_figures(figure: &LearningFigure, sheet: &Sheet<'_>) -> Vec<(String, 
     };
     let chart = |panel: &Panel| {
         let members = || panel.members.iter().map(|at| all[*at]);
-        let labelled = panel.members.iter().map(|at| (all[*at], panels.labels[*at].clone()));
+        let labelled = panel
+            .members
+            .iter()
+            .map(|at| (all[*at], panels.labels[*at].clone(), looks.look(&panels.arms[*at])));
         let mut lines: Vec<Line> =
-            labelled.map(|(line, label)| drawn_line(line, label, sheet.looks)).collect();
+            labelled.map(|(line, label, look)| drawn_line(line, label, look)).collect();
         let is_empty = members().all(|line| line.points.is_empty());
         let is_short = is_empty && members().any(|line| line.seeds.0 > 0);
         if !is_empty {
-            lines.extend(optimum_lines(members().map(|l| (&l.name, level(l))), sheet.looks));
+            lines.extend(optimum_lines(members().map(|l| (&l.name, level(l))), &looks));
         }
         let note = format!(
             "Moving mean over {}; mean and 95 % interval, {}.",
@@ -135,7 +139,7 @@ fn learning_figures(figure: &LearningFigure, sheet: &Sheet<'_>) -> Vec<(String, 
 }
 
 /// A learning curve, with tooltips at some of its points.
-fn drawn_line(line: &LearningLine, label: String, looks: &Looks) -> Line {
+fn drawn_line(line: &LearningLine, label: String, look: Look) -> Line {
     const TIPS: usize = 60;
     let every = line.points.len().div_ceil(TIPS).max(1);
     let last = line.points.len().saturating_sub(1);
@@ -158,7 +162,7 @@ fn drawn_line(line: &LearningLine, label: String, looks: &Looks) -> Line {
     let label = if line.seeds.0 == 1 { format!("{label} (n = 1)") } else { label };
     Line {
         label,
-        look: looks.look(&line.name),
+        look,
         points: thinned(&line.points).into_iter().map(place).collect(),
         reference: Vec::new(),
         spread: Spread::Band,
