@@ -1,11 +1,13 @@
 //! Prediction of how figures of a manifest will be split into panels, before any job has run.
 
+use std::collections::HashSet;
+
 use super::figure::MOST_ARMS;
 use super::kinds::drawn;
 use super::names::Names;
 use crate::analyse::declared::carry_out;
 use crate::manifest::{AnalysisKind, Condition, Manifest};
-use crate::plan::{self, PlannedJob};
+use crate::plan::{self, PlannedJob, without_seed};
 use crate::record::{JobRecord, JobStatus, SharedSettings};
 
 /// Maximum number of jobs of one seed for which splits are predicted. Larger figures are
@@ -29,8 +31,16 @@ pub fn splits(manifest: &Manifest) -> Vec<String> {
     if analyses.is_empty() {
         return Vec::new();
     }
-    let seed = manifest.seeds.first();
-    let of_one_seed = plan::jobs(manifest).filter(|planned| Some(&planned.job.seed) == seed);
+    // An arm can lack the first seed only if an exclusion names seeds.
+    let names_seeds = |one: &Condition| matches!(one, Condition::Seed(_));
+    let may_lack = manifest.exclusions.iter().any(|one| one.conditions.iter().any(names_seeds));
+    let (seed, mut seen) = (manifest.seeds.first(), HashSet::new());
+    let of_one_seed = plan::jobs(manifest).filter(|planned| match may_lack {
+        true => {
+            seen.insert((planned.agent.to_string(), without_seed(planned.form.text()).to_owned()))
+        }
+        false => Some(&planned.job.seed) == seed,
+    });
     let of_one_seed: Vec<_> = of_one_seed.take(MOST_JOBS + 1).collect();
     if of_one_seed.len() > MOST_JOBS {
         return Vec::new();
@@ -64,4 +74,26 @@ pub fn splits(manifest: &Manifest) -> Vec<String> {
         })
     };
     carry_out(&with_jobs, None).iter().filter_map(sentence).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::manifest::parse;
+
+    #[test]
+    fn arms_without_the_first_seed_count() {
+        let text = "format = 1\nname = \"t\"\nscenarios = [\"P-H-D\"]\nseeds = 3\n\
+            environment.sigma = [0.4, 0.6]\n\
+            [[agent]]\nname = \"a\"\nalgorithm = \"rule\"\nrule = \"threshold\"\n\
+            threshold = [0.5, 0.6, 0.7, 0.8, 0.9, 1.0]\n\
+            [[agent]]\nname = \"b\"\nalgorithm = \"rule\"\nrule = \"never\"\n\
+            [[analysis]]\nname = \"c\"\nkind = \"curve\"\nx = \"sigma\"\n";
+        let exclusion = "[[exclude]]\nagent.name = \"b\"\nseed = 1\n";
+        for text in [text.to_owned(), format!("{text}{exclusion}")] {
+            let [sentence] = &splits(&parse("t", text.as_bytes()).unwrap())[..] else { panic!() };
+            let begins = "the figure of `c` has 7 arms, more than 6 in a panel: it is split into 2";
+            assert!(sentence.starts_with(begins), "{sentence}");
+        }
+    }
 }
