@@ -154,7 +154,7 @@ impl RuleParameters {
     pub(super) fn acts_otherwise(
         &self,
         environment: &Environment,
-        widest: &Environment,
+        widest: impl Fn() -> Environment,
         scenario: &Scenario,
     ) -> bool {
         let is_certain = |of: &Environment| Belief::new(of, scenario) == Belief::Certain;
@@ -164,7 +164,7 @@ impl RuleParameters {
                     && scenario.shows_probability_alone()
                     && environment.first_context == FirstContext::Fixed
                     && is_certain(environment)
-                    && is_certain(widest)
+                    && is_certain(&widest())
             }
             DecisionRule::Optimal => environment.message_cost > 0.0,
             DecisionRule::Never

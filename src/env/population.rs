@@ -161,8 +161,8 @@ impl Population {
 
     /// Whether messages can be unavailable at some steps for anybody, for lack of availability or budget.
     pub fn can_withhold(&self, environment: &Environment) -> bool {
-        let widest = self.widest(environment);
-        widest.availability < 1.0 || widest.can_spend_budget()
+        let smallest = self.range("availability").map(|range| range[Extreme::Smallest as usize]);
+        smallest.unwrap_or(environment.availability) < 1.0 || environment.can_spend_budget()
     }
 
     /// The environment with the smallest or largest values that participants can have.

@@ -430,8 +430,8 @@ impl Agent {
         let learns_otherwise = || self.value(UNAVAILABLE).is_some() && task.can_withhold();
         let rule: Option<RuleParameters> = self.parameters();
         rule.is_some_and(|rule| {
-            let widest = task.population.widest(task.environment);
-            rule.acts_otherwise(task.environment, &widest, task.scenario)
+            let widest = || task.population.widest(task.environment);
+            rule.acts_otherwise(task.environment, widest, task.scenario)
         }) || learns_otherwise()
     }
 
