@@ -148,9 +148,9 @@ fn belief(rule: &RuleParameters, environment: &Environment, scenario: &Scenario)
 }
 
 impl RuleParameters {
-    /// Whether the rule acts otherwise than earlier versions did: the threshold, which sent a message in the first
-    /// step if all other contexts are certain, and the optimal rule, which took messages for free. `widest` has the
-    /// most noise that people have in the environment.
+    /// Whether earlier versions of the rule had other results: the threshold sent a message in the first step if all
+    /// other contexts are certain, and the optimal rule ignored the cost of messages. `widest` is the environment
+    /// with the largest noise of any participant.
     pub(super) fn acts_otherwise(
         &self,
         environment: &Environment,

@@ -164,7 +164,7 @@ impl FaultList {
         self.list.retain(|fault| !taken.contains(&line(fault)));
     }
 
-    /// Replaces the faults that begin on a line of one of `explanations` by this one.
+    /// Puts each of `explanations` in the place of the faults on its line, if there are any.
     pub fn explain(&mut self, explanations: FaultList, source: &Source) {
         let line = |fault: &Fault| fault.span.map(|span| source.position(span.start).line);
         let faulty: std::collections::HashSet<_> = self.list.iter().map(line).collect();

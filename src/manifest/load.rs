@@ -93,7 +93,9 @@ pub(super) fn read_text(path: &str, text: &str) -> Result<Checked, Faults> {
     let manifest = complete::complete(&mut draft, path, text, &mut faults);
     let (manifest, lost) = check::check(&draft, manifest, &mut faults);
     if repaired.is_none() {
-        faults.explain(decimal_lists(text), &Source::new(text));
+        if !faults.is_empty() {
+            faults.explain(decimal_lists(text), &Source::new(text));
+        }
         return Ok((manifest, faults, lost));
     }
     lost.into_iter().for_each(|(_, lost)| faults.append(lost));

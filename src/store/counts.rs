@@ -41,7 +41,7 @@ impl Reader {
 }
 
 impl Reader {
-    /// The number of running jobs. A job that several experiments hold counts once.
+    /// The number of running jobs. A job of several experiments counts once.
     pub fn running(&self) -> Result<u64, StoreError> {
         self.read("count running jobs", |connection| {
             let sql = "SELECT count(*) FROM run WHERE status = 'running'";

@@ -313,14 +313,14 @@ fn set_gives_keys_other_values_and_the_store_keeps_the_text() {
     refused.says("sweep.toml: --set siggma=1: no key `siggma`").says("did you mean `sigma`?");
     let refused = folder.jitai(["plan", "sweep.toml", "--set", "dqn.episodes=7"]).ended(2);
     refused.says("did you mean `agent.dqn.episodes`?");
-    for (set, told) in [
+    for (set, expected) in [
         ("sigma=0,4", "`sigma`: a decimal comma; numbers have a decimal point"),
         ("sigma=0.4,0.6", "write sigma = [0.4, 0.6]"),
         ("sigma=[0,4, 0,6]", "sigma = [0.4, 0.6]"),
         ("agent.episodes=1 000", "write episodes = 1000"),
     ] {
         let refused = folder.jitai(["plan", "sweep.toml", "--set", set]).ended(2);
-        refused.says(&format!("--set {set}")).says(told);
+        refused.says(&format!("--set {set}")).says(expected);
     }
     folder.jitai(["plan", "sweep.toml", "--set", "sigma=[1,2]"]).succeeded();
     folder.jitai(["plan", "sweep.toml", "--set", "question=1, 2 or 3"]).succeeded();

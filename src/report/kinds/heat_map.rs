@@ -131,7 +131,7 @@ fn interval_words(scale: Scale, metric: &str) -> &'static str {
 
 /// The colour ranges of the agents, if one range for all would hide the values of an agent; else empty.
 fn scales(figures: &[HeatFigure]) -> BTreeMap<&str, (f64, f64)> {
-    /// A smaller part of the range is not told apart by colour.
+    /// Colours do not distinguish values within a smaller part of the range.
     const LEAST: f64 = 0.25;
     let mut of_agents: BTreeMap<&str, Vec<HeatFigure>> = BTreeMap::new();
     for figure in figures {
