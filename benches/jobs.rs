@@ -15,9 +15,9 @@ use jitai::env::{
     Action, Environment, LaneSet, LaneStreams, PhysicalActivity, Population, Scenario,
     VectorEnvironment,
 };
-use jitai::manifest::Evaluation;
-use jitai::plan::Job;
-use jitai::record::Outcome;
+use jitai::job::Evaluation;
+use jitai::job::Job;
+use jitai::job::Outcome;
 use jitai::rng::{Purpose, Stream};
 use jitai::train::{
     self, Checkpoints, ReadCheckpoint, TrainingControl, TrainingProgress, Uncontrolled,

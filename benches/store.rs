@@ -10,9 +10,11 @@ use divan::Bencher;
 use divan::counter::ItemsCount;
 use jitai::agent::{Agent, Reinforce};
 use jitai::env::{Environment, Population};
-use jitai::manifest::{Evaluation, Manifest, RecordedDecisions};
-use jitai::plan::{self, Job};
-use jitai::record::{Outcome, Provenance};
+use jitai::job::Job;
+use jitai::job::{Evaluation, RecordedDecisions};
+use jitai::job::{Outcome, Provenance};
+use jitai::manifest::Manifest;
+use jitai::plan;
 use jitai::results::{Hosts, assemble, report, summarise_arms};
 use jitai::schedule::{Options, register_experiment, run_manifests};
 use jitai::store::{
@@ -257,7 +259,10 @@ fn running_nothing(bencher: Bencher<'_, '_>, name: &str) {
         let manifests = slice::from_ref(&large.manifest);
         let tally = run_manifests(&mut store, manifests, options, &stop, |_| {}).unwrap();
         assert_eq!(tally.already_completed, 100_000);
-        let data = large.reader().data_set(&large.manifest, Parts::default()).unwrap();
+        let data = large
+            .reader()
+            .data_set(&large.manifest.name, plan::jobs(&large.manifest), Parts::default())
+            .unwrap();
         summarise_arms(&data.jobs)
     });
 }

@@ -52,7 +52,8 @@ pub fn main() -> Result<(), Box<dyn std::error::Error>> {
     let path = folder.path().join("own.sqlite");
     let (mut store, stop) = (Store::open(&path)?, false.into());
     experiment::run(&mut store, &manifests, Options::default(), &stop, |_| {})?;
-    let data = Reader::open(&path)?.data_set(&manifests[0], Parts::default())?;
+    let jobs = experiment::jobs(&manifests[0]);
+    let data = Reader::open(&path)?.data_set(&manifests[0].name, jobs, Parts::default())?;
     let mean = summarise_arms(&data.jobs)[0].returns.mean()?;
     assert!(mean > 1000.0, "mean return: {mean}");
     Ok(())

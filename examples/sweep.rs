@@ -41,7 +41,8 @@ pub fn main() -> Result<(), Box<dyn Error>> {
     let tally = experiment::run(&mut store, &manifests, Options::default(), &stop, |_| {})?;
     println!("{} jobs run", tally.completed);
 
-    let data = Reader::open(&path)?.data_set(&manifests[0], Parts::default())?;
+    let jobs = experiment::jobs(&manifests[0]);
+    let data = Reader::open(&path)?.data_set(&manifests[0].name, jobs, Parts::default())?;
     for arm in summarise_arms(&data.jobs) {
         let (agent, sigma) = (&arm.name.agent, arm.sigma.unwrap_or_default());
         println!("{agent} at sigma = {sigma}: {:.0} steps walked", arm.returns.mean()?);

@@ -43,7 +43,8 @@
 //! let tally = experiment::run(&mut store, &manifests, Options::default(), &stop, |_| {})?;
 //! assert_eq!(tally.completed, 2);
 //!
-//! let data = Reader::open(&path)?.data_set(&manifests[0], Parts::default())?;
+//! let jobs = experiment::jobs(&manifests[0]);
+//! let data = Reader::open(&path)?.data_set(&manifests[0].name, jobs, Parts::default())?;
 //! assert_eq!(summarise_arms(&data.jobs)[0].returns.n(), 2);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -76,6 +77,8 @@ pub mod env;
 #[doc(hidden)]
 pub mod external;
 #[doc(hidden)]
+pub mod job;
+#[doc(hidden)]
 pub mod kernel;
 #[doc(hidden)]
 pub mod key;
@@ -105,19 +108,20 @@ pub mod train;
 
 /// Experiments: read a manifest, expand it into jobs, and run them against a store.
 pub mod experiment {
-    pub use crate::manifest::{
-        Analysis, AnalysisKind, Condition, Contrast, CurveAxis, DataPart, DeclaredAgent, Described,
-        Evaluation, Exclusion, Fault, Faults, Manifest, Pairing, Parameters, ParticipantRange,
-        Position, Published, PublishedCurve, PublishedErrors, PublishedHeatMap, PublishedTest,
-        Recovery, Section, SelectionRule, Sides, TestActions, Zip, load, parse, schema,
+    pub use crate::job::{CanonicalForm, Job, JobError, JobKey, PlannedJob, Scalar, Versions};
+    pub use crate::job::{
+        Condition, DataPart, Described, Evaluation, ParticipantRange, TestActions,
     };
-    pub use crate::plan::{
-        CanonicalForm, Filter, FilterError, Job, JobError, JobKey, PlannedJob, Scalar, Shard,
-        ShardError, Versions, count, expand, jobs,
-    };
-    pub use crate::record::{
+    pub use crate::job::{
         CurvePoint, Metric, Outcome, ParticipantValue, Phase, Results, TestEpisode,
     };
+    pub use crate::manifest::{
+        Analysis, AnalysisKind, Contrast, CurveAxis, DeclaredAgent, Exclusion, Fault, Faults,
+        Manifest, Pairing, Parameters, Position, Published, PublishedCurve, PublishedErrors,
+        PublishedHeatMap, PublishedTest, Recovery, Section, SelectionRule, Sides, Zip, load, parse,
+        schema,
+    };
+    pub use crate::plan::{Filter, FilterError, Shard, ShardError, count, expand, jobs};
     pub use crate::schedule::{
         CheckpointNote, Event, EventSink, Found, OnFailure, Options, Queued, SweepError, Tally,
         run_manifests as run,
@@ -134,10 +138,10 @@ pub mod results {
     pub use crate::analyse::declared::{
         AgentSummary, Arm, ArmId, ArmSummary, summarise_agents, summarise_arms,
     };
-    pub use crate::manifest::{Setting, first_return};
+    pub use crate::job::{ActionCount, CURVE_METRICS, Failure, FailureKind, METRICS, Provenance};
+    pub use crate::job::{Scalar, first_return};
     pub use crate::record::{
-        ActionCount, AmongParticipants, CURVE_METRICS, CompletedRun, DataSet, Failure, FailureKind,
-        JobRecord, JobStatus, METRICS, Provenance, Settings,
+        AmongParticipants, CompletedRun, DataSet, JobRecord, JobStatus, Settings,
     };
     pub use crate::report::{
         AssembleError, Hosts, ReportFile, ReportedExperiment, Work, assemble, report,

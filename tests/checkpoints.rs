@@ -10,10 +10,10 @@ use jitai::agent::{
     LinearThompson, Ppo, Recurrent, Reinforce, TerminalTarget, Trunk,
 };
 use jitai::env::{Environment, FirstContext, Population, StateNoise, StepNoise, TimeIndicator};
+use jitai::job::Job;
+use jitai::job::{Evaluation, RecordedDecisions};
+use jitai::job::{Outcome, Results};
 use jitai::key::Distribution;
-use jitai::manifest::{Evaluation, RecordedDecisions};
-use jitai::plan::Job;
-use jitai::record::{Outcome, Results};
 use jitai::train::{
     self, CheckpointError, Checkpoints, ReadCheckpoint, Resumed, TrainingControl, TrainingProgress,
     Uncontrolled, WriteCheckpoint,

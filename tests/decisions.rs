@@ -7,9 +7,10 @@ use jitai::agent::{
     Unavailable, Weights,
 };
 use jitai::env::{Environment, Population};
-use jitai::manifest::{self, Evaluation, RecordedDecisions};
-use jitai::plan::Job;
-use jitai::record::{Decision, Outcome, Phase, Provenance, Results};
+use jitai::job::Job;
+use jitai::job::{Decision, Outcome, Phase, Provenance, Results};
+use jitai::job::{Evaluation, RecordedDecisions};
+use jitai::manifest::{self};
 use jitai::store::{
     Answer, Claimed, Experiment, Isolation, Reader, RetryFailed, Store, Value, examine,
 };

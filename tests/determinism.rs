@@ -8,9 +8,9 @@ use jitai::agent::{
     Reinforce, TerminalTarget, Trunk,
 };
 use jitai::env::{Environment, FirstContext, Population, TimeIndicator};
-use jitai::manifest::Evaluation;
-use jitai::plan::Job;
-use jitai::record::{Outcome, Results};
+use jitai::job::Evaluation;
+use jitai::job::Job;
+use jitai::job::{Outcome, Results};
 use jitai::train::{self, Uncontrolled};
 use sha2::{Digest, Sha256};
 

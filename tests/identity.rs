@@ -7,10 +7,12 @@ use jitai::agent::{
     Task, Weights, WeightsError, register_algorithm,
 };
 use jitai::env::{Action, Environment, Population};
+use jitai::job::Evaluation;
+use jitai::job::{Job, JobError};
 use jitai::key::{Key, Keyed, Kind, Value, canonical_object, read_object};
 use jitai::keys;
-use jitai::manifest::{self, Evaluation};
-use jitai::plan::{self, Job, JobError};
+use jitai::manifest::{self};
+use jitai::plan::{self};
 use jitai::store::{Experiment, Reader, Store};
 use rusqlite::Connection;
 

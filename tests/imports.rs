@@ -20,13 +20,14 @@ const TABLE: &[(&str, &[&str])] = &[
     // The optimal policy is simulated with a random stream of its own.
     ("optimum", &["rng", "key", "env"]),
     ("agent", &["rng", "kernel", "key", "state", "env", "optimum"]),
+    ("job", &["key", "env", "agent"]),
+    ("record", &["key", "job"]),
+    ("train", &["rng", "external", "key", "state", "env", "agent", "job"]),
     // A manifest declares environments and agents; it neither simulates nor trains.
-    ("manifest", &["key", "env", "agent"]),
-    ("plan", &["key", "env", "agent", "manifest"]),
-    ("record", &["key", "manifest", "plan"]),
-    ("train", &["rng", "external", "key", "state", "env", "agent", "plan", "record"]),
-    ("store", &["kill_point", "key", "manifest", "plan", "record"]),
-    ("portable", &["env", "agent", "plan", "store"]),
+    ("manifest", &["key", "env", "agent", "job"]),
+    ("plan", &["key", "env", "agent", "job", "manifest"]),
+    ("store", &["kill_point", "key", "job", "record"]),
+    ("portable", &["env", "agent", "job", "store"]),
     ("schedule", &["kill_point", "key", "agent", "manifest", "plan", "record", "train", "store"]),
     ("cluster", &["manifest", "plan", "record", "train", "store", "schedule"]),
     // The bootstrap has a random stream of its own.

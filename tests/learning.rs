@@ -9,9 +9,9 @@ use std::thread;
 use jitai::agent::{Agent, DuelingDqn, Engine, Reinforce};
 use jitai::analyse;
 use jitai::env::{Environment, Population, Scenario};
-use jitai::manifest::Evaluation;
-use jitai::plan::Job;
-use jitai::record::Outcome;
+use jitai::job::Evaluation;
+use jitai::job::Job;
+use jitai::job::Outcome;
 use jitai::train::{self, Uncontrolled};
 
 const SEEDS: std::ops::RangeInclusive<u64> = 1..=10;

@@ -7,9 +7,10 @@ use std::sync::mpsc;
 use std::time::Duration;
 use std::{fs, panic, thread};
 
+use jitai::job::{PlannedJob, Versions};
 use jitai::key::Value;
 use jitai::manifest::{self, Manifest, Section};
-use jitai::plan::{self, PlannedJob, Versions};
+use jitai::plan::{self};
 
 /// Compares `actual` with the file at `expected`; the error says how to accept `actual` instead.
 fn assert_text(actual: &str, expected: &Path) -> Result<(), String> {
@@ -151,7 +152,7 @@ fn the_readings_differ_from_the_published_settings_in_one_thing_each() {
             job.environment.time_one_hot,
             job.environment.observed_probability == 1,
             job.environment.initial_habituation == 0.0,
-            job.evaluation.test_actions == manifest::TestActions::Greedy,
+            job.evaluation.test_actions == jitai::job::TestActions::Greedy,
             !["dqn", "reinforce"].contains(&&*agent),
         ];
         let differences = readings.iter().filter(|reading| **reading).count();
@@ -165,7 +166,8 @@ fn the_readings_differ_from_the_published_settings_in_one_thing_each() {
 
 #[test]
 fn the_search_for_hyper_parameters_uses_no_seed_that_is_reported() {
-    let seeds = |path: &str| manifest::load(Path::new(path)).unwrap().seeds;
+    let seeds =
+        |path: &str| -> Vec<u64> { manifest::load(Path::new(path)).unwrap().seeds().collect() };
     let searched = seeds("experiments/paper/hyperparameters.toml");
     for (path, _) in shipped().iter().filter(|(path, _)| !path.contains("hyperparameters")) {
         assert!(seeds(path).iter().all(|seed| !searched.contains(seed)), "{path}");

@@ -4,10 +4,10 @@ use jitai::agent::RulePolicy;
 use jitai::agent::{Agent, DecisionRule, RuleParameters};
 use jitai::env::{Action, ActionProbabilities, PhysicalActivity};
 use jitai::env::{Environment, FirstContext, Population, Scenario};
-use jitai::manifest::Evaluation;
+use jitai::job::Evaluation;
+use jitai::job::Job;
+use jitai::job::{Outcome, Results};
 use jitai::optimum::optimum;
-use jitai::plan::Job;
-use jitai::record::{Outcome, Results};
 use jitai::train::{self, RollStreams, StepObserver, Uncontrolled};
 
 /// The returns of episodes, collected while the episodes are rolled.

@@ -9,10 +9,12 @@ use jitai::agent::{
 };
 use jitai::env::{Environment, ParticipantSampler, Population, PopulationPhases};
 use jitai::experiment::{self, Options, Store};
+use jitai::job::Job;
+use jitai::job::{Evaluation, RecordedDecisions};
+use jitai::job::{Outcome, ParticipantValue, Phase, Results};
 use jitai::key::{Distribution, Rows};
-use jitai::manifest::{self, Evaluation, RecordedDecisions};
-use jitai::plan::{self, Job};
-use jitai::record::{Outcome, ParticipantValue, Phase, Results};
+use jitai::manifest::{self};
+use jitai::plan::{self};
 use jitai::results::assemble;
 use jitai::store::{Reader, examine};
 use jitai::train::{self, Uncontrolled};

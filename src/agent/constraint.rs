@@ -63,7 +63,7 @@ pub enum Violation {
 #[derive(Debug)]
 pub struct Assignment<'v> {
     /// The cell's scenario.
-    pub scenario: &'v Scenario,
+    pub scenario: Scenario,
     /// The constraint's keys with their values.
     pub keys: Vec<(Parameter, &'v Value)>,
 }
@@ -337,7 +337,7 @@ mod tests {
                 Value::Integer(history),
             ];
             let keys = [LAYERS, RECURRENT, UNITS, HISTORY].into_iter().zip(&values).collect();
-            Assignment { scenario: &Scenario::of(Feature::Context), keys }.listed()
+            Assignment { scenario: Scenario::of(Feature::Context), keys }.listed()
         };
         assert_eq!(listed("none", 1), "layers = [64]");
         assert_eq!(listed("none", 2), "layers = [64], history = 2");
@@ -349,7 +349,7 @@ mod tests {
         let (layers, one_hot, horizon) =
             (Value::Wholes(vec![128, 64]), Value::Flag(true), Value::Integer(50));
         let assignment = Assignment {
-            scenario: &Scenario::of(Feature::Context),
+            scenario: Scenario::of(Feature::Context),
             keys: vec![(LAYERS, &layers), (ONE_HOT, &one_hot), (HORIZON, &horizon)],
         };
         // Six letters and fifty entries of the one-hot; one bias per unit.
@@ -358,6 +358,6 @@ mod tests {
         assert_eq!(assignment.network_parameters(2, 5), 2 * (57 * 128 + 129 * 64) + 65 * 5);
         assert_eq!(assignment.row_numbers(), 56 + 128 + 64);
         let scenario = "C-P-L-H-D-T-A-B-M-S".parse().unwrap();
-        assert_eq!(Assignment { scenario: &scenario, ..assignment }.inputs(), 63);
+        assert_eq!(Assignment { scenario, ..assignment }.inputs(), 63);
     }
 }

@@ -9,8 +9,8 @@ use serde_json::json;
 use crate::agent::{Actions, Weights};
 use crate::cli::output::{counted, shell_word};
 use crate::cli::{Error, Exit, StoreArgument};
+use crate::job::Job;
 use crate::manifest::printable;
-use crate::plan::Job;
 use crate::store::{self, Diagnosis, Finding, Salvaged};
 
 /// Check a store for damage: its file, its references, and every result against its digest

@@ -11,10 +11,11 @@ use crate::cli::setting::{adjusted, sets, with_parameter};
 use crate::cli::{Error, Exit, check};
 use crate::env::context_error;
 use crate::env::{Environment, Population, Scenario};
+use crate::job::Job;
 use crate::key::Keyed;
 use crate::manifest::{Manifest, Varying};
 use crate::optimum::{self, NoOptimum, Optimum};
-use crate::plan::{self, Job};
+use crate::plan::{self};
 
 /// Compute the best mean return that any policy can reach, for scenarios that show H and D
 #[derive(clap::Args)]

@@ -7,8 +7,8 @@ use clap::ValueEnum;
 use comfy_table::{CellAlignment, ColumnConstraint, ContentArrangement, Table, Width, presets};
 use serde_json::Value;
 
+pub(super) use crate::job::counted;
 use crate::manifest::{nearest, printable};
-pub(super) use crate::plan::counted;
 use crate::report::{defused, rounded};
 
 /// Spaces on the left and on the right of each column of a table.

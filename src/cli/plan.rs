@@ -14,8 +14,9 @@ use crate::cli::check::ManifestArguments;
 use crate::cli::output::{Field, Format, Rows, counted};
 use crate::cli::workers::workers;
 use crate::cli::{Error, Exit, StoreArgument, counts};
+use crate::job::{JobKey, PlannedJob, Versions};
 use crate::manifest::{Manifest, printable};
-use crate::plan::{self, ChangedDefault, Filter, JobKey, PlannedJob, Shard, Swept, Versions};
+use crate::plan::{self, ChangedDefault, Filter, Shard, Swept};
 use crate::schedule::{self, Left, Selection, Speeds};
 use crate::store::{Counts, JobState, JobStates, Reader, StoreError};
 

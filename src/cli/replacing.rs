@@ -5,8 +5,9 @@ use std::io::{self, Write};
 
 use crate::cli::output::counted;
 use crate::cli::{Error, confirm};
+use crate::job::JobKey;
 use crate::manifest::{Manifest, printable};
-use crate::plan::{self, JobKey};
+use crate::plan::{self};
 use crate::store::Reader;
 
 /// The option for a manifest that would remove most jobs of its experiment.

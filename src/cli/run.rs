@@ -15,8 +15,10 @@ use crate::cli::replacing::Replacing;
 use crate::cli::signals::RESUME;
 use crate::cli::workers::workers;
 use crate::cli::{Error, Exit, StoreArgument, failures, signals, summary};
-use crate::manifest::{Manifest, printable, short_name};
-use crate::plan::{Filter, JobKey, Shard, Swept};
+use crate::job::JobKey;
+use crate::job::short_name;
+use crate::manifest::{Manifest, printable};
+use crate::plan::{Filter, Shard, Swept};
 use crate::schedule::{self, OnFailure, Options, Queued, Remaining, Selection, Speeds, Tally};
 use crate::store::{FailedJob, Reader, RetryFailed, Store};
 

@@ -9,8 +9,8 @@ use crate::cli::output::{Field, Format, Rows, counted};
 use crate::cluster::{
     self, Chunk, ChunkState, Engine, EngineKind, Look, Loss, Stop, Submission, Survey,
 };
+use crate::job::JobKey;
 use crate::manifest::printable;
-use crate::plan::JobKey;
 use crate::store::{Conflict, Damage, JobState, Merged, Reader, Store};
 
 /// Maximum number of different losses listed per submission.

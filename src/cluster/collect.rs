@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use super::error::ClusterError;
 use super::folder::{Part, Submission, write_whole};
-use crate::plan::JobKey;
+use crate::job::JobKey;
 use crate::store::{self, JobState, MergeProgress, Merged, Sources, Store};
 
 /// The list of the parts of a submission that were merged into its store.

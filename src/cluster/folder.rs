@@ -27,7 +27,7 @@ use serde::{Deserialize, Serialize};
 use super::attempt::Attempt;
 use super::clock::random;
 use super::error::ClusterError;
-use crate::plan::JobKey;
+use crate::job::JobKey;
 use crate::store::{StoreError, beside, resolve};
 
 /// Version of the files of a submission; other versions are rejected.

@@ -17,9 +17,9 @@ use super::pack::{Load, Packed, pack};
 use super::profile::Profile;
 use super::script::Order;
 use super::survey::{ChunkState, Deaths, Loss, Survey};
+use crate::job::JobKey;
+use crate::job::{Failure, FailureKind, Outcome};
 use crate::manifest::Manifest;
-use crate::plan::JobKey;
-use crate::record::{Failure, FailureKind, Outcome};
 use crate::schedule::{self, Selection, Speeds};
 use crate::store::{Claimed, Isolation, JobState, Reader, RetryFailed, RunEnd, Store};
 

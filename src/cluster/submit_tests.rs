@@ -13,8 +13,8 @@ use super::folder::{HandedIn, Stop, Submission};
 use super::profile::Profile;
 use super::submit::{Cluster, Draft, Request};
 use super::task::{Assignment, TaskEnd, run_chunk};
+use crate::job::JobKey;
 use crate::manifest::{self, Manifest};
-use crate::plan::JobKey;
 use crate::schedule::Selection;
 use crate::store::{JobState, Reader, RetryFailed, Store};
 

@@ -11,7 +11,7 @@ use super::attempt::{Attempt, AttemptEnd};
 use super::engine::{Alive, Phase};
 use super::error::ClusterError;
 use super::folder::{HandedIn, Stop, Submission};
-use crate::plan::JobKey;
+use crate::job::JobKey;
 
 /// The state of a chunk.
 #[derive(Clone, Debug, PartialEq, Eq)]

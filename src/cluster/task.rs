@@ -19,9 +19,9 @@ use super::attempt::{Attempt, AttemptEnd};
 use super::clock::{now, random};
 use super::error::ClusterError;
 use super::folder::{HandedIn, Submission, copy_whole};
+use crate::job::Outcome;
+use crate::job::{JobKey, counted};
 use crate::manifest::{self, Manifest};
-use crate::plan::{JobKey, counted};
-use crate::record::Outcome;
 use crate::schedule::{
     self, CheckpointFolder, CheckpointNote, Context, Event, Options, Queued, Selection,
 };

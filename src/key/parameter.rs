@@ -2,13 +2,11 @@
 
 use std::fmt;
 
-/// A parameter that a grid can vary, as zips and exclusions name it.
+/// A parameter in which jobs can differ, as zips, conditions and filters name it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Parameter {
-    /// `scenario`.
-    Scenario,
-    /// `seed`.
-    Seed,
+    /// A parameter of the job itself: [`Parameter::SCENARIO`] or [`Parameter::SEED`].
+    Job(&'static str),
     /// `environment.<key>`.
     Environment(&'static str),
     /// `population.<key>`.
@@ -20,12 +18,20 @@ pub enum Parameter {
 }
 
 impl Parameter {
+    /// `scenario`.
+    pub const SCENARIO: Parameter = Parameter::Job("scenario");
+    /// `seed`.
+    pub const SEED: Parameter = Parameter::Job("seed");
+    /// `agent.name`: the agent's name in its manifest, which is not part of the job.
+    pub const AGENT_NAME: Parameter = Parameter::Agent("name");
+    /// `agent.algorithm`.
+    pub const ALGORITHM: Parameter = Parameter::Agent("algorithm");
+
     /// The last part of its dotted name, as its section writes it.
     pub fn key(self) -> &'static str {
         match self {
-            Parameter::Scenario => "scenario",
-            Parameter::Seed => "seed",
-            Parameter::Environment(key)
+            Parameter::Job(key)
+            | Parameter::Environment(key)
             | Parameter::Population(key)
             | Parameter::Agent(key)
             | Parameter::Evaluation(key) => key,
@@ -36,8 +42,7 @@ impl Parameter {
 impl fmt::Display for Parameter {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Parameter::Scenario => f.write_str("scenario"),
-            Parameter::Seed => f.write_str("seed"),
+            Parameter::Job(key) => f.write_str(key),
             Parameter::Environment(key) => write!(f, "environment.{key}"),
             Parameter::Population(key) => write!(f, "population.{key}"),
             Parameter::Agent(key) => write!(f, "agent.{key}"),

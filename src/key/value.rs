@@ -98,9 +98,9 @@ impl fmt::Display for Value {
     }
 }
 
-/// A text without control characters, in quotes; TOML and JSON escape such text alike.
+/// A text in quotes. TOML and JSON escape alike, except DEL, which only TOML requires to be escaped.
 fn quoted(text: &str) -> String {
-    serde_json::Value::from(text).to_string()
+    serde_json::Value::from(text).to_string().replace('\u{7f}', "\\u007f")
 }
 
 /// Whether a text has at most `most` characters and no control characters.

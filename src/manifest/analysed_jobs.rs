@@ -4,13 +4,14 @@ use std::collections::HashSet;
 
 use super::analysis::AnalysisDraft;
 use super::analysis_kind::Recovery;
-use super::condition::Condition;
+use super::declared;
 use super::declared::{DeclaredAgent, Manifest};
 use super::draft::Draft;
 use super::fault::{Fault, FaultList};
 use super::presence::absent;
 use super::source::Located;
 use crate::env::Scenario;
+use crate::job::Condition;
 use crate::key::{Parameter, Value};
 
 /// Reports a recovery without an optimum, or with a side that no job can be on.
@@ -21,17 +22,17 @@ pub(super) fn of_recovery(
     faults: &mut FaultList,
 ) {
     let is_absent = |one: &Located<Condition>| absent(draft, manifest, &one.value).is_some();
-    if draft.is_invalid(Parameter::Scenario)
+    if draft.is_invalid(Parameter::SCENARIO)
         || draft.invalid_agents()
         || analysis.conditions.iter().any(is_absent)
     {
         return;
     }
     let of_all = &analysis.analysis.conditions;
-    if !scenarios_meeting(manifest, of_all.iter()).any(Scenario::shows_state) {
+    if !scenarios_meeting(manifest, of_all.iter()).any(|one| one.shows_state()) {
         let message =
             "no job to analyse has a scenario that shows H and D, whose optimum a recovery needs";
-        let help = match manifest.scenarios.iter().any(Scenario::shows_state) {
+        let help = match manifest.scenarios().any(|one| one.shows_state()) {
             true => "let the conditions of `where` include it",
             false => "add one to the manifest's `scenarios`, as in [\"P-T\", \"P-H-D\"]",
         };
@@ -58,13 +59,11 @@ pub(super) fn of_recovery(
 fn scenarios_meeting<'m>(
     manifest: &'m Manifest,
     conditions: impl Iterator<Item = &'m Condition>,
-) -> impl Iterator<Item = &'m Scenario> {
-    let wanted = conditions.filter_map(|condition| match condition {
-        Condition::Scenario(list) => Some(list.iter().collect::<HashSet<&Scenario>>()),
-        Condition::Seed(_) | Condition::AgentName(_) | Condition::Key { .. } => None,
-    });
-    let wanted: Vec<_> = wanted.collect();
-    manifest.scenarios.iter().filter(move |one| wanted.iter().all(|list| list.contains(one)))
+) -> impl Iterator<Item = Scenario> {
+    let wanted = conditions.filter(|condition| condition.parameter == Parameter::SCENARIO);
+    let wanted: Vec<HashSet<&Value>> = wanted.map(|one| one.values.iter().collect()).collect();
+    let meets = move |one: &&Value| wanted.iter().all(|list| list.contains(one));
+    manifest.scenarios.iter().filter(meets).map(declared::scenario_of)
 }
 
 /// Reports an analysis without jobs, or with a side or an axis that none of its jobs has.
@@ -74,7 +73,7 @@ pub(super) fn of(
     analysis: &AnalysisDraft,
     faults: &mut FaultList,
 ) {
-    if draft.is_invalid(Parameter::Scenario) || draft.invalid_agents() {
+    if draft.is_invalid(Parameter::SCENARIO) || draft.invalid_agents() {
         return;
     }
     let conditions: Vec<&Condition> = analysis.analysis.conditions.iter().collect();
@@ -91,7 +90,7 @@ pub(super) fn of(
     for side in analysis.analysis.kind.sides().iter().flat_map(|sides| sides.both()) {
         let all = [&conditions[..], &[side]].concat();
         if agent_meeting(draft, manifest, &all).is_none() {
-            let value = &side.settings()[0];
+            let value = &side.scalars()[0];
             let message = format!("no job of the side `{value}` meets the conditions of `where`");
             let fault = Fault::at(span_of(side), message);
             faults.add(fault.help("let `where` select jobs of both sides"));
@@ -140,25 +139,15 @@ fn agent_can_meet(
     agent: &DeclaredAgent,
     (condition, all): (&Condition, &[&Condition]),
 ) -> bool {
-    match condition {
-        Condition::AgentName(names) => names.contains(&agent.name),
-        Condition::Key { parameter, .. } => {
-            let sets = all.iter().filter_map(|other| match other {
-                Condition::Key { parameter: same, values } if same == parameter => {
-                    Some(values.iter().collect::<HashSet<&Value>>())
-                }
-                Condition::Key { .. }
-                | Condition::AgentName(_)
-                | Condition::Scenario(_)
-                | Condition::Seed(_) => None,
-            });
-            let sets: Vec<HashSet<&Value>> = sets.collect();
-            let has = manifest.values(agent, *parameter).unwrap_or_default();
-            draft.is_invalid(*parameter)
-                || has.iter().any(|value| sets.iter().all(|wanted| wanted.contains(value)))
-        }
-        Condition::Scenario(_) | Condition::Seed(_) => true,
+    let parameter = condition.parameter;
+    if matches!(parameter, Parameter::Job(_)) {
+        return true;
     }
+    let sets = all.iter().filter(|other| other.parameter == parameter);
+    let sets: Vec<HashSet<&Value>> = sets.map(|other| other.values.iter().collect()).collect();
+    let has = manifest.values(agent, parameter).unwrap_or_default();
+    let is_wanted = |value| sets.iter().all(|wanted| wanted.contains(value));
+    draft.is_invalid(parameter) || has.iter().any(is_wanted)
 }
 
 #[cfg(test)]

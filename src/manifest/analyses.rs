@@ -9,11 +9,9 @@ use super::analysed_jobs;
 use super::analysis::{Analysis, AnalysisDraft};
 use super::analysis_keys::{ANALYSED_METRICS, ERROR_AXIS, KindName, WINDOW};
 use super::analysis_kind::{AnalysisKind, CurveAxis, Recovery};
-use super::condition::Condition;
-use super::declared::Manifest;
+use super::declared::{DeclaredAgent, Manifest};
 use super::draft::Draft;
 use super::fault::{Fault, FaultList, near};
-use super::first_episodes::{first_episodes, first_return};
 use super::limits::MOST_COMPARISONS;
 use super::parameter::{meant, named};
 use super::presence::absent;
@@ -24,6 +22,8 @@ use super::sides::Sides;
 use super::source::{Located, Span};
 use super::sweep::{Node, Reader};
 use crate::agent::free_key;
+use crate::job::Condition;
+use crate::job::{first_episodes, first_return};
 use crate::key::{Distribution, Kind, Parameter, Value};
 
 /// The probability of context 1.
@@ -187,12 +187,12 @@ impl Reader<'_> {
                 self.expected("between", "an agent's name in quotes", node);
                 return None;
             };
-            return Some(Condition::AgentName(vec![agent.to_owned()]));
+            return Some(Condition::texts(Parameter::AGENT_NAME, [agent]));
         }
         match named(name) {
-            Some(Parameter::Scenario) => {
-                let scenarios = self.scenarios("between", node);
-                (!scenarios.is_empty()).then_some(Condition::Scenario(scenarios))
+            Some(parameter @ Parameter::SCENARIO) => {
+                let values = self.scenarios("between", node);
+                (!values.is_empty()).then_some(Condition { parameter, values })
             }
             Some(
                 parameter @ (Parameter::Environment(_)
@@ -201,10 +201,10 @@ impl Reader<'_> {
                 | Parameter::Evaluation(_)),
             ) => {
                 let value = self.value("between", kind_of(parameter)?, node)?;
-                Some(Condition::Key { parameter, values: vec![value] })
+                Some(Condition { parameter, values: vec![value] })
             }
             // Seeds are replications: means are taken over them, so they are no side.
-            Some(Parameter::Seed) | None => {
+            Some(Parameter::Job(_)) | None => {
                 self.unknown_parameter("by", by, &["agent.name"]);
                 None
             }
@@ -313,7 +313,7 @@ pub(super) fn lost(
     if !comparisons_fit(draft, manifest, faults) {
         return Vec::new();
     }
-    let seeds = LazyCell::new(|| manifest.seeds.iter().copied().collect());
+    let seeds = LazyCell::new(|| manifest.seeds().collect());
     let mut lost = Vec::new();
     for analysis in &draft.analyses {
         let mut faults = FaultList::default();
@@ -383,13 +383,12 @@ impl Checked<'_> {
     fn sides(&self, faults: &mut FaultList) {
         let Checked { manifest, analysis, .. } = self;
         for side in analysis.analysis.kind.sides().iter().flat_map(|sides| sides.both()) {
-            let Condition::AgentName(names) = side else { continue };
-            let agent = manifest.agents.iter().find(|agent| names.contains(&agent.name));
-            let lacks = |condition: &&Located<Condition>| match (&condition.value, agent) {
-                (Condition::Key { parameter, .. }, Some(agent)) => {
-                    manifest.values(agent, *parameter).is_none()
-                }
-                _ => false,
+            let is_side = |agent: &&DeclaredAgent| side.values.contains(&agent.names[0]);
+            let agent = manifest.agents.iter().find(is_side);
+            let lacks = |condition: &&Located<Condition>| {
+                agent.is_some_and(|agent| {
+                    manifest.values(agent, condition.value.parameter).is_none()
+                })
             };
             if let (Some(condition), Some(agent)) = (analysis.conditions.iter().find(lacks), agent)
             {
@@ -478,7 +477,7 @@ impl Checked<'_> {
     ) {
         let reported = self.analysis.analysis.kind.reporting_seeds();
         let shared = reported.iter().find(|seed| seeds.contains(seed));
-        if let (Some(seed), false) = (shared, self.draft.is_invalid(Parameter::Seed)) {
+        if let (Some(seed), false) = (shared, self.draft.is_invalid(Parameter::SEED)) {
             let message = format!("seed {seed} is used both for the search and for the report");
             let help = "search on seeds that are not reported, such as seeds = [101, 102]";
             faults.add(Fault::at(self.analysis.span, message).help(help));
@@ -500,19 +499,15 @@ fn differ_in(manifest: &Manifest, parameter: &str) -> bool {
 /// Whether comparing the analyses with the agents' keys takes acceptable time; reports a fault if not.
 fn comparisons_fit(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -> bool {
     let conditions = || draft.analyses.iter().flat_map(|analysis| &analysis.conditions);
-    let present = |condition: &Condition| -> usize {
-        let agents = manifest.agents.iter();
-        match condition {
-            Condition::Scenario(_) => manifest.scenarios.len(),
-            Condition::Seed(_) => manifest.seeds.len(),
-            Condition::AgentName(_) => manifest.agents.len(),
-            Condition::Key { parameter, .. } => {
-                agents.map(|agent| manifest.length(agent, *parameter)).sum()
-            }
+    let present = |parameter: Parameter| -> usize {
+        let lengths = manifest.agents.iter().map(|agent| manifest.length(agent, parameter));
+        match parameter {
+            Parameter::Job(_) => lengths.max().unwrap_or(0),
+            _ => lengths.sum(),
         }
     };
     let comparisons: usize =
-        conditions().map(|condition| present(&condition.value) + condition.value.len()).sum();
+        conditions().map(|one| present(one.value.parameter) + one.value.values.len()).sum();
     let axes: usize = draft.analyses.iter().map(|analysis| analysis.axes.len()).sum();
     let comparisons = comparisons + axes * manifest.agents.len();
     if comparisons as u64 <= MOST_COMPARISONS {

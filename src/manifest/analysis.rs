@@ -2,11 +2,12 @@
 //!
 //! Analyses are not part of any job, so declaring, changing or dropping one runs no job.
 
-use super::analysis_kind::{AnalysisKind, DataPart};
-use super::condition::Condition;
+use super::analysis_kind::AnalysisKind;
 use super::figure_keys::FigureKeys;
-use super::participant_range::ParticipantRange;
 use super::source::{Located, Span};
+use crate::job::Condition;
+use crate::job::DataPart;
+use crate::job::ParticipantRange;
 use crate::key::Parameter;
 
 /// A figure or table that an author declares with `[[analysis]]`.

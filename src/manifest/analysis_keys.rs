@@ -5,7 +5,7 @@ use serde_json::{Value as Json, json};
 
 use super::figure_keys::{FigureKeys, LETTERS, SIDES};
 use super::limits::MOST_JOBS;
-use super::participant_range::ParticipantRange;
+use super::participant_range;
 use crate::choices;
 
 /// Declares the kinds: the word of each in manifests, and its own keys in addition to the shared ones.
@@ -101,7 +101,7 @@ const METRIC: AnalysisKey = key("metric", "the metric to analyse", || {
 const PARTICIPANTS: AnalysisKey = key(
     "participants",
     "the test episodes of participants between two quantiles of a parameter",
-    ParticipantRange::schema,
+    participant_range::schema,
 );
 
 const BY: AnalysisKey = key(

@@ -3,13 +3,13 @@
 use toml::de::DeTable;
 
 use super::analysis_keys::{BINS, ERROR_AXIS, KindName, Pairing, SelectionRule, WINDOW};
-use super::condition::Condition;
+use super::declared::seed_of;
 use super::fault::Fault;
-use super::participant_range::ParticipantRange;
 use super::sides::Sides;
 use super::source::{Located, Span};
 use super::sweep::{Node, Reader, whole};
-use super::written::{list, quoted};
+use super::written::{condition, list, quoted};
+use crate::job::{Condition, DataPart};
 use crate::key::{Kind, Parameter, Value};
 
 /// The kind of an analysis.
@@ -81,21 +81,6 @@ pub enum CurveAxis {
     ContextInferenceError,
     /// A swept parameter with numeric values.
     Swept(Parameter),
-}
-
-/// A part of the results of runs.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum DataPart {
-    /// A metric.
-    Metric(&'static str),
-    /// The learning curve of the mean return.
-    LearningCurve,
-    /// Choices of action.
-    ActionChoice,
-    /// Returns of the test episodes.
-    Returns,
-    /// Test episodes of some participants.
-    Participants(ParticipantRange),
 }
 
 impl AnalysisKind {
@@ -255,7 +240,7 @@ impl AnalysisKind {
 
 /// Conditions as an inline table.
 fn conditions(conditions: &[Condition]) -> String {
-    let written: Vec<String> = conditions.iter().map(Condition::written).collect();
+    let written: Vec<String> = conditions.iter().map(condition).collect();
     format!("{{ {} }}", written.join(", "))
 }
 
@@ -301,5 +286,6 @@ fn selection(reader: &mut Reader, span: Span, table: &DeTable) -> Option<Analysi
     let counted = count
         .is_none_or(|count| reader.count_in("reporting_seeds", count.unwrap_or(usize::MAX), node));
     let reporting_seeds = if counted { reader.seeds("reporting_seeds", node) } else { Vec::new() };
+    let reporting_seeds = reporting_seeds.iter().map(seed_of).collect();
     Some(AnalysisKind::Selection { rule, reporting_seeds })
 }

@@ -4,7 +4,6 @@ use std::collections::HashSet;
 
 use toml::de::DeTable;
 
-use super::condition::Condition;
 use super::draft::Draft;
 use super::fault::{Fault, near, nearest};
 use super::parameter::{meant, named, parameter};
@@ -12,7 +11,8 @@ use super::read::{MOST_ENTRIES, shortened};
 use super::section::Section;
 use super::source::{Located, Span};
 use super::sweep::{Node, Reader, Repeats};
-use crate::key::{Key, Kind, Parameter};
+use crate::job::Condition;
+use crate::key::{Key, Kind, Parameter, Value};
 
 /// The keys of an exclusion in addition to the keys of the sections.
 const CONDITIONS: [&str; 6] =
@@ -88,11 +88,13 @@ impl Reader<'_> {
             let span: Span = node.span().into();
             match key.get_ref().as_ref() {
                 "scenario" => {
-                    let value = Condition::Scenario(self.scenarios("scenario", node));
+                    let values = self.scenarios("scenario", node);
+                    let value = Condition { parameter: Parameter::SCENARIO, values };
                     conditions.push(Located { value, span });
                 }
                 "seed" => {
-                    let value = Condition::Seed(self.seed_list("seed", node));
+                    let values = self.seed_list("seed", node);
+                    let value = Condition { parameter: Parameter::SEED, values };
                     conditions.push(Located { value, span });
                 }
                 "agent" => self.key_conditions(("agent", place), node, &mut conditions),
@@ -123,7 +125,7 @@ impl Reader<'_> {
     fn require_once(&mut self, conditions: &[Located<Condition>]) {
         let mut known: Vec<Parameter> = Vec::new();
         for Located { value, span } in conditions {
-            let Condition::Key { parameter, .. } = value else { continue };
+            let Condition { parameter, .. } = value;
             if known.contains(parameter) {
                 let fault = Fault::at(*span, format!("`{parameter}` is set twice"));
                 self.faults.add(fault.help("name it once, with a list of all its values"));
@@ -146,7 +148,7 @@ impl Reader<'_> {
         let Some((_, known)) = find(section, key) else { return false };
         let values = self.sweep(&dotted, known.kind, Repeats::Refused, node);
         let span = node.span().into();
-        out.push(Located { value: Condition::Key { parameter, values }, span });
+        out.push(Located { value: Condition { parameter, values }, span });
         true
     }
 
@@ -166,7 +168,8 @@ impl Reader<'_> {
             let found = key.get_ref().as_ref();
             let span = node.span().into();
             if (section, found) == ("agent", "name") {
-                let value = Condition::AgentName(self.agent_names(node));
+                let values = self.agent_names(node);
+                let value = Condition { parameter: Parameter::AGENT_NAME, values };
                 out.push(Located { value, span });
                 continue;
             }
@@ -177,7 +180,7 @@ impl Reader<'_> {
                     let dotted = parameter.to_string();
                     let values = self.sweep(&dotted, Kind::Scalar, Repeats::Refused, node);
                     let span = node.span().into();
-                    out.push(Located { value: Condition::Key { parameter, values }, span });
+                    out.push(Located { value: Condition { parameter, values }, span });
                 }
                 continue;
             }
@@ -195,19 +198,20 @@ impl Reader<'_> {
             };
             let parameter = section.parameter(known.name);
             let values = self.sweep(&parameter.to_string(), known.kind, Repeats::Refused, node);
-            out.push(Located { value: Condition::Key { parameter, values }, span });
+            out.push(Located { value: Condition { parameter, values }, span });
         }
     }
 
-    fn agent_names(&mut self, node: &Node) -> Vec<String> {
+    fn agent_names(&mut self, node: &Node) -> Vec<Value> {
         let items = self.items("agent.name", node);
-        self.distinct("agent.name", items.iter().copied(), |reader, item| {
+        let names = self.distinct("agent.name", items.iter().copied(), |reader, item| {
             let name = item.get_ref().as_str();
             if name.is_none() {
                 reader.expected("agent.name", "an agent's name in quotes", item);
             }
             name.map(str::to_owned)
-        })
+        });
+        names.into_iter().map(Value::Text).collect()
     }
 }
 

@@ -4,7 +4,6 @@
 use std::collections::{HashMap, HashSet};
 
 use super::analyses;
-use super::condition::Condition;
 use super::declared::{DeclaredAgent, Exclusion, Manifest};
 use super::draft::Draft;
 use super::fault::{Fault, FaultList};
@@ -15,6 +14,7 @@ use super::people;
 use super::presence::absent;
 use super::source::Span;
 use crate::agent::{Constraint, Violation};
+use crate::job::Condition;
 use crate::key::{Parameter, Value};
 
 /// Reports faults between the keys of `manifest`, which was completed from `draft`.
@@ -172,7 +172,7 @@ const FEW_LISTED: usize = 1000;
 /// The number of values in the conditions of exclusions.
 fn listed(manifest: &Manifest) -> usize {
     let listed = manifest.exclusions.iter().flat_map(|exclusion| &exclusion.conditions);
-    listed.map(Condition::len).sum()
+    listed.map(|one| one.values.len()).sum()
 }
 
 /// Whether comparing cells with exclusions takes acceptable time; reports a fault if not.
@@ -256,12 +256,7 @@ fn hold(
 /// Reports exclusions that exclude nothing or everything.
 fn matches(draft: &Draft, grids: &[Grid], faults: &mut FaultList) {
     for exclusion in &draft.exclusions {
-        let known = |condition: &Condition| match condition {
-            Condition::Scenario(_) => !draft.is_invalid(Parameter::Scenario),
-            Condition::Seed(_) => !draft.is_invalid(Parameter::Seed),
-            Condition::AgentName(_) => !draft.invalid_agents(),
-            Condition::Key { parameter, .. } => !draft.is_invalid(*parameter),
-        };
+        let known = |condition: &Condition| !draft.is_invalid(condition.parameter);
         let conditions: Vec<Condition> =
             exclusion.value.iter().map(|condition| condition.value.clone()).collect();
         let all_known = !draft.invalid_agents() && conditions.iter().all(known);

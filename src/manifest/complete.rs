@@ -53,8 +53,8 @@ pub(super) fn complete(
         hypothesis: draft.hypothesis.clone(),
         published: draft.published.clone(),
         time_limit_seconds: draft.time_limit_seconds,
-        scenarios: given_or(scenarios, || Scenario::of(Feature::Context)),
-        seeds: given_or(seeds, || 1),
+        scenarios: given_or(scenarios, || Value::Text(Scenario::of(Feature::Context).to_string())),
+        seeds: given_or(seeds, || Value::Integer(1)),
         environment: parameters(&draft.environment),
         population: parameters(&draft.population),
         agents: draft
@@ -62,6 +62,7 @@ pub(super) fn complete(
             .iter()
             .map(|agent| DeclaredAgent {
                 name: agent.name.value.clone(),
+                names: [Value::Text(agent.name.value.clone())],
                 label: agent.label.as_ref().map(|label| label.value.clone()),
                 algorithm: agent.algorithm,
                 parameters: parameters(&agent.settings),

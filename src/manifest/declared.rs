@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use super::analysis::Analysis;
-use super::condition::Condition;
 use super::parameter::Parameters;
 use crate::agent::Algorithm;
 use crate::env::Scenario;
+use crate::job::Condition;
 use crate::key::{Parameter, Value};
 
 /// A validated manifest: every default filled in, every cell of its grids a possible job.
@@ -28,10 +28,10 @@ pub struct Manifest {
     pub published: Option<String>,
     /// Time limit of a job in seconds, after which it fails; not part of any job.
     pub time_limit_seconds: Option<u64>,
-    /// The distinct scenarios; at least one.
-    pub scenarios: Vec<Scenario>,
+    /// The distinct scenarios, as texts; at least one.
+    pub(super) scenarios: Vec<Value>,
     /// The distinct seeds; at least one.
-    pub seeds: Vec<u64>,
+    pub(super) seeds: Vec<Value>,
     /// The environment's parameters.
     pub environment: Parameters,
     /// How the parameters of participants are distributed.
@@ -53,6 +53,8 @@ pub struct Manifest {
 pub struct DeclaredAgent {
     /// Its name, in the store and in tables as CSV.
     pub name: String,
+    /// The name as the value of a condition.
+    pub(super) names: [Value; 1],
     /// The name in figures and tables for readers; the agent's name if `None`.
     pub label: Option<String>,
     /// The algorithm.
@@ -84,26 +86,32 @@ impl Manifest {
         Path::new(&self.path).parent().unwrap_or(Path::new(""))
     }
 
-    /// The number of values that `parameter` takes for `agent`; 0 if the agent has no such key.
-    pub(super) fn length(&self, agent: &DeclaredAgent, parameter: Parameter) -> usize {
-        match parameter {
-            Parameter::Scenario => self.scenarios.len(),
-            Parameter::Seed => self.seeds.len(),
-            Parameter::Environment(_)
-            | Parameter::Population(_)
-            | Parameter::Agent(_)
-            | Parameter::Evaluation(_) => self.values(agent, parameter).map_or(0, <[Value]>::len),
-        }
+    /// The scenarios, in the order of the manifest.
+    pub fn scenarios(&self) -> impl Iterator<Item = Scenario> {
+        self.scenarios.iter().map(|scenario| scenario_of(scenario))
     }
 
-    /// The values of a key for `agent`; `None` if the agent has no such key.
+    /// The seeds, in the order of the manifest.
+    pub fn seeds(&self) -> impl Iterator<Item = u64> {
+        self.seeds.iter().map(|seed| seed_of(seed))
+    }
+
+    /// The number of values that `parameter` takes for `agent`; 0 if the agent has no such key.
+    pub(super) fn length(&self, agent: &DeclaredAgent, parameter: Parameter) -> usize {
+        self.values(agent, parameter).map_or(0, <[Value]>::len)
+    }
+
+    /// The values of a parameter for `agent`; `None` if the agent has no such key.
     pub(super) fn values<'m>(
         &'m self,
         agent: &'m DeclaredAgent,
         parameter: Parameter,
     ) -> Option<&'m [Value]> {
         match parameter {
-            Parameter::Scenario | Parameter::Seed => None,
+            Parameter::SCENARIO => Some(&self.scenarios),
+            Parameter::SEED => Some(&self.seeds),
+            Parameter::AGENT_NAME => Some(&agent.names),
+            Parameter::Job(_) => None,
             Parameter::Environment(key) => self.environment.get(key),
             Parameter::Population(key) => self.population.get(key),
             Parameter::Agent(key) => agent.parameters.get(key),
@@ -120,4 +128,16 @@ impl Manifest {
         };
         sections.into_iter().flat_map(swept).collect()
     }
+}
+
+/// The scenario that a value names.
+pub(super) fn scenario_of(value: &Value) -> Scenario {
+    let Value::Text(text) = value else { unreachable!("a scenario is a text") };
+    text.parse().expect("the manifest's scenarios are valid")
+}
+
+/// The seed that is a value.
+pub(super) fn seed_of(value: &Value) -> u64 {
+    let Value::Integer(seed) = value else { unreachable!("a seed is a whole number") };
+    *seed
 }

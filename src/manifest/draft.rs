@@ -6,11 +6,10 @@
 use std::collections::BTreeMap;
 
 use super::analysis::AnalysisDraft;
-use super::condition::Condition;
 use super::section::Section;
 use super::source::{Located, Span};
 use crate::agent::Algorithm;
-use crate::env::Scenario;
+use crate::job::Condition;
 use crate::key::{Parameter, Value};
 
 /// The content of a manifest or a preset.
@@ -21,8 +20,8 @@ pub(super) struct Draft {
     pub hypothesis: Option<String>,
     pub published: Option<String>,
     pub time_limit_seconds: Option<u64>,
-    pub scenarios: Option<Located<Vec<Scenario>>>,
-    pub seeds: Option<Located<Vec<u64>>>,
+    pub scenarios: Option<Located<Vec<Value>>>,
+    pub seeds: Option<Located<Vec<Value>>>,
     pub environment: Settings,
     pub population: Settings,
     pub evaluation: Settings,
@@ -181,8 +180,11 @@ impl Draft {
     /// Whether the values of `parameter` are faulty, for at least one agent that has the parameter.
     pub fn is_invalid(&self, parameter: Parameter) -> bool {
         match parameter {
-            Parameter::Scenario => self.scenarios.as_ref().is_none_or(|list| list.value.is_empty()),
-            Parameter::Seed => self.seeds.as_ref().is_none_or(|list| list.value.is_empty()),
+            Parameter::SCENARIO => self.scenarios.as_ref().is_none_or(|list| list.value.is_empty()),
+            Parameter::SEED => self.seeds.as_ref().is_none_or(|list| list.value.is_empty()),
+            Parameter::Job(_) => false,
+            // An agent that could not be read has its name all the same, unless the name is unknown.
+            Parameter::AGENT_NAME => self.unread_agents.contains(&None),
             Parameter::Environment(key) => self.environment.is_invalid(key),
             Parameter::Population(key) => self.population.is_invalid(key),
             Parameter::Evaluation(key) => self.evaluation.is_invalid(key),
@@ -197,8 +199,7 @@ impl Draft {
     pub fn is_invalid_for(&self, agent: usize, parameter: Parameter) -> bool {
         match parameter {
             Parameter::Agent(key) => self.agents[agent].settings.is_invalid(key),
-            Parameter::Scenario
-            | Parameter::Seed
+            Parameter::Job(_)
             | Parameter::Environment(_)
             | Parameter::Population(_)
             | Parameter::Evaluation(_) => self.is_invalid(parameter),
@@ -232,8 +233,9 @@ impl Draft {
     /// The position of the values of `parameter` for the agent at this index.
     pub fn span_of(&self, agent: usize, parameter: Parameter) -> Option<Span> {
         match parameter {
-            Parameter::Scenario => self.scenarios.as_ref().map(|list| list.span),
-            Parameter::Seed => self.seeds.as_ref().map(|list| list.span),
+            Parameter::SCENARIO => self.scenarios.as_ref().map(|list| list.span),
+            Parameter::SEED => self.seeds.as_ref().map(|list| list.span),
+            Parameter::Job(_) => None,
             Parameter::Environment(key) => self.environment.span_of(key),
             Parameter::Population(key) => self.population.span_of(key),
             Parameter::Evaluation(key) => self.evaluation.span_of(key),

@@ -112,7 +112,7 @@ impl Reader<'_> {
             return Some(PanelKey::Agent);
         }
         match named(found) {
-            Some(Parameter::Scenario) => Some(PanelKey::Scenario),
+            Some(Parameter::SCENARIO) => Some(PanelKey::Scenario),
             Some(
                 swept @ (Parameter::Environment(_)
                 | Parameter::Population(_)
@@ -122,7 +122,7 @@ impl Reader<'_> {
                 panels.push(Located { value: swept, span: node.span().into() });
                 Some(PanelKey::Key(swept))
             }
-            Some(Parameter::Seed) | None => {
+            Some(Parameter::Job(_)) | None => {
                 let expected = "\"agent\", \"scenario\" or the dotted name of a swept key";
                 let message = format!("`panel`: expected {expected}, found {}", self.found(node));
                 let fault = Fault::at(node.span().into(), message);

@@ -5,16 +5,14 @@
 //! being built. It does not depend on jobs and their identity.
 
 use std::collections::HashSet;
-use std::hash::Hash;
 
-use super::Evaluation;
-use super::condition::Condition;
-use super::declared::{DeclaredAgent, Exclusion, Manifest};
+use super::declared::{DeclaredAgent, Exclusion, Manifest, scenario_of, seed_of};
 use super::parameter::Parameters;
 use super::section::Section;
 use crate::agent::{Agent, Algorithm, Assignment, Constraint, Violation};
 use crate::env::{Environment, Population, Scenario};
-use crate::key::{Keyed, Parameter};
+use crate::job::Evaluation;
+use crate::key::{Keyed, Parameter, Value};
 
 /// The grid of one agent of a manifest.
 #[derive(Debug)]
@@ -175,13 +173,13 @@ impl<'m> Grid<'m> {
     }
 
     /// The cell's scenario.
-    pub fn scenario(&self, cell: &Cell) -> &'m Scenario {
-        &self.manifest.scenarios[self.place(cell, Parameter::Scenario)]
+    pub fn scenario(&self, cell: &Cell) -> Scenario {
+        scenario_of(&self.manifest.scenarios[self.place(cell, Parameter::SCENARIO)])
     }
 
     /// The cell's seed.
     pub fn seed(&self, cell: &Cell) -> u64 {
-        self.manifest.seeds[self.place(cell, Parameter::Seed)]
+        seed_of(&self.manifest.seeds[self.place(cell, Parameter::SEED)])
     }
 
     fn place(&self, cell: &Cell, parameter: Parameter) -> usize {
@@ -235,14 +233,8 @@ fn next(cell: &Cell, lengths: &[usize]) -> Option<Cell> {
 
 /// Whether a zip of these parameters applies to `agent`, which must sweep every agent key among them.
 pub(super) fn zipped(manifest: &Manifest, agent: &DeclaredAgent, parameters: &[Parameter]) -> bool {
-    parameters.iter().all(|parameter| match parameter {
-        Parameter::Agent(_) => manifest.length(agent, *parameter) > 1,
-        Parameter::Scenario
-        | Parameter::Seed
-        | Parameter::Environment(_)
-        | Parameter::Population(_)
-        | Parameter::Evaluation(_) => true,
-    })
+    let of_agents = parameters.iter().filter(|one| matches!(one, Parameter::Agent(_)));
+    of_agents.copied().all(|parameter| manifest.length(agent, parameter) > 1)
 }
 
 /// The number of cells on these axes, including excluded ones; saturates at `u128::MAX`.
@@ -256,9 +248,9 @@ pub(super) fn axes(manifest: &Manifest, agent: &DeclaredAgent) -> Vec<Axis> {
     let zips = manifest.zips.iter().map(|zip| &zip.parameters);
     let zips: Vec<_> = zips.filter(|zip| zipped(manifest, agent, zip)).collect();
     let keys = manifest.swept_keys(agent);
-    let order = std::iter::once(Parameter::Scenario).chain(keys);
+    let order = std::iter::once(Parameter::SCENARIO).chain(keys);
     let mut axes: Vec<Axis> = Vec::new();
-    for parameter in order.chain(std::iter::once(Parameter::Seed)) {
+    for parameter in order.chain(std::iter::once(Parameter::SEED)) {
         if axis_of(&axes, parameter).is_none() {
             let zip = zips.iter().find(|zip| zip.contains(&parameter));
             let parameters = zip.map_or_else(|| vec![parameter], |zip| zip.to_vec());
@@ -271,7 +263,7 @@ pub(super) fn axes(manifest: &Manifest, agent: &DeclaredAgent) -> Vec<Axis> {
 
 /// The exclusion as masks, one per axis; `None` if none of the agent's cells can meet it.
 ///
-/// [`Condition::is_met_by`] evaluates the same conditions on a job, and compares lists of values for each
+/// [`crate::job::Condition::is_met_by`] evaluates the same conditions on a job, and compares lists of values for each
 /// job. Here, each value of an axis is compared once, so that a grid of millions is counted from masks.
 fn masks(
     manifest: &Manifest,
@@ -281,20 +273,10 @@ fn masks(
 ) -> Option<Vec<Mask>> {
     let mut masks: Vec<Mask> = Vec::new();
     for condition in &exclusion.conditions {
-        let (parameter, met) = match condition {
-            Condition::AgentName(names) if names.contains(&agent.name) => continue,
-            Condition::AgentName(_) => return None,
-            Condition::Scenario(list) => {
-                let met = manifest.scenarios.iter().map(|scenario| list.contains(scenario));
-                (Parameter::Scenario, met.collect())
-            }
-            Condition::Seed(list) => (Parameter::Seed, members(&manifest.seeds, list)),
-            Condition::Key { parameter, values } => {
-                (*parameter, members(manifest.values(agent, *parameter)?, values))
-            }
-        };
+        let parameter = condition.parameter;
+        let met = members(manifest.values(agent, parameter)?, &condition.values);
         let Some(axis) = axis_of(axes, parameter) else {
-            // A key that is not swept has one value: it meets the condition in every cell or in none.
+            // A parameter that is not swept has one value: it meets the condition in every cell or in none.
             if met == [true] { continue } else { return None }
         };
         match masks.iter_mut().find(|mask| mask.axis == axis) {
@@ -305,7 +287,7 @@ fn masks(
     Some(masks)
 }
 
-fn members<T: Eq + Hash>(values: &[T], list: &[T]) -> Vec<bool> {
-    let list: HashSet<&T> = list.iter().collect();
+fn members(values: &[Value], list: &[Value]) -> Vec<bool> {
+    let list: HashSet<&Value> = list.iter().collect();
     values.iter().map(|value| list.contains(value)).collect()
 }

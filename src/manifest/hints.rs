@@ -7,7 +7,6 @@ use std::{env, fs};
 use super::analysis::Analysis;
 use super::analysis_keys::SelectionRule;
 use super::analysis_kind::AnalysisKind;
-use super::condition::Condition;
 use super::declared::{DeclaredAgent, Manifest};
 use super::fault::Fault;
 use super::grid::Grid;
@@ -15,6 +14,7 @@ use super::printable;
 use super::repair::decimal_lists;
 use super::written::share;
 use crate::agent::{Constraint, UNAVAILABLE, Violation};
+use crate::job::Condition;
 use crate::key::{Key, Parameter, Value};
 
 /// Standard deviation of the context feature above which the feature says next to nothing.
@@ -87,9 +87,9 @@ fn long_windows(manifest: &Manifest, analysis: &Analysis) -> Vec<String> {
         )];
     }
     let is_analysed = |agent: &&DeclaredAgent| {
-        let names = |condition: &Condition| match condition {
-            Condition::AgentName(names) => names.contains(&agent.name),
-            Condition::Scenario(_) | Condition::Seed(_) | Condition::Key { .. } => true,
+        let names = |condition: &Condition| {
+            condition.parameter != Parameter::AGENT_NAME
+                || condition.values.contains(&agent.names[0])
         };
         analysis.conditions.iter().all(names)
     };

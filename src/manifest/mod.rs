@@ -6,7 +6,7 @@
 //! the rules between keys.
 //!
 //! Keys are declared where they are used ([`crate::key`]): keys of the environment and of each algorithm in
-//! their modules, keys of [`Evaluation`] here. Reading, checking, schema and reference follow from the
+//! their modules, keys of the evaluation with jobs. Reading, checking, schema and reference follow from the
 //! declarations.
 //!
 //! It contains no jobs and their status, no simulation and no training.
@@ -20,15 +20,12 @@ mod cells;
 mod check;
 mod companions;
 mod complete;
-mod condition;
 mod declared;
 mod document;
 mod draft;
 mod edits;
-mod evaluation;
 mod fault;
 mod figure_keys;
-mod first_episodes;
 mod free;
 mod grid;
 mod hints;
@@ -57,22 +54,18 @@ mod written;
 
 pub use analysis::Analysis;
 pub use analysis_keys::{ANALYSED_METRICS, ERROR_AXIS, Pairing, SelectionRule};
-pub use analysis_kind::{AnalysisKind, Contrast, CurveAxis, DataPart, Recovery};
+pub use analysis_kind::{AnalysisKind, Contrast, CurveAxis, Recovery};
 pub use companions::companions;
-pub use condition::{Condition, Described, Setting, short_name};
 pub use declared::{DeclaredAgent, Exclusion, Manifest, Zip};
 pub(crate) use document::{Document, document};
-pub use evaluation::{Evaluation, RecordedDecisions, TestActions};
 pub(crate) use fault::FaultList;
 pub use fault::{Fault, Faults, nearest, nearest_value};
 pub use figure_keys::{FigureKeys, PanelKey, Theme, XScale};
-pub use first_episodes::{first_episodes, first_return};
 pub use grid::{Cell, Grid};
 pub use hints::hints;
 pub use limits::MOST_JOBS;
 pub use load::{load, parse};
 pub use parameter::{Parameters, parameter, parameters};
-pub use participant_range::ParticipantRange;
 pub use published::{
     Equivalence, Published, PublishedCurve, PublishedErrors, PublishedHeatMap, PublishedTest,
 };

@@ -1,14 +1,14 @@
 //! The parameters that a grid can vary, and the values that a manifest declares for them.
 
-use super::condition::{Condition, short_name};
 use super::fault::nearest;
 use super::section::Section;
 use crate::agent::free_key;
+use crate::job::{Condition, short_name};
 use crate::key::{Key, Parameter, Value};
 
 /// Every parameter, in the order of the grid: scenario, keys by section, seed.
 pub fn parameters() -> Vec<Parameter> {
-    let mut all = vec![Parameter::Scenario];
+    let mut all = vec![Parameter::SCENARIO];
     for section in Section::all() {
         for key in section.keys() {
             let parameter = section.parameter(key.name);
@@ -18,7 +18,7 @@ pub fn parameters() -> Vec<Parameter> {
             }
         }
     }
-    all.push(Parameter::Seed);
+    all.push(Parameter::SEED);
     all
 }
 
@@ -87,7 +87,7 @@ impl Parameters {
 
     /// One condition per swept key: that the key has one of its values.
     pub fn conditions(&self) -> impl Iterator<Item = Condition> {
-        self.iter().filter(|(_, values)| values.len() > 1).map(|(key, values)| Condition::Key {
+        self.iter().filter(|(_, values)| values.len() > 1).map(|(key, values)| Condition {
             parameter: self.section.parameter(key.name),
             values: values.to_vec(),
         })
@@ -113,7 +113,7 @@ mod tests {
     fn a_last_part_that_one_parameter_has_names_it() {
         assert_eq!(named("sigma"), Some(Parameter::Environment("sigma")));
         assert_eq!(named("agent.gamma"), named("gamma"));
-        assert_eq!(named("scenario"), Some(Parameter::Scenario));
+        assert_eq!(named("scenario"), Some(Parameter::SCENARIO));
         assert_eq!(named("sigm"), None);
         let short: Vec<String> =
             parameters().iter().map(|known| short_name(&known.to_string()).to_owned()).collect();

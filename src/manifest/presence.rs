@@ -2,12 +2,12 @@
 
 use std::collections::HashSet;
 
-use super::condition::Condition;
 use super::declared::Manifest;
 use super::draft::Draft;
 use super::fault::{Fault, nearest_value};
 use super::source::Span;
-use crate::key::Parameter;
+use crate::job::Condition;
+use crate::key::{Parameter, Value};
 
 /// A value of a condition that does not occur in a manifest.
 pub(super) struct Absent {
@@ -43,38 +43,22 @@ impl Absent {
 /// The first value of a condition that does not occur; `None` if all of them occur, or if the parameter's
 /// values are faulty.
 pub(super) fn absent(draft: &Draft, manifest: &Manifest, condition: &Condition) -> Option<Absent> {
-    let agents = &manifest.agents;
-    match condition {
-        Condition::Scenario(list) if !draft.is_invalid(Parameter::Scenario) => {
-            first_absent("scenario".to_owned(), list, manifest.scenarios.iter())
-        }
-        Condition::Seed(list) if !draft.is_invalid(Parameter::Seed) => {
-            first_absent("seed".to_owned(), list, manifest.seeds.iter())
-        }
-        // An agent that could not be read has its name all the same, unless the name is unknown.
-        Condition::AgentName(list) if !draft.unread_agents.contains(&None) => {
-            let unread = draft.unread_agents.iter().flatten();
-            let names = agents.iter().map(|agent| &agent.name).chain(unread);
-            first_absent("agent.name".to_owned(), list, names)
-        }
-        Condition::Key { parameter, values } if !draft.is_invalid(*parameter) => {
-            let of_agent = |agent| manifest.values(agent, *parameter).unwrap_or_default();
-            first_absent(parameter.to_string(), values, agents.iter().flat_map(of_agent))
-        }
-        Condition::Scenario(_)
-        | Condition::Seed(_)
-        | Condition::AgentName(_)
-        | Condition::Key { .. } => None,
+    let parameter = &condition.parameter;
+    if draft.is_invalid(*parameter) {
+        return None;
     }
+    let of_agent = |agent| manifest.values(agent, *parameter).unwrap_or_default();
+    let unread = draft.unread_agents.iter().flatten().cloned().map(Value::Text);
+    let unread: Vec<Value> = unread.filter(|_| *parameter == Parameter::AGENT_NAME).collect();
+    first_absent(condition, manifest.agents.iter().flat_map(of_agent).chain(&unread))
 }
 
-fn first_absent<'m, T: Eq + std::hash::Hash + std::fmt::Display + 'm>(
-    name: String,
-    wanted: &[T],
-    present: impl Iterator<Item = &'m T>,
+fn first_absent<'m>(
+    condition: &Condition,
+    present: impl Iterator<Item = &'m Value>,
 ) -> Option<Absent> {
-    let mut unseen: HashSet<&T> = wanted.iter().collect();
-    let mut shown: Vec<&T> = Vec::new();
+    let mut unseen: HashSet<&Value> = condition.values.iter().collect();
+    let mut shown: Vec<&Value> = Vec::new();
     for value in present {
         if unseen.is_empty() {
             return None;
@@ -84,7 +68,15 @@ fn first_absent<'m, T: Eq + std::hash::Hash + std::fmt::Display + 'm>(
             shown.push(value);
         }
     }
-    let absent = wanted.iter().find(|value| unseen.contains(value))?;
-    let present = shown.iter().map(ToString::to_string).collect();
-    Some(Absent { name, value: absent.to_string(), present })
+    let absent = condition.values.iter().find(|value| unseen.contains(value))?;
+    let present = shown.iter().map(|value| written(condition.parameter, value)).collect();
+    Some(Absent { name: condition.name(), value: written(condition.parameter, absent), present })
+}
+
+/// A value as messages write it: names and scenarios without quotes.
+fn written(parameter: Parameter, value: &Value) -> String {
+    match (parameter, value) {
+        (Parameter::SCENARIO | Parameter::AGENT_NAME, Value::Text(text)) => text.clone(),
+        _ => value.to_string(),
+    }
 }

@@ -204,9 +204,11 @@ impl Reader<'_> {
     }
 
     /// A scenario or a list of scenarios; empty if any is faulty.
-    pub fn scenarios(&mut self, name: &str, node: &Node) -> Vec<Scenario> {
+    pub fn scenarios(&mut self, name: &str, node: &Node) -> Vec<Value> {
         let items = self.items(name, node);
-        self.distinct(name, items.iter().copied(), |reader, item| reader.scenario(name, item))
+        let scenarios =
+            self.distinct(name, items.iter().copied(), |reader, item| reader.scenario(name, item));
+        scenarios.iter().map(|scenario| Value::Text(scenario.to_string())).collect()
     }
 
     fn scenario(&mut self, name: &str, node: &Node) -> Option<Scenario> {
@@ -247,12 +249,12 @@ impl Reader<'_> {
     }
 
     /// A number of seeds or a list of seeds; empty if faulty.
-    pub fn seeds(&mut self, name: &str, node: &Node) -> Vec<u64> {
+    pub fn seeds(&mut self, name: &str, node: &Node) -> Vec<Value> {
         if node.get_ref().is_array() {
             return self.seed_list(name, node);
         }
         match whole(node).filter(|count| (1..=MOST_JOBS).contains(count)) {
-            Some(count) => (1..=count).collect(),
+            Some(count) => (1..=count).map(Value::Integer).collect(),
             None => {
                 let expected = format!("a count from 1 to {MOST_JOBS} or a list of seeds");
                 self.expected(name, &expected, node);
@@ -262,18 +264,13 @@ impl Reader<'_> {
     }
 
     /// A seed or a list of seeds; empty if any is faulty.
-    pub fn seed_list(&mut self, name: &str, node: &Node) -> Vec<u64> {
+    pub fn seed_list(&mut self, name: &str, node: &Node) -> Vec<Value> {
         let seed = Kind::Integer { min: 0, max: i64::MAX as u64 };
         let items = self.items(name, node);
         if !self.count_in(name, items.len(), node) {
             return Vec::new();
         }
-        self.distinct(name, items.iter().copied(), |reader, item| {
-            match reader.value(name, seed, item) {
-                Some(Value::Integer(seed)) => Some(seed),
-                _ => None,
-            }
-        })
+        self.distinct(name, items.iter().copied(), |reader, item| reader.value(name, seed, item))
     }
 
     /// The table in `node`; reports any other type.

@@ -3,11 +3,12 @@
 use std::fmt::{self, Write};
 
 use super::analysis::Analysis;
-use super::condition::Condition;
 use super::declared::{DeclaredAgent, Manifest};
 use super::parameter::Parameters;
+use super::participant_range;
 use super::read::FORMAT;
-use super::written::{list, quoted};
+use super::written::{self, list, quoted};
+use crate::job::Condition;
 use crate::key::{Key, Parameter, Value};
 
 impl Manifest {
@@ -33,7 +34,7 @@ impl Manifest {
         limit.iter().try_for_each(|seconds| writeln!(out, "time_limit_seconds = {seconds}"))?;
         let scenarios: Vec<String> = self.scenarios.iter().map(quoted).collect();
         writeln!(out, "scenarios = {}", list(&scenarios))?;
-        let is_count = self.seeds.iter().copied().eq(1..=self.seeds.len() as u64);
+        let is_count = self.seeds().eq(1..=self.seeds.len() as u64);
         match is_count {
             true => writeln!(out, "seeds = {}", self.seeds.len())?,
             false => writeln!(out, "seeds = {}", list(&self.seeds))?,
@@ -110,7 +111,9 @@ fn write_analysis(out: &mut String, analysis: &Analysis) -> fmt::Result {
         writeln!(out, "metric = \"{}\"", analysis.metric)?;
     }
     let range = analysis.participants.as_ref();
-    range.iter().try_for_each(|range| writeln!(out, "participants = {}", range.written()))?;
+    range.iter().try_for_each(|range| {
+        writeln!(out, "participants = {}", participant_range::written(range))
+    })?;
     for (key, value) in analysis.kind.written().into_iter().chain(analysis.figure.written()) {
         writeln!(out, "{key} = {value}")?;
     }
@@ -122,7 +125,7 @@ fn write_analysis(out: &mut String, analysis: &Analysis) -> fmt::Result {
 }
 
 fn write_condition(out: &mut String, condition: &Condition) -> fmt::Result {
-    writeln!(out, "{}", condition.written())
+    writeln!(out, "{}", written::condition(condition))
 }
 
 #[cfg(test)]
@@ -157,7 +160,7 @@ mod tests {
         assert_eq!(resolved.name, "<b>\"é\\");
         assert_eq!(resolved.question.as_deref(), Some("two\nlines\t\u{7f} \\ "));
         assert_eq!(resolved.hypothesis.as_deref(), Some(""));
-        assert_eq!(resolved.seeds, [5, 1]);
+        assert!(resolved.seeds().eq([5, 1]));
         assert_eq!(resolved.environment, written.environment);
         assert_eq!(resolved.agents, written.agents);
     }

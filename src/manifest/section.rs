@@ -1,8 +1,8 @@
 //! The sections of a manifest, and their keys.
 
-use super::Evaluation;
 use crate::agent::Algorithm;
 use crate::env::{Environment, Population};
+use crate::job::Evaluation;
 use crate::key::{Key, Keyed, Parameter};
 
 /// The part of a manifest that a key belongs to, and the first part of its dotted name.

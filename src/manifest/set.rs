@@ -10,7 +10,6 @@ use std::str::FromStr;
 
 use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Table, TableLike, Value};
 
-use super::condition::short_name;
 use super::declared::Manifest;
 use super::edits::Edits;
 use super::fault::{Fault, Faults, nearest};
@@ -19,6 +18,7 @@ use super::parameter::parameters;
 use super::repair::slip;
 use super::source::{Source, printable};
 use crate::agent::free_key;
+use crate::job::short_name;
 use crate::key::Parameter;
 
 /// Top-level keys that can be set.
@@ -332,7 +332,7 @@ fn place<'m>(manifest: &'m Manifest, set: &Override) -> Result<Place<'m>, Fault>
         [Parameter::Evaluation(key)] => Ok(Place::Section("evaluation", key)),
         [Parameter::Agent(key)] => agents(manifest, key, |_| true)
             .ok_or_else(|| fault(format!("no agent has a key `{key}`"))),
-        [Parameter::Scenario | Parameter::Seed] | [] => {
+        [Parameter::Job(_)] | [] => {
             let names: Vec<String> = known.iter().map(Parameter::to_string).collect();
             let words = names.iter().flat_map(|name| [name.as_str(), short_name(name)]);
             let starts_with_an_agent = |name: &str| key.strip_prefix(name)?.strip_prefix('.');
@@ -411,8 +411,8 @@ mod tests {
             "scenario=C-T",
         ])
         .unwrap();
-        assert_eq!(manifest.seeds, [5]);
-        assert_eq!(manifest.scenarios[0].to_string(), "C-T");
+        assert!(manifest.seeds().eq([5]));
+        assert_eq!(manifest.scenarios().next().unwrap().to_string(), "C-T");
         assert_eq!(plan::count(&manifest), 3 * 2);
         assert_eq!(values(&manifest, "environment.first_context")[0], "dqn=Text(\"sampled\")");
         assert_eq!(values(&manifest, "evaluation.test_episodes")[0], "dqn=Integer(7)");

@@ -1,7 +1,8 @@
 //! The two sides of a difference.
 
-use super::condition::Condition;
 use super::written::quoted;
+use crate::job::Condition;
+use crate::key::Parameter;
 
 /// Two sides of a difference: two conditions on the same parameter, with one value each.
 #[derive(Clone, Debug, PartialEq)]
@@ -15,12 +16,7 @@ pub struct Sides {
 impl Sides {
     /// `by` and `between`, as a manifest writes them.
     pub(super) fn written(&self) -> Vec<(&'static str, String)> {
-        let value = |condition: &Condition| match condition {
-            Condition::Scenario(list) => quoted(&list[0]),
-            Condition::AgentName(list) => quoted(&list[0]),
-            Condition::Seed(list) => list[0].to_string(),
-            Condition::Key { values, .. } => values[0].to_string(),
-        };
+        let value = |condition: &Condition| condition.values[0].to_string();
         let between = format!("[{}, {}]", value(&self.first), value(&self.second));
         vec![("by", quoted(&self.first.name())), ("between", between)]
     }
@@ -32,9 +28,9 @@ impl Sides {
 
     /// The dotted name of the key that distinguishes the sides; empty if no key does.
     pub fn key(&self) -> String {
-        match &self.first {
-            Condition::Key { parameter, .. } => parameter.to_string(),
-            Condition::Scenario(_) | Condition::Seed(_) | Condition::AgentName(_) => String::new(),
+        match self.first.parameter {
+            Parameter::Job(_) | Parameter::AGENT_NAME => String::new(),
+            parameter => parameter.to_string(),
         }
     }
 }

@@ -2,6 +2,8 @@
 
 use std::fmt::Display;
 
+use crate::job::Condition;
+
 /// A list.
 pub(super) fn list(items: &[impl Display]) -> String {
     let items: Vec<String> = items.iter().map(ToString::to_string).collect();
@@ -12,6 +14,11 @@ pub(super) fn list(items: &[impl Display]) -> String {
 pub(super) fn quoted(text: &impl Display) -> String {
     // JSON and TOML escape alike, except DEL: only TOML requires an escape.
     serde_json::Value::String(text.to_string()).to_string().replace('\u{7f}', "\\u007f")
+}
+
+/// A condition: `scenario = ["P-T"]`.
+pub(super) fn condition(condition: &Condition) -> String {
+    format!("{} = {}", condition.name(), list(&condition.values))
 }
 
 /// A percentage as a share, without the noise of its division.

@@ -1,7 +1,7 @@
 //! Jobs as they were under an earlier default of a key.
 
-use super::{CanonicalForm, Job};
 use crate::agent::Agent;
+use crate::job::{CanonicalForm, Job};
 
 /// A key of an algorithm whose default has changed.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]

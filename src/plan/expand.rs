@@ -4,22 +4,9 @@ use std::sync::Arc;
 
 use crate::agent::Agent;
 use crate::env::{Environment, Population};
+use crate::job::{CanonicalForm, Evaluation, Job, Parts, PlannedJob, agent_text, text};
 use crate::key::Keyed;
-use crate::manifest::{Cell, Evaluation, Grid, Manifest, Section};
-
-use super::job::{Parts, agent_text, text};
-use super::{CanonicalForm, Job};
-
-/// A job with the name of its agent in the manifest; the name is not part of the job.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PlannedJob {
-    /// The agent's name.
-    pub agent: Arc<str>,
-    /// The job.
-    pub job: Job,
-    /// The job's canonical form.
-    pub form: CanonicalForm,
-}
+use crate::manifest::{Cell, Grid, Manifest, Section};
 
 /// The number of jobs that [`jobs`] yields, without expanding them.
 pub fn count(manifest: &Manifest) -> u64 {
@@ -141,8 +128,8 @@ impl Iterator for AgentJobs<'_> {
 mod tests {
     use super::*;
     use crate::agent::{DuelingDqn, Reinforce, Trunk};
+    use crate::job::JobKey;
     use crate::manifest::{Manifest, parse};
-    use crate::plan::JobKey;
 
     fn manifest(text: &str) -> Manifest {
         parse("test", text.as_bytes()).unwrap()

@@ -50,14 +50,7 @@ impl Factors {
 
 /// `scenario`, `seed`, or the names of keys, such as `sigma` or `sigma+delta_d`.
 fn name(parameters: &[Parameter]) -> String {
-    let one = |parameter: &Parameter| match parameter {
-        Parameter::Scenario => "scenario",
-        Parameter::Seed => "seed",
-        Parameter::Environment(key)
-        | Parameter::Population(key)
-        | Parameter::Agent(key)
-        | Parameter::Evaluation(key) => key,
-    };
+    let one = |parameter: &Parameter| parameter.key();
     parameters.iter().map(one).collect::<Vec<_>>().join("+")
 }
 

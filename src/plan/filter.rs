@@ -4,12 +4,10 @@ use std::collections::HashSet;
 use std::fmt;
 use std::str::FromStr;
 
-use super::PlannedJob;
-use super::described::{shown, value_of};
 use crate::agent::{Algorithm, free_key};
-use crate::env::Scenario;
+use crate::job::{Condition, PlannedJob, short_name, shown, value_of};
 use crate::key::{Kind, Parameter, Value};
-use crate::manifest::{self, Section, nearest, nearest_value, parameters, printable, short_name};
+use crate::manifest::{Section, nearest, nearest_value, parameters, printable};
 
 /// Maximum number of values that a message lists.
 const VALUES_SHOWN: usize = 10;
@@ -31,7 +29,7 @@ struct Term {
     values: Vec<String>,
     /// Also alternatives, because a bare name may be both a key and a parameter of an outside program. Empty
     /// if no parameter has the name.
-    met: Vec<manifest::Condition>,
+    met: Vec<Condition>,
 }
 
 /// What is wrong with a filter.
@@ -288,19 +286,22 @@ fn names() -> Vec<String> {
 }
 
 /// The condition for this name and these words; `None` if there is no parameter of the name.
-fn condition(name: &str, written: &[String]) -> Option<manifest::Condition> {
-    fn read<T>(written: &[String], read: impl Fn(&str) -> Option<T>) -> Vec<T> {
-        written.iter().filter_map(|word| read(word)).collect()
-    }
-    if name == "agent" {
-        let names = written.iter().map(|word| unquoted(word)).collect();
-        return Some(manifest::Condition::AgentName(names));
-    }
-    if matches!(name, "algorithm" | "agent.algorithm") {
-        let known = |word: &str| Some(Value::Choice(Algorithm::named(&unquoted(word))?.name()));
-        let values = read(written, known);
-        let parameter = Parameter::Agent("algorithm");
-        return Some(manifest::Condition::Key { parameter, values });
+fn condition(name: &str, written: &[String]) -> Option<Condition> {
+    let is_named = |parameter: Parameter| move |values| Some(Condition { parameter, values });
+    let texts = || written.iter().map(|word| Value::Text(unquoted(word))).collect();
+    match name {
+        "agent" => return is_named(Parameter::AGENT_NAME)(texts()),
+        "scenario" => return is_named(Parameter::SCENARIO)(texts()),
+        "seed" => {
+            let seed = |word: &String| whole(&unquoted(word)).map(Value::Integer);
+            return is_named(Parameter::SEED)(written.iter().filter_map(seed).collect());
+        }
+        "algorithm" | "agent.algorithm" => {
+            let known =
+                |word: &String| Some(Value::Choice(Algorithm::named(&unquoted(word))?.name()));
+            return is_named(Parameter::ALGORITHM)(written.iter().filter_map(known).collect());
+        }
+        _ => {}
     }
     let free = free_key(name.strip_prefix("agent.").unwrap_or(name));
     let of_programs = free.map(|key| Parameter::Agent(key.name));
@@ -308,28 +309,15 @@ fn condition(name: &str, written: &[String]) -> Option<manifest::Condition> {
         let dotted = one.to_string();
         dotted == name || short_name(&dotted) == name || one.key() == name
     });
-    Some(match named.next()? {
-        Parameter::Scenario => {
-            let scenario = |word: &str| unquoted(word).parse::<Scenario>().ok();
-            manifest::Condition::Scenario(read(written, scenario))
-        }
-        Parameter::Seed => manifest::Condition::Seed(read(written, |word| whole(&unquoted(word)))),
-        parameter @ (Parameter::Environment(key)
-        | Parameter::Population(key)
-        | Parameter::Agent(key)
-        | Parameter::Evaluation(key)) => {
-            let sections = Section::all().into_iter();
-            let of_key = |section: &Section| {
-                let found = section.find(key);
-                found.is_some_and(|(_, key)| section.parameter(key.name) == parameter)
-            };
-            let sections = sections.filter(of_key);
-            let kinds = sections.filter_map(|section| section.find(key).map(|(_, key)| key.kind));
-            let kinds: Vec<Kind> = kinds.chain(free.map(|key| key.kind)).collect();
-            let value = |word: &str| kinds.iter().find_map(|kind| value(*kind, word));
-            manifest::Condition::Key { parameter, values: read(written, value) }
-        }
-    })
+    let parameter = named.next()?;
+    let of_section = |section: Section| {
+        let (_, key) = section.find(parameter.key())?;
+        (section.parameter(key.name) == parameter).then_some(key.kind)
+    };
+    let kinds = Section::all().into_iter().filter_map(of_section);
+    let kinds: Vec<Kind> = kinds.chain(free.map(|key| key.kind)).collect();
+    let value = |word: &String| kinds.iter().find_map(|kind| value(*kind, word));
+    Some(Condition { parameter, values: written.iter().filter_map(value).collect() })
 }
 
 /// The value of a kind for a word, in range or not. Quotes make a scalar a text; of other kinds, they are no
@@ -395,8 +383,8 @@ mod tests {
     use super::*;
     use crate::agent::{Agent, DuelingDqn, Reinforce};
     use crate::env::{Environment, Population};
-    use crate::manifest::Evaluation;
-    use crate::plan::Job;
+    use crate::job::Evaluation;
+    use crate::job::Job;
 
     fn jobs() -> Vec<PlannedJob> {
         let agents = [

@@ -6,7 +6,7 @@ use std::fmt;
 use std::num::NonZeroU32;
 use std::str::FromStr;
 
-use super::JobKey;
+use crate::job::JobKey;
 
 /// Maximum number of shards; more than any cluster has cores.
 const MOST_SHARDS: u32 = 1_000_000;

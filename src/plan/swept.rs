@@ -2,9 +2,9 @@
 
 use serde_json::Value;
 
-use super::Job;
-use super::described::{shown, value_of};
-use crate::manifest::{Manifest, Varying, printable, short_name};
+use crate::job::short_name;
+use crate::job::{Job, shown, value_of};
+use crate::manifest::{Manifest, Varying, printable};
 
 /// The additional parameters in which the jobs of an agent differ.
 #[derive(Clone, Debug, Default)]

@@ -6,7 +6,7 @@ use sha2::{Digest, Sha256};
 
 use crate::agent::{Activation, Architecture, Choice};
 use crate::env::{Feature, ObservationSpec};
-use crate::plan::{Job, counted};
+use crate::job::{Job, counted};
 use crate::store::StoredWeights;
 
 /// The version of the description's form.

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use super::settings::{Settings, SharedSettings};
-use super::{ActionCount, Failure, JobKey, Provenance, TestEpisode};
+use crate::job::PlannedJob;
+use crate::job::{ActionCount, Failure, JobKey, Provenance, TestEpisode};
+use crate::job::{Described, ParticipantRange, Scalar};
 use crate::key::Parameter;
-use crate::manifest::{Described, ParticipantRange, Setting};
-use crate::plan::PlannedJob;
 
 /// A job of an experiment with its status.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,16 +59,13 @@ impl JobRecord {
     }
 
     /// The value of the parameter of this dotted name, if the job has it.
-    pub fn setting(&self, name: &str) -> Option<&Setting> {
+    pub fn setting(&self, name: &str) -> Option<&Scalar> {
         self.settings.get(name)
     }
 
     /// The value of the parameter with this dotted name, if it is a number.
     pub fn number(&self, name: &str) -> Option<f64> {
-        match self.setting(name)? {
-            Setting::Number(number) => Some(*number),
-            Setting::Text(_) => None,
-        }
+        self.setting(name)?.number()
     }
 
     /// Whether both jobs were read with shared settings, and differ in their seeds alone.
@@ -105,20 +102,13 @@ impl JobRecord {
 }
 
 impl Described for JobRecord {
-    fn agent_name(&self) -> &str {
-        &self.agent
-    }
-
-    fn scenario_name(&self) -> String {
-        self.scenario.clone()
-    }
-
-    fn seed(&self) -> u64 {
-        self.seed
-    }
-
-    fn key(&self, parameter: Parameter) -> Option<Setting> {
-        self.setting(&parameter.to_string()).cloned()
+    fn value(&self, parameter: Parameter) -> Option<Scalar> {
+        match parameter {
+            Parameter::AGENT_NAME => Some(Scalar::Text(self.agent.to_string())),
+            Parameter::SCENARIO => Some(Scalar::Text(self.scenario.clone())),
+            Parameter::SEED => i64::try_from(self.seed).ok().map(Scalar::Integer),
+            _ => self.setting(&parameter.to_string()).cloned(),
+        }
     }
 }
 

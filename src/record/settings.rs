@@ -5,16 +5,15 @@
 
 use std::sync::Arc;
 
+use crate::job::{PlannedJob, Scalar, without_seed};
 use crate::key::{Key, Value};
-use crate::manifest::Setting;
-use crate::plan::{PlannedJob, Scalar, without_seed};
 
 /// The parameters of a job except scenario and seed, by dotted name.
 #[derive(Clone, Debug)]
 pub struct Settings {
     base: Arc<Base>,
     /// Settings that differ from the base, with their places in it, in ascending order.
-    own: Vec<(usize, Setting)>,
+    own: Vec<(usize, Scalar)>,
 }
 
 /// The settings of one job of an algorithm.
@@ -22,7 +21,7 @@ pub struct Settings {
 struct Base {
     algorithm: &'static str,
     /// Dotted names and values, sorted by name.
-    named: Vec<(String, Setting)>,
+    named: Vec<(String, Scalar)>,
     sections: Vec<Section>,
 }
 
@@ -37,7 +36,7 @@ struct Section {
 
 impl Settings {
     /// All dotted names and values, in the order of the names.
-    pub fn iter(&self) -> impl Iterator<Item = (&str, &Setting)> {
+    pub fn iter(&self) -> impl Iterator<Item = (&str, &Scalar)> {
         let mut own = self.own.iter().peekable();
         self.base.named.iter().enumerate().map(move |(place, (name, value))| {
             let own = own.next_if(|(at, _)| *at == place);
@@ -46,7 +45,7 @@ impl Settings {
     }
 
     /// The value of the parameter of this dotted name, if the job has it.
-    pub fn get(&self, name: &str) -> Option<&Setting> {
+    pub fn get(&self, name: &str) -> Option<&Scalar> {
         let named = &self.base.named;
         let place = named.binary_search_by(|(known, _)| known.as_str().cmp(name)).ok()?;
         Some(self.at(place))
@@ -55,7 +54,7 @@ impl Settings {
     /// The parameters of `other` whose values differ here or are missing here, in the order of their names.
     pub fn differing<'s>(&self, other: &'s Settings) -> Vec<&'s str> {
         if !Arc::ptr_eq(&self.base, &other.base) {
-            let differs = |(name, value): &(&str, &Setting)| self.get(name) != Some(value);
+            let differs = |(name, value): &(&str, &Scalar)| self.get(name) != Some(value);
             return other.iter().filter(differs).map(|(name, _)| name).collect();
         }
         let places = self.own.iter().chain(&other.own).map(|(place, _)| *place);
@@ -66,7 +65,7 @@ impl Settings {
         places.into_iter().map(|place| other.base.named[place].0.as_str()).collect()
     }
 
-    fn at(&self, place: usize) -> &Setting {
+    fn at(&self, place: usize) -> &Scalar {
         let own = self.own.iter().find(|(at, _)| *at == place);
         own.map_or(&self.base.named[place].1, |(_, own)| own)
     }
@@ -111,7 +110,7 @@ impl SharedSettings {
         for (known, (_, _, values)) in base.sections.iter().zip(planned.job.sections()) {
             let both = known.values.iter().zip(&values).zip(&known.places);
             let differing = both.filter(|((known, value), _)| known != value);
-            own.extend(differing.map(|((_, value), place)| (*place, setting(value))));
+            own.extend(differing.map(|((_, value), place)| (*place, Scalar::from(value))));
         }
         own.sort_by_key(|(place, _)| *place);
         Settings { base, own }
@@ -124,10 +123,10 @@ impl Base {
         let named = |(section, keys, values): (&str, &'static [Key], Vec<Value>)| {
             let named = keys.iter().zip(values);
             let named =
-                named.map(|(key, value)| (format!("{section}.{}", key.name), setting(&value)));
+                named.map(|(key, value)| (format!("{section}.{}", key.name), Scalar::from(&value)));
             named.collect::<Vec<_>>()
         };
-        let algorithm = Setting::Text(job.algorithm().to_owned());
+        let algorithm = Scalar::Text(job.algorithm().to_owned());
         let mut all = vec![("agent.algorithm".to_owned(), algorithm)];
         all.extend(job.sections().into_iter().flat_map(named));
         all.sort_by(|(one, _), (other, _)| one.cmp(other));
@@ -150,14 +149,6 @@ impl Base {
         let keys = planned.job.agent.algorithm().keys();
         let is_same = |section: &Section| std::ptr::eq(section.keys, keys);
         self.algorithm == planned.job.algorithm() && self.sections.first().is_some_and(is_same)
-    }
-}
-
-fn setting(value: &Value) -> Setting {
-    match Scalar::of(value) {
-        Scalar::Real(real) => Setting::Number(real),
-        Scalar::Integer(whole) => Setting::Number(whole as f64),
-        Scalar::Text(text) => Setting::Text(text),
     }
 }
 

@@ -7,9 +7,9 @@ use super::optima;
 use super::section::ReportedExperiment;
 use super::winner::winners;
 use crate::analyse::declared::{carry_out, condense, reproduce, summarise_arms, varying};
-use crate::manifest::{
-    Analysis, Condition, DataPart, Faults, Manifest, Parameters, ParticipantRange, Published,
-};
+use crate::job::{Condition, DataPart, ParticipantRange};
+use crate::key::Parameter;
+use crate::manifest::{Analysis, Faults, Manifest, Parameters, Published};
 use crate::plan;
 use crate::record::{DataSet, JobRecord, JobStatus};
 use crate::store::{DataQuery, Parts, Reader, StoreError};
@@ -144,24 +144,27 @@ fn parts(manifest: &Manifest, job: &JobRecord) -> Parts {
 fn query(manifest: &Manifest, data: &DataSet, analysis: &Analysis) -> DataQuery {
     let mut conditions: Vec<Condition> = analysis.of_jobs().collect();
     let asked: Vec<String> = conditions.iter().map(Condition::name).collect();
-    let agents = manifest.agents.iter().map(|agent| agent.name.clone()).collect();
-    let mut declared =
-        vec![Condition::AgentName(agents), Condition::Scenario(manifest.scenarios.clone())];
+    let agents = manifest.agents.iter().map(|agent| &agent.name);
+    let mut declared = vec![
+        Condition::texts(Parameter::AGENT_NAME, agents),
+        Condition::texts(Parameter::SCENARIO, manifest.scenarios()),
+    ];
     let swept = |parameters: &Parameters| parameters.conditions().collect::<Vec<_>>();
     declared.extend(swept(&manifest.environment));
     declared.extend(swept(&manifest.population));
     declared.extend(swept(&manifest.evaluation));
     conditions.extend(declared.into_iter().filter(|one| !asked.contains(&one.name())));
     // Agents and scenarios first, then keys by name.
-    let place = |condition: &Condition| match condition {
-        Condition::AgentName(_) => (0, String::new()),
-        Condition::Scenario(_) => (1, String::new()),
-        Condition::Seed(_) => (2, String::new()),
-        Condition::Key { parameter, .. } => (3, parameter.to_string()),
+    let place = |condition: &Condition| match condition.parameter {
+        Parameter::AGENT_NAME => (0, String::new()),
+        Parameter::SCENARIO => (1, String::new()),
+        Parameter::SEED => (2, String::new()),
+        parameter => (3, parameter.to_string()),
     };
     conditions.sort_by_key(place);
     let mut columns = varying(&data.jobs.iter().collect::<Vec<_>>());
-    let keys = conditions.iter().filter(|one| matches!(one, Condition::Key { .. }));
+    let is_key = |one: &&Condition| place(one).0 == 3;
+    let keys = conditions.iter().filter(is_key);
     for name in keys.map(Condition::name) {
         if !columns.contains(&name) {
             columns.push(name);

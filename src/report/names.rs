@@ -7,7 +7,8 @@ use crate::analyse::declared::{
     ActionPanel, AgentSummary, ArmId, ArmSummary, Content, ContrastFigure, CurveFigure, Finding,
     HeatFigure, LearningFigure, Ranking, implied,
 };
-use crate::manifest::{PanelKey, Setting, short_name};
+use crate::job::{Scalar, short_name};
+use crate::manifest::PanelKey;
 use crate::record::JobRecord;
 
 /// Keys that papers write as symbols; `_` begins a subscript.
@@ -163,7 +164,7 @@ impl Names {
     }
 }
 
-fn settings(settings: &mut [(String, Setting)]) {
+fn settings(settings: &mut [(String, Scalar)]) {
     settings.iter_mut().for_each(|(name, _)| *name = Names::key(name));
 }
 
@@ -184,8 +185,8 @@ mod tests {
             agent: "dqn".to_owned(),
             scenario: "P-H-D".to_owned(),
             settings: vec![
-                ("environment.kappa_h".to_owned(), Setting::Number(10.0)),
-                ("environment.rho_1".to_owned(), Setting::Number(50.0)),
+                ("environment.kappa_h".to_owned(), Scalar::Real(10.0)),
+                ("environment.rho_1".to_owned(), Scalar::Real(50.0)),
             ],
         };
         names.arm(&mut arm);

@@ -4,8 +4,8 @@ use std::collections::HashMap;
 use std::mem;
 
 use crate::env::{Environment, Population, Scenario};
+use crate::job::Job;
 use crate::optimum::{self, NoOptimum};
-use crate::plan::Job;
 
 /// The environments and scenarios of jobs, each once.
 #[derive(Default)]

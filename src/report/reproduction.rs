@@ -2,7 +2,7 @@
 
 use super::data_table::shown;
 use crate::analyse::declared::{Distance, Reproduction, Subject};
-use crate::plan::counted;
+use crate::job::counted;
 
 /// The results of a comparison with published numbers, in sentences.
 pub fn reproduction(reproduction: &Reproduction) -> Vec<String> {

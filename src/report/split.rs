@@ -6,8 +6,11 @@ use super::figure::MOST_ARMS;
 use super::kinds::drawn;
 use super::names::Names;
 use crate::analyse::declared::carry_out;
-use crate::manifest::{AnalysisKind, Condition, Manifest};
-use crate::plan::{self, PlannedJob, without_seed};
+use crate::job::Condition;
+use crate::job::{PlannedJob, without_seed};
+use crate::key::Parameter;
+use crate::manifest::{AnalysisKind, Manifest};
+use crate::plan::{self};
 use crate::record::{JobRecord, JobStatus, SharedSettings};
 
 /// Maximum number of jobs of one seed for which splits are predicted. Larger figures are
@@ -32,14 +35,14 @@ pub fn splits(manifest: &Manifest) -> Vec<String> {
         return Vec::new();
     }
     // An arm can lack the first seed only if an exclusion names seeds.
-    let names_seeds = |one: &Condition| matches!(one, Condition::Seed(_));
+    let names_seeds = |one: &Condition| one.parameter == Parameter::SEED;
     let may_lack = manifest.exclusions.iter().any(|one| one.conditions.iter().any(names_seeds));
-    let (seed, mut seen) = (manifest.seeds.first(), HashSet::new());
+    let (seed, mut seen) = (manifest.seeds().next(), HashSet::new());
     let of_one_seed = plan::jobs(manifest).filter(|planned| match may_lack {
         true => {
             seen.insert((planned.agent.to_string(), without_seed(planned.form.text()).to_owned()))
         }
-        false => Some(&planned.job.seed) == seed,
+        false => Some(planned.job.seed) == seed,
     });
     let of_one_seed: Vec<_> = of_one_seed.take(MOST_JOBS + 1).collect();
     if of_one_seed.len() > MOST_JOBS {

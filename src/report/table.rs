@@ -2,7 +2,7 @@
 
 use crate::analyse::Moments;
 use crate::analyse::declared::ArmSummary;
-use crate::manifest::short_name;
+use crate::job::short_name;
 use crate::plan::Swept;
 
 /// One line of the summary: the words that identify the arm, then its numbers.
@@ -51,7 +51,8 @@ mod tests {
     use super::*;
     use crate::analyse::Sample;
     use crate::analyse::declared::ArmId;
-    use crate::manifest::{self, Setting};
+    use crate::job::Scalar;
+    use crate::manifest::{self};
 
     const MANIFEST: &str = "format = 1\nname = \"t\"\nscenarios = [\"P-H-D\"]\nseeds = 3\n\
         environment.sigma = 0.6\n\
@@ -59,7 +60,7 @@ mod tests {
         [[agent]]\nname = \"reinforce\"\nalgorithm = \"reinforce\"\ngamma = [0.9, 0.8]\n";
 
     fn arm(agent: &str, settings: &[(&str, f64)], returns: Sample) -> ArmSummary {
-        let setting = |(name, value): &(&str, f64)| ((*name).to_owned(), Setting::Number(*value));
+        let setting = |(name, value): &(&str, f64)| ((*name).to_owned(), Scalar::Real(*value));
         let settings = settings.iter().map(setting).collect();
         ArmSummary {
             name: ArmId { agent: agent.to_owned(), scenario: "P-H-D".to_owned(), settings },

@@ -5,7 +5,7 @@ use super::figure::{Numbers, settings_label};
 use super::words::unit_numbers;
 use crate::analyse::declared::{Comparison, Reproduction, varying};
 use crate::analyse::{Interval, Undefined, Verdict};
-use crate::manifest::Setting;
+use crate::job::Scalar;
 use crate::record::{JobRecord, JobStatus};
 
 /// A metric's number in its displayed unit.
@@ -164,7 +164,7 @@ pub fn failures<'j>(experiments: impl Iterator<Item = (&'j str, &'j [JobRecord])
 fn failed(experiment: &str, job: &JobRecord, told_by: &[String]) -> Option<Vec<Entry>> {
     let JobStatus::Failed(failure) = &job.status else { return None };
     let setting = |name: &String| Some((name.clone(), job.setting(name)?.clone()));
-    let settings: Vec<(String, Setting)> = told_by.iter().filter_map(setting).collect();
+    let settings: Vec<(String, Scalar)> = told_by.iter().filter_map(setting).collect();
     let sigma = job.number("environment.sigma").map_or_else(String::new, |s| s.to_string());
     Some(vec![
         Entry::text(experiment),

@@ -7,8 +7,9 @@ use super::kinds::{amount, ends, gap, gap_ends};
 use super::words::metric_title;
 use crate::analyse::declared::{Arm, ArmId, Candidate, Content, Finding, Ranking, is_at};
 use crate::analyse::{Interval, Sample};
+use crate::job::{Job, PlannedJob, counted};
 use crate::manifest::{Analysis, AnalysisKind, Manifest, printable};
-use crate::plan::{self, Job, PlannedJob, counted};
+use crate::plan::{self};
 use crate::record::{JobRecord, JobStatus, SharedSettings};
 use crate::store::{Parts, Reader, StoreError};
 
@@ -89,7 +90,7 @@ impl Search<'_> {
     fn comments(&self, ranking: &Ranking, winner: &Candidate, held_out: &Sample) -> Vec<String> {
         let metric = self.analysis.metric;
         let ArmId { agent, scenario, settings } = &ranking.place;
-        let written = |settings: &mut dyn Iterator<Item = &(String, crate::manifest::Setting)>| {
+        let written = |settings: &mut dyn Iterator<Item = &(String, crate::job::Scalar)>| {
             settings.map(|(key, value)| format!(", {key} = {value}")).collect::<String>()
         };
         let (experiment, name) = (&self.manifest.name, &self.analysis.name);

@@ -1,6 +1,6 @@
 //! Titles, units and number formats of metrics.
 
-use crate::manifest::first_episodes;
+use crate::job::first_episodes;
 
 /// The format of numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

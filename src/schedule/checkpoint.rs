@@ -19,8 +19,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use crate::job::JobKey;
 use crate::kill_point::{self, KillPoint};
-use crate::plan::JobKey;
 use crate::store::{self, CHECKPOINTS, JobState, Reader, StoreError, beside, resolve};
 use crate::train::{CheckpointError, Checkpoints, ReadCheckpoint, Resumed, WriteCheckpoint};
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use crate::plan::Job;
+use crate::job::Job;
 use crate::store::{Reader, StoreError};
 
 /// The ratio of measured to expected training times, by algorithm.

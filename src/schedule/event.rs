@@ -3,7 +3,7 @@
 use std::io;
 use std::time::Duration;
 
-use crate::record::Outcome;
+use crate::job::Outcome;
 use crate::schedule::checkpoint::CheckpointNote;
 use crate::schedule::queued::Queued;
 use crate::train::TrainingProgress;

@@ -3,7 +3,7 @@
 use std::fs;
 
 use crate::agent;
-use crate::record::Provenance;
+use crate::job::Provenance;
 use crate::store;
 
 /// The provenance of runs made by this process.

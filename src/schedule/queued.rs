@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use crate::plan::{Job, JobKey};
+use crate::job::{Job, JobKey};
 
 /// A job in the queue, with the name of its agent.
 #[derive(Clone, Debug)]

@@ -7,8 +7,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::Queued;
+use crate::job::{JobKey, PlannedJob};
 use crate::manifest::Manifest;
-use crate::plan::{self, Filter, FilterError, JobKey, PlannedJob, Shard};
+use crate::plan::{self, Filter, FilterError, Shard};
 use crate::store::JobStates;
 
 /// A selection of jobs from at least one manifest.

@@ -9,8 +9,8 @@ use std::sync::mpsc;
 use std::thread::{self, Scope};
 use std::time::{Duration, Instant};
 
+use crate::job::Outcome;
 use crate::kill_point::{self, KillPoint};
-use crate::record::Outcome;
 use crate::schedule::checkpoint::CheckpointFolder;
 use crate::schedule::event::{Event, EventSink, Found};
 use crate::schedule::panic;

@@ -9,8 +9,9 @@ use super::event::{Event, EventSink};
 use super::queued::Queued;
 use super::selection::Selection;
 use super::sweep::{Context, Options, SweepError, Tally};
+use crate::job::JobKey;
 use crate::manifest::Manifest;
-use crate::plan::{self, JobKey};
+use crate::plan::{self};
 use crate::store::{Experiment, JobState, JobStates, Registered, RetryFailed, Store, StoreError};
 use crate::train;
 

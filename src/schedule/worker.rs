@@ -7,8 +7,8 @@ use std::sync::{Mutex, PoisonError, mpsc};
 use std::thread::{self, Scope};
 use std::time::Duration;
 
-use crate::plan::{Job, JobKey};
-use crate::record::{Failure, FailureKind, Outcome};
+use crate::job::{Failure, FailureKind, Outcome};
+use crate::job::{Job, JobKey};
 use crate::schedule::checkpoint::{Alarm, CheckpointFolder, CheckpointNote, Keeper, Stopwatch};
 use crate::schedule::panic;
 use crate::schedule::queued::Queued;

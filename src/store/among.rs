@@ -4,8 +4,9 @@ use std::sync::Arc;
 
 use rusqlite::Connection;
 
-use crate::manifest::ParticipantRange;
-use crate::record::{AmongParticipants, JobRecord, JobStatus, TestEpisode};
+use crate::job::ParticipantRange;
+use crate::job::TestEpisode;
+use crate::record::{AmongParticipants, JobRecord, JobStatus};
 
 use super::participant;
 use super::{Reader, StoreError};

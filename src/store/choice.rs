@@ -5,7 +5,7 @@ use rusqlite::types::Value;
 use rusqlite::{Connection, Error};
 use serde_json::Value as Json;
 
-use crate::record::Decision;
+use crate::job::Decision;
 
 use super::decision::{blocks, row_id};
 use super::insert::{insert_renumbered, insert_rows};

@@ -2,7 +2,7 @@
 
 use rusqlite::{Connection, OptionalExtension};
 
-use crate::plan::JobKey;
+use crate::job::JobKey;
 
 use super::crash::{self, Record};
 use super::ending;

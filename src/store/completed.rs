@@ -6,11 +6,9 @@ use std::sync::Arc;
 
 use rusqlite::Connection;
 
-use crate::manifest::Manifest;
-use crate::plan::{self, JobKey, PlannedJob};
-use crate::record::{
-    ActionCount, CompletedRun, DataSet, Failure, JobRecord, JobStatus, Provenance, SharedSettings,
-};
+use crate::job::{ActionCount, Failure, Provenance};
+use crate::job::{JobKey, PlannedJob};
+use crate::record::{CompletedRun, DataSet, JobRecord, JobStatus, SharedSettings};
 
 use super::job_states::JobStates;
 use super::read::failure_kind;
@@ -41,9 +39,14 @@ impl Parts {
 }
 
 impl Reader {
-    /// The jobs of a manifest with their status and results, in the manifest's order.
-    pub fn data_set(&self, manifest: &Manifest, parts: Parts) -> Result<DataSet, StoreError> {
-        self.data_set_of(&manifest.name, plan::jobs(manifest), |_| parts, |_| {})
+    /// The given jobs of an experiment with their status and results, in their order.
+    pub fn data_set(
+        &self,
+        experiment: &str,
+        jobs: impl IntoIterator<Item = PlannedJob>,
+        parts: Parts,
+    ) -> Result<DataSet, StoreError> {
+        self.data_set_of(experiment, jobs, |_| parts, |_| {})
     }
 
     /// The given jobs of an experiment with their status and results. `parts` chooses the results that are

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use rusqlite::Connection;
 
-use crate::plan::Job;
+use crate::job::Job;
 
 use super::error::StoreError;
 use super::read::{Reader, holders};

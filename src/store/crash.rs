@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 
 use rusqlite::Connection;
 
-use crate::record::{Failure, FailureKind};
+use crate::job::{Failure, FailureKind};
 
 use super::liveness::ProcessTable;
 use super::place::beside;

@@ -2,7 +2,8 @@
 
 use std::fmt::Write as _;
 
-use crate::manifest::{Condition, DataPart, ParticipantRange, Setting};
+use crate::job::{Condition, DataPart, ParticipantRange, Scalar};
+use crate::key::Parameter;
 use crate::record::JobRecord;
 
 /// A query of the public views: for some jobs of one experiment, and for a part of their results.
@@ -21,7 +22,7 @@ pub struct DataQuery {
 impl DataQuery {
     /// The jobs whose rows the query reads. Conditions on anything but the seed are tested once per arm.
     pub fn among<'j>(&self, jobs: &'j [JobRecord]) -> Vec<&'j JobRecord> {
-        let is_of_seed = |one: &&Condition| matches!(one, Condition::Seed(_));
+        let is_of_seed = |one: &&Condition| one.parameter == Parameter::SEED;
         let (of_seeds, of_arms): (Vec<_>, Vec<_>) = self.conditions.iter().partition(is_of_seed);
         let meets = |conditions: &[&Condition], job: &JobRecord| {
             conditions.iter().all(|condition| condition.is_met_by(&job))
@@ -103,18 +104,13 @@ fn participants(range: ParticipantRange) -> String {
 
 /// A condition as SQL on the rows of `run`.
 fn rendered(condition: &Condition) -> String {
-    let value = match condition {
-        Condition::Scenario(_) => "run.scenario".to_owned(),
-        Condition::Seed(_) => "run.seed".to_owned(),
-        Condition::AgentName(_) => "run.agent".to_owned(),
-        Condition::Key { parameter, .. } => key(&parameter.to_string()),
+    let value = match condition.parameter {
+        Parameter::SCENARIO => "run.scenario".to_owned(),
+        Parameter::SEED => "run.seed".to_owned(),
+        Parameter::AGENT_NAME => "run.agent".to_owned(),
+        parameter => key(&parameter.to_string()),
     };
-    let values: Vec<String> = match condition {
-        Condition::Seed(seeds) => seeds.iter().map(ToString::to_string).collect(),
-        Condition::Scenario(_) | Condition::AgentName(_) | Condition::Key { .. } => {
-            condition.settings().iter().map(literal).collect()
-        }
-    };
+    let values: Vec<String> = condition.scalars().iter().map(literal).collect();
     format!("{value} IN ({})", values.join(", "))
 }
 
@@ -129,10 +125,11 @@ pub fn text(text: &str) -> String {
 }
 
 /// A value as an SQL literal for comparisons.
-fn literal(setting: &Setting) -> String {
+fn literal(setting: &Scalar) -> String {
     match setting {
-        Setting::Number(number) => number.to_string(),
-        Setting::Text(word) => text(word),
+        Scalar::Real(number) => number.to_string(),
+        Scalar::Integer(number) => number.to_string(),
+        Scalar::Text(word) => text(word),
     }
 }
 
@@ -143,12 +140,14 @@ mod tests {
 
     #[test]
     fn names_cannot_leave_their_quotes() {
-        let key = |parameter, value| Condition::Key { parameter, values: vec![value] };
         let query = DataQuery {
             experiment: "x' OR 1=1 --".to_owned(),
             conditions: vec![
-                Condition::AgentName(vec!["dqn".to_owned(), "it's".to_owned()]),
-                key(Parameter::Environment("sigma"), Value::Real(0.6)),
+                Condition::texts(Parameter::AGENT_NAME, ["dqn", "it's"]),
+                Condition {
+                    parameter: Parameter::Environment("sigma"),
+                    values: vec![Value::Real(0.6)],
+                },
             ],
             columns: vec!["environment.sigma".to_owned(), "agent.\"x".to_owned()],
             part: DataPart::Metric("mean_return"),

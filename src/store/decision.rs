@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 use rusqlite::types::{Null, Value};
 use rusqlite::{CachedStatement, Connection, Error};
 
-use crate::record::{Decision, Phase};
+use crate::job::{Decision, Phase};
 
 use super::insert::{RUN, insert_renumbered};
 use super::schema::has_table;

@@ -8,7 +8,7 @@ use std::path::Path;
 
 use rusqlite::Connection;
 
-use crate::plan::{self, ImpliedParameter};
+use crate::job::{self, ImpliedParameter};
 
 use super::error::StoreError;
 use super::implied::{self, Known};
@@ -270,7 +270,7 @@ impl Examination<'_> {
         if self.texts("schema", table).is_empty() {
             return;
         }
-        let declared = plan::implied_parameters();
+        let declared = job::implied_parameters();
         for parameter in &declared {
             let what = match implied::known(self.connection, parameter) {
                 Ok(Known::Other(stored)) => {

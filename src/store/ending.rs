@@ -2,7 +2,7 @@
 
 use rusqlite::{Connection, params};
 
-use crate::record::Failure;
+use crate::job::Failure;
 
 use super::digest;
 use super::transaction::NOW;

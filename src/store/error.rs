@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use rusqlite::ErrorCode;
 
-use crate::plan::JobKey;
+use crate::job::JobKey;
 
 const NO_SQLITE_FILE: &str = "not a SQLite file (if it was a store, `jitai doctor --salvage NEW` \
      copies its intact runs to a new store)";

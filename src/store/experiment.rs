@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rusqlite::{CachedStatement, Connection, OptionalExtension, params};
 
-use crate::plan::{CanonicalForm, JobKey, Versions};
+use crate::job::{CanonicalForm, JobKey, Versions};
 
 use super::earlier_manifest;
 use super::error::{Fault, StoreError};

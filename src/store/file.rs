@@ -15,7 +15,7 @@ use super::error::StoreError;
 use super::migrate::{self, APPLICATION_ID, OLDEST_READABLE, SCHEMA_VERSION};
 use super::place::{beside, require_one_name, resolve};
 use super::{implied, mount, sandbox, schema};
-use crate::plan;
+use crate::job;
 
 /// The number of prepared statements that a connection caches; storing a run uses about thirty.
 const STATEMENTS_KEPT: usize = 64;
@@ -65,7 +65,7 @@ pub(super) fn open_writer(path: &Path) -> Result<(Connection, PathBuf), StoreErr
     }
     migrate::migrate(&mut connection, &path, migrate::MIGRATIONS)?;
     schema::require(&connection, &path)?;
-    implied::declare(&mut connection, &path, &plan::implied_parameters())?;
+    implied::declare(&mut connection, &path, &job::implied_parameters())?;
     Ok((connection, path))
 }
 

@@ -5,7 +5,8 @@ use std::path::Path;
 use rusqlite::types::{ToSqlOutput, Value as SqlValue};
 use rusqlite::{Connection, OptionalExtension, TransactionBehavior, params};
 
-use crate::plan::{ImpliedParameter, Scalar};
+use crate::job::ImpliedParameter;
+use crate::job::Scalar;
 
 use super::error::StoreError;
 use super::transaction::commit;

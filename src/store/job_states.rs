@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use crate::plan::{CanonicalForm, JobKey, Versions};
+use crate::job::{CanonicalForm, JobKey, Versions};
 
 use super::state::JobState;
 use super::{Reader, StoreError};

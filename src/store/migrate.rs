@@ -9,7 +9,7 @@ use rusqlite::{Connection, OpenFlags, Transaction, TransactionBehavior};
 use super::error::StoreError;
 use super::place::beside;
 use super::transaction::commit;
-use crate::plan::counted;
+use crate::job::counted;
 
 /// Marks a SQLite file as a store: the letters `JITA`.
 pub(super) const APPLICATION_ID: u32 = 0x4A49_5441;

@@ -1,7 +1,7 @@
 //! The store: one SQLite file with all experiments, jobs, runs and results. Only this module uses
 //! SQLite.
 //!
-//! In: jobs ([`crate::plan`]) and the outcomes of their runs ([`crate::record`]). Out: states, summaries,
+//! In: jobs and the outcomes of their runs ([`crate::job`]). Out: states, summaries,
 //! weights and results of queries. A [`Store`] writes, a [`Reader`] reads. `migrations/*.sql` creates the
 //! tables, and `docs/store.md` documents the public views.
 //!

@@ -3,7 +3,7 @@
 use rusqlite::types::Value;
 use rusqlite::{Connection, Error};
 
-use crate::record::{ParticipantValue, Phase};
+use crate::job::{ParticipantValue, Phase};
 
 use super::insert::{RUN, insert_renumbered, insert_rows};
 use super::schema::has_table;

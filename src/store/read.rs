@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use rusqlite::{Connection, OptionalExtension};
 
-use crate::plan::{CanonicalForm, Job, JobKey, Versions};
-use crate::record::{Failure, FailureKind};
+use crate::job::{CanonicalForm, Job, JobKey, Versions};
+use crate::job::{Failure, FailureKind};
 
 use super::error::{Fault, StoreError};
 use super::liveness::ProcessTable;

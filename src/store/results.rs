@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use rusqlite::{Connection, OptionalExtension, params};
 
-use crate::record::{ActionCount, Outcome, Results, TestEpisode};
+use crate::job::{ActionCount, Outcome, Results, TestEpisode};
 
 use super::claim::Claim;
 use super::ending::{complete_run, end_run};
@@ -169,8 +169,8 @@ pub(super) fn metric_id(connection: &Connection, name: &str) -> rusqlite::Result
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::Job;
-    use crate::record::{CURVE_METRICS, CurvePoint, Failure, FailureKind};
+    use crate::job::Job;
+    use crate::job::{CURVE_METRICS, CurvePoint, Failure, FailureKind};
     use crate::store::insert::ROWS;
     use crate::store::sample::{begin_session, claim, job, results};
 

@@ -1,7 +1,7 @@
 //! Jobs and results for the tests of this module.
 
-use crate::plan::Job;
-use crate::record::{METRICS, Metric, Provenance, Results, TestEpisode};
+use crate::job::Job;
+use crate::job::{METRICS, Metric, Provenance, Results, TestEpisode};
 
 use super::{Claim, Claimed, Experiment, Isolation, RetryFailed, SessionId, Store};
 

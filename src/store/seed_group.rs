@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use crate::plan::{Job, without_seed};
+use crate::job::{Job, without_seed};
 
 /// A value for each group of jobs that differ only in their seeds. Only one job per group is parsed, so
 /// grouping many jobs is cheap.

@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use rusqlite::{Connection, OptionalExtension, Row, named_params};
 
-use crate::plan::JobKey;
-use crate::record::Provenance;
+use crate::job::JobKey;
+use crate::job::Provenance;
 
 use super::crash::{self, Death};
 use super::error::StoreError;

@@ -2,8 +2,8 @@
 
 use rusqlite::{Connection, OptionalExtension};
 
+use crate::job::{Job, JobError, JobKey, Versions};
 use crate::key::CanonicalError;
-use crate::plan::{Job, JobError, JobKey, Versions};
 
 use super::digest;
 

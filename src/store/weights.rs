@@ -2,7 +2,7 @@
 
 use rusqlite::Connection;
 
-use crate::plan::{Job, JobKey};
+use crate::job::{Job, JobKey};
 
 use super::error::{Fault, StoreError};
 use super::read::Reader;

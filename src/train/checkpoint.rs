@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::agent::{self, OutOfMemory};
-use crate::plan::{Job, Versions};
+use crate::job::{Job, Versions};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 use crate::train::training::Training;
 

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::io;
 
 use crate::agent::{OutOfMemory, TrainedEpisode, reserve};
-use crate::record::{CURVE_METRICS, CurvePoint, Metric};
+use crate::job::{CURVE_METRICS, CurvePoint, Metric};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// The number of episodes in the average of the reported recent return.

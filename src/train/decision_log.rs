@@ -4,7 +4,7 @@ use std::io;
 
 use crate::agent::{OutOfMemory, StepObserver, Unavailable, reserve};
 use crate::env::{Action, ActionProbabilities, EpisodeStatus, PhysicalActivity, VectorEnvironment};
-use crate::record::{Decision, ParticipantValue, Phase};
+use crate::job::{Decision, ParticipantValue, Phase};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// Records the decisions of one phase of a job.

@@ -1,6 +1,6 @@
 //! One job, from its declaration to its outcome.
 //!
-//! In: a [`Job`](crate::plan::Job) and a [`TrainingControl`]. Out: an [`Outcome`](crate::record::Outcome)
+//! In: a [`Job`](crate::job::Job) and a [`TrainingControl`]. Out: an [`Outcome`](crate::job::Outcome)
 //! that depends only on the job and the code, however often the training was stopped and resumed.
 //! The module uses no database, no workers and no other jobs. [`Checkpoints`] decides where
 //! checkpoints are kept and when they are due.

@@ -1,8 +1,8 @@
 //! A job from its start, or from a checkpoint, to its outcome.
 
 use crate::agent::{External, OutOfMemory};
-use crate::plan::Job;
-use crate::record::Outcome;
+use crate::job::Job;
+use crate::job::Outcome;
 use crate::train::checkpoint::{self, Checkpoints, Resumed};
 use crate::train::control::TrainingControl;
 use crate::train::outside;

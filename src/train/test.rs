@@ -7,8 +7,8 @@ use crate::env::{
     Action, ActionProbabilities, ContextDraw, EpisodeStatus, LaneSet, ParticipantSampler,
     PhysicalActivity, VectorEnvironment,
 };
-use crate::plan::Job;
-use crate::record::{
+use crate::job::Job;
+use crate::job::{
     ActionCount, Decision, Metric, PROBABILITY_BINS, ParticipantValue, Phase, TestEpisode,
 };
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
@@ -314,7 +314,7 @@ fn restore_episode(from: &mut StateReader<'_>) -> Result<TestEpisode, StateError
 }
 
 impl Tested {
-    /// The metrics of the run, each at most once; see [`crate::record::METRICS`].
+    /// The metrics of the run, each at most once; see [`crate::job::METRICS`].
     pub(super) fn metrics(&self) -> Vec<Metric> {
         let n = self.episodes.len() as f64;
         let mean = self.episodes.iter().map(|e| e.total_reward).sum::<f64>() / n;
@@ -412,7 +412,7 @@ mod tests {
         let first: Vec<(&str, f64)> = first.map(|metric| (metric.name, metric.value)).collect();
         assert_eq!(first, [("one", 10.0), ("two", 15.0)]);
         let names: Vec<&str> = tested.metrics().iter().map(|m| m.name).collect();
-        let declared: Vec<&str> = crate::record::METRICS.iter().map(|(name, _)| *name).collect();
+        let declared: Vec<&str> = crate::job::METRICS.iter().map(|(name, _)| *name).collect();
         assert_eq!(names, declared);
     }
 

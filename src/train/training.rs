@@ -6,8 +6,8 @@ use std::time::Duration;
 use crate::agent::{
     Actor, Learner, LearnerError, OutOfMemory, Start, StartError, StepObserver, TrainedEpisode,
 };
-use crate::plan::Job;
-use crate::record::{Failure, FailureKind, Metric, Phase, Results};
+use crate::job::Job;
+use crate::job::{Failure, FailureKind, Metric, Phase, Results};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 use crate::train::curve::CurveRecorder;
 use crate::train::decision_log::DecisionLog;
@@ -261,7 +261,7 @@ mod tests {
     use crate::env::{
         Action, Environment, LaneSet, PhysicalActivity, Population, VectorEnvironment,
     };
-    use crate::manifest::Evaluation;
+    use crate::job::Evaluation;
     use crate::rng::Stream;
 
     /// An actor whose choices depend on every kind of state that an actor can have.

@@ -15,9 +15,10 @@ use std::{str, thread};
 
 use jitai::agent::{Actions, Weights};
 use jitai::cli::input;
+use jitai::job::Job;
+use jitai::job::{Outcome, Provenance};
 use jitai::manifest::{self, Manifest};
-use jitai::plan::{self, Job};
-use jitai::record::{Outcome, Provenance};
+use jitai::plan::{self};
 use jitai::store::{
     self, Answer, Claimed, Experiment, Interrupter, Isolation, Parts, QueryError, Reader,
     RetryFailed, Store,

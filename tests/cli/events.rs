@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use jitai::plan::Job;
+use jitai::job::Job;
 use jitai::schedule::{self, Context, Event, EventSink, Found, Options, Tally};
 use jitai::store::{Claimed, Isolation, RetryFailed, Store};
 use jitai::train::{self, TrainingControl, Uncontrolled};
@@ -85,8 +85,8 @@ fn a_job_that_ended_elsewhere_is_told_with_how_it_ended() {
             let Claimed::Claimed(claim) = claimed else { panic!("{claimed:?}") };
             let outcome = match queued.job.seed {
                 2 => train::run(&queued.job, &Uncontrolled),
-                _ => jitai::record::Outcome::Failed(jitai::record::Failure {
-                    kind: jitai::record::FailureKind::Diverged,
+                _ => jitai::job::Outcome::Failed(jitai::job::Failure {
+                    kind: jitai::job::FailureKind::Diverged,
                     message: "the loss is not a number".into(),
                     episode: 1,
                 }),

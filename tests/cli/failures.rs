@@ -4,9 +4,10 @@ use std::num::NonZeroUsize;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
+use jitai::job::Job;
+use jitai::job::{Outcome, Provenance};
 use jitai::manifest;
-use jitai::plan::{self, Job};
-use jitai::record::{Outcome, Provenance};
+use jitai::plan::{self};
 use jitai::schedule::{self, Context, Event, EventSink, OnFailure, Options, Queued, Tally};
 use jitai::store::{Experiment, RetryFailed, SessionId, Store};
 use jitai::train::{self, TrainingControl};

@@ -4,10 +4,10 @@ use std::fs;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
+use jitai::job::Job;
+use jitai::job::Outcome;
 use jitai::kill_point::VARIABLE;
-use jitai::plan::Job;
 use jitai::plan::Shard;
-use jitai::record::Outcome;
 use jitai::schedule::{self, Context, Event};
 use jitai::store::Store;
 use jitai::train::{self, TrainingControl};

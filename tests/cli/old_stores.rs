@@ -5,7 +5,7 @@
 use std::fs;
 use std::path::Path;
 
-use jitai::plan::implied_parameters;
+use jitai::job::implied_parameters;
 
 use crate::support::{Folder, assert_same_rows};
 

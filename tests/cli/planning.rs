@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use jitai::plan::Versions;
+use jitai::job::Versions;
 use rusqlite::Connection;
 use serde_json::{Value, json};
 

@@ -3,8 +3,8 @@
 use std::collections::HashSet;
 use std::thread;
 
-use jitai::plan::{Job, JobKey};
-use jitai::record::{Outcome, Results};
+use jitai::job::{Job, JobKey};
+use jitai::job::{Outcome, Results};
 use jitai::store::{
     self, Claimed, Finished, Isolation, JobState, Reader, RetryFailed, RunEnd, Store, StoreError,
 };

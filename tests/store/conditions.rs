@@ -2,10 +2,11 @@
 
 use std::ops::ControlFlow;
 
-use jitai::key::Value;
-use jitai::manifest::{self, Condition, DataPart, Manifest, Setting};
+use jitai::job::{Condition, DataPart, Scalar};
+use jitai::job::{Outcome, Results};
+use jitai::key::{Parameter, Value};
+use jitai::manifest::{self, Manifest};
 use jitai::plan;
-use jitai::record::{Outcome, Results};
 use jitai::rng::{Purpose, Stream};
 use jitai::store::{self, Answer, DataQuery, Parts, Reader};
 
@@ -42,7 +43,7 @@ fn in_memory(query: &DataQuery, data: &jitai::record::DataSet) -> Rows {
     let jobs = query.among(&data.jobs).into_iter();
     let row = |job: &jitai::record::JobRecord| {
         let keys = query.columns.iter();
-        let keys = keys.map(|name| job.setting(name).map(Setting::to_string)).collect();
+        let keys = keys.map(|name| job.setting(name).map(Scalar::to_string)).collect();
         (job.agent.to_string(), job.scenario.clone(), job.seed as i64, keys)
     };
     let mut rows: Rows = jobs.map(row).collect();
@@ -53,8 +54,8 @@ fn in_memory(query: &DataQuery, data: &jitai::record::DataSet) -> Rows {
 fn in_sql(query: &DataQuery, reader: &Reader) -> Rows {
     let text = |value: &store::Value<'_>| match value {
         store::Value::Null => None,
-        store::Value::Integer(whole) => Some(Setting::Number(*whole as f64).to_string()),
-        store::Value::Real(real) => Some(Setting::Number(*real).to_string()),
+        store::Value::Integer(whole) => Some(Scalar::Real(*whole as f64).to_string()),
+        store::Value::Real(real) => Some(Scalar::Real(*real).to_string()),
         store::Value::Text(text) => Some((*text).to_owned()),
         store::Value::Blob(_) => panic!("no parameter is a blob"),
     };
@@ -78,19 +79,19 @@ fn in_sql(query: &DataQuery, reader: &Reader) -> Rows {
 /// A condition on each value that the manifest's jobs have, and on some values that no job has.
 fn conditions(manifest: &Manifest) -> Vec<Condition> {
     let mut conditions: Vec<Condition> =
-        manifest.scenarios.iter().map(|one| Condition::Scenario(vec![one.clone()])).collect();
-    conditions.extend(manifest.seeds.iter().map(|seed| Condition::Seed(vec![*seed])));
-    conditions.push(Condition::Seed(vec![9_007_199_254_740_992]));
-    let agents = manifest.agents.iter().map(|agent| agent.name.clone());
-    conditions
-        .extend(agents.chain(["' OR 1".to_owned()]).map(|one| Condition::AgentName(vec![one])));
+        manifest.scenarios().map(|one| Condition::texts(Parameter::SCENARIO, [one])).collect();
+    let seeds = manifest.seeds().chain([9_007_199_254_740_992]).map(Value::Integer);
+    let of_seed = |seed| Condition { parameter: Parameter::SEED, values: vec![seed] };
+    conditions.extend(seeds.map(of_seed));
+    let agents = manifest.agents.iter().map(|agent| agent.name.as_str());
+    let names = agents.chain(["' OR 1"]);
+    conditions.extend(names.map(|one| Condition::texts(Parameter::AGENT_NAME, [one])));
     let of_agents = manifest.agents.iter().map(|agent| &agent.parameters);
     for parameters in [&manifest.environment, &manifest.evaluation].into_iter().chain(of_agents) {
         for (key, values) in parameters.iter() {
             let dotted = format!("{}.{}", parameters.section().name(), key.name);
             let parameter = manifest::parameter(&dotted).unwrap();
-            let condition =
-                |value: &Value| Condition::Key { parameter, values: vec![value.clone()] };
+            let condition = |value: &Value| Condition { parameter, values: vec![value.clone()] };
             conditions.extend(values.iter().chain([&Value::Real(0.123)]).map(condition));
         }
     }

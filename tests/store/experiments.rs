@@ -7,8 +7,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use jitai::agent::{Agent, DuelingDqn};
-use jitai::plan::{Job, PlannedJob, Scalar, Versions};
-use jitai::record::{JobStatus, Outcome};
+use jitai::job::Outcome;
+use jitai::job::{Job, PlannedJob, Scalar, Versions};
+use jitai::record::JobStatus;
 use jitai::store::{Counts, Experiment, JobState, Parts, Reader, Registered, Store, StoreError};
 use rusqlite::Connection;
 use rusqlite::types::Value;

@@ -135,7 +135,7 @@ fn the_kinds_of_failure_are_those_of_the_program() {
     let names: Vec<String> =
         statement.query_map([], |row| row.get(0)).unwrap().collect::<Result<_, _>>().unwrap();
     let mut known: Vec<&str> =
-        jitai::record::FailureKind::ALL.iter().map(|kind| kind.name()).collect();
+        jitai::job::FailureKind::ALL.iter().map(|kind| kind.name()).collect();
     known.sort_unstable();
     assert_eq!(names, known);
 }
@@ -192,7 +192,7 @@ fn a_run_begins_running() {
 
 #[test]
 fn a_run_that_has_ended_never_changes() {
-    for outcome in [completed(), failed(), jitai::record::Outcome::Interrupted] {
+    for outcome in [completed(), failed(), jitai::job::Outcome::Interrupted] {
         let job = dqn(0.4, 1);
         let mut sample = Sample::with(std::slice::from_ref(&job));
         sample.run(&job, &outcome);
@@ -224,7 +224,7 @@ fn only_a_run_in_progress_takes_results() {
         "INSERT INTO action_count VALUES (1, 0, 0, 0, 1)",
         "INSERT INTO trained_weights VALUES (1, x'00')",
     ];
-    for outcome in [completed(), failed(), jitai::record::Outcome::Interrupted] {
+    for outcome in [completed(), failed(), jitai::job::Outcome::Interrupted] {
         let job = dqn(0.4, 1);
         let mut sample = Sample::with(std::slice::from_ref(&job));
         sample.run(&job, &outcome);

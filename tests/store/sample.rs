@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 use jitai::agent::{Agent, DecisionRule, DuelingDqn, Reinforce, RuleParameters};
 use jitai::env::{Environment, Population};
-use jitai::manifest::Evaluation;
-use jitai::plan::Job;
-use jitai::record::{
+use jitai::job::Evaluation;
+use jitai::job::Job;
+use jitai::job::{
     ActionCount, CURVE_METRICS, CurvePoint, Failure, FailureKind, METRICS, Metric, Outcome,
     Provenance, Results, TestEpisode,
 };

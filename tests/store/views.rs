@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::Path;
 
-use jitai::plan::Job;
-use jitai::record::Outcome;
+use jitai::job::Job;
+use jitai::job::Outcome;
 use rusqlite::Connection;
 
 use crate::sample::{Sample, completed, dqn, failed, number, realistic, reinforce, results};

@@ -124,7 +124,7 @@ impl AlgorithmParameters for DuelingDqn {
         },
         Constraint {
             parameters: &[
-                Parameter::Scenario,
+                Parameter::SCENARIO,
                 LAYERS,
                 TRUNK,
                 RECURRENT,
@@ -140,7 +140,7 @@ impl AlgorithmParameters for DuelingDqn {
         },
         Constraint {
             parameters: &[
-                Parameter::Scenario,
+                Parameter::SCENARIO,
                 BATCH,
                 LAYERS,
                 TRUNK,
@@ -159,7 +159,7 @@ impl AlgorithmParameters for DuelingDqn {
         },
         Constraint {
             parameters: &[
-                Parameter::Scenario,
+                Parameter::SCENARIO,
                 BUFFER,
                 EPISODES,
                 HORIZON,

@@ -78,7 +78,7 @@ impl AlgorithmParameters for LinearThompson {
         },
         Constraint {
             parameters: &[
-                Parameter::Scenario,
+                Parameter::SCENARIO,
                 FEATURES,
                 CENTRING,
                 POSTERIOR,

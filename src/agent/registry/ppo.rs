@@ -67,12 +67,12 @@ impl AlgorithmParameters for Ppo {
         },
         GRU_HAS_ITS_LAYERS,
         Constraint {
-            parameters: &[Parameter::Scenario, LAYERS, RECURRENT, UNITS, HORIZON, ONE_HOT, HISTORY],
+            parameters: &[Parameter::SCENARIO, LAYERS, RECURRENT, UNITS, HORIZON, ONE_HOT, HISTORY],
             violation: |assignment| network_fits(network_parameters(assignment)),
         },
         Constraint {
             parameters: &[
-                Parameter::Scenario,
+                Parameter::SCENARIO,
                 LANES,
                 STEPS,
                 LAYERS,

@@ -40,12 +40,12 @@ impl AlgorithmParameters for Reinforce {
             },
         },
         Constraint {
-            parameters: &[Parameter::Scenario, LAYERS, HORIZON, ONE_HOT, HISTORY],
+            parameters: &[Parameter::SCENARIO, LAYERS, HORIZON, ONE_HOT, HISTORY],
             violation: |assignment| network_fits(assignment.network_parameters(1, 4)),
         },
         Constraint {
             parameters: &[
-                Parameter::Scenario,
+                Parameter::SCENARIO,
                 TRAJECTORIES_PER_UPDATE,
                 LAYERS,
                 HORIZON,

@@ -76,9 +76,9 @@ impl AlgorithmParameters for RuleParameters {
     const CONSTRAINTS: &'static [Constraint] = &[
         TEST_DECISIONS_FIT,
         Constraint {
-            parameters: &[Parameter::Scenario, RULE],
+            parameters: &[Parameter::SCENARIO, RULE],
             violation: |assignment| {
-                let scenario = assignment.scenario;
+                let scenario = &assignment.scenario;
                 let hidden = is_optimal(assignment) && !scenario.shows_state();
                 hidden.then(|| Violation::Impossible {
                     says: format!(
@@ -105,7 +105,7 @@ impl AlgorithmParameters for RuleParameters {
             violation: |assignment| {
                 let not_known = |error: &NoOptimum| matches!(error, NoOptimum::NotKnown { .. });
                 let environment = environment(assignment).filter(|_| is_optimal(assignment))?;
-                let error = check(&environment, assignment.scenario).err().filter(not_known)?;
+                let error = check(&environment, &assignment.scenario).err().filter(not_known)?;
                 Some(not_possible(&error))
             },
         },

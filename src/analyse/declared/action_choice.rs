@@ -2,7 +2,8 @@
 
 use super::arm::{ArmId, arms};
 use crate::analyse::{Interval, share_interval};
-use crate::record::{CompletedRun, JobRecord, PROBABILITY_BINS};
+use crate::job::PROBABILITY_BINS;
+use crate::record::{CompletedRun, JobRecord};
 
 /// Number of actions: none, untailored, tailored to context 0, tailored to context 1.
 const ACTIONS: usize = 4;

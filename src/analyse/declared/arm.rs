@@ -4,7 +4,7 @@ use std::cmp::Reverse;
 use std::collections::{BTreeSet, HashMap, HashSet};
 
 use crate::analyse::{Sample, lower_quartile};
-use crate::manifest::Setting;
+use crate::job::Scalar;
 use crate::record::{CompletedRun, JobRecord, JobStatus};
 
 /// The identity of an arm within its analysis.
@@ -15,7 +15,7 @@ pub struct ArmId {
     /// Scenario, like `P-H-D`.
     pub scenario: String,
     /// Parameters that differ between the arms of the analysis: dotted name and value.
-    pub settings: Vec<(String, Setting)>,
+    pub settings: Vec<(String, Scalar)>,
 }
 
 /// The jobs of an arm.
@@ -103,7 +103,7 @@ pub fn condense(run: &mut CompletedRun) {
 /// Whether a job matches a row's name. An empty agent or scenario matches any.
 pub fn is_at(job: &JobRecord, name: &ArmId) -> bool {
     let is = |wanted: &str, found: &str| wanted.is_empty() || wanted == found;
-    let set = |(key, value): &(String, Setting)| job.setting(key) == Some(value);
+    let set = |(key, value): &(String, Scalar)| job.setting(key) == Some(value);
     is(&name.agent, &job.agent)
         && is(&name.scenario, &job.scenario)
         && name.settings.iter().all(set)
@@ -125,10 +125,11 @@ pub enum Token<'s> {
 
 impl Token<'_> {
     /// The token of a setting.
-    pub fn of(setting: &Setting) -> Token<'_> {
+    pub fn of(setting: &Scalar) -> Token<'_> {
         match setting {
-            Setting::Number(number) => Token::Number(number.to_bits()),
-            Setting::Text(text) => Token::Text(text),
+            Scalar::Real(number) => Token::Number(number.to_bits()),
+            Scalar::Integer(whole) => Token::Number((*whole as f64).to_bits()),
+            Scalar::Text(text) => Token::Text(text),
         }
     }
 }
@@ -153,7 +154,7 @@ pub fn decided_by(by: &str, jobs: &[&JobRecord]) -> Vec<String> {
         return Vec::new();
     }
     let decides = |name: &String| {
-        let mut values: HashMap<(&str, Token<'_>), Option<&Setting>> = HashMap::new();
+        let mut values: HashMap<(&str, Token<'_>), Option<&Scalar>> = HashMap::new();
         cells(jobs).all(|job| {
             let value = job.setting(name);
             let Some(at) = job.setting(by) else { return value.is_none() };
@@ -176,7 +177,7 @@ pub fn implied(jobs: &[&JobRecord], kept: &[String]) -> Vec<String> {
     names.sort_by_cached_key(|name| {
         let values = || cells(jobs).filter_map(|job| job.setting(name));
         let distinct: HashSet<Token<'_>> = values().map(Token::of).collect();
-        let is_word = values().any(|value| matches!(value, Setting::Text(_)));
+        let is_word = values().any(|value| matches!(value, Scalar::Text(_)));
         (!kept.contains(name), Reverse(distinct.len()), !is_word)
     });
     let mut implied: Vec<String> = Vec::new();

@@ -7,7 +7,8 @@ use super::arm::{ArmId, varying};
 use super::curve::ALPHA;
 use super::pairs::{Pair, pairs};
 use crate::analyse::{self, Corrected, Design, Detectable, Sample, Undefined, correct, detectable};
-use crate::manifest::{Contrast, Pairing, Published, Setting, Sides};
+use crate::job::Scalar;
+use crate::manifest::{Contrast, Pairing, Published, Sides};
 use crate::record::JobRecord;
 
 /// The differences between two sides.
@@ -121,7 +122,7 @@ pub fn figure(
 
 /// The values of the sides, as texts.
 fn words(sides: &Sides) -> (String, String) {
-    (sides.first.settings()[0].to_string(), sides.second.settings()[0].to_string())
+    (sides.first.scalars()[0].to_string(), sides.second.scalars()[0].to_string())
 }
 
 /// The labels of the sides: agents, scenarios, or a key with its values.
@@ -157,7 +158,7 @@ fn decided(sides: &Sides, both: &[&JobRecord]) -> Vec<String> {
 }
 
 /// The value of a parameter that all jobs share; `None` if values differ or a job lacks it.
-fn only<'j>(name: &str, jobs: &[&'j JobRecord]) -> Option<&'j Setting> {
+fn only<'j>(name: &str, jobs: &[&'j JobRecord]) -> Option<&'j Scalar> {
     let value = jobs.first()?.setting(name)?;
     jobs.iter().all(|job| job.setting(name) == Some(value)).then_some(value)
 }

@@ -4,8 +4,9 @@ use super::arm::{arms, by_value, decided_by};
 use super::pairs::{Pair, pairs};
 use super::{Arm, ArmId};
 use crate::analyse::{Contrast, Design, Interval, Sample, Undefined};
+use crate::job::Condition;
 use crate::key::Parameter;
-use crate::manifest::{Condition, Published, Sides};
+use crate::manifest::{Published, Sides};
 use crate::record::JobRecord;
 
 /// A map of one arm.
@@ -105,7 +106,7 @@ fn figure(
     published: Option<&Published>,
 ) -> HeatFigure {
     let contrast = match sides {
-        Some(sides) => format!("{} - {}", sides.first.settings()[0], sides.second.settings()[0]),
+        Some(sides) => format!("{} - {}", sides.first.scalars()[0], sides.second.scalars()[0]),
         None => name.scenario.clone(),
     };
     let rows = by_value(y, jobs);

@@ -2,7 +2,8 @@
 
 use super::arm::by_value;
 use crate::env::{FirstContext, inference_error};
-use crate::manifest::{Published, Setting};
+use crate::job::Scalar;
+use crate::manifest::Published;
 use crate::record::JobRecord;
 
 /// The error along sigma: by the formula, in test steps, and as published.
@@ -45,7 +46,7 @@ impl ErrorFigure {
 /// The number of test steps of a job whose context is known beforehand: a fixed first context is never wrong.
 fn certain_steps(job: &JobRecord) -> u64 {
     let is_fixed = job.setting("environment.first_context").is_none_or(
-        |first| matches!(first, Setting::Text(word) if word == FirstContext::Fixed.word()),
+        |first| matches!(first, Scalar::Text(word) if word == FirstContext::Fixed.word()),
     );
     if is_fixed { job.number("evaluation.test_episodes").unwrap_or(0.0) as u64 } else { 0 }
 }

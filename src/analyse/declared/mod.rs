@@ -33,7 +33,8 @@ pub use summary::{AgentSummary, ArmSummary, share_of_optimum, summarise_agents, 
 
 use std::collections::HashSet;
 
-use crate::manifest::{Analysis, AnalysisKind, ParticipantRange, Published};
+use crate::job::ParticipantRange;
+use crate::manifest::{Analysis, AnalysisKind, Published};
 use crate::record::{JobRecord, JobStatus};
 
 /// The result of an analysis.

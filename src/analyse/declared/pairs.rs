@@ -4,7 +4,9 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 
 use super::arm::{Arm, ArmId, Token, arms, cells, varying};
-use crate::manifest::{Condition, Sides};
+use crate::job::Condition;
+use crate::key::Parameter;
+use crate::manifest::Sides;
 use crate::record::JobRecord;
 
 /// The arms that one difference compares.
@@ -39,7 +41,7 @@ pub fn pairs<'j>(sides: &Sides, jobs: &[&'j JobRecord], aside: &[&str]) -> Vec<P
         }
     }
     names.retain(|name| !aside.contains(&name.as_str()));
-    let are_agents = matches!(sides.first, Condition::AgentName(_));
+    let are_agents = sides.first.parameter == Parameter::AGENT_NAME;
     let is_of_one = |name: &String| {
         are_agents && name.starts_with("agent.") && !swept.iter().all(|swept| swept.contains(name))
     };
@@ -52,10 +54,10 @@ pub fn pairs<'j>(sides: &Sides, jobs: &[&'j JobRecord], aside: &[&str]) -> Vec<P
             let settings = names.iter().filter_map(|name| Some((name, job.setting(name)?)));
             arm.name.settings =
                 settings.map(|(name, value)| (name.clone(), value.clone())).collect();
-            match sides.first {
-                Condition::Scenario(_) => arm.name.scenario.clear(),
-                Condition::AgentName(_) => arm.name.agent.clear(),
-                Condition::Seed(_) | Condition::Key { .. } => {}
+            match sides.first.parameter {
+                Parameter::SCENARIO => arm.name.scenario.clear(),
+                Parameter::AGENT_NAME => arm.name.agent.clear(),
+                _ => {}
             }
             let tokens: Vec<Option<Token<'_>>> =
                 names.iter().map(|name| job.setting(name).map(Token::of)).collect();

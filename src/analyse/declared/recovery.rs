@@ -4,7 +4,8 @@ use std::collections::HashMap;
 
 use super::arm::{Arm, ArmId, NET_RETURN, Token, arms};
 use crate::analyse::{self, Design, Recovered, Sample, Undefined};
-use crate::manifest::{Condition, Recovery, Setting};
+use crate::job::{Condition, Scalar};
+use crate::manifest::Recovery;
 use crate::record::JobRecord;
 
 /// A recovered share of a loss, in one environment.
@@ -90,7 +91,7 @@ pub fn rows(recovery: &Recovery, jobs: &[&JobRecord]) -> Vec<RecoveryRow> {
 /// sweep in the same way are compared at equal values.
 fn is_nearest(with: &Arm<'_>, without: &Arm<'_>, partners: &[&&Arm<'_>]) -> bool {
     let common = |other: &ArmId| {
-        let is_common = |setting: &&(String, Setting)| other.settings.contains(setting);
+        let is_common = |setting: &&(String, Scalar)| other.settings.contains(setting);
         with.name.settings.iter().filter(is_common).count()
     };
     let of_agent = partners.iter().map(|other| &other.name).filter(|other| {
@@ -104,32 +105,23 @@ fn is_nearest(with: &Arm<'_>, without: &Arm<'_>, partners: &[&&Arm<'_>]) -> bool
 /// in both. Keys of two different agents need not agree.
 fn are_partners(recovery: &Recovery, with: &Arm<'_>, without: &Arm<'_>) -> bool {
     let mentions =
-        |is: &dyn Fn(&Condition) -> bool| recovery.with.iter().chain(&recovery.without).any(is);
+        |name: &str| recovery.with.iter().chain(&recovery.without).any(|one| one.name() == name);
     let (one, other) = (&with.name, &without.name);
     let is_same_agent = one.agent == other.agent;
-    let is_mentioned = |name: &str| {
-        let is_of = |one: &Condition| match one {
-            Condition::Key { parameter, .. } => parameter.to_string() == name,
-            Condition::AgentName(_) | Condition::Scenario(_) | Condition::Seed(_) => false,
-        };
-        mentions(&is_of)
-    };
-    let settings = |of: &ArmId| -> Vec<(String, Setting)> {
+    let settings = |of: &ArmId| -> Vec<(String, Scalar)> {
         let counts = |name: &str| is_same_agent || !name.starts_with("agent.");
-        let counted = of.settings.iter().filter(|(name, _)| counts(name) && !is_mentioned(name));
+        let counted = of.settings.iter().filter(|(name, _)| counts(name) && !mentions(name));
         counted.cloned().collect()
     };
-    let is_agent = |one: &Condition| matches!(one, Condition::AgentName(_));
-    let is_scenario = |one: &Condition| matches!(one, Condition::Scenario(_));
     one != other
-        && (is_same_agent || mentions(&is_agent))
-        && (one.scenario == other.scenario || mentions(&is_scenario))
+        && (is_same_agent || mentions("agent.name"))
+        && (one.scenario == other.scenario || mentions("scenario"))
         && settings(one) == settings(other)
 }
 
 /// The settings that distinguish an arm's environment, as a key of a table.
 fn environment(name: &ArmId) -> Vec<(&str, Token<'_>)> {
-    let is_environment = |setting: &&(String, Setting)| {
+    let is_environment = |setting: &&(String, Scalar)| {
         setting.0.starts_with("environment.") || setting.0.starts_with("population.")
     };
     let settings = name.settings.iter().filter(is_environment);

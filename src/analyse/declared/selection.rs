@@ -5,8 +5,9 @@ use std::fmt;
 
 use super::arm::{ArmId, Token, arms};
 use crate::analyse::{Interval, Sample, Undefined};
+use crate::job::Scalar;
 use crate::key::Kind;
-use crate::manifest::{Section, SelectionRule, Setting};
+use crate::manifest::{Section, SelectionRule};
 use crate::record::JobRecord;
 
 /// The settings of one agent in one scenario and environment, best first. Rankings do not mix
@@ -38,17 +39,12 @@ impl Ranking {
     }
 
     /// The end of the range of a parameter at which the value is, among the settings tried.
-    fn end(&self, name: &str, value: &Setting) -> Option<RangeEnd> {
-        let Setting::Number(best) = value else { return None };
+    fn end(&self, name: &str, value: &Scalar) -> Option<RangeEnd> {
+        let best = &value.number()?;
         let tried = self.candidates.iter().filter(|candidate| candidate.sample.n() > 0);
         let settings = tried.flat_map(|candidate| &candidate.settings);
         let of_name = settings.filter(|(other, _)| other == name);
-        let numbers = || {
-            of_name.clone().filter_map(|(_, other)| match other {
-                Setting::Number(number) => Some(*number),
-                Setting::Text(_) => None,
-            })
-        };
+        let numbers = || of_name.clone().filter_map(|(_, other)| other.number());
         let (least, most) = (numbers().fold(*best, f64::min), numbers().fold(*best, f64::max));
         let side = match *best {
             _ if least == most => return None,
@@ -85,7 +81,7 @@ impl fmt::Display for RangeEnd {
             Side::Smallest => ("smaller", "smallest"),
             Side::Largest => ("larger", "largest"),
         };
-        let value = Setting::Number(self.value);
+        let value = Scalar::Real(self.value);
         let name = &self.name;
         write!(
             f,
@@ -114,7 +110,7 @@ fn is_limit(name: &str, value: f64) -> bool {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
     /// The settings, dotted names and values.
-    pub settings: Vec<(String, Setting)>,
+    pub settings: Vec<(String, Scalar)>,
     /// The metric of their seeds.
     pub sample: Sample,
     /// Its mean.
@@ -177,7 +173,7 @@ mod tests {
     fn ranking(name: &str, values: &[f64]) -> Ranking {
         let candidate = |value: &f64| {
             let sample = Sample::new([(1, 1.0), (2, 2.0)], 0, 0).unwrap();
-            let settings = vec![(name.to_owned(), Setting::Number(*value))];
+            let settings = vec![(name.to_owned(), Scalar::Real(*value))];
             let interval = sample.interval();
             Candidate { settings, sample, mean: Ok(1.5), interval }
         };

@@ -2,7 +2,7 @@
 
 use super::ticks::{linear, logarithmic, round_step};
 use super::{FAINT, GRID, INK, Numbers, TEXT, fitting, rising_title, text};
-use crate::manifest::Setting;
+use crate::job::Scalar;
 use crate::report::data_table::{shown, signed};
 use crate::report::scene::{Anchor, Mark, Shape, Stroke, Weight, width};
 
@@ -124,7 +124,7 @@ impl Axis {
             return Vec::new();
         }
         let label = |number: f64| match self.numbers {
-            Numbers::Plain => signed(&Setting::Number(number).to_string()),
+            Numbers::Plain => signed(&Scalar::Real(number).to_string()),
             Numbers::Percent => shown(number * 100.0, usize::from(number != 0.0)),
         };
         let tick = |number: &f64| Tick {
@@ -213,7 +213,7 @@ impl Axis {
         let place = |share: f64| before + (1.0 - before) * share;
         let aside = self.aside.iter().map(|number| Tick {
             share: self.share(*number),
-            label: signed(&Setting::Number(*number).to_string()),
+            label: signed(&Scalar::Real(*number).to_string()),
             is_zero: *number == 0.0,
         });
         let of_range: Vec<Tick> = match self.scale {

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use super::INK;
 use crate::analyse::declared::ArmId;
-use crate::manifest::Setting;
+use crate::job::Scalar;
 use crate::report::scene::{Color, Facets};
 
 /// The colours of Okabe and Ito, which colour-blind readers can distinguish. Black and yellow are
@@ -218,8 +218,8 @@ pub fn arm_label(name: &ArmId) -> String {
 }
 
 /// Settings on one line: `learning_rate=0.001 sigma=0.6`.
-pub fn settings_label(settings: &[(String, Setting)]) -> String {
-    let word = |(key, value): &(String, Setting)| {
+pub fn settings_label(settings: &[(String, Scalar)]) -> String {
+    let word = |(key, value): &(String, Scalar)| {
         format!("{}={value}", key.rsplit('.').next().unwrap_or(key))
     };
     settings.iter().map(word).collect::<Vec<_>>().join(" ")
@@ -250,7 +250,7 @@ mod tests {
     use super::*;
 
     fn arm(agent: &str, scenario: &str, rate: f64) -> ArmId {
-        let settings = vec![("agent.rate".to_owned(), Setting::Number(rate))];
+        let settings = vec![("agent.rate".to_owned(), Scalar::Real(rate))];
         ArmId { agent: agent.into(), scenario: scenario.into(), settings }
     }
 

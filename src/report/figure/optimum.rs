@@ -87,7 +87,7 @@ impl Optimum {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::manifest::Setting;
+    use crate::job::Scalar;
 
     #[test]
     fn optima_that_are_the_same_share_a_line_and_names_have_one() {
@@ -95,8 +95,8 @@ mod tests {
             agent: agent.into(),
             scenario: scenario.into(),
             settings: vec![
-                ("agent.layers".into(), Setting::Text("[64]".into())),
-                ("environment.sigma".into(), Setting::Number(sigma)),
+                ("agent.layers".into(), Scalar::Text("[64]".into())),
+                ("environment.sigma".into(), Scalar::Real(sigma)),
             ],
         };
         let (dqn, reinforce) = (name("dqn", "P-H-D", 0.6), name("reinforce", "P-H-D", 0.6));

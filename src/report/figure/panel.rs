@@ -4,7 +4,8 @@ use std::collections::HashMap;
 
 use super::look::{Looks, labels, settings_label};
 use crate::analyse::declared::ArmId;
-use crate::manifest::{PanelKey, short_name};
+use crate::job::short_name;
+use crate::manifest::PanelKey;
 use crate::report::escape::file_stem;
 use crate::report::names::Names;
 
@@ -199,15 +200,15 @@ fn next_key(arms: &[&ArmId], taken: &[By]) -> Option<By> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::job::Scalar;
     use crate::key::Parameter;
-    use crate::manifest::Setting;
 
     fn arms(agents: &[&str], scenarios: &[&str], decays: &[f64]) -> Vec<ArmId> {
         let mut arms = Vec::new();
         for agent in agents {
             for scenario in scenarios {
                 for decay in decays {
-                    let settings = vec![("environment.δ_d".to_owned(), Setting::Number(*decay))];
+                    let settings = vec![("environment.δ_d".to_owned(), Scalar::Real(*decay))];
                     let (agent, scenario) = ((*agent).to_owned(), (*scenario).to_owned());
                     arms.push(ArmId { agent, scenario, settings });
                 }

@@ -4,7 +4,7 @@ use super::forest::{MOST_ROWS, forest_figures};
 use super::{Drawn, Sheet, gap, gap_title, metric_words, related, test_name};
 use crate::analyse::declared::{ALPHA, ContrastFigure, ContrastRow, Family};
 use crate::analyse::{FEW_SEEDS, Undefined};
-use crate::plan::counted;
+use crate::job::counted;
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{arm_label, seeds};
 use crate::report::scene::Scene;

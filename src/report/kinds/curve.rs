@@ -7,7 +7,7 @@ use crate::analyse::Sample;
 use crate::analyse::declared::{
     ALPHA, Apart, ArmId, CurveFigure, CurveLine, CurvePoint, Ends, Trends,
 };
-use crate::manifest::short_name;
+use crate::job::short_name;
 use crate::report::arm_tables::{optimum, share};
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::{Drawn, Sheet, amount, gap, is_rate, metric_words, parameter, quantity};
 use crate::analyse::Interval;
 use crate::analyse::declared::{ArmId, HeatFigure, HeatTile, Scale, heat_range};
-use crate::manifest::short_name;
+use crate::job::short_name;
 use crate::report::data_table::{DataTable, Entry, exponential, shown, shown_ends, signed};
 use crate::report::escape::file_stem;
 use crate::report::figure::{

@@ -3,7 +3,7 @@
 use super::{Drawn, Sheet, parameter};
 use crate::analyse::declared::ErrorFigure;
 use crate::env::inference_error;
-use crate::plan::counted;
+use crate::job::counted;
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{
     Axis, AxisScale, Chart, INK, Line, Look, Marker, Numbers, PUBLISHED, Place, Spread, Style, draw,

@@ -4,8 +4,8 @@ use super::{Drawn, Sheet, ends, test_name};
 use crate::analyse::declared::{
     Apart, ArmId, HighestEnd, LearningFigure, LearningLine, LearningPanel,
 };
+use crate::job::counted;
 use crate::manifest::PanelKey;
-use crate::plan::counted;
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{
     AxisScale, Chart, Line, Look, Numbers, Panel, Panels, Place, Spread, arm_label, axes, draw,

@@ -17,8 +17,8 @@ use super::scene::Scene;
 use super::words::{metric_title, unit_numbers};
 use crate::analyse::declared::{ArmId, Content, Finding};
 use crate::analyse::{Design, Interval};
-use crate::manifest::{Setting, short_name};
-use crate::plan::counted;
+use crate::job::counted;
+use crate::job::{Scalar, short_name};
 
 /// Inputs that all figures of a finding share.
 pub(super) struct Sheet<'s> {
@@ -218,7 +218,7 @@ fn quantity(dotted: &str) -> String {
 
 /// A number of a parameter with its sign: every digit, or an exponent if it is very small or very large.
 fn parameter(value: f64) -> String {
-    signed(&Setting::Number(value).to_string())
+    signed(&Scalar::Real(value).to_string())
 }
 
 /// A p value with its relation: "= 0.03" or "< 0.001".
@@ -240,7 +240,8 @@ mod tests {
         CurvePoint, Family, JobCounts, LearningFigure, LearningLine, LearningPanel, Ranking,
     };
     use crate::analyse::{Contrast, Corrected, Design, Sample, Undefined};
-    use crate::manifest::{FigureKeys, ParticipantRange};
+    use crate::job::ParticipantRange;
+    use crate::manifest::FigureKeys;
     use crate::report::data_table::Entry;
     use crate::report::scene::Shape;
 
@@ -562,7 +563,7 @@ mod tests {
         let candidate = |rate: f64, values: &[(u64, f64)]| {
             let sample = sample(values, 0);
             Candidate {
-                settings: vec![("agent.learning_rate".to_owned(), Setting::Number(rate))],
+                settings: vec![("agent.learning_rate".to_owned(), Scalar::Real(rate))],
                 mean: sample.mean(),
                 interval: sample.interval(),
                 sample,

@@ -3,7 +3,7 @@
 use super::{Drawn, Sheet, test_name};
 use crate::analyse::declared::{ArmId, RecoveryRow};
 use crate::analyse::{Design, Interval, Recovered, Undefined};
-use crate::plan::counted;
+use crate::job::counted;
 use crate::report::arm_tables;
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{arm_label, seeds, settings_label};
@@ -173,13 +173,13 @@ mod tests {
     use super::*;
     use crate::analyse::declared::ScenarioOptimum;
     use crate::analyse::{Sample, recovered};
-    use crate::manifest::Setting;
+    use crate::job::Scalar;
 
     fn row(sigma: f64, with: [f64; 2], without: [f64; 2], optimum: Option<f64>) -> RecoveryRow {
         let name = |agent: &str, scenario: &str| ArmId {
             agent: agent.into(),
             scenario: scenario.into(),
-            settings: vec![("environment.sigma".into(), Setting::Number(sigma))],
+            settings: vec![("environment.sigma".into(), Scalar::Real(sigma))],
         };
         let sample = |values: [f64; 2]| Sample::new((1..).zip(values), 0, 0).unwrap();
         RecoveryRow {

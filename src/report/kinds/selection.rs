@@ -3,7 +3,7 @@
 use super::{Drawn, Sheet, amount, ends, gap, gap_ends, metric_words, test_name};
 use crate::analyse::declared::{Candidate, Ranking};
 use crate::analyse::{Design, TTest, Undefined, t_test};
-use crate::plan::counted;
+use crate::job::counted;
 use crate::report::data_table::{DataTable, Entry};
 use crate::report::figure::{arm_label, seeds, settings_label};
 use crate::report::scene::Scene;

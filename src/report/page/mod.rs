@@ -13,7 +13,7 @@ use super::scene::web_font;
 use super::section::{ReportedExperiment, Section, all_jobs};
 use super::tables;
 use crate::analyse::declared::{JobCounts, Reproduction, Subject};
-use crate::plan::counted;
+use crate::job::counted;
 
 const STYLE: &str = include_str!("style.css");
 const SCRIPT: &str = include_str!("script.js");

@@ -7,7 +7,7 @@ use std::sync::{Arc, LazyLock};
 use rusqlite::types::Value;
 use rusqlite::{CachedStatement, Connection};
 
-use crate::record::is_metric;
+use crate::job::is_metric;
 use crate::store::digest::ResultsDigest;
 use crate::store::results::metric_id;
 use crate::store::{choice, decision, participant};

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use rusqlite::{Connection, params};
 
-use crate::plan::Job;
-use crate::record::{
+use crate::job::Job;
+use crate::job::{
     CURVE_METRICS, CurvePoint, Decision, Failure, FailureKind, Outcome, Phase, Results, TestEpisode,
 };
 

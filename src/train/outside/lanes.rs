@@ -6,7 +6,7 @@ use crate::env::{
     PhysicalActivity, VectorEnvironment,
 };
 use crate::external::{Program, Reset, Rows, Step, ToProgram};
-use crate::plan::{Job, counted};
+use crate::job::{Job, counted};
 use crate::rng::{Purpose, Stream};
 
 use super::broken::Broken;

@@ -2,8 +2,8 @@
 
 use crate::agent::{OutOfMemory, TrainedEpisode};
 use crate::external::{Episodes, ProgramError, Update};
-use crate::plan::{Job, counted};
-use crate::record::{Failure, FailureKind, Outcome, Phase, Results};
+use crate::job::{Failure, FailureKind, Outcome, Phase, Results};
+use crate::job::{Job, counted};
 use crate::train::control::TrainingControl;
 use crate::train::curve::CurveRecorder;
 use crate::train::decision_log::DecisionLog;

@@ -5,7 +5,7 @@ use crate::env::{Action, ActionProbabilities, EpisodeStatus, PhysicalActivity, V
 use crate::external::{
     Choices, FromProgram, Probabilities, Program, ProgramError, Rows, ToProgram,
 };
-use crate::plan::Job;
+use crate::job::Job;
 use crate::rng::Stream;
 use crate::train::test::Test;
 

@@ -1,16 +1,14 @@
-//! A job, its canonical form and its key.
+//! A job: the complete content of a training and its test.
 
-use std::fmt;
 use std::time::Duration;
 
-use data_encoding::HEXLOWER;
 use serde_json::{Map, Value as Json};
-use sha2::{Digest, Sha256};
 
+use super::identity::{Parts, agent_text, text};
+use super::{CanonicalForm, Evaluation, JobKey, Scalar, Versions};
 use crate::agent::{Agent, Algorithm, Engine, Task, Work, free_key};
 use crate::env::{self, Environment, Population, Scenario};
-use crate::key::{CanonicalError, Key, Keyed, Parameter, Value, canonical_object, read_object};
-use crate::manifest::Evaluation;
+use crate::key::{CanonicalError, Key, Keyed, Parameter, Value, read_object};
 
 /// The complete content of a training and its test.
 ///
@@ -63,32 +61,6 @@ const PER_SIMULATED_STEP: u64 = 500;
 
 /// Fixed time of every job, in seconds, for its claim, rows and transaction.
 const LEAST_SECONDS: f64 = 0.001;
-
-/// Versions of the code that a job's results depend on. A change that affects results raises one of them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Versions {
-    /// Version of the simulation and the random streams.
-    pub environment: u32,
-    /// Version of the agent's algorithm.
-    pub algorithm: u32,
-}
-
-impl Versions {
-    /// All earlier versions.
-    pub fn earlier(self) -> impl Iterator<Item = Versions> {
-        (1..=self.environment)
-            .flat_map(move |environment| {
-                (1..=self.algorithm).map(move |algorithm| Versions { environment, algorithm })
-            })
-            .filter(move |versions| *versions != self)
-    }
-
-    /// The key of a job with this canonical text under these versions.
-    pub fn key_of(self, canonical: &str) -> JobKey {
-        let Versions { environment, algorithm } = self;
-        JobKey(hash(&[&format!("jitai job e{environment} a{algorithm}\n"), canonical]))
-    }
-}
 
 impl Job {
     /// The algorithm's name, as in the manifest.
@@ -164,7 +136,7 @@ impl Job {
 
     /// The job as one line of JSON; see [`CanonicalForm::text`].
     pub fn canonical(&self) -> String {
-        self.form().text
+        self.form().text().to_owned()
     }
 
     /// See [`CanonicalForm::key`].
@@ -232,16 +204,19 @@ impl Job {
         ]
     }
 
-    /// The value of a key; `None` if the job's algorithm lacks the key, and for scenario and seed, which are
-    /// not keys.
+    /// The value of a parameter; `None` if the job's algorithm lacks the key, and for the agent's name, which
+    /// is not part of a job.
     pub fn value(&self, parameter: Parameter) -> Option<Value> {
         let place = |keys: &[Key], name: &str| keys.iter().position(|key| key.name == name);
         let (section, name) = match parameter {
+            Parameter::SCENARIO => return Some(Value::Text(self.scenario.to_string())),
+            Parameter::SEED => return Some(Value::Integer(self.seed)),
+            Parameter::ALGORITHM => return Some(Value::Choice(self.algorithm())),
+            Parameter::Job(_) => return None,
             Parameter::Agent(name) => (0, name),
             Parameter::Environment(name) => (1, name),
             Parameter::Evaluation(name) => (2, name),
             Parameter::Population(name) => (3, name),
-            Parameter::Scenario | Parameter::Seed => return None,
         };
         let (_, keys, values) = &self.sections()[section];
         place(keys, name).map(|place| values[place].clone())
@@ -258,17 +233,12 @@ impl Job {
         for (section, keys, values) in self.sections() {
             let named = keys.iter().zip(&values);
             parameters.extend(
-                named.map(|(key, value)| (format!("{section}.{}", key.name), Scalar::of(value))),
+                named.map(|(key, value)| (format!("{section}.{}", key.name), Scalar::from(value))),
             );
         }
         parameters.sort_by(|(one, _), (other, _)| one.cmp(other));
         parameters
     }
-}
-
-/// The canonical text of a job without its seed, which is the same for jobs that differ only in their seeds.
-pub fn without_seed(canonical: &str) -> &str {
-    canonical.rsplit_once(",\"seed\":").map_or(canonical, |(rest, _)| rest)
 }
 
 /// The typed struct of a part written by [`text`].
@@ -283,150 +253,6 @@ fn values(
     object: &Map<String, Json>,
 ) -> Result<Vec<Value>, JobError> {
     read_object(keys, object).map_err(|error| JobError::Keys { part, error })
-}
-
-/// The canonical text of a job, from which its identity is derived.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct CanonicalForm {
-    text: String,
-    versions: Versions,
-}
-
-impl CanonicalForm {
-    /// The form of a job whose parts have these texts.
-    pub(super) fn of(job: &Job, parts: Parts<'_>) -> CanonicalForm {
-        let Parts { agent, environment, evaluation, population } = parts;
-        let population = match population {
-            // Jobs stored before populations were introduced omit them.
-            "{}" => String::new(),
-            differing => format!("\"population\":{differing},"),
-        };
-        // A scenario consists of letters and hyphens, so nothing needs escaping.
-        let (scenario, seed) = (&job.scenario, job.seed);
-        CanonicalForm {
-            text: format!(
-                "{{\"agent\":{agent},\"environment\":{environment},\"evaluation\":{evaluation},\
-                 {population}\"scenario\":\"{scenario}\",\"seed\":{seed}}}"
-            ),
-            versions: job.versions(),
-        }
-    }
-
-    /// The job as one line of JSON: all parameters written out, keys in alphabetical order, and numbers in
-    /// the shortest form that reads back as the same number.
-    pub fn text(&self) -> &str {
-        &self.text
-    }
-
-    /// The versions of the code that the job would run with.
-    pub fn versions(&self) -> Versions {
-        self.versions
-    }
-
-    /// The identity of the job: a hash of the text and the versions.
-    pub fn key(&self) -> JobKey {
-        self.key_under(self.versions)
-    }
-
-    /// The key of the same content under other versions of the code.
-    pub fn key_under(&self, versions: Versions) -> JobKey {
-        versions.key_of(&self.text)
-    }
-}
-
-impl From<Job> for CanonicalForm {
-    fn from(job: Job) -> CanonicalForm {
-        job.form()
-    }
-}
-
-impl From<&Job> for CanonicalForm {
-    fn from(job: &Job) -> CanonicalForm {
-        job.form()
-    }
-}
-
-/// The canonical texts of the parts of a job; see [`text`].
-#[derive(Clone, Copy)]
-pub(super) struct Parts<'t> {
-    pub(super) agent: &'t str,
-    pub(super) environment: &'t str,
-    pub(super) evaluation: &'t str,
-    pub(super) population: &'t str,
-}
-
-/// The canonical text of a part of a job.
-pub(super) fn text<T: Keyed>(part: &T) -> String {
-    Json::Object(canonical_object(T::KEYS, &part.to_values())).to_string()
-}
-
-/// The canonical text of an agent.
-pub(super) fn agent_text(agent: &Agent) -> String {
-    let mut object = canonical_object(agent.algorithm().keys(), agent.values());
-    object.insert("algorithm".to_owned(), agent.algorithm().name().into());
-    Json::Object(object).to_string()
-}
-
-/// A parameter's value in a form that SQL can hold.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Scalar {
-    /// A number with a fraction.
-    Real(f64),
-    /// An integer; flags are 0 and 1.
-    Integer(i64),
-    /// A word, or a list as JSON text (`[128,128]`).
-    Text(String),
-}
-
-impl Scalar {
-    /// The value of a key.
-    pub fn of(value: &Value) -> Scalar {
-        match value {
-            Value::Real(real) => Scalar::Real(*real),
-            Value::Integer(whole) => i64::try_from(*whole)
-                .map_or_else(|_| Scalar::Text(whole.to_string()), Scalar::Integer),
-            Value::Flag(flag) => Scalar::Integer(i64::from(*flag)),
-            Value::Choice(word) => Scalar::Text((*word).to_owned()),
-            Value::Negative(whole) => Scalar::Integer(*whole),
-            Value::Text(text) => Scalar::Text(text.clone()),
-            Value::RealPair(_) | Value::Reals(_) | Value::Wholes(_) | Value::Words(_) => {
-                let json = serde_json::to_string(value).expect("values are finite");
-                Scalar::Text(json)
-            }
-            Value::Distribution(distribution) => Scalar::Text(distribution.text()),
-            Value::Rows(rows) => Scalar::Text(rows.text()),
-        }
-    }
-}
-
-/// The first half of the hash of these texts in sequence.
-fn hash(texts: &[&str]) -> [u8; 16] {
-    let mut hasher = Sha256::new();
-    texts.iter().for_each(|text| hasher.update(text));
-    let digest = hasher.finalize();
-    let mut key = [0; 16];
-    key.copy_from_slice(&digest[..16]);
-    key
-}
-
-/// Identity of a job: the first 128 bits of a SHA-256, written as 32 hexadecimal digits.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct JobKey(pub [u8; 16]);
-
-fn write_hex(bytes: &[u8], f: &mut fmt::Formatter<'_>) -> fmt::Result {
-    fmt::Display::fmt(&HEXLOWER.encode_display(bytes), f)
-}
-
-impl fmt::Display for JobKey {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write_hex(&self.0, f)
-    }
-}
-
-impl fmt::Debug for JobKey {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write_hex(&self.0, f)
-    }
 }
 
 #[cfg(test)]

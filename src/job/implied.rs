@@ -1,0 +1,37 @@
+//! Parameters that canonical forms omit at the value that earlier jobs had.
+
+use super::{Evaluation, Scalar};
+use crate::agent::Algorithm;
+use crate::env::{Environment, Population};
+use crate::key::{Key, Keyed};
+
+/// A parameter that was added after jobs had been stored, with its value in every job whose canonical form
+/// omits it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImpliedParameter {
+    /// Dotted name.
+    pub name: String,
+    /// The algorithm that the key belongs to; `None` for a parameter of every job.
+    pub algorithm: Option<&'static str>,
+    /// The value.
+    pub value: Scalar,
+}
+
+/// All such parameters of this program.
+pub fn implied_parameters() -> Vec<ImpliedParameter> {
+    fn of(section: &str, algorithm: Option<&'static str>, keys: &[Key]) -> Vec<ImpliedParameter> {
+        let implied = |key: &Key| {
+            let value = Scalar::from(&key.before()?);
+            Some(ImpliedParameter { name: format!("{section}.{}", key.name), algorithm, value })
+        };
+        keys.iter().filter_map(implied).collect()
+    }
+    let algorithms = Algorithm::all().into_iter();
+    let of_agents = algorithms.map(|one| of("agent", Some(one.name()), one.keys()));
+    let of_all = [
+        of("environment", None, Environment::KEYS),
+        of("population", None, Population::KEYS),
+        of("evaluation", None, Evaluation::KEYS),
+    ];
+    of_all.into_iter().chain(of_agents).flatten().collect()
+}

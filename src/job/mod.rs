@@ -1,0 +1,31 @@
+//! Jobs: what a training and its test consist of, how jobs are identified, and how their runs end.
+//!
+//! In: environments, agents and the values of their keys. Out: a [`Job`] with its [`JobKey`], [`Condition`]s
+//! on jobs, and the [`Outcome`] of a run as plain data. The module reads no manifests, and knows neither the
+//! clock, the disk nor what has run.
+
+mod condition;
+mod content;
+mod evaluation;
+mod first_episodes;
+mod identity;
+mod implied;
+mod named;
+mod outcome;
+mod participant_range;
+mod scalar;
+
+pub use condition::{Condition, Described, short_name};
+pub use content::{Job, JobError};
+pub use evaluation::{Evaluation, RecordedDecisions, TestActions};
+pub use first_episodes::{first_episodes, first_return};
+pub use identity::{CanonicalForm, JobKey, Parts, Versions, agent_text, text, without_seed};
+pub use implied::{ImpliedParameter, implied_parameters};
+pub use named::{PlannedJob, counted, shown, value_of};
+pub use outcome::{
+    ActionCount, CURVE_METRICS, CurvePoint, DataPart, Decision, Failure, FailureKind, METRICS,
+    Metric, Outcome, PROBABILITY_BINS, ParticipantValue, Phase, Provenance, Results, TestEpisode,
+    is_metric,
+};
+pub use participant_range::ParticipantRange;
+pub use scalar::Scalar;

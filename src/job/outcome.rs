@@ -1,0 +1,277 @@
+//! The outcomes of runs as plain data.
+//!
+//! Training creates them, the store keeps them, and analysis reads them. Nothing here computes.
+
+use std::fmt;
+
+use super::{ParticipantRange, first_episodes};
+
+/// A named number about a completed run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Metric {
+    /// Its name: one of [`METRICS`], or a name from [`crate::job::first_return`].
+    pub name: &'static str,
+    /// Finite value.
+    pub value: f64,
+}
+
+/// Names and meanings of the metrics of a run over its test episodes. [`crate::job::first_return`] names
+/// the metrics of its first training episodes.
+pub const METRICS: &[(&str, &str)] = &[
+    ("mean_return", "mean undiscounted return, in steps walked"),
+    (
+        "sd_return",
+        "standard deviation of the return (n - 1), in steps walked; absent for one episode",
+    ),
+    ("mean_length", "mean episode length, in steps of the simulation"),
+    ("disengagement_rate", "share of episodes that ended in disengagement"),
+    ("message_rate", "share of steps on which a message was sent (actions 1 to 3)"),
+    (
+        "mean_net_return",
+        "mean undiscounted return minus the cost of messages, in steps walked; absent if messages \
+         cost nothing",
+    ),
+];
+
+/// Whether a run or its learning curve can have this metric.
+pub fn is_metric(name: &str) -> bool {
+    let listed = METRICS.iter().chain(CURVE_METRICS).any(|(metric, _)| *metric == name);
+    listed || first_episodes(name).is_some()
+}
+
+/// Names and meanings of the metrics of a learning curve; each covers the training episodes since the
+/// previous point.
+pub const CURVE_METRICS: &[(&str, &str)] = &[
+    ("mean_return", "mean undiscounted return, in steps walked"),
+    ("mean_length", "mean episode length, in steps of the simulation"),
+    ("disengagement_rate", "share of episodes that ended in disengagement"),
+    ("mean_loss", "mean loss of the updates; absent if there were none"),
+    ("epsilon", "exploration rate at the last of these episodes (DQN)"),
+];
+
+/// One value of a learning curve.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CurvePoint {
+    /// Training episodes finished, counted from 1.
+    pub episode: u32,
+    /// Name, one of [`CURVE_METRICS`].
+    pub metric: &'static str,
+    /// Finite value.
+    pub value: f64,
+}
+
+/// One episode of the test, by its position.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TestEpisode {
+    /// Undiscounted return, in steps walked.
+    pub total_reward: f64,
+    /// Steps of the simulation.
+    pub length: u32,
+    /// Whether it ended in disengagement.
+    pub disengaged: bool,
+}
+
+/// A phase of a job in which decisions are made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Phase {
+    /// The training.
+    Train,
+    /// The test of the trained agent.
+    Test,
+}
+
+/// One step of an episode: observation, action with its probability, and reward.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Decision {
+    /// Whether the episode belongs to the training or to the test.
+    pub phase: Phase,
+    /// Episode of the phase, from 1.
+    pub episode: u32,
+    /// Steps taken in the episode before this one.
+    pub step: u32,
+    /// True context, 0 or 1.
+    pub context: u8,
+    /// Inferred probability as the letter P shows it, whether or not the agent saw it.
+    pub probability: f64,
+    /// Most likely context, 0 or 1.
+    pub likely_context: u8,
+    /// Habituation before the step, in [0, 1].
+    pub habituation: f64,
+    /// Disengagement risk before the step, in [0, 1].
+    pub disengagement: f64,
+    /// Whether a message could be sent, apart from the budget of messages.
+    pub available: bool,
+    /// Whether a message could be sent; where it could not, the action taken is 0.
+    pub can_send: bool,
+    /// Action that the agent chose, 0 to 3.
+    pub chosen: u8,
+    /// Action taken, 0 to 3.
+    pub action: u8,
+    /// Probabilities of all actions when the agent chose. All but the chosen action's are NaN where only
+    /// this one is known.
+    pub probabilities: [f64; 4],
+    /// Reward, in steps walked.
+    pub reward: f64,
+}
+
+impl Decision {
+    /// The probability with which the action was taken, in (0, 1]: 1 where no message could be sent.
+    pub fn action_probability(&self) -> f64 {
+        if self.can_send { self.probabilities[usize::from(self.action)] } else { 1.0 }
+    }
+}
+
+/// The value of a parameter of a participant. A participant takes part in one episode.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ParticipantValue {
+    /// Whether the episode belongs to the training or to the test.
+    pub phase: Phase,
+    /// Episode of the phase, from 1.
+    pub episode: u32,
+    /// The parameter, by its place; see [`crate::env::ParticipantSampler`].
+    pub parameter: u8,
+    /// Finite value.
+    pub value: f64,
+}
+
+/// The number of bins of the probability of context 0 in [`ActionCount`].
+pub const PROBABILITY_BINS: usize = 10;
+
+/// How often an action was taken in the test episodes, by the inferred probability of context 0 (whether or
+/// not the agent saw it) and the true context.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ActionCount {
+    /// Bin of the probability: `[bin / 10, (bin + 1) / 10)`; the last bin includes 1.
+    pub bin: u8,
+    /// True context, 0 or 1.
+    pub context: u8,
+    /// Action, 0 to 3.
+    pub action: u8,
+    /// The number of times the action was taken; at least 1.
+    pub count: u64,
+}
+
+/// All results of a completed run. The same job always gives bit-identical results.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Results {
+    /// Summary metrics, each at most once.
+    pub metrics: Vec<Metric>,
+    /// Learning curve, by episode; empty for an algorithm that does not train.
+    pub curve: Vec<CurvePoint>,
+    /// Test episodes, by position.
+    pub episodes: Vec<TestEpisode>,
+    /// Choices of action in the test; only counts above 0.
+    pub actions: Vec<ActionCount>,
+    /// Recorded decisions, by phase, episode and step; empty unless the job asks for them.
+    pub decisions: Vec<Decision>,
+    /// Parameters in which participants differ, by phase, episode and place. Parameters of the
+    /// training are included if its decisions are recorded.
+    pub participants: Vec<ParticipantValue>,
+    /// Trained weights in the safetensors format; `None` for an algorithm without weights.
+    pub weights: Option<Vec<u8>>,
+}
+
+/// A part of the results of runs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum DataPart {
+    /// A metric.
+    Metric(&'static str),
+    /// The learning curve of the mean return.
+    LearningCurve,
+    /// Choices of action.
+    ActionChoice,
+    /// Returns of the test episodes.
+    Returns,
+    /// Test episodes of some participants.
+    Participants(ParticipantRange),
+}
+
+/// Why a run failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FailureKind {
+    /// The process that trained the job crashed repeatedly.
+    Crashed,
+    /// A loss or weight became infinite or NaN.
+    Diverged,
+    /// The outside program did not start, ended early or broke the protocol.
+    External,
+    /// There was not enough memory.
+    OutOfMemory,
+    /// The run exceeded its declared time limit.
+    OverTime,
+    /// The training code panicked.
+    Panicked,
+}
+
+impl FailureKind {
+    /// All kinds.
+    pub const ALL: [FailureKind; 6] = [
+        FailureKind::Crashed,
+        FailureKind::Diverged,
+        FailureKind::External,
+        FailureKind::OutOfMemory,
+        FailureKind::OverTime,
+        FailureKind::Panicked,
+    ];
+
+    /// The kind of this name.
+    pub fn from_name(name: &str) -> Option<FailureKind> {
+        FailureKind::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+
+    /// The name in the store and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            FailureKind::Crashed => "crashed",
+            FailureKind::Diverged => "diverged",
+            FailureKind::External => "external",
+            FailureKind::OutOfMemory => "out_of_memory",
+            FailureKind::OverTime => "over_time",
+            FailureKind::Panicked => "panicked",
+        }
+    }
+}
+
+impl fmt::Display for FailureKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// A failed run: its kind, its message, and the progress of training.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Failure {
+    /// The kind of failure.
+    pub kind: FailureKind,
+    /// The message for the user.
+    pub message: String,
+    /// Training episodes finished before the failure.
+    pub episode: u32,
+}
+
+/// How a run ended.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Outcome {
+    /// Training and test were completed.
+    Completed(Results),
+    /// A fault of the job ended the run; the same fault would recur.
+    Failed(Failure),
+    /// The run was stopped from outside; the job itself is sound.
+    Interrupted,
+}
+
+/// The code and the machine that produced a run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Provenance {
+    /// Version of jitai, as in `Cargo.toml`.
+    pub code_version: String,
+    /// Git revision of the build, with the suffix `-dirty` if files had changed; `unknown` outside a
+    /// repository.
+    pub git_revision: String,
+    /// Name and version of the tensor backend.
+    pub backend: String,
+    /// Host name.
+    pub host: String,
+    /// Processor model.
+    pub processor: String,
+}
