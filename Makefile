@@ -5,7 +5,7 @@ JITAI := $(CARGO) run --release --quiet --
 
 .PHONY: help run paper readings bench bench-burn bench-readers bench-optima bench-coverage test lint test-slow
 .PHONY: test-features test-slurm slurm test-neon neon
-.PHONY: test-kill test-damage test-bad-input fuzz deny miri test-browser browser test-analysis analysis doc docs clean
+.PHONY: test-times test-kill test-damage test-bad-input fuzz deny miri test-browser browser test-analysis analysis doc docs clean
 .PHONY: python python-sb3 test-python bench-python
 
 help: ## these targets
@@ -52,10 +52,11 @@ bench-readers: ## what eight readers that ask every second cost a sweep (minutes
 	JITAI=$(or $(CARGO_TARGET_DIR),target)/release/jitai benches/readers.sh
 
 # Tests use the build of `make run`, so that Burn is compiled once. Many tests wait for processes, so more tests
-# run at once than there are cores.
+# run at once than there are cores. A test includes the programs of examples/: they are not linked once more.
 test: export RUST_TEST_THREADS ?= 4
-test: ## unit and integration tests
-	$(CARGO) test --release --quiet
+test: ## unit, integration and documentation tests
+	$(CARGO) test --release --quiet --tests
+	$(CARGO) test --release --quiet --doc
 
 lint: ## format, and lints as errors
 	$(CARGO) fmt --check
@@ -66,20 +67,27 @@ lint: ## format, and lints as errors
 FEATURES := --no-default-features --features burn-flex
 
 test-slow: ## whole trainings of ten seeds, of both engines and against an independent port (minutes)
-	$(CARGO) test --release $(FEATURES) --test learning -- --nocapture --test-threads 1
+	$(CARGO) test --release $(FEATURES) --test slow -- learning:: --nocapture --test-threads 1
 
-test-features: ## lints and tests with the other features: the other tensor backend, and no Parquet files
+test-features: export RUST_TEST_THREADS ?= 4
+test-features: ## lints, and the tests that features concern: the other tensor backend, and no Parquet files
 	$(CARGO) clippy --release --all-targets $(FEATURES) --quiet -- -D warnings
-	$(CARGO) test --release --quiet $(FEATURES)
+	$(CARGO) test --release --quiet $(FEATURES) --lib
+	$(CARGO) test --release --quiet $(FEATURES) --test library --test slow -- \
+		checkpoints:: determinism:: environments:: remembering:: without_parquet::
+
+test-times: ## what users were promised in seconds, such as a stop within two; nothing else should run (minutes)
+	JITAI_TIMED=1 $(CARGO) test --release --quiet --test cli --test slow -- --test-threads 1 \
+		signals:: checkpoints::a_stop an_interrupt_ends_a_program plan_knows_what_is_done times::
 
 test-kill: ## sweeps killed 500 times, and merges, compared with undisturbed ones (minutes; KILLS=n, SEED=n)
-	$(CARGO) test --release --quiet --test kill --test kill_merge -- --nocapture
+	$(CARGO) test --release --quiet --test slow -- kill:: kill_merge:: --nocapture --test-threads 1
 
 test-damage: ## a byte changed at 500 places of a store, and every command on what is left (a minute)
 	JITAI_DAMAGED_PLACES=500 $(CARGO) test --release --quiet --test cli changed_byte -- --nocapture
 
 test-bad-input: ## mutations of bad input, a minute for each of six readers
-	JITAI_BAD_INPUT_SECONDS=60 $(CARGO) test --release --test bad_input -- --nocapture --test-threads 1
+	JITAI_BAD_INPUT_SECONDS=60 $(CARGO) test --release --test alone -- bad_input:: --nocapture --test-threads 1
 
 # Without instrumented comparisons, an execution takes a quarter of the time; FUZZ_FLAGS= restores them.
 fuzz: ## coverage-guided fuzzing: FUZZ=query FUZZ_RUNS=10000000; needs nightly Rust and cargo-fuzz
@@ -126,7 +134,7 @@ browser: ## install what test-browser needs, on Debian: Chromium, and Playwright
 	target/browser/bin/pip install --quiet --disable-pip-version-check playwright
 
 test-analysis: ## the questions of docs/analysis.md: SQL, and pandas, R, Datasette and LaTeX where they are at hand
-	$(CARGO) test --release --quiet --test analysis -- --nocapture
+	$(CARGO) test --release --quiet --test slow -- analysis:: --nocapture
 
 analysis: ## install what test-analysis uses, on Debian: R, LaTeX, and pandas, Datasette and DuckDB in target/analysis
 	.ci/install r-base-core r-cran-dbi r-cran-rsqlite texlive-latex-recommended poppler-utils python3-venv
@@ -188,7 +196,7 @@ bench-python: ## time environments beside StepCountJITAI's, and PPO beside Stabl
 test-slurm: ## submissions on real Slurm clusters with faults, as root (minutes; TEST=name for some)
 	@command -v slurmctld >/dev/null || { echo "Slurm is missing: run \`make slurm\`" >&2; exit 1; }
 	JITAI_TEST_SLURM=1 RUST_TEST_THREADS=$(or $(RUST_TEST_THREADS),6) \
-		$(CARGO) test --release --quiet --test slurm -- $(TEST)
+		$(CARGO) test --release --quiet --test slow -- $(or $(TEST),slurm::)
 
 slurm: ## install what test-slurm needs, on Debian: Slurm, without starting its services
 	.ci/install slurmctld slurmd slurm-client munge

@@ -1,4 +1,4 @@
-//! The targets, which `tests/bad_input.rs` runs as well.
+//! The targets, which `tests/alone/bad_input.rs` runs as well.
 
-#[path = "../../tests/bad_input/targets.rs"]
+#[path = "../../tests/alone/bad_input/targets.rs"]
 pub mod targets;

@@ -11,10 +11,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use rusqlite::Connection;
 
-use crate::support::{Effort, Folder, Running, assert_same_rows, manifest, until};
-
-/// Maximum time of a stop, as promised to users.
-const STOPS_WITHIN: Duration = Duration::from_secs(2);
+use crate::support::{
+    Effort, Folder, Running, assert_prompt, assert_same_rows, is_timed, manifest, until,
+};
 
 /// Two jobs of about three seconds each: a fast machine must not complete them between a few kills.
 fn text() -> String {
@@ -81,7 +80,7 @@ fn a_stopped_job_goes_on_from_where_it_was_to_the_same_rows() {
         let asked = Instant::now();
         run.signal(signal);
         run.wait().ended(130).says("2 left; run the same command to resume");
-        assert!(asked.elapsed() < STOPS_WITHIN, "{signal} took {:?}", asked.elapsed());
+        assert_prompt(asked);
         let after = contents(&folder);
         assert_eq!(after.len(), 2);
         assert!(after.iter().all(|file| !before.contains(file)), "as they were before the stop");
@@ -188,12 +187,14 @@ fn a_stop_writes_checkpoints_while_another_program_holds_the_store() {
     until("both jobs run", || running(&folder) == 2);
     let stranger = Connection::open(folder.path("jitai.sqlite")).unwrap();
     stranger.execute_batch("BEGIN IMMEDIATE").unwrap();
-    // This is long enough for a heartbeat, which then waits for the store.
-    thread::sleep(Duration::from_secs(6));
+    if is_timed() {
+        // This is long enough for a heartbeat, which then waits for the store.
+        thread::sleep(Duration::from_secs(6));
+    }
     let asked = Instant::now();
     run.signal("TERM");
     run.wait().ended(130);
-    assert!(asked.elapsed() < STOPS_WITHIN, "it took {:?}", asked.elapsed());
+    assert_prompt(asked);
     // No checkpoint was due before the stop.
     assert_eq!(checkpoints(&folder).len(), 2);
     stranger.execute_batch("COMMIT").unwrap();

@@ -4,31 +4,27 @@
 use std::fs;
 use std::process::Command;
 
-use crate::support::{Effort, Folder, assert_same_rows, manifest};
+use crate::support::{Effort, Folder, assert_same_rows, left_out, manifest};
 
 /// An in-memory file system mounted on a folder; unmounted at the end.
 struct Disk<'a>(&'a Folder);
 
 impl<'a> Disk<'a> {
-    /// A disk mounted at `disk` with these options; `None`, with the reason printed, if this process
-    /// must not mount file systems.
+    /// A disk mounted at `disk` with these options; `None`, as a part left out, if this process must
+    /// not mount file systems.
     fn mount(folder: &'a Folder, options: &str) -> Option<Disk<'a>> {
         fs::create_dir_all(folder.path("disk")).unwrap();
         let mount = Command::new("mount")
             .args(["-t", "tmpfs", "-o", options, "tmpfs"])
             .arg(folder.path("disk"))
             .output();
-        match mount {
-            Ok(output) if output.status.success() => Some(Disk(folder)),
-            Ok(output) => {
-                println!("skipped: {}", String::from_utf8_lossy(&output.stderr).trim());
-                None
-            }
-            Err(error) => {
-                println!("skipped: no mount command: {error}");
-                None
-            }
-        }
+        let why = match mount {
+            Ok(output) if output.status.success() => return Some(Disk(folder)),
+            Ok(output) => String::from_utf8_lossy(&output.stderr).trim().to_owned(),
+            Err(error) => format!("no mount command: {error}"),
+        };
+        left_out("a disk of its own", &why);
+        None
     }
 
     fn remount(&self, options: &str) {

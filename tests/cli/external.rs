@@ -4,12 +4,9 @@
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::process::Command;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-use crate::support::{Folder, until};
-
-/// Maximum time of a stop, as promised to users.
-const STOPS_WITHIN: Duration = Duration::from_secs(2);
+use crate::support::{Folder, assert_prompt, until};
 
 /// Shell functions for programs: `ready`, `begin`, `step` and `play`, each with its messages.
 const LIBRARY: &str = r#"
@@ -279,7 +276,7 @@ fn every_fault_of_a_program_is_a_failure_with_its_reason() {
         ("ready; kill -s TERM $$", "was ended by signal 15 in training"),
         ("exit 0", "exited with code 0 before training, where \"ready\" was expected"),
         (&acting("x").replace("; say 'x'; hear", "; exit 5"), "exited with code 5 in the test"),
-        ("ready; exec >&-; sleep 60", "closed its standard output in training"),
+        ("ready; exec >&-; sleep 1000", "closed its standard output in training"),
         (
             "hear; head -c 3000000 /dev/zero | tr '\\0' x; hear",
             "found a line of more than 1048576 bytes that begins with `xxx",
@@ -290,12 +287,10 @@ fn every_fault_of_a_program_is_a_failure_with_its_reason() {
         ),
     ] {
         let folder = with_program(program);
-        let begun = Instant::now();
         let message = failure(&folder);
         assert!(message.contains(expected), "{program}\n{message}");
         assert!(message.contains("sh program.sh"), "{message}");
         assert!(message.len() < 4000, "{program}\n{message}");
-        assert!(begun.elapsed() < Duration::from_secs(20), "{program} took {:?}", begun.elapsed());
     }
 }
 
@@ -363,10 +358,8 @@ fn shards_of_a_programs_jobs_make_the_store_of_one_machine() {
 fn a_silent_program_fails_at_the_time_limit() {
     let folder = Folder::with(&manifest("time_limit_seconds = 1", ""));
     folder.write("program.sh", format!("{LIBRARY}\nready\nbegin\necho $$ >id\nsleep 1000\n"));
-    let begun = Instant::now();
     let ended = folder.jitai(["run", "sweep.toml"]).ended(1);
     ended.prints("over_time").prints("flush its standard output");
-    assert!(begun.elapsed() < Duration::from_secs(15));
     assert!(!is_alive(&folder.read("id")));
 }
 
@@ -396,7 +389,7 @@ fn an_interrupt_ends_a_program_with_its_children_within_two_seconds() {
     let asked = Instant::now();
     run.signal("INT");
     run.wait().ended(130).says("run the same command to resume");
-    assert!(asked.elapsed() < STOPS_WITHIN, "it took {:?}", asked.elapsed());
+    assert_prompt(asked);
     assert!(!ids.iter().any(|id| is_alive(id)), "{ids:?}");
     let ended = "SELECT count(*) FROM run_summary WHERE agent = 'outside'
         AND status IN ('completed', 'failed')";

@@ -9,7 +9,7 @@ use std::process::Command;
 
 use rusqlite::{Connection, OpenFlags};
 
-use crate::support::{Effort, Finished, Folder, assert_same_rows, manifest, until};
+use crate::support::{Effort, Finished, Folder, assert_same_rows, left_out, manifest, until};
 
 const COMPLETED: &str = "SELECT count(*) AS n FROM run_summary WHERE status = 'completed'";
 
@@ -252,17 +252,15 @@ fn a_hard_link_made_while_a_sweep_runs_does_not_disturb_the_sweep_and_nobody_rea
 struct Mounted(PathBuf);
 
 impl Mounted {
-    /// `None`, with the reason printed, if this process must not mount.
+    /// `None`, as a part left out, if this process must not mount.
     fn on(original: PathBuf, place: PathBuf) -> Option<Mounted> {
         fs::write(&place, "").unwrap();
         let mount = Command::new("mount").arg("--bind").arg(original).arg(&place).output();
-        match mount {
-            Ok(output) if output.status.success() => Some(Mounted(place)),
-            other => {
-                println!("skipped: {other:?}");
-                None
-            }
+        if mount.as_ref().is_ok_and(|output| output.status.success()) {
+            return Some(Mounted(place));
         }
+        left_out("a store mounted as a single file", &format!("{mount:?}"));
+        None
     }
 }
 

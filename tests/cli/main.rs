@@ -4,6 +4,7 @@ mod checkpoints;
 mod crashes;
 mod damage;
 mod disk;
+mod docs;
 mod events;
 mod exits;
 mod external;

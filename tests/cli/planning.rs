@@ -6,7 +6,7 @@ use jitai::job::Versions;
 use rusqlite::Connection;
 use serde_json::{Value, json};
 
-use crate::support::{Effort, Folder, manifest};
+use crate::support::{Effort, Folder, assert_within, manifest};
 
 const FAULTY: &str = "format = 1
 name = \"faulty\"
@@ -262,7 +262,7 @@ fn plan_knows_what_is_done_of_many_jobs() {
     folder.write("sweep.toml", manifest("sweep", "0.6", "6000", Effort::Trivial));
     let begun = Instant::now();
     let plan = folder.jitai(["plan", "sweep.toml", "--format", "json"]).succeeded();
-    assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
+    assert_within(Duration::from_secs(5), begun);
     let row = &plan.says("11996 jobs to run: about").json()[0];
     assert_eq!((&row["jobs"], &row["completed"]), (&json!(12_000), &json!(4)));
     let listed = jobs(&folder, &["sweep.toml"]);

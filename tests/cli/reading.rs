@@ -374,16 +374,6 @@ fn every_format_numbers_a_name_that_occurs_again() {
     }
 }
 
-#[cfg(not(feature = "parquet"))]
-#[test]
-fn parquet_is_refused_by_a_build_without_it_before_anything_is_written() {
-    let folder = completed();
-    let how = "cargo build --release --features parquet";
-    folder.jitai(["query", "SELECT 1", "--format", "parquet"]).ended(2).says(how);
-    folder.jitai(["export", "--out", "results", "--format", "parquet"]).ended(2).says(how);
-    assert!(!folder.path("results").exists());
-}
-
 #[cfg(feature = "parquet")]
 mod parquet {
     use std::fs::File;

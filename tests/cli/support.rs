@@ -1,6 +1,8 @@
 //! A working folder that runs the program, and the content of its store.
 
+use std::env;
 use std::fs::{self, File};
+use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread;
@@ -11,6 +13,8 @@ use tempfile::TempDir;
 
 /// Maximum time that a test waits for an expected event.
 const PATIENCE: Duration = Duration::from_secs(120);
+/// Maximum time of a stop, as promised to users.
+const STOPS_WITHIN: Duration = Duration::from_secs(2);
 /// Time between two checks of the event.
 const GLANCE: Duration = Duration::from_millis(2);
 
@@ -247,6 +251,39 @@ pub fn assert_same_rows(ours: &[String], theirs: &[String]) {
         panic!("rows differ:\n{}\n{}", cut(one), cut(other));
     }
     assert_eq!(ours.len(), theirs.len(), "one dump has more rows");
+}
+
+/// Whether an environment variable has the value 1.
+fn is_set(variable: &str) -> bool {
+    env::var(variable).is_ok_and(|value| value == "1")
+}
+
+/// Says that a part of the tests cannot run here; fails with `JITAI_REQUIRE_ALL=1`.
+#[track_caller]
+pub fn left_out(part: &str, why: &str) {
+    assert!(!is_set("JITAI_REQUIRE_ALL"), "JITAI_REQUIRE_ALL is 1, and {part} cannot run: {why}");
+    // The test runner hides what a passing test prints, but not what it writes.
+    let line = format!("left out: {part}: {why}\n");
+    io::stderr().write_all(line.as_bytes()).unwrap();
+}
+
+/// Whether times are compared with what users were promised: not in `make test`, where a machine with
+/// other work could break them, but in `make test-times`.
+pub fn is_timed() -> bool {
+    is_set("JITAI_TIMED")
+}
+
+/// Fails if more than `most` has passed since `begun` and times are compared.
+#[track_caller]
+pub fn assert_within(most: Duration, begun: Instant) {
+    let took = begun.elapsed();
+    assert!(!is_timed() || took < most, "it took {took:?}");
+}
+
+/// Fails if a stop that was requested at `asked` took longer than promised and times are compared.
+#[track_caller]
+pub fn assert_prompt(asked: Instant) {
+    assert_within(STOPS_WITHIN, asked);
 }
 
 /// Waits until `condition` holds.

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use super::{answers, examples, left_out};
+use super::{answers, examples, missing};
 
 /// Analyses with one figure each, appended to a manifest of short jobs.
 const FIGURES: &str = "
@@ -84,7 +84,7 @@ fn coarse_greys((width, greys): &(usize, Vec<f64>), columns: usize, rows: usize)
 #[test]
 fn figures_and_tables_stand_in_a_latex_article_and_a_pdf_looks_like_its_png() {
     if ["pdflatex", "pdftoppm"].iter().any(|program| !answers(OsStr::new(program), &["-v"])) {
-        return left_out("LaTeX (pdflatex) with pdftoppm");
+        return missing("LaTeX (pdflatex) with pdftoppm");
     }
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();

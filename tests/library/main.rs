@@ -1,0 +1,15 @@
+//! The library as a program uses it: manifests, jobs, simulations, training and the store.
+
+mod checkpoints;
+mod decisions;
+mod determinism;
+mod environments;
+mod imports;
+mod manifests;
+mod migrations;
+mod optimum;
+mod population;
+mod remembering;
+mod simulation;
+mod step_count;
+mod store;
