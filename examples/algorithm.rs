@@ -3,7 +3,7 @@ use burn::tensor::Tensor;
 use jitai::algorithm::*;
 use jitai::environment::Action;
 use jitai::experiment::{self, Options, Store};
-use jitai::policy::{Actions, SoftmaxPolicy};
+use jitai::policy::{Choice, NetworkPolicy};
 use jitai::results::{Parts, Reader, summarise_arms};
 jitai::keys! {
     /// A policy gradient with an entropy bonus.
@@ -37,10 +37,9 @@ impl AlgorithmParameters for EntropyBonus {
         let learner = ReinforceLearner::new(policy, &reinforce, at.simulation(1), at.seed);
         Ok(Start::Learner(Box::new(learner)))
     }
-    fn trained(&self, at: &Task, weights: &Weights, by: Actions) -> Trained {
-        let spec = at.observations();
-        let policy = AutodiffPolicy::trained(self.clone(), spec.inputs(), weights)?;
-        Ok(Box::new(SoftmaxPolicy::new(policy, by, spec.observations())))
+    fn network(&self, inputs: usize, weights: &Weights) -> Result<NetworkPolicy, WeightsError> {
+        let network = Box::new(AutodiffPolicy::trained(self.clone(), inputs, weights)?);
+        Ok(NetworkPolicy { network, choice: Choice::Softmax, architecture: None })
     }
 }
 const MANIFEST: &str = "format = 1\nname = 'own'\nscenarios = ['P-H-D']\nseeds = 2\n\

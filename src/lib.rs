@@ -170,7 +170,7 @@ pub mod environment {
 pub mod policy {
     pub use crate::agent::{
         ActionNetwork, Actions, Actor, Architecture, Choice, DecisionRule, EpsilonGreedy,
-        RuleParameters, RulePolicy, SoftmaxPolicy, StackNames,
+        NetworkPolicy, RuleParameters, RulePolicy, SoftmaxPolicy, StackNames,
     };
     pub use crate::optimum::NoOptimum;
     pub use crate::portable::{PortableError, PortablePolicy, network_of, portable};
@@ -180,20 +180,20 @@ pub mod policy {
 /// Algorithms: train them in any environment, declare their keys, and register new ones.
 pub mod algorithm {
     pub use crate::agent::{
-        Activation, Agent, Algorithm, AlgorithmParameters, Assignment, AtHorizon, AutodiffPolicy,
-        BanditDraw, BanditFeatures, BanditPosterior, BanditUpdate, Constraint, Diverged,
-        DuelingDqn, Engine, Learner, LearnerError, LinearThompson, LinearThompsonLearner, Losses,
-        Minibatch, OutOfMemory, PolicyGradient, Ppo, PpoEngine, PpoLearner, Recurrent,
-        RegistrationError, Reinforce, ReinforceEngine, ReinforceLearner, Span, Start, StartError,
-        Task, TerminalTarget, Trained, TrainedEpisode, Trajectories, Trunk, Unavailable, Violation,
-        WeightTensor, Weights, WeightsError, Work, action_tensor, dueling_dqn_learner,
-        inference_device, linear_thompson_learner, observation_tensor, ppo_learner,
-        register_algorithm, reinforce_learner, trained_dueling_dqn, trained_linear_thompson,
-        trained_ppo, trained_reinforce, training_device,
+        Activation, Agent, Algorithm, AlgorithmParameters, AtHorizon, AutodiffPolicy, BanditDraw,
+        BanditFeatures, BanditPosterior, BanditUpdate, Diverged, DuelingDqn, Engine, Learner,
+        LearnerError, LinearThompson, LinearThompsonLearner, Losses, Minibatch, OutOfMemory,
+        PolicyGradient, Ppo, PpoEngine, PpoLearner, Recurrent, RegistrationError, Reinforce,
+        ReinforceEngine, ReinforceLearner, Span, Start, StartError, Task, TerminalTarget, Trained,
+        TrainedEpisode, Trajectories, Trunk, Unavailable, WeightTensor, Weights, WeightsError,
+        Work, action_tensor, dueling_dqn_learner, inference_device, linear_thompson_learner,
+        observation_tensor, ppo_learner, register_algorithm, reinforce_learner,
+        trained_linear_thompson, training_device,
     };
     pub use crate::kernel::Isa;
     pub use crate::key::{
-        CanonicalError, Key, KeyType, Keyed, Kind, Parameter, SettingError, Value,
+        Assignment, CanonicalError, Constraint, Key, KeyType, Keyed, Kind, Parameter, SettingError,
+        Size, Value, Violation,
     };
 }
 

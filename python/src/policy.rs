@@ -9,7 +9,7 @@ use jitai::environment::{
     Action, ActionSpec, EpisodeStatus, LaneSet, LaneStreams, ObservationSpec, Observations,
     Purpose, Resumable, StateError, StateReader, StateWriter, Stream, VectorEnvironment,
 };
-use jitai::policy::{ActionNetwork, Actions, Actor, Choice, network_of, portable};
+use jitai::policy::{ActionNetwork, Actions, Actor, Choice, NetworkPolicy, network_of, portable};
 use jitai::results::{Reader, StoredWeights};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyKeyError, PyTypeError, PyValueError};
@@ -117,21 +117,22 @@ impl TrainedPolicy {
     }
 
     fn of_stored(stored: StoredWeights) -> PyResult<Self> {
-        let (weights, architecture) = network_of(&stored).map_err(no_policy)?;
         let spec = stored.job.task().observations();
-        let agent = &stored.job.agent;
-        let unusable = |error: jitai::algorithm::WeightsError| no_policy(error);
-        let actor = |actions| agent.acting_in(&spec, &weights, actions).map_err(unusable);
+        let (weights, NetworkPolicy { network, choice, .. }) =
+            network_of(&stored).map_err(no_policy)?;
+        let actor = |actions| -> PyResult<Box<dyn Actor<Given>>> {
+            let (_, policy) = network_of(&stored).map_err(no_policy)?;
+            Ok(policy.actor(spec.observations(), actions))
+        };
         let acting = Acting {
             as_trained: actor(Actions::AsTrained)?,
             greedy: actor(Actions::Greedy)?,
-            network: agent.network(spec.inputs(), &weights).map_err(unusable)?,
+            network,
             given: Given { rows: spec.observations(), spec: spec.clone(), statuses: Vec::new() },
             stream: Stream::new(stored.job.seed, Purpose::TestActions),
             actions: Vec::new(),
             numbers: Vec::new(),
         };
-        let choice = architecture.choice;
         Ok(TrainedPolicy { stored, weights, choice, acting: Mutex::new(acting) })
     }
 }

@@ -1,31 +1,55 @@
-//! The structure of a trained agent, for programs that compute it elsewhere: its layers, and how
-//! its outputs become actions.
+//! The network of a trained agent, its structure for programs that compute it elsewhere, and how its
+//! outputs become actions.
 
 use crate::agent::actor::Actor;
-use crate::agent::burn::device::inference;
-use crate::agent::burn::{ActorCritic, DuelingQNetwork, PolicyNetwork};
-use crate::agent::dueling_dqn::DuelingDqn;
-use crate::agent::fused::{FusedActorCritic, FusedDuelingNetwork, FusedPolicyNetwork};
-use crate::agent::layers;
 use crate::agent::learner::Actions;
-use crate::agent::network::{Activation, Engine, Recurrent};
-use crate::agent::policy::{ActionNetwork, best, epsilon_greedy_probabilities, exponentials};
-use crate::agent::ppo::Ppo;
-use crate::agent::registry::{Agent, trained_dueling_dqn, trained_ppo, trained_reinforce};
-use crate::agent::reinforce::Reinforce;
-use crate::agent::weights::{Weights, WeightsError};
-use crate::env::{Action, ObservationSpec, VectorEnvironment};
+use crate::agent::network::Activation;
+use crate::agent::policy::{
+    ActionNetwork, EpsilonGreedy, SoftmaxPolicy, best, epsilon_greedy_probabilities, exponentials,
+};
+use crate::env::{Action, Observations, VectorEnvironment};
 use crate::kernel::Isa;
 
-/// The network of a trained agent: stacks of hidden layers on the observation, each with linear heads.
+/// A trained network, and how its outputs become actions.
+pub struct NetworkPolicy {
+    /// The network.
+    pub network: Box<dyn ActionNetwork + Send>,
+    /// The choice of actions from its outputs.
+    pub choice: Choice,
+    /// Its layers; `None` for a network with a memory or of another structure, which cannot be
+    /// exported.
+    pub architecture: Option<Architecture>,
+}
+
+impl NetworkPolicy {
+    /// The policy in any environment with observations of this shape, which the network was made
+    /// for.
+    pub fn actor<Env: VectorEnvironment>(
+        self,
+        observations: Observations,
+        actions: Actions,
+    ) -> Box<dyn Actor<Env>> {
+        match (self.choice, actions) {
+            (Choice::EpsilonGreedy { epsilon }, Actions::AsTrained) => {
+                Box::new(EpsilonGreedy::new(self.network, epsilon, observations))
+            }
+            (Choice::EpsilonGreedy { .. }, Actions::Greedy) => {
+                Box::new(EpsilonGreedy::new(self.network, 0.0, observations))
+            }
+            (Choice::Softmax, _) => {
+                Box::new(SoftmaxPolicy::new(self.network, actions, observations))
+            }
+        }
+    }
+}
+
+/// The layers of a network: stacks of hidden layers on the observation, each with linear heads.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Architecture {
     /// The activation after every hidden layer.
     pub activation: Activation,
     /// The stacks; each takes the whole observation as input.
     pub stacks: Vec<StackNames>,
-    /// The outputs of the heads, and the choice of actions from them.
-    pub choice: Choice,
 }
 
 /// The layers of a stack by the names of their weights.
@@ -74,161 +98,90 @@ impl Choice {
     }
 }
 
-/// The agents whose only network maps an observation to outputs.
-enum Networked {
-    DuelingDqn(DuelingDqn),
-    Reinforce(Reinforce),
-    Ppo(Ppo),
-}
-
-impl Networked {
-    /// The network of an agent.
-    ///
-    /// **Errors**: the agent has no network, or its network has a memory of the episode.
-    fn of(agent: &Agent) -> Result<Networked, WeightsError> {
-        let (networked, recurrent) = if let Some(dqn) = agent.parameters::<DuelingDqn>() {
-            let recurrent = dqn.recurrent;
-            (Networked::DuelingDqn(dqn), recurrent)
-        } else if let Some(ppo) = agent.parameters::<Ppo>() {
-            let recurrent = ppo.recurrent;
-            (Networked::Ppo(ppo), recurrent)
-        } else {
-            let reinforce = agent.parameters().ok_or(WeightsError::NoNetwork)?;
-            (Networked::Reinforce(reinforce), Recurrent::None)
-        };
-        match recurrent {
-            Recurrent::None => Ok(networked),
-            Recurrent::Gru => Err(WeightsError::HasMemory),
-        }
-    }
-}
-
-impl Agent {
-    /// The network of this agent after training.
-    ///
-    /// **Errors**: a number is missing beside the weights; the agent has no network, or its network
-    /// has a memory of the episode.
-    pub fn architecture(&self, weights: &Weights) -> Result<Architecture, WeightsError> {
-        // The names do not depend on the number of inputs.
-        let (stacks, activation, choice) = match Networked::of(self)? {
-            Networked::DuelingDqn(dqn) => {
-                let choice = Choice::EpsilonGreedy { epsilon: weights.number("epsilon")? };
-                (layers::dueling(&dqn, 1), dqn.activation, choice)
-            }
-            Networked::Reinforce(reinforce) => {
-                (vec![layers::policy(&reinforce, 1)], reinforce.activation, Choice::Softmax)
-            }
-            Networked::Ppo(ppo) => {
-                let [policy, _] = layers::actor_critic(&ppo, 1);
-                (vec![policy], ppo.activation, Choice::Softmax)
-            }
-        };
-        let names = |layers: Vec<layers::Layer>| layers.into_iter().map(|layer| layer.name);
-        let stack = |stack: layers::Stack| StackNames {
-            hidden: names(stack.hidden).collect(),
-            heads: names(stack.heads).collect(),
-        };
-        let stacks = stacks.into_iter().map(stack).collect();
-        Ok(Architecture { activation, stacks, choice })
-    }
-
-    /// The network of this agent after training, on the engine that trained it.
-    ///
-    /// **Errors**: the weights do not fit, or the agent has no architecture.
-    pub fn network(
-        &self,
-        inputs: usize,
-        weights: &Weights,
-    ) -> Result<Box<dyn ActionNetwork + Send>, WeightsError> {
-        let isa = Isa::chosen();
-        Ok(match Networked::of(self)? {
-            Networked::DuelingDqn(dqn) => match dqn.engine {
-                Engine::Fused => Box::new(FusedDuelingNetwork::new(&dqn, inputs, weights, isa)?),
-                Engine::Burn => {
-                    Box::new(DuelingQNetwork::from_weights(&dqn, inputs, weights, &inference())?)
-                }
-            },
-            Networked::Reinforce(reinforce) => match reinforce.engine {
-                Engine::Fused => {
-                    Box::new(FusedPolicyNetwork::new(&reinforce, inputs, weights, isa)?)
-                }
-                Engine::Burn => Box::new(PolicyNetwork::from_weights(
-                    &reinforce,
-                    inputs,
-                    weights,
-                    &inference(),
-                )?),
-            },
-            Networked::Ppo(ppo) => match ppo.engine {
-                Engine::Fused => Box::new(FusedActorCritic::new(&ppo, inputs, weights, isa)?),
-                Engine::Burn => {
-                    Box::new(ActorCritic::from_weights(&ppo, inputs, weights, &inference())?)
-                }
-            },
-        })
-    }
-
-    /// The actor of this agent after training, in any environment with these observations.
-    ///
-    /// **Errors**: the weights do not fit, or the agent has no architecture.
-    pub fn acting_in<Env: VectorEnvironment>(
-        &self,
-        observations: &ObservationSpec,
-        weights: &Weights,
-        actions: Actions,
-    ) -> Result<Box<dyn Actor<Env>>, WeightsError> {
-        match Networked::of(self)? {
-            Networked::DuelingDqn(dqn) => trained_dueling_dqn(&dqn, observations, weights, actions),
-            Networked::Reinforce(reinforce) => {
-                trained_reinforce(&reinforce, observations, weights, actions)
-            }
-            Networked::Ppo(ppo) => trained_ppo(&ppo, observations, weights, actions),
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::{LinearThompson, Trunk};
+    use crate::agent::registry::AlgorithmParameters;
+    use crate::agent::{
+        Agent, DuelingDqn, LinearThompson, Ppo, Recurrent, Reinforce, Start, StartError, Task,
+        Trunk, Weights, WeightsError, layers, orthogonal,
+    };
+
+    /// The policy of an agent with the initial weights of these layers.
+    fn policy(agent: &Agent, layers: &[layers::Layer]) -> NetworkPolicy {
+        let mut weights = orthogonal::initial(layers, 1, 1).unwrap();
+        weights.numbers.insert("epsilon".to_owned(), 0.1);
+        agent.network(1, &weights).unwrap()
+    }
 
     #[test]
     fn layers_are_named_as_their_weights() {
-        let weights =
-            Weights { numbers: [("epsilon".to_owned(), 0.1)].into(), ..Weights::default() };
-        let architecture = |agent: Agent| agent.architecture(&weights).unwrap();
+        let of_dqn = |dqn: DuelingDqn| policy(&Agent::of(&dqn), &layers::dueling_layers(&dqn, 1));
         let dqn = DuelingDqn { layers: vec![4, 4], ..DuelingDqn::default() };
-        let shared = architecture(Agent::of(&dqn));
-        assert_eq!(shared.stacks[0].hidden, ["trunk.0", "trunk.1"]);
-        assert_eq!(shared.stacks[0].heads, ["value", "advantage"]);
+        let shared = of_dqn(dqn.clone());
         assert_eq!(shared.choice, Choice::EpsilonGreedy { epsilon: 0.1 });
-        let separate = architecture(Agent::of(&DuelingDqn { trunk: Trunk::Separate, ..dqn }));
-        assert_eq!(separate.stacks[1].hidden, ["advantage_trunk.0", "advantage_trunk.1"]);
-        let policy = architecture(Agent::of(&Reinforce::default()));
+        let stacks = shared.architecture.unwrap().stacks;
+        assert_eq!(stacks[0].hidden, ["trunk.0", "trunk.1"]);
+        assert_eq!(stacks[0].heads, ["value", "advantage"]);
+        let separate = of_dqn(DuelingDqn { trunk: Trunk::Separate, ..dqn });
+        let stacks = separate.architecture.unwrap().stacks;
+        assert_eq!(stacks[1].hidden, ["advantage_trunk.0", "advantage_trunk.1"]);
+        let ppo = Ppo { layers: vec![4], ..Ppo::default() };
+        let actor = policy(&Agent::of(&ppo), &layers::ppo(&ppo, 1));
+        assert_eq!(actor.choice, Choice::Softmax);
+        let stacks = actor.architecture.unwrap().stacks;
+        assert_eq!(stacks.len(), 1, "the critic chooses no action");
         assert_eq!(
-            (policy.stacks[0].heads[0].as_str(), policy.choice),
-            ("logits", Choice::Softmax)
+            (stacks[0].hidden[0].as_str(), stacks[0].heads[0].as_str()),
+            ("policy_trunk.0", "logits")
         );
-        let actor = architecture(Agent::of(&Ppo { layers: vec![4], ..Ppo::default() }));
-        assert_eq!(actor.stacks.len(), 1, "the critic chooses no action");
-        assert_eq!(actor.stacks[0].hidden, ["policy_trunk.0"]);
-        assert_eq!((actor.stacks[0].heads[0].as_str(), actor.choice), ("logits", Choice::Softmax));
     }
 
     #[test]
     fn a_memory_is_no_network_of_observations_alone() {
         let recurrent = Recurrent::Gru;
-        for agent in [
-            Agent::of(&Ppo { recurrent, ..Ppo::default() }),
-            Agent::of(&DuelingDqn { recurrent, ..DuelingDqn::default() }),
+        let ppo = Ppo { recurrent, ..Ppo::default() };
+        let dqn = DuelingDqn { recurrent, ..DuelingDqn::default() };
+        for policy in [
+            policy(&Agent::of(&ppo), &layers::ppo(&ppo, 1)),
+            policy(&Agent::of(&dqn), &layers::dueling_layers(&dqn, 1)),
         ] {
-            let refused = agent.architecture(&Weights::default());
-            assert!(matches!(refused, Err(WeightsError::HasMemory)));
-            let refused = agent.network(3, &Weights::default());
-            assert!(matches!(refused, Err(WeightsError::HasMemory)));
+            assert_eq!((policy.network.memory(), policy.architecture), (64, None));
         }
-        let refused = Agent::of(&LinearThompson::default()).architecture(&Weights::default());
+        let refused = Agent::of(&LinearThompson::default()).network(1, &Weights::default());
         assert!(matches!(refused, Err(WeightsError::NoNetwork)));
+    }
+
+    crate::key::keys! {
+        /// An algorithm of a user that trains the network of REINFORCE in its own way.
+        pub struct Own {
+            /// episodes of training
+            episodes: u32 = 10, in crate::key::Kind::EPISODES;
+        }
+    }
+
+    impl AlgorithmParameters for Own {
+        const NAME: &'static str = "own";
+
+        fn episodes(&self) -> u32 {
+            self.episodes
+        }
+
+        fn start(&self, task: &Task) -> Result<Start, StartError> {
+            Reinforce::default().start(task)
+        }
+
+        fn network(&self, inputs: usize, weights: &Weights) -> Result<NetworkPolicy, WeightsError> {
+            Reinforce::default().network(inputs, weights)
+        }
+    }
+
+    #[test]
+    fn an_algorithm_of_a_user_has_a_network_without_being_registered() {
+        let stack = layers::policy(&Reinforce::default(), 1);
+        let layers: Vec<layers::Layer> = stack.hidden.into_iter().chain(stack.heads).collect();
+        let agent = Agent::of(&Own { episodes: 10 });
+        assert_eq!(policy(&agent, &layers).architecture.unwrap().stacks[0].heads, ["logits"]);
     }
 
     #[test]

@@ -21,8 +21,8 @@ use crate::agent::unavailable::Unavailable;
 use crate::agent::weights::Weights;
 use crate::env::{EpisodeStatus, Observations};
 use crate::key::{Keyed, Kind};
+use crate::key::{choices, keys};
 use crate::state::Resumable;
-use crate::{choices, keys};
 
 pub use episodes::{EpisodeReplay, SequenceBatch};
 pub use learner::DuelingDqnLearner;

@@ -1,7 +1,7 @@
 //! The declaration of an outside program as an agent.
 
 use crate::key::Kind;
-use crate::keys;
+use crate::key::keys;
 
 keys! {
     /// A program of the author's that trains and acts; `docs/external.md` has its protocol.

@@ -1,10 +1,13 @@
 //! Names, sizes and initial weights of the networks' layers, independent of the engine.
 
+use crate::agent::architecture::{Architecture, StackNames};
+use crate::agent::constraint::{batch_size, network_size};
 use crate::agent::memory::{self, OutOfMemory};
 use crate::agent::weights::{Tensor, Weights};
-use crate::agent::{DuelingDqn, Ppo, Recurrent as Memory, Reinforce, Trunk};
+use crate::agent::{Activation, DuelingDqn, Ppo, Recurrent as Memory, Reinforce, Trunk};
 use crate::env::Action;
 use crate::kernel::GATES;
+use crate::key::Size;
 use crate::rng::{Purpose, Stream};
 
 /// Name and size of a linear layer.
@@ -22,6 +25,16 @@ impl Layer {
 
     pub(super) fn bias(&self) -> String {
         format!("{}.bias", self.name)
+    }
+
+    /// Number of values that an update holds per row of input: the outputs, and for a GRU the
+    /// contributions of input and state to three gates, the derivatives by them, the gates
+    /// themselves, and the states before and after the step.
+    fn row_numbers(&self) -> usize {
+        match self.name.as_str() {
+            GRU_HIDDEN => 8 * (self.outputs / GATES),
+            _ => self.outputs,
+        }
     }
 }
 
@@ -77,6 +90,9 @@ pub(super) fn actor_critic(parameters: &Ppo, inputs: usize) -> [Stack; 2] {
     [stack("policy_trunk", ("logits", Action::COUNT)), stack("value_trunk", ("value", 1))]
 }
 
+/// The name of the linear layer of a GRU on its state.
+const GRU_HIDDEN: &str = "gru_hidden";
+
 /// Hidden layers around a GRU, and two linear heads that share all of them.
 #[derive(Clone, Debug)]
 pub(super) struct Recurrent {
@@ -118,7 +134,7 @@ impl Recurrent {
             |name: &str, inputs| Layer { name: name.to_owned(), inputs, outputs: GATES * units };
         Recurrent {
             before,
-            gru: [gate("gru_input", last), gate("gru_hidden", units)],
+            gru: [gate("gru_input", last), gate(GRU_HIDDEN, units)],
             after: after.hidden,
             heads: after.heads.try_into().expect("two heads were given"),
         }
@@ -133,11 +149,7 @@ impl Recurrent {
 /// All layers of PPO's networks, in the order in which their weights are drawn.
 pub(super) fn ppo(parameters: &Ppo, inputs: usize) -> Vec<Layer> {
     match parameters.recurrent {
-        Memory::None => {
-            let stacks = actor_critic(parameters, inputs);
-            let hidden = stacks.iter().flat_map(|stack| &stack.hidden);
-            hidden.chain(stacks.iter().flat_map(|stack| &stack.heads)).cloned().collect()
-        }
+        Memory::None => listed(&actor_critic(parameters, inputs)),
         Memory::Gru => Recurrent::actor_critic(parameters, inputs).layers().cloned().collect(),
     }
 }
@@ -145,11 +157,7 @@ pub(super) fn ppo(parameters: &Ppo, inputs: usize) -> Vec<Layer> {
 /// All layers of a dueling network, in the order in which their weights are drawn.
 pub(super) fn dueling_layers(parameters: &DuelingDqn, inputs: usize) -> Vec<Layer> {
     match parameters.recurrent {
-        Memory::None => {
-            let stacks = dueling(parameters, inputs);
-            let hidden = stacks.iter().flat_map(|stack| &stack.hidden);
-            hidden.chain(stacks.iter().flat_map(|stack| &stack.heads)).cloned().collect()
-        }
+        Memory::None => listed(&dueling(parameters, inputs)),
         Memory::Gru => Recurrent::dueling(parameters, inputs).layers().cloned().collect(),
     }
 }
@@ -161,7 +169,32 @@ pub(super) fn numbers<'l>(layers: impl IntoIterator<Item = &'l Layer>) -> usize 
 
 /// Number of weights and biases of the layers of stacks.
 pub(super) fn weights(stacks: &[Stack]) -> usize {
-    numbers(stacks.iter().flat_map(|stack| stack.hidden.iter().chain(&stack.heads)))
+    numbers(&listed(stacks))
+}
+
+/// The layers of stacks in the order in which their weights are drawn.
+pub(super) fn listed(stacks: &[Stack]) -> Vec<Layer> {
+    let hidden = stacks.iter().flat_map(|stack| &stack.hidden);
+    hidden.chain(stacks.iter().flat_map(|stack| &stack.heads)).cloned().collect()
+}
+
+/// The sizes of networks of these layers, and of a batch of `rows` rows.
+pub(super) fn sizes(layers: &[Layer], rows: u64) -> [Size; 2] {
+    // Stacks without a layer between them and the observation share it.
+    let inputs = layers.first().map_or(0, |layer| layer.inputs);
+    let each = layers.iter().fold(inputs, |sum, layer| sum + layer.row_numbers());
+    [network_size(numbers(layers) as u64), batch_size(rows, each as u64)]
+}
+
+/// The names of stacks' layers.
+pub(super) fn architecture(
+    activation: Activation,
+    stacks: impl IntoIterator<Item = Stack>,
+) -> Architecture {
+    let names = |layers: Vec<Layer>| layers.into_iter().map(|layer| layer.name).collect();
+    let named =
+        |stack: Stack| StackNames { hidden: names(stack.hidden), heads: names(stack.heads) };
+    Architecture { activation, stacks: stacks.into_iter().map(named).collect() }
 }
 
 /// Why engines accept the weights from [`initial`].
@@ -180,8 +213,7 @@ pub(super) fn initial(stacks: &[Stack], copies: usize, seed: u64) -> Result<Weig
 /// of a layer before its bias.
 pub(super) fn draw(stacks: &[Stack], stream: &mut Stream) -> Weights {
     let mut weights = Weights::default();
-    let hidden = stacks.iter().flat_map(|stack| &stack.hidden);
-    for layer in hidden.chain(stacks.iter().flat_map(|stack| &stack.heads)) {
+    for layer in listed(stacks) {
         for (name, shape) in [
             (layer.weight(), vec![layer.inputs, layer.outputs]),
             (layer.bias(), vec![layer.outputs]),
@@ -227,6 +259,22 @@ mod tests {
             assert!(mean.abs() < 4.0 * bound / (3.0 * n).sqrt(), "{name}: {mean}");
             assert!((variance / (bound * bound / 3.0) - 1.0).abs() < 0.2, "{name}: {variance}");
         }
+    }
+
+    #[test]
+    fn sizes_are_counted_by_hand() {
+        let dqn = DuelingDqn { layers: vec![128, 64], ..DuelingDqn::default() };
+        let parameters =
+            |dqn: &DuelingDqn| sizes(&dueling_layers(dqn, 56), 2).map(|size| size.size);
+        let [network, batch] = parameters(&dqn);
+        assert_eq!(network, 57 * 128 + 129 * 64 + 65 * 5);
+        assert_eq!(batch, 2 * (56 + 128 + 64 + 5));
+        let separate = DuelingDqn { trunk: Trunk::Separate, ..dqn.clone() };
+        assert_eq!(parameters(&separate)[0], 2 * (57 * 128 + 129 * 64) + 65 * 5);
+        let gru = DuelingDqn { recurrent: Memory::Gru, units: 10, ..dqn };
+        let [network, batch] = parameters(&gru);
+        assert_eq!(network, 57 * 128 + 129 * 30 + 11 * 30 + 11 * 64 + 65 * 5);
+        assert_eq!(batch, 2 * (56 + 128 + 11 * 10 + 64 + 5));
     }
 
     #[test]

@@ -23,7 +23,7 @@ mod tests;
 
 use crate::agent::unavailable::Unavailable;
 use crate::key::{Keyed, Kind};
-use crate::{choices, keys};
+use crate::key::{choices, keys};
 
 pub use learner::LinearThompsonLearner;
 pub use policy::LinearThompsonPolicy;

@@ -46,7 +46,7 @@ mod unavailable;
 mod weights;
 
 pub use actor::{Actor, StepObserver};
-pub use architecture::{Architecture, Choice, StackNames};
+pub use architecture::{Architecture, Choice, NetworkPolicy, StackNames};
 pub use burn::device::{backend_name, inference as inference_device, training as training_device};
 pub use burn::{
     ActorCritic, AutodiffPolicy, BurnActorCritic, BurnDuelingDqn, BurnPpo, BurnRecurrentDqn,
@@ -54,7 +54,7 @@ pub use burn::{
     RecurrentDuelingQNetwork,
 };
 pub use burn::{column as action_tensor, input as observation_tensor};
-pub use constraint::{Assignment, Constraint, Violation};
+pub use constraint::longest_episode;
 pub use dueling_dqn::{
     DuelingDqn, DuelingDqnEngine, DuelingDqnLearner, EpisodeReplay, RecurrentDqnEngine,
     RecurrentDqnLearner, SequenceBatch, Trunk,
@@ -79,8 +79,7 @@ pub use ppo::{
 pub use registry::{
     Agent, Algorithm, AlgorithmParameters, RegistrationError, Start, StartError, Task, Trained,
     Work, dueling_dqn_learner, free_key, linear_thompson_learner, ppo_learner, register_algorithm,
-    reinforce_learner, trained_dueling_dqn, trained_linear_thompson, trained_ppo,
-    trained_reinforce,
+    reinforce_learner, trained_linear_thompson,
 };
 pub use reinforce::{Reinforce, ReinforceEngine, ReinforceLearner, Trajectories};
 pub use replay::{Batch, Replay, TerminalTarget, Transition};

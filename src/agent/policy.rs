@@ -31,6 +31,20 @@ pub trait ActionNetwork {
     }
 }
 
+impl<N: ActionNetwork + ?Sized> ActionNetwork for Box<N> {
+    fn evaluate(&mut self, observations: &Observations, out: &mut Vec<f32>) {
+        (**self).evaluate(observations, out);
+    }
+
+    fn memory(&self) -> usize {
+        (**self).memory()
+    }
+
+    fn recall(&mut self, observations: &Observations, memory: &mut [f32], out: &mut Vec<f32>) {
+        (**self).recall(observations, memory, out);
+    }
+}
+
 /// Takes the action with the highest value, and explores at a fixed rate.
 pub struct EpsilonGreedy<N> {
     network: N,

@@ -19,8 +19,8 @@ use crate::env::{
     PhysicalActivity, VectorEnvironment,
 };
 use crate::kernel::Isa;
+use crate::key::keys;
 use crate::key::{Keyed, Kind};
-use crate::keys;
 use crate::rng::{Purpose, Stream};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::io;
 
 use crate::agent::{OutOfMemory, reserve, reserve_exact};
-use crate::choices;
 use crate::env::{Action, EpisodeStatus, Observations};
+use crate::key::choices;
 use crate::rng::Stream;
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 

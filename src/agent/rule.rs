@@ -9,10 +9,10 @@ use crate::env::{
     PhysicalActivity, Scenario, VectorEnvironment,
 };
 use crate::key::{KeyType, Keyed, Kind};
+use crate::key::{choices, keys};
 use crate::optimum::{NoOptimum, OptimalPolicy};
 use crate::rng::Stream;
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
-use crate::{choices, keys};
 
 keys! {
     /// A decision rule that needs no training.

@@ -5,8 +5,8 @@
 //! and Ontañón, "A closer look at invalid action masking in policy gradient algorithms", 2022); for
 //! Q-learning, the maximum over the actions that are possible in the next state.
 
-use crate::choices;
 use crate::env::{Action, ActionProbabilities, VectorEnvironment};
+use crate::key::choices;
 
 /// Name of the key.
 pub const UNAVAILABLE: &str = "unavailable";

@@ -70,9 +70,6 @@ pub enum WeightsError {
     /// The agent is a user's program.
     #[error("the policy of an outside program is not stored")]
     Outside,
-    /// The network has a memory, so that an observation alone does not determine its outputs.
-    #[error("the network has a memory of the episode")]
-    HasMemory,
 }
 
 impl Weights {

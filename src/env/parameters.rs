@@ -1,7 +1,7 @@
 //! The environment's parameters, as one job holds them: single values, every key present.
 
 use crate::key::{Keyed, Kind, Value};
-use crate::{choices, keys};
+use crate::key::{choices, keys};
 
 keys! {
     /// Parameters of the physical-activity simulation.

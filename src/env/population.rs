@@ -7,8 +7,8 @@
 
 use crate::env::parameters::Environment;
 use crate::key::{Column, Distribution, Keyed, Kind, Rows};
+use crate::key::{choices, keys};
 use crate::rng::{Stream, open_unit_from_bits};
-use crate::{choices, keys};
 
 choices! {
     /// The phases of a job that meet the participants.

@@ -3,7 +3,7 @@
 use super::first_episodes::first_return;
 use crate::agent::Actions;
 use crate::key::{Keyed, Kind};
-use crate::{choices, keys};
+use crate::key::{choices, keys};
 
 keys! {
     /// How a trained agent is tested and its training recorded.

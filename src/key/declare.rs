@@ -389,3 +389,6 @@ macro_rules! choices {
         }
     };
 }
+
+// Macros that other crates can call are at the root of the crate; within it they have a path.
+pub(crate) use {choices, keys};

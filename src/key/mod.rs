@@ -4,10 +4,11 @@
 //! default, meaning and the value of earlier jobs. Validation, the JSON Schema, the reference in
 //! `docs/manifest.md`, filters, the view `parameter` and the canonical form of a job all read this table.
 //!
-//! In: declarations. Out: tables of [`Key`]s, typed structs, canonical text. It contains no
-//! particular key, manifest or job.
+//! In: declarations. Out: tables of [`Key`]s, typed structs, canonical text. A [`Constraint`] relates
+//! several keys. It contains no particular key, manifest or job.
 
 mod canonical;
+mod constraint;
 mod declare;
 mod distribution;
 mod normal;
@@ -17,7 +18,9 @@ mod rows;
 mod value;
 
 pub use canonical::{CanonicalError, canonical_object, read_object};
+pub use constraint::{Assignment, Constraint, Size, Violation};
 pub use declare::{FixedKind, Key, KeyType, Keyed, SettingError, json_object};
+pub(crate) use declare::{choices, keys};
 pub use distribution::{Distribution, DistributionError};
 pub use number_range::NumberRange;
 pub use parameter::Parameter;

@@ -6,7 +6,7 @@ use serde_json::{Value as Json, json};
 use super::figure_keys::{FigureKeys, LETTERS, SIDES};
 use super::limits::MOST_JOBS;
 use super::participant_range;
-use crate::choices;
+use crate::key::choices;
 
 /// Declares the kinds: the word of each in manifests, and its own keys in addition to the shared ones.
 macro_rules! kinds {

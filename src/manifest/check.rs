@@ -13,9 +13,8 @@ use super::noise;
 use super::people;
 use super::presence::absent;
 use super::source::Span;
-use crate::agent::{Constraint, Violation};
 use crate::job::Condition;
-use crate::key::{Parameter, Value};
+use crate::key::{Assignment, Constraint, Parameter, Size, Value, Violation};
 
 /// Reports faults between the keys of `manifest`, which was completed from `draft`.
 ///
@@ -43,8 +42,9 @@ pub(super) fn check(
         (0..manifest.agents.len()).map(|agent| Grid::of(&manifest, agent)).collect();
     for constraint in noise::CONSTRAINTS.iter().chain(people::CONSTRAINTS) {
         let certain = grids.iter().enumerate();
-        let mut certain =
-            certain.filter(|(place, grid)| is_certain(draft, *place, grid, constraint, &broken));
+        let mut certain = certain.filter(|(place, grid)| {
+            is_certain(draft, *place, grid, constraint.parameters, &broken)
+        });
         // No key of an agent is involved: one agent's violation stands for all.
         if let Some((place, grid)) = certain.find(|(_, grid)| grid.violation(constraint).is_some())
         {
@@ -54,8 +54,14 @@ pub(super) fn check(
     let agents = manifest.agents.iter().zip(&grids).enumerate();
     for (place, (declared, grid)) in agents {
         for constraint in declared.algorithm.constraints() {
-            if is_certain(draft, place, grid, constraint, &broken) {
+            if is_certain(draft, place, grid, constraint.parameters, &broken) {
                 hold(draft, Concerned::Agent(place), grid, constraint, faults);
+            }
+        }
+        for (keys, violation) in grid.too_large() {
+            let parameters: Vec<Parameter> = keys.parameters().collect();
+            if is_certain(draft, place, grid, &parameters, &broken) {
+                report(draft, Concerned::Agent(place), &keys, violation, faults);
             }
         }
     }
@@ -198,15 +204,14 @@ fn comparisons_fit(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -
     false
 }
 
-/// Whether the values of a constraint's parameters are known in every cell of an agent.
+/// Whether the values of parameters are known in every cell of an agent.
 fn is_certain(
     draft: &Draft,
     agent: usize,
     grid: &Grid,
-    constraint: &Constraint,
+    parameters: &[Parameter],
     broken: &HashSet<Parameter>,
 ) -> bool {
-    let parameters = constraint.parameters;
     if parameters.iter().any(|name| draft.is_invalid_for(agent, *name)) {
         return false;
     }
@@ -231,10 +236,23 @@ fn hold(
     constraint: &Constraint,
     faults: &mut FaultList,
 ) {
-    let Some((chosen, violation)) = grid.violation(constraint) else { return };
+    if let Some((chosen, violation)) = grid.violation(constraint) {
+        report(draft, concerned, &chosen, violation, faults);
+    }
+}
+
+/// Reports a violation by these values.
+fn report(
+    draft: &Draft,
+    concerned: Concerned,
+    chosen: &Assignment,
+    violation: Violation,
+    faults: &mut FaultList,
+) {
     let (Concerned::Environment(agent) | Concerned::Agent(agent)) = concerned;
     // Keys of a preset have the position of `extends`; the last position is a key of the author.
-    let keys = chosen.keys.iter().map(|(key, _)| *key);
+    // The position of the scenarios would say less than that of a key.
+    let keys = chosen.parameters().filter(|key| *key != Parameter::SCENARIO);
     let span = keys.filter_map(|key| draft.span_of(agent, key)).max();
     let name = &draft.agents[agent].name;
     let fault = |message| Fault::at(span.unwrap_or(name.span), message);
@@ -246,7 +264,7 @@ fn hold(
     faults.add(match violation {
         Violation::Contradiction(says) => fault(format!("{of}{says}")),
         Violation::Impossible { says, help } => fault(format!("{of}{says}")).help(help),
-        Violation::TooLarge { what, unit, size, most } => {
+        Violation::TooLarge(Size { what, unit, size, most }) => {
             let says = format!("{what} {size} {unit}; the maximum is {most}");
             fault(format!("{of}{says}")).help(format!("with {}", chosen.listed()))
         }

@@ -8,7 +8,7 @@ use super::parameter::{meant, named};
 use super::source::Located;
 use super::sweep::{Node, Reader};
 use super::written::quoted;
-use crate::choices;
+use crate::key::choices;
 use crate::key::{Kind, Parameter, Value};
 
 /// The layout of the figures of an analysis; `None` stands for the default.

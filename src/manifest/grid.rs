@@ -4,15 +4,16 @@
 //! the typed parameters. Everything is computed from indices, so that a grid of millions is counted without
 //! being built. It does not depend on jobs and their identity.
 
+use std::borrow::Cow;
 use std::collections::HashSet;
 
 use super::declared::{DeclaredAgent, Exclusion, Manifest, scenario_of, seed_of};
 use super::parameter::Parameters;
 use super::section::Section;
-use crate::agent::{Agent, Algorithm, Assignment, Constraint, Violation};
+use crate::agent::{Agent, Algorithm};
 use crate::env::{Environment, Population, Scenario};
 use crate::job::Evaluation;
-use crate::key::{Keyed, Parameter, Value};
+use crate::key::{Assignment, Constraint, Keyed, Parameter, Value, Violation};
 
 /// The grid of one agent of a manifest.
 #[derive(Debug)]
@@ -86,16 +87,37 @@ impl<'m> Grid<'m> {
     /// The first violation of a constraint by a cell that is not excluded, with the cell's values of the
     /// constraint's parameters.
     pub(super) fn violation(&self, constraint: &Constraint) -> Option<(Assignment<'m>, Violation)> {
-        let parameters = constraint.parameters;
-        let axes: Vec<_> = parameters.iter().map(|name| axis_of(&self.axes, *name)).collect();
-        let concerned = self.concerned(&axes);
-        self.projected(&concerned).find_map(|cell| {
-            let values = parameters.iter().filter_map(|name| {
-                let values = self.manifest.values(self.agent, *name)?;
-                Some((*name, values.get(self.place(&cell, *name))?))
-            });
-            let assignment = Assignment { scenario: self.scenario(&cell), keys: values.collect() };
-            (constraint.violation)(&assignment).map(|violation| (assignment, violation))
+        let violation = |assignment: &Assignment<'m>| (constraint.violation)(assignment);
+        self.find(constraint.parameters, |_| true, violation)
+    }
+
+    /// The sizes above their limits in the first cell that has any and is not excluded, each with the keys
+    /// that add to it.
+    pub(super) fn too_large(&self) -> Vec<(Assignment<'m>, Violation)> {
+        let algorithm = self.agent.algorithm;
+        let too_large = |assignment: &Assignment<'m>| {
+            Some(algorithm.too_large(assignment)).filter(|sizes| !sizes.is_empty())
+        };
+        let varies = |parameter| algorithm.is_sized_by(parameter);
+        let found = self.find(&algorithm.parameters(), varies, too_large);
+        let sizes = found.map_or_else(Vec::new, |(_, sizes)| sizes);
+        sizes.into_iter().map(|(size, keys)| (keys, Violation::TooLarge(size))).collect()
+    }
+
+    /// The first result of `judge` in a cell that is not excluded, with the cell's values of `parameters`.
+    /// Parameters that do not vary have their first values.
+    fn find<T>(
+        &self,
+        parameters: &[Parameter],
+        varies: impl Fn(Parameter) -> bool,
+        judge: impl Fn(&Assignment<'m>) -> Option<T>,
+    ) -> Option<(Assignment<'m>, T)> {
+        let varying = parameters.iter().filter(|name| varies(**name));
+        let axes: Vec<_> = varying.map(|name| axis_of(&self.axes, *name)).collect();
+        self.projected(&self.concerned(&axes)).find_map(|cell| {
+            let valued = |name: &Parameter| Some((*name, self.value(&cell, *name)?));
+            let assignment = Assignment(parameters.iter().filter_map(valued).collect());
+            judge(&assignment).map(|found| (assignment, found))
         })
     }
 
@@ -175,6 +197,15 @@ impl<'m> Grid<'m> {
     /// The cell's scenario.
     pub fn scenario(&self, cell: &Cell) -> Scenario {
         scenario_of(&self.manifest.scenarios[self.place(cell, Parameter::SCENARIO)])
+    }
+
+    /// The cell's value of a parameter; `None` for a seed or a key that the agent does not have.
+    fn value(&self, cell: &Cell, parameter: Parameter) -> Option<Cow<'m, Value>> {
+        if parameter == Parameter::SCENARIO {
+            return Some(Cow::Owned(Value::Text(self.scenario(cell).to_string())));
+        }
+        let values = self.manifest.values(self.agent, parameter)?;
+        values.get(self.place(cell, parameter)).map(Cow::Borrowed)
     }
 
     /// The cell's seed.

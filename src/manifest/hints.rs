@@ -13,9 +13,9 @@ use super::grid::Grid;
 use super::printable;
 use super::repair::decimal_lists;
 use super::written::share;
-use crate::agent::{Constraint, UNAVAILABLE, Violation};
+use crate::agent::{UNAVAILABLE, longest_episode};
 use crate::job::Condition;
-use crate::key::{Key, Parameter, Value};
+use crate::key::{Constraint, Key, Parameter, Value, Violation};
 
 /// Standard deviation of the context feature above which the feature says next to nothing.
 const LARGE_SIGMA: f64 = 10.0;
@@ -119,7 +119,7 @@ fn few_rollouts(manifest: &Manifest, place: usize) -> Option<String> {
     const FEW: Constraint = Constraint {
         parameters: &[EPISODES, HORIZON, UNPAID_LAST_STEP, LANES, STEPS],
         violation: |of| {
-            let steps = of.whole(EPISODES).saturating_mul(of.longest_episode());
+            let steps = of.whole(EPISODES).saturating_mul(longest_episode(of));
             let rollouts = steps.div_ceil(of.whole(LANES).saturating_mul(of.whole(STEPS)));
             let noun = if rollouts == 1 { "rollout" } else { "rollouts" };
             (rollouts < FEW_ROLLOUTS).then(|| {
@@ -128,7 +128,7 @@ fn few_rollouts(manifest: &Manifest, place: usize) -> Option<String> {
                      steps, and a rollout takes {} (`lanes` times `steps`); raise `episodes`, or lower \
                      `lanes` or `steps`",
                     of.whole(EPISODES),
-                    of.longest_episode(),
+                    longest_episode(of),
                     steps,
                     of.whole(LANES).saturating_mul(of.whole(STEPS)),
                 ))
@@ -141,7 +141,7 @@ fn few_rollouts(manifest: &Manifest, place: usize) -> Option<String> {
     }
     match Grid::of(manifest, place).violation(&FEW)?.1 {
         Violation::Contradiction(says) => Some(format!("agent {} {says}", printable(&agent.name))),
-        Violation::Impossible { .. } | Violation::TooLarge { .. } => None,
+        Violation::Impossible { .. } | Violation::TooLarge(_) => None,
     }
 }
 

@@ -1,8 +1,7 @@
 //! Constraints between keys of the environment: the size of a noise requires the matching kind of noise.
 
-use crate::agent::{Assignment, Constraint, Violation};
 use crate::env::{StateNoise, StepNoise};
-use crate::key::Parameter;
+use crate::key::{Assignment, Constraint, Parameter, Violation};
 
 const STATE_NOISE: Parameter = Parameter::Environment("state_noise");
 const STATE_SPREAD: Parameter = Parameter::Environment("state_spread");

@@ -8,9 +8,11 @@ use toml::de::DeValue;
 use super::fault::Fault;
 use super::source::Span;
 use super::sweep::{Node, Reader};
-use crate::agent::{Assignment, Constraint, Violation};
 use crate::env::{Population, StateNoise, StepNoise};
-use crate::key::{Column, Distribution, Keyed, Kind, NumberRange, Parameter, Rows, Value};
+use crate::key::{
+    Assignment, Column, Constraint, Distribution, Keyed, Kind, NumberRange, Parameter, Rows, Value,
+    Violation,
+};
 
 /// Maximum size of a file of rows in bytes.
 const MOST_BYTES: u64 = 10_000_000;
@@ -179,7 +181,7 @@ pub(super) const CONSTRAINTS: &[Constraint] = &[
 /// The population with the values of a cell.
 fn population(assignment: &Assignment) -> Option<Population> {
     let of_population = |key: &Parameter| matches!(key, Parameter::Population(_));
-    let keys = assignment.keys.iter().filter(|(key, _)| of_population(key));
-    let values: Vec<Value> = keys.map(|(_, value)| (*value).clone()).collect();
+    let keys = assignment.0.iter().filter(|(key, _)| of_population(key));
+    let values: Vec<Value> = keys.map(|(_, value)| value.clone().into_owned()).collect();
     Population::from_values(&values)
 }

@@ -92,12 +92,11 @@ pub fn digest(bytes: &[u8]) -> String {
     HEXLOWER.encode(&Sha256::digest(bytes))
 }
 
-/// The description of a policy, which refers to its other files.
+/// The description of a policy, which refers to its other files, the weights and the graph.
 pub(super) fn describe(
     stored: &StoredWeights,
-    architecture: &Architecture,
-    weights: &[u8],
-    onnx: &[u8],
+    (architecture, choice): (&Architecture, Choice),
+    [weights, onnx]: [&[u8]; 2],
 ) -> Json {
     let job = &stored.job;
     let versions = job.versions();
@@ -110,7 +109,7 @@ pub(super) fn describe(
         Activation::Relu => "relu",
         Activation::Tanh => "tanh",
     };
-    let (output, choice) = match architecture.choice {
+    let (output, choice) = match choice {
         Choice::EpsilonGreedy { epsilon } => {
             ("dueling", json!({ "rule": "epsilon_greedy", "epsilon": epsilon }))
         }

@@ -9,7 +9,7 @@ mod protobuf;
 
 use serde_json::Value as Json;
 
-use crate::agent::{Architecture, Weights, WeightsError};
+use crate::agent::{NetworkPolicy, Weights, WeightsError};
 use crate::store::StoredWeights;
 pub use description::digest;
 
@@ -49,6 +49,17 @@ pub enum PortableError {
         /// The job.
         key: String,
     },
+    /// The network does not consist of the layers that the files can hold.
+    #[error(
+        "the network of job {key} cannot be exported: agents of the algorithm `{algorithm}` do not \
+         state its layers"
+    )]
+    NoLayers {
+        /// The job.
+        key: String,
+        /// The algorithm.
+        algorithm: &'static str,
+    },
     /// The weights do not fit the job.
     #[error("the policy of job {key} cannot be used: {error}")]
     Weights {
@@ -62,36 +73,39 @@ pub enum PortableError {
 /// The network of a completed job with its weights.
 ///
 /// **Errors**: the job has no network, or the network has a memory, or the weights do not fit.
-pub fn network_of(stored: &StoredWeights) -> Result<(Weights, Architecture), PortableError> {
+pub fn network_of(stored: &StoredWeights) -> Result<(Weights, NetworkPolicy), PortableError> {
     let key = || stored.job_key.to_string();
     let refused = |error| match error {
         WeightsError::NoNetwork => {
             PortableError::NoNetwork { key: key(), algorithm: stored.job.algorithm() }
         }
-        WeightsError::HasMemory => PortableError::HasMemory { key: key() },
         error => PortableError::Weights { key: key(), error },
     };
     let bytes = stored.safetensors.as_ref().ok_or_else(|| refused(WeightsError::NoNetwork))?;
     let weights = Weights::from_bytes(bytes).map_err(refused)?;
-    let architecture = stored.job.agent.architecture(&weights).map_err(refused)?;
-    Ok((weights, architecture))
+    let inputs = stored.job.task().observations().inputs();
+    let policy = stored.job.agent.network(inputs, &weights).map_err(refused)?;
+    if policy.network.memory() > 0 {
+        return Err(PortableError::HasMemory { key: key() });
+    }
+    Ok((weights, policy))
 }
 
 /// The policy of a completed job as files.
 ///
-/// **Errors**: the job has no network, or the network has a memory, or the weights do not fit.
+/// **Errors**: the job has no network, or the network has a memory or does not state its layers, or
+/// the weights do not fit.
 pub fn portable(stored: &StoredWeights) -> Result<PortablePolicy, PortableError> {
-    let (weights, architecture) = network_of(stored)?;
+    let (weights, NetworkPolicy { choice, architecture, .. }) = network_of(stored)?;
+    let architecture = architecture.ok_or_else(|| PortableError::NoLayers {
+        key: stored.job_key.to_string(),
+        algorithm: stored.job.algorithm(),
+    })?;
     let inputs = stored.job.task().observations().inputs();
-    // Reports weights that do not fit the network.
-    stored
-        .job
-        .agent
-        .network(inputs, &weights)
-        .map_err(|error| PortableError::Weights { key: stored.job_key.to_string(), error })?;
-    let onnx = onnx::model(&weights, &architecture, inputs);
+    let onnx = onnx::model(&weights, (&architecture, choice), inputs);
     let weights = weights.to_bytes();
-    let description = description::describe(stored, &architecture, &weights, &onnx);
+    let files = [&weights[..], &onnx[..]];
+    let description = description::describe(stored, (&architecture, choice), files);
     Ok(PortablePolicy { description, weights, onnx })
 }
 

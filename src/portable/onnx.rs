@@ -110,7 +110,11 @@ fn tensor(name: &str, element: u64, columns: Option<usize>) -> Message {
 }
 
 /// The policy as an ONNX model.
-pub(super) fn model(weights: &Weights, architecture: &Architecture, inputs: usize) -> Vec<u8> {
+pub(super) fn model(
+    weights: &Weights,
+    (architecture, choice): (&Architecture, Choice),
+    inputs: usize,
+) -> Vec<u8> {
     let mut graph = Graph::default();
     let activation = match architecture.activation {
         Activation::Relu => "Relu",
@@ -127,7 +131,7 @@ pub(super) fn model(weights: &Weights, architecture: &Architecture, inputs: usiz
         heads.extend(stack.heads.iter().map(|name| graph.layer(name, &last, weights)));
     }
     let along_actions = || Attribute::Int("axis", 1);
-    match (architecture.choice, heads.as_slice()) {
+    match (choice, heads.as_slice()) {
         (Choice::EpsilonGreedy { epsilon }, [value, advantage]) => {
             let mean = [Attribute::Ints("axes", &[1]), Attribute::Int("keepdims", 1)];
             graph.node("ReduceMean", &[advantage], "advantage.mean", &mean);

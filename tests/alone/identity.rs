@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use jitai::agent::{
-    self, Actions, Actor, Agent, AlgorithmParameters, Constraint, RulePolicy, Start, StartError,
-    Task, Weights, WeightsError, register_algorithm,
+    self, Actions, Actor, Agent, AlgorithmParameters, RulePolicy, Start, StartError, Task, Weights,
+    WeightsError, register_algorithm,
 };
 use jitai::env::{Action, Environment, Population};
 use jitai::job::Evaluation;
 use jitai::job::{Job, JobError};
-use jitai::key::{Key, Keyed, Kind, Value, canonical_object, read_object};
+use jitai::key::{Constraint, Key, Keyed, Kind, Value, canonical_object, read_object};
 use jitai::keys;
 use jitai::manifest::{self};
 use jitai::plan::{self};

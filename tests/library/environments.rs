@@ -5,7 +5,10 @@ use std::cell::Cell;
 use std::io;
 use std::rc::Rc;
 
-use jitai::agent::{self, Actions, Actor, DuelingDqn, Ppo, Reinforce, StartError, TerminalTarget};
+use jitai::agent::{
+    self, Actions, Actor, AlgorithmParameters, DuelingDqn, Ppo, Reinforce, StartError,
+    TerminalTarget,
+};
 use jitai::env::contract::{Clause, check};
 use jitai::env::{
     Action, ActionProbabilities, ActionSpec, DisengagementReward, Environment, EpisodeStatus,
@@ -392,13 +395,10 @@ fn a_dueling_dqn_learns_in_an_environment_from_outside() {
     }
     let trained = mean_return(&mut *learner.policy(Actions::Greedy));
     assert!(untrained < 0.5 && trained > 0.95, "{untrained} before, {trained} after");
-    let kept = agent::trained_dueling_dqn(
-        &parameters,
-        &Line::new(0).observation_spec(),
-        &learner.weights(),
-        Actions::Greedy,
-    );
-    assert_eq!(mean_return(&mut *kept.unwrap()), trained);
+    let spec = Line::new(0).observation_spec();
+    let kept = parameters.network(spec.inputs(), &learner.weights()).unwrap();
+    let mut kept = kept.actor(spec.observations(), Actions::Greedy);
+    assert_eq!(mean_return(&mut *kept), trained);
 }
 
 #[test]

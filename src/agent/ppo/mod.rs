@@ -23,8 +23,8 @@ use crate::agent::weights::Weights;
 use crate::env::Observations;
 use crate::kernel::Isa;
 use crate::key::{Keyed, Kind};
+use crate::key::{choices, keys};
 use crate::state::Resumable;
-use crate::{choices, keys};
 
 pub use learner::PpoLearner;
 pub use minibatch::{Minibatch, Sequences};

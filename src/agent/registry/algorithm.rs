@@ -5,7 +5,8 @@ use std::fmt;
 use std::marker::PhantomData;
 
 use crate::agent::actor::Actor;
-use crate::agent::constraint::{Constraint, FIRST_TESTED, FIRST_TRAINED};
+use crate::agent::architecture::NetworkPolicy;
+use crate::agent::constraint::{OF_TESTING, OF_TRAINING};
 use crate::agent::learner::{Actions, Learner};
 use crate::agent::memory::OutOfMemory;
 use crate::agent::network::Engine;
@@ -16,7 +17,7 @@ use crate::env::{
     Action, Environment, ObservationSpec, Observer, PhysicalActivity, Population, PopulationPhases,
     Scenario, VectorEnvironment,
 };
-use crate::key::{Key, Keyed, Kind, Value};
+use crate::key::{Constraint, Key, Keyed, Kind, Size, Value};
 use crate::optimum::NoOptimum;
 
 /// The task of an agent: an environment, the scenario that it observes, and a seed.
@@ -181,6 +182,12 @@ pub trait AlgorithmParameters: Keyed + 'static {
     /// Constraints on jobs beyond the ranges of single keys; none by default.
     const CONSTRAINTS: &'static [Constraint] = &[];
 
+    /// The sizes of training that have limits, such as those of networks, batches and buffers; none
+    /// by default. They must not depend on real-valued keys.
+    fn sizes(&self, _: &Task) -> Vec<Size> {
+        Vec::new()
+    }
+
     /// The version of its code; 1 by default. Raise it whenever a change of the code changes results.
     fn version(&self) -> u32 {
         1
@@ -207,16 +214,22 @@ pub trait AlgorithmParameters: Keyed + 'static {
     /// **Errors**: memory is short, or an optimal rule cannot be computed.
     fn start(&self, task: &Task) -> Result<Start, StartError>;
 
-    /// The actor of a previously trained agent, on the engine that trained it.
+    /// The network of a previously trained agent, on the engine that trained it, for observations
+    /// of `inputs` entries. The default is an agent without a network.
+    ///
+    /// **Errors**: the weights do not fit the agent, or it has no network.
+    fn network(&self, _inputs: usize, _weights: &Weights) -> Result<NetworkPolicy, WeightsError> {
+        Err(WeightsError::NoNetwork)
+    }
+
+    /// The actor of a previously trained agent; by default the policy of its network.
     ///
     /// **Errors**: the weights do not fit the agent; an algorithm that does not train has no
     /// weights.
-    fn trained(
-        &self,
-        task: &Task,
-        weights: &Weights,
-        actions: Actions,
-    ) -> Result<Box<dyn Actor>, WeightsError>;
+    fn trained(&self, task: &Task, weights: &Weights, actions: Actions) -> Trained {
+        let spec = task.observations();
+        Ok(self.network(spec.inputs(), weights)?.actor(spec.observations(), actions))
+    }
 }
 
 /// A registered algorithm: the declarations of [`AlgorithmParameters`], independent of the type.
@@ -235,9 +248,14 @@ pub struct Algorithm {
     episodes: fn(&[Value]) -> u32,
     work: fn(&[Value], &Task) -> Work,
     speed: fn(&[Value]) -> f64,
+    sizes: fn(&[Value], &Task) -> Vec<Size>,
     start: fn(&[Value], &Task) -> Result<Start, StartError>,
+    network: NetworkOf,
     trained: TrainedBy,
 }
+
+/// [`AlgorithmParameters::network`] of the parameters with these values.
+type NetworkOf = fn(&[Value], usize, &Weights) -> Result<NetworkPolicy, WeightsError>;
 
 /// [`AlgorithmParameters::trained`] of the parameters with these values.
 type TrainedBy = fn(&[Value], &Task, &Weights, Actions) -> Trained;
@@ -263,7 +281,9 @@ impl Algorithm {
             episodes: |values| typed::<P>(values).episodes(),
             work: |values, task| typed::<P>(values).work(task),
             speed: |values| typed::<P>(values).speed(),
+            sizes: |values, task| typed::<P>(values).sizes(task),
             start: |values, task| typed::<P>(values).start(task),
+            network: |values, inputs, weights| typed::<P>(values).network(inputs, weights),
             trained: |values, task, weights, actions| {
                 typed::<P>(values).trained(task, weights, actions)
             },
@@ -297,8 +317,7 @@ impl Algorithm {
 
     /// Constraints on its jobs beyond the ranges of single keys.
     pub fn constraints(&self) -> impl Iterator<Item = &'static Constraint> {
-        let shared = if self.learns { &FIRST_TRAINED } else { &FIRST_TESTED };
-        self.constraints.iter().chain([shared])
+        self.constraints.iter().chain(if self.learns { OF_TRAINING } else { OF_TESTING })
     }
 }
 
@@ -460,6 +479,11 @@ impl Agent {
         (self.algorithm.work)(&self.values, &self.seen(task))
     }
 
+    /// The sizes of training that have limits; see [`AlgorithmParameters::sizes`].
+    pub(super) fn sizes(&self, task: &Task) -> Vec<Size> {
+        (self.algorithm.sizes)(&self.values, &self.seen(task))
+    }
+
     /// Multiply-adds of training per second; see [`AlgorithmParameters::speed`].
     pub fn speed(&self) -> f64 {
         (self.algorithm.speed)(&self.values)
@@ -477,6 +501,13 @@ impl Agent {
             Start::Actor(_) => !learns && self.episodes() == 0,
         };
         if consistent { Ok(start) } else { Err(StartError::Inconsistent { algorithm, learns }) }
+    }
+
+    /// The network of a previously trained agent; see [`AlgorithmParameters::network`].
+    ///
+    /// **Errors**: the weights do not fit the agent, or it has no network.
+    pub fn network(&self, inputs: usize, weights: &Weights) -> Result<NetworkPolicy, WeightsError> {
+        (self.algorithm.network)(&self.values, inputs, weights)
     }
 
     /// The actor of a previously trained agent; see [`AlgorithmParameters::trained`].

@@ -1,28 +1,26 @@
 //! The registration of the dueling DQN.
 
-use crate::agent::actor::Actor;
+use crate::agent::architecture::{Choice, NetworkPolicy};
 use crate::agent::burn::device::inference;
 use crate::agent::burn::{
     BurnDuelingDqn, BurnRecurrentDqn, DuelingQNetwork, RecurrentDuelingQNetwork,
 };
 use crate::agent::constraint::{
-    Assignment, CURVE_FITS, Constraint, DECISIONS_FIT, EPISODES, GRU_HAS_ITS_LAYERS, HISTORY,
-    HORIZON, LAYERS, ONE_HOT, RECURRENT, UNITS, UNPAID_LAST_STEP, Violation, batch_fits,
-    gru_parameters, gru_row_numbers, has_gru, network_fits, replay_fits,
+    GRU_HAS_ITS_LAYERS, HORIZON, RECURRENT, UNPAID_LAST_STEP, has_gru, longest_episode, replay_size,
 };
 use crate::agent::dueling_dqn::{DuelingDqn, DuelingDqnLearner, RecurrentDqnLearner};
 use crate::agent::fused::{
     FusedDuelingDqn, FusedDuelingNetwork, FusedRecurrentDqn, FusedRecurrentDuelingNetwork,
 };
-use crate::agent::learner::{Actions, Learner};
+use crate::agent::learner::Learner;
 use crate::agent::network::{Engine, Recurrent};
-use crate::agent::policy::EpsilonGreedy;
+use crate::agent::policy::ActionNetwork;
 use crate::agent::unavailable::Unavailable;
 use crate::agent::weights::{Weights, WeightsError};
 use crate::agent::{layers, orthogonal};
-use crate::env::{ObservationSpec, VectorEnvironment};
+use crate::env::VectorEnvironment;
 use crate::kernel::Isa;
-use crate::key::Parameter;
+use crate::key::{Constraint, Parameter, Size, Violation};
 
 use super::algorithm::{AlgorithmParameters, PER_STEP, Start, StartError, Task, Work, unless_fit};
 
@@ -33,17 +31,6 @@ const SEQUENCE: Parameter = Parameter::Agent("sequence");
 const BURN_IN: Parameter = Parameter::Agent("burn_in");
 const EPSILON_START: Parameter = Parameter::Agent("epsilon_start");
 const EPSILON_FLOOR: Parameter = Parameter::Agent("epsilon_floor");
-
-/// Number of stacks of hidden layers.
-fn stacks(assignment: &Assignment) -> u64 {
-    if assignment.is_word(TRUNK, "separate") { 2 } else { 1 }
-}
-
-/// Number of rows of a batch: transitions, or with a GRU episodes with the state after each.
-fn batch_rows(assignment: &Assignment) -> u64 {
-    let each = if has_gru(assignment) { assignment.longest_episode().saturating_add(1) } else { 1 };
-    assignment.whole(BATCH).saturating_mul(each)
-}
 
 /// The violation `says` unless the condition holds.
 fn unless(holds: bool, says: &str) -> Option<Violation> {
@@ -105,7 +92,7 @@ impl AlgorithmParameters for DuelingDqn {
             parameters: &[RECURRENT, BATCH, BUFFER, HORIZON, UNPAID_LAST_STEP],
             violation: |assignment| {
                 let episodes = assignment.whole(BATCH).saturating_add(1);
-                let most = episodes.saturating_mul(assignment.longest_episode());
+                let most = episodes.saturating_mul(longest_episode(assignment));
                 let holds = !has_gru(assignment) || most <= assignment.whole(BUFFER);
                 let [batch, buffer, horizon] =
                     [BATCH, BUFFER, HORIZON].map(|key| assignment.shown(key));
@@ -122,59 +109,18 @@ impl AlgorithmParameters for DuelingDqn {
                 )
             },
         },
-        Constraint {
-            parameters: &[
-                Parameter::SCENARIO,
-                LAYERS,
-                TRUNK,
-                RECURRENT,
-                UNITS,
-                HORIZON,
-                ONE_HOT,
-                HISTORY,
-            ],
-            violation: |assignment| {
-                let layers = assignment.network_parameters(stacks(assignment), 5);
-                network_fits(layers.saturating_add(gru_parameters(assignment)))
-            },
-        },
-        Constraint {
-            parameters: &[
-                Parameter::SCENARIO,
-                BATCH,
-                LAYERS,
-                TRUNK,
-                RECURRENT,
-                UNITS,
-                HORIZON,
-                UNPAID_LAST_STEP,
-                ONE_HOT,
-                HISTORY,
-            ],
-            violation: |assignment| {
-                let layers = stacks(assignment) * assignment.row_numbers();
-                let each = layers.saturating_add(gru_row_numbers(assignment));
-                batch_fits(batch_rows(assignment).saturating_mul(each))
-            },
-        },
-        Constraint {
-            parameters: &[
-                Parameter::SCENARIO,
-                BUFFER,
-                EPISODES,
-                HORIZON,
-                UNPAID_LAST_STEP,
-                ONE_HOT,
-                HISTORY,
-            ],
-            violation: |assignment| {
-                let steps = assignment.whole(EPISODES).saturating_mul(assignment.longest_episode());
-                replay_fits(assignment, assignment.whole(BUFFER).min(steps))
-            },
-        },
-        CURVE_FITS,
-        DECISIONS_FIT,
     ];
+
+    fn sizes(&self, task: &Task) -> Vec<Size> {
+        let (spec, episode) = (task.observations(), task.steps(1));
+        // With a GRU, a batch holds episodes with the state after each.
+        let each = if self.recurrent == Recurrent::Gru { episode + 1 } else { 1 };
+        let rows = u64::from(self.batch).saturating_mul(each);
+        let layers = layers::dueling_layers(self, spec.inputs());
+        let transitions = u64::from(self.buffer).min(task.steps(self.episodes));
+        let replay = replay_size(transitions, spec.features.len() as u64);
+        layers::sizes(&layers, rows).into_iter().chain([replay]).collect()
+    }
 
     fn version(&self) -> u32 {
         match self.engine {
@@ -221,13 +167,31 @@ impl AlgorithmParameters for DuelingDqn {
         Ok(Start::Learner(learner_in(&parameters, task.simulation(LANES), task.seed)?))
     }
 
-    fn trained(
-        &self,
-        task: &Task,
-        weights: &Weights,
-        actions: Actions,
-    ) -> Result<Box<dyn Actor>, WeightsError> {
-        trained(self, &task.observations(), weights, actions)
+    fn network(&self, inputs: usize, weights: &Weights) -> Result<NetworkPolicy, WeightsError> {
+        let (isa, device) = (Isa::chosen(), inference());
+        let network: Box<dyn ActionNetwork + Send> = match (self.engine, self.recurrent) {
+            (Engine::Fused, Recurrent::None) => {
+                Box::new(FusedDuelingNetwork::new(self, inputs, weights, isa)?)
+            }
+            (Engine::Fused, Recurrent::Gru) => {
+                Box::new(FusedRecurrentDuelingNetwork::new(self, inputs, weights, isa)?)
+            }
+            (Engine::Burn, Recurrent::None) => {
+                Box::new(DuelingQNetwork::from_weights(self, inputs, weights, &device)?)
+            }
+            (Engine::Burn, Recurrent::Gru) => {
+                Box::new(RecurrentDuelingQNetwork::from_weights(self, inputs, weights, &device)?)
+            }
+        };
+        // The exploration rate at the end of training.
+        let choice = Choice::EpsilonGreedy { epsilon: weights.number("epsilon")? };
+        let architecture = match self.recurrent {
+            Recurrent::None => {
+                Some(layers::architecture(self.activation, layers::dueling(self, inputs)))
+            }
+            Recurrent::Gru => None,
+        };
+        Ok(NetworkPolicy { network, choice, architecture })
     }
 }
 
@@ -279,45 +243,6 @@ fn recurrent_learner<Env: VectorEnvironment + 'static>(
         Engine::Burn => {
             let engine = BurnRecurrentDqn::new(parameters, inputs, &weights).expect(layers::DRAWN);
             Box::new(RecurrentDqnLearner::new(engine, parameters, environment, seed))
-        }
-    })
-}
-
-/// The policy of a previously trained dueling DQN, on the engine that trained it. With
-/// [`Actions::AsTrained`], it explores at the rate stored with its weights.
-///
-/// **Errors**: the weights do not fit the network.
-pub fn trained<Env: VectorEnvironment>(
-    parameters: &DuelingDqn,
-    observations: &ObservationSpec,
-    weights: &Weights,
-    actions: Actions,
-) -> Result<Box<dyn Actor<Env>>, WeightsError> {
-    let inputs = observations.inputs();
-    let observations = observations.observations();
-    let epsilon = match actions {
-        Actions::AsTrained => weights.number("epsilon")?,
-        Actions::Greedy => 0.0,
-    };
-    let isa = Isa::chosen();
-    Ok(match (parameters.engine, parameters.recurrent) {
-        (Engine::Fused, Recurrent::None) => {
-            let network = FusedDuelingNetwork::new(parameters, inputs, weights, isa)?;
-            Box::new(EpsilonGreedy::new(network, epsilon, observations))
-        }
-        (Engine::Fused, Recurrent::Gru) => {
-            let network = FusedRecurrentDuelingNetwork::new(parameters, inputs, weights, isa)?;
-            Box::new(EpsilonGreedy::new(network, epsilon, observations))
-        }
-        (Engine::Burn, Recurrent::None) => {
-            let network = DuelingQNetwork::from_weights(parameters, inputs, weights, &inference())?;
-            Box::new(EpsilonGreedy::new(network, epsilon, observations))
-        }
-        (Engine::Burn, Recurrent::Gru) => {
-            let device = inference();
-            let network =
-                RecurrentDuelingQNetwork::from_weights(parameters, inputs, weights, &device)?;
-            Box::new(EpsilonGreedy::new(network, epsilon, observations))
         }
     })
 }

@@ -8,10 +8,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, PoisonError};
 
-use crate::agent::actor::Actor;
-use crate::agent::constraint::{CURVE_FITS, Constraint, DECISIONS_FIT};
+use crate::agent::architecture::NetworkPolicy;
 use crate::agent::external::External;
-use crate::agent::learner::Actions;
 use crate::agent::weights::{Weights, WeightsError};
 use crate::key::{Key, Kind, Value};
 
@@ -95,7 +93,6 @@ impl Agent {
 impl AlgorithmParameters for External {
     const NAME: &'static str = "external";
     const HAS_WEIGHTS: bool = false;
-    const CONSTRAINTS: &'static [Constraint] = &[CURVE_FITS, DECISIONS_FIT];
 
     fn episodes(&self) -> u32 {
         self.episodes
@@ -105,7 +102,7 @@ impl AlgorithmParameters for External {
         Err(StartError::Outside)
     }
 
-    fn trained(&self, _: &Task, _: &Weights, _: Actions) -> Result<Box<dyn Actor>, WeightsError> {
+    fn network(&self, _: usize, _: &Weights) -> Result<NetworkPolicy, WeightsError> {
         Err(WeightsError::Outside)
     }
 }

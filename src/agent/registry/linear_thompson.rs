@@ -1,21 +1,18 @@
 //! The registration of linear Thompson sampling.
 
 use crate::agent::actor::Actor;
-use crate::agent::constraint::{
-    Assignment, CURVE_FITS, Constraint, DECISIONS_FIT, EPISODES, HISTORY, HORIZON, ONE_HOT,
-    Violation,
-};
+use crate::agent::constraint::EPISODES;
 use crate::agent::learner::{Actions, Learner};
 use crate::agent::linear_thompson::{
-    BanditDraw, Design, LinearThompson, LinearThompsonLearner, LinearThompsonPolicy, Posterior,
+    BanditDraw, BanditPosterior, Design, LinearThompson, LinearThompsonLearner,
+    LinearThompsonPolicy, Posterior,
 };
 use crate::agent::weights::{Weights, WeightsError};
 use crate::env::{Action, ObservationSpec, VectorEnvironment};
-use crate::key::Parameter;
+use crate::key::{Constraint, Parameter, Size, Violation};
 
 use super::algorithm::{AlgorithmParameters, Start, StartError, Task, Work, unless_fit};
 
-const FEATURES: Parameter = Parameter::Agent("features");
 const CENTRING: Parameter = Parameter::Agent("action_centring");
 const PI_MIN: Parameter = Parameter::Agent("pi_min");
 const WARM_UP: Parameter = Parameter::Agent("warm_up");
@@ -76,29 +73,16 @@ impl AlgorithmParameters for LinearThompson {
                 })
             },
         },
-        Constraint {
-            parameters: &[
-                Parameter::SCENARIO,
-                FEATURES,
-                CENTRING,
-                POSTERIOR,
-                HORIZON,
-                ONE_HOT,
-                HISTORY,
-            ],
-            violation: |assignment| {
-                let size = regressors(assignment);
-                let most = match assignment.is_word(POSTERIOR, "reset") {
-                    true => MOST_REGRESSORS_OF_EACH,
-                    false => MOST_REGRESSORS,
-                };
-                let (what, unit) = ("the regression has", "coefficients");
-                (size > most).then_some(Violation::TooLarge { what, unit, size, most })
-            },
-        },
-        CURVE_FITS,
-        DECISIONS_FIT,
     ];
+
+    fn sizes(&self, task: &Task) -> Vec<Size> {
+        let most = match self.posterior {
+            BanditPosterior::Reset => MOST_REGRESSORS_OF_EACH,
+            BanditPosterior::Carried => MOST_REGRESSORS,
+        };
+        let (what, unit) = ("the regression has", "coefficients");
+        vec![Size { what, unit, size: self.regressors(task), most }]
+    }
 
     fn episodes(&self) -> u32 {
         self.episodes
@@ -107,8 +91,7 @@ impl AlgorithmParameters for LinearThompson {
     /// Per step, one factorisation of a posterior and one prediction per action or effect, and
     /// unless coefficients are drawn per episode, the probabilities by an integral or by draws.
     fn work(&self, task: &Task) -> Work {
-        let width = Design::new(self.features, &task.observations()).width() as u64;
-        let width = if self.action_centring { 7 * width } else { width };
+        let width = self.regressors(task);
         let choices = if self.action_centring { 3 } else { Action::COUNT as u64 };
         let predicted = choices * width * (width + PER_PREDICTION);
         let learned = width * width * width / 6 + 4 * width * width + PER_FACTOR;
@@ -137,16 +120,12 @@ impl AlgorithmParameters for LinearThompson {
     }
 }
 
-/// Number of coefficients of a regression, given the values of a cell.
-fn regressors(assignment: &Assignment) -> u64 {
-    let (letters, one_hot) = (assignment.letters(), assignment.one_hot());
-    let pairs = if assignment.is_word(FEATURES, "interactions") {
-        letters.saturating_mul(letters.max(1) - 1) / 2
-    } else {
-        0
-    };
-    let features = pairs.saturating_add(1 + letters + one_hot);
-    if assignment.is_set(CENTRING) { features.saturating_mul(7) } else { features }
+impl LinearThompson {
+    /// Number of coefficients of a regression.
+    fn regressors(&self, task: &Task) -> u64 {
+        let width = Design::new(self.features, &task.observations()).width() as u64;
+        if self.action_centring { 7 * width } else { width }
+    }
 }
 
 /// Linear Thompson sampling before its first episode in any environment of one lane.

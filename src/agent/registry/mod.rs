@@ -11,6 +11,7 @@ mod linear_thompson;
 mod ppo;
 mod reinforce;
 mod rule;
+mod size;
 
 use std::sync::{PoisonError, RwLock};
 
@@ -24,13 +25,13 @@ use crate::agent::rule::RuleParameters;
 pub use algorithm::{
     Agent, Algorithm, AlgorithmParameters, Start, StartError, Task, Trained, Work,
 };
-pub use dueling_dqn::{learner_in as dueling_dqn_learner, trained as trained_dueling_dqn};
+pub use dueling_dqn::learner_in as dueling_dqn_learner;
 pub use external::free_key;
 pub use linear_thompson::{
     learner_in as linear_thompson_learner, trained as trained_linear_thompson,
 };
-pub use ppo::{learner_in as ppo_learner, trained as trained_ppo};
-pub use reinforce::{learner_in as reinforce_learner, trained as trained_reinforce};
+pub use ppo::learner_in as ppo_learner;
+pub use reinforce::learner_in as reinforce_learner;
 
 /// The algorithms that come with the library, in the order of the documentation.
 static BUILT_IN: [Algorithm; 6] = [

@@ -1,41 +1,25 @@
 //! The registration of PPO.
 
-use crate::agent::actor::Actor;
+use crate::agent::architecture::{Choice, NetworkPolicy};
 use crate::agent::burn::device::{inference, training};
 use crate::agent::burn::{ActorCritic, BurnPpo, RecurrentActorCritic};
-use crate::agent::constraint::{
-    Assignment, CURVE_FITS, Constraint, DECISIONS_FIT, GRU_HAS_ITS_LAYERS, HISTORY, HORIZON,
-    LAYERS, ONE_HOT, RECURRENT, UNITS, batch_fits, gru_parameters, gru_row_numbers, has_gru,
-    network_fits,
-};
+use crate::agent::constraint::{GRU_HAS_ITS_LAYERS, RECURRENT, has_gru};
 use crate::agent::fused::{FusedActorCritic, FusedPpo, FusedRecurrentActorCritic};
-use crate::agent::learner::{Actions, Learner};
+use crate::agent::learner::Learner;
 use crate::agent::network::{Engine, Recurrent};
-use crate::agent::policy::SoftmaxPolicy;
+use crate::agent::policy::ActionNetwork;
 use crate::agent::ppo::{Ppo, PpoEngine, PpoLearner};
 use crate::agent::weights::{Weights, WeightsError};
 use crate::agent::{layers, orthogonal};
-use crate::env::{ObservationSpec, VectorEnvironment};
+use crate::env::VectorEnvironment;
 use crate::kernel::Isa;
-use crate::key::Parameter;
+use crate::key::{Constraint, Parameter, Size, Violation};
 
 use super::algorithm::{AlgorithmParameters, PER_STEP, Start, StartError, Task, Work, unless_fit};
 
 const LANES: Parameter = Parameter::Agent("lanes");
 const STEPS: Parameter = Parameter::Agent("steps");
 const MINIBATCHES: Parameter = Parameter::Agent("minibatches");
-
-/// Number of weights and biases of all networks.
-fn network_parameters(assignment: &Assignment) -> u64 {
-    let stacks = if has_gru(assignment) { 1 } else { 2 };
-    assignment.network_parameters(stacks, 5).saturating_add(gru_parameters(assignment))
-}
-
-/// Number of values that the networks hold per row of input.
-fn row_numbers(assignment: &Assignment) -> u64 {
-    let stacks = if has_gru(assignment) { 1 } else { 2 };
-    (stacks * assignment.row_numbers()).saturating_add(gru_row_numbers(assignment))
-}
 
 impl AlgorithmParameters for Ppo {
     const NAME: &'static str = "ppo";
@@ -48,7 +32,7 @@ impl AlgorithmParameters for Ppo {
                 violated.then(|| {
                     let [parts, lanes, steps] =
                         [MINIBATCHES, LANES, STEPS].map(|key| assignment.shown(key));
-                    crate::agent::Violation::Contradiction(format!(
+                    Violation::Contradiction(format!(
                         "`minibatches` must not exceed `lanes` times `steps`, found {parts}, \
                          {lanes} and {steps}"
                     ))
@@ -66,30 +50,12 @@ impl AlgorithmParameters for Ppo {
             },
         },
         GRU_HAS_ITS_LAYERS,
-        Constraint {
-            parameters: &[Parameter::SCENARIO, LAYERS, RECURRENT, UNITS, HORIZON, ONE_HOT, HISTORY],
-            violation: |assignment| network_fits(network_parameters(assignment)),
-        },
-        Constraint {
-            parameters: &[
-                Parameter::SCENARIO,
-                LANES,
-                STEPS,
-                LAYERS,
-                RECURRENT,
-                UNITS,
-                HORIZON,
-                ONE_HOT,
-                HISTORY,
-            ],
-            violation: |assignment| {
-                let rows = assignment.whole(LANES).saturating_mul(assignment.whole(STEPS));
-                batch_fits(rows.saturating_mul(row_numbers(assignment)))
-            },
-        },
-        CURVE_FITS,
-        DECISIONS_FIT,
     ];
+
+    fn sizes(&self, task: &Task) -> Vec<Size> {
+        let rows = u64::from(self.lanes).saturating_mul(u64::from(self.steps));
+        layers::sizes(&layers::ppo(self, task.observations().inputs()), rows).to_vec()
+    }
 
     fn version(&self) -> u32 {
         match self.engine {
@@ -124,13 +90,31 @@ impl AlgorithmParameters for Ppo {
         Ok(Start::Learner(learner_in(self, task.simulation(lanes), task.seed)?))
     }
 
-    fn trained(
-        &self,
-        task: &Task,
-        weights: &Weights,
-        actions: Actions,
-    ) -> Result<Box<dyn Actor>, WeightsError> {
-        trained(self, &task.observations(), weights, actions)
+    fn network(&self, inputs: usize, weights: &Weights) -> Result<NetworkPolicy, WeightsError> {
+        let (isa, device) = (Isa::chosen(), inference());
+        let network: Box<dyn ActionNetwork + Send> = match (self.engine, self.recurrent) {
+            (Engine::Fused, Recurrent::None) => {
+                Box::new(FusedActorCritic::new(self, inputs, weights, isa)?)
+            }
+            (Engine::Fused, Recurrent::Gru) => {
+                Box::new(FusedRecurrentActorCritic::new(self, inputs, weights, isa)?)
+            }
+            (Engine::Burn, Recurrent::None) => {
+                Box::new(ActorCritic::from_weights(self, inputs, weights, &device)?)
+            }
+            (Engine::Burn, Recurrent::Gru) => {
+                Box::new(RecurrentActorCritic::from_weights(self, inputs, weights, &device)?)
+            }
+        };
+        let architecture = match self.recurrent {
+            Recurrent::None => {
+                // The critic chooses no action.
+                let [policy, _] = layers::actor_critic(self, inputs);
+                Some(layers::architecture(self.activation, [policy]))
+            }
+            Recurrent::Gru => None,
+        };
+        Ok(NetworkPolicy { network, choice: Choice::Softmax, architecture })
     }
 }
 
@@ -151,71 +135,38 @@ pub fn learner_in<Env: VectorEnvironment + 'static>(
         COPIES + parameters.engine.further_copies(),
         seed,
     )?;
-    let isa = Isa::chosen();
+    let (isa, device) = (Isa::chosen(), training());
     Ok(match (parameters.engine, parameters.recurrent) {
         (Engine::Fused, Recurrent::None) => {
             let engine = FusedPpo::<FusedActorCritic>::new(parameters, inputs, &weights, isa);
-            learner(engine.expect(layers::DRAWN), parameters, environment, seed)
+            learner(engine, parameters, environment, seed)
         }
         (Engine::Fused, Recurrent::Gru) => {
             let engine =
                 FusedPpo::<FusedRecurrentActorCritic>::new(parameters, inputs, &weights, isa);
-            learner(engine.expect(layers::DRAWN), parameters, environment, seed)
+            learner(engine, parameters, environment, seed)
         }
         (Engine::Burn, Recurrent::None) => {
-            let network = ActorCritic::from_weights(parameters, inputs, &weights, &training());
-            let engine = BurnPpo::new(parameters, network.expect(layers::DRAWN));
+            let network = ActorCritic::from_weights(parameters, inputs, &weights, &device);
+            let engine = network.map(|network| BurnPpo::new(parameters, network));
             learner(engine, parameters, environment, seed)
         }
         (Engine::Burn, Recurrent::Gru) => {
-            let network =
-                RecurrentActorCritic::from_weights(parameters, inputs, &weights, &training());
-            let engine = BurnPpo::new(parameters, network.expect(layers::DRAWN));
+            let network = RecurrentActorCritic::from_weights(parameters, inputs, &weights, &device);
+            let engine = network.map(|network| BurnPpo::new(parameters, network));
             learner(engine, parameters, environment, seed)
         }
     })
 }
 
 fn learner<E: PpoEngine + 'static, Env: VectorEnvironment + 'static>(
-    engine: E,
+    engine: Result<E, WeightsError>,
     parameters: &Ppo,
     environment: Env,
     seed: u64,
 ) -> Box<dyn Learner<Env>> {
+    let engine = engine.expect(layers::DRAWN);
     Box::new(PpoLearner::new(engine, parameters, environment, seed))
-}
-
-/// The policy of previously trained PPO, on the engine that trained it.
-///
-/// **Errors**: the weights do not fit the networks.
-pub fn trained<Env: VectorEnvironment>(
-    parameters: &Ppo,
-    observations: &ObservationSpec,
-    weights: &Weights,
-    actions: Actions,
-) -> Result<Box<dyn Actor<Env>>, WeightsError> {
-    let inputs = observations.inputs();
-    let observations = observations.observations();
-    let isa = Isa::chosen();
-    Ok(match (parameters.engine, parameters.recurrent) {
-        (Engine::Fused, Recurrent::None) => {
-            let network = FusedActorCritic::new(parameters, inputs, weights, isa)?;
-            Box::new(SoftmaxPolicy::new(network, actions, observations))
-        }
-        (Engine::Fused, Recurrent::Gru) => {
-            let network = FusedRecurrentActorCritic::new(parameters, inputs, weights, isa)?;
-            Box::new(SoftmaxPolicy::new(network, actions, observations))
-        }
-        (Engine::Burn, Recurrent::None) => {
-            let network = ActorCritic::from_weights(parameters, inputs, weights, &inference())?;
-            Box::new(SoftmaxPolicy::new(network, actions, observations))
-        }
-        (Engine::Burn, Recurrent::Gru) => {
-            let device = inference();
-            let network = RecurrentActorCritic::from_weights(parameters, inputs, weights, &device)?;
-            Box::new(SoftmaxPolicy::new(network, actions, observations))
-        }
-    })
 }
 
 /// Copies of the networks in memory: the initial weights, the trained weights, their gradient, and

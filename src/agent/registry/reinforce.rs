@@ -1,22 +1,19 @@
 //! The registration of REINFORCE.
 
-use crate::agent::actor::Actor;
+use crate::agent::architecture::{Choice, NetworkPolicy};
 use crate::agent::burn::device::inference;
 use crate::agent::burn::{BurnReinforce, PolicyNetwork};
-use crate::agent::constraint::{
-    CURVE_FITS, Constraint, DECISIONS_FIT, EPISODES, HISTORY, HORIZON, LAYERS, ONE_HOT,
-    UNPAID_LAST_STEP, batch_fits, network_fits,
-};
+use crate::agent::constraint::EPISODES;
 use crate::agent::fused::{FusedPolicyNetwork, FusedReinforce};
 use crate::agent::layers;
-use crate::agent::learner::{Actions, Learner};
+use crate::agent::learner::Learner;
 use crate::agent::network::Engine;
-use crate::agent::policy::SoftmaxPolicy;
+use crate::agent::policy::ActionNetwork;
 use crate::agent::reinforce::{Reinforce, ReinforceLearner};
 use crate::agent::weights::{Weights, WeightsError};
-use crate::env::{ObservationSpec, VectorEnvironment};
+use crate::env::VectorEnvironment;
 use crate::kernel::Isa;
-use crate::key::Parameter;
+use crate::key::{Constraint, Parameter, Size};
 
 use super::algorithm::{AlgorithmParameters, PER_STEP, Start, StartError, Task, Work, unless_fit};
 
@@ -24,44 +21,21 @@ const TRAJECTORIES_PER_UPDATE: Parameter = Parameter::Agent("trajectories_per_up
 
 impl AlgorithmParameters for Reinforce {
     const NAME: &'static str = "reinforce";
-    const CONSTRAINTS: &'static [Constraint] = &[
-        Constraint {
-            parameters: &[EPISODES, TRAJECTORIES_PER_UPDATE],
-            violation: |assignment| {
-                let each = assignment.whole(TRAJECTORIES_PER_UPDATE);
-                let violated = !assignment.whole(EPISODES).is_multiple_of(each);
-                violated.then(|| {
-                    assignment.contradiction(
-                        EPISODES,
-                        "must be a multiple of",
-                        TRAJECTORIES_PER_UPDATE,
-                    )
-                })
-            },
+    const CONSTRAINTS: &'static [Constraint] = &[Constraint {
+        parameters: &[EPISODES, TRAJECTORIES_PER_UPDATE],
+        violation: |assignment| {
+            let each = assignment.whole(TRAJECTORIES_PER_UPDATE);
+            let violated = !assignment.whole(EPISODES).is_multiple_of(each);
+            violated.then(|| {
+                assignment.contradiction(EPISODES, "must be a multiple of", TRAJECTORIES_PER_UPDATE)
+            })
         },
-        Constraint {
-            parameters: &[Parameter::SCENARIO, LAYERS, HORIZON, ONE_HOT, HISTORY],
-            violation: |assignment| network_fits(assignment.network_parameters(1, 4)),
-        },
-        Constraint {
-            parameters: &[
-                Parameter::SCENARIO,
-                TRAJECTORIES_PER_UPDATE,
-                LAYERS,
-                HORIZON,
-                UNPAID_LAST_STEP,
-                ONE_HOT,
-                HISTORY,
-            ],
-            violation: |assignment| {
-                let each = assignment.whole(TRAJECTORIES_PER_UPDATE);
-                let rows = each.saturating_mul(assignment.longest_episode());
-                batch_fits(rows.saturating_mul(assignment.row_numbers()))
-            },
-        },
-        CURVE_FITS,
-        DECISIONS_FIT,
-    ];
+    }];
+
+    fn sizes(&self, task: &Task) -> Vec<Size> {
+        let layers = layers::listed(&[layers::policy(self, task.observations().inputs())]);
+        layers::sizes(&layers, task.steps(self.trajectories_per_update)).to_vec()
+    }
 
     fn version(&self) -> u32 {
         match self.engine {
@@ -94,13 +68,18 @@ impl AlgorithmParameters for Reinforce {
         Ok(Start::Learner(learner_in(self, task.simulation(lanes), task.seed)?))
     }
 
-    fn trained(
-        &self,
-        task: &Task,
-        weights: &Weights,
-        actions: Actions,
-    ) -> Result<Box<dyn Actor>, WeightsError> {
-        trained(self, &task.observations(), weights, actions)
+    fn network(&self, inputs: usize, weights: &Weights) -> Result<NetworkPolicy, WeightsError> {
+        let network: Box<dyn ActionNetwork + Send> = match self.engine {
+            Engine::Fused => {
+                Box::new(FusedPolicyNetwork::new(self, inputs, weights, Isa::chosen())?)
+            }
+            Engine::Burn => {
+                Box::new(PolicyNetwork::from_weights(self, inputs, weights, &inference())?)
+            }
+        };
+        let stacks = [layers::policy(self, inputs)];
+        let architecture = Some(layers::architecture(self.activation, stacks));
+        Ok(NetworkPolicy { network, choice: Choice::Softmax, architecture })
     }
 }
 
@@ -128,31 +107,6 @@ pub fn learner_in<Env: VectorEnvironment + 'static>(
             let engine = BurnReinforce::new(parameters, inputs, &weights).expect(layers::DRAWN);
             Box::new(ReinforceLearner::new(engine, parameters, environment, seed))
         }
-    })
-}
-
-/// The policy of previously trained REINFORCE, on the engine that trained it.
-///
-/// **Errors**: the weights do not fit the network.
-pub fn trained<Env: VectorEnvironment>(
-    parameters: &Reinforce,
-    observations: &ObservationSpec,
-    weights: &Weights,
-    actions: Actions,
-) -> Result<Box<dyn Actor<Env>>, WeightsError> {
-    let inputs = observations.inputs();
-    let observations = observations.observations();
-    Ok(match parameters.engine {
-        Engine::Fused => Box::new(SoftmaxPolicy::new(
-            FusedPolicyNetwork::new(parameters, inputs, weights, Isa::chosen())?,
-            actions,
-            observations,
-        )),
-        Engine::Burn => Box::new(SoftmaxPolicy::new(
-            PolicyNetwork::from_weights(parameters, inputs, weights, &inference())?,
-            actions,
-            observations,
-        )),
     })
 }
 

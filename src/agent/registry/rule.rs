@@ -1,12 +1,9 @@
 //! The registration of decision rules.
 
-use crate::agent::actor::Actor;
-use crate::agent::constraint::{Assignment, Constraint, HORIZON, TEST_DECISIONS_FIT, Violation};
-use crate::agent::learner::Actions;
+use crate::agent::constraint::HORIZON;
 use crate::agent::rule::{DecisionRule, RuleParameters, RulePolicy};
-use crate::agent::weights::{Weights, WeightsError};
-use crate::env::{Environment, Population};
-use crate::key::{Key, Keyed, Parameter, Value};
+use crate::env::{Environment, Population, Scenario};
+use crate::key::{Assignment, Constraint, Key, Keyed, Parameter, Size, Value, Violation};
 use crate::optimum::{LONGEST_OPTIMUM, NoOptimum, check, check_people};
 
 use super::algorithm::{AlgorithmParameters, Start, StartError, Task, Work};
@@ -19,9 +16,10 @@ const OPTIMUM_PER_STEP: u64 = 100_000_000;
 /// Keys of the environment.
 const KEYS: &[Key] = Environment::KEYS;
 
-/// The rule and all keys of the environment, in their order.
-const RULE_AND_ENVIRONMENT: [Parameter; KEYS.len() + 1] = {
-    let mut all = [RULE; KEYS.len() + 1];
+/// The rule, all keys of the environment in their order, and the scenario.
+const RULE_AND_ENVIRONMENT: [Parameter; KEYS.len() + 2] = {
+    let mut all = [RULE; KEYS.len() + 2];
+    all[KEYS.len() + 1] = Parameter::SCENARIO;
     let mut place = 0;
     while place < KEYS.len() {
         all[place + 1] = Parameter::Environment(KEYS[place].name);
@@ -46,17 +44,22 @@ const RULE_AND_POPULATION: [Parameter; POPULATION.len() + 1] = {
 /// The population, given the values of [`RULE_AND_POPULATION`].
 fn population(assignment: &Assignment) -> Option<Population> {
     let is_of_population = |key: &Parameter| matches!(key, Parameter::Population(_));
-    let of_population = assignment.keys.iter().filter(|(key, _)| is_of_population(key));
-    let values: Vec<Value> = of_population.map(|(_, value)| (*value).clone()).collect();
+    let of_population = assignment.0.iter().filter(|(key, _)| is_of_population(key));
+    let values: Vec<Value> = of_population.map(|(_, value)| value.clone().into_owned()).collect();
     Population::from_values(&values)
 }
 
 /// The environment, given the values of [`RULE_AND_ENVIRONMENT`].
 fn environment(assignment: &Assignment) -> Option<Environment> {
     let is_of_environment = |key: &Parameter| matches!(key, Parameter::Environment(_));
-    let of_environment = assignment.keys.iter().filter(|(key, _)| is_of_environment(key));
-    let values: Vec<Value> = of_environment.map(|(_, value)| (*value).clone()).collect();
+    let of_environment = assignment.0.iter().filter(|(key, _)| is_of_environment(key));
+    let values: Vec<Value> = of_environment.map(|(_, value)| value.clone().into_owned()).collect();
     Environment::from_values(&values)
+}
+
+/// The scenario, given its name among the values.
+fn scenario(assignment: &Assignment) -> Option<Scenario> {
+    assignment.text(Parameter::SCENARIO).parse().ok()
 }
 
 fn not_possible(error: &NoOptimum) -> Violation {
@@ -74,11 +77,10 @@ impl AlgorithmParameters for RuleParameters {
     const NAME: &'static str = "rule";
     const LEARNS: bool = false;
     const CONSTRAINTS: &'static [Constraint] = &[
-        TEST_DECISIONS_FIT,
         Constraint {
             parameters: &[Parameter::SCENARIO, RULE],
             violation: |assignment| {
-                let scenario = &assignment.scenario;
+                let scenario = scenario(assignment)?;
                 let hidden = is_optimal(assignment) && !scenario.shows_state();
                 hidden.then(|| Violation::Impossible {
                     says: format!(
@@ -97,7 +99,7 @@ impl AlgorithmParameters for RuleParameters {
                 let (size, most) = (assignment.whole(HORIZON), u64::from(LONGEST_OPTIMUM));
                 let (what, unit) = ("rule = \"optimal\" plans for a horizon of", "steps");
                 let violated = is_optimal(assignment) && size > most;
-                violated.then_some(Violation::TooLarge { what, unit, size, most })
+                violated.then_some(Violation::TooLarge(Size { what, unit, size, most }))
             },
         },
         Constraint {
@@ -105,7 +107,7 @@ impl AlgorithmParameters for RuleParameters {
             violation: |assignment| {
                 let not_known = |error: &NoOptimum| matches!(error, NoOptimum::NotKnown { .. });
                 let environment = environment(assignment).filter(|_| is_optimal(assignment))?;
-                let error = check(&environment, &assignment.scenario).err().filter(not_known)?;
+                let error = check(&environment, &scenario(assignment)?).err().filter(not_known)?;
                 Some(not_possible(&error))
             },
         },
@@ -155,9 +157,5 @@ impl AlgorithmParameters for RuleParameters {
         let policy = RulePolicy::new(self, task.environment, task.scenario)?;
         let widest = task.population.widest(task.environment);
         Ok(Start::Actor(Box::new(policy.among(&widest, task.scenario))))
-    }
-
-    fn trained(&self, _: &Task, _: &Weights, _: Actions) -> Result<Box<dyn Actor>, WeightsError> {
-        Err(WeightsError::NoNetwork)
     }
 }
