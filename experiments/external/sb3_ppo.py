@@ -2,12 +2,13 @@
 
 import torch
 from jitai import external
+from jitai.sb3 import JobVecEnv
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecNormalize
 
 job = external.connect()
 torch.set_num_threads(1)
-lanes = job.vec_env(16)
+lanes = JobVecEnv(job, 16)
 model = PPO(
     "MlpPolicy",
     VecNormalize(lanes, norm_obs=False, gamma=0.97),

@@ -190,8 +190,9 @@ def test_the_vector_environment_of_a_job_reports_the_longest_episodes(tmp_path, 
     program = """
 import numpy as np
 from jitai import external
+from jitai.sb3 import JobVecEnv
 job = external.connect()
-lanes = job.vec_env(4)
+lanes = JobVecEnv(job, 4)
 assert job.seed not in lanes.seed()
 lanes.reset()
 while job.left:

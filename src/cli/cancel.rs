@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 
 use crate::cli::{Error, Exit, StoreArgument, submissions};
-use crate::cluster::{Cluster, Submission};
+use crate::cluster::{self, Cluster, Submission};
 use crate::store::{require_one_name, resolve};
 
 /// Cancel the remaining tasks of a submission; completed runs are kept
@@ -25,8 +25,7 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     // The submissions lie beside one name of the store.
     require_one_name(&resolve(&arguments.store.store)?)?;
-    let engine = submissions::engine();
-    let cluster = Cluster::of(&arguments.store.store, &*engine)?;
+    let cluster = Cluster::of(&arguments.store.store, cluster::connect)?;
     let chosen: Vec<Submission> = if arguments.submissions.is_empty() {
         let look = cluster.look()?;
         let open = |(_, survey): &&(Submission, _)| submissions::is_open(survey);

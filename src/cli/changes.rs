@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use crate::cli::Error;
 use crate::cli::output::counted;
-use crate::manifest::printable;
+use crate::key::printable;
 use crate::store::{Reader, UsedManifest};
 
 /// Maximum number of lines shown of the latest change.

@@ -8,10 +8,11 @@ use serde_json::json;
 
 use crate::agent::{Actions, Weights};
 use crate::cli::output::{counted, shell_word};
+use crate::cli::store_argument::this_command;
 use crate::cli::{Error, Exit, StoreArgument};
 use crate::job::Job;
-use crate::manifest::printable;
-use crate::store::{self, Diagnosis, Finding, Salvaged};
+use crate::key::printable;
+use crate::store::{self, Diagnosis, Finding, Salvaged, Store};
 
 /// Check a store for damage: its file, its references, and every result against its digest
 ///
@@ -42,6 +43,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     match &arguments.salvage {
         Some(new) => {
             let salvaged = store::salvage(&arguments.store.store, new, &check_weights)?;
+            Store::open(new)?.changed_by(this_command()).record_command()?;
             show_salvaged(arguments, &new.display().to_string(), salvaged)?;
             Ok(Exit::Done)
         }

@@ -1,7 +1,7 @@
 //! Equal failures, listed once with their number.
 
 use crate::cli::output::counted;
-use crate::manifest::printable;
+use crate::key::printable;
 use crate::store::FailedJob;
 
 /// The failed jobs of an experiment with the same kind of failure and the same message up to its numbers.

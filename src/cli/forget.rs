@@ -4,8 +4,8 @@ use std::io::{self, Write};
 
 use crate::cli::output::{counted, no_experiment};
 use crate::cli::{Error, Exit, StoreArgument, confirm};
-use crate::manifest::printable;
-use crate::store::{Belongings, Counts, Forgotten, Reader, Store};
+use crate::key::printable;
+use crate::store::{Belongings, Counts, Forgotten, Reader};
 
 /// Remove an experiment from a store; the results of its jobs stay, unless --results is given
 ///
@@ -54,7 +54,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     if !*yes && !confirm::asked(&what, "--yes")? {
         return Ok(Exit::Differs);
     }
-    match Store::open(&store.store)?.forget(experiment, *results)? {
+    match store.open()?.forget(experiment, *results)? {
         Forgotten::Unknown => Err(unknown()),
         Forgotten::Running => {
             let what = "a process runs jobs of it; stop the process, or wait until it ends";

@@ -10,17 +10,16 @@ use crate::cli::replay;
 use crate::cli::steps::StepRows;
 use crate::manifest::Manifest;
 use crate::plan::Filter;
-use crate::schedule::Selection;
+use crate::schedule::{Selection, Survey};
 
 /// The number of distinct jobs of the manifests that match `--filter`.
 ///
 /// **Errors**: the message of `plan` and `run`.
 pub fn filtered(text: &str, manifests: &[Manifest]) -> Result<usize, String> {
     let filter: Filter = text.parse().map_err(|error| format!("{error}"))?;
-    match Selection::new(manifests, Some(&filter)) {
-        Ok(selection) => Ok(selection.queue().len()),
-        Err(error) => Err(error.to_string()),
-    }
+    let selection = Selection::new(manifests, Some(&filter)).map_err(|error| error.to_string())?;
+    let queue = Survey::of(&selection, None).queue(|_| true).map_err(|error| error.to_string())?;
+    Ok(queue.len())
 }
 
 /// The number of recorded values that differ when the trajectories are replayed.

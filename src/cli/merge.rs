@@ -9,8 +9,8 @@ use serde_json::{Value, json};
 use crate::cli::counting::Counting;
 use crate::cli::output::counted;
 use crate::cli::{Error, Exit, StoreArgument};
-use crate::manifest::printable;
-use crate::store::{self, Conflict, Damage, Merged, Origin, OtherManifest, Sources, Store};
+use crate::key::printable;
+use crate::store::{self, Conflict, Damage, Merged, Origin, OtherManifest, Sources};
 
 /// Copy the runs of other stores into one: completed runs with their results, and failed runs
 ///
@@ -46,7 +46,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         return Err(Error::Usage(format!("no store to merge: no file in {named} ends in .sqlite")));
     }
     let sources = Sources::open(sources)?;
-    let mut into = Store::open(&arguments.store.store)?;
+    let mut into = arguments.store.open()?;
     let mut counting = Counting::new(0, "runs");
     let merged = store::merge(&sources, &mut into, |progress| {
         counting.advance(progress.done, progress.of);

@@ -18,6 +18,7 @@ mod failures;
 mod folder;
 mod forget;
 pub mod input;
+mod log;
 mod merge;
 mod optimum;
 mod output;

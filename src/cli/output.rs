@@ -8,7 +8,8 @@ use comfy_table::{CellAlignment, ColumnConstraint, ContentArrangement, Table, Wi
 use serde_json::Value;
 
 pub(super) use crate::job::counted;
-use crate::manifest::{nearest, printable};
+use crate::key::printable;
+use crate::manifest::nearest;
 use crate::report::{defused, rounded};
 
 /// Spaces on the left and on the right of each column of a table.

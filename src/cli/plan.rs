@@ -1,10 +1,6 @@
 //! `jitai plan`: shows which jobs would run, and why.
-//!
-//! Jobs are examined one at a time and not kept, so a sweep of a million jobs takes seconds and
-//! little memory.
 
-use std::collections::hash_map::Entry;
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::BTreeMap;
 use std::fmt;
 use std::io::{self, Write};
 use std::num::NonZeroUsize;
@@ -14,11 +10,11 @@ use crate::cli::check::ManifestArguments;
 use crate::cli::output::{Field, Format, Rows, counted};
 use crate::cli::workers::workers;
 use crate::cli::{Error, Exit, StoreArgument, counts};
-use crate::job::{JobKey, PlannedJob, Versions};
-use crate::manifest::{Manifest, printable};
-use crate::plan::{self, ChangedDefault, Filter, Shard, Swept};
-use crate::schedule::{self, Left, Selection, Speeds};
-use crate::store::{Counts, JobState, JobStates, Reader, StoreError};
+use crate::key::printable;
+use crate::manifest::Manifest;
+use crate::plan::{ChangedDefault, Filter, Shard, Swept};
+use crate::schedule::{self, Change, Left, Reason, Selection, Sharing, Speeds, Survey, Surveyed};
+use crate::store::{Counts, JobState, Reader, StoreError};
 
 /// Show what would run: jobs completed, pending and failed, and the estimated time
 #[derive(clap::Args)]
@@ -68,81 +64,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         Err(StoreError::Missing { .. } | StoreError::Empty { .. }) => None,
         Err(error) => return Err(error.into()),
     };
-    let survey = Survey::new(selection, reader.as_ref());
+    let survey = Survey::of(&selection, reader.as_ref());
     if arguments.jobs {
-        list_jobs(survey, arguments.format)?;
+        list_jobs(survey, &manifests, arguments.format)?;
     } else {
-        list_experiments(survey, arguments)?;
+        let speeds = reader.as_ref().map_or(Ok(Speeds::default()), Speeds::of)?;
+        list_experiments(survey, &manifests, &speeds, arguments)?;
     }
     Ok(Exit::Done)
-}
-
-/// A pass through the jobs of a plan, with their states in the store.
-struct Survey<'a> {
-    selection: Selection<'a>,
-    /// `None` if there is no store yet.
-    reader: Option<&'a Reader>,
-    states: Option<JobStates<'a>>,
-    /// The manifests in which each job occurs.
-    met: HashMap<JobKey, Met>,
-    /// Number of jobs that several manifests share.
-    shared: u64,
-}
-
-/// The manifests in which a job occurs.
-struct Met {
-    /// Index of the last manifest with the job.
-    place: usize,
-    sharing: Sharing,
-}
-
-/// A job of a manifest, with its state in the store.
-struct Surveyed {
-    key: JobKey,
-    planned: PlannedJob,
-    state: JobState,
-    reason: Option<Reason>,
-    /// Whether an earlier manifest has the same job.
-    sharing: Sharing,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Sharing {
-    /// No earlier manifest has the job.
-    First,
-    /// An earlier manifest has the job, which runs once.
-    Shared,
-}
-
-/// Why a job runs again, or does not run.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Reason {
-    /// Its runs were interrupted.
-    Interrupted,
-    /// A run failed.
-    Failed,
-    /// It was completed by another version of the simulation or of the algorithm, perhaps with the earlier
-    /// default of a key.
-    Outdated {
-        simulation: Option<Change>,
-        algorithm: Option<(&'static str, Change)>,
-        default: Option<ChangedDefault>,
-    },
-    /// It was completed with the earlier default of a key.
-    Default(ChangedDefault),
-}
-
-/// A change of a version of the code.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-struct Change {
-    from: u32,
-    to: u32,
-}
-
-impl Change {
-    fn between(from: u32, to: u32) -> Option<Change> {
-        (from != to).then_some(Change { from, to })
-    }
 }
 
 impl fmt::Display for Reason {
@@ -174,21 +103,6 @@ fn new_default(ChangedDefault { algorithm, key, now, .. }: &ChangedDefault) -> S
 }
 
 impl Reason {
-    /// The reason for a job whose content was completed by earlier versions of the code.
-    fn outdated(
-        planned: &PlannedJob,
-        earlier: Versions,
-        default: Option<ChangedDefault>,
-    ) -> Reason {
-        let now = planned.job.versions();
-        let algorithm = Change::between(earlier.algorithm, now.algorithm);
-        Reason::Outdated {
-            simulation: Change::between(earlier.environment, now.environment),
-            algorithm: algorithm.map(|change| (planned.job.algorithm(), change)),
-            default,
-        }
-    }
-
     /// The message for this number of jobs.
     fn of(&self, jobs: u64) -> String {
         let (all, one) = (counted(jobs, "job"), jobs == 1);
@@ -208,108 +122,6 @@ impl Reason {
     }
 }
 
-impl<'a> Survey<'a> {
-    fn new(selection: Selection<'a>, reader: Option<&'a Reader>) -> Self {
-        let states = reader.map(JobStates::of);
-        Survey { selection, reader, states, met: HashMap::new(), shared: 0 }
-    }
-
-    /// Calls `see` once for every distinct job of the manifest with this index.
-    fn walk(
-        &mut self,
-        place: usize,
-        mut see: impl FnMut(&Surveyed) -> io::Result<()>,
-    ) -> Result<(), Error> {
-        let mut jobs = self.selection.jobs(&self.selection.manifests()[place]);
-        loop {
-            let some: Vec<PlannedJob> = jobs.by_ref().take(JobStates::TOGETHER).collect();
-            if some.is_empty() {
-                return Ok(());
-            }
-            let distinct: Vec<(JobKey, Sharing, PlannedJob)> = some
-                .into_iter()
-                .filter_map(|planned| {
-                    let key = planned.form.key();
-                    self.meet(key, place).map(|sharing| (key, sharing, planned))
-                })
-                .collect();
-            let keys: Vec<JobKey> = distinct.iter().map(|(key, ..)| *key).collect();
-            let states = self.states(&keys)?;
-            for ((key, sharing, planned), state) in distinct.into_iter().zip(states) {
-                let reason = self.reason(&planned, state)?;
-                see(&Surveyed { key, planned, state, reason, sharing })?;
-            }
-        }
-    }
-
-    /// Whether an earlier manifest shares the job; `None` if this manifest has already listed the job.
-    fn meet(&mut self, key: JobKey, place: usize) -> Option<Sharing> {
-        let first = Met { place, sharing: Sharing::First };
-        let met = match self.met.entry(key) {
-            Entry::Vacant(unmet) => return Some(unmet.insert(first).sharing),
-            Entry::Occupied(met) => met.into_mut(),
-        };
-        if met.place == place {
-            return None;
-        }
-        self.shared += u64::from(met.sharing == Sharing::First);
-        *met = Met { place, sharing: Sharing::Shared };
-        Some(Sharing::Shared)
-    }
-
-    /// The number of jobs that the experiment has in the store but no longer in its manifest. The
-    /// manifest with this index must be the last one walked. A filter does not change the number.
-    fn dropped(&self, place: usize) -> Result<u64, Error> {
-        let Some(reader) = self.reader else { return Ok(0) };
-        let manifest = &self.selection.manifests()[place];
-        let mut others = HashSet::new();
-        reader.jobs_of(&manifest.name, |key| {
-            if self.met.get(&key).is_none_or(|met| met.place != place) {
-                others.insert(key);
-            }
-        })?;
-        if !others.is_empty() && self.selection.is_filtered() {
-            for planned in plan::jobs(manifest) {
-                others.remove(&planned.form.key());
-            }
-        }
-        Ok(others.len() as u64)
-    }
-
-    /// The state of each job, in the order of `keys`.
-    fn states(&mut self, keys: &[JobKey]) -> Result<Vec<JobState>, Error> {
-        match &mut self.states {
-            Some(states) => Ok(states.ask(keys)?),
-            None => Ok(vec![JobState::Pending; keys.len()]),
-        }
-    }
-
-    fn reason(&mut self, planned: &PlannedJob, state: JobState) -> Result<Option<Reason>, Error> {
-        match state {
-            JobState::Interrupted => return Ok(Some(Reason::Interrupted)),
-            JobState::Failed => return Ok(Some(Reason::Failed)),
-            JobState::Running | JobState::Completed => return Ok(None),
-            JobState::Pending => {}
-        }
-        let Some(states) = &mut self.states else { return Ok(None) };
-        if let Some(earlier) = states.superseded(&planned.form)? {
-            return Ok(Some(Reason::outdated(planned, earlier, None)));
-        }
-        let Some((changed, form)) = plan::under_earlier_default(&planned.job) else {
-            return Ok(None);
-        };
-        if states.ask(&[form.key()])?[0] == JobState::Completed {
-            return Ok(Some(Reason::Default(changed)));
-        }
-        let earlier = states.superseded(&form)?;
-        Ok(earlier.map(|earlier| Reason::outdated(planned, earlier, Some(changed))))
-    }
-
-    fn speeds(&self) -> Result<Speeds, StoreError> {
-        self.reader.map_or(Ok(Speeds::default()), Speeds::of)
-    }
-}
-
 /// Totals over jobs.
 #[derive(Clone, Debug, Default)]
 struct Sum {
@@ -320,10 +132,10 @@ struct Sum {
 }
 
 impl Sum {
-    fn add(&mut self, job: &Surveyed) {
+    fn add(&mut self, job: &Surveyed<'_>, reason: Option<&Reason>) {
         self.counts.add(job.state, 1);
-        if let Some(reason) = job.reason.clone() {
-            *self.reasons.entry(reason).or_default() += 1;
+        if let Some(reason) = reason {
+            *self.reasons.entry(reason.clone()).or_default() += 1;
         }
         match job.state {
             JobState::Pending | JobState::Interrupted | JobState::Running => {
@@ -338,9 +150,13 @@ impl Sum {
     }
 }
 
-fn list_experiments(mut survey: Survey<'_>, arguments: &Arguments) -> Result<(), Error> {
+fn list_experiments(
+    mut survey: Survey<'_>,
+    manifests: &[Manifest],
+    speeds: &Speeds,
+    arguments: &Arguments,
+) -> Result<(), Error> {
     let workers = arguments.workers.unwrap_or_else(schedule::one_per_core);
-    let speeds = survey.speeds()?;
     let time = |sum: &Sum| {
         let jobs = sum.to_run() + sum.counts.running;
         schedule::shared(speeds.time(&sum.left), workers.get(), jobs)
@@ -348,22 +164,23 @@ fn list_experiments(mut survey: Survey<'_>, arguments: &Arguments) -> Result<(),
     let columns = counts::COLUMNS.map(str::to_owned);
     let mut rows = Rows::new(arguments.format, &columns, io::stdout().lock())?;
     let (mut all, mut dropped) = (Sum::default(), Vec::new());
-    for (place, manifest) in survey.selection.manifests().iter().enumerate() {
+    for (index, manifest) in manifests.iter().enumerate() {
         let mut experiment = Sum::default();
-        survey.walk(place, |job| {
-            experiment.add(job);
+        survey.walk(index, |job| {
+            let reason = job.reason()?;
+            experiment.add(&job, reason.as_ref());
             match job.sharing {
-                Sharing::First => all.add(job),
+                Sharing::First => all.add(&job, reason.as_ref()),
                 Sharing::Shared => {}
             }
-            Ok(())
+            Ok::<_, StoreError>(())
         })?;
         let left = time(&experiment).as_secs_f64();
-        dropped.push((&manifest.name, survey.dropped(place)?));
+        dropped.push((&manifest.name, survey.dropped(index)?));
         rows.row(&counts::fields(&manifest.name, &experiment.counts, left))?;
     }
     rows.finish()?;
-    match survey.shared {
+    match survey.shared() {
         0 => {}
         1 => writeln!(io::stderr(), "1 job is shared between the manifests and runs once")?,
         n => writeln!(io::stderr(), "{n} jobs are shared between the manifests and run once")?,
@@ -376,7 +193,7 @@ fn list_experiments(mut survey: Survey<'_>, arguments: &Arguments) -> Result<(),
              from the experiment and keeps their results"
         )?;
     }
-    say_outside(survey.selection.manifests())?;
+    say_outside(manifests)?;
     Ok(explain(&all, time(&all), workers, speeds.are_measured())?)
 }
 
@@ -414,15 +231,16 @@ fn explain(all: &Sum, time: Duration, workers: NonZeroUsize, is_measured: bool) 
     writeln!(err, "{jobs} to run: about {time} with {workers}, {basis}")
 }
 
-fn list_jobs(mut survey: Survey<'_>, format: Format) -> Result<(), Error> {
+fn list_jobs(mut survey: Survey<'_>, manifests: &[Manifest], format: Format) -> Result<(), Error> {
     let columns =
         ["experiment", "job_key", "agent", "scenario", "sigma", "seed", "swept", "state", "reason"];
     let mut rows = Rows::new(format, &columns.map(str::to_owned), io::stdout().lock())?;
-    let swept = Swept::of(survey.selection.manifests());
-    for (place, manifest) in survey.selection.manifests().iter().enumerate() {
-        survey.walk(place, |surveyed| {
-            let Surveyed { key, planned, state, reason, .. } = surveyed;
-            rows.row(&[
+    let swept = Swept::of(manifests);
+    for (index, manifest) in manifests.iter().enumerate() {
+        survey.walk(index, |surveyed| {
+            let reason = surveyed.reason()?;
+            let Surveyed { key, planned, state, .. } = surveyed;
+            let row = rows.row(&[
                 Field::text(&manifest.name),
                 Field::text(key.to_string()),
                 Field::text(&*planned.agent),
@@ -436,8 +254,9 @@ fn list_jobs(mut survey: Survey<'_>, format: Format) -> Result<(), Error> {
                     }
                 },
                 Field::text(state.name()),
-                reason.as_ref().map_or(Field::Empty, |reason| Field::text(reason.to_string())),
-            ])
+                reason.map_or(Field::Empty, |reason| Field::text(reason.to_string())),
+            ]);
+            row.map_err(Error::from)
         })?;
     }
     Ok(rows.finish()?)

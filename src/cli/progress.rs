@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use crate::cli::failures::without_numbers;
 use crate::cli::output::counted;
 use crate::job::{Failure, Outcome, Results};
-use crate::manifest::printable;
+use crate::key::printable;
 use crate::plan::Swept;
 use crate::report::rounded;
 use crate::schedule::{self, CheckpointNote, Event, EventSink, Found, Left, Queued, Speeds};

@@ -6,7 +6,8 @@ use std::io::{self, Write};
 use crate::cli::output::counted;
 use crate::cli::{Error, confirm};
 use crate::job::JobKey;
-use crate::manifest::{Manifest, printable};
+use crate::key::printable;
+use crate::manifest::Manifest;
 use crate::plan::{self};
 use crate::store::Reader;
 

@@ -16,11 +16,11 @@ use crate::cli::signals::RESUME;
 use crate::cli::workers::workers;
 use crate::cli::{Error, Exit, StoreArgument, failures, signals, summary};
 use crate::job::JobKey;
-use crate::job::short_name;
-use crate::manifest::{Manifest, printable};
+use crate::key::printable;
+use crate::manifest::Manifest;
 use crate::plan::{Filter, Shard, Swept};
 use crate::schedule::{self, OnFailure, Options, Queued, Remaining, Selection, Speeds, Tally};
-use crate::store::{FailedJob, Reader, RetryFailed, Store};
+use crate::store::{FailedJob, Reader, RetryFailed, Store, mean_returns};
 
 /// Maximum number of different failures listed at the end.
 const FAILURES_SHOWN: usize = 10;
@@ -103,7 +103,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     if let Some(shard) = arguments.shard {
         selection = selection.shard(shard);
     }
-    let mut store = Store::open(&arguments.store.store)?;
+    let mut store = arguments.store.open()?;
     if !arguments.replacing.permit(&store.reader()?, &manifests)? {
         return Ok(Exit::Differs);
     }
@@ -349,9 +349,11 @@ fn suggest_next(
 ) -> io::Result<()> {
     let mut out = io::stdout().lock();
     let store = arguments.store.as_option();
+    let experiments: Vec<&str> = manifests.iter().map(|manifest| manifest.name.as_str()).collect();
+    let query = mean_returns(&experiments, &Swept::of(manifests).names());
     writeln!(out, "\nnext:")?;
     writeln!(out, "  jitai status{store}")?;
-    writeln!(out, "  jitai query{store} {}", shell_word(&example_query(manifests)))?;
+    writeln!(out, "  jitai query{store} {}", shell_word(&query))?;
     writeln!(out, "  jitai export{store} --out results")?;
     let named: Vec<String> = arguments.manifests.words().collect();
     writeln!(out, "  jitai report{store} {} --out report", named.join(" "))?;
@@ -360,37 +362,4 @@ fn suggest_next(
         writeln!(out, "  jitai simulate{store} --policy run:{key}")?;
     }
     Ok(())
-}
-
-/// An SQL query of the mean return of every arm of the manifests' experiments.
-fn example_query(manifests: &[Manifest]) -> String {
-    let names: Vec<String> = manifests.iter().map(|manifest| sql_text(&manifest.name)).collect();
-    let (mut columns, condition) = match names.as_slice() {
-        [name] => (Vec::new(), format!("= {name}")),
-        names => (vec!["experiment".to_owned()], format!("IN ({})", names.join(", "))),
-    };
-    columns.extend(["agent", "scenario", "sigma"].map(str::to_owned));
-    for name in Swept::of(manifests).names() {
-        columns.push(format!(
-            "(SELECT value FROM parameter AS p WHERE p.job_key = run_summary.job_key AND name = '{name}') \
-             AS {}",
-            short_name(&name).replace('.', "_")
-        ));
-    }
-    let groups: Vec<String> = (1..=columns.len()).map(|place| place.to_string()).collect();
-    format!(
-        "SELECT {}, avg(mean_return) FROM run_summary \
-         WHERE status = 'completed' AND experiment {condition} GROUP BY {}",
-        columns.join(", "),
-        groups.join(", ")
-    )
-}
-
-/// A text as an SQL literal; its bytes in hexadecimal if it contains unprintable characters.
-fn sql_text(text: &str) -> String {
-    if printable(text) == text {
-        return format!("'{}'", text.replace('\'', "''"));
-    }
-    let digits: String = text.bytes().map(|byte| format!("{byte:02x}")).collect();
-    format!("CAST(x'{digits}' AS TEXT)")
 }

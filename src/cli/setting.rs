@@ -3,7 +3,8 @@
 use crate::cli::Error;
 use crate::env::Environment;
 use crate::key::Keyed;
-use crate::manifest::{self, Fault, Manifest, printable};
+use crate::key::printable;
+use crate::manifest::{self, Fault, Manifest};
 use crate::plan;
 
 /// A parameter set by an option.

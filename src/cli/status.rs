@@ -12,11 +12,11 @@ use crate::cli::changes::Changes;
 use crate::cli::failures::{self, SameFailure};
 use crate::cli::output::{Field, Format, Rows, counted};
 use crate::cli::{Error, Exit, StoreArgument, counts, submissions, summary};
-use crate::cluster::{Cluster, Look};
+use crate::cluster::{self, Cluster, Look};
 use crate::manifest;
 use crate::plan::Swept;
 use crate::schedule::{self, Left, Speeds};
-use crate::store::{ExperimentCounts, FailedJob, Reader, Store};
+use crate::store::{ExperimentCounts, FailedJob, Reader};
 
 /// Show the experiments of a store: jobs by state, and failures with their reasons
 ///
@@ -45,7 +45,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let mut rested = false;
     if arguments.merge {
         let look = look(arguments)?;
-        submissions::collect(&look, &mut Store::open(&arguments.store.store)?)?;
+        submissions::collect(&look, &mut arguments.store.open()?)?;
     }
     if arguments.submissions {
         let look = look(arguments)?;
@@ -83,8 +83,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
 
 /// The submissions of the store, with their states on the cluster.
 fn look(arguments: &Arguments) -> Result<Look, Error> {
-    let engine = submissions::engine();
-    Ok(Cluster::of(&arguments.store.store, &*engine)?.look()?)
+    Ok(Cluster::of(&arguments.store.store, cluster::connect)?.look()?)
 }
 
 /// Prints the submissions of the store, if any, below its experiments.

@@ -1,10 +1,12 @@
-//! `--store`: the store of a command.
+//! `--store`: the store of a command, which records commands that change it.
 
 use std::path::PathBuf;
 
 use clap::Args;
 
 use crate::cli::output::shell_word;
+use crate::schedule;
+use crate::store::{Command, Store, StoreError};
 
 const DEFAULT_STORE: &str = "jitai.sqlite";
 
@@ -17,6 +19,11 @@ pub(super) struct StoreArgument {
 }
 
 impl StoreArgument {
+    /// Opens the store for a command that changes it, and that it records.
+    pub(super) fn open(&self) -> Result<Store, StoreError> {
+        Ok(Store::open(&self.store)?.changed_by(this_command()))
+    }
+
     /// The option `--store` for a suggested command; empty if the command would use this store by
     /// default.
     pub(super) fn as_option(&self) -> String {
@@ -25,5 +32,20 @@ impl StoreArgument {
             return String::new();
         }
         format!(" --store {}", shell_word(&self.store.display().to_string()))
+    }
+}
+
+/// The command of this process.
+pub(super) fn this_command() -> Command {
+    let words = std::env::args_os().skip(1).map(|word| shell_word(&word.to_string_lossy()));
+    let words = std::iter::once("jitai".to_owned()).chain(words).collect::<Vec<_>>().join(" ");
+    let folder = std::env::current_dir().unwrap_or_default().display().to_string();
+    let made_by = schedule::of_this_process();
+    Command {
+        words,
+        folder,
+        host: made_by.host,
+        code_version: made_by.code_version,
+        git_revision: made_by.git_revision,
     }
 }

@@ -6,29 +6,21 @@ use std::io::{self, Write};
 use crate::cli::Error;
 use crate::cli::counting::Counting;
 use crate::cli::output::{Field, Format, Rows, counted};
-use crate::cluster::{
-    self, Chunk, ChunkState, Engine, EngineKind, Look, Loss, Stop, Submission, Survey,
-};
+use crate::cluster::{self, Chunk, ChunkState, ChunkSurvey, Look, Loss, Stop, Submission};
 use crate::job::JobKey;
-use crate::manifest::printable;
+use crate::key::printable;
 use crate::store::{Conflict, Damage, JobState, Merged, Reader, Store};
 
 /// Maximum number of different losses listed per submission.
 const LOST_SHOWN: usize = 10;
 
-/// The engine that runs the submissions of a store.
-pub(super) fn engine() -> Box<dyn Engine> {
-    // Slurm is the only engine so far.
-    cluster::connect(EngineKind::Slurm)
-}
-
 /// Whether tasks of a submission may still hand in results.
-pub(super) fn is_open(survey: &Survey) -> bool {
+pub(super) fn is_open(survey: &ChunkSurvey) -> bool {
     survey.stopped.is_none() && survey.counts().open() > 0
 }
 
 /// The state of a submission in one word.
-fn state(survey: &Survey, left: usize) -> &'static str {
+fn state(survey: &ChunkSurvey, left: usize) -> &'static str {
     let counts = survey.counts();
     match survey.stopped {
         Some(Stop::Cancelled) => "cancelled",
@@ -111,7 +103,7 @@ pub(super) fn show(look: &Look, ended: &HashSet<JobKey>, format: Format) -> Resu
 /// for the same reason share a line, with the log of the first.
 pub(super) fn list_lost(
     submission: &Submission,
-    survey: &Survey,
+    survey: &ChunkSurvey,
     ended: &HashSet<JobKey>,
 ) -> Result<(), Error> {
     let mut lost: Vec<(&Loss, Vec<&Chunk>)> = Vec::new();

@@ -15,15 +15,13 @@ use crate::cli::output::counted;
 use crate::cli::replacing::Replacing;
 use crate::cli::{Error, Exit, StoreArgument, failures, run, signals, submissions};
 use crate::cluster::{
-    self, ChunkState, Cluster, ClusterError, Draft, EngineKind, Limits, Look, Loss, Profile,
-    Request, Submission, Survey,
+    self, ChunkState, ChunkSurvey, Cluster, ClusterError, Draft, Look, Loss, Profile, Request,
+    Submission,
 };
 use crate::plan::Filter;
 use crate::schedule::Selection;
 use crate::store::{Reader, RetryFailed, Store, StoreError};
 
-/// Maximum number of tasks in an array where the limit of the cluster is unknown: Slurm's default.
-const USUAL_TASKS: u32 = 1001;
 /// First and longest time between two checks of a submission with `--wait`.
 const LOOK: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(15));
 /// Time between two lines of progress.
@@ -75,21 +73,20 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         .map_err(|source| Error::Io { what: "listen for signals".to_owned(), source })?;
     let profile = match &arguments.cluster {
         Some(path) => Profile::load(path).map_err(|faults| Error::Manifests(vec![faults]))?,
-        None => Profile::of(EngineKind::Slurm),
+        None => Profile::default(),
     };
     let manifests = arguments.manifests.load()?;
     let selection = Selection::new(&manifests, arguments.filter.as_ref())?;
     let program = this_program()?;
     let retry = if arguments.retry_failed { RetryFailed::Yes } else { RetryFailed::No };
     let request = Request { selection: &selection, retry, profile: &profile, program: &program };
-    let engine = cluster::connect(profile.engine);
-    let cluster = Cluster::of(&arguments.store.store, &*engine)?;
+    let cluster = Cluster::of(&arguments.store.store, cluster::connect)?;
     if arguments.dry_run {
         return dry_run(arguments, &cluster, request);
     }
     // On a machine without a cluster, nothing is written.
-    cluster.limits().map_err(ClusterError::from)?;
-    let mut store = Store::open(&arguments.store.store)?;
+    cluster.limits(profile.engine).map_err(ClusterError::from)?;
+    let mut store = arguments.store.open()?;
     if !arguments.replacing.permit(&store.reader()?, &manifests)? {
         return Ok(Exit::Differs);
     }
@@ -125,9 +122,10 @@ struct Submitting<'a> {
 impl Submitting<'_> {
     /// Merges finished work and submits missing jobs.
     fn round(&mut self) -> Result<(Draft, Option<Submission>), Error> {
-        let limits = self.cluster.limits().map_err(ClusterError::from)?;
+        let profile = self.request.profile;
+        let limits = self.cluster.limits(profile.engine).map_err(ClusterError::from)?;
         let submissions = self.cluster.submissions();
-        submissions.make(self.request.profile.folder.as_deref())?;
+        submissions.make(profile.folder())?;
         let _lock = submissions.lock()?;
         let mut look = self.cluster.look()?;
         if let Some(silence) = look.silence {
@@ -228,7 +226,7 @@ impl Submitting<'_> {
                 continue;
             }
             let reader = self.store.reader()?;
-            let limits = Limits { most_tasks: USUAL_TASKS };
+            let limits = self.request.profile.engine.usual_limits();
             let draft = self.cluster.draft(self.request, Some(&reader), &look, limits)?;
             if draft.held > 0 {
                 // The tasks of a cancelled submission are about to end.
@@ -254,7 +252,7 @@ impl Submitting<'_> {
     fn ours<'l>(
         &self,
         look: &'l Look,
-    ) -> impl DoubleEndedIterator<Item = &'l (Submission, Survey)> {
+    ) -> impl DoubleEndedIterator<Item = &'l (Submission, ChunkSurvey)> {
         let names: Vec<&str> =
             self.request.selection.manifests().iter().map(|m| m.name.as_str()).collect();
         let is_ours = |submission: &Submission| {
@@ -284,7 +282,7 @@ impl Submitting<'_> {
 
 /// Whether resubmission may help: the task of every lost chunk died. A task that reported an error
 /// would report the error again.
-fn may_submit_again(survey: &Survey) -> bool {
+fn may_submit_again(survey: &ChunkSurvey) -> bool {
     survey.stopped.is_none()
         && survey.chunks.iter().all(|chunk| match chunk.state {
             ChunkState::Lost(Loss::NotBegun | Loss::Stopped | Loss::Failed(_)) => false,
@@ -339,9 +337,12 @@ fn dry_run(
         Err(StoreError::Missing { .. } | StoreError::Empty { .. }) => None,
         Err(error) => return Err(error.into()),
     };
-    let limits = cluster.limits().or_else(|error| {
-        writeln!(io::stderr(), "{error}; assuming arrays of at most {USUAL_TASKS} tasks")?;
-        Ok::<_, Error>(Limits { most_tasks: USUAL_TASKS })
+    let engine = request.profile.engine;
+    let limits = cluster.limits(engine).or_else(|error| {
+        let usual = engine.usual_limits();
+        let most = usual.most_tasks;
+        writeln!(io::stderr(), "{error}; assuming arrays of at most {most} tasks")?;
+        Ok::<_, Error>(usual)
     })?;
     let look = cluster.look()?;
     let draft = cluster.draft(request, reader.as_ref(), &look, limits)?;

@@ -6,7 +6,7 @@ use crate::analyse::declared::summarise_arms;
 use crate::cli::Error;
 use crate::cli::output::{Field, Format, Rows};
 use crate::job::JobKey;
-use crate::manifest::printable;
+use crate::key::printable;
 use crate::plan::{self, Swept};
 use crate::record::JobRecord;
 use crate::report::{self, Line, rounded};

@@ -6,8 +6,8 @@ use clap::error::{ContextKind, ContextValue};
 use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::cli::{
-    Error, cancel, check, doctor, export, forget, merge, optimum, plan, query, report, run, schema,
-    signals, simulate, status, submit, task,
+    Error, cancel, check, doctor, export, forget, log, merge, optimum, plan, query, report, run,
+    schema, signals, simulate, status, submit, task,
 };
 use crate::kernel::Isa;
 use crate::kill_point;
@@ -36,6 +36,7 @@ enum Verb {
     #[command(hide = true)]
     Task(task::Arguments),
     Forget(forget::Arguments),
+    Log(log::Arguments),
     Doctor(doctor::Arguments),
     Simulate(Box<simulate::Arguments>),
     Optimum(optimum::Arguments),
@@ -83,6 +84,7 @@ pub fn main() -> ExitCode {
         Verb::Cancel(arguments) => cancel::run(&arguments),
         Verb::Task(arguments) => task::run(&arguments),
         Verb::Forget(arguments) => forget::run(&arguments),
+        Verb::Log(arguments) => log::run(&arguments),
         Verb::Doctor(arguments) => doctor::run(&arguments),
         Verb::Simulate(arguments) => simulate::run(&arguments),
         Verb::Optimum(arguments) => optimum::run(&arguments),

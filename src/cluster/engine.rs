@@ -1,16 +1,65 @@
-//! The interface to the system that runs the tasks of a submission: four calls and their results.
+//! The interface to the system that runs the tasks of a submission: what it declares, and four calls.
 //!
 //! A submission is one array of tasks with a unique name. An engine identifies a task by the name
-//! of its array and the number of its chunk; it uses no jobs, stores or folders. `slurm.rs`
-//! implements the engine for Slurm. Another engine needs a file of this kind, a variant of
-//! [`EngineKind`], and its lines in `engines.rs`.
+//! of its array and the number of its chunk; it uses no jobs, stores or folders. `slurm.rs` is the
+//! engine Slurm. Another engine needs a file of this kind and a variant in `engines.rs`.
 
 use std::env;
-use std::io::{self, Read};
+use std::io;
 use std::path::Path;
-use std::process::{Command, ExitStatus, Stdio};
-use std::thread;
-use std::time::{Duration, Instant};
+use std::process::{Command, Output};
+use std::time::Duration;
+
+use serde_json::Value as Json;
+use toml::de::{DeInteger, DeValue};
+
+use super::order::Order;
+use crate::external::output_within;
+use crate::key::{Key, Value};
+
+/// What an engine declares: its keys in a profile, its script and its calls.
+#[derive(Clone, Copy)]
+pub(super) struct Declaration {
+    /// The keys of a profile that only this engine has.
+    pub keys: &'static [Key],
+    /// The forms of keys that are stricter than the kinds of the keys.
+    pub forms: &'static [Form],
+    /// The program to which the other keys of a profile are passed as options.
+    pub program: &'static str,
+    /// Options that jitai sets, with the key to use instead, or another remedy; it may be empty.
+    pub reserved: &'static [(&'static str, &'static str)],
+    /// What an option's value must be, if the value is wrong.
+    pub expected: fn(option: &str, value: Option<&str>) -> Option<&'static str>,
+    /// The limits of the engine where its configuration is unknown.
+    pub usual: Limits,
+    /// The script of an array.
+    pub script: fn(&Order<'_>) -> String,
+    /// The engine; makes no call.
+    pub connect: fn() -> Box<dyn Engine>,
+}
+
+/// The form of the values of a key.
+pub(super) struct Form {
+    /// Name of the key.
+    pub key: &'static str,
+    /// The values, to follow "expected".
+    pub expected: &'static str,
+    /// The value, if it has this form.
+    pub read: fn(&DeValue<'_>) -> Option<Value>,
+    /// The schema of the values.
+    pub schema: fn() -> Json,
+}
+
+/// The text of a value.
+pub(super) fn text(value: &DeValue<'_>) -> Option<String> {
+    value.as_str().map(str::to_owned)
+}
+
+/// A text, or a whole number as text.
+pub(super) fn text_or_number(value: &DeValue<'_>) -> Option<String> {
+    let number = |whole: &DeInteger<'_>| i64::from_str_radix(whole.as_str(), whole.radix()).ok();
+    text(value).or_else(|| value.as_integer().and_then(number).map(|number| number.to_string()))
+}
 
 /// A system that runs arrays of tasks.
 pub trait Engine {
@@ -33,30 +82,6 @@ pub trait Engine {
     ///
     /// **Errors**: the engine does not answer.
     fn limits(&self) -> Result<Limits, EngineError>;
-}
-
-/// The supported engines.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum EngineKind {
-    /// Slurm.
-    Slurm,
-}
-
-impl EngineKind {
-    /// All engines.
-    pub const ALL: [EngineKind; 1] = [EngineKind::Slurm];
-
-    /// The engine's name in a profile.
-    pub fn name(self) -> &'static str {
-        match self {
-            EngineKind::Slurm => "slurm",
-        }
-    }
-
-    /// The engine of this name.
-    pub fn named(name: &str) -> Option<EngineKind> {
-        EngineKind::ALL.into_iter().find(|kind| kind.name() == name)
-    }
 }
 
 /// A task that an engine holds.
@@ -94,9 +119,11 @@ pub struct Limits {
 pub enum EngineError {
     /// The engine's program cannot be started.
     #[error(
-        "failed to run `{program}`, a command of Slurm: {source}; submit on a machine of the cluster, or plan here with --dry-run"
+        "failed to run `{program}`, a command of {engine}: {source}; submit on a machine of the cluster, or plan here with --dry-run"
     )]
     Missing {
+        /// The engine's name in messages.
+        engine: &'static str,
         /// The program.
         program: &'static str,
         /// The error of the system.
@@ -120,61 +147,45 @@ pub enum EngineError {
     },
 }
 
-/// Runs a program of an engine and returns its standard output, if it succeeds within `patience`. The
-/// program gets the environment variables except those that are `unset`.
-pub(super) fn ask(
-    program: &'static str,
-    arguments: &[&str],
-    unset: impl Fn(&str) -> bool,
-    patience: Duration,
-) -> Result<String, EngineError> {
-    let missing = |source| EngineError::Missing { program, source };
-    let mut command = Command::new(program);
-    for (variable, _) in env::vars_os().filter(|(name, _)| name.to_str().is_some_and(&unset)) {
-        command.env_remove(variable);
-    }
-    let mut child = command
-        .args(arguments)
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .map_err(missing)?;
-    let (out, err) = (read_all(child.stdout.take()), read_all(child.stderr.take()));
-    let begun = Instant::now();
-    let status = loop {
-        match child.try_wait().map_err(missing)? {
-            Some(status) => break status,
-            None if begun.elapsed() > patience => {
-                // The program may already have ended.
-                let _ = child.kill();
-                let _ = child.wait();
-                return Err(EngineError::Silent { program, seconds: patience.as_secs() });
+/// How the programs of an engine are run.
+pub(super) struct Programs {
+    /// The engine's name in messages.
+    pub engine: &'static str,
+    /// Whether an environment variable is hidden from the programs.
+    pub is_unset: fn(&str) -> bool,
+}
+
+impl Programs {
+    /// Runs a program and returns its standard output, if it succeeds within `patience`.
+    ///
+    /// **Errors**: the program cannot be started, fails, or does not end in time.
+    pub(super) fn ask(
+        &self,
+        program: &'static str,
+        arguments: &[&str],
+        patience: Duration,
+    ) -> Result<String, EngineError> {
+        let mut command = Command::new(program);
+        command.args(arguments);
+        for (variable, _) in env::vars_os() {
+            if variable.to_str().is_some_and(self.is_unset) {
+                command.env_remove(variable);
             }
-            None => thread::sleep(Duration::from_millis(5)),
         }
-    };
-    let text = |reader: thread::JoinHandle<String>| reader.join().unwrap_or_default();
-    let (out, err) = (text(out), text(err));
-    if status.success() {
-        return Ok(out);
+        match output_within(command, patience) {
+            Ok(Some(output)) if output.status.success() => Ok(lossy(&output.stdout)),
+            Ok(Some(output)) => Err(EngineError::Refused { program, words: words(&output) }),
+            Ok(None) => Err(EngineError::Silent { program, seconds: patience.as_secs() }),
+            Err(source) => Err(EngineError::Missing { engine: self.engine, program, source }),
+        }
     }
-    Err(EngineError::Refused { program, words: words(&err, &out, status) })
 }
 
-/// Reads a stream to its end while the program runs.
-fn read_all(stream: Option<impl Read + Send + 'static>) -> thread::JoinHandle<String> {
-    thread::spawn(move || {
-        let mut bytes = Vec::new();
-        if let Some(mut stream) = stream {
-            // After a read error, the text read so far is used.
-            let _ = stream.read_to_end(&mut bytes);
-        }
-        String::from_utf8_lossy(&bytes).into_owned()
-    })
+fn lossy(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
 }
 
-fn words(err: &str, out: &str, status: ExitStatus) -> String {
-    let said = [err, out].map(str::trim).into_iter().find(|text| !text.is_empty());
-    said.map_or_else(|| status.to_string(), str::to_owned)
+fn words(output: &Output) -> String {
+    let said = [&output.stderr, &output.stdout].map(|bytes| lossy(bytes).trim().to_owned());
+    said.into_iter().find(|text| !text.is_empty()).unwrap_or_else(|| output.status.to_string())
 }

@@ -26,6 +26,7 @@ use serde::{Deserialize, Serialize};
 
 use super::attempt::Attempt;
 use super::clock::random;
+use super::engines::EngineKind;
 use super::error::ClusterError;
 use crate::job::JobKey;
 use crate::store::{StoreError, beside, resolve};
@@ -43,8 +44,8 @@ pub struct Intent {
     pub format: u32,
     /// Release and revision of jitai that made the submission.
     pub code_version: String,
-    /// The engine's name in a profile.
-    pub engine: String,
+    /// The engine.
+    pub engine: EngineKind,
     /// Time of the submission, in seconds since 1970.
     pub created_at: f64,
     /// Number of chunks.

@@ -20,12 +20,11 @@ mod engine;
 mod engines;
 mod error;
 mod folder;
+mod order;
 mod pack;
 mod profile;
 #[cfg(test)]
 mod profile_tests;
-mod sbatch;
-mod script;
 mod slurm;
 mod submit;
 #[cfg(test)]
@@ -34,12 +33,12 @@ mod survey;
 mod task;
 
 pub use collect::collect;
-pub use engine::{Alive, Engine, EngineError, EngineKind, Limits, Phase};
-pub use engines::connect;
+pub use engine::{Alive, Engine, EngineError, Limits, Phase};
+pub use engines::{EngineKind, connect};
 pub use error::ClusterError;
 pub use folder::{Stop, Submission, Submissions};
+pub use order::RUN_AGAIN;
 pub use profile::{Profile, schema};
-pub use script::RUN_AGAIN;
 pub use submit::{Cluster, Draft, Filled, Look, Request};
-pub use survey::{Chunk, ChunkCounts, ChunkState, Loss, Survey};
+pub use survey::{Chunk, ChunkCounts, ChunkState, ChunkSurvey, Loss};
 pub use task::{Assignment, TaskEnd, run_chunk};

@@ -6,8 +6,14 @@
 use std::path::Path;
 use std::time::Duration;
 
-use super::engine::{Alive, Engine, EngineError, Limits, Phase, ask};
-use super::script::{Order, RUN_AGAIN, quoted};
+use serde_json::{Value as Json, json};
+
+use super::engine::{
+    Alive, Declaration, Engine, EngineError, Form, Limits, Phase, Programs, text_or_number,
+};
+use super::order::{Order, RUN_AGAIN, quoted};
+use crate::key::{Keyed, Kind, Value};
+use crate::keys;
 
 /// Time limit of a query; a busy controller answers late.
 const ANSWER_WITHIN: Duration = Duration::from_secs(60);
@@ -20,18 +26,128 @@ const WARNING_SECONDS: u32 = 60;
 /// Maximum number of array names per call, because the length of a command line is limited.
 const NAMES_AT_ONCE: usize = 500;
 
+keys! {
+    /// The keys of a profile that only Slurm has; an empty text stands for an absent key.
+    struct Settings {
+        /// partition of the tasks; the cluster's default if absent
+        partition: String = String::new(), in Kind::Text { most: Kind::LONGEST_TEXT };
+        /// account that is charged; the user's default if absent
+        account: String = String::new(), in Kind::Text { most: Kind::LONGEST_TEXT };
+        /// maximum time of a task, in minutes or in Slurm's format (`2:00:00`, `1-12`); a task
+        /// that reaches it is checkpointed and queued again
+        time_limit: String = String::new(), in Kind::Text { most: Kind::LONGEST_TEXT };
+        /// memory of a task, in MB or with the suffix K, M, G or T
+        memory: String = String::new(), in Kind::Text { most: Kind::LONGEST_TEXT };
+    }
+}
+
+/// Slurm as an engine.
+pub(super) const SLURM: Declaration = Declaration {
+    keys: Settings::KEYS,
+    forms: &[
+        word("partition"),
+        word("account"),
+        Form {
+            key: "time_limit",
+            expected: "minutes, or a text such as \"2:00:00\" or \"1-12\"",
+            read: |value| text_or_number(value).filter(|time| is_time(time)).map(Value::Text),
+            schema: || number_or("^([0-9]{1,6}-)?[0-9]{1,6}(:[0-9]{1,6}){0,2}$"),
+        },
+        Form {
+            key: "memory",
+            expected: "MB, or a text such as \"4G\"",
+            read: |value| text_or_number(value).filter(|size| is_memory(size)).map(Value::Text),
+            schema: || number_or("^[0-9]+[KMGT]?$"),
+        },
+    ],
+    program: "sbatch",
+    reserved: &[
+        ("array", "`max_running` limits how many tasks run at the same time"),
+        ("chdir", ""),
+        ("cpus-per-task", "write `cpus_per_task`"),
+        ("error", "logs are in the folder of the submission"),
+        ("input", ""),
+        ("job-name", "jitai finds its submissions by job name"),
+        ("mem", "write `memory`"),
+        ("no-requeue", "a preempted task resumes from its checkpoints"),
+        ("open-mode", ""),
+        ("output", "logs are in the folder of the submission"),
+        ("parsable", ""),
+        ("requeue", ""),
+        ("test-only", "`jitai submit --dry-run` submits nothing"),
+        ("time", "write `time_limit`"),
+        ("wait", "write `jitai submit --wait`"),
+        ("wrap", ""),
+    ],
+    expected: |option, value| {
+        let warns = option != "signal" || value.is_some_and(|v| v.starts_with("B:TERM@"));
+        (!warns).then_some("\"B:TERM@SECONDS\", the signal on which tasks checkpoint")
+    },
+    // The default of Slurm.
+    usual: Limits { most_tasks: 1001 },
+    script,
+    connect: || Box::new(Slurm),
+};
+
+/// The form of a key that is a word.
+const fn word(key: &'static str) -> Form {
+    Form {
+        key,
+        expected: "a word without blanks",
+        read: |value| {
+            let is_in_word = |c: char| c.is_ascii_graphic() && !"'\"\\`$#".contains(c);
+            let word =
+                value.as_str().filter(|word| !word.is_empty() && word.chars().all(is_in_word));
+            word.map(|word| Value::Text(word.to_owned()))
+        },
+        schema: || json!({ "type": "string", "pattern": "^[!-~]+$" }),
+    }
+}
+
+/// The schema of a positive whole number, or of a text with this pattern.
+fn number_or(pattern: &str) -> Json {
+    json!({ "anyOf": [
+        { "type": "integer", "minimum": 1 },
+        { "type": "string", "pattern": pattern },
+    ]})
+}
+
+/// Whether sbatch reads the text as a time: `minutes`, `minutes:seconds`, `hours:minutes:seconds`,
+/// `days-hours` and so on.
+fn is_time(text: &str) -> bool {
+    let (days, clock) = match text.split_once('-') {
+        Some((days, clock)) => (Some(days), clock),
+        None => (None, text),
+    };
+    let is_number =
+        |part: &str| (1..=6).contains(&part.len()) && part.bytes().all(|b| b.is_ascii_digit());
+    let parts: Vec<&str> = clock.split(':').collect();
+    days.is_none_or(is_number)
+        && parts.len() <= 3
+        && parts.iter().all(|part| is_number(part))
+        && text.bytes().any(|b| (b'1'..=b'9').contains(&b))
+}
+
+fn is_memory(text: &str) -> bool {
+    let digits = text.strip_suffix(['K', 'M', 'G', 'T']).unwrap_or(text);
+    digits.parse::<u64>().is_ok_and(|number| number > 0)
+}
+
+/// The programs of Slurm.
+const PROGRAMS: Programs = Programs { engine: "Slurm", is_unset };
+
 /// Slurm, called through its programs.
-pub(super) struct Slurm;
+struct Slurm;
 
 impl Engine for Slurm {
     fn submit(&self, script: &Path) -> Result<String, EngineError> {
         let script = script.to_string_lossy();
-        let answer = ask("sbatch", &["--parsable", &script], is_unset, ACCEPT_WITHIN)?;
+        let answer = PROGRAMS.ask("sbatch", &["--parsable", &script], ACCEPT_WITHIN)?;
         // The answer is `id` or `id;cluster`.
         let id = answer.trim().lines().last().unwrap_or_default();
         match id.split(';').next() {
             Some(id) if id.parse::<u64>().is_ok() => Ok(id.to_owned()),
-            _ => Err(EngineError::Refused { program: "sbatch", words: not_understood(&answer) }),
+            _ => Err(not_understood("sbatch", &answer)),
         }
     }
 
@@ -40,22 +156,19 @@ impl Engine for Slurm {
         for names in names.chunks(NAMES_AT_ONCE) {
             let wanted = format!("--name={}", names.join(","));
             let arguments = ["--noheader", "--array", &wanted, "--format=%j|%F|%K|%T"];
-            for line in ask("squeue", &arguments, is_unset, ANSWER_WITHIN)?.lines() {
-                alive.extend(tasks(line).ok_or_else(|| EngineError::Refused {
-                    program: "squeue",
-                    words: not_understood(line),
-                })?);
+            for line in PROGRAMS.ask("squeue", &arguments, ANSWER_WITHIN)?.lines() {
+                alive.extend(tasks(line).ok_or_else(|| not_understood("squeue", line))?);
             }
         }
         Ok(alive)
     }
 
     fn cancel(&self, array: &str) -> Result<(), EngineError> {
-        ask("scancel", &[array], is_unset, ANSWER_WITHIN).map(drop)
+        PROGRAMS.ask("scancel", &[array], ANSWER_WITHIN).map(drop)
     }
 
     fn limits(&self) -> Result<Limits, EngineError> {
-        let answer = ask("scontrol", &["show", "config"], is_unset, ANSWER_WITHIN);
+        let answer = PROGRAMS.ask("scontrol", &["show", "config"], ANSWER_WITHIN);
         let answer = answer.map_err(unconfigured)?;
         match most_tasks(&answer) {
             Some(most_tasks @ 1..) => Ok(Limits { most_tasks }),
@@ -64,9 +177,7 @@ impl Engine for Slurm {
                 words: "this cluster has no job arrays: MaxArraySize or max_array_tasks is 0"
                     .to_owned(),
             }),
-            None => {
-                Err(EngineError::Refused { program: "scontrol", words: not_understood(&answer) })
-            }
+            None => Err(not_understood("scontrol", &answer)),
         }
     }
 }
@@ -96,9 +207,9 @@ fn unconfigured(error: EngineError) -> EngineError {
     }
 }
 
-fn not_understood(answer: &str) -> String {
+fn not_understood(program: &'static str, answer: &str) -> EngineError {
     let first: String = answer.trim().chars().take(200).collect();
-    format!("unexpected answer {first:?}")
+    EngineError::Refused { program, words: format!("unexpected answer {first:?}") }
 }
 
 /// The largest array that the configuration permits: `MaxArraySize`, or `max_array_tasks` among the
@@ -154,16 +265,17 @@ fn indices(expression: &str) -> Option<Vec<u32>> {
 /// A task is always named by its array and its index. The job id of one task of every array is the id of
 /// the array, which Slurm takes for all of its tasks. Variables of squeue and scontrol in the user's
 /// environment, which would hide tasks or change the answer, are unset.
-pub(super) fn script(order: &Order<'_>) -> String {
-    let Order { name, chunks, folder, program, profile } = order;
+fn script(order: &Order<'_>) -> String {
+    let Order { name, chunks, folder, program, tasks, settings, options: passed } = order;
+    let settings = Settings::from_values(settings).expect("the values of Slurm's keys");
     let mut options = vec![
         format!("--job-name={name}"),
         format!(
             "--array=0-{}{}",
             chunks - 1,
-            match profile.max_running {
-                Some(most) => format!("%{most}"),
-                None => String::new(),
+            match tasks.max_running {
+                0 => String::new(),
+                most => format!("%{most}"),
             }
         ),
         format!("--chdir={}", folder.display()),
@@ -171,21 +283,20 @@ pub(super) fn script(order: &Order<'_>) -> String {
         "--output=logs/%a.log".to_owned(),
         "--open-mode=append".to_owned(),
         "--requeue".to_owned(),
-        format!("--cpus-per-task={}", profile.cpus_per_task),
+        format!("--cpus-per-task={}", tasks.cpus_per_task),
     ];
-    if !profile.options.iter().any(|(name, _)| name == "signal") {
+    if !passed.iter().any(|(name, _)| name == "signal") {
         options.push(format!("--signal=B:TERM@{WARNING_SECONDS}"));
     }
     let named = [
-        ("partition", &profile.partition),
-        ("account", &profile.account),
-        ("time", &profile.time_limit),
-        ("mem", &profile.memory),
+        ("partition", settings.partition),
+        ("account", settings.account),
+        ("time", settings.time_limit),
+        ("mem", settings.memory),
     ];
-    options.extend(
-        named.into_iter().filter_map(|(name, value)| Some(format!("--{name}={}", value.as_ref()?))),
-    );
-    options.extend(profile.options.iter().map(|(name, value)| match value {
+    let named = named.into_iter().filter(|(_, value)| !value.is_empty());
+    options.extend(named.map(|(name, value)| format!("--{name}={value}")));
+    options.extend(passed.iter().map(|(name, value)| match value {
         Some(value) => format!("--{name}={value}"),
         None => format!("--{name}"),
     }));
@@ -193,7 +304,7 @@ pub(super) fn script(order: &Order<'_>) -> String {
     for option in options {
         text.push_str(&format!("#SBATCH {}\n", sbatch_word(&option)));
     }
-    for line in &profile.setup {
+    for line in &tasks.setup {
         text.push_str(line);
         text.push('\n');
     }
@@ -224,7 +335,7 @@ elif [ "$code" -gt 128 ]; then
 fi
 exit "$code"
 "#,
-        scratch = profile.scratch,
+        scratch = tasks.scratch,
     ));
     text
 }
@@ -241,17 +352,16 @@ fn sbatch_word(option: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cluster::engine::EngineKind;
     use crate::cluster::profile::Profile;
 
-    fn script_of(profile: &Profile) -> String {
-        super::script(&Order {
-            name: "jitai-20260131-120000-1a2b3c",
-            chunks: 42,
-            folder: Path::new("/shared/my lab/jitai.sqlite.submissions/one"),
-            program: Path::new("/home/o'neil/jitai"),
-            profile,
-        })
+    fn script_of(keys: &str) -> String {
+        let profile = Profile::parse("p", &format!("engine = \"slurm\"\n{keys}")).unwrap();
+        profile.script(
+            "jitai-20260131-120000-1a2b3c",
+            42,
+            Path::new("/shared/my lab/jitai.sqlite.submissions/one"),
+            Path::new("/home/o'neil/jitai"),
+        )
     }
 
     #[test]
@@ -290,6 +400,18 @@ mod tests {
         for expression in ["0-5,...", "[0-5,...%2]", "0-4:0", "", "a-b"] {
             assert_eq!(chunks(expression), None, "{expression}");
         }
+    }
+
+    #[test]
+    fn times_and_memory_are_those_that_slurm_reads() {
+        for time in ["1", "90", "10:00", "2:00:00", "1-12", "1-12:30", "1-12:30:00"] {
+            assert!(is_time(time), "{time}");
+        }
+        for time in ["", "0", "1-", "-1", "1:2:3:4", "1h", "1-2-3", "00:00"] {
+            assert!(!is_time(time), "{time}");
+        }
+        assert!(["500", "4G", "1T"].into_iter().all(is_memory));
+        assert!(!["", "0", "G", "4g", "4GB", "-1"].into_iter().any(is_memory));
     }
 
     #[test]
@@ -332,16 +454,8 @@ mod tests {
              *' --jobs=17_'[0-2]' '*) echo RUNNING ;; *) exit 1 ;; esac",
         );
         write("scontrol", &format!("echo \"$@\" >>'{}'", place("calls").display()));
-        let profile = Profile::of(EngineKind::Slurm);
-        let (program, order_folder) = (place("program"), folder.path());
-        let order = Order {
-            name: "a",
-            chunks: 3,
-            folder: order_folder,
-            program: &program,
-            profile: &profile,
-        };
-        write("script", &super::script(&order));
+        let text = Profile::default().script("a", 3, folder.path(), &place("program"));
+        write("script", &text);
         let path = format!("{}:{}", folder.path().display(), std::env::var("PATH").unwrap());
         let mut script = std::process::Command::new(place("script"));
         script
@@ -363,20 +477,11 @@ mod tests {
 
     #[test]
     fn a_script_has_the_options_of_the_profile_and_quotes_its_paths() {
-        let profile = Profile {
-            partition: Some("short".to_owned()),
-            time_limit: Some("2:00:00".to_owned()),
-            memory: Some("4G".to_owned()),
-            cpus_per_task: 4,
-            max_running: Some(20),
-            setup: vec!["module load gcc".to_owned()],
-            options: vec![
-                ("exclusive".to_owned(), None),
-                ("comment".to_owned(), Some("a \"b\"".to_owned())),
-            ],
-            ..Profile::of(EngineKind::Slurm)
-        };
-        let script = script_of(&profile);
+        let script = script_of(
+            "partition = \"short\"\ntime_limit = \"2:00:00\"\nmemory = \"4G\"\ncpus_per_task = 4\n\
+             max_running = 20\nsetup = [\"module load gcc\"]\nexclusive = true\n\
+             comment = 'a \"b\"'",
+        );
         for line in [
             "#SBATCH --job-name=jitai-20260131-120000-1a2b3c",
             "#SBATCH --array=0-41%20",
@@ -402,9 +507,7 @@ mod tests {
 
     #[test]
     fn the_signal_of_a_profile_replaces_the_usual_one() {
-        let signal = ("signal".to_owned(), Some("B:TERM@300".to_owned()));
-        let profile = Profile { options: vec![signal], ..Profile::of(EngineKind::Slurm) };
-        let script = script_of(&profile);
+        let script = script_of("signal = \"B:TERM@300\"");
         assert!(script.contains("#SBATCH --signal=B:TERM@300\n"), "{script}");
         assert!(!script.contains("@60"), "{script}");
     }

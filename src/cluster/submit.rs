@@ -8,36 +8,35 @@ use std::time::{Duration, Instant};
 
 use super::clock;
 use super::engine::{Alive, Engine, EngineError, Limits};
-use super::engines;
+use super::engines::EngineKind;
 use super::error::ClusterError;
 use super::folder::{
     Intent, Stop, Submission, Submissions, array_name, chunk_file, plan_file, write_whole,
 };
 use super::pack::{Load, Packed, pack};
 use super::profile::Profile;
-use super::script::Order;
-use super::survey::{ChunkState, Deaths, Loss, Survey};
+use super::survey::{ChunkState, ChunkSurvey, Deaths, Loss};
 use crate::job::JobKey;
 use crate::job::{Failure, FailureKind, Outcome};
 use crate::manifest::Manifest;
-use crate::schedule::{self, Selection, Speeds};
-use crate::store::{Claimed, Isolation, JobState, Reader, RetryFailed, RunEnd, Store};
+use crate::schedule::{self, Selection, Speeds, Surveyed};
+use crate::store::{Claimed, Isolation, JobState, Reader, RetryFailed, RunEnd, Store, StoreError};
 
 /// Time for which an engine that does not answer is queried about whether it accepted an array.
 const PATIENCE: Duration = Duration::from_secs(120);
 /// Time between two such queries.
 const ASK_AGAIN: Duration = Duration::from_secs(2);
 
-/// The submissions of a store, and the engine that runs them.
+/// The submissions of a store, and the engines that run them.
 pub struct Cluster<'a> {
     submissions: Submissions,
-    engine: &'a dyn Engine,
+    connect: Box<dyn Fn(EngineKind) -> Box<dyn Engine + 'a> + 'a>,
 }
 
 /// The states of all submissions of a store.
 pub struct Look {
     /// Each submission with its survey, the earliest first.
-    pub surveys: Vec<(Submission, Survey)>,
+    pub surveys: Vec<(Submission, ChunkSurvey)>,
     /// Why the engine did not answer; `None` if it answered.
     pub silence: Option<EngineError>,
 }
@@ -102,11 +101,14 @@ impl Look {
 }
 
 impl<'a> Cluster<'a> {
-    /// The submissions of the store at a path.
+    /// The submissions of the store at a path; `connect` makes engines.
     ///
     /// **Errors**: the path cannot be resolved.
-    pub fn of(store: &Path, engine: &'a dyn Engine) -> Result<Cluster<'a>, ClusterError> {
-        Ok(Cluster { submissions: Submissions::beside(store)?, engine })
+    pub fn of(
+        store: &Path,
+        connect: impl Fn(EngineKind) -> Box<dyn Engine + 'a> + 'a,
+    ) -> Result<Cluster<'a>, ClusterError> {
+        Ok(Cluster { submissions: Submissions::beside(store)?, connect: Box::new(connect) })
     }
 
     /// The folder of the submissions.
@@ -114,12 +116,12 @@ impl<'a> Cluster<'a> {
         &self.submissions
     }
 
-    /// The limits of the engine.
-    pub fn limits(&self) -> Result<Limits, EngineError> {
-        self.engine.limits()
+    /// The limits of an engine.
+    pub fn limits(&self, engine: EngineKind) -> Result<Limits, EngineError> {
+        (self.connect)(engine).limits()
     }
 
-    /// Reads all submissions, and asks the engine about open ones. Records the engine's id of an array
+    /// Reads all submissions, and asks their engines about open ones. Records the engine's id of an array
     /// if the submitting process was killed before it could.
     ///
     /// **Errors**: a submission cannot be read. A silent engine is not an error.
@@ -127,29 +129,31 @@ impl<'a> Cluster<'a> {
         let submissions = self.submissions.list()?;
         let mut surveys = Vec::new();
         for submission in submissions {
-            let survey = Survey::of(&submission, None)?;
+            let survey = ChunkSurvey::of(&submission, None)?;
             surveys.push((submission, survey));
         }
-        let is_open = |survey: &Survey| survey.counts().open() > 0;
-        let names: Vec<String> = surveys
-            .iter()
-            .filter(|(_, survey)| is_open(survey))
-            .map(|(submission, _)| submission.array_name())
-            .collect();
-        if names.is_empty() {
-            return Ok(Look { surveys, silence: None });
+        let mut silence = None;
+        for kind in EngineKind::ALL {
+            let mut open: Vec<&mut (Submission, ChunkSurvey)> = surveys
+                .iter_mut()
+                .filter(|(of, survey)| of.intent.engine == kind && survey.counts().open() > 0)
+                .collect();
+            let names: Vec<String> = open.iter().map(|(of, _)| of.array_name()).collect();
+            let names: Vec<&str> = names.iter().map(String::as_str).collect();
+            if names.is_empty() {
+                continue;
+            }
+            match (self.connect)(kind).alive(&names) {
+                // The folder is read after the engine has answered.
+                Ok(alive) => open.iter_mut().try_for_each(|(submission, survey)| {
+                    record_found(submission, &alive)?;
+                    *survey = ChunkSurvey::of(submission, Some(&alive))?;
+                    Ok::<_, ClusterError>(())
+                })?,
+                Err(silent) => silence = Some(silent),
+            }
         }
-        let names: Vec<&str> = names.iter().map(String::as_str).collect();
-        let alive = match self.engine.alive(&names) {
-            Ok(alive) => alive,
-            Err(silence) => return Ok(Look { surveys, silence: Some(silence) }),
-        };
-        // The folder is read after the engine has answered.
-        for (submission, survey) in surveys.iter_mut().filter(|(_, survey)| is_open(survey)) {
-            record_found(submission, &alive)?;
-            *survey = Survey::of(submission, Some(&alive))?;
-        }
-        Ok(Look { surveys, silence: None })
+        Ok(Look { surveys, silence })
     }
 
     /// Marks submissions that never reached the engine because the submitting process was killed
@@ -253,42 +257,35 @@ impl<'a> Cluster<'a> {
         look: &Look,
         limits: Limits,
     ) -> Result<Draft, ClusterError> {
-        let mut states = HashMap::new();
-        let mut speeds = Speeds::default();
-        if let Some(reader) = reader {
-            reader.tried(|key, state| {
-                states.insert(key, state);
-            })?;
-            speeds = Speeds::of(reader)?;
-        }
+        let speeds = reader.map_or(Ok(Speeds::default()), Speeds::of)?;
         let (held, deaths) = (look.held(), self.deaths(look)?);
         let mut draft = Draft::default();
-        let (mut keys, mut loads, mut met) = (Vec::new(), Vec::new(), HashSet::new());
-        for manifest in request.selection.manifests() {
-            for planned in request.selection.jobs(manifest) {
-                let key = planned.form.key();
-                if !met.insert(key) {
-                    continue;
-                }
-                match (states.get(&key), request.retry) {
-                    (Some(JobState::Completed), _) => draft.completed += 1,
-                    (Some(JobState::Failed), RetryFailed::No) => draft.failed += 1,
-                    (Some(JobState::Running), _) => draft.running += 1,
-                    _ if held.contains(&key) => draft.held += 1,
-                    _ => {
-                        let dead = deaths.of(&key);
-                        keys.push(key);
-                        loads.push(Load {
-                            seconds: speeds.seconds(&planned.job),
-                            deaths: dead.map_or(0, |dead| dead.tasks),
-                            died_in: dead.map_or(0, |dead| dead.last),
-                        });
+        let (mut keys, mut loads) = (Vec::new(), Vec::new());
+        schedule::Survey::of(request.selection, reader).walk_all(|surveyed| {
+            let Surveyed { key, planned, state, .. } = surveyed;
+            match (state, request.retry) {
+                (JobState::Completed, _) => draft.completed += 1,
+                (JobState::Failed, RetryFailed::No) => draft.failed += 1,
+                (JobState::Running, _) => draft.running += 1,
+                (JobState::Failed, RetryFailed::Yes)
+                | (JobState::Pending | JobState::Interrupted, _) => {
+                    if held.contains(&key) {
+                        draft.held += 1;
+                        return Ok::<_, StoreError>(());
                     }
+                    let dead = deaths.of(&key);
+                    keys.push(key);
+                    loads.push(Load {
+                        seconds: speeds.seconds(&planned.job),
+                        deaths: dead.map_or(0, |dead| dead.tasks),
+                        died_in: dead.map_or(0, |dead| dead.last),
+                    });
                 }
             }
-        }
-        let Profile { chunk_minutes, cpus_per_task, .. } = request.profile;
-        let seconds = chunk_minutes * 60.0 * f64::from(*cpus_per_task);
+            Ok(())
+        })?;
+        let tasks = &request.profile.tasks;
+        let seconds = tasks.chunk_minutes * 60.0 * f64::from(tasks.cpus_per_task);
         let Packed { chunks, deferred } = pack(&loads, seconds, limits.most_tasks as usize);
         draft.deferred = deferred;
         draft.chunks = chunks
@@ -352,16 +349,17 @@ impl<'a> Cluster<'a> {
     /// Passes an array to the engine; if that fails, finds out whether it was accepted.
     fn hand_over(&self, submission: &Submission, script: &Path) -> Result<String, ClusterError> {
         let name = submission.array_name();
+        let engine = (self.connect)(submission.intent.engine);
         let begun = Instant::now();
         let mut refused = false;
         loop {
-            let error = match self.engine.submit(script) {
+            let error = match engine.submit(script) {
                 Ok(array) => return Ok(array),
                 Err(error @ EngineError::Missing { .. }) => return Err(error.into()),
                 Err(error) => error,
             };
             let alive = loop {
-                match self.engine.alive(&[&name]) {
+                match engine.alive(&[&name]) {
                     Ok(alive) => break alive,
                     Err(reason) if begun.elapsed() >= PATIENCE => {
                         return Err(ClusterError::Uncertain { name, reason });
@@ -386,11 +384,12 @@ impl<'a> Cluster<'a> {
         // The mark is written before the engine is called, so that tasks that start meanwhile see it.
         submission.stop(Stop::Cancelled)?;
         let name = submission.array_name();
-        let alive = self.engine.alive(&[&name])?;
+        let engine = (self.connect)(submission.intent.engine);
+        let alive = engine.alive(&[&name])?;
         let arrays: HashSet<&String> =
             alive.iter().filter(|task| task.name == name).map(|task| &task.array).collect();
         for array in arrays {
-            self.engine.cancel(array)?;
+            engine.cancel(array)?;
         }
         Ok(())
     }
@@ -406,14 +405,8 @@ fn record_found(submission: &Submission, alive: &[Alive]) -> Result<(), ClusterE
 }
 
 fn script(name: &str, folder: &Path, draft: &Draft, request: Request<'_>) -> String {
-    let order = Order {
-        name: &array_name(name),
-        chunks: draft.chunks.len() as u32,
-        folder,
-        program: request.program,
-        profile: request.profile,
-    };
-    engines::script(request.profile.engine, &order)
+    let chunks = draft.chunks.len() as u32;
+    request.profile.script(&array_name(name), chunks, folder, request.program)
 }
 
 /// The absolute path of a manifest's folder. It is absolute because tasks start in another folder.
@@ -428,12 +421,12 @@ fn intent(draft: &Draft, profile: &Profile, manifests: &[Manifest]) -> Intent {
     Intent {
         format: Intent::format(),
         code_version: format!("{} ({})", made_by.code_version, made_by.git_revision),
-        engine: profile.engine.name().to_owned(),
+        engine: profile.engine,
         created_at: clock::now(),
         chunks: draft.chunks.len() as u32,
         jobs: draft.jobs() as u64,
-        cpus_per_task: profile.cpus_per_task,
-        hand_in_seconds: profile.hand_in_minutes * 60.0,
+        cpus_per_task: profile.tasks.cpus_per_task,
+        hand_in_seconds: profile.tasks.hand_in_minutes * 60.0,
         experiments: manifests.iter().map(|manifest| manifest.name.clone()).collect(),
         folders: manifests.iter().map(folder_of).collect(),
     }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use super::attempt::{Attempt, AttemptEnd};
-use super::engine::{Alive, Engine, EngineError, EngineKind, Limits, Phase};
+use super::engine::{Alive, Engine, EngineError, Limits, Phase};
 use super::error::ClusterError;
 use super::folder::{HandedIn, Stop, Submission};
 use super::profile::Profile;
@@ -57,7 +57,7 @@ impl Fake {
     }
 }
 
-impl Engine for Fake {
+impl Engine for &Fake {
     fn submit(&self, script: &Path) -> Result<String, EngineError> {
         let text = fs::read_to_string(script).unwrap();
         let name = text.lines().find_map(|line| line.strip_prefix("#SBATCH --job-name="));
@@ -71,6 +71,7 @@ impl Engine for Fake {
             Answer::Refuses => {}
             Answer::IsNotCalled => {
                 return Err(EngineError::Missing {
+                    engine: "Slurm",
                     program: "sbatch",
                     source: io::Error::other(""),
                 });
@@ -121,12 +122,13 @@ impl Lab {
         let mut opened = Store::open(&store).unwrap();
         crate::schedule::register_experiment(&mut opened, &manifests[0], None, &never).unwrap();
         // Four jobs per chunk, at an estimate of about 1 ms per job.
-        let profile = Profile { chunk_minutes: 0.0044 / 60.0, ..Profile::of(EngineKind::Slurm) };
+        let mut profile = Profile::default();
+        profile.tasks.chunk_minutes = 0.0044 / 60.0;
         Lab { manifests, profile, store, engine: Fake::new(), folder }
     }
 
     fn cluster(&self) -> Cluster<'_> {
-        let cluster = Cluster::of(&self.store, &self.engine).unwrap();
+        let cluster = Cluster::of(&self.store, |_| Box::new(&self.engine)).unwrap();
         cluster.submissions().make(None).unwrap();
         cluster
     }
@@ -143,7 +145,7 @@ impl Lab {
         let cluster = self.cluster();
         let look = cluster.look().unwrap();
         let reader = Reader::open(&self.store).unwrap();
-        let limits = cluster.limits().unwrap();
+        let limits = cluster.limits(self.profile.engine).unwrap();
         self.with_request(|request| cluster.draft(request, Some(&reader), &look, limits).unwrap())
     }
 

@@ -58,7 +58,7 @@ pub struct Chunk {
 
 /// The state of a submission.
 #[derive(Clone, Debug)]
-pub struct Survey {
+pub struct ChunkSurvey {
     /// Its chunks, by number.
     pub chunks: Vec<Chunk>,
     /// Recorded core-hours of its attempts.
@@ -82,12 +82,15 @@ pub struct ChunkCounts {
     pub unknown: usize,
 }
 
-impl Survey {
+impl ChunkSurvey {
     /// Reads a submission. `alive` lists the tasks that the engine holds, possibly of other submissions
     /// too; `None` if it does not answer.
     ///
     /// **Errors**: a file of the submission cannot be read.
-    pub fn of(submission: &Submission, alive: Option<&[Alive]>) -> Result<Survey, ClusterError> {
+    pub fn of(
+        submission: &Submission,
+        alive: Option<&[Alive]>,
+    ) -> Result<ChunkSurvey, ClusterError> {
         let name = submission.array_name();
         let held: Option<HashMap<u32, Phase>> = alive.map(|alive| {
             let ours = alive.iter().filter(|task| task.name == name);
@@ -106,7 +109,7 @@ impl Survey {
             let deaths = if let ChunkState::Lost(_) = state { deaths } else { 0 };
             Ok(Chunk { number, state, jobs: keys.len(), left, deaths })
         };
-        Ok(Survey {
+        Ok(ChunkSurvey {
             chunks: (0..submission.intent.chunks)
                 .map(chunk)
                 .collect::<Result<_, ClusterError>>()?,
@@ -203,7 +206,7 @@ const MOST_DEATHS: u32 = 3;
 impl Deaths {
     /// Adds the deaths of a submission, in order of submission. `counts` decides whether the deaths of a
     /// job in it count.
-    pub fn add(&mut self, survey: &Survey, counts: impl Fn(&JobKey) -> bool) {
+    pub fn add(&mut self, survey: &ChunkSurvey, counts: impl Fn(&JobKey) -> bool) {
         if survey.stopped.is_some() {
             return;
         }
@@ -267,7 +270,7 @@ mod tests {
         assert_eq!(state(&stopped, false, Some(Some(&Phase::Running))), ChunkState::Running);
     }
 
-    fn survey(left: &[&[u8]], deaths: u32, stopped: Option<Stop>) -> Survey {
+    fn survey(left: &[&[u8]], deaths: u32, stopped: Option<Stop>) -> ChunkSurvey {
         let chunk = |(number, keys): (usize, &&[u8])| Chunk {
             number: number as u32,
             state: ChunkState::Lost(Loss::Died),
@@ -276,7 +279,7 @@ mod tests {
             deaths,
         };
         let chunks = left.iter().enumerate().map(chunk).collect();
-        Survey { chunks, core_hours: 0.0, stopped }
+        ChunkSurvey { chunks, core_hours: 0.0, stopped }
     }
 
     #[test]

@@ -390,7 +390,8 @@ impl Plan {
             manifest.path = format!("{folder}/manifest.toml");
         }
         let selection = Selection::new(&manifests, None).expect("no filter refuses");
-        let queue = selection.part(keys.iter().copied().collect()).queue();
+        let selection = selection.part(keys.iter().copied().collect());
+        let queue = schedule::Survey::of(&selection, None).queue(|_| true)?;
         let jobs: HashMap<JobKey, Queued> =
             queue.into_iter().map(|queued| (queued.key, queued)).collect();
         match keys.len() - jobs.len() {

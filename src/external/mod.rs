@@ -10,6 +10,7 @@
 
 mod error;
 mod message;
+mod output;
 mod pipes;
 mod process;
 mod watchdog;
@@ -18,4 +19,5 @@ pub use error::ProgramError;
 pub use message::{
     Choices, Episodes, FromProgram, PROTOCOL, Probabilities, Reset, Rows, Step, ToProgram, Update,
 };
+pub use output::output_within;
 pub use process::Program;

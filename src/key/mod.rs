@@ -14,6 +14,7 @@ mod distribution;
 mod normal;
 mod number_range;
 mod parameter;
+mod printable;
 mod rows;
 mod value;
 
@@ -24,5 +25,6 @@ pub(crate) use declare::{choices, keys};
 pub use distribution::{Distribution, DistributionError};
 pub use number_range::NumberRange;
 pub use parameter::Parameter;
+pub use printable::{hidden, printable};
 pub use rows::{Column, MOST_ROWS, Rows, RowsError};
 pub use value::{Kind, Value};

@@ -10,11 +10,11 @@ use super::analysis_kind::AnalysisKind;
 use super::declared::{DeclaredAgent, Manifest};
 use super::fault::Fault;
 use super::grid::Grid;
-use super::printable;
 use super::repair::decimal_lists;
 use super::written::share;
 use crate::agent::{UNAVAILABLE, longest_episode};
 use crate::job::Condition;
+use crate::key::printable;
 use crate::key::{Constraint, Key, Parameter, Value, Violation};
 
 /// Standard deviation of the context feature above which the feature says next to nothing.

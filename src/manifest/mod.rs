@@ -70,9 +70,11 @@ pub use published::{
     Equivalence, Published, PublishedCurve, PublishedErrors, PublishedHeatMap, PublishedTest,
 };
 pub use schema::schema;
+pub(crate) use schema::value as value_schema;
 pub use section::Section;
 pub use set::{Overridden, Override, OverrideForm, load_with};
 pub use sides::Sides;
-pub use source::{Position, hidden, printable};
+pub use source::Position;
 pub(crate) use source::{Source, Span};
+pub(crate) use sweep::{Node, single, unexpected};
 pub use varying::Varying;

@@ -8,10 +8,11 @@ use super::limits::MOST_JOBS;
 use super::preset;
 use super::respelt::respelt;
 use super::section::Section;
-use super::source::{Located, Span, hidden};
+use super::source::{Located, Span};
 use super::sweep::{Node, Reader, Repeats, whole, zipped};
 use crate::agent::Algorithm;
 use crate::env::{Feature, Scenario};
+use crate::key::hidden;
 use crate::key::{Kind, Value};
 
 /// The top-level keys of a manifest: first the keys above all tables, then the tables.

@@ -199,7 +199,8 @@ fn swept(key: &Key) -> Json {
     described(key.doc(), json!({ "anyOf": forms }))
 }
 
-fn value(kind: Kind) -> Json {
+/// The schema of a single value of a kind.
+pub(crate) fn value(kind: Kind) -> Json {
     match kind {
         Kind::Real { .. } | Kind::PositiveReal { .. } => number(kind.number_range()),
         Kind::Integer { min, max } => json!({ "type": "integer", "minimum": min, "maximum": max }),

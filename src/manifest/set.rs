@@ -16,10 +16,11 @@ use super::fault::{Fault, Faults, nearest};
 use super::load::{load, parse, read_text};
 use super::parameter::parameters;
 use super::repair::slip;
-use super::source::{Source, printable};
+use super::source::Source;
 use crate::agent::free_key;
 use crate::job::short_name;
 use crate::key::Parameter;
+use crate::key::printable;
 
 /// Top-level keys that can be set.
 const TOP: [&str; 6] =

@@ -15,7 +15,7 @@ use super::written::share;
 use crate::key::{Kind, Parameter, Value};
 
 /// A value of the TOML tree with its position in the text.
-pub(super) type Node<'t> = Spanned<DeValue<'t>>;
+pub(crate) type Node<'t> = Spanned<DeValue<'t>>;
 
 /// Reads values, and collects faults.
 #[derive(Debug)]
@@ -175,8 +175,7 @@ impl<'t> Reader<'t> {
 
     /// Reports that `name` should be `expected`.
     pub fn expected(&mut self, name: &str, expected: &str, node: &Node) {
-        let message = format!("`{name}`: expected {expected}, found {}", self.found(node));
-        self.faults.add(Fault::at(node.span().into(), message));
+        self.faults.add(unexpected(self.text, name, expected, node));
     }
 
     /// A short description of the value in the text.
@@ -278,6 +277,27 @@ impl<'t> Reader<'t> {
              scale = \"log\" }",
         ));
     }
+}
+
+/// The single value of a key of another file than a manifest, whose text is `text`; adds a fault and returns
+/// `None` if it is not of `kind`.
+pub(crate) fn single(
+    text: &str,
+    name: &str,
+    kind: Kind,
+    node: &Node,
+    faults: &mut FaultList,
+) -> Option<Value> {
+    let mut reader = Reader::new(text);
+    let value = reader.value(name, kind, node);
+    faults.append(reader.faults);
+    value
+}
+
+/// The fault of a value in `text` that should be `expected`.
+pub(crate) fn unexpected(text: &str, name: &str, expected: &str, node: &Node) -> Fault {
+    let found = Reader::new(text).found(node);
+    Fault::at(node.span().into(), format!("`{name}`: expected {expected}, found {found}"))
 }
 
 /// The kind of the numbers in a range of scalars: whole if both ends are whole.

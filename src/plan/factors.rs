@@ -3,7 +3,8 @@
 use std::fmt;
 
 use crate::key::Parameter;
-use crate::manifest::{Grid, Manifest, printable};
+use crate::key::printable;
+use crate::manifest::{Grid, Manifest};
 
 /// Agents whose grids have the same factors, and the number of their jobs.
 #[derive(Clone, Debug, PartialEq, Eq)]

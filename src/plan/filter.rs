@@ -6,8 +6,9 @@ use std::str::FromStr;
 
 use crate::agent::{Algorithm, free_key};
 use crate::job::{Condition, PlannedJob, short_name, shown, value_of};
+use crate::key::printable;
 use crate::key::{Kind, Parameter, Value};
-use crate::manifest::{Section, nearest, nearest_value, parameters, printable};
+use crate::manifest::{Section, nearest, nearest_value, parameters};
 
 /// Maximum number of values that a message lists.
 const VALUES_SHOWN: usize = 10;

@@ -4,7 +4,8 @@ use serde_json::Value;
 
 use crate::job::short_name;
 use crate::job::{Job, shown, value_of};
-use crate::manifest::{Manifest, Varying, printable};
+use crate::key::printable;
+use crate::manifest::{Manifest, Varying};
 
 /// The additional parameters in which the jobs of an agent differ.
 #[derive(Clone, Debug, Default)]

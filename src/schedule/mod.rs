@@ -19,20 +19,22 @@
 mod checkpoint;
 mod estimate;
 mod event;
+mod manifests;
 mod panic;
 mod provenance;
 mod queued;
 mod selection;
+mod survey;
 mod sweep;
-mod whole;
 mod worker;
 
 pub use checkpoint::{CheckpointFolder, CheckpointNote};
 pub use estimate::{Left, Speeds, shared, spoken};
 pub use event::{Event, EventSink, Found};
+pub use manifests::{register_experiment, run_manifests, run_queue};
 pub use provenance::of_this_process;
 pub use queued::Queued;
 pub use selection::Selection;
+pub use survey::{Change, Reason, Remaining, Sharing, Survey, Surveyed};
 pub use sweep::{Context, MOST_WORKERS, OnFailure, Options, SweepError, Tally, one_per_core, run};
-pub use whole::{Remaining, register_experiment, run_manifests, run_queue};
 pub use worker::Train;

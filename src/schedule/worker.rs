@@ -78,7 +78,7 @@ pub(super) struct Shared<'a> {
 }
 
 /// A job to train.
-struct Task {
+struct Training {
     job: Job,
     key: JobKey,
     attempt: u32,
@@ -88,7 +88,7 @@ struct Task {
 
 /// The coordinating thread's side of a worker.
 pub(super) struct Worker<'scope> {
-    tasks: mpsc::Sender<Task>,
+    trainings: mpsc::Sender<Training>,
     slot: &'scope Slot,
     holds: Option<(Queued, Claim)>,
 }
@@ -103,18 +103,18 @@ impl<'scope> Worker<'scope> {
         slot: &'scope Slot,
         shared: Shared<'scope>,
     ) -> io::Result<Self> {
-        let (tasks, inbox) = mpsc::channel::<Task>();
+        let (trainings, inbox) = mpsc::channel::<Training>();
         let thread = thread::Builder::new().name(format!("worker {index}"));
         thread.spawn_scoped(scope, move || {
             // The loop ends when the sweep drops its end of the channel.
-            for task in inbox {
-                let report = work(index, &task, slot, &shared);
+            for training in inbox {
+                let report = work(index, &training, slot, &shared);
                 if shared.messages.send(Message::Ended(report)).is_err() {
                     break;
                 }
             }
         })?;
-        Ok(Worker { tasks, slot, holds: None })
+        Ok(Worker { trainings, slot, holds: None })
     }
 
     pub(super) fn is_idle(&self) -> bool {
@@ -125,8 +125,9 @@ impl<'scope> Worker<'scope> {
         self.slot.set(None);
         let (job, time_limit, folder) =
             (queued.job.clone(), queued.time_limit, queued.folder.clone());
-        let task = Task { job, key: queued.key, attempt: claim.attempt, time_limit, folder };
-        self.tasks.send(task).expect("a worker lives as long as its sweep");
+        let training =
+            Training { job, key: queued.key, attempt: claim.attempt, time_limit, folder };
+        self.trainings.send(training).expect("a worker lives as long as its sweep");
         self.holds = Some((queued, claim));
     }
 
@@ -148,9 +149,9 @@ impl<'scope> Worker<'scope> {
 }
 
 /// Trains a job.
-fn work(worker: usize, task: &Task, slot: &Slot, shared: &Shared<'_>) -> Report {
+fn work(worker: usize, training: &Training, slot: &Slot, shared: &Shared<'_>) -> Report {
     slot.worked.restart();
-    let Task { job, key, attempt, time_limit, folder } = task;
+    let Training { job, key, attempt, time_limit, folder } = training;
     let limit = time_limit.unwrap_or(Duration::MAX);
     slot.deadline.set(limit);
     let report = |note| {

@@ -2,8 +2,8 @@
 
 use std::fmt::Write as _;
 
-use crate::job::{Condition, DataPart, ParticipantRange, Scalar};
-use crate::key::Parameter;
+use crate::job::{Condition, DataPart, ParticipantRange, Scalar, short_name};
+use crate::key::{Parameter, printable};
 use crate::record::JobRecord;
 
 /// A query of the public views: for some jobs of one experiment, and for a part of their results.
@@ -79,13 +79,40 @@ impl DataQuery {
                 "JOIN evaluation_episode AS test ON test.job_key = run.job_key".to_owned(),
             ),
         };
-        let order = 3 + self.columns.len();
-        let order: Vec<String> = (1..=order).map(|place| place.to_string()).collect();
         format!(
             "{columns},\n  {part}\nFROM run_summary AS run\n{join}\n{conditions}\nORDER BY {}\n",
-            order.join(", ")
+            places(3 + self.columns.len())
         )
     }
+}
+
+/// The SELECT statement of the mean return of every arm of these experiments; the parameters `swept` get a
+/// column each.
+pub fn mean_returns(experiments: &[&str], swept: &[String]) -> String {
+    let names: Vec<String> = experiments.iter().map(|name| text(name)).collect();
+    let (mut columns, condition) = match names.as_slice() {
+        [name] => (Vec::new(), format!("= {name}")),
+        names => (vec!["experiment".to_owned()], format!("IN ({})", names.join(", "))),
+    };
+    columns.extend(["agent", "scenario", "sigma"].map(str::to_owned));
+    for name in swept {
+        columns.push(format!(
+            "(SELECT value FROM parameter AS p WHERE p.job_key = run_summary.job_key AND name = {}) AS {}",
+            text(name),
+            short_name(name).replace('.', "_")
+        ));
+    }
+    format!(
+        "SELECT {}, avg(mean_return) FROM run_summary \
+         WHERE status = 'completed' AND experiment {condition} GROUP BY {}",
+        columns.join(", "),
+        places(columns.len())
+    )
+}
+
+/// The numbers of the first columns, as GROUP BY and ORDER BY name columns.
+fn places(columns: usize) -> String {
+    (1..=columns).map(|place| place.to_string()).collect::<Vec<_>>().join(", ")
 }
 
 /// The test episodes of a range of participants, who are ranked within each job.
@@ -119,9 +146,13 @@ fn key(name: &str) -> String {
     format!("(SELECT value FROM parameter WHERE job_key = run.job_key AND name = {})", text(name))
 }
 
-/// A text as an SQL literal.
-pub fn text(text: &str) -> String {
-    format!("'{}'", text.replace('\'', "''"))
+/// A text as an SQL literal; its bytes in hexadecimal if it contains unprintable characters.
+fn text(text: &str) -> String {
+    if printable(text) == text {
+        return format!("'{}'", text.replace('\'', "''"));
+    }
+    let digits: String = text.bytes().map(|byte| format!("{byte:02x}")).collect();
+    format!("CAST(x'{digits}' AS TEXT)")
 }
 
 /// A value as an SQL literal for comparisons.

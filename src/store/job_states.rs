@@ -43,6 +43,20 @@ impl<'r> JobStates<'r> {
         Ok(keys.iter().map(state).collect())
     }
 
+    /// The state of one job.
+    pub fn state(&self, key: &JobKey) -> Result<JobState, StoreError> {
+        let state = match &self.tried {
+            Some(tried) => tried.get(key).copied(),
+            None => self.reader.job_states([key])?.pop(),
+        };
+        Ok(state.unwrap_or(JobState::Pending))
+    }
+
+    /// The connection to the store.
+    pub fn reader(&self) -> &'r Reader {
+        self.reader
+    }
+
     /// The latest of the earlier versions of the code under which the job's content was completed.
     pub fn superseded(&self, form: &CanonicalForm) -> Result<Option<Versions>, StoreError> {
         let Some(tried) = &self.tried else {

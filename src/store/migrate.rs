@@ -65,6 +65,10 @@ pub(super) const MIGRATIONS: &[Migration] = &[
         name: "0010_show_conflicts_and_machines",
         sql: include_str!("../../migrations/0010_show_conflicts_and_machines.sql"),
     },
+    Migration {
+        name: "0011_log_commands",
+        sql: include_str!("../../migrations/0011_log_commands.sql"),
+    },
 ];
 
 /// The version of the schema that this program writes.

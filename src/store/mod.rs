@@ -23,9 +23,9 @@
 //! jobs are claimed, or what is printed. It changes no settings outside its own connections.
 //! Imports between the files of this module have no cycles.
 
-mod among;
 mod choice;
 mod claim;
+mod command;
 mod completed;
 mod conflict;
 mod copy;
@@ -70,11 +70,12 @@ mod weights;
 mod writer;
 
 pub use claim::{Claim, Claimed, Isolation, RetryFailed};
+pub use command::Command;
 pub use completed::Parts;
 pub use copy::Origin;
 pub use counts::ExperimentCounts;
 pub use crash::{CHECKPOINTS, STOPPED, checkpoint_name};
-pub use data_query::DataQuery;
+pub use data_query::{DataQuery, mean_returns};
 pub use declared::ColumnType;
 pub use doctor::{Diagnosis, Finding, examine};
 pub use earlier_manifest::UsedManifest;

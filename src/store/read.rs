@@ -7,6 +7,7 @@ use rusqlite::{Connection, OptionalExtension};
 use crate::job::{CanonicalForm, Job, JobKey, Versions};
 use crate::job::{Failure, FailureKind};
 
+use super::command::{self, Command};
 use super::error::{Fault, StoreError};
 use super::liveness::ProcessTable;
 use super::seed_group::SeedGroups;
@@ -167,6 +168,11 @@ impl Reader {
                 connection.prepare_cached("SELECT manifest FROM experiment WHERE name = ?1")?;
             Ok(statement.query_row([experiment], |row| row.get(0)).optional()?)
         })
+    }
+
+    /// The commands that changed the store, each with the time of its first change, the earliest first.
+    pub fn log(&self) -> Result<Vec<(String, Command)>, StoreError> {
+        self.read("read the log", |connection| Ok(command::recorded(connection)?))
     }
 
     /// The versions of the code earlier than `current` under which the job's content was completed.

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use rusqlite::{Connection, Transaction, TransactionBehavior};
 
+use super::command::{self, Command};
 use super::error::{Fault, StoreError};
 use super::file;
 use super::transaction::commit;
@@ -13,6 +14,8 @@ use super::transaction::commit;
 pub struct Store {
     pub(super) connection: Connection,
     pub(super) path: PathBuf,
+    /// The command that will be recorded with the first change.
+    command: Option<Command>,
 }
 
 impl Store {
@@ -23,7 +26,22 @@ impl Store {
     /// is left untouched.
     pub fn open(path: &Path) -> Result<Store, StoreError> {
         let (connection, path) = file::open_writer(path)?;
-        Ok(Store { connection, path })
+        Ok(Store { connection, path, command: None })
+    }
+
+    /// Records `command` in the store, in the transaction of its first change.
+    pub fn changed_by(self, command: Command) -> Store {
+        Store { command: Some(command), ..self }
+    }
+
+    /// Records the command now.
+    ///
+    /// **Errors**: the store fails.
+    pub fn record_command(&mut self) -> Result<(), StoreError> {
+        let command = self.command.take();
+        self.write("record the command", |transaction| {
+            command.iter().try_for_each(|command| Ok(command::record(transaction, command)?))
+        })
     }
 
     /// The absolute path of the store's file.
@@ -62,8 +80,14 @@ impl Store {
             .map_err(|source| StoreError::sqlite(path, action, source))?;
         // A newer program may have migrated the file since this process opened it.
         file::require_current(&transaction, path)?;
+        let before = transaction.total_changes();
         let done = body(&transaction).map_err(|fault| fault.at(path, action))?;
-        commit(transaction).map_err(|source| StoreError::sqlite(path, action, source))?;
+        let has_changed = transaction.total_changes() > before;
+        let command = self.command.take_if(|_| has_changed);
+        command
+            .map_or(Ok(()), |command| command::record(&transaction, &command))
+            .and_then(|()| commit(transaction))
+            .map_err(|source| StoreError::sqlite(path, action, source))?;
         Ok(done)
     }
 }

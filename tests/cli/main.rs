@@ -11,6 +11,7 @@ mod external;
 mod failures;
 mod forgetting;
 mod links;
+mod logging;
 mod memory;
 mod merging;
 mod names;

@@ -29,7 +29,7 @@ const TABLE: &[(&str, &[&str])] = &[
     ("store", &["kill_point", "key", "job", "record"]),
     ("portable", &["env", "agent", "job", "store"]),
     ("schedule", &["kill_point", "key", "agent", "manifest", "plan", "record", "train", "store"]),
-    ("cluster", &["manifest", "plan", "record", "train", "store", "schedule"]),
+    ("cluster", &["external", "key", "manifest", "plan", "record", "train", "store", "schedule"]),
     // The bootstrap has a random stream of its own.
     ("analyse", &["rng", "key", "env", "manifest", "record"]),
     ("report", &["key", "env", "optimum", "manifest", "plan", "record", "store", "analyse"]),

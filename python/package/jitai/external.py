@@ -12,13 +12,10 @@ import json
 import os
 import sys
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-
-if TYPE_CHECKING:
-    from jitai.sb3 import JobVecEnv
 
 __all__ = ["PROTOCOL", "Job", "ProtocolError", "connect"]
 
@@ -131,12 +128,6 @@ class Job:
         if population and population.get("phases", "all") == "all":
             keywords["population"] = population
         return keywords
-
-    def vec_env(self, lanes: int) -> JobVecEnv:
-        """The job's training for Stable-Baselines3, which reports its episodes."""
-        from jitai.sb3 import JobVecEnv
-
-        return JobVecEnv(self, lanes)
 
     def test(self, policy: Policy, begin: Callable[[int], None] | None = None) -> None:
         """Ends the training, and chooses the actions of the test until its end.

@@ -13,6 +13,7 @@
 //! - The source is read as one snapshot. The target is written in batches of one transaction each, so that
 //!   other writers get their turn. After a kill, copying again completes the rest.
 
+mod copier;
 mod results;
 mod rows;
 mod source;
@@ -20,10 +21,9 @@ mod sql;
 mod target;
 #[cfg(test)]
 mod tests;
-mod whole;
 
+pub(super) use copier::{Copied, Copier, copy};
 pub(super) use rows::{Batch, Ended};
 pub(super) use source::{Extent, Source};
 pub use target::Origin;
 pub(super) use target::{Origins, RunCopy};
-pub(super) use whole::{Copied, Copier, copy};

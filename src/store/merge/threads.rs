@@ -29,7 +29,7 @@ enum Message {
 }
 
 /// A source to be read.
-struct Task<'a> {
+struct Unread<'a> {
     path: &'a Path,
     to: SyncSender<Message>,
 }
@@ -77,13 +77,13 @@ pub fn merge(
     let target = into.path().to_owned();
     let cores = thread::available_parallelism().map_or(1, NonZeroUsize::get);
     let readers = cores.min(MOST_READERS).min(sources.len());
-    let (tasks, waiting) = sync_channel::<Task<'_>>(sources.len());
+    let (unread, waiting) = sync_channel::<Unread<'_>>(sources.len());
     let waiting = Mutex::new(waiting);
     thread::scope(|scope| {
         for _ in 0..readers {
             scope.spawn(|| read_all(&waiting, &target));
         }
-        let tasks = tasks;
+        let unread = unread;
         let mut merged = Merged { sources: sources.len(), ..Merged::default() };
         let mut ahead = sources.iter();
         let mut begun: VecDeque<(&Path, Receiver<Message>)> = VecDeque::new();
@@ -93,7 +93,7 @@ pub fn merge(
                 && let Some(path) = ahead.next()
             {
                 let (to, from) = sync_channel(WAITING);
-                tasks.send(Task { path, to }).expect("its other end is outside of the scope");
+                unread.send(Unread { path, to }).expect("its other end is outside of the scope");
                 begun.push_back((path, from));
             }
             let Some((path, from)) = begun.pop_front() else { return Ok(merged) };
@@ -106,10 +106,10 @@ pub fn merge(
 }
 
 /// Reads one source after the other until no source is left or the receiver is gone.
-fn read_all(tasks: &Mutex<Receiver<Task<'_>>>, target: &Path) {
+fn read_all(unread: &Mutex<Receiver<Unread<'_>>>, target: &Path) {
     loop {
-        let task = tasks.lock().unwrap_or_else(PoisonError::into_inner).recv();
-        let Ok(Task { path, to }) = task else { return };
+        let next = unread.lock().unwrap_or_else(PoisonError::into_inner).recv();
+        let Ok(Unread { path, to }) = next else { return };
         let read = || -> Result<Result<bool, _>, StoreError> {
             let source = snapshot::open(path)?;
             let known = file::connect_reader(target)

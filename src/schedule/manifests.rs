@@ -1,18 +1,18 @@
-//! Calls that run manifests from registration to stored runs.
+//! Runs manifests: from registration to stored runs.
 
 use std::collections::HashSet;
 use std::fs::File;
 use std::sync::atomic::AtomicBool;
 
-use super::checkpoint::CheckpointFolder;
 use super::event::{Event, EventSink};
 use super::queued::Queued;
 use super::selection::Selection;
+use super::survey::Remaining;
 use super::sweep::{Context, Options, SweepError, Tally};
 use crate::job::JobKey;
 use crate::manifest::Manifest;
 use crate::plan::{self};
-use crate::store::{Experiment, JobState, JobStates, Registered, RetryFailed, Store, StoreError};
+use crate::store::{Experiment, Registered, Store, StoreError};
 use crate::train;
 
 /// Registers a manifest with its jobs, or only with its jobs in `part`. Returns `None` if `stop` was set
@@ -35,51 +35,6 @@ pub fn register_experiment(
     match part {
         None => store.register_until(stop, &experiment, jobs),
         Some(part) => store.register_part_until(stop, &experiment, jobs, part),
-    }
-}
-
-/// The jobs that a command still has to run.
-pub struct Remaining {
-    /// The jobs that need a run, in order.
-    pub queue: Vec<Queued>,
-    /// The number of jobs that have a completed run.
-    pub completed: usize,
-    /// The number of failed jobs that are not retried.
-    pub failed: usize,
-}
-
-impl Remaining {
-    /// Sorts jobs by their states in the store. Also removes checkpoints and crash marks that no job needs
-    /// any more.
-    ///
-    /// **Errors**: the store or the folder of its checkpoints fails.
-    pub fn of(
-        store: &Store,
-        selection: &Selection<'_>,
-        retry_failed: RetryFailed,
-    ) -> Result<Remaining, StoreError> {
-        let reader = store.reader()?;
-        CheckpointFolder::beside(store.path()).clear(&reader)?;
-        store.clear_crash_marks()?;
-        let mut states = JobStates::of(&reader);
-        let (mut completed, mut failed) = (0, 0);
-        let mut is_left = |state| match (state, retry_failed) {
-            (JobState::Completed, _) => {
-                completed += 1;
-                false
-            }
-            (JobState::Failed, RetryFailed::No) => {
-                failed += 1;
-                false
-            }
-            (JobState::Failed, RetryFailed::Yes)
-            | (JobState::Pending | JobState::Interrupted | JobState::Running, _) => true,
-        };
-        let queue = selection.queue_where(|keys| {
-            let states = states.ask(keys)?.into_iter();
-            Ok::<_, StoreError>(states.map(&mut is_left).collect())
-        })?;
-        Ok(Remaining { queue, completed, failed })
     }
 }
 
