@@ -18,6 +18,7 @@ mod intervention;
 mod noise;
 mod observation;
 mod observer;
+pub mod outside;
 mod parameters;
 mod participants;
 mod physical_activity;

@@ -1,10 +1,15 @@
 //! The messages of the protocol, one JSON object per line. `docs/external.md` describes them.
 
+use serde::de::DeserializeOwned;
 use serde::ser::SerializeSeq;
 use serde::{Deserialize, Serialize, Serializer};
 
 /// The version of the protocol.
 pub const PROTOCOL: u32 = 1;
+
+/// Maximum length of a line of an agent's standard output, in bytes; messages about thousands of lanes are
+/// shorter.
+pub const LONGEST_LINE: usize = 1 << 20;
 
 /// Maximum number of characters of a line that an error message shows.
 const SHOWN: usize = 120;
@@ -183,9 +188,17 @@ impl FromProgram {
             FromProgram::Choices(_) => "choices",
         }
     }
+}
 
+impl Message for FromProgram {}
+
+/// A message that a program writes as a line.
+pub trait Message: DeserializeOwned {
     /// Parses the message of a line; the error names the fault and the `expected` message.
-    pub(super) fn read(line: &[u8], expected: &str) -> Result<FromProgram, String> {
+    fn read(line: &[u8], expected: &str) -> Result<Self, String> {
+        if let Ok(message) = serde_json::from_slice(line) {
+            return Ok(message);
+        }
         let stdout = "standard output is reserved for messages; write to standard error instead";
         let shown = || shown(line);
         let json: serde_json::Value = serde_json::from_slice(line).map_err(|error| {

@@ -1,13 +1,14 @@
 //! Outside programs: their processes, and the lines that they exchange with jitai.
 //!
 //! In: the words of a command, and a folder. Out: a [`Program`] that receives and sends messages of the
-//! protocol in `docs/external.md`, or a [`ProgramError`] with the reason, the exit code and the last lines
-//! of the program's standard error.
+//! protocols in `docs/external.md` and `docs/outside-environments.md`, or a [`ProgramError`] with the reason,
+//! the exit code and the last lines of the program's standard error.
 //!
 //! A program is the leader of a process group. The whole group is killed whenever a job ends; a watchdog
 //! process kills it if jitai is killed. Every wait can be interrupted. The module does not depend
 //! on jobs or episodes.
 
+mod environment;
 mod error;
 mod message;
 mod output;
@@ -15,9 +16,14 @@ mod pipes;
 mod process;
 mod watchdog;
 
+pub use environment::{
+    Declared, DeclaredFeature, ENVIRONMENT_PROTOCOL, LONGEST_ENVIRONMENT_LINE, Numbers,
+    Observation, Observed, ToEnvironment,
+};
 pub use error::ProgramError;
 pub use message::{
-    Choices, Episodes, FromProgram, PROTOCOL, Probabilities, Reset, Rows, Step, ToProgram, Update,
+    Choices, Episodes, FromProgram, LONGEST_LINE, Message, PROTOCOL, Probabilities, Reset, Rows,
+    Step, ToProgram, Update,
 };
 pub use output::output_within;
 pub use process::Program;

@@ -9,8 +9,6 @@ use std::time::Duration;
 
 use super::message::shown;
 
-/// Maximum length of a line of standard output, in bytes; messages about thousands of lanes are shorter.
-pub(super) const LONGEST_LINE: usize = 1 << 20;
 /// Capacity of the queue of unhandled lines; a full queue blocks the program.
 const LINES_AHEAD: usize = 16;
 /// Number of lines of standard error that are kept, and maximum bytes of each.
@@ -28,25 +26,28 @@ pub(super) enum Line {
     TooLong(Vec<u8>),
 }
 
-/// Sends every line of `output` until its end.
-pub(super) fn read_lines(output: impl Read + Send + 'static) -> io::Result<Receiver<Line>> {
+/// Sends every line of `output` until its end; `longest` is the maximum length of a line, in bytes.
+pub(super) fn read_lines(
+    output: impl Read + Send + 'static,
+    longest: usize,
+) -> io::Result<Receiver<Line>> {
     let (sender, lines) = mpsc::sync_channel(LINES_AHEAD);
-    spawn("program's output", move || send_lines(output, &sender))?;
+    spawn("program's output", move || send_lines(output, longest, &sender))?;
     Ok(lines)
 }
 
-fn send_lines(output: impl Read, sender: &SyncSender<Line>) {
+fn send_lines(output: impl Read, longest: usize, sender: &SyncSender<Line>) {
     let mut output = BufReader::new(output);
     loop {
         let mut line = Vec::new();
-        let most = LONGEST_LINE as u64 + 1;
+        let most = longest as u64 + 1;
         match output.by_ref().take(most).read_until(b'\n', &mut line) {
             Ok(0) | Err(_) => return,
             Ok(_) => {}
         }
         let is_whole = line.pop_if(|last| *last == b'\n').is_some();
         line.pop_if(|last| *last == b'\r');
-        let is_too_long = !is_whole && line.len() > LONGEST_LINE;
+        let is_too_long = !is_whole && line.len() > longest;
         let line = if is_too_long { Line::TooLong(line) } else { Line::Whole(line) };
         // Stops at a closed receiver, and after a line that is too long.
         if sender.send(line).is_err() || is_too_long {
@@ -149,8 +150,8 @@ impl Line {
         match self {
             Line::Whole(line) => Ok(line),
             Line::TooLong(line) => Err(format!(
-                "expected {expected}, found a line of more than {LONGEST_LINE} bytes that begins with \
-                 {}",
+                "expected {expected}, found a line of more than {} bytes that begins with {}",
+                line.len() - 1,
                 shown(&line)
             )),
         }
@@ -160,6 +161,7 @@ impl Line {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::external::LONGEST_LINE;
 
     #[test]
     fn the_last_lines_are_kept_of_any_amount() {
@@ -183,7 +185,7 @@ mod tests {
     #[test]
     fn lines_are_cut_at_their_breaks_and_long_ones_end_the_reading() {
         let text = [&b"one\r\n\ntwo"[..], b"\n", &vec![b'y'; LONGEST_LINE + 5]].concat();
-        let lines = read_lines(io::Cursor::new(text)).unwrap();
+        let lines = read_lines(io::Cursor::new(text), LONGEST_LINE).unwrap();
         let lines: Vec<Result<Vec<u8>, String>> =
             lines.iter().map(|line| line.whole("a message")).collect();
         assert_eq!(lines[..3], [Ok(b"one".to_vec()), Ok(Vec::new()), Ok(b"two".to_vec())]);

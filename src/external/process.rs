@@ -13,7 +13,7 @@ use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, wa
 use serde::Serialize;
 
 use super::error::ProgramError;
-use super::message::FromProgram;
+use super::message::Message;
 use super::pipes::{Line, Tail, read_lines, write_all};
 use super::watchdog::Watchdog;
 
@@ -47,10 +47,15 @@ pub struct Program {
 
 impl Program {
     /// Starts a command in a folder, without a shell. Messages show the command as `shown`. The program
-    /// inherits jitai's environment variables.
+    /// inherits jitai's environment variables. Its lines have at most `longest_line` bytes.
     ///
     /// **Errors**: the program or the folder does not exist, or the system has no more processes.
-    pub fn start(words: &[String], shown: &str, folder: &Path) -> Result<Program, ProgramError> {
+    pub fn start(
+        words: &[String],
+        shown: &str,
+        folder: &Path,
+        longest_line: usize,
+    ) -> Result<Program, ProgramError> {
         let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
         let failed = |source: io::Error| {
             let help = match source.kind() {
@@ -80,7 +85,8 @@ impl Program {
         let piped = "a pipe was asked for";
         let (input, output) = (child.stdin.take().expect(piped), child.stdout.take().expect(piped));
         let errors = child.stderr.take().expect(piped);
-        let pipes = || Ok((write_all(input)?, read_lines(output)?, Tail::of(errors)?));
+        let pipes =
+            || Ok((write_all(input)?, read_lines(output, longest_line)?, Tail::of(errors)?));
         match pipes() {
             Ok((to, from, tail)) => Ok(Program {
                 command: shown.to_owned(),
@@ -113,12 +119,12 @@ impl Program {
     /// was doing.
     ///
     /// **Errors**: the program ends or sends something else, or `stop` returns true.
-    pub fn receive(
+    pub fn receive<M: Message>(
         &mut self,
         expected: &str,
         when: &str,
         stop: &dyn Fn() -> bool,
-    ) -> Result<FromProgram, ProgramError> {
+    ) -> Result<M, ProgramError> {
         loop {
             if stop() {
                 return Err(ProgramError::Stopped);
@@ -137,7 +143,7 @@ impl Program {
             if line.as_ref().is_ok_and(|line| line.trim_ascii().is_empty()) {
                 continue;
             }
-            let message = line.and_then(|line| FromProgram::read(&line, expected));
+            let message = line.and_then(|line| M::read(&line, expected));
             return message.map_err(|fault| self.broke(fault));
         }
     }

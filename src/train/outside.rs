@@ -14,9 +14,8 @@ use serde_json::{Map, Value as Json, json};
 
 use crate::agent::External;
 use crate::env::{Action, Population};
-use crate::external::{FromProgram, PROTOCOL, Program, ProgramError, ToProgram};
-use crate::job::Outcome;
-use crate::job::{Job, counted};
+use crate::external::{FromProgram, LONGEST_LINE, PROTOCOL, Program, ProgramError, ToProgram};
+use crate::job::{Job, Outcome, counted};
 use crate::key::{Keyed, Value};
 use crate::train::control::TrainingControl;
 use crate::train::decision_log::DecisionLog;
@@ -34,7 +33,8 @@ const MOST_LANES: usize = 4096;
 pub(super) fn run(job: &Job, external: &External, control: &dyn TrainingControl) -> Outcome {
     let mut record = TrainingRecord::new(job, control);
     let stop = || control.stop_requested();
-    let started = Program::start(&external.command, &external.shown(), control.folder());
+    let started =
+        Program::start(&external.command, &external.shown(), control.folder(), LONGEST_LINE);
     let mut program = match started {
         Ok(program) => program,
         Err(error) => return record.failed(&error),

@@ -19,7 +19,7 @@ mod questions;
 use examples::{cell, fill_store, jitai, run};
 use questions::questions;
 
-const DOCUMENTS: [&str; 30] = [
+const DOCUMENTS: [&str; 31] = [
     "README.md",
     "CONTRIBUTING.md",
     "docs/agents.md",
@@ -37,6 +37,7 @@ const DOCUMENTS: [&str; 30] = [
     "docs/index.md",
     "docs/manifest.md",
     "docs/optimum.md",
+    "docs/outside-environments.md",
     "docs/performance.md",
     "docs/python.md",
     "docs/questions.md",

@@ -17,6 +17,7 @@ mod merging;
 mod names;
 mod old_stores;
 mod optimum;
+mod outside_environments;
 mod pipes;
 mod planning;
 mod reading;

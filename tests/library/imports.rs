@@ -16,7 +16,8 @@ const TABLE: &[(&str, &[&str])] = &[
     ("external", &[]),
     ("key", &[]),
     ("state", &["rng"]),
-    ("env", &["rng", "kernel", "key", "state"]),
+    // The program of an environment of the user's simulates its lanes.
+    ("env", &["rng", "kernel", "external", "key", "state"]),
     // The optimal policy is simulated with a random stream of its own.
     ("optimum", &["rng", "key", "env"]),
     ("agent", &["rng", "kernel", "key", "state", "env", "optimum"]),

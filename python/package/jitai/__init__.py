@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from jitai._jitai import VERSION as __version__
 from jitai._registration import ENVIRONMENT_ID, register
 
 if TYPE_CHECKING:
+    from jitai._jitai import VERSION as __version__
     from jitai._environment import StepCountEnv
     from jitai._policy import Policy
     from jitai._registration import make, make_vec
@@ -29,7 +29,10 @@ __all__ = [
     "open",
 ]
 
+#: Names of the compiled module, which programs without simulations of ours do not load.
+_NATIVE = {"__version__": "VERSION"}
 _LAZY = {
+    "__version__": "jitai._jitai",
     "Policy": "jitai._policy",
     "Store": "jitai._store",
     "open": "jitai._store",
@@ -44,7 +47,7 @@ def __getattr__(name: str) -> Any:
     if name in _LAZY:
         import importlib
 
-        return getattr(importlib.import_module(_LAZY[name]), name)
+        return getattr(importlib.import_module(_LAZY[name]), _NATIVE.get(name, name))
     raise AttributeError(f"module 'jitai' has no attribute {name!r}")
 
 
