@@ -169,8 +169,8 @@ pub mod environment {
 /// Policies: actors, decision rules, and the episodes that they play.
 pub mod policy {
     pub use crate::agent::{
-        ActionNetwork, Actions, Actor, Architecture, Choice, DecisionRule, EpsilonGreedy,
-        NetworkPolicy, RuleParameters, RulePolicy, SoftmaxPolicy, StackNames,
+        ActionNetwork, Actions, Actor, Architecture, Choice, DecisionRule, NetworkActor,
+        NetworkPolicy, RuleParameters, RulePolicy, StackNames,
     };
     pub use crate::optimum::NoOptimum;
     pub use crate::portable::{PortableError, PortablePolicy, network_of, portable};

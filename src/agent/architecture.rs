@@ -1,14 +1,11 @@
-//! The network of a trained agent, its structure for programs that compute it elsewhere, and how its
-//! outputs become actions.
+//! The network of a trained agent, and its structure for programs that compute it elsewhere.
 
 use crate::agent::actor::Actor;
 use crate::agent::learner::Actions;
 use crate::agent::network::Activation;
-use crate::agent::policy::{
-    ActionNetwork, EpsilonGreedy, SoftmaxPolicy, best, epsilon_greedy_probabilities, exponentials,
-};
-use crate::env::{Action, Observations, VectorEnvironment};
-use crate::kernel::Isa;
+use crate::agent::policy::{ActionNetwork, Choice, NetworkActor};
+use crate::agent::weights::Weights;
+use crate::env::{Observations, VectorEnvironment};
 
 /// A trained network, and how its outputs become actions.
 pub struct NetworkPolicy {
@@ -29,17 +26,7 @@ impl NetworkPolicy {
         observations: Observations,
         actions: Actions,
     ) -> Box<dyn Actor<Env>> {
-        match (self.choice, actions) {
-            (Choice::EpsilonGreedy { epsilon }, Actions::AsTrained) => {
-                Box::new(EpsilonGreedy::new(self.network, epsilon, observations))
-            }
-            (Choice::EpsilonGreedy { .. }, Actions::Greedy) => {
-                Box::new(EpsilonGreedy::new(self.network, 0.0, observations))
-            }
-            (Choice::Softmax, _) => {
-                Box::new(SoftmaxPolicy::new(self.network, actions, observations))
-            }
-        }
+        Box::new(NetworkActor::new(self.network, self.choice, actions, observations))
     }
 }
 
@@ -52,6 +39,15 @@ pub struct Architecture {
     pub stacks: Vec<StackNames>,
 }
 
+impl Architecture {
+    /// Whether these weights have an array of weights and biases for every layer.
+    pub fn fits(&self, weights: &Weights) -> bool {
+        let names = self.stacks.iter().flat_map(|stack| stack.hidden.iter().chain(&stack.heads));
+        let mut arrays = names.flat_map(|name| [format!("{name}.weight"), format!("{name}.bias")]);
+        arrays.all(|array| weights.tensors.contains_key(&array))
+    }
+}
+
 /// The layers of a stack by the names of their weights.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StackNames {
@@ -61,50 +57,13 @@ pub struct StackNames {
     pub heads: Vec<String>,
 }
 
-/// The outputs of a network's heads, and the choice of actions from them.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Choice {
-    /// The heads `value`, V, and `advantage`, A, give values V + A - mean A. The action with the
-    /// highest value is taken; ties go to the lowest number. With this probability, a random action
-    /// is taken instead.
-    EpsilonGreedy {
-        /// The exploration rate.
-        epsilon: f64,
-    },
-    /// The head `logits` gives logits, and actions are drawn by their softmax.
-    Softmax,
-}
-
-impl Choice {
-    /// The probabilities of the actions, given outputs of the network.
-    ///
-    /// **Shapes**: `numbers` and the result are \[rows, actions\].
-    pub fn probabilities(self, numbers: &[f32]) -> Vec<f64> {
-        match self {
-            Choice::EpsilonGreedy { epsilon } => {
-                let row = |values| epsilon_greedy_probabilities(epsilon, best(values));
-                numbers.chunks_exact(Action::COUNT).flat_map(row).collect()
-            }
-            Choice::Softmax => {
-                let mut preferences = numbers.to_vec();
-                exponentials(Isa::chosen(), &mut preferences);
-                let row = |preferences: &[f32]| -> [f64; Action::COUNT] {
-                    let total: f64 = preferences.iter().copied().map(f64::from).sum();
-                    std::array::from_fn(|index| f64::from(preferences[index]) / total)
-                };
-                preferences.chunks_exact(Action::COUNT).flat_map(row).collect()
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::agent::registry::AlgorithmParameters;
     use crate::agent::{
         Agent, DuelingDqn, LinearThompson, Ppo, Recurrent, Reinforce, Start, StartError, Task,
-        Trunk, Weights, WeightsError, layers, orthogonal,
+        Trunk, WeightsError, layers, orthogonal,
     };
 
     /// The policy of an agent with the initial weights of these layers.
@@ -181,18 +140,9 @@ mod tests {
         let stack = layers::policy(&Reinforce::default(), 1);
         let layers: Vec<layers::Layer> = stack.hidden.into_iter().chain(stack.heads).collect();
         let agent = Agent::of(&Own { episodes: 10 });
-        assert_eq!(policy(&agent, &layers).architecture.unwrap().stacks[0].heads, ["logits"]);
-    }
-
-    #[test]
-    fn probabilities_are_those_by_hand() {
-        let greedy = Choice::EpsilonGreedy { epsilon: 0.2 };
-        let drawn = greedy.probabilities(&[1.0, 3.0, 3.0, 0.0]);
-        let expected = [0.05, 0.85, 0.05, 0.05];
-        assert!(drawn.iter().zip(expected).all(|(p, e)| (p - e).abs() < 1e-12), "{drawn:?}");
-        let logits = [1.0f32, 2.0, 3.0, 4.0].map(f32::ln);
-        let drawn = Choice::Softmax.probabilities(&logits);
-        let expected = [0.1, 0.2, 0.3, 0.4];
-        assert!(drawn.iter().zip(expected).all(|(p, e)| (p - e).abs() < 1e-6), "{drawn:?}");
+        let architecture = policy(&agent, &layers).architecture.unwrap();
+        assert_eq!(architecture.stacks[0].heads, ["logits"]);
+        assert!(architecture.fits(&orthogonal::initial(&layers, 1, 1).unwrap()));
+        assert!(!architecture.fits(&Weights::default()));
     }
 }

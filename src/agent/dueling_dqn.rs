@@ -20,8 +20,7 @@ use crate::agent::replay::{Batch, TerminalTarget, Transition};
 use crate::agent::unavailable::Unavailable;
 use crate::agent::weights::Weights;
 use crate::env::{EpisodeStatus, Observations};
-use crate::key::{Keyed, Kind};
-use crate::key::{choices, keys};
+use crate::key::{Keyed, Kind, choices, keys};
 use crate::state::Resumable;
 
 pub use episodes::{EpisodeReplay, SequenceBatch};

@@ -1,7 +1,6 @@
 //! The declaration of an outside program as an agent.
 
-use crate::key::Kind;
-use crate::key::keys;
+use crate::key::{Kind, keys};
 
 keys! {
     /// A program of the author's that trains and acts; `docs/external.md` has its protocol.

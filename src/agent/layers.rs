@@ -46,7 +46,7 @@ pub(super) struct Stack {
 }
 
 impl Stack {
-    fn new(name: &str, inputs: usize, widths: &[u32], heads: &[(&str, usize)]) -> Self {
+    pub(super) fn new(name: &str, inputs: usize, widths: &[u32], heads: &[(&str, usize)]) -> Self {
         let mut width = inputs;
         let mut layer = |name: String, outputs: usize| {
             let inputs = std::mem::replace(&mut width, outputs);

@@ -22,8 +22,7 @@ mod sampler;
 mod tests;
 
 use crate::agent::unavailable::Unavailable;
-use crate::key::{Keyed, Kind};
-use crate::key::{choices, keys};
+use crate::key::{Keyed, Kind, choices, keys};
 
 pub use learner::LinearThompsonLearner;
 pub use policy::LinearThompsonPolicy;

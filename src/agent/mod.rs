@@ -46,7 +46,7 @@ mod unavailable;
 mod weights;
 
 pub use actor::{Actor, StepObserver};
-pub use architecture::{Architecture, Choice, NetworkPolicy, StackNames};
+pub use architecture::{Architecture, NetworkPolicy, StackNames};
 pub use burn::device::{backend_name, inference as inference_device, training as training_device};
 pub use burn::{
     ActorCritic, AutodiffPolicy, BurnActorCritic, BurnDuelingDqn, BurnPpo, BurnRecurrentDqn,
@@ -71,7 +71,7 @@ pub use linear_thompson::{
 };
 pub use memory::{OutOfMemory, reserve, reserve_exact};
 pub use network::{Activation, Engine, Recurrent};
-pub use policy::{ActionNetwork, EpsilonGreedy, SoftmaxPolicy};
+pub use policy::{ActionNetwork, Choice, NetworkActor};
 pub use ppo::{
     AtHorizon, Losses, Minibatch, Ppo, PpoEngine, PpoLearner, Sequences,
     advantages as generalised_advantages,

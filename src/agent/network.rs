@@ -1,7 +1,6 @@
 //! Declarations that agents with networks share.
 
-use crate::key::Kind;
-use crate::key::choices;
+use crate::key::{Kind, choices};
 
 /// Widths of hidden layers.
 pub const LAYER_WIDTHS: Kind = Kind::Widths { most: 32, max: 4096 };

@@ -6,7 +6,6 @@ use pulp::{Simd, WithSimd};
 
 use crate::agent::Actions;
 use crate::agent::actor::Actor;
-use crate::agent::unavailable::certain;
 use crate::env::{Action, ActionProbabilities, LaneSet, Observations, VectorEnvironment};
 use crate::kernel::{Isa, LINE, math};
 use crate::rng::{Stream, unit_from_bits};
@@ -45,27 +44,90 @@ impl<N: ActionNetwork + ?Sized> ActionNetwork for Box<N> {
     }
 }
 
-/// Takes the action with the highest value, and explores at a fixed rate.
-pub struct EpsilonGreedy<N> {
-    network: N,
-    epsilon: f64,
-    observations: Observations,
-    /// Memory of the episodes, \[lanes, memory\].
-    memory: Vec<f32>,
-    values: Vec<f32>,
-    explored: Vec<Option<Action>>,
+/// The outputs of a network's heads, and the choice of actions from them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Choice {
+    /// The heads `value`, V, and `advantage`, A, give values V + A - mean A. The action with the
+    /// highest value is taken; ties go to the lowest number. With this probability, a random action
+    /// is taken instead.
+    EpsilonGreedy {
+        /// The exploration rate.
+        epsilon: f64,
+    },
+    /// The head `logits` gives logits, and actions are drawn by their softmax.
+    Softmax,
 }
 
-impl<N: ActionNetwork> EpsilonGreedy<N> {
-    /// A policy that explores at the rate `epsilon`, in [0, 1]. `observations` must have the shape
-    /// for which the network was made.
-    pub fn new(network: N, epsilon: f64, observations: Observations) -> Self {
-        let (memory, values, explored) = (Vec::new(), Vec::new(), Vec::new());
-        EpsilonGreedy { network, epsilon, observations, memory, values, explored }
+impl Choice {
+    /// The probabilities of the actions, given outputs of the network.
+    ///
+    /// **Shapes**: `numbers` and the result are \[rows, actions\].
+    pub fn probabilities(self, numbers: &[f32]) -> Vec<f64> {
+        match self {
+            Choice::EpsilonGreedy { epsilon } => {
+                let row = |values| epsilon_greedy_probabilities(epsilon, best(values));
+                numbers.chunks_exact(Action::COUNT).flat_map(row).collect()
+            }
+            Choice::Softmax => {
+                let mut preferences = numbers.to_vec();
+                exponentials(Isa::chosen(), &mut preferences);
+                let row = |preferences: &[f32]| -> [f64; Action::COUNT] {
+                    let total: f64 = preferences.iter().copied().map(f64::from).sum();
+                    std::array::from_fn(|index| f64::from(preferences[index]) / total)
+                };
+                preferences.chunks_exact(Action::COUNT).flat_map(row).collect()
+            }
+        }
     }
 }
 
-impl<N: ActionNetwork + Send, Env: VectorEnvironment> Actor<Env> for EpsilonGreedy<N> {
+/// Acts by the outputs of a network.
+pub struct NetworkActor<N> {
+    network: N,
+    choice: Choice,
+    observations: Observations,
+    /// Memory of the episodes, \[lanes, memory\].
+    memory: Vec<f32>,
+    outputs: Vec<f32>,
+    explored: Vec<Option<Action>>,
+    halves: Vec<u32>,
+}
+
+impl<N: ActionNetwork> NetworkActor<N> {
+    /// An actor that chooses as in training, or takes the action with the highest output.
+    /// `observations` must have the shape for which the network was made.
+    pub fn new(network: N, choice: Choice, actions: Actions, observations: Observations) -> Self {
+        let choice = match actions {
+            Actions::AsTrained => choice,
+            Actions::Greedy => Choice::EpsilonGreedy { epsilon: 0.0 },
+        };
+        let (memory, outputs, explored, halves) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        NetworkActor { network, choice, observations, memory, outputs, explored, halves }
+    }
+
+    /// Chooses at a rate of exploration, given the outputs.
+    fn explore(
+        &mut self,
+        epsilon: f64,
+        stream: &mut Stream,
+        actions: &mut [Action],
+        probabilities: Option<&mut [ActionProbabilities]>,
+    ) {
+        self.explored.clear();
+        self.explored.extend(actions.iter().map(|_| explore(epsilon, stream)));
+        let rows = || self.outputs.chunks_exact(Action::COUNT);
+        for ((action, explored), values) in actions.iter_mut().zip(&self.explored).zip(rows()) {
+            *action = explored.unwrap_or_else(|| best(values));
+        }
+        if let Some(probabilities) = probabilities {
+            for (probabilities, values) in probabilities.iter_mut().zip(rows()) {
+                *probabilities = epsilon_greedy_probabilities(epsilon, best(values));
+            }
+        }
+    }
+}
+
+impl<N: ActionNetwork + Send, Env: VectorEnvironment> Actor<Env> for NetworkActor<N> {
     fn reset(&mut self, lanes: LaneSet<'_>) {
         forget(&mut self.memory, self.network.memory(), lanes);
     }
@@ -78,30 +140,37 @@ impl<N: ActionNetwork + Send, Env: VectorEnvironment> Actor<Env> for EpsilonGree
         probabilities: Option<&mut [ActionProbabilities]>,
     ) {
         environment.observe(&mut self.observations);
-        self.explored.clear();
-        self.explored.extend(actions.iter().map(|_| explore(self.epsilon, stream)));
         self.memory.resize(actions.len() * self.network.memory(), 0.0);
-        self.network.recall(&self.observations, &mut self.memory, &mut self.values);
-        let rows = || self.values.chunks_exact(Action::COUNT);
-        for ((action, explored), values) in actions.iter_mut().zip(&self.explored).zip(rows()) {
-            *action = explored.unwrap_or_else(|| best(values));
-        }
-        if let Some(probabilities) = probabilities {
-            for (probabilities, values) in probabilities.iter_mut().zip(rows()) {
-                *probabilities = epsilon_greedy_probabilities(self.epsilon, best(values));
+        self.network.recall(&self.observations, &mut self.memory, &mut self.outputs);
+        match self.choice {
+            Choice::EpsilonGreedy { epsilon } => {
+                self.explore(epsilon, stream, actions, probabilities);
+            }
+            Choice::Softmax => {
+                sample(Isa::chosen(), &mut self.outputs, actions, &mut self.halves, stream);
+                if let Some(probabilities) = probabilities {
+                    // [`sample`] has replaced the logits by the preferences that it sampled from.
+                    sampling_probabilities(&self.outputs, probabilities);
+                }
             }
         }
     }
 }
 
-/// Saves the memory of the episodes; the learner saves the weights.
-impl<N: ActionNetwork> Resumable for EpsilonGreedy<N> {
+/// Saves the memory of the episodes, if the network has one; the learner saves the weights.
+impl<N: ActionNetwork> Resumable for NetworkActor<N> {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        save_memory(&self.memory, self.network.memory(), out)
+        if self.network.memory() > 0 { out.many(&self.memory) } else { Ok(()) }
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        restore_memory(&mut self.memory, self.network.memory(), from)
+        const WHAT: &str = "memory";
+        let width = self.network.memory();
+        if width == 0 {
+            return Ok(());
+        }
+        self.memory = from.many(usize::MAX, WHAT)?;
+        if self.memory.len().is_multiple_of(width) { Ok(()) } else { Err(StateError::Misfit(WHAT)) }
     }
 }
 
@@ -121,93 +190,6 @@ pub(super) fn epsilon_greedy_probabilities(epsilon: f64, best: Action) -> Action
     let mut probabilities = [any; Action::COUNT];
     probabilities[best.index()] = 1.0 - epsilon + any;
     probabilities
-}
-
-/// Draws actions with the softmax probabilities of a policy network's logits.
-pub struct SoftmaxPolicy<N> {
-    network: N,
-    choice: Actions,
-    observations: Observations,
-    /// Memory of the episodes, \[lanes, memory\].
-    memory: Vec<f32>,
-    logits: Vec<f32>,
-    halves: Vec<u32>,
-}
-
-impl<N: ActionNetwork> SoftmaxPolicy<N> {
-    /// A policy that samples ([`Actions::AsTrained`]) or takes the most likely action.
-    /// `observations` must have the shape for which the network was made.
-    pub fn new(network: N, choice: Actions, observations: Observations) -> Self {
-        let (memory, logits, halves) = (Vec::new(), Vec::new(), Vec::new());
-        SoftmaxPolicy { network, choice, observations, memory, logits, halves }
-    }
-}
-
-impl<N: ActionNetwork + Send, Env: VectorEnvironment> Actor<Env> for SoftmaxPolicy<N> {
-    fn reset(&mut self, lanes: LaneSet<'_>) {
-        forget(&mut self.memory, self.network.memory(), lanes);
-    }
-
-    fn act(
-        &mut self,
-        environment: &Env,
-        stream: &mut Stream,
-        actions: &mut [Action],
-        probabilities: Option<&mut [ActionProbabilities]>,
-    ) {
-        environment.observe(&mut self.observations);
-        self.memory.resize(actions.len() * self.network.memory(), 0.0);
-        self.network.recall(&self.observations, &mut self.memory, &mut self.logits);
-        match self.choice {
-            Actions::AsTrained => {
-                sample(Isa::chosen(), &mut self.logits, actions, &mut self.halves, stream);
-                if let Some(probabilities) = probabilities {
-                    // [`sample`] has replaced the logits by the preferences that it sampled from.
-                    sampling_probabilities(&self.logits, probabilities);
-                }
-            }
-            Actions::Greedy => {
-                for (action, logits) in actions.iter_mut().zip(self.logits.chunks(Action::COUNT)) {
-                    *action = best(logits);
-                }
-                if let Some(probabilities) = probabilities {
-                    let each = probabilities.iter_mut().zip(&*actions);
-                    each.for_each(|(probabilities, action)| *probabilities = certain(*action));
-                }
-            }
-        }
-    }
-}
-
-/// Saves the memory of the episodes; the learner saves the weights.
-impl<N: ActionNetwork> Resumable for SoftmaxPolicy<N> {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        save_memory(&self.memory, self.network.memory(), out)
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        restore_memory(&mut self.memory, self.network.memory(), from)
-    }
-}
-
-/// Saves the memory of lanes, `width` numbers per lane; writes nothing for a network without
-/// memory.
-fn save_memory(memory: &[f32], width: usize, out: &mut StateWriter<'_>) -> io::Result<()> {
-    if width > 0 { out.many(memory) } else { Ok(()) }
-}
-
-/// Restores memory that [`save_memory`] saved.
-fn restore_memory(
-    memory: &mut Vec<f32>,
-    width: usize,
-    from: &mut StateReader<'_>,
-) -> Result<(), StateError> {
-    const WHAT: &str = "memory";
-    if width == 0 {
-        return Ok(());
-    }
-    *memory = from.many(usize::MAX, WHAT)?;
-    if memory.len().is_multiple_of(width) { Ok(()) } else { Err(StateError::Misfit(WHAT)) }
 }
 
 /// Resets the memory of lanes that begin an episode, `width` numbers per lane.
@@ -388,14 +370,29 @@ mod tests {
     fn actors_give_the_probabilities_with_which_they_choose() {
         let observations = || Observations::new(1, 0);
         let logits = || Same([1.0f32, 2.0, 3.0, 4.0].map(f32::ln));
-        let mut softmax = SoftmaxPolicy::new(logits(), Actions::AsTrained, observations());
-        assert_probabilities(&mut softmax, [0.1, 0.2, 0.3, 0.4]);
-        let mut greedy = SoftmaxPolicy::new(logits(), Actions::Greedy, observations());
-        assert_probabilities(&mut greedy, [0.0, 0.0, 0.0, 1.0]);
-        let mut exploring = EpsilonGreedy::new(Same([0.0, 5.0, 1.0, 2.0]), 0.2, observations());
-        assert_probabilities(&mut exploring, [0.05, 0.85, 0.05, 0.05]);
-        let mut greedy = EpsilonGreedy::new(Same([0.0, 5.0, 1.0, 2.0]), 0.0, observations());
-        assert_probabilities(&mut greedy, [0.0, 1.0, 0.0, 0.0]);
+        let values = || Same([0.0, 5.0, 1.0, 2.0]);
+        let exploring = Choice::EpsilonGreedy { epsilon: 0.2 };
+        for (network, choice, actions, expected) in [
+            (logits(), Choice::Softmax, Actions::AsTrained, [0.1, 0.2, 0.3, 0.4]),
+            (logits(), Choice::Softmax, Actions::Greedy, [0.0, 0.0, 0.0, 1.0]),
+            (values(), exploring, Actions::AsTrained, [0.05, 0.85, 0.05, 0.05]),
+            (values(), exploring, Actions::Greedy, [0.0, 1.0, 0.0, 0.0]),
+        ] {
+            let mut actor = NetworkActor::new(network, choice, actions, observations());
+            assert_probabilities(&mut actor, expected);
+        }
+    }
+
+    #[test]
+    fn probabilities_are_those_by_hand() {
+        let greedy = Choice::EpsilonGreedy { epsilon: 0.2 };
+        let drawn = greedy.probabilities(&[1.0, 3.0, 3.0, 0.0]);
+        let expected = [0.05, 0.85, 0.05, 0.05];
+        assert!(drawn.iter().zip(expected).all(|(p, e)| (p - e).abs() < 1e-12), "{drawn:?}");
+        let logits = [1.0f32, 2.0, 3.0, 4.0].map(f32::ln);
+        let drawn = Choice::Softmax.probabilities(&logits);
+        let expected = [0.1, 0.2, 0.3, 0.4];
+        assert!(drawn.iter().zip(expected).all(|(p, e)| (p - e).abs() < 1e-6), "{drawn:?}");
     }
 
     #[test]

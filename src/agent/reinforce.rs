@@ -11,7 +11,7 @@ use crate::agent::actor::{Actor, StepObserver};
 use crate::agent::learner::{Actions, Diverged, Learner, LearnerError, Span, TrainedEpisode};
 use crate::agent::memory::{self, OutOfMemory, reserve};
 use crate::agent::network::{Activation, Engine, LAYER_WIDTHS, LEARNING_RATE};
-use crate::agent::policy::{ActionNetwork, SoftmaxPolicy, sample, sampling_probabilities};
+use crate::agent::policy::{ActionNetwork, Choice, NetworkActor, sample, sampling_probabilities};
 use crate::agent::unavailable::Unavailable;
 use crate::agent::weights::Weights;
 use crate::env::{
@@ -19,8 +19,7 @@ use crate::env::{
     PhysicalActivity, VectorEnvironment,
 };
 use crate::kernel::Isa;
-use crate::key::keys;
-use crate::key::{Keyed, Kind};
+use crate::key::{Keyed, Kind, keys};
 use crate::rng::{Purpose, Stream};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
@@ -318,7 +317,7 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> Learner<Env> for ReinforceLearn
 
     fn policy(&self, actions: Actions) -> Box<dyn Actor<Env>> {
         let observations = self.environment.observation_spec().observations();
-        Box::new(SoftmaxPolicy::new(self.engine.network(), actions, observations))
+        Box::new(NetworkActor::new(self.engine.network(), Choice::Softmax, actions, observations))
     }
 
     fn weights(&self) -> Weights {

@@ -8,8 +8,7 @@ use crate::env::{
     Action, ActionProbabilities, Belief, Environment, EpisodeStatus, FirstContext,
     PhysicalActivity, Scenario, VectorEnvironment,
 };
-use crate::key::{KeyType, Keyed, Kind};
-use crate::key::{choices, keys};
+use crate::key::{KeyType, Keyed, Kind, choices, keys};
 use crate::optimum::{NoOptimum, OptimalPolicy};
 use crate::rng::Stream;
 use crate::state::{Resumable, StateError, StateReader, StateWriter};

@@ -1,7 +1,6 @@
 //! The environment's parameters, as one job holds them: single values, every key present.
 
-use crate::key::{Keyed, Kind, Value};
-use crate::key::{choices, keys};
+use crate::key::{Keyed, Kind, Value, choices, keys};
 
 keys! {
     /// Parameters of the physical-activity simulation.

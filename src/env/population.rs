@@ -6,8 +6,7 @@
 //! participant's words.
 
 use crate::env::parameters::Environment;
-use crate::key::{Column, Distribution, Keyed, Kind, Rows};
-use crate::key::{choices, keys};
+use crate::key::{Column, Distribution, Keyed, Kind, Rows, choices, keys};
 use crate::rng::{Stream, open_unit_from_bits};
 
 choices! {

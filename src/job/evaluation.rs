@@ -2,8 +2,7 @@
 
 use super::first_episodes::first_return;
 use crate::agent::Actions;
-use crate::key::{Keyed, Kind};
-use crate::key::{choices, keys};
+use crate::key::{Keyed, Kind, choices, keys};
 
 keys! {
     /// How a trained agent is tested and its training recorded.

@@ -8,8 +8,7 @@ use super::parameter::{meant, named};
 use super::source::Located;
 use super::sweep::{Node, Reader};
 use super::written::quoted;
-use crate::key::choices;
-use crate::key::{Kind, Parameter, Value};
+use crate::key::{Kind, Parameter, Value, choices};
 
 /// The layout of the figures of an analysis; `None` stands for the default.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

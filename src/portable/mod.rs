@@ -52,7 +52,7 @@ pub enum PortableError {
     /// The network does not consist of the layers that the files can hold.
     #[error(
         "the network of job {key} cannot be exported: agents of the algorithm `{algorithm}` do not \
-         state its layers"
+         state layers with the names of their weights"
     )]
     NoLayers {
         /// The job.
@@ -97,6 +97,7 @@ pub fn network_of(stored: &StoredWeights) -> Result<(Weights, NetworkPolicy), Po
 /// the weights do not fit.
 pub fn portable(stored: &StoredWeights) -> Result<PortablePolicy, PortableError> {
     let (weights, NetworkPolicy { choice, architecture, .. }) = network_of(stored)?;
+    let architecture = architecture.filter(|architecture| architecture.fits(&weights));
     let architecture = architecture.ok_or_else(|| PortableError::NoLayers {
         key: stored.job_key.to_string(),
         algorithm: stored.job.algorithm(),

@@ -5,7 +5,7 @@ use std::{io, mem};
 
 use crate::agent::actor::StepObserver;
 use crate::agent::dueling_dqn::DuelingDqn;
-use crate::agent::learner::{Actions, Diverged, LearnerError, TrainedEpisode};
+use crate::agent::learner::{Diverged, LearnerError, TrainedEpisode};
 use crate::agent::policy::{epsilon_greedy_probabilities, explore};
 use crate::agent::replay::Transition;
 use crate::agent::unavailable::certain;
@@ -19,7 +19,7 @@ use crate::state::{Resumable, StateError, StateReader, StateWriter};
 /// The running episode of a dueling DQN, and its progress in training.
 pub(super) struct Play<Env> {
     pub(super) parameters: DuelingDqn,
-    epsilon: f64,
+    pub(super) epsilon: f64,
     updates: u64,
     /// The running episode, if there is one: its environment, and its record so far.
     pub(super) environment: Env,
@@ -137,14 +137,6 @@ impl<Env: VectorEnvironment> Play<Env> {
         self.episode.terminated = self.environment.statuses()[0] == EpisodeStatus::Terminated;
         self.episode.epsilon = Some(self.epsilon);
         self.episode
-    }
-
-    /// The exploration rate in tests of the policy.
-    pub(super) fn tested_epsilon(&self, actions: Actions) -> f64 {
-        match actions {
-            Actions::AsTrained => self.epsilon,
-            Actions::Greedy => 0.0,
-        }
     }
 }
 

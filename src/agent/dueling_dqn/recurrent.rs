@@ -17,7 +17,7 @@ use crate::agent::dueling_dqn::play::Play;
 use crate::agent::dueling_dqn::{DuelingDqn, target, value_after};
 use crate::agent::learner::{Actions, Learner, LearnerError, Span, TrainedEpisode};
 use crate::agent::memory::OutOfMemory;
-use crate::agent::policy::{ActionNetwork, EpsilonGreedy, best};
+use crate::agent::policy::{ActionNetwork, Choice, NetworkActor, best};
 use crate::agent::weights::Weights;
 use crate::env::{Action, Observations, PhysicalActivity, VectorEnvironment};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
@@ -159,15 +159,14 @@ impl<E: RecurrentDqnEngine, Env: VectorEnvironment> Learner<Env> for RecurrentDq
     }
 
     fn policy(&self, actions: Actions) -> Box<dyn Actor<Env>> {
-        let epsilon = self.play.tested_epsilon(actions);
+        let choice = Choice::EpsilonGreedy { epsilon: self.play.epsilon };
         let observations = self.play.environment.observation_spec().observations();
-        Box::new(EpsilonGreedy::new(self.engine.network(), epsilon, observations))
+        Box::new(NetworkActor::new(self.engine.network(), choice, actions, observations))
     }
 
     fn weights(&self) -> Weights {
         let mut weights = self.engine.weights();
-        let epsilon = self.play.tested_epsilon(Actions::AsTrained);
-        weights.numbers.insert("epsilon".to_owned(), epsilon);
+        weights.numbers.insert("epsilon".to_owned(), self.play.epsilon);
         weights
     }
 }

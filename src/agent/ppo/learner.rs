@@ -3,7 +3,7 @@
 use crate::agent::actor::{Actor, StepObserver};
 use crate::agent::learner::{Actions, Diverged, Learner, LearnerError, Span, TrainedEpisode};
 use crate::agent::memory::{OutOfMemory, reserve};
-use crate::agent::policy::{SoftmaxPolicy, sample, sampling_probabilities};
+use crate::agent::policy::{Choice, NetworkActor, sample, sampling_probabilities};
 use crate::agent::ppo::minibatch::Minibatch;
 use crate::agent::ppo::rollout::Rollout;
 use crate::agent::ppo::{AtHorizon, Losses, Ppo, PpoEngine};
@@ -376,7 +376,7 @@ impl<E: PpoEngine, Env: VectorEnvironment> Learner<Env> for PpoLearner<E, Env> {
 
     fn policy(&self, actions: Actions) -> Box<dyn Actor<Env>> {
         let observations = self.environment.observation_spec().observations();
-        Box::new(SoftmaxPolicy::new(self.engine.network(), actions, observations))
+        Box::new(NetworkActor::new(self.engine.network(), Choice::Softmax, actions, observations))
     }
 
     fn weights(&self) -> Weights {

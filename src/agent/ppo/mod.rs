@@ -22,8 +22,7 @@ use crate::agent::unavailable::Unavailable;
 use crate::agent::weights::Weights;
 use crate::env::Observations;
 use crate::kernel::Isa;
-use crate::key::{Keyed, Kind};
-use crate::key::{choices, keys};
+use crate::key::{Keyed, Kind, choices, keys};
 use crate::state::Resumable;
 
 pub use learner::PpoLearner;

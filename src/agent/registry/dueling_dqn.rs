@@ -1,6 +1,6 @@
 //! The registration of the dueling DQN.
 
-use crate::agent::architecture::{Choice, NetworkPolicy};
+use crate::agent::architecture::NetworkPolicy;
 use crate::agent::burn::device::inference;
 use crate::agent::burn::{
     BurnDuelingDqn, BurnRecurrentDqn, DuelingQNetwork, RecurrentDuelingQNetwork,
@@ -14,7 +14,7 @@ use crate::agent::fused::{
 };
 use crate::agent::learner::Learner;
 use crate::agent::network::{Engine, Recurrent};
-use crate::agent::policy::ActionNetwork;
+use crate::agent::policy::{ActionNetwork, Choice};
 use crate::agent::unavailable::Unavailable;
 use crate::agent::weights::{Weights, WeightsError};
 use crate::agent::{layers, orthogonal};
@@ -207,40 +207,30 @@ pub fn learner_in<Env: VectorEnvironment + 'static>(
 ) -> Result<Box<dyn Learner<Env>>, StartError> {
     unless_fit(&environment, LANES)?;
     let inputs = environment.observation_spec().inputs();
-    if parameters.recurrent == Recurrent::Gru {
-        return recurrent_learner(parameters, environment, seed);
-    }
-    let stacks = layers::dueling(parameters, inputs);
-    let weights = layers::initial(&stacks, COPIES + parameters.engine.further_copies(), seed)?;
-    Ok(match parameters.engine {
-        Engine::Fused => {
-            let engine = FusedDuelingDqn::new(parameters, inputs, &weights, Isa::chosen());
+    let copies = COPIES + parameters.engine.further_copies();
+    let weights = match parameters.recurrent {
+        Recurrent::None => layers::initial(&layers::dueling(parameters, inputs), copies, seed)?,
+        Recurrent::Gru => {
+            orthogonal::initial(&layers::dueling_layers(parameters, inputs), copies, seed)?
+        }
+    };
+    let isa = Isa::chosen();
+    Ok(match (parameters.engine, parameters.recurrent) {
+        (Engine::Fused, Recurrent::None) => {
+            let engine = FusedDuelingDqn::new(parameters, inputs, &weights, isa);
             let engine = engine.expect(layers::DRAWN);
             Box::new(DuelingDqnLearner::new(engine, parameters, environment, seed))
         }
-        Engine::Burn => {
-            let engine = BurnDuelingDqn::new(parameters, inputs, &weights).expect(layers::DRAWN);
-            Box::new(DuelingDqnLearner::new(engine, parameters, environment, seed))
-        }
-    })
-}
-
-/// [`learner_in`] with a GRU.
-fn recurrent_learner<Env: VectorEnvironment + 'static>(
-    parameters: &DuelingDqn,
-    environment: Env,
-    seed: u64,
-) -> Result<Box<dyn Learner<Env>>, StartError> {
-    let inputs = environment.observation_spec().inputs();
-    let layers = layers::dueling_layers(parameters, inputs);
-    let weights = orthogonal::initial(&layers, COPIES + parameters.engine.further_copies(), seed)?;
-    Ok(match parameters.engine {
-        Engine::Fused => {
-            let engine = FusedRecurrentDqn::new(parameters, inputs, &weights, Isa::chosen());
+        (Engine::Fused, Recurrent::Gru) => {
+            let engine = FusedRecurrentDqn::new(parameters, inputs, &weights, isa);
             let engine = engine.expect(layers::DRAWN);
             Box::new(RecurrentDqnLearner::new(engine, parameters, environment, seed))
         }
-        Engine::Burn => {
+        (Engine::Burn, Recurrent::None) => {
+            let engine = BurnDuelingDqn::new(parameters, inputs, &weights).expect(layers::DRAWN);
+            Box::new(DuelingDqnLearner::new(engine, parameters, environment, seed))
+        }
+        (Engine::Burn, Recurrent::Gru) => {
             let engine = BurnRecurrentDqn::new(parameters, inputs, &weights).expect(layers::DRAWN);
             Box::new(RecurrentDqnLearner::new(engine, parameters, environment, seed))
         }

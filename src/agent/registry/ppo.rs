@@ -1,13 +1,13 @@
 //! The registration of PPO.
 
-use crate::agent::architecture::{Choice, NetworkPolicy};
+use crate::agent::architecture::NetworkPolicy;
 use crate::agent::burn::device::{inference, training};
 use crate::agent::burn::{ActorCritic, BurnPpo, RecurrentActorCritic};
 use crate::agent::constraint::{GRU_HAS_ITS_LAYERS, RECURRENT, has_gru};
 use crate::agent::fused::{FusedActorCritic, FusedPpo, FusedRecurrentActorCritic};
 use crate::agent::learner::Learner;
 use crate::agent::network::{Engine, Recurrent};
-use crate::agent::policy::ActionNetwork;
+use crate::agent::policy::{ActionNetwork, Choice};
 use crate::agent::ppo::{Ppo, PpoEngine, PpoLearner};
 use crate::agent::weights::{Weights, WeightsError};
 use crate::agent::{layers, orthogonal};

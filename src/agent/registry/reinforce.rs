@@ -1,6 +1,6 @@
 //! The registration of REINFORCE.
 
-use crate::agent::architecture::{Choice, NetworkPolicy};
+use crate::agent::architecture::NetworkPolicy;
 use crate::agent::burn::device::inference;
 use crate::agent::burn::{BurnReinforce, PolicyNetwork};
 use crate::agent::constraint::EPISODES;
@@ -8,7 +8,7 @@ use crate::agent::fused::{FusedPolicyNetwork, FusedReinforce};
 use crate::agent::layers;
 use crate::agent::learner::Learner;
 use crate::agent::network::Engine;
-use crate::agent::policy::ActionNetwork;
+use crate::agent::policy::{ActionNetwork, Choice};
 use crate::agent::reinforce::{Reinforce, ReinforceLearner};
 use crate::agent::weights::{Weights, WeightsError};
 use crate::env::VectorEnvironment;
