@@ -113,9 +113,19 @@ impl<'m> Grid<'m> {
         judge: impl Fn(&Assignment<'m>) -> Option<T>,
     ) -> Option<(Assignment<'m>, T)> {
         let varying = parameters.iter().filter(|name| varies(**name));
-        let axes: Vec<_> = varying.map(|name| axis_of(&self.axes, *name)).collect();
-        self.projected(&self.concerned(&axes)).find_map(|cell| {
-            let valued = |name: &Parameter| Some((*name, self.value(&cell, *name)?));
+        let axes: HashSet<usize> = varying.filter_map(|name| axis_of(&self.axes, *name)).collect();
+        let concerned = self.concerned(&axes.iter().copied().map(Some).collect::<Vec<_>>());
+        // Cells that differ only on the axes of exclusions have the same values.
+        let differ = concerned.iter().filter(|concerned| **concerned).count() == axes.len();
+        let mut judged: HashSet<Vec<usize>> = HashSet::new();
+        let places = |cell: &Cell| axes.iter().map(|axis| cell.0[*axis]).collect();
+        let cells = self.projected(&concerned);
+        let mut cells = cells.filter(|cell| differ || judged.insert(places(cell)));
+        cells.find_map(|cell| {
+            let valued = |name: &Parameter| {
+                let values = self.manifest.values(self.agent, *name)?;
+                Some((*name, Cow::Borrowed(values.get(self.place(&cell, *name))?)))
+            };
             let assignment = Assignment(parameters.iter().filter_map(valued).collect());
             judge(&assignment).map(|found| (assignment, found))
         })
@@ -197,15 +207,6 @@ impl<'m> Grid<'m> {
     /// The cell's scenario.
     pub fn scenario(&self, cell: &Cell) -> Scenario {
         scenario_of(&self.manifest.scenarios[self.place(cell, Parameter::SCENARIO)])
-    }
-
-    /// The cell's value of a parameter; `None` for a seed or a key that the agent does not have.
-    fn value(&self, cell: &Cell, parameter: Parameter) -> Option<Cow<'m, Value>> {
-        if parameter == Parameter::SCENARIO {
-            return Some(Cow::Owned(Value::Text(self.scenario(cell).to_string())));
-        }
-        let values = self.manifest.values(self.agent, parameter)?;
-        values.get(self.place(cell, parameter)).map(Cow::Borrowed)
     }
 
     /// The cell's seed.
