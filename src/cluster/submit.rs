@@ -16,8 +16,7 @@ use super::folder::{
 use super::pack::{Load, Packed, pack};
 use super::profile::Profile;
 use super::survey::{ChunkState, ChunkSurvey, Deaths, Loss};
-use crate::job::JobKey;
-use crate::job::{Failure, FailureKind, Outcome};
+use crate::job::{Failure, FailureKind, JobKey, Outcome};
 use crate::manifest::Manifest;
 use crate::schedule::{self, Selection, Speeds, Surveyed};
 use crate::store::{Claimed, Isolation, JobState, Reader, RetryFailed, RunEnd, Store, StoreError};

@@ -11,7 +11,7 @@ use super::survey::Remaining;
 use super::sweep::{Context, Options, SweepError, Tally};
 use crate::job::JobKey;
 use crate::manifest::Manifest;
-use crate::plan::{self};
+use crate::plan;
 use crate::store::{Experiment, Registered, Store, StoreError};
 use crate::train;
 

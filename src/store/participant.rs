@@ -6,8 +6,7 @@ use std::sync::Arc;
 use rusqlite::types::Value;
 use rusqlite::{Connection, Error};
 
-use crate::job::ParticipantRange;
-use crate::job::{ParticipantValue, Phase, TestEpisode};
+use crate::job::{ParticipantRange, ParticipantValue, Phase, TestEpisode};
 use crate::record::{AmongParticipants, JobRecord, JobStatus};
 
 use super::insert::{RUN, insert_renumbered, insert_rows};
