@@ -249,7 +249,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_mark_tells_an_abort_a_kill_for_memory_another_kill_and_a_stop_apart() {
+    fn a_mark_is_of_an_abort_a_kill_for_memory_another_kill_or_a_stop() {
         let of = |mark: &str, kills| Death::of(mark.as_bytes(), kills);
         // Files of earlier releases are empty or hold one byte.
         for (mark, kills, expected) in [

@@ -129,7 +129,7 @@ fn trajectories_of_any_bytes_are_replayed_or_refused() {
 }
 
 #[test]
-fn checkpoints_of_any_bytes_are_gone_on_with_or_refused() {
+fn checkpoints_of_any_bytes_are_resumed_or_refused() {
     hold("checkpoint");
 }
 

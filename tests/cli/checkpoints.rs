@@ -72,7 +72,7 @@ fn contents(folder: &Folder) -> Vec<(PathBuf, Vec<u8>)> {
 }
 
 #[test]
-fn a_stopped_job_goes_on_from_where_it_was_to_the_same_rows() {
+fn a_stopped_job_resumes_where_it_was_to_the_same_rows() {
     for signal in ["TERM", "INT", "HUP"] {
         let folder = Folder::with(&text());
         let run = well_under_way(&folder);
@@ -98,7 +98,7 @@ fn a_stopped_job_goes_on_from_where_it_was_to_the_same_rows() {
 }
 
 #[test]
-fn a_killed_job_goes_on_from_its_last_checkpoint_to_the_same_rows() {
+fn a_killed_job_resumes_from_its_last_checkpoint_to_the_same_rows() {
     let mut chance = ChaCha8Rng::seed_from_u64(5);
     let folder = Folder::with(&text());
     let mut resumed = 0;
@@ -115,7 +115,7 @@ fn a_killed_job_goes_on_from_its_last_checkpoint_to_the_same_rows() {
 }
 
 #[test]
-fn a_damaged_checkpoint_is_told_of_and_its_job_starts_over() {
+fn a_damaged_checkpoint_is_reported_and_its_job_starts_over() {
     for format in ["text", "json"] {
         let folder = Folder::with(&text());
         let run = well_under_way(&folder);
@@ -151,7 +151,7 @@ fn a_damaged_checkpoint_is_told_of_and_its_job_starts_over() {
 }
 
 #[test]
-fn checkpoints_that_cannot_be_written_are_told_of_once_and_jobs_go_on() {
+fn checkpoints_that_cannot_be_written_are_reported_once_and_jobs_continue() {
     let folder = Folder::with(&text());
     folder.write("jitai.sqlite.checkpoints", "a file where the folder would be");
     let often = ["run", "sweep.toml", "--quiet", "--checkpoint-every", "0.05"];

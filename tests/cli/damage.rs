@@ -211,7 +211,7 @@ fn a_changed_value_of_a_parameter_that_jobs_leave_out_is_reported() {
 }
 
 #[test]
-fn what_a_failed_run_tells_is_held_to_what_was_stored() {
+fn the_failure_of_a_run_is_held_to_what_was_stored() {
     let folder = healthy();
     let bytes = store(&folder);
     let told = b"the loss of update";
@@ -230,7 +230,7 @@ fn what_a_failed_run_tells_is_held_to_what_was_stored() {
 }
 
 #[test]
-fn a_changed_byte_anywhere_is_harmless_or_told_and_the_intact_runs_are_saved() {
+fn a_changed_byte_anywhere_is_harmless_or_reported_and_the_intact_runs_are_saved() {
     let origin = healthy();
     let (bytes, rows) = (store(&origin), origin.dump());
     let expected = ask(&with_store(&origin, &bytes), "the healthy store");
@@ -277,7 +277,7 @@ fn a_changed_byte_anywhere_is_harmless_or_told_and_the_intact_runs_are_saved() {
 }
 
 #[test]
-fn a_store_cut_short_is_told_and_what_is_left_is_saved() {
+fn a_store_cut_short_is_reported_and_what_is_left_is_saved() {
     let origin = healthy();
     let (bytes, rows) = (store(&origin), origin.dump());
     let expected = ask(&with_store(&origin, &bytes), "the healthy store");
@@ -327,7 +327,7 @@ fn runs_of_rules_which_have_no_weights_are_intact_and_saved() {
 }
 
 #[test]
-fn a_run_goes_on_with_the_salvaged_store_to_the_same_rows() {
+fn a_run_resumes_with_the_salvaged_store_to_the_same_rows() {
     let origin = healthy();
     let (mut bytes, rows) = (store(&origin), origin.dump());
     let weights: i64 = origin.number(

@@ -71,7 +71,7 @@ fn a_disk_that_fills_in_the_middle_of_a_sweep_costs_nothing_but_the_time_to_make
 }
 
 #[test]
-fn a_limit_on_the_size_of_files_is_told_and_costs_nothing() {
+fn a_limit_on_the_size_of_files_is_reported_and_costs_nothing() {
     let text = manifest("sweep", "[0.4, 0.6]", "20", Effort::Trivial);
     let folder = Folder::with(&text);
     for blocks in [8, 50, 400] {

@@ -188,7 +188,7 @@ evaluation.test_actions = [\"as_trained\", \"greedy\"]";
 }
 
 #[test]
-fn the_query_of_the_readings_tells_the_error_of_three_seeds() {
+fn the_query_of_the_readings_has_the_error_of_three_seeds() {
     let folder = tempfile::tempdir().unwrap();
     let axes = "scenarios = [\"P-T\"]\nenvironment.sigma = 0.6\nevaluation.test_episodes = 2";
     let reader = store_of_readings(folder.path(), "reinforce", "random", axes);

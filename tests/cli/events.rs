@@ -48,7 +48,7 @@ fn one_worker() -> Options {
 }
 
 #[test]
-fn a_run_that_was_taken_over_is_told_and_its_job_runs_again() {
+fn a_run_that_was_taken_over_is_reported_and_its_job_runs_again() {
     let folder = Folder::new();
     let (mut store, session, queue) = queued(&folder, &text("1"));
     let taken = AtomicBool::new(false);
@@ -71,7 +71,7 @@ fn a_run_that_was_taken_over_is_told_and_its_job_runs_again() {
 }
 
 #[test]
-fn a_job_that_ended_elsewhere_is_told_with_how_it_ended() {
+fn a_job_that_ended_elsewhere_is_reported_with_its_outcome() {
     let folder = Folder::new();
     let (mut store, session, queue) = queued(&folder, &text("3"));
     let others = queue[1..].to_vec();
@@ -127,7 +127,7 @@ fn a_stop_is_heard_among_thousands_of_jobs_that_others_have_done() {
 }
 
 #[test]
-fn programs_are_told_of_jobs_that_another_process_did() {
+fn jobs_that_another_process_did_are_events() {
     let folder = Folder::with(&text("4"));
     let arguments = ["run", "sweep.toml", "--workers", "1", "--format", "json"];
     let sweeps = [folder.start(arguments), folder.start(arguments)];

@@ -46,7 +46,7 @@ fn there_is_nothing_to_read_before_a_run() {
 }
 
 #[test]
-fn an_empty_file_is_told_to_be_one_and_a_run_makes_a_store_of_it() {
+fn an_empty_file_is_named_as_one_and_a_run_makes_a_store_of_it() {
     let folder = folder();
     folder.write("jitai.sqlite", "");
     for reader in &STORE_READERS[..3] {
@@ -120,7 +120,7 @@ fn files_to_where_no_folder_can_be_are_refused() {
 }
 
 #[test]
-fn a_run_tells_programs_everything_in_lines_of_json() {
+fn a_run_prints_every_event_as_a_line_of_json() {
     let folder = folder();
     let run = folder.jitai(["run", "sweep.toml", "--format", "json"]).succeeded();
     let events: Vec<serde_json::Value> =
@@ -192,7 +192,7 @@ fn with_memory(folder: &Folder, stack: u64, all: u64, arguments: &str) -> std::p
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_sweep_goes_on_with_as_many_workers_as_there_can_be() {
+fn a_sweep_continues_with_as_many_workers_as_there_can_be() {
     let folder = Folder::with(&manifest("sweep", "0.6", "20", Effort::Trivial));
     let output = with_memory(&folder, 512, 3500, "run sweep.toml --workers 40");
     let said = String::from_utf8(output.stderr).unwrap();

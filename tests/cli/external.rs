@@ -295,7 +295,7 @@ fn every_fault_of_a_program_is_a_failure_with_its_reason() {
 }
 
 #[test]
-fn a_program_that_cannot_be_started_is_named_and_the_other_jobs_go_on() {
+fn a_program_that_cannot_be_started_is_named_and_the_other_jobs_complete() {
     let folder = with_program("");
     let words = |words: &str| {
         let text = manifest("", "").replace("[\"sh\", \"program.sh\"]", words);

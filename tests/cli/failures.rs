@@ -139,7 +139,7 @@ fn failed_jobs_stay_failed_until_a_retry_is_asked_for() {
 }
 
 #[test]
-fn fail_fast_stops_at_the_first_failure_and_a_later_run_goes_on() {
+fn fail_fast_stops_at_the_first_failure_and_a_later_run_resumes() {
     let folder = Folder::with(&partly_diverging());
     let arguments = ["run", "sweep.toml", "--fail-fast", "--workers", "1"];
     folder.jitai(arguments).ended(1).says(
@@ -151,7 +151,7 @@ fn fail_fast_stops_at_the_first_failure_and_a_later_run_goes_on() {
 }
 
 #[test]
-fn a_program_is_told_that_fail_fast_halted_the_sweep() {
+fn a_halt_by_fail_fast_is_an_event() {
     let folder = Folder::with(&partly_diverging());
     let arguments = ["run", "sweep.toml", "--fail-fast", "--workers", "1", "--format", "json"];
     let ended = folder.jitai(arguments).ended(1);
@@ -174,7 +174,7 @@ fn a_run_lists_the_failures_of_its_own_manifests() {
 }
 
 #[test]
-fn events_tell_programs_of_failures() {
+fn failures_are_events() {
     let folder = Folder::with(&partly_diverging());
     let ended = folder.jitai(["run", "sweep.toml", "--format", "json"]).ended(1);
     let events: Vec<serde_json::Value> =

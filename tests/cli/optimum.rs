@@ -10,7 +10,7 @@ fn rows(folder: &Folder, arguments: &[&str]) -> Vec<Value> {
 }
 
 #[test]
-fn optima_are_told_for_scenarios_and_sigmas_with_their_error() {
+fn optima_are_printed_for_scenarios_and_sigmas_with_their_error() {
     let folder = Folder::new();
     let sampled = ["--set", "first_context=sampled", "--sigma", "0.6,2"];
     let rows = rows(&folder, &[&["--scenario", "P-H-D,L-H-D"][..], &sampled].concat());
@@ -70,7 +70,7 @@ agent.rule = \"optimal\"
 ";
 
 #[test]
-fn a_manifests_optima_are_told_and_where_there_is_none() {
+fn a_manifests_optima_are_printed_and_where_there_is_none() {
     let folder = Folder::with(RULES);
     let told = folder.jitai(["optimum", "sweep.toml", "--format", "json"]).succeeded();
     let told = told.says("no optimum is computed for P-T");

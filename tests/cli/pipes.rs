@@ -54,7 +54,7 @@ fn a_reader_that_has_read_enough_is_no_error() {
 }
 
 #[test]
-fn a_sweep_whose_output_nobody_reads_goes_on_and_ends_as_it_would() {
+fn a_sweep_whose_output_nobody_reads_ends_as_it_would() {
     for format in ["text", "json"] {
         let folder = Folder::with(&manifest("sweep", "0.6", "2", Effort::Short));
         assert_eq!(head(&folder, 0, &["run", "sweep.toml", "--format", format]), Some(0));
@@ -64,7 +64,7 @@ fn a_sweep_whose_output_nobody_reads_goes_on_and_ends_as_it_would() {
 }
 
 #[test]
-fn a_sweep_whose_output_nobody_reads_still_tells_of_failures() {
+fn a_sweep_whose_output_nobody_reads_still_reports_failures() {
     for format in ["text", "json"] {
         let folder = Folder::with(&partly_diverging());
         assert_eq!(head(&folder, 0, &["run", "sweep.toml", "--format", format]), Some(1));

@@ -154,7 +154,7 @@ fn plan_lists_jobs_as_the_run_makes_them() {
 }
 
 #[test]
-fn jobs_are_told_apart_by_what_the_manifest_sweeps() {
+fn jobs_are_named_by_what_the_manifest_sweeps() {
     let rates = manifest("sweep", "0.6", "2", Effort::Trivial)
         .replace("layers = [32, 32]", "layers = [32, 32]\nlearning_rate = [1e-3, 5e-4]");
     let folder = Folder::with(&rates);
@@ -272,7 +272,7 @@ fn plan_knows_what_is_done_of_many_jobs() {
 }
 
 #[test]
-fn one_thing_is_told_of_in_the_singular() {
+fn one_thing_is_named_in_the_singular() {
     let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
     let one = ["--filter", "agent=dqn", "--workers", "1"];
     let verb = |verb| folder.jitai([verb, "sweep.toml"].into_iter().chain(one)).succeeded();

@@ -391,7 +391,7 @@ fn a_report_needs_a_store_and_readable_published_numbers() {
 }
 
 #[test]
-fn a_caption_tells_of_no_trend_where_there_is_none() {
+fn a_caption_names_no_trend_where_there_is_none() {
     let manifest = "format = 1\nname = \"rules\"\nscenarios = [\"P-H-D\", \"L-H-D\"]\nseeds = 2\n\
                     environment.sigma = [0.4, 0.8]\nevaluation.test_episodes = 20\n\
                     [[agent]]\nname = \"never\"\nalgorithm = \"rule\"\nrule = \"never\"\n\
@@ -502,7 +502,7 @@ between = ["sampled", "fixed"]
 "#;
 
 #[test]
-fn a_contrast_by_a_zipped_key_has_a_row_named_by_what_tells_it_apart() {
+fn a_contrast_by_a_zipped_key_has_a_row_named_by_what_differs() {
     let folder = Folder::with(ZIPPED);
     folder.jitai(["run", "sweep.toml"]).succeeded();
     folder.jitai(["report", "sweep.toml", "--out", "r"]).succeeded();

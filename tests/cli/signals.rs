@@ -197,7 +197,7 @@ layers = [2048, 2048]
 }
 
 #[test]
-fn the_next_run_goes_on_to_the_same_rows() {
+fn the_next_run_resumes_to_the_same_rows() {
     let text = manifest("sweep", "0.6", "3", Effort::Short);
     let stopped = Folder::with(&text);
     let run = stopped.start(["run", "sweep.toml", "--workers", "1"]);
@@ -224,7 +224,7 @@ fn the_next_run_goes_on_to_the_same_rows() {
 }
 
 #[test]
-fn a_program_that_reads_events_is_told_of_the_stop() {
+fn a_stop_is_an_event() {
     let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Endless));
     let run = folder.start(["run", "sweep.toml", "--format", "json"]);
     until("a job runs", || folder.is_running_a_job());

@@ -71,7 +71,7 @@ fn matching_rules_follow_the_likely_context() {
 }
 
 #[test]
-fn every_step_tells_the_probability_of_its_action() {
+fn every_step_has_the_probability_of_its_action() {
     let folder = Folder::new();
     let probabilities = |arguments: &[&str]| -> Vec<f64> {
         let steps = steps(&folder, arguments);
@@ -484,7 +484,7 @@ fn replayed_and_rolled_episodes_have_the_same_columns_and_count_from_one() {
 }
 
 #[test]
-fn differences_from_the_recording_are_told_with_their_places() {
+fn differences_from_the_recording_are_listed_with_their_places() {
     let folder = Folder::new();
     let text = include_str!("../data/golden_trajectories.json");
     let recorded: Value = serde_json::from_str(text).unwrap();

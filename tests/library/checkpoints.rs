@@ -331,7 +331,7 @@ fn every_checkpoint(job: &Job) -> (Vec<Vec<u8>>, Results) {
 }
 
 #[test]
-fn small_jobs_go_on_from_every_checkpoint_to_the_same_bits() {
+fn small_jobs_resume_from_every_checkpoint_to_the_same_bits() {
     for (name, job) in small_jobs() {
         let undisturbed = completed(train::run(&job, &Uncontrolled));
         let (kept, interrupted) = every_checkpoint(&job);
@@ -367,7 +367,7 @@ fn a_job_that_is_stopped_at_every_step_ends_in_the_same_bits() {
 }
 
 #[test]
-fn larger_jobs_go_on_from_checkpoints_anywhere_to_the_same_bits() {
+fn larger_jobs_resume_from_checkpoints_anywhere_to_the_same_bits() {
     let mut chance = ChaCha8Rng::seed_from_u64(1);
     let dqn = DuelingDqn { episodes: 40, buffer: 700, ..DuelingDqn::default() };
     let policy = Reinforce { episodes: 600, trajectories_per_update: 20, ..Reinforce::default() };
@@ -507,7 +507,7 @@ fn a_checkpoint_says_how_far_it_is_and_what_it_took() {
 }
 
 #[test]
-fn a_training_whose_checkpoints_cannot_be_kept_goes_on() {
+fn a_training_whose_checkpoints_cannot_be_kept_continues() {
     struct Full;
     impl Write for Full {
         fn write(&mut self, _: &[u8]) -> std::io::Result<usize> {

@@ -36,7 +36,7 @@ fn bad_manifests() -> Vec<PathBuf> {
 }
 
 #[test]
-fn every_faulty_manifest_is_told_exactly_what_is_wrong() {
+fn every_faulty_manifest_gets_its_exact_messages() {
     let mut failures = String::new();
     for stem in bad_manifests() {
         let path = stem.with_extension("toml");

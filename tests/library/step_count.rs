@@ -275,7 +275,7 @@ fn a_message_can_be_sent_with_its_probability_from_the_first_step_on() {
 /// In the official code, the noise of habituation predicts later contexts, with an agreement of up to
 /// 1. Here, the noise agrees with a context in half of the episodes, as independent values do.
 #[test]
-fn noise_tells_nothing_of_any_context() {
+fn noise_is_independent_of_every_context() {
     const STEPS: usize = 14;
     const EPISODES: usize = 20;
     let environment = Environment {

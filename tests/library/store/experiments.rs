@@ -178,7 +178,7 @@ fn an_experiment_without_jobs_is_counted_as_such() {
 }
 
 #[test]
-fn failures_are_told_with_their_reason_until_the_job_completes() {
+fn failures_are_reported_with_their_reason_until_the_job_completes() {
     let jobs = [dqn(0.4, 1), dqn(0.4, 2)];
     let mut sample = Sample::with(&jobs);
     sample.run(&jobs[0], &failed());

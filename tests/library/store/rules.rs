@@ -160,7 +160,7 @@ fn a_job_has_one_running_or_completed_run() {
 }
 
 #[test]
-fn attempts_at_a_job_are_told_apart() {
+fn attempts_at_a_job_have_different_numbers() {
     let job = dqn(0.4, 1);
     let mut sample = Sample::with(std::slice::from_ref(&job));
     sample.run(&job, &failed());

@@ -105,7 +105,7 @@ fn a_frozen_task_that_wakes_up_after_its_replacement_has_handed_in() {
 }
 
 #[test]
-fn a_job_that_brings_its_task_down_three_times_has_failed_and_the_others_go_on() {
+fn a_job_that_brings_its_task_down_three_times_has_failed_and_the_others_continue() {
     let short = manifest("killers", "0.6", "2", Effort::Short);
     let endless = short.replacen("seeds = 2", "seeds = [1, 2]", 1)
         + "[[agent]]\nname = \"killer\"\nalgorithm = \"reinforce\"\nepisodes = 9000000\n\
