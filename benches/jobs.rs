@@ -12,7 +12,7 @@ use jitai::agent::{
     linear_thompson_learner,
 };
 use jitai::env::{
-    Action, Environment, LaneSet, LaneStreams, PhysicalActivity, Population, Scenario,
+    Action, LaneSet, LaneStreams, PhysicalActivity, Population, Scenario, StepCount,
     VectorEnvironment,
 };
 use jitai::job::Evaluation;
@@ -30,7 +30,7 @@ fn main() {
 
 fn job(agent: Agent, time_one_hot: bool) -> Job {
     Job {
-        environment: Environment { time_one_hot, ..Environment::paper(0.6) },
+        environment: StepCount { time_one_hot, ..StepCount::paper(0.6) },
         population: Population::default(),
         scenario: "P-H-D".parse().unwrap(),
         agent,
@@ -97,7 +97,7 @@ fn linear_thompson(probabilities: &str) {
 #[divan::bench(sample_count = 20, sample_size = 1, args = ["integral", "draws"])]
 fn a_thousand_decisions(bencher: Bencher<'_, '_>, probabilities: &str) {
     let scenario: Scenario = "C-H-D".parse().unwrap();
-    let simulation = PhysicalActivity::new(&Environment::paper(0.6), &scenario, 1);
+    let simulation = PhysicalActivity::new(&StepCount::paper(0.6), &scenario, 1);
     let mut lanes = simulation.with_lanes(1000);
     let mut learner = linear_thompson_learner(&bandit(probabilities), simulation, 1).unwrap();
     learner.train(100).unwrap();

@@ -3,7 +3,7 @@
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use jitai::env::{
-    Action, Environment, EpisodeStatus, LaneSet, LaneStreams, PhysicalActivity, StateNoise,
+    Action, EpisodeStatus, LaneSet, LaneStreams, PhysicalActivity, StateNoise, StepCount,
     StepNoise, VectorEnvironment,
 };
 use jitai::kernel::{Adam, Aligned, Isa, Product, Shallow, ShallowGradient, Start, dot};
@@ -102,7 +102,7 @@ fn adam(bencher: Bencher<'_, '_>, parameters: usize) {
 #[divan::bench(args = [1, 50, 1000])]
 fn simulation_step(bencher: Bencher<'_, '_>, lanes: usize) {
     let mut streams = LaneStreams::Shared(Stream::new(1, Purpose::Environment));
-    let environment = Environment { horizon: u32::MAX, ..Environment::paper(0.6) };
+    let environment = StepCount { horizon: u32::MAX, ..StepCount::paper(0.6) };
     let mut simulation = PhysicalActivity::new(&environment, &"P-H-D".parse().unwrap(), lanes);
     simulation.reset(LaneSet::All, &mut streams);
     let (actions, mut rewards) = (vec![Action::UNTAILORED; lanes], vec![0.0; lanes]);
@@ -112,14 +112,14 @@ fn simulation_step(bencher: Bencher<'_, '_>, lanes: usize) {
 }
 
 /// Versions of the dynamics.
-fn version(name: &str) -> Environment {
-    let paper = Environment::paper(0.6);
+fn version(name: &str) -> StepCount {
+    let paper = StepCount::paper(0.6);
     match name {
-        "uniform" => Environment { state_noise: StateNoise::Uniform, state_spread: 0.2, ..paper },
+        "uniform" => StepCount { state_noise: StateNoise::Uniform, state_spread: 0.2, ..paper },
         "uniform, gamma" => {
-            Environment { step_noise: StepNoise::Gamma, sigma_s: 10.0, ..version("uniform") }
+            StepCount { step_noise: StepNoise::Gamma, sigma_s: 10.0, ..version("uniform") }
         }
-        "beta, gamma" => Environment {
+        "beta, gamma" => StepCount {
             state_noise: StateNoise::Beta,
             kappa_h: 10.0,
             kappa_d: 10.0,

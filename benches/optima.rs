@@ -7,7 +7,7 @@ use std::env;
 use std::num::NonZeroUsize;
 use std::time::Instant;
 
-use jitai::env::{Environment, Scenario};
+use jitai::env::{Scenario, StepCount};
 use jitai::optimum::optimum;
 use rand::seq::IndexedRandom;
 use rand::{RngExt, SeedableRng};
@@ -23,16 +23,16 @@ fn between(rng: &mut ChaCha8Rng, least: f64, most: f64) -> f64 {
     format!("{drawn:.1e}").parse().expect("a number")
 }
 
-fn draw(rng: &mut ChaCha8Rng) -> (Scenario, Environment) {
+fn draw(rng: &mut ChaCha8Rng) -> (Scenario, StepCount) {
     let scenarios = ["P-H-D", "P-H-D", "L-H-D", "L-H-D", "C-H-D", "H-D"];
     let scenario = scenarios.choose(rng).expect("some").parse().expect("a scenario");
-    let environment = Environment {
+    let environment = StepCount {
         delta_h: between(rng, 0.01, 0.5),
         epsilon_h: between(rng, 0.01, 0.3),
         delta_d: between(rng, 0.01, 0.5),
         epsilon_d: between(rng, 0.05, 0.7),
         disengagement_threshold: between(rng, 0.5, 1.0),
-        ..Environment::paper(between(rng, 0.3, 2.0))
+        ..StepCount::paper(between(rng, 0.3, 2.0))
     };
     (scenario, environment)
 }
@@ -52,7 +52,7 @@ fn main() {
         let (mut errors, mut seconds) = (vec![], vec![]);
         for _ in 0..count {
             let (scenario, e) = draw(&mut rng);
-            let e = Environment { horizon, ..e };
+            let e = StepCount { horizon, ..e };
             let begun = Instant::now();
             let found = optimum(&e, &scenario).expect("HORIZONS are short enough");
             seconds.push(begun.elapsed().as_secs_f64());

@@ -9,7 +9,7 @@ use std::sync::atomic::AtomicBool;
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use jitai::agent::{Agent, Reinforce};
-use jitai::env::{Environment, Population};
+use jitai::env::{Population, StepCount};
 use jitai::job::Job;
 use jitai::job::{Evaluation, RecordedDecisions};
 use jitai::job::{Outcome, Provenance};
@@ -77,7 +77,7 @@ impl Fresh {
 
 fn job(episodes: u32, evaluation: Evaluation) -> Job {
     Job {
-        environment: Environment::paper(0.6),
+        environment: StepCount::paper(0.6),
         population: Population::default(),
         scenario: "P-H-D".parse().unwrap(),
         agent: Agent::of(&Reinforce { episodes, ..Reinforce::default() }),

@@ -156,10 +156,10 @@ pub mod results {
 pub mod environment {
     pub use crate::env::contract::{Clause, Violation, check};
     pub use crate::env::{
-        Action, ActionProbabilities, ActionSpec, ContextDraw, Environment, EpisodeStatus, Feature,
-        FeatureSpec, FirstContext, LaneSet, LaneStreams, ObservationSpec, Observations,
-        ParticipantSampler, PhysicalActivity, Population, PopulationPhases, Scenario,
-        ScenarioError, TimeIndicator, VectorEnvironment,
+        Action, ActionProbabilities, ActionSpec, ContextDraw, EpisodeStatus, Feature, FeatureSpec,
+        FirstContext, LaneSet, LaneStreams, ObservationSpec, Observations, ParticipantSampler,
+        PhysicalActivity, Population, PopulationPhases, Scenario, ScenarioError, StepCount,
+        TimeIndicator, VectorEnvironment,
     };
     pub use crate::key::{Column, Distribution, NumberRange, Rows};
     pub use crate::rng::{Purpose, Stream};

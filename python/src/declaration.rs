@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use jitai::env::INITIAL_STEPS;
 use jitai::environment::{
-    Environment, ObservationSpec, PhysicalActivity, Population, VectorEnvironment,
+    ObservationSpec, PhysicalActivity, Population, StepCount, VectorEnvironment,
 };
 use jitai::experiment::{self, Filter, Job, Manifest, PlannedJob};
 use jitai::key::{Keyed, Value};
@@ -191,7 +191,7 @@ fn manifest_of(
     let mut environment = toml::Table::new();
     for (name, value) in keys {
         let name: String = name.extract()?;
-        let is_key = Environment::KEYS.iter().any(|key| key.name == name);
+        let is_key = StepCount::KEYS.iter().any(|key| key.name == name);
         let value = toml_of(&name, &value, 0)?;
         if value.is_table() && !is_key && !NOT_OF_AN_ENVIRONMENT.contains(&name.as_str()) {
             manifest.insert(name, value);
@@ -298,7 +298,7 @@ fn is_same(job: &Job, other: &Job) -> bool {
 
 /// The parameters of a job's environment and population, by their names in filters.
 fn parameters(job: &Job) -> impl Iterator<Item = (String, Value)> {
-    let environment = Environment::KEYS.iter().zip(job.environment.to_values());
+    let environment = StepCount::KEYS.iter().zip(job.environment.to_values());
     let population = Population::KEYS.iter().zip(job.population.to_values());
     environment
         .map(|(key, value)| (key.name.to_owned(), value))

@@ -326,7 +326,7 @@ fn pick(weights: &[f32; Action::COUNT], unit: f64) -> Action {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::env::{Environment, LaneStreams, PhysicalActivity};
+    use crate::env::{LaneStreams, PhysicalActivity, StepCount};
     use crate::rng::Purpose;
 
     /// A network with the same outputs for every observation.
@@ -341,8 +341,7 @@ mod tests {
     /// Actions in 4000 lanes with their probabilities. Asserts that the actions are the same if no
     /// probabilities are requested.
     fn acted(actor: &mut dyn Actor) -> Vec<(usize, ActionProbabilities)> {
-        let mut lanes =
-            PhysicalActivity::new(&Environment::paper(0.6), &"P".parse().unwrap(), 4000);
+        let mut lanes = PhysicalActivity::new(&StepCount::paper(0.6), &"P".parse().unwrap(), 4000);
         let stream = |purpose| Stream::new(6, purpose);
         lanes.reset(LaneSet::All, &mut LaneStreams::Shared(stream(Purpose::Environment)));
         let (mut actions, mut again) = ([Action::NONE; 4000], [Action::UNTAILORED; 4000]);

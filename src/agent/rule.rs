@@ -5,8 +5,8 @@ use std::io;
 use crate::agent::actor::Actor;
 use crate::agent::unavailable::certain;
 use crate::env::{
-    Action, ActionProbabilities, Belief, Environment, EpisodeStatus, FirstContext,
-    PhysicalActivity, Scenario, VectorEnvironment,
+    Action, ActionProbabilities, Belief, EpisodeStatus, FirstContext, PhysicalActivity, Scenario,
+    StepCount, VectorEnvironment,
 };
 use crate::key::{KeyType, Keyed, Kind, choices, keys};
 use crate::optimum::{NoOptimum, OptimalPolicy};
@@ -74,7 +74,7 @@ impl RulePolicy {
     /// **Errors**: the rule is the optimal one, and the optimum cannot be computed.
     pub fn new(
         rule: &RuleParameters,
-        environment: &Environment,
+        environment: &StepCount,
         scenario: &Scenario,
     ) -> Result<Self, NoOptimum> {
         let choice = match rule.rule {
@@ -92,7 +92,7 @@ impl RulePolicy {
 
     /// This rule for a population in which `widest` has the most noise. If contexts are certain for
     /// the environment's own parameters, the rule uses the belief under `widest` instead.
-    pub fn among(self, widest: &Environment, scenario: &Scenario) -> Self {
+    pub fn among(self, widest: &StepCount, scenario: &Scenario) -> Self {
         match self.belief {
             Belief::Certain => RulePolicy { belief: Belief::new(widest, scenario), ..self },
             _ => self,
@@ -137,7 +137,7 @@ impl RulePolicy {
 
 /// What the rule knows about the context. The threshold compares the probability that the scenario shows, also
 /// where the other steps leave no doubt: a fixed first context has the probability 0.5.
-fn belief(rule: &RuleParameters, environment: &Environment, scenario: &Scenario) -> Belief {
+fn belief(rule: &RuleParameters, environment: &StepCount, scenario: &Scenario) -> Belief {
     match rule.rule {
         DecisionRule::Threshold if scenario.shows_probability_alone() => {
             Belief::Inferred { sigma: environment.sigma }
@@ -152,11 +152,11 @@ impl RuleParameters {
     /// with the largest noise of any participant.
     pub(super) fn acts_otherwise(
         &self,
-        environment: &Environment,
-        widest: impl Fn() -> Environment,
+        environment: &StepCount,
+        widest: impl Fn() -> StepCount,
         scenario: &Scenario,
     ) -> bool {
-        let is_certain = |of: &Environment| Belief::new(of, scenario) == Belief::Certain;
+        let is_certain = |of: &StepCount| Belief::new(of, scenario) == Belief::Certain;
         match self.rule {
             DecisionRule::Threshold => {
                 self.threshold > 0.5
@@ -245,7 +245,7 @@ mod tests {
 
     #[test]
     fn rules_choose_by_what_the_scenario_shows_of_the_context() {
-        let environment = Environment::paper(1.0);
+        let environment = StepCount::paper(1.0);
         let mut stream = Stream::new(1, Purpose::TestActions);
         let mut choose = |rule: &str, scenario: &str, p: f64| {
             let (rule, scenario) = (read_rule(rule).unwrap(), scenario.parse().unwrap());
@@ -272,7 +272,7 @@ mod tests {
 
     #[test]
     fn rules_act_in_lanes_that_have_ended_while_others_go_on() {
-        let environment = Environment { horizon: 3, ..Environment::paper(1.0) };
+        let environment = StepCount { horizon: 3, ..StepCount::paper(1.0) };
         for rule in ["never", "untailored", "tailored", "threshold:0.75", "random", "optimal"] {
             let (rule, scenario) = (read_rule(rule).unwrap(), "P-H-D".parse().unwrap());
             let mut lanes = PhysicalActivity::new(&environment, &scenario, 2);

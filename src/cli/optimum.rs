@@ -10,7 +10,7 @@ use crate::cli::output::{Field, Format, Rows};
 use crate::cli::setting::{adjusted, sets, with_parameter};
 use crate::cli::{Error, Exit, check};
 use crate::env::context_error;
-use crate::env::{Environment, Population, Scenario};
+use crate::env::{Population, Scenario, StepCount};
 use crate::job::Job;
 use crate::key::Keyed;
 use crate::manifest::{Manifest, Varying};
@@ -92,7 +92,7 @@ fn of_manifests(manifests: &[Manifest], format: Format) -> Result<(), Error> {
 fn of_arguments(arguments: &Arguments) -> Result<(), Error> {
     let environment = |sigma: &String| {
         let option = format!("--sigma {sigma}");
-        let noisy = with_parameter(Environment::paper(0.0), "sigma", sigma.trim(), &option)?;
+        let noisy = with_parameter(StepCount::paper(0.0), "sigma", sigma.trim(), &option)?;
         adjusted(noisy, &arguments.settings)
     };
     if let Some(setting) = arguments.settings.iter().find(|setting| sets(setting, "sigma")) {
@@ -121,14 +121,14 @@ fn optimum_and_error(found: Optimum) -> [Field<'static>; 2] {
 }
 
 /// The first three columns of [`COLUMNS`], which need no optimum.
-fn known(environment: &Environment, scenario: &Scenario) -> [Field<'static>; 3] {
+fn known(environment: &StepCount, scenario: &Scenario) -> [Field<'static>; 3] {
     let error = context_error(environment.sigma, environment.context_probability);
     let sigma = Field::Real(environment.sigma);
     [Field::text(scenario.to_string()), sigma, Field::Rounded(error, 4)]
 }
 
 /// The distinct environments, scenarios and populations of a manifest's jobs, in job order.
-fn places(manifest: &Manifest) -> Vec<(Environment, Scenario, Population)> {
+fn places(manifest: &Manifest) -> Vec<(StepCount, Scenario, Population)> {
     let mut seen = HashSet::new();
     let distinct = plan::jobs(manifest).filter_map(|planned| {
         let Job { environment, population, scenario, .. } = planned.job;
@@ -139,7 +139,7 @@ fn places(manifest: &Manifest) -> Vec<(Environment, Scenario, Population)> {
 }
 
 /// The optimum of each environment and scenario, in order; shows progress on standard error.
-fn found_of(pairs: &[(&Environment, &Scenario)]) -> Vec<Result<Optimum, NoOptimum>> {
+fn found_of(pairs: &[(&StepCount, &Scenario)]) -> Vec<Result<Optimum, NoOptimum>> {
     let mut shown = Counting::new(pairs.len(), "optima");
     optimum::several(pairs, |_| shown.one_more())
 }
@@ -149,6 +149,6 @@ fn swept(manifests: &[Manifest]) -> Vec<&'static str> {
     let keys = manifests.iter().flat_map(|manifest| manifest.environment.iter());
     let values = keys.flat_map(|(key, values)| values.iter().map(|value| ("", key.name, value)));
     let differs = Varying::among(values).names();
-    let names = Environment::KEYS.iter().map(|key| key.name);
+    let names = StepCount::KEYS.iter().map(|key| key.name);
     names.filter(|name| *name != "sigma" && differs.iter().any(|one| one == name)).collect()
 }

@@ -14,8 +14,8 @@ use crate::cli::setting::preset;
 use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit};
 use crate::env::{
-    Action, ActionProbabilities, ContextDraw, Environment, EpisodeStatus, Feature, ForcedNoise,
-    LaneSet, LaneStreams, PhysicalActivity, Scenario, StateNoise, StepNoise, VectorEnvironment,
+    Action, ActionProbabilities, ContextDraw, EpisodeStatus, Feature, ForcedNoise, LaneSet,
+    LaneStreams, PhysicalActivity, Scenario, StateNoise, StepCount, StepNoise, VectorEnvironment,
 };
 use crate::key::Keyed;
 use crate::rng::{Purpose, Stream};
@@ -126,12 +126,12 @@ impl TrajectoryFile {
     }
 }
 
-fn environment(case: &Case) -> Result<Environment, String> {
+fn environment(case: &Case) -> Result<StepCount, String> {
     let mut settings = case.parameters.clone();
     settings.entry("horizon").or_insert_with(|| case.horizon.into());
     let extended = match &case.extends {
         Some(name) => preset(name, case.sigma)?,
-        None => Environment::paper(case.sigma),
+        None => StepCount::paper(case.sigma),
     };
     extended.with_settings(&settings).map_err(|error| format!("parameters: {error}"))
 }
@@ -218,7 +218,7 @@ fn replay(case: &Case) -> Result<(Vec<Step>, PhysicalActivity), String> {
 }
 
 /// The recorded outcomes to force in a step; `None` for an environment without noise.
-fn forced(environment: &Environment, case: &Case, t: usize) -> Result<Option<ForcedNoise>, String> {
+fn forced(environment: &StepCount, case: &Case, t: usize) -> Result<Option<ForcedNoise>, String> {
     let is_noisy =
         environment.state_noise != StateNoise::None || environment.parameter_spread > 0.0;
     let has_noisy_steps = environment.step_noise != StepNoise::None;

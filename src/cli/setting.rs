@@ -1,7 +1,7 @@
 //! Environment parameters on the command line, such as `--set NAME=VALUE`, in the syntax of manifests.
 
 use crate::cli::Error;
-use crate::env::Environment;
+use crate::env::StepCount;
 use crate::key::Keyed;
 use crate::key::printable;
 use crate::manifest::{self, Fault, Manifest};
@@ -16,10 +16,7 @@ struct Given<'a> {
 }
 
 /// The environment with settings applied; the settings are validated as in a manifest.
-pub(super) fn adjusted(
-    environment: Environment,
-    settings: &[String],
-) -> Result<Environment, Error> {
+pub(super) fn adjusted(environment: StepCount, settings: &[String]) -> Result<StepCount, Error> {
     let mut given = Vec::new();
     for (i, setting) in settings.iter().enumerate() {
         let (name, value) = name_and_value(setting)?;
@@ -35,16 +32,16 @@ pub(super) fn adjusted(
 
 /// The environment with another value of one parameter; messages name the `option`.
 pub(super) fn with_parameter(
-    environment: Environment,
+    environment: StepCount,
     name: &str,
     value: &str,
     option: &str,
-) -> Result<Environment, Error> {
+) -> Result<StepCount, Error> {
     with_all(environment, &[Given { name, value, option: option.to_owned() }])
 }
 
 /// The environment of a preset.
-pub(super) fn preset(name: &str, sigma: f64) -> Result<Environment, String> {
+pub(super) fn preset(name: &str, sigma: f64) -> Result<StepCount, String> {
     let text = format!(
         "format = 1\nextends = {name:?}\nname = \"simulate\"\nscenarios = [\"C\"]\nseeds = 1\n\
          environment.sigma = {sigma:?}\n"
@@ -53,7 +50,7 @@ pub(super) fn preset(name: &str, sigma: f64) -> Result<Environment, String> {
     Ok(of_first_job(&manifest))
 }
 
-fn with_all(environment: Environment, given: &[Given]) -> Result<Environment, Error> {
+fn with_all(environment: StepCount, given: &[Given]) -> Result<StepCount, Error> {
     let refused = |option: &str, why: &str| Error::Usage(format!("{}: {why}", printable(option)));
     if given.is_empty() {
         return Ok(environment);
@@ -83,12 +80,12 @@ fn with_all(environment: Environment, given: &[Given]) -> Result<Environment, Er
 
 /// A manifest with the values of an environment, the given values last, and the number (from 1) of the
 /// line with the first given value.
-fn manifest_of(environment: &Environment, given: &[Given]) -> (String, usize) {
+fn manifest_of(environment: &StepCount, given: &[Given]) -> (String, usize) {
     let mut lines = ["format = 1", "extends = \"paper\"", "name = \"simulate\"", "seeds = 1"]
         .map(str::to_owned)
         .to_vec();
     lines.extend(["scenarios = [\"C\"]".to_owned(), "[environment]".to_owned()]);
-    for (key, value) in Environment::KEYS.iter().zip(environment.to_values()) {
+    for (key, value) in StepCount::KEYS.iter().zip(environment.to_values()) {
         if given.iter().all(|given| given.name != key.name) {
             lines.push(format!("{} = {value}", key.name));
         }
@@ -106,7 +103,7 @@ fn said<'f>(faults: impl IntoIterator<Item = &'f Fault>) -> String {
     said.collect::<Vec<_>>().join("; ")
 }
 
-fn of_first_job(manifest: &Manifest) -> Environment {
+fn of_first_job(manifest: &Manifest) -> StepCount {
     plan::jobs(manifest).next().expect("a manifest without a sweep has a job").job.environment
 }
 

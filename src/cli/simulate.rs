@@ -17,8 +17,8 @@ use crate::cli::setting::adjusted;
 use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit, StoreArgument, replay};
 use crate::env::{
-    Action, ActionProbabilities, Environment, EpisodeStatus, Observer, PhysicalActivity,
-    Population, Scenario, VectorEnvironment,
+    Action, ActionProbabilities, EpisodeStatus, Observer, PhysicalActivity, Population, Scenario,
+    StepCount, VectorEnvironment,
 };
 use crate::store::{Reader, StoreError};
 use crate::train::{self, RollStreams, StepObserver};
@@ -102,14 +102,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
             return Err(Error::Usage(GREEDY_RULE.to_owned()));
         }
         PolicyArgument::Rule(rule) => {
-            let environment = adjusted(Environment::paper(0.6), &arguments.settings)?;
+            let environment = adjusted(StepCount::paper(0.6), &arguments.settings)?;
             let scenario = scenario(arguments);
             let policy = RulePolicy::new(rule, &environment, &scenario);
             let policy = policy.map_err(|error| Error::Usage(error.to_string()))?;
             Rolled::new(&of_rule(&environment, &scenario), Box::new(policy), arguments)
         }
         PolicyArgument::Fixed(action) => {
-            let environment = adjusted(Environment::paper(0.6), &arguments.settings)?;
+            let environment = adjusted(StepCount::paper(0.6), &arguments.settings)?;
             let policy = Box::new(RulePolicy::fixed(*action));
             Rolled::new(&of_rule(&environment, &scenario(arguments)), policy, arguments)
         }
@@ -136,7 +136,7 @@ fn scenario(arguments: &Arguments) -> Scenario {
 }
 
 /// The task of a rule, without history.
-fn of_rule<'t>(environment: &'t Environment, scenario: &'t Scenario) -> Task<'t> {
+fn of_rule<'t>(environment: &'t StepCount, scenario: &'t Scenario) -> Task<'t> {
     static ALIKE: LazyLock<Population> = LazyLock::new(Population::default);
     Task { environment, population: &ALIKE, scenario, seed: 0, history: 1 }
 }

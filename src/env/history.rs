@@ -112,8 +112,7 @@ impl Resumable for History {
 mod tests {
     use super::*;
     use crate::env::{
-        Action, Environment, ForcedNoise, LaneStreams, PhysicalActivity, Scenario,
-        VectorEnvironment,
+        Action, ForcedNoise, LaneStreams, PhysicalActivity, Scenario, StepCount, VectorEnvironment,
     };
     use crate::rng::{Purpose, Stream};
 
@@ -126,7 +125,7 @@ mod tests {
     #[test]
     fn the_last_observations_stand_in_a_row_with_the_oldest_first() {
         let scenario: Scenario = "P-H-D".parse().unwrap();
-        let parameters = Environment { time_one_hot: true, ..Environment::paper(0.6) };
+        let parameters = StepCount { time_one_hot: true, ..StepCount::paper(0.6) };
         let plain = PhysicalActivity::new(&parameters, &scenario, 2);
         let mut stacked = plain.clone().with_history(3);
         let mut plain = plain;
@@ -174,7 +173,7 @@ mod tests {
     #[test]
     fn forced_steps_are_remembered_as_others_are() {
         let environment =
-            PhysicalActivity::new(&Environment::paper(0.6), &"P-H-D".parse().unwrap(), 1)
+            PhysicalActivity::new(&StepCount::paper(0.6), &"P-H-D".parse().unwrap(), 1)
                 .with_history(2);
         let noise = ForcedNoise { state: None, steps: None };
         for is_forced in [false, true] {

@@ -8,43 +8,16 @@
 //! StepCountJITAI (2024). `docs/environment.md` states the model. The module does not depend on
 //! agents or training.
 
-mod belief;
-mod context;
 pub mod contract;
-mod dynamics;
-mod full_step;
 mod history;
-mod intervention;
-mod noise;
 mod observation;
-mod observer;
 pub mod outside;
-mod parameters;
-mod participants;
-mod physical_activity;
-mod plain_step;
-mod population;
-mod scenario;
-mod variates;
+mod step_count;
 mod vector;
 
-pub use belief::Belief;
-pub use context::{
-    ContextDraw, ContextDrawsAhead, context_error, inference_error, probability_of_zero,
-};
-pub use dynamics::{Effect, apply_action, fewest_steps};
-pub use full_step::INITIAL_STEPS;
 pub use history::History;
-pub use noise::ForcedNoise;
 pub use observation::{FeatureSpec, ObservationSpec, Observations};
-pub use observer::{LaneStates, Observer};
-pub use parameters::{
-    DisengagementReward, Environment, FirstContext, RewardHabituation, StateNoise, StepNoise,
-    TimeIndicator, VERSION,
-};
-pub use physical_activity::PhysicalActivity;
-pub use population::{ParticipantSampler, Population, PopulationPhases};
-pub use scenario::{Feature, Scenario, ScenarioError};
+pub use step_count::*;
 pub use vector::{
     Action, ActionProbabilities, ActionSpec, EpisodeStatus, LaneSet, LaneStreams, VectorEnvironment,
 };

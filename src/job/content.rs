@@ -7,7 +7,7 @@ use serde_json::{Map, Value as Json};
 use super::identity::{Parts, agent_text, text};
 use super::{CanonicalForm, Evaluation, JobKey, Scalar, Versions};
 use crate::agent::{Agent, Algorithm, Engine, Task, Work, free_key};
-use crate::env::{self, Environment, Population, Scenario};
+use crate::env::{self, Population, Scenario, StepCount};
 use crate::key::{CanonicalError, Key, Keyed, Parameter, Value, read_object};
 
 /// The complete content of a training and its test.
@@ -17,7 +17,7 @@ use crate::key::{CanonicalError, Key, Keyed, Parameter, Value, read_object};
 #[derive(Clone, Debug, PartialEq)]
 pub struct Job {
     /// Parameters of the simulation.
-    pub environment: Environment,
+    pub environment: StepCount,
     /// The distributions of parameters over participants.
     pub population: Population,
     /// The scenario that the agent observes.
@@ -83,7 +83,7 @@ impl Job {
     /// The exact error rate of the most likely context; `None` if it differs between participants.
     pub fn context_error(&self) -> Option<f64> {
         let differs = |name| name == "sigma" || name == "context_probability";
-        let Environment { sigma, context_probability, .. } = self.environment;
+        let StepCount { sigma, context_probability, .. } = self.environment;
         let alike = !self.population.names().any(differs);
         alike.then(|| env::context_error(sigma, context_probability))
     }
@@ -198,7 +198,7 @@ impl Job {
     pub fn sections(&self) -> [(&'static str, &'static [Key], Vec<Value>); 4] {
         [
             ("agent", self.agent.algorithm().keys(), self.agent.values().to_vec()),
-            ("environment", Environment::KEYS, self.environment.to_values()),
+            ("environment", StepCount::KEYS, self.environment.to_values()),
             ("evaluation", Evaluation::KEYS, self.evaluation.to_values()),
             ("population", Population::KEYS, self.population.to_values()),
         ]
@@ -267,7 +267,7 @@ mod tests {
             Agent::of(&RuleParameters::new(DecisionRule::Random)),
         ];
         let job = |agent| Job {
-            environment: Environment::paper(0.6),
+            environment: StepCount::paper(0.6),
             population: Population::default(),
             scenario: "P-H-D".parse().unwrap(),
             agent,
@@ -310,7 +310,7 @@ mod tests {
         let threshold = |sigma: f64, scenario: &str, threshold: f64| {
             let rule = RuleParameters { threshold, ..RuleParameters::new(DecisionRule::Threshold) };
             let scenario = scenario.parse().unwrap();
-            let environment = Environment::paper(sigma);
+            let environment = StepCount::paper(sigma);
             let agent = Agent::of(&rule);
             let job = Job { environment, scenario, agent, ..jobs().remove(2) };
             job.versions().algorithm - jobs()[2].versions().algorithm
@@ -323,7 +323,7 @@ mod tests {
         assert_eq!(threshold(0.0, "P-T", 0.5), 0);
         let optimal = |message_cost: f64| {
             let agent = Agent::of(&RuleParameters::new(DecisionRule::Optimal));
-            let environment = Environment { message_cost, ..Environment::paper(0.6) };
+            let environment = StepCount { message_cost, ..StepCount::paper(0.6) };
             Job { environment, agent, ..jobs().remove(2) }.versions().algorithm
         };
         assert_eq!(optimal(5.0), optimal(0.0) + 1);
@@ -337,7 +337,7 @@ mod tests {
             assert_eq!(json.to_string(), canonical);
             assert_eq!(Job::from_canonical(&canonical).unwrap(), job);
             let members = |part: &str| json[part].as_object().unwrap().len();
-            let written = Environment::KEYS.iter().filter(|key| key.before().is_none());
+            let written = StepCount::KEYS.iter().filter(|key| key.before().is_none());
             assert_eq!(members("environment"), written.count());
             let keys = job.agent.algorithm().keys().iter();
             let written = keys.filter(|key| key.before().is_none()).count();
@@ -379,7 +379,7 @@ mod tests {
 
     #[test]
     fn zero_has_one_sign_and_no_key_is_infinite() {
-        let with = |sigma| Job { environment: Environment::paper(sigma), ..jobs().remove(0) };
+        let with = |sigma| Job { environment: StepCount::paper(sigma), ..jobs().remove(0) };
         assert_eq!(with(-0.0).key(), with(0.0).key());
         let infinite = std::panic::catch_unwind(|| with(f64::INFINITY).key());
         assert!(infinite.is_err());

@@ -48,7 +48,7 @@ pub(super) fn check(
         // No key of an agent is involved: one agent's violation stands for all.
         if let Some((place, grid)) = certain.find(|(_, grid)| grid.violation(constraint).is_some())
         {
-            hold(draft, Concerned::Environment(place), grid, constraint, faults);
+            hold(draft, Concerned::StepCount(place), grid, constraint, faults);
         }
     }
     let agents = manifest.agents.iter().zip(&grids).enumerate();
@@ -223,7 +223,7 @@ fn is_certain(
 #[derive(Clone, Copy)]
 enum Concerned {
     /// The environment alone.
-    Environment(usize),
+    StepCount(usize),
     /// Keys of the agent, perhaps with others.
     Agent(usize),
 }
@@ -249,7 +249,7 @@ fn report(
     violation: Violation,
     faults: &mut FaultList,
 ) {
-    let (Concerned::Environment(agent) | Concerned::Agent(agent)) = concerned;
+    let (Concerned::StepCount(agent) | Concerned::Agent(agent)) = concerned;
     // Keys of a preset have the position of `extends`; the last position is a key of the author.
     // The position of the scenarios would say less than that of a key.
     let keys = chosen.parameters().filter(|key| *key != Parameter::SCENARIO);
@@ -257,7 +257,7 @@ fn report(
     let name = &draft.agents[agent].name;
     let fault = |message| Fault::at(span.unwrap_or(name.span), message);
     let of = match concerned {
-        Concerned::Environment(_) => String::new(),
+        Concerned::StepCount(_) => String::new(),
         Concerned::Agent(_) if name.value.is_empty() => String::new(),
         Concerned::Agent(_) => format!("agent `{}`: ", name.value),
     };

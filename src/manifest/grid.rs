@@ -11,7 +11,7 @@ use super::declared::{DeclaredAgent, Exclusion, Manifest, scenario_of, seed_of};
 use super::parameter::Parameters;
 use super::section::Section;
 use crate::agent::{Agent, Algorithm};
-use crate::env::{Environment, Population, Scenario};
+use crate::env::{Population, Scenario, StepCount};
 use crate::job::Evaluation;
 use crate::key::{Assignment, Constraint, Keyed, Parameter, Value, Violation};
 
@@ -132,7 +132,7 @@ impl<'m> Grid<'m> {
     }
 
     /// The environments of the cells that are not excluded, with their populations; each pair once.
-    pub(super) fn settings(&self) -> impl Iterator<Item = (Environment, Population)> + use<'_, 'm> {
+    pub(super) fn settings(&self) -> impl Iterator<Item = (StepCount, Population)> + use<'_, 'm> {
         let axes: Vec<_> = self.environment.iter().chain(&self.population).copied().collect();
         let cells = self.projected(&self.concerned(&axes));
         cells.map(|cell| (self.environment(&cell), self.population(&cell)))
@@ -219,9 +219,9 @@ impl<'m> Grid<'m> {
     }
 
     /// The cell's environment.
-    pub fn environment(&self, cell: &Cell) -> Environment {
+    pub fn environment(&self, cell: &Cell) -> StepCount {
         let choose = |key: usize| self.environment[key].map_or(0, |axis| cell.0[axis]);
-        Environment::from_values(&self.manifest.environment.chosen(choose)).expect(TYPED)
+        StepCount::from_values(&self.manifest.environment.chosen(choose)).expect(TYPED)
     }
 
     /// The cell's population.

@@ -1,7 +1,7 @@
 //! The sections of a manifest, and their keys.
 
 use crate::agent::Algorithm;
-use crate::env::{Environment, Population};
+use crate::env::{Population, StepCount};
 use crate::job::Evaluation;
 use crate::key::{Key, Keyed, Parameter};
 
@@ -47,7 +47,7 @@ impl Section {
     /// The section's keys, in the order the documentation lists them.
     pub fn keys(self) -> &'static [Key] {
         match self {
-            Section::Environment => Environment::KEYS,
+            Section::Environment => StepCount::KEYS,
             Section::Population => Population::KEYS,
             Section::Agent(algorithm) => algorithm.keys(),
             Section::Evaluation => Evaluation::KEYS,
@@ -79,7 +79,7 @@ mod tests {
     /// Whether the section's struct accepts these values.
     fn fit(section: Section, values: Vec<Value>) -> bool {
         match section {
-            Section::Environment => Environment::from_values(&values).is_some(),
+            Section::Environment => StepCount::from_values(&values).is_some(),
             Section::Population => Population::from_values(&values).is_some(),
             Section::Agent(algorithm) => Agent::with_values(algorithm, values).is_some(),
             Section::Evaluation => Evaluation::from_values(&values).is_some(),

@@ -3,7 +3,7 @@
 use std::array;
 use std::collections::BTreeSet;
 
-use crate::env::Environment;
+use crate::env::StepCount;
 use crate::env::{Action, apply_action};
 
 /// Jumps of the value that are closer than this share nodes.
@@ -40,7 +40,7 @@ impl Axis {
     /// Nodes of habituation from 0 to 1, at most 1 / `steps` apart; `steps` is at least 3.
     ///
     /// Nodes are spaced so that a message's increment leads from node to node, unless increments are tiny.
-    pub fn habituation(e: &Environment, steps: usize) -> Axis {
+    pub fn habituation(e: &StepCount, steps: usize) -> Axis {
         let most = 1.0 / steps as f64;
         let is_tiny = e.epsilon_h * MOST_ALIGNED < 1.0;
         let spacing = if is_tiny { most } else { e.epsilon_h / (e.epsilon_h / most).ceil() };
@@ -51,7 +51,7 @@ impl Axis {
     /// Nodes of disengagement risk from 0 to the threshold, at most the threshold / `steps` apart, and two
     /// nodes for each of the `jumps` largest jumps of the value: one at the jump and one at the largest
     /// number below it. The threshold is one of the jumps; its upper node only closes the axis.
-    pub fn disengagement(e: &Environment, steps: usize, jumps: usize) -> Axis {
+    pub fn disengagement(e: &StepCount, steps: usize, jumps: usize) -> Axis {
         let threshold = e.disengagement_threshold;
         let even = (0..steps).map(|i| threshold * i as f64 / steps as f64);
         let jumps = jumps_of_the_value(e, jumps).into_iter().chain([threshold]);
@@ -108,7 +108,7 @@ impl Linear {
 ///
 /// From the risk `danger`, a wrong message ends the episode, so the value jumps there. The value also jumps
 /// at each risk from which a suitable or a wrong message leads to a jump, by the same amount or less.
-fn jumps_of_the_value(e: &Environment, most: usize) -> Vec<f64> {
+fn jumps_of_the_value(e: &StepCount, most: usize) -> Vec<f64> {
     let threshold = e.disengagement_threshold;
     let [suitable, wrong] = [Action::tailored_to(0), Action::tailored_to(1)];
     let leads_to = |action, target: f64| {
@@ -151,15 +151,15 @@ fn first_from_zero(end: f64, has: impl Fn(f64) -> bool) -> f64 {
 mod tests {
     use super::*;
 
-    fn with(delta_d: f64, epsilon_d: f64, disengagement_threshold: f64) -> Environment {
-        let paper = Environment::paper(0.8);
-        Environment { delta_d, epsilon_d, disengagement_threshold, ..paper }
+    fn with(delta_d: f64, epsilon_d: f64, disengagement_threshold: f64) -> StepCount {
+        let paper = StepCount::paper(0.8);
+        StepCount { delta_d, epsilon_d, disengagement_threshold, ..paper }
     }
 
     #[test]
     fn an_increment_leads_from_node_to_node() {
         for (epsilon_h, steps) in [(0.05, 30), (0.3, 7), (0.01, 10), (0.013, 3), (1.0, 3)] {
-            let axis = Axis::habituation(&Environment { epsilon_h, ..with(0.1, 0.4, 1.0) }, steps);
+            let axis = Axis::habituation(&StepCount { epsilon_h, ..with(0.1, 0.4, 1.0) }, steps);
             let nodes = axis.nodes();
             assert!(nodes.windows(2).all(|pair| pair[0] < pair[1]));
             assert!(nodes.windows(2).all(|pair| pair[1] - pair[0] < 1.0 / steps as f64 + 1e-12));
@@ -169,7 +169,7 @@ mod tests {
         }
         // Aligned nodes for tiny increments would be too many.
         for epsilon_h in [0.0, 1e-9, 0.009] {
-            let axis = Axis::habituation(&Environment { epsilon_h, ..with(0.1, 0.4, 1.0) }, 10);
+            let axis = Axis::habituation(&StepCount { epsilon_h, ..with(0.1, 0.4, 1.0) }, 10);
             assert_eq!(axis.nodes().len(), 11);
         }
     }
@@ -179,7 +179,7 @@ mod tests {
     fn twice_as_many_steps_are_always_more_nodes() {
         for thousandths in 0..=1000 {
             let epsilon_h = f64::from(thousandths) / 1000.0;
-            let environment = Environment { epsilon_h, ..with(0.1, 0.4, 1.0) };
+            let environment = StepCount { epsilon_h, ..with(0.1, 0.4, 1.0) };
             let nodes = |steps| Axis::habituation(&environment, steps).nodes().len();
             let (coarse, fine) = (nodes(80), nodes(160));
             assert!(5 * fine > 6 * coarse && fine < 250, "{epsilon_h}: {coarse} {fine}");
@@ -239,7 +239,7 @@ mod tests {
     fn cubics_are_exact_for_cubics_everywhere() {
         let value = |x: f64| 2.0 - 3.0 * x + 5.0 * x * x - 7.0 * x * x * x;
         for (epsilon_h, steps) in [(0.3, 3), (0.05, 40), (0.0, 3)] {
-            let axis = Axis::habituation(&Environment { epsilon_h, ..with(0.1, 0.4, 1.0) }, steps);
+            let axis = Axis::habituation(&StepCount { epsilon_h, ..with(0.1, 0.4, 1.0) }, steps);
             for x in (0..=100).map(|i| f64::from(i) / 100.0) {
                 let Cubic { node, weights } = axis.cubic(x);
                 let near = axis.nodes()[node..].iter().map(|x| value(*x));

@@ -179,7 +179,7 @@ fn normal(x: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::env::ContextDraw;
-    use crate::env::Environment;
+    use crate::env::StepCount;
 
     /// The mean of the best of four values, by quadrature over the feature on a fine grid.
     fn by_quadrature(sigma: f64, values: &ActionValues) -> f64 {
@@ -266,7 +266,7 @@ mod tests {
     fn knowing_more_is_never_worse() {
         let action_values =
             ActionValues { nothing: 1.0, untailored: 4.0, suitable: 10.0, unsuitable: -20.0 };
-        let environment = Environment::paper(0.8);
+        let environment = StepCount::paper(0.8);
         let of = |scenario: &str| {
             let belief = Belief::new(&environment, &scenario.parse().unwrap());
             Expectation::new(belief).of_best(&action_values)

@@ -1,7 +1,7 @@
 //! The environments and scenarios for which an optimum can be computed.
 
 use crate::env::{
-    DisengagementReward, Environment, Feature, Population, Scenario, StateNoise, StepNoise,
+    DisengagementReward, Feature, Population, Scenario, StateNoise, StepCount, StepNoise,
     fewest_steps,
 };
 use crate::key::Keyed;
@@ -53,7 +53,7 @@ pub enum NoOptimum {
 ///
 /// **Errors**: the scenario hides part of the state, a key of the environment has a value that the recursion
 /// does not support, or the horizon is too long.
-pub fn check(environment: &Environment, scenario: &Scenario) -> Result<(), NoOptimum> {
+pub fn check(environment: &StepCount, scenario: &Scenario) -> Result<(), NoOptimum> {
     if !scenario.shows_state() {
         let hidden = |feature: &Feature| !scenario.features().contains(feature);
         let state = [Feature::Habituation, Feature::Disengagement].into_iter();
@@ -84,7 +84,7 @@ const LEAST_MEAN: f64 = 1e-5;
 ///
 /// Gamma-distributed steps have the same mean as noise-free steps, and nothing else depends on them. An unpaid last
 /// step does not affect the mean return, and a policy sends nothing in it.
-fn unsolved(e: &Environment) -> Option<&'static str> {
+fn unsolved(e: &StepCount) -> Option<&'static str> {
     let least = fewest_steps(e);
     let ends_at_once = e.initial_disengagement >= e.disengagement_threshold;
     let zero = e.disengagement_reward == DisengagementReward::Zero;

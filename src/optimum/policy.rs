@@ -2,7 +2,7 @@
 
 use super::limits::{NoOptimum, check};
 use super::solution::{Resolution, Solution};
-use crate::env::{Action, Belief, Environment, Scenario};
+use crate::env::{Action, Belief, Scenario, StepCount};
 
 /// The policy whose mean return is the optimum, up to the error of the grid.
 #[derive(Clone, Debug)]
@@ -13,7 +13,7 @@ impl OptimalPolicy {
     /// and 45 MB.
     ///
     /// **Errors**: see [`check`].
-    pub fn new(environment: &Environment, scenario: &Scenario) -> Result<Self, NoOptimum> {
+    pub fn new(environment: &StepCount, scenario: &Scenario) -> Result<Self, NoOptimum> {
         check(environment, scenario)?;
         let belief = Belief::new(environment, scenario);
         let resolution = Resolution::fine(environment, belief);

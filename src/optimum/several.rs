@@ -6,7 +6,7 @@ use std::thread;
 
 use super::limits::NoOptimum;
 use super::two_grids::{Optimum, optimum};
-use crate::env::{Environment, Scenario};
+use crate::env::{Scenario, StepCount};
 
 /// The most optima that are computed at a time: each may take several hundred megabytes.
 const MOST_AT_ONCE: usize = 4;
@@ -14,7 +14,7 @@ const MOST_AT_ONCE: usize = 4;
 /// The optimum of each environment and scenario, in their order, computed on several threads. `on_progress`
 /// receives the number of optima found so far.
 pub fn several(
-    pairs: &[(&Environment, &Scenario)],
+    pairs: &[(&StepCount, &Scenario)],
     mut on_progress: impl FnMut(usize),
 ) -> Vec<Result<Optimum, NoOptimum>> {
     let cores = thread::available_parallelism().map_or(1, usize::from).min(MOST_AT_ONCE);

@@ -1,7 +1,7 @@
 //! Values of all states on a grid by backward induction, and the policy they define.
 
 use crate::env::{Action, Belief, DisengagementReward, apply_action};
-use crate::env::{Environment, FirstContext};
+use crate::env::{FirstContext, StepCount};
 
 use super::action_values::ActionValues;
 use super::axis::{Axis, Cubic, Linear};
@@ -26,7 +26,7 @@ impl Resolution {
         Resolution { habituation: 4000, disengagement: 1, jumps: 0 };
 
     /// The grid for an environment and a belief.
-    pub fn fine(e: &Environment, belief: Belief) -> Resolution {
+    pub fn fine(e: &StepCount, belief: Belief) -> Resolution {
         // If the context is known, no wrong message is sent, unless it pays to end the episode.
         let pays_to_go_on = e.rho_2 >= 0.0 && e.mu[0] + e.mu[1] >= 0.0;
         match belief {
@@ -50,7 +50,7 @@ impl Resolution {
 #[derive(Clone, Debug)]
 pub(super) struct Solution {
     /// Without baseline rewards, which no action affects.
-    environment: Environment,
+    environment: StepCount,
     belief: Belief,
     /// Baseline reward in context 0 and in context 1.
     baseline: [f64; 2],
@@ -83,9 +83,9 @@ struct Column {
 
 impl Solution {
     /// The values on a grid of the environment for an agent with this belief.
-    pub fn new(environment: &Environment, belief: Belief, resolution: Resolution) -> Solution {
+    pub fn new(environment: &StepCount, belief: Belief, resolution: Resolution) -> Solution {
         let Resolution { habituation, disengagement, jumps } = resolution;
-        let unbiased = Environment { mu: [0.0; 2], ..environment.clone() };
+        let unbiased = StepCount { mu: [0.0; 2], ..environment.clone() };
         let mut solution = Solution {
             habituation: Axis::habituation(&unbiased, habituation),
             disengagement: Axis::disengagement(&unbiased, disengagement, jumps),
@@ -161,7 +161,7 @@ impl Solution {
     }
 
     /// The environment, without its baseline rewards.
-    pub fn environment(&self) -> &Environment {
+    pub fn environment(&self) -> &StepCount {
         &self.environment
     }
 

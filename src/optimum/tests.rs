@@ -8,18 +8,18 @@ use super::solution::{Resolution, Solution};
 use super::two_grids::better_of;
 use super::{OptimalPolicy, Optimum, optimum};
 use crate::env::{
-    Action, Belief, ContextDraw, DisengagementReward, Environment, FirstContext, StepNoise,
+    Action, Belief, ContextDraw, DisengagementReward, FirstContext, StepCount, StepNoise,
     apply_action, inference_error,
 };
 use crate::rng::{Purpose, Stream};
 
-fn value(environment: &Environment, scenario: &str) -> Optimum {
+fn value(environment: &StepCount, scenario: &str) -> Optimum {
     optimum(environment, &scenario.parse().unwrap()).unwrap()
 }
 
 fn assert_known(first_context: FirstContext, scenario: &str, known: &[(f64, f64)]) {
     for (sigma, known) in known {
-        let environment = Environment { first_context, ..Environment::paper(*sigma) };
+        let environment = StepCount { first_context, ..StepCount::paper(*sigma) };
         let ours = value(&environment, scenario);
         assert!((ours.mean_return - known).abs() < 3.0, "{scenario} {sigma}: {ours:?}");
         assert!(ours.error < 0.1, "{scenario} {sigma}: {ours:?}");
@@ -45,9 +45,9 @@ fn optima_with_the_papers_parameters_are_the_known_ones() {
 fn optima_are_those_of_much_finer_grids() {
     let environment = |parameters: [f64; 5], sigma| {
         let [delta_h, epsilon_h, delta_d, epsilon_d, disengagement_threshold] = parameters;
-        let paper = Environment::paper(sigma);
-        let environment = Environment { delta_h, epsilon_h, delta_d, epsilon_d, ..paper };
-        Environment { disengagement_threshold, horizon: 200, ..environment }
+        let paper = StepCount::paper(sigma);
+        let environment = StepCount { delta_h, epsilon_h, delta_d, epsilon_d, ..paper };
+        StepCount { disengagement_threshold, horizon: 200, ..environment }
     };
     for (scenario, sigma, parameters, known, error) in [
         ("L-H-D", 0.36, [0.018, 0.2, 0.16, 0.18, 0.75], 949.012, 0.011),
@@ -63,12 +63,12 @@ fn optima_are_those_of_much_finer_grids() {
 }
 
 /// The optimum by enumerating every course of an episode, without a grid.
-fn by_every_course(e: &Environment, belief: &Expectation, time: u32, state: [f64; 2]) -> f64 {
+fn by_every_course(e: &StepCount, belief: &Expectation, time: u32, state: [f64; 2]) -> f64 {
     if time == e.horizon {
         return 0.0;
     }
     let is_known = time == 0 && e.first_context == FirstContext::Fixed;
-    let unbiased = Environment { mu: [0.0; 2], ..e.clone() };
+    let unbiased = StepCount { mu: [0.0; 2], ..e.clone() };
     let after = |action| {
         let effect = apply_action(&unbiased, 0, action, state[0], state[1]);
         let ends = effect.disengagement >= e.disengagement_threshold;
@@ -94,32 +94,32 @@ fn by_every_course(e: &Environment, belief: &Expectation, time: u32, state: [f64
 }
 
 /// Disengagement risk grows from 0 and never decays.
-fn without_decay(epsilon_d: f64, horizon: u32) -> Environment {
-    let paper = Environment::paper(0.7);
-    Environment { initial_disengagement: 0.0, delta_d: 0.0, epsilon_d, horizon, ..paper }
+fn without_decay(epsilon_d: f64, horizon: u32) -> StepCount {
+    let paper = StepCount::paper(0.7);
+    StepCount { initial_disengagement: 0.0, delta_d: 0.0, epsilon_d, horizon, ..paper }
 }
 
-fn odd_environments() -> Vec<Environment> {
-    let paper = || Environment { horizon: 7, ..Environment::paper(0.7) };
+fn odd_environments() -> Vec<StepCount> {
+    let paper = || StepCount { horizon: 7, ..StepCount::paper(0.7) };
     vec![
         paper(),
-        Environment { first_context: FirstContext::Sampled, mu: [-30.0, 70.0], ..paper() },
-        Environment { delta_h: 0.37, epsilon_h: 0.23, delta_d: 0.31, epsilon_d: 0.17, ..paper() },
-        Environment { initial_disengagement: 0.2, initial_habituation: 0.97, ..paper() },
-        Environment { epsilon_d: 1.0, disengagement_threshold: 0.55, ..paper() },
-        Environment { epsilon_d: 0.0, epsilon_h: 0.0, delta_h: 1.0, delta_d: 1.0, ..paper() },
-        Environment { delta_h: 0.0, delta_d: 0.0, epsilon_h: 1.0, ..paper() },
-        Environment { initial_disengagement: 1.0, ..paper() },
-        Environment { initial_disengagement: 1.0, delta_d: 0.0, ..paper() },
-        Environment { disengagement_threshold: 5e-324, ..paper() },
+        StepCount { first_context: FirstContext::Sampled, mu: [-30.0, 70.0], ..paper() },
+        StepCount { delta_h: 0.37, epsilon_h: 0.23, delta_d: 0.31, epsilon_d: 0.17, ..paper() },
+        StepCount { initial_disengagement: 0.2, initial_habituation: 0.97, ..paper() },
+        StepCount { epsilon_d: 1.0, disengagement_threshold: 0.55, ..paper() },
+        StepCount { epsilon_d: 0.0, epsilon_h: 0.0, delta_h: 1.0, delta_d: 1.0, ..paper() },
+        StepCount { delta_h: 0.0, delta_d: 0.0, epsilon_h: 1.0, ..paper() },
+        StepCount { initial_disengagement: 1.0, ..paper() },
+        StepCount { initial_disengagement: 1.0, delta_d: 0.0, ..paper() },
+        StepCount { disengagement_threshold: 5e-324, ..paper() },
         // Three mistakes add up to 0.8999999999999999.
-        Environment { disengagement_threshold: 0.9, ..without_decay(0.3, 7) },
-        Environment { rho_1: -50.0, rho_2: -200.0, mu: [-1e5, -1e5], ..paper() },
-        Environment { rho_3: 150.0, epsilon_d: 0.2, ..paper() },
-        Environment { rho_3: -70.0, ..paper() },
-        Environment { message_cost: 90.0, ..paper() },
-        Environment { message_cost: 500.0, ..paper() },
-        Environment {
+        StepCount { disengagement_threshold: 0.9, ..without_decay(0.3, 7) },
+        StepCount { rho_1: -50.0, rho_2: -200.0, mu: [-1e5, -1e5], ..paper() },
+        StepCount { rho_3: 150.0, epsilon_d: 0.2, ..paper() },
+        StepCount { rho_3: -70.0, ..paper() },
+        StepCount { message_cost: 90.0, ..paper() },
+        StepCount { message_cost: 500.0, ..paper() },
+        StepCount {
             mu: [60.0, 60.0],
             rho_3: 90.0,
             disengagement_reward: DisengagementReward::Zero,
@@ -129,9 +129,9 @@ fn odd_environments() -> Vec<Environment> {
             message_cost: 40.0,
             ..paper()
         },
-        Environment { sigma: 0.0, epsilon_d: 0.3, ..paper() },
-        Environment { sigma: 1e6, delta_d: 0.5, epsilon_d: 0.25, ..paper() },
-        Environment { horizon: 1, ..paper() },
+        StepCount { sigma: 0.0, epsilon_d: 0.3, ..paper() },
+        StepCount { sigma: 1e6, delta_d: 0.5, epsilon_d: 0.25, ..paper() },
+        StepCount { horizon: 1, ..paper() },
     ]
 }
 
@@ -156,8 +156,8 @@ fn the_optimum_of_short_episodes_is_the_best_of_every_course() {
 fn ten_tenths_are_less_than_one() {
     let environment = without_decay(0.1, 200);
     // Eleven mistakes end an episode, as with an increment just below 0.1.
-    let alike = Environment { epsilon_d: 0.0999, ..environment.clone() };
-    let fewer = Environment { epsilon_d: 0.1001, ..environment.clone() };
+    let alike = StepCount { epsilon_d: 0.0999, ..environment.clone() };
+    let fewer = StepCount { epsilon_d: 0.1001, ..environment.clone() };
     for scenario in ["P-H-D", "L-H-D", "H-D"] {
         let [ours, alike, fewer] = [&environment, &alike, &fewer].map(|e| value(e, scenario));
         let apart = (ours.mean_return - alike.mean_return).abs();
@@ -167,7 +167,7 @@ fn ten_tenths_are_less_than_one() {
 }
 
 /// The mean return and standard error of a solution's policy, from ordinary simulated episodes.
-fn simulated(solution: &Solution, e: &Environment, count: u32) -> [f64; 2] {
+fn simulated(solution: &Solution, e: &StepCount, count: u32) -> [f64; 2] {
     let mut stream = Stream::new(3, Purpose::TestEnvironment);
     let mut episode = || {
         let mut state = [e.initial_habituation, e.initial_disengagement];
@@ -202,10 +202,10 @@ fn errors_of_interpolation_add_up_to_what_a_policy_s_return_differs_by() {
     let resolution = Resolution { habituation: 3, disengagement: 1, jumps: 1 };
     let mut broken = 0.0;
     for (sigma, first_context) in [(0.6, FirstContext::Fixed), (2.0, FirstContext::Sampled)] {
-        let paper = Environment::paper(sigma);
+        let paper = StepCount::paper(sigma);
         let message_cost = if sigma < 1.0 { 0.0 } else { 20.0 };
         let environment =
-            Environment { horizon: 80, mu: [5.0, -2.0], first_context, message_cost, ..paper };
+            StepCount { horizon: 80, mu: [5.0, -2.0], first_context, message_cost, ..paper };
         for scenario in ["P-H-D", "L-H-D", "H-D"] {
             let belief = Belief::new(&environment, &scenario.parse().unwrap());
             let solution = Solution::new(&environment, belief, resolution);
@@ -231,8 +231,8 @@ fn the_error_is_what_the_grids_differ_by_and_two_standard_errors() {
 #[test]
 fn small_rewards_have_as_exact_an_optimum() {
     for scenario in ["C-H-D", "P-H-D", "L-H-D"] {
-        let usual = Environment::paper(0.8);
-        let small = Environment {
+        let usual = StepCount::paper(0.8);
+        let small = StepCount {
             rho_1: usual.rho_1 / 1e4,
             rho_2: usual.rho_2 / 1e4,
             mu: usual.mu.map(|mu| mu / 1e4),
@@ -247,7 +247,7 @@ fn small_rewards_have_as_exact_an_optimum() {
 #[test]
 fn the_optimal_policy_knows_a_fixed_first_context_and_what_is_left() {
     let policy = |scenario: &str| {
-        OptimalPolicy::new(&Environment::paper(1.0), &scenario.parse().unwrap()).unwrap()
+        OptimalPolicy::new(&StepCount::paper(1.0), &scenario.parse().unwrap()).unwrap()
     };
     let policy = policy("P-H-D");
     assert_eq!(policy.choose(0, 0.5, 0.1, 0.1), Action::tailored_to(0));
@@ -260,7 +260,7 @@ fn the_optimal_policy_knows_a_fixed_first_context_and_what_is_left() {
 #[test]
 fn scenarios_that_hide_the_state_and_long_horizons_have_no_optimum() {
     let refused = |horizon, scenario: &str| {
-        let environment = Environment { horizon, ..Environment::paper(1.0) };
+        let environment = StepCount { horizon, ..StepCount::paper(1.0) };
         optimum(&environment, &scenario.parse().unwrap()).unwrap_err().to_string()
     };
     assert_eq!(
@@ -277,9 +277,9 @@ fn scenarios_that_hide_the_state_and_long_horizons_have_no_optimum() {
 
 #[test]
 fn what_a_scenario_shows_besides_makes_no_difference() {
-    let environment = Environment { observed_probability: 1, ..Environment::paper(0.6) };
-    assert_eq!(value(&environment, "T-H-P-L-D"), value(&Environment::paper(0.6), "P-H-D"));
-    let exact = Environment { sigma: 0.0, ..environment };
+    let environment = StepCount { observed_probability: 1, ..StepCount::paper(0.6) };
+    assert_eq!(value(&environment, "T-H-P-L-D"), value(&StepCount::paper(0.6), "P-H-D"));
+    let exact = StepCount { sigma: 0.0, ..environment };
     assert_eq!(inference_error(0.0), 0.0);
     assert_eq!(value(&exact, "L-H-D"), value(&exact, "C-H-D"));
     assert_eq!(Belief::Certain.probability_of_zero(&ContextDraw::new(1, 0.0)), 0.0);

@@ -3,7 +3,7 @@
 use super::limits::{NoOptimum, check};
 use super::simulation::{MeanReturn, mean_return};
 use super::solution::{Resolution, Solution};
-use crate::env::{Belief, Environment, Scenario};
+use crate::env::{Belief, Scenario, StepCount};
 
 /// The number of simulated episodes per grid.
 const EPISODES: u64 = 400;
@@ -20,7 +20,7 @@ pub struct Optimum {
 /// The optimum of a scenario in an environment.
 ///
 /// **Errors**: see [`check`].
-pub fn optimum(environment: &Environment, scenario: &Scenario) -> Result<Optimum, NoOptimum> {
+pub fn optimum(environment: &StepCount, scenario: &Scenario) -> Result<Optimum, NoOptimum> {
     check(environment, scenario)?;
     let belief = Belief::new(environment, scenario);
     let fine = Resolution::fine(environment, belief);

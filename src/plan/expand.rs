@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::agent::Agent;
-use crate::env::{Environment, Population};
+use crate::env::{Population, StepCount};
 use crate::job::{CanonicalForm, Evaluation, Job, Parts, PlannedJob, agent_text, text};
 use crate::key::Keyed;
 use crate::manifest::{Cell, Grid, Manifest, Section};
@@ -43,7 +43,7 @@ struct AgentJobs<'m> {
 /// The typed parameters of a cell, kept because neighbouring cells share most of them.
 struct Typed {
     cell: Cell,
-    environment: Part<Environment>,
+    environment: Part<StepCount>,
     population: Part<Population>,
     agent: Part<Agent>,
     evaluation: Part<Evaluation>,
@@ -164,7 +164,7 @@ mod tests {
         );
         let rows: Vec<String> = jobs(&manifest(&text))
             .map(|PlannedJob { agent, job, .. }| {
-                let Environment { sigma, horizon, .. } = job.environment;
+                let StepCount { sigma, horizon, .. } = job.environment;
                 format!("{agent} {} {sigma} {horizon} {}", job.scenario, job.seed)
             })
             .collect();

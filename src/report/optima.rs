@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::mem;
 
-use crate::env::{Environment, Population, Scenario};
+use crate::env::{Population, Scenario, StepCount};
 use crate::job::Job;
 use crate::optimum::{self, NoOptimum};
 
@@ -19,7 +19,7 @@ pub(super) struct Places {
 
 /// An environment and a scenario.
 struct Place {
-    environment: Environment,
+    environment: StepCount,
     population: Population,
     scenario: Scenario,
 }

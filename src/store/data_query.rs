@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use crate::job::{Condition, DataPart, ParticipantRange, Scalar, short_name};
-use crate::key::{Parameter, printable};
+use crate::key::Parameter;
 use crate::record::JobRecord;
 
 /// A query of the public views: for some jobs of one experiment, and for a part of their results.
@@ -146,13 +146,9 @@ fn key(name: &str) -> String {
     format!("(SELECT value FROM parameter WHERE job_key = run.job_key AND name = {})", text(name))
 }
 
-/// A text as an SQL literal; its bytes in hexadecimal if it contains unprintable characters.
+/// A text as an SQL literal.
 fn text(text: &str) -> String {
-    if printable(text) == text {
-        return format!("'{}'", text.replace('\'', "''"));
-    }
-    let digits: String = text.bytes().map(|byte| format!("{byte:02x}")).collect();
-    format!("CAST(x'{digits}' AS TEXT)")
+    format!("'{}'", text.replace('\'', "''"))
 }
 
 /// A value as an SQL literal for comparisons.

@@ -258,9 +258,7 @@ mod tests {
     use super::*;
     use crate::agent::{Agent, DecisionRule, RuleParameters};
     use crate::env::ActionProbabilities;
-    use crate::env::{
-        Action, Environment, LaneSet, PhysicalActivity, Population, VectorEnvironment,
-    };
+    use crate::env::{Action, LaneSet, PhysicalActivity, Population, StepCount, VectorEnvironment};
     use crate::job::Evaluation;
     use crate::rng::Stream;
 
@@ -355,7 +353,7 @@ mod tests {
     #[test]
     fn an_actor_keeps_its_memory_when_a_test_is_interrupted() {
         let job = Job {
-            environment: Environment { horizon: 20, ..Environment::paper(0.6) },
+            environment: StepCount { horizon: 20, ..StepCount::paper(0.6) },
             population: Population::default(),
             scenario: "P-H-D".parse().unwrap(),
             agent: Agent::of(&RuleParameters::new(DecisionRule::Random)),

@@ -6,7 +6,7 @@ use jitai::agent::{
     self, Actions, Actor, Agent, AlgorithmParameters, RulePolicy, Start, StartError, Task, Weights,
     WeightsError, register_algorithm,
 };
-use jitai::env::{Action, Environment, Population};
+use jitai::env::{Action, Population, StepCount};
 use jitai::job::Evaluation;
 use jitai::job::{Job, JobError};
 use jitai::key::{Constraint, Key, Keyed, Kind, Value, canonical_object, read_object};
@@ -71,7 +71,7 @@ algorithm!(Later);
 
 fn job(agent: Agent) -> Job {
     Job {
-        environment: Environment::paper(0.6),
+        environment: StepCount::paper(0.6),
         population: Population::default(),
         scenario: "P-H-D".parse().unwrap(),
         agent,
@@ -132,11 +132,11 @@ fn a_key_of_the_environment_can_be_added_too() {
         earlier: None,
         before: Some(|| Value::Real(0.0)),
     };
-    let grown: Vec<Key> = Environment::KEYS.iter().copied().chain([noise]).collect();
+    let grown: Vec<Key> = StepCount::KEYS.iter().copied().chain([noise]).collect();
     let values = |noise| -> Vec<Value> {
-        Environment::paper(0.4).to_values().into_iter().chain([Value::Real(noise)]).collect()
+        StepCount::paper(0.4).to_values().into_iter().chain([Value::Real(noise)]).collect()
     };
-    let now = canonical_object(Environment::KEYS, &Environment::paper(0.4).to_values());
+    let now = canonical_object(StepCount::KEYS, &StepCount::paper(0.4).to_values());
     assert_eq!(canonical_object(&grown, &values(0.0)), now);
     assert_ne!(canonical_object(&grown, &values(0.1)), now);
     assert_eq!(read_object(&grown, &now).unwrap(), values(0.0));

@@ -6,7 +6,7 @@ use std::fs;
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use jitai::env::{Environment, Feature};
+use jitai::env::{Feature, StepCount};
 use jitai::key::Keyed;
 use jitai::manifest;
 use jitai::store::{Answer, Reader};
@@ -484,7 +484,7 @@ fn the_page_of_the_environment_has_every_key_and_every_letter() {
         let name = format!("`{name}`");
         rows.iter().any(|row| row.split('|').nth(1).is_some_and(|cell| cell.contains(&name)))
     };
-    for key in Environment::KEYS {
+    for key in StepCount::KEYS {
         assert!(is_explained(key.name), "{}", key.name);
     }
     for feature in Feature::ALL {

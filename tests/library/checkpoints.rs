@@ -9,7 +9,7 @@ use jitai::agent::{
     Activation, Agent, AtHorizon, BanditDraw, BanditPosterior, BanditUpdate, DuelingDqn, Engine,
     LinearThompson, Ppo, Recurrent, Reinforce, TerminalTarget, Trunk,
 };
-use jitai::env::{Environment, FirstContext, Population, StateNoise, StepNoise, TimeIndicator};
+use jitai::env::{FirstContext, Population, StateNoise, StepCount, StepNoise, TimeIndicator};
 use jitai::job::Job;
 use jitai::job::{Evaluation, RecordedDecisions};
 use jitai::job::{Outcome, Results};
@@ -108,8 +108,8 @@ impl TrainingControl for Shelf {
     }
 }
 
-fn job(agent: Agent, change: impl FnOnce(&mut Environment)) -> Job {
-    let mut environment = Environment { horizon: 5, ..Environment::paper(0.6) };
+fn job(agent: Agent, change: impl FnOnce(&mut StepCount)) -> Job {
+    let mut environment = StepCount { horizon: 5, ..StepCount::paper(0.6) };
     change(&mut environment);
     Job {
         environment,

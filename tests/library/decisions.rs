@@ -6,7 +6,7 @@ use jitai::agent::{
     Agent, DecisionRule, DuelingDqn, LinearThompson, Ppo, Recurrent, Reinforce, RuleParameters,
     Unavailable, Weights,
 };
-use jitai::env::{Environment, Population};
+use jitai::env::{Population, StepCount};
 use jitai::job::Job;
 use jitai::job::{Decision, Outcome, Phase, Provenance, Results};
 use jitai::job::{Evaluation, RecordedDecisions};
@@ -18,7 +18,7 @@ use jitai::train::{self, Uncontrolled};
 
 fn job(agent: Agent, recorded: RecordedDecisions) -> Job {
     Job {
-        environment: Environment::paper(0.6),
+        environment: StepCount::paper(0.6),
         population: Population::default(),
         scenario: "P-H-D".parse().unwrap(),
         agent,

@@ -7,7 +7,7 @@ use jitai::agent::{
     Activation, Agent, BanditFeatures, DuelingDqn, Engine, LinearThompson, Ppo, Recurrent,
     Reinforce, TerminalTarget, Trunk,
 };
-use jitai::env::{Environment, FirstContext, Population, TimeIndicator};
+use jitai::env::{FirstContext, Population, StepCount, TimeIndicator};
 use jitai::job::Evaluation;
 use jitai::job::Job;
 use jitai::job::{Outcome, Results};
@@ -16,7 +16,7 @@ use sha2::{Digest, Sha256};
 
 fn job(agent: Agent, seed: u64) -> Job {
     Job {
-        environment: Environment::paper(0.6),
+        environment: StepCount::paper(0.6),
         population: Population::default(),
         scenario: "P-H-D".parse().unwrap(),
         agent,

@@ -11,9 +11,9 @@ use jitai::agent::{
 };
 use jitai::env::contract::{Clause, check};
 use jitai::env::{
-    Action, ActionProbabilities, ActionSpec, DisengagementReward, Environment, EpisodeStatus,
-    FeatureSpec, FirstContext, LaneSet, LaneStreams, ObservationSpec, Observations,
-    PhysicalActivity, Population, RewardHabituation, StateNoise, StepNoise, TimeIndicator,
+    Action, ActionProbabilities, ActionSpec, DisengagementReward, EpisodeStatus, FeatureSpec,
+    FirstContext, LaneSet, LaneStreams, ObservationSpec, Observations, PhysicalActivity,
+    Population, RewardHabituation, StateNoise, StepCount, StepNoise, TimeIndicator,
     VectorEnvironment,
 };
 use jitai::key::Distribution;
@@ -193,12 +193,12 @@ const STEPS: usize = 200;
 
 #[test]
 fn the_simulation_of_the_paper_keeps_the_contract() {
-    let paper = Environment::paper(0.6);
+    let paper = StepCount::paper(0.6);
     let environments = [
         paper.clone(),
-        Environment { first_context: FirstContext::Sampled, ..Environment::paper(1.2) },
-        Environment { sigma: 0.0, horizon: 1, ..paper.clone() },
-        Environment {
+        StepCount { first_context: FirstContext::Sampled, ..StepCount::paper(1.2) },
+        StepCount { sigma: 0.0, horizon: 1, ..paper.clone() },
+        StepCount {
             horizon: 9,
             time_one_hot: true,
             time_indicator: TimeIndicator::Exact,
@@ -206,7 +206,7 @@ fn the_simulation_of_the_paper_keeps_the_contract() {
             first_context: FirstContext::Sampled,
             ..paper.clone()
         },
-        Environment {
+        StepCount {
             rho_1: -50.0,
             mu: [-3.0, 7.0],
             initial_habituation: 1.0,
@@ -230,50 +230,50 @@ fn the_simulation_of_the_paper_keeps_the_contract() {
 }
 
 /// Environments with every version of the dynamics, and with every key of contexts and burden.
-fn beyond_the_paper() -> Vec<Environment> {
-    let uniform = || Environment {
+fn beyond_the_paper() -> Vec<StepCount> {
+    let uniform = || StepCount {
         state_noise: StateNoise::Uniform,
         state_spread: 0.6,
         step_noise: StepNoise::Gamma,
         sigma_s: 10.0,
-        ..Environment::paper(0.6)
+        ..StepCount::paper(0.6)
     };
-    let beta = || Environment {
+    let beta = || StepCount {
         state_noise: StateNoise::Beta,
         kappa_h: 10.0,
         kappa_d: 5.0,
         reward_habituation: RewardHabituation::Drawn,
-        ..Environment::paper(0.6)
+        ..StepCount::paper(0.6)
     };
     vec![
         uniform(),
         beta(),
-        Environment { step_noise: StepNoise::Gamma, sigma_s: 25.0, rho_3: -40.0, ..beta() },
-        Environment {
+        StepCount { step_noise: StepNoise::Gamma, sigma_s: 25.0, rho_3: -40.0, ..beta() },
+        StepCount {
             parameter_spread: 1.5,
             disengagement_reward: DisengagementReward::Zero,
             steps_cut_at_zero: true,
             unpaid_last_step: true,
             horizon: 6,
             rho_3: -40.0,
-            ..Environment::paper(0.6)
+            ..StepCount::paper(0.6)
         },
-        Environment {
+        StepCount {
             context_probability: 0.2,
             context_persistence: 0.7,
             first_context: FirstContext::Sampled,
             ..uniform()
         },
-        Environment { context_persistence: 0.9, availability: 0.6, horizon: 9, ..beta() },
-        Environment {
+        StepCount { context_persistence: 0.9, availability: 0.6, horizon: 9, ..beta() },
+        StepCount {
             availability: 0.3,
             message_cost: 7.5,
             message_budget: 3,
             first_context: FirstContext::Sampled,
             horizon: 9,
-            ..Environment::paper(0.6)
+            ..StepCount::paper(0.6)
         },
-        Environment { message_budget: 0, horizon: 9, ..Environment::paper(0.6) },
+        StepCount { message_budget: 0, horizon: 9, ..StepCount::paper(0.6) },
     ]
 }
 
@@ -311,7 +311,7 @@ fn people_who_differ_keep_the_contract() {
     };
     let of_sigma = Population { sigma: Distribution::Uniform([0.0, 2.0]), ..Population::default() };
     let mut environments = beyond_the_paper();
-    environments.push(Environment { horizon: 9, ..Environment::paper(0.6) });
+    environments.push(StepCount { horizon: 9, ..StepCount::paper(0.6) });
     for environment in &environments {
         for population in [&of_states, &of_contexts, &of_sigma] {
             for scenario in ["P-H-D", "A-B-M-L-T-S-P"] {
@@ -462,8 +462,7 @@ fn agents_refuse_environments_that_they_cannot_act_in() {
 #[test]
 fn lanes_with_their_own_streams_play_the_episodes_that_they_play_alone() {
     let stream = |lane: u64| Stream::new(lane, Purpose::Environment);
-    let environment =
-        Environment { first_context: FirstContext::Sampled, ..Environment::paper(0.8) };
+    let environment = StepCount { first_context: FirstContext::Sampled, ..StepCount::paper(0.8) };
     let simulation = |lanes| PhysicalActivity::new(&environment, &"C-P".parse().unwrap(), lanes);
     let mut together = simulation(20);
     let mut streams = LaneStreams::PerLane((0..20).map(stream).collect());

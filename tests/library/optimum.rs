@@ -3,7 +3,7 @@
 use jitai::agent::RulePolicy;
 use jitai::agent::{Agent, DecisionRule, RuleParameters};
 use jitai::env::{Action, ActionProbabilities, PhysicalActivity};
-use jitai::env::{Environment, FirstContext, Population, Scenario};
+use jitai::env::{FirstContext, Population, Scenario, StepCount};
 use jitai::job::Evaluation;
 use jitai::job::Job;
 use jitai::job::{Outcome, Results};
@@ -24,7 +24,7 @@ impl StepObserver<PhysicalActivity> for Returns {
 /// The mean return of a rule in this number of episodes, and its standard error.
 fn simulated(
     rule: DecisionRule,
-    environment: &Environment,
+    environment: &StepCount,
     scenario: &Scenario,
     lanes: usize,
 ) -> [f64; 2] {
@@ -43,7 +43,7 @@ fn simulated(
 #[test]
 fn the_optimal_policy_reaches_the_optimum_in_a_hundred_thousand_episodes() {
     for (sigma, first_context) in [(0.6, FirstContext::Fixed), (1.0, FirstContext::Sampled)] {
-        let environment = Environment { first_context, ..Environment::paper(sigma) };
+        let environment = StepCount { first_context, ..StepCount::paper(sigma) };
         for scenario in ["C-H-D", "P-H-D", "L-H-D"] {
             let is_certain = scenario.starts_with('C');
             let scenario: Scenario = scenario.parse().unwrap();
@@ -58,14 +58,14 @@ fn the_optimal_policy_reaches_the_optimum_in_a_hundred_thousand_episodes() {
 
 #[test]
 fn the_optimal_policy_reaches_the_optimum_of_another_environment() {
-    let environment = Environment {
+    let environment = StepCount {
         horizon: 30,
         epsilon_d: 0.25,
         delta_d: 0.2,
         epsilon_h: 0.12,
         disengagement_threshold: 0.7,
         mu: [-20.0, 40.0],
-        ..Environment::paper(0.8)
+        ..StepCount::paper(0.8)
     };
     let scenario: Scenario = "P-H-D".parse().unwrap();
     let best = optimum(&environment, &scenario).unwrap().mean_return;
@@ -75,7 +75,7 @@ fn the_optimal_policy_reaches_the_optimum_of_another_environment() {
 
 #[test]
 fn no_rule_is_better_than_the_optimal_one() {
-    let environment = Environment::paper(0.8);
+    let environment = StepCount::paper(0.8);
     let scenario: Scenario = "P-H-D".parse().unwrap();
     let best = optimum(&environment, &scenario).unwrap().mean_return;
     let rules = [
@@ -96,7 +96,7 @@ fn no_rule_is_better_than_the_optimal_one() {
 
 fn tested(rule: DecisionRule, scenario: &str) -> Results {
     let job = Job {
-        environment: Environment::paper(0.6),
+        environment: StepCount::paper(0.6),
         population: Population::default(),
         scenario: scenario.parse().unwrap(),
         agent: Agent::of(&RuleParameters::new(rule)),

@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use jitai::agent::{
     Agent, DecisionRule, DuelingDqn, LinearThompson, Ppo, Reinforce, RuleParameters,
 };
-use jitai::env::{Environment, ParticipantSampler, Population, PopulationPhases};
+use jitai::env::{ParticipantSampler, Population, PopulationPhases, StepCount};
 use jitai::experiment::{self, Options, Store};
 use jitai::job::Job;
 use jitai::job::{Evaluation, RecordedDecisions};
@@ -69,7 +69,7 @@ fn people() -> Population {
 
 fn job(agent: Agent, population: Population) -> Job {
     Job {
-        environment: Environment { horizon: 12, ..Environment::paper(0.6) },
+        environment: StepCount { horizon: 12, ..StepCount::paper(0.6) },
         population,
         scenario: "P-H-D".parse().unwrap(),
         agent,

@@ -1,7 +1,7 @@
 //! Compares the simulation with trajectories of the authors' simulator.
 
 use jitai::env::{
-    Action, ContextDraw, Environment, EpisodeStatus, LaneSet, LaneStreams, PhysicalActivity,
+    Action, ContextDraw, EpisodeStatus, LaneSet, LaneStreams, PhysicalActivity, StepCount,
     VectorEnvironment,
 };
 use jitai::rng::{Purpose, Stream};
@@ -13,10 +13,10 @@ fn number(value: &Value, key: &str) -> f64 {
     value[key].as_f64().unwrap_or_else(|| panic!("{key} is a number in {value}"))
 }
 
-fn environment(case: &Value) -> Environment {
+fn environment(case: &Value) -> StepCount {
     let parameters = &case["parameters"];
     let get = |key| number(parameters, key);
-    Environment {
+    StepCount {
         delta_h: get("delta_h"),
         epsilon_h: get("epsilon_h"),
         delta_d: get("delta_d"),
@@ -26,7 +26,7 @@ fn environment(case: &Value) -> Environment {
         mu: [0, 1].map(|c| parameters["mu"][c].as_f64().unwrap()),
         disengagement_threshold: get("disengagement_threshold"),
         horizon: case["horizon"].as_u64().unwrap() as u32,
-        ..Environment::paper(number(case, "sigma"))
+        ..StepCount::paper(number(case, "sigma"))
     }
 }
 

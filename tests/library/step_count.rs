@@ -2,15 +2,15 @@
 //! deterministic version, and moments of a step of its stochastic versions.
 
 use jitai::env::{
-    Action, ContextDraw, DisengagementReward, Environment, EpisodeStatus, FirstContext, LaneSet,
-    LaneStreams, PhysicalActivity, StateNoise, StepNoise, VectorEnvironment,
+    Action, ContextDraw, DisengagementReward, EpisodeStatus, FirstContext, LaneSet, LaneStreams,
+    PhysicalActivity, StateNoise, StepCount, StepNoise, VectorEnvironment,
 };
 use jitai::key::Keyed;
 use jitai::rng::{Purpose, Stream};
 use serde_json::{Map, Value};
 
 /// The environment of the preset `step_count_jitai`, with the parameters of a recording.
-fn official(sigma: f64, parameters: &Map<String, Value>) -> Environment {
+fn official(sigma: f64, parameters: &Map<String, Value>) -> StepCount {
     let text = format!(
         "format = 1\nextends = \"step_count_jitai\"\nname = \"t\"\nscenarios = [\"C\"]\n\
          environment.sigma = {sigma:?}\n"
@@ -27,13 +27,13 @@ fn number(value: &Value, key: &str) -> f64 {
 #[test]
 fn the_preset_has_the_defaults_of_the_official_code() {
     let ours = official(0.4, &Map::new());
-    let theirs = Environment {
+    let theirs = StepCount {
         disengagement_threshold: 0.99,
         observed_probability: 1,
         disengagement_reward: DisengagementReward::Zero,
         steps_cut_at_zero: true,
         unpaid_last_step: true,
-        ..Environment::paper(0.4)
+        ..StepCount::paper(0.4)
     };
     assert_eq!(ours, theirs);
 }
@@ -190,7 +190,7 @@ fn moments_and_quantiles_of_a_step_are_those_of_the_official_code_and_of_the_for
 }
 
 /// Contexts and shown probabilities of context 0, \[time, lanes\], if no message is ever sent.
-fn contexts(environment: &Environment, steps: usize) -> Vec<Vec<ContextDraw>> {
+fn contexts(environment: &StepCount, steps: usize) -> Vec<Vec<ContextDraw>> {
     let mut lanes = PhysicalActivity::new(environment, &"C".parse().unwrap(), LANES);
     let mut streams = LaneStreams::Shared(Stream::new(5, Purpose::Environment));
     lanes.reset(LaneSet::All, &mut streams);
@@ -205,12 +205,12 @@ fn contexts(environment: &Environment, steps: usize) -> Vec<Vec<ContextDraw>> {
 
 #[test]
 fn contexts_have_their_share_their_correlation_and_calibrated_probabilities() {
-    let environment = Environment {
+    let environment = StepCount {
         context_probability: 0.3,
         context_persistence: 0.6,
         first_context: FirstContext::Sampled,
         horizon: 10_000,
-        ..Environment::paper(0.8)
+        ..StepCount::paper(0.8)
     };
     let steps = contexts(&environment, 400);
     let n = (400 * LANES) as f64;
@@ -250,8 +250,7 @@ fn contexts_have_their_share_their_correlation_and_calibrated_probabilities() {
 #[test]
 fn a_message_can_be_sent_with_its_probability_from_the_first_step_on() {
     for first_context in [FirstContext::Fixed, FirstContext::Sampled] {
-        let environment =
-            Environment { availability: 0.35, first_context, ..Environment::paper(0.6) };
+        let environment = StepCount { availability: 0.35, first_context, ..StepCount::paper(0.6) };
         let mut lanes = PhysicalActivity::new(&environment, &"C-A".parse().unwrap(), LANES);
         let mut streams = LaneStreams::Shared(Stream::new(6, Purpose::Environment));
         let mut rewards = [0.0; LANES];
@@ -278,11 +277,8 @@ fn a_message_can_be_sent_with_its_probability_from_the_first_step_on() {
 fn noise_is_independent_of_every_context() {
     const STEPS: usize = 14;
     const EPISODES: usize = 20;
-    let environment = Environment {
-        state_noise: StateNoise::Uniform,
-        state_spread: 0.2,
-        ..Environment::paper(0.6)
-    };
+    let environment =
+        StepCount { state_noise: StateNoise::Uniform, state_spread: 0.2, ..StepCount::paper(0.6) };
     let mut lanes = PhysicalActivity::new(&environment, &"C".parse().unwrap(), LANES);
     let mut streams = LaneStreams::Shared(Stream::new(7, Purpose::Environment));
     let mut rewards = [0.0; LANES];
@@ -318,7 +314,7 @@ fn noise_is_independent_of_every_context() {
 #[test]
 fn steps_by_hand_beyond_the_paper() {
     let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
-    let take = |environment: Environment, actions: &[usize]| {
+    let take = |environment: StepCount, actions: &[usize]| {
         let scenario = "A-B-M-S".parse().unwrap();
         let mut lane = PhysicalActivity::new(&environment, &scenario, 1);
         let mut streams = LaneStreams::Shared(Stream::new(1, Purpose::Environment));
@@ -334,12 +330,12 @@ fn steps_by_hand_beyond_the_paper() {
         lane.observe(&mut seen);
         (rewards, seen.row(0).to_vec())
     };
-    let paper = || Environment::paper(0.0);
+    let paper = || StepCount::paper(0.0);
     // The observed features before the first step.
     let (_, seen) = take(paper(), &[]);
     assert_eq!(seen, [1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.001]);
     // A message costs 7, which the return does not include; one message of a budget of 2 is left.
-    let priced = Environment { message_cost: 7.0, message_budget: 2, ..paper() };
+    let priced = StepCount { message_cost: 7.0, message_budget: 2, ..paper() };
     let (rewards, seen) = take(priced.clone(), &[2]);
     close(rewards[0].0, 0.1 + 0.85 * 200.0 - 7.0);
     close(rewards[0].1, 0.1 + 0.85 * 200.0);
@@ -350,17 +346,17 @@ fn steps_by_hand_beyond_the_paper() {
     assert_eq!(rewards[2], (0.1, 0.1));
     assert_eq!(seen, [1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.001]);
     // Three wrong messages disengage; the last one pays rho_3 at habituation 0.25, or nothing.
-    let wrong = Environment { rho_3: -40.0, ..paper() };
+    let wrong = StepCount { rho_3: -40.0, ..paper() };
     let (rewards, _) = take(wrong.clone(), &[3, 3, 3]);
     close(rewards[2].0, 0.1 - 0.75 * 40.0);
     let zero =
-        Environment { disengagement_reward: DisengagementReward::Zero, message_cost: 1.0, ..wrong };
+        StepCount { disengagement_reward: DisengagementReward::Zero, message_cost: 1.0, ..wrong };
     let (rewards, _) = take(zero.clone(), &[3, 3, 3]);
     assert_eq!(rewards[2], (-1.0, 0.0));
-    let (rewards, _) = take(Environment { steps_cut_at_zero: true, ..zero }, &[3, 3]);
+    let (rewards, _) = take(StepCount { steps_cut_at_zero: true, ..zero }, &[3, 3]);
     assert_eq!(rewards[1], (-1.0, 0.0));
     // A horizon of 1, followed by an unpaid step.
-    let unpaid = Environment { horizon: 1, unpaid_last_step: true, ..paper() };
+    let unpaid = StepCount { horizon: 1, unpaid_last_step: true, ..paper() };
     let (rewards, _) = take(unpaid, &[0, 1]);
     assert_eq!(rewards, [(0.1, 0.1), (0.0, 0.0)]);
 }

@@ -8,7 +8,7 @@ use std::thread;
 
 use jitai::agent::{Agent, DuelingDqn, Engine, Reinforce};
 use jitai::analyse;
-use jitai::env::{Environment, Population, Scenario};
+use jitai::env::{Population, Scenario, StepCount};
 use jitai::job::Evaluation;
 use jitai::job::Job;
 use jitai::job::Outcome;
@@ -27,7 +27,7 @@ fn returns(agent: &Agent, scenario: &str, sigma: f64) -> Vec<f64> {
                 loop {
                     let Some(seed) = seeds.lock().unwrap().next() else { break };
                     let job = Job {
-                        environment: Environment::paper(sigma),
+                        environment: StepCount::paper(sigma),
                         population: Population::default(),
                         scenario: scenario.clone(),
                         agent: agent.clone(),

@@ -5,7 +5,7 @@ use std::io;
 
 use super::*;
 use crate::agent::learner::{Learner, Span};
-use crate::env::{Action, Environment, PhysicalActivity};
+use crate::env::{Action, PhysicalActivity, StepCount};
 use crate::rng::{Purpose, Stream};
 use crate::state::{StateError, StateReader, StateWriter};
 
@@ -267,7 +267,7 @@ fn the_recurrent_dqn_learns_from_the_episodes_that_it_played() {
         terminal_target: TerminalTarget::Zero,
         ..DuelingDqn::default()
     };
-    let environment = Environment { horizon: 4, ..Environment::paper(0.6) };
+    let environment = StepCount { horizon: 4, ..StepCount::paper(0.6) };
     let environment = PhysicalActivity::new(&environment, &"P".parse().unwrap(), 1);
     let engine = Counting { parameters: parameters.clone(), renewals: 0, updates: 0, acted: 0 };
     let mut learner = RecurrentDqnLearner::new(engine, &parameters, environment, 1);

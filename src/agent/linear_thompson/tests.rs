@@ -9,7 +9,7 @@ use super::*;
 use crate::agent::registry::trained_linear_thompson;
 use crate::agent::{Actions, Actor, Learner, LearnerError};
 use crate::env::{
-    Action, Environment, LaneSet, LaneStreams, PhysicalActivity, Scenario, VectorEnvironment,
+    Action, LaneSet, LaneStreams, PhysicalActivity, Scenario, StepCount, VectorEnvironment,
 };
 use crate::rng::{Purpose, Stream};
 use crate::state::{StateReader, StateWriter};
@@ -264,7 +264,7 @@ fn rounds_and_batches_are_declared_by_three_keys() {
 
 fn simulation(lanes: usize) -> PhysicalActivity {
     let scenario: Scenario = "C-H-D".parse().unwrap();
-    PhysicalActivity::new(&Environment::paper(0.4), &scenario, lanes)
+    PhysicalActivity::new(&StepCount::paper(0.4), &scenario, lanes)
 }
 
 #[test]

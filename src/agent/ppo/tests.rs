@@ -7,7 +7,7 @@ use std::rc::Rc;
 
 use super::*;
 use crate::agent::learner::Learner;
-use crate::env::{Action, Environment, PhysicalActivity};
+use crate::env::{Action, PhysicalActivity, StepCount};
 use crate::state::{StateError, StateReader, StateWriter};
 
 /// The value of every state.
@@ -91,7 +91,7 @@ fn parameters() -> Ppo {
 
 /// The updates of a whole training, and the number of its episodes that ended in a terminal state.
 fn trained(parameters: &Ppo, preferred: usize, approx_kl: f32) -> (Vec<Update>, usize) {
-    let environment = Environment { horizon: HORIZON, ..Environment::paper(0.6) };
+    let environment = StepCount { horizon: HORIZON, ..StepCount::paper(0.6) };
     let lanes = parameters.lanes as usize;
     let environment = PhysicalActivity::new(&environment, &"P".parse().unwrap(), lanes);
     let updates = Rc::default();

@@ -14,8 +14,8 @@ use crate::agent::rule::RuleParameters;
 use crate::agent::unavailable::{UNAVAILABLE, Unavailable};
 use crate::agent::weights::{Weights, WeightsError};
 use crate::env::{
-    Action, Environment, ObservationSpec, Observer, PhysicalActivity, Population, PopulationPhases,
-    Scenario, VectorEnvironment,
+    Action, ObservationSpec, Observer, PhysicalActivity, Population, PopulationPhases, Scenario,
+    StepCount, VectorEnvironment,
 };
 use crate::key::{Constraint, Key, Keyed, Kind, Size, Value};
 use crate::optimum::NoOptimum;
@@ -24,7 +24,7 @@ use crate::optimum::NoOptimum;
 #[derive(Clone, Copy, Debug)]
 pub struct Task<'s> {
     /// Parameters of the simulation.
-    pub environment: &'s Environment,
+    pub environment: &'s StepCount,
     /// How the parameters differ between participants.
     pub population: &'s Population,
     /// The scenario that the agent observes.

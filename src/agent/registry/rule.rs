@@ -2,7 +2,7 @@
 
 use crate::agent::constraint::HORIZON;
 use crate::agent::rule::{DecisionRule, RuleParameters, RulePolicy};
-use crate::env::{Environment, Population, Scenario};
+use crate::env::{Population, Scenario, StepCount};
 use crate::key::{Assignment, Constraint, Key, Keyed, Parameter, Size, Value, Violation};
 use crate::optimum::{LONGEST_OPTIMUM, NoOptimum, check, check_people};
 
@@ -14,7 +14,7 @@ const RULE: Parameter = Parameter::Agent("rule");
 const OPTIMUM_PER_STEP: u64 = 100_000_000;
 
 /// Keys of the environment.
-const KEYS: &[Key] = Environment::KEYS;
+const KEYS: &[Key] = StepCount::KEYS;
 
 /// The rule, all keys of the environment in their order, and the scenario.
 const RULE_AND_ENVIRONMENT: [Parameter; KEYS.len() + 2] = {
@@ -50,11 +50,11 @@ fn population(assignment: &Assignment) -> Option<Population> {
 }
 
 /// The environment, given the values of [`RULE_AND_ENVIRONMENT`].
-fn environment(assignment: &Assignment) -> Option<Environment> {
+fn environment(assignment: &Assignment) -> Option<StepCount> {
     let is_of_environment = |key: &Parameter| matches!(key, Parameter::Environment(_));
     let of_environment = assignment.0.iter().filter(|(key, _)| is_of_environment(key));
     let values: Vec<Value> = of_environment.map(|(_, value)| value.clone().into_owned()).collect();
-    Environment::from_values(&values)
+    StepCount::from_values(&values)
 }
 
 /// The scenario, given its name among the values.

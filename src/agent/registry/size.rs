@@ -1,7 +1,7 @@
 //! The sizes of an agent's training, from the values of a cell, and the keys that make them.
 
 use super::algorithm::{Agent, Algorithm, Task};
-use crate::env::{Environment, Population, Scenario};
+use crate::env::{Population, Scenario, StepCount};
 use crate::key::{Assignment, Key, Keyed, Kind, Parameter, Size, Value};
 
 impl Algorithm {
@@ -23,7 +23,7 @@ impl Algorithm {
     fn kinds(&self) -> impl Iterator<Item = (Parameter, Kind)> {
         let own = self.keys().iter().map(|key| (Parameter::Agent(key.name), key.kind));
         let environment = |key: &Key| (Parameter::Environment(key.name), key.kind);
-        own.chain(Environment::KEYS.iter().map(environment))
+        own.chain(StepCount::KEYS.iter().map(environment))
     }
 
     /// The sizes above their limits, given the values of [`Algorithm::parameters`], each with the
@@ -62,7 +62,7 @@ impl Algorithm {
         let environment = values(|parameter| matches!(parameter, Parameter::Environment(_)));
         let scenario = assignment.text(Parameter::SCENARIO).parse::<Scenario>();
         let made =
-            (Agent::with_values(self, own), Environment::from_values(&environment), scenario.ok());
+            (Agent::with_values(self, own), StepCount::from_values(&environment), scenario.ok());
         let (Some(agent), Some(environment), Some(scenario)) = made else { return Vec::new() };
         let population = Population::default();
         agent.sizes(&Task {

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use jitai::agent::{Agent, DecisionRule, DuelingDqn, Reinforce, RuleParameters};
-use jitai::env::{Environment, Population};
+use jitai::env::{Population, StepCount};
 use jitai::job::Evaluation;
 use jitai::job::Job;
 use jitai::job::{
@@ -109,7 +109,7 @@ pub fn provenance() -> Provenance {
 
 pub fn dqn(sigma: f64, seed: u64) -> Job {
     Job {
-        environment: Environment::paper(sigma),
+        environment: StepCount::paper(sigma),
         population: Population::default(),
         scenario: "P-H-D".parse().unwrap(),
         agent: Agent::of(&DuelingDqn::default()),

@@ -3,7 +3,7 @@
 use super::*;
 use crate::agent::policy::ActionNetwork;
 use crate::agent::replay::{TerminalTarget, Transition};
-use crate::env::{Environment, EpisodeStatus, FirstContext, TimeIndicator};
+use crate::env::{EpisodeStatus, FirstContext, StepCount, TimeIndicator};
 
 /// An engine whose values are a formula of the state and of the number of target renewals. It
 /// checks every batch that it receives.
@@ -108,12 +108,12 @@ fn batches_are_stored_steps_with_the_targets_of_their_period() {
                     terminal_target,
                     ..DuelingDqn::default()
                 };
-                let environment = Environment {
+                let environment = StepCount {
                     horizon,
                     time_one_hot,
                     first_context: FirstContext::Sampled,
                     time_indicator: TimeIndicator::Exact,
-                    ..Environment::paper(0.6)
+                    ..StepCount::paper(0.6)
                 };
                 trains_on_what_it_did(parameters, &environment);
             }
@@ -122,7 +122,7 @@ fn batches_are_stored_steps_with_the_targets_of_their_period() {
 }
 
 /// Trains for about 300 steps and shows every step to the engine.
-fn trains_on_what_it_did(parameters: DuelingDqn, environment: &Environment) {
+fn trains_on_what_it_did(parameters: DuelingDqn, environment: &StepCount) {
     let engine =
         Formula { parameters: parameters.clone(), renewals: 0, updates: 0, steps: Vec::new() };
     let environment = PhysicalActivity::new(environment, &"P-H-D".parse().unwrap(), 1);

@@ -1,8 +1,8 @@
 //! Observations of a scenario from the simulation's state.
 
 use crate::env::observation::{FeatureSpec, ObservationSpec, Observations};
-use crate::env::parameters::{Environment, TimeIndicator};
-use crate::env::scenario::{Feature, Scenario};
+use crate::env::step_count::parameters::{StepCount, TimeIndicator};
+use crate::env::step_count::scenario::{Feature, Scenario};
 use crate::env::vector::Action;
 
 /// The states of the lanes of the simulation; every array is \[lanes\].
@@ -67,7 +67,7 @@ pub struct Observer {
 
 impl Observer {
     /// The observer of a scenario in an environment.
-    pub fn new(environment: &Environment, scenario: &Scenario) -> Self {
+    pub fn new(environment: &StepCount, scenario: &Scenario) -> Self {
         Observer {
             entries: entries(scenario),
             observed_probability: environment.observed_probability,
@@ -227,9 +227,9 @@ mod tests {
 
     #[test]
     fn observers_differ_where_an_entry_of_theirs_does() {
-        let paper = Environment::paper(0.6);
-        let one_hot = Environment { time_one_hot: true, ..paper.clone() };
-        type Change = fn(&mut Environment);
+        let paper = StepCount::paper(0.6);
+        let one_hot = StepCount { time_one_hot: true, ..paper.clone() };
+        type Change = fn(&mut StepCount);
         let changes: [(&str, Change, [bool; 5]); 7] = [
             // Columns: P-H-D, L-T, H with and D without the one-hot of time, and the letters about messages.
             ("sigma", |e| e.sigma = 2.0, [true, true, true, true, true]),
@@ -263,7 +263,7 @@ mod tests {
             for ((environment, scenario), same) in cases.into_iter().zip(expected) {
                 let mut changed = environment.clone();
                 change(&mut changed);
-                let observer = |e: &Environment| Observer::new(e, &scenario.parse().unwrap());
+                let observer = |e: &StepCount| Observer::new(e, &scenario.parse().unwrap());
                 let shows = observer(&changed).shows_the_same_as(&observer(environment));
                 assert_eq!(shows, same, "{key} for {scenario}");
             }

@@ -5,7 +5,7 @@
 //! actions and any set of varying parameters, because every parameter uses its own word among the
 //! participant's words.
 
-use crate::env::parameters::Environment;
+use crate::env::step_count::parameters::StepCount;
 use crate::key::{Column, Distribution, Keyed, Kind, Rows, choices, keys};
 use crate::rng::{Stream, open_unit_from_bits};
 
@@ -44,7 +44,7 @@ macro_rules! distributions {
         const COLUMNS: &[Column] = &[$(Column { name: stringify!($name), of: $kind.number_range() }),+];
 
         /// The functions that set each column's value in an environment.
-        const SETTERS: &[fn(&mut Environment, f64)] = &[$($set),+];
+        const SETTERS: &[fn(&mut StepCount, f64)] = &[$($set),+];
 
         impl Population {
             /// The distributions, in the order of [`COLUMNS`].
@@ -148,7 +148,7 @@ impl Population {
 
     /// The environment with all features that any participant needs: the largest noise and costs, the
     /// smallest availability, and unequal or persistent contexts.
-    pub fn widest(&self, environment: &Environment) -> Environment {
+    pub fn widest(&self, environment: &StepCount) -> StepCount {
         let [smallest, mut widest] =
             [Extreme::Smallest, Extreme::Largest].map(|end| self.extreme(environment, end));
         widest.availability = smallest.availability;
@@ -159,13 +159,13 @@ impl Population {
     }
 
     /// Whether messages can be unavailable at some steps for anybody, for lack of availability or budget.
-    pub fn can_withhold(&self, environment: &Environment) -> bool {
+    pub fn can_withhold(&self, environment: &StepCount) -> bool {
         let smallest = self.range("availability").map(|range| range[Extreme::Smallest as usize]);
         smallest.unwrap_or(environment.availability) < 1.0 || environment.can_spend_budget()
     }
 
     /// The environment with the smallest or largest values that participants can have.
-    pub(super) fn extreme(&self, environment: &Environment, extreme: Extreme) -> Environment {
+    pub(super) fn extreme(&self, environment: &StepCount, extreme: Extreme) -> StepCount {
         let mut with = environment.clone();
         for (column, set) in COLUMNS.iter().zip(SETTERS) {
             if let Some(range) = self.range(column.name) {
@@ -252,7 +252,7 @@ impl ParticipantSampler {
     }
 
     /// Sets drawn values in an environment.
-    pub(super) fn give(&self, values: &[f64], person: &mut Environment) {
+    pub(super) fn give(&self, values: &[f64], person: &mut StepCount) {
         for (place, value) in self.given.iter().zip(values) {
             SETTERS[*place](person, *value);
         }

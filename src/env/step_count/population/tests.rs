@@ -32,9 +32,9 @@ fn every_parameter_reaches_its_field() {
         values[key] = crate::key::Value::Distribution(Distribution::Constant(0.625));
         let population = Population::from_values(&values).unwrap();
         assert_eq!(population.names().collect::<Vec<_>>(), [column.name]);
-        let mut person = Environment::paper(0.6);
+        let mut person = StepCount::paper(0.6);
         SETTERS[place](&mut person, 0.625);
-        let changed: Vec<String> = Environment::paper(0.6)
+        let changed: Vec<String> = StepCount::paper(0.6)
             .to_json()
             .into_iter()
             .filter(|(name, value)| person.to_json()[name] != *value)
@@ -45,7 +45,7 @@ fn every_parameter_reaches_its_field() {
         let expected = if column.name.starts_with("mu") { "mu" } else { column.name };
         assert!(changed.starts_with(expected) && changed.contains("0.625"), "{named}: {changed}");
         // The range is the same as in the environment.
-        let of_environment = Environment::KEYS.iter().find(|key| key.name == column.name);
+        let of_environment = StepCount::KEYS.iter().find(|key| key.name == column.name);
         let kind = of_environment.map(|key| key.kind);
         let stricter = matches!(column.name, "kappa_h" | "kappa_d" | "sigma_s");
         assert!(
@@ -59,7 +59,7 @@ fn every_parameter_reaches_its_field() {
     let real = |key: &&crate::key::Key| {
         matches!(key.kind, Kind::Real { .. } | Kind::PositiveReal { .. } | Kind::RealPair { .. })
     };
-    for key in Environment::KEYS.iter().filter(real) {
+    for key in StepCount::KEYS.iter().filter(real) {
         assert!(COLUMNS.iter().any(|column| column.name == key.name), "{}", key.name);
     }
     assert!(COLUMNS.len() < crate::rng::PARTICIPANT_WORDS);
@@ -126,7 +126,7 @@ fn rows_keep_their_parameters_together() {
 
 #[test]
 fn episodes_are_of_the_same_people_whatever_is_done() {
-    let (environment, scenario) = (Environment::paper(0.6), "C-H-D".parse().unwrap());
+    let (environment, scenario) = (StepCount::paper(0.6), "C-H-D".parse().unwrap());
     let play = |lanes: usize, action: usize| {
         let mut simulation =
             PhysicalActivity::new(&environment, &scenario, lanes).with_population(&people());
@@ -163,10 +163,10 @@ fn episodes_are_of_the_same_people_whatever_is_done() {
 #[test]
 fn everybody_like_the_environment_is_the_simulation_without_a_population() {
     let scenario = "C-P-L-H-D-A-S".parse().unwrap();
-    let mut plain = Environment::paper(0.6);
+    let mut plain = StepCount::paper(0.6);
     plain.availability = 0.8;
     plain.message_cost = 2.0;
-    for environment in [Environment::paper(0.6), plain] {
+    for environment in [StepCount::paper(0.6), plain] {
         let constant = |x: f64| Distribution::Constant(x);
         let same = Population {
             sigma: constant(environment.sigma),
@@ -212,7 +212,7 @@ fn the_parameters_of_contexts_and_steps_are_those_of_each_lane() {
     };
     let lanes = 4000;
     let mut simulation =
-        PhysicalActivity::new(&Environment::paper(0.6), &"C-P-A".parse().unwrap(), lanes)
+        PhysicalActivity::new(&StepCount::paper(0.6), &"C-P-A".parse().unwrap(), lanes)
             .with_population(&population);
     let mut streams = LaneStreams::Shared(Stream::new(8, Purpose::Environment));
     simulation.reset(LaneSet::All, &mut streams);

@@ -4,7 +4,7 @@
 //! number of words, so each word is expanded into a sequence. The variates of the next lane and the next step
 //! then keep their words, and equal seeds give equal noise for any actions.
 
-use crate::env::context::{deviate, squared_radius};
+use crate::env::step_count::context::{deviate, squared_radius};
 use crate::kernel::math;
 
 /// Below this exponent, the exponential counts as 0: at any scale of a simulation, it is near the smallest

@@ -4,7 +4,7 @@ use std::hint::select_unpredictable;
 
 use pulp::{Simd, WithSimd};
 
-use crate::env::parameters::Environment;
+use crate::env::step_count::parameters::StepCount;
 use crate::kernel::{Isa, math};
 use crate::rng::{Stream, unit_from_bits};
 
@@ -85,7 +85,7 @@ pub(super) struct Inference {
 
 impl Inference {
     /// The parameters for an environment.
-    pub(super) fn of(environment: &Environment) -> Self {
+    pub(super) fn of(environment: &StepCount) -> Self {
         Inference { sigma: environment.sigma, odds: prior_odds(environment) }
     }
 }
@@ -115,7 +115,7 @@ pub(super) struct ContextChain {
 
 impl ContextChain {
     /// The chain for an environment.
-    pub(super) fn of(environment: &Environment) -> Self {
+    pub(super) fn of(environment: &StepCount) -> Self {
         ContextChain {
             probability: environment.context_probability,
             persistence: environment.context_persistence,
@@ -137,7 +137,7 @@ impl ContextChain {
 
 /// Prior odds of context 1: the odds of its probability over all steps, 1 if both contexts are equally
 /// likely.
-fn prior_odds(environment: &Environment) -> f64 {
+fn prior_odds(environment: &StepCount) -> f64 {
     environment.context_probability / (1.0 - environment.context_probability)
 }
 
@@ -272,7 +272,7 @@ pub fn context_error(sigma: f64, context_probability: f64) -> f64 {
 
 /// The exact error rates of the most likely context by true context: of inferring 1 in context 0, and of
 /// inferring 0 in context 1.
-pub(super) fn errors_by_context(environment: &Environment) -> [f64; 2] {
+pub(super) fn errors_by_context(environment: &StepCount) -> [f64; 2] {
     errors(environment.sigma, environment.context_probability)
 }
 

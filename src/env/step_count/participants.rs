@@ -2,10 +2,10 @@
 
 use std::io;
 
-use crate::env::context::{ContextChain, Inference, LaneInference};
-use crate::env::dynamics::{Dynamics, LaneDynamics};
-use crate::env::parameters::Environment;
-use crate::env::population::{ParticipantSampler, Population};
+use crate::env::step_count::context::{ContextChain, Inference, LaneInference};
+use crate::env::step_count::dynamics::{Dynamics, LaneDynamics};
+use crate::env::step_count::parameters::StepCount;
+use crate::env::step_count::population::{ParticipantSampler, Population};
 use crate::rng::Stream;
 use crate::state::{StateError, StateReader, StateWriter};
 
@@ -16,7 +16,7 @@ pub(super) struct Participants {
     sampler: ParticipantSampler,
     /// The drawn parameters, \[lanes, parameters\].
     values: Vec<f64>,
-    people: Vec<Environment>,
+    people: Vec<StepCount>,
     dynamics: Vec<Dynamics>,
     /// Padded like the arrays of contexts.
     inference: Vec<Inference>,
@@ -27,7 +27,7 @@ impl Participants {
     /// The environment's own parameters in every lane, before the first draw. `padded` is the length of the
     /// arrays of contexts.
     pub(super) fn new(
-        environment: &Environment,
+        environment: &StepCount,
         population: &Population,
         lanes: usize,
         padded: usize,
@@ -57,7 +57,7 @@ impl Participants {
     }
 
     /// The parameters of a lane.
-    pub(super) fn person(&self, lane: usize) -> &Environment {
+    pub(super) fn person(&self, lane: usize) -> &StepCount {
         &self.people[lane]
     }
 

@@ -1,20 +1,20 @@
 //! The physical-activity simulation of Karine et al. (2023), section 3.1, with the additions of
 //! StepCountJITAI (2024) and of the manifest's keys. `docs/environment.md` states the model.
 
-use crate::env::context::{
+use crate::env::history::History;
+use crate::env::observation::Observations;
+use crate::env::step_count::context::{
     ContextChain, ContextDraw, ContextDrawsAhead, Draws, Inference, LaneInference,
 };
-use crate::env::dynamics::{Alike, Dynamics, LaneDynamics};
-use crate::env::full_step::{FullStep, Memory, is_needed};
-use crate::env::history::History;
-use crate::env::noise::{DrawnNoise, ForcedNoise, Noise, Silence};
-use crate::env::observation::Observations;
-use crate::env::observer::{LaneStates, Observer};
-use crate::env::parameters::{Environment, FirstContext};
-use crate::env::participants::Participants;
-use crate::env::plain_step::PlainStep;
-use crate::env::population::Population;
-use crate::env::scenario::Scenario;
+use crate::env::step_count::dynamics::{Alike, Dynamics, LaneDynamics};
+use crate::env::step_count::full_step::{FullStep, Memory, is_needed};
+use crate::env::step_count::noise::{DrawnNoise, ForcedNoise, Noise, Silence};
+use crate::env::step_count::observer::{LaneStates, Observer};
+use crate::env::step_count::parameters::{FirstContext, StepCount};
+use crate::env::step_count::participants::Participants;
+use crate::env::step_count::plain_step::PlainStep;
+use crate::env::step_count::population::Population;
+use crate::env::step_count::scenario::Scenario;
 use crate::env::vector::{Action, EpisodeStatus, LaneSet, LaneStreams, VectorEnvironment};
 use crate::kernel::{Isa, LINE};
 use crate::rng::{Companion, unit_from_bits};
@@ -30,7 +30,7 @@ const REGISTER: usize = LINE / size_of::<f64>();
 /// otherwise. Noise comes from companions of the streams, at the position of that word.
 #[derive(Clone, Debug)]
 pub struct PhysicalActivity {
-    parameters: Environment,
+    parameters: StepCount,
     dynamics: Alike,
     scenario: Scenario,
     observer: Observer,
@@ -76,7 +76,7 @@ enum Moment {
 
 impl PhysicalActivity {
     /// `lanes` lanes, all ended, with the observations of a scenario.
-    pub fn new(parameters: &Environment, scenario: &Scenario, lanes: usize) -> Self {
+    pub fn new(parameters: &StepCount, scenario: &Scenario, lanes: usize) -> Self {
         PhysicalActivity::of_people(parameters, &Population::default(), scenario, lanes)
     }
 
@@ -89,7 +89,7 @@ impl PhysicalActivity {
     }
 
     fn of_people(
-        parameters: &Environment,
+        parameters: &StepCount,
         population: &Population,
         scenario: &Scenario,
         lanes: usize,
@@ -367,12 +367,12 @@ impl PhysicalActivity {
     }
 
     /// The parameters of the simulation.
-    pub fn parameters(&self) -> &Environment {
+    pub fn parameters(&self) -> &StepCount {
         &self.parameters
     }
 
     /// The parameters of the person in a lane.
-    pub fn person(&self, lane: usize) -> &Environment {
+    pub fn person(&self, lane: usize) -> &StepCount {
         self.participants.as_ref().map_or(&self.parameters, |people| people.person(lane))
     }
 

@@ -3,11 +3,11 @@
 use std::io;
 
 use super::{Moment, PhysicalActivity};
-use crate::env::context::{ContextDraw, ContextDrawsAhead};
-use crate::env::dynamics::Dynamics;
 use crate::env::observation::{ObservationSpec, Observations};
-use crate::env::parameters::{FirstContext, StepNoise};
-use crate::env::population::Extreme;
+use crate::env::step_count::context::{ContextDraw, ContextDrawsAhead};
+use crate::env::step_count::dynamics::Dynamics;
+use crate::env::step_count::parameters::{FirstContext, StepNoise};
+use crate::env::step_count::population::Extreme;
 use crate::env::vector::{
     Action, ActionSpec, EpisodeStatus, LaneSet, LaneStreams, VectorEnvironment,
 };

@@ -1,7 +1,7 @@
 //! What a scenario reveals about the context.
 
-use crate::env::context::{ContextDraw, errors_by_context};
-use crate::env::{Environment, Feature, Scenario};
+use crate::env::step_count::context::{ContextDraw, errors_by_context};
+use crate::env::{Feature, Scenario, StepCount};
 
 /// The most precise information about the context among the letters of a scenario.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,7 +27,7 @@ pub enum Belief {
 
 impl Belief {
     /// The belief that a policy can hold in an environment from what the scenario shows.
-    pub fn new(environment: &Environment, scenario: &Scenario) -> Belief {
+    pub fn new(environment: &StepCount, scenario: &Scenario) -> Belief {
         let shows = |feature| scenario.features().contains(&feature);
         let (probability, likely) = (shows(Feature::Probability), shows(Feature::Likely));
         let certain = errors_by_context(environment) == [0.0; 2];
@@ -57,7 +57,7 @@ impl Belief {
 
 /// The probability that the most likely context is wrong, where it is context 0 and where it is context 1.
 /// For a context that is never the most likely one, this is the prior probability of the other context.
-fn errors_by_likely(environment: &Environment) -> [f64; 2] {
+fn errors_by_likely(environment: &StepCount) -> [f64; 2] {
     let one = environment.context_probability;
     let [false_one, false_zero] = errors_by_context(environment);
     if one == 0.5 {
@@ -79,7 +79,7 @@ mod tests {
     #[test]
     fn the_most_telling_letter_counts() {
         let belief = |sigma: f64, scenario: &str| {
-            let belief = Belief::new(&Environment::paper(sigma), &scenario.parse().unwrap());
+            let belief = Belief::new(&StepCount::paper(sigma), &scenario.parse().unwrap());
             belief.probability_of_zero(&ContextDraw::new(1, 0.7))
         };
         assert_eq!(belief(1.0, "L-P-C"), 0.0);

@@ -8,7 +8,7 @@ keys! {
     /// Symbols and values follow Karine et al. (2023), section 3.1 and table 3. The keys below
     /// `horizon` cover choices that the paper leaves open, or where its published code differs from
     /// its text; their defaults are the settings of the published curves and tables.
-    pub struct Environment {
+    pub struct StepCount {
         /// standard deviation of the context feature; 0: the context probability is exact
         sigma: f64, in Kind::NON_NEGATIVE;
         /// habituation decay per step without a message
@@ -103,10 +103,10 @@ const MOST_MESSAGES: u32 = 10_000;
 /// same job produce different results.
 pub const VERSION: u32 = 1;
 
-impl Environment {
+impl StepCount {
     /// The published settings at a feature noise of `sigma`.
     pub fn paper(sigma: f64) -> Self {
-        Environment::with_required(&[Value::Real(sigma)])
+        StepCount::with_required(&[Value::Real(sigma)])
     }
 
     /// Whether contexts are drawn as in the paper: equally likely and independent.

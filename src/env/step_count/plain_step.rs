@@ -4,7 +4,7 @@ use std::hint::select_unpredictable;
 
 use pulp::{Simd, WithSimd};
 
-use crate::env::dynamics::LaneDynamics;
+use crate::env::step_count::dynamics::LaneDynamics;
 use crate::env::vector::{Action, EpisodeStatus};
 
 /// The plain step, lane by lane; every array is \[lanes\] or longer.

@@ -5,12 +5,12 @@ use std::io;
 
 use pulp::{Simd, WithSimd};
 
-use crate::env::dynamics::{Dynamics, Effect, LaneDynamics};
-use crate::env::noise::Noise;
-use crate::env::parameters::{
-    DisengagementReward, Environment, RewardHabituation, StateNoise, StepNoise,
+use crate::env::step_count::dynamics::{Dynamics, Effect, LaneDynamics};
+use crate::env::step_count::noise::Noise;
+use crate::env::step_count::parameters::{
+    DisengagementReward, RewardHabituation, StateNoise, StepCount, StepNoise,
 };
-use crate::env::scenario::{Feature, Scenario};
+use crate::env::step_count::scenario::{Feature, Scenario};
 use crate::env::vector::{Action, EpisodeStatus};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
@@ -18,10 +18,10 @@ use crate::state::{Resumable, StateError, StateReader, StateWriter};
 pub const INITIAL_STEPS: f64 = 0.1;
 
 /// Whether a step needs more than the paper's equations and the endings of its code.
-pub(super) fn is_needed(e: &Environment, scenario: &Scenario) -> bool {
+pub(super) fn is_needed(e: &StepCount, scenario: &Scenario) -> bool {
     let remembered =
         [Feature::Available, Feature::Budget, Feature::PreviousAction, Feature::PreviousSteps];
-    let paper = Environment::paper(e.sigma);
+    let paper = StepCount::paper(e.sigma);
     scenario.features().iter().any(|feature| remembered.contains(feature))
         || e.state_noise != StateNoise::None
         || e.step_noise != StepNoise::None
@@ -102,7 +102,7 @@ impl Resumable for Memory {
 
 /// The full step of all lanes; every array is \[lanes\] or longer.
 pub(super) struct FullStep<'a, P, N> {
-    pub(super) environment: &'a Environment,
+    pub(super) environment: &'a StepCount,
     pub(super) dynamics: &'a P,
     pub(super) noise: &'a N,
     pub(super) contexts: &'a [u8],

@@ -15,7 +15,7 @@ fn action(index: usize) -> Action {
 }
 
 /// Lanes at the first step of an episode.
-fn begun(parameters: &Environment, lanes: usize, streams: &mut LaneStreams) -> PhysicalActivity {
+fn begun(parameters: &StepCount, lanes: usize, streams: &mut LaneStreams) -> PhysicalActivity {
     let mut lanes = PhysicalActivity::new(parameters, &"P-H-D".parse().unwrap(), lanes);
     lanes.reset(LaneSet::All, streams);
     lanes
@@ -23,7 +23,7 @@ fn begun(parameters: &Environment, lanes: usize, streams: &mut LaneStreams) -> P
 
 #[test]
 fn rewards_follow_the_paper_by_hand() {
-    let mut lanes = begun(&Environment::paper(0.0), 4, &mut shared());
+    let mut lanes = begun(&StepCount::paper(0.0), 4, &mut shared());
     let mut rewards = [0.0; 4];
     // Context 0 in every lane: no message, an untailored, a suitable and a wrong one.
     lanes.apply_actions(&[action(0), action(1), action(2), action(3)], &mut rewards);
@@ -41,7 +41,7 @@ fn rewards_follow_the_paper_by_hand() {
 
 #[test]
 fn disengagement_terminates_and_the_horizon_truncates() {
-    let parameters = Environment { horizon: 3, ..Environment::paper(0.0) };
+    let parameters = StepCount { horizon: 3, ..StepCount::paper(0.0) };
     let mut lanes = begun(&parameters, 2, &mut shared());
     let mut rewards = [0.0; 2];
     let mut step = |lanes: &mut PhysicalActivity, wrong_for_zero: usize| {
@@ -59,8 +59,7 @@ fn disengagement_terminates_and_the_horizon_truncates() {
 
 #[test]
 fn many_lanes_pay_what_the_same_actions_pay_alone() {
-    let parameters =
-        Environment { first_context: FirstContext::Sampled, ..Environment::paper(0.7) };
+    let parameters = StepCount { first_context: FirstContext::Sampled, ..StepCount::paper(0.7) };
     let mut streams = shared();
     let mut together = begun(&parameters, 5, &mut streams);
     let mut rewards = [0.0; 5];
@@ -88,10 +87,9 @@ fn many_lanes_pay_what_the_same_actions_pay_alone() {
 #[test]
 fn a_sampled_first_context_draws_and_a_fixed_one_does_not() {
     let mut fixed = shared();
-    begun(&Environment::paper(0.6), 3, &mut fixed);
+    begun(&StepCount::paper(0.6), 3, &mut fixed);
     assert_eq!(fixed.of(0).bits(), stream().bits());
-    let parameters =
-        Environment { first_context: FirstContext::Sampled, ..Environment::paper(0.6) };
+    let parameters = StepCount { first_context: FirstContext::Sampled, ..StepCount::paper(0.6) };
     let mut lanes = begun(&parameters, 3, &mut shared());
     let mut again = stream();
     for lane in 0..3 {
@@ -111,7 +109,7 @@ fn a_sampled_first_context_draws_and_a_fixed_one_does_not() {
 
 #[test]
 fn a_shared_stream_gives_a_word_to_every_lane_in_every_step() {
-    let parameters = Environment { horizon: 2, ..Environment::paper(0.6) };
+    let parameters = StepCount { horizon: 2, ..StepCount::paper(0.6) };
     let mut streams = shared();
     let mut lanes = begun(&parameters, 3, &mut streams);
     let mut rewards = [0.0; 3];
@@ -123,7 +121,7 @@ fn a_shared_stream_gives_a_word_to_every_lane_in_every_step() {
     }
 }
 
-fn observations(parameters: &Environment, scenario: &str, steps: usize) -> Vec<Vec<f32>> {
+fn observations(parameters: &StepCount, scenario: &str, steps: usize) -> Vec<Vec<f32>> {
     let mut lane = PhysicalActivity::new(parameters, &scenario.parse().unwrap(), 1);
     lane.reset(LaneSet::All, &mut shared());
     (0..steps)
@@ -139,17 +137,17 @@ fn observations(parameters: &Environment, scenario: &str, steps: usize) -> Vec<V
 
 #[test]
 fn features_stand_in_the_order_written() {
-    let environment = Environment::paper(0.6);
+    let environment = StepCount::paper(0.6);
     assert_eq!(observations(&environment, "P-H-D", 1), [[0.25, 0.1, 0.1]]);
     assert_eq!(observations(&environment, "D-C-L", 1), [[0.1, 1.0, 1.0]]);
-    let other = Environment { observed_probability: 1, ..environment };
+    let other = StepCount { observed_probability: 1, ..environment };
     assert_eq!(observations(&other, "P", 1), [[0.75]]);
 }
 
 #[test]
 fn the_lagged_clock_shows_steps_zero_and_one_alike() {
     let times = |indicator| {
-        let environment = Environment { time_indicator: indicator, ..Environment::paper(0.6) };
+        let environment = StepCount { time_indicator: indicator, ..StepCount::paper(0.6) };
         observations(&environment, "T", 5).concat()
     };
     assert_eq!(times(TimeIndicator::Lagged), [0.0, 0.0, 1.0, 0.0, 1.0]);
@@ -158,11 +156,11 @@ fn the_lagged_clock_shows_steps_zero_and_one_alike() {
 
 #[test]
 fn the_one_hot_follows_the_same_clock_and_stops_at_the_horizon() {
-    let environment = Environment {
+    let environment = StepCount {
         time_one_hot: true,
         time_indicator: TimeIndicator::Exact,
         horizon: 3,
-        ..Environment::paper(0.6)
+        ..StepCount::paper(0.6)
     };
     let rows = observations(&environment, "L", 4);
     assert_eq!(rows[0], [1.0, 1.0, 0.0, 0.0]);

@@ -1,6 +1,6 @@
 //! The equations of a step in one lane, and their parameters.
 
-use crate::env::parameters::Environment;
+use crate::env::step_count::parameters::StepCount;
 use crate::env::vector::Action;
 
 /// The state after an action, and its reward.
@@ -18,7 +18,7 @@ pub struct Effect {
 /// it.
 #[inline(always)]
 pub fn apply_action(
-    environment: &Environment,
+    environment: &StepCount,
     context: u8,
     action: Action,
     habituation: f64,
@@ -28,7 +28,7 @@ pub fn apply_action(
 }
 
 /// The smallest number of steps walked in a step without noise, for any action and state.
-pub fn fewest_steps(environment: &Environment) -> f64 {
+pub fn fewest_steps(environment: &StepCount) -> f64 {
     Dynamics::of(environment).range()[0]
 }
 
@@ -55,7 +55,7 @@ pub(super) struct Dynamics {
 impl Dynamics {
     /// The dynamics of an environment.
     #[inline(always)]
-    pub(super) fn of(e: &Environment) -> Self {
+    pub(super) fn of(e: &StepCount) -> Self {
         Dynamics {
             delta_h: e.delta_h,
             epsilon_h: e.epsilon_h,

@@ -1,8 +1,8 @@
 //! The noise of a step: of its parameters, of the resulting state, and of the steps walked.
 
-use crate::env::dynamics::Dynamics;
-use crate::env::parameters::{Environment, StateNoise, StepNoise};
-use crate::env::variates::{beta, gamma};
+use crate::env::step_count::dynamics::Dynamics;
+use crate::env::step_count::parameters::{StateNoise, StepCount, StepNoise};
+use crate::env::step_count::variates::{beta, gamma};
 use crate::env::vector::{LaneSet, LaneStreams};
 use crate::rng::{Companion, unit_from_bits};
 
@@ -77,11 +77,11 @@ pub(super) struct DrawnNoise {
 
 impl DrawnNoise {
     /// The noise of an environment with `lanes` lanes, before the first draw.
-    pub(super) fn new(environment: &Environment, lanes: usize) -> Self {
+    pub(super) fn new(environment: &StepCount, lanes: usize) -> Self {
         let words = |is_drawn: bool, companion: Companion| {
             vec![0; if is_drawn { lanes * companion.width() } else { 0 }]
         };
-        let Environment { state_noise, step_noise, parameter_spread, .. } = *environment;
+        let StepCount { state_noise, step_noise, parameter_spread, .. } = *environment;
         DrawnNoise {
             state_noise,
             parameter_words: words(parameter_spread > 0.0, Companion::ParameterNoise),

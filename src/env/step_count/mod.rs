@@ -1,0 +1,35 @@
+//! The family `step_count`: the simulation of the paper.
+//!
+//! Karine et al. (2023), section 3.1, in f64 as in the authors' simulator, with the stochastic dynamics of
+//! StepCountJITAI (2024). `docs/environment.md` states the model.
+
+mod belief;
+mod context;
+mod dynamics;
+mod full_step;
+mod intervention;
+mod noise;
+mod observer;
+mod parameters;
+mod participants;
+mod physical_activity;
+mod plain_step;
+mod population;
+mod scenario;
+mod variates;
+
+pub use belief::Belief;
+pub use context::{
+    ContextDraw, ContextDrawsAhead, context_error, inference_error, probability_of_zero,
+};
+pub use dynamics::{Effect, apply_action, fewest_steps};
+pub use full_step::INITIAL_STEPS;
+pub use noise::ForcedNoise;
+pub use observer::{LaneStates, Observer};
+pub use parameters::{
+    DisengagementReward, FirstContext, RewardHabituation, StateNoise, StepCount, StepNoise,
+    TimeIndicator, VERSION,
+};
+pub use physical_activity::PhysicalActivity;
+pub use population::{ParticipantSampler, Population, PopulationPhases};
+pub use scenario::{Feature, Scenario, ScenarioError};
