@@ -9,10 +9,9 @@ use super::draft::Draft;
 use super::fault::{Fault, FaultList};
 use super::grid::{Axis, Grid, axes, size, zipped};
 use super::limits::{MOST_COMPARISONS, MOST_JOBS};
-use super::noise;
-use super::people;
 use super::presence::absent;
 use super::source::Span;
+use crate::env;
 use crate::job::Condition;
 use crate::key::{Assignment, Constraint, Parameter, Size, Value, Violation};
 
@@ -40,7 +39,7 @@ pub(super) fn check(
     let exclusions_hold = exclusions(draft, &manifest, faults);
     let grids: Vec<Grid> =
         (0..manifest.agents.len()).map(|agent| Grid::of(&manifest, agent)).collect();
-    for constraint in noise::CONSTRAINTS.iter().chain(people::CONSTRAINTS) {
+    for constraint in env::CONSTRAINTS.iter().chain(env::PEOPLE_CONSTRAINTS) {
         let certain = grids.iter().enumerate();
         let mut certain = certain.filter(|(place, grid)| {
             is_certain(draft, *place, grid, constraint.parameters, &broken)
@@ -48,7 +47,7 @@ pub(super) fn check(
         // No key of an agent is involved: one agent's violation stands for all.
         if let Some((place, grid)) = certain.find(|(_, grid)| grid.violation(constraint).is_some())
         {
-            hold(draft, Concerned::StepCount(place), grid, constraint, faults);
+            hold(draft, Concerned::Environment(place), grid, constraint, faults);
         }
     }
     let agents = manifest.agents.iter().zip(&grids).enumerate();
@@ -223,7 +222,7 @@ fn is_certain(
 #[derive(Clone, Copy)]
 enum Concerned {
     /// The environment alone.
-    StepCount(usize),
+    Environment(usize),
     /// Keys of the agent, perhaps with others.
     Agent(usize),
 }
@@ -249,7 +248,7 @@ fn report(
     violation: Violation,
     faults: &mut FaultList,
 ) {
-    let (Concerned::StepCount(agent) | Concerned::Agent(agent)) = concerned;
+    let (Concerned::Environment(agent) | Concerned::Agent(agent)) = concerned;
     // Keys of a preset have the position of `extends`; the last position is a key of the author.
     // The position of the scenarios would say less than that of a key.
     let keys = chosen.parameters().filter(|key| *key != Parameter::SCENARIO);
@@ -257,7 +256,7 @@ fn report(
     let name = &draft.agents[agent].name;
     let fault = |message| Fault::at(span.unwrap_or(name.span), message);
     let of = match concerned {
-        Concerned::StepCount(_) => String::new(),
+        Concerned::Environment(_) => String::new(),
         Concerned::Agent(_) if name.value.is_empty() => String::new(),
         Concerned::Agent(_) => format!("agent `{}`: ", name.value),
     };

@@ -31,7 +31,6 @@ mod grid;
 mod hints;
 mod limits;
 mod load;
-mod noise;
 mod parameter;
 mod participant_range;
 mod people;

@@ -4,6 +4,7 @@
 //! StepCountJITAI (2024). `docs/environment.md` states the model.
 
 mod belief;
+mod constraints;
 mod context;
 mod dynamics;
 mod full_step;
@@ -19,6 +20,7 @@ mod scenario;
 mod variates;
 
 pub use belief::Belief;
+pub use constraints::{CONSTRAINTS, PEOPLE_CONSTRAINTS};
 pub use context::{
     ContextDraw, ContextDrawsAhead, context_error, inference_error, probability_of_zero,
 };
