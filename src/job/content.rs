@@ -131,7 +131,24 @@ impl Job {
             evaluation: &text(&self.evaluation),
             population: &text(&self.population),
         };
-        CanonicalForm::of(self, parts)
+        self.form_of(parts)
+    }
+
+    /// The canonical form, given the texts of the job's parts.
+    pub fn form_of(&self, parts: Parts<'_>) -> CanonicalForm {
+        let Parts { agent, environment, evaluation, population } = parts;
+        let population = match population {
+            // Jobs stored before populations were introduced omit them.
+            "{}" => String::new(),
+            differing => format!("\"population\":{differing},"),
+        };
+        // A scenario consists of letters and hyphens, so nothing needs escaping.
+        let (scenario, seed) = (&self.scenario, self.seed);
+        let text = format!(
+            "{{\"agent\":{agent},\"environment\":{environment},\"evaluation\":{evaluation},\
+             {population}\"scenario\":\"{scenario}\",\"seed\":{seed}}}"
+        );
+        CanonicalForm::new(text, self.versions())
     }
 
     /// The job as one line of JSON; see [`CanonicalForm::text`].
@@ -238,6 +255,18 @@ impl Job {
         }
         parameters.sort_by(|(one, _), (other, _)| one.cmp(other));
         parameters
+    }
+}
+
+impl From<Job> for CanonicalForm {
+    fn from(job: Job) -> CanonicalForm {
+        job.form()
+    }
+}
+
+impl From<&Job> for CanonicalForm {
+    fn from(job: &Job) -> CanonicalForm {
+        job.form()
     }
 }
 

@@ -6,7 +6,6 @@ use data_encoding::HEXLOWER;
 use serde_json::Value as Json;
 use sha2::{Digest, Sha256};
 
-use super::Job;
 use crate::agent::Agent;
 use crate::key::{Keyed, canonical_object};
 
@@ -49,23 +48,9 @@ pub struct CanonicalForm {
 }
 
 impl CanonicalForm {
-    /// The form of a job whose parts have these texts.
-    pub fn of(job: &Job, parts: Parts<'_>) -> CanonicalForm {
-        let Parts { agent, environment, evaluation, population } = parts;
-        let population = match population {
-            // Jobs stored before populations were introduced omit them.
-            "{}" => String::new(),
-            differing => format!("\"population\":{differing},"),
-        };
-        // A scenario consists of letters and hyphens, so nothing needs escaping.
-        let (scenario, seed) = (&job.scenario, job.seed);
-        CanonicalForm {
-            text: format!(
-                "{{\"agent\":{agent},\"environment\":{environment},\"evaluation\":{evaluation},\
-                 {population}\"scenario\":\"{scenario}\",\"seed\":{seed}}}"
-            ),
-            versions: job.versions(),
-        }
+    /// The form with this text, of a job that would run with these versions.
+    pub(super) fn new(text: String, versions: Versions) -> CanonicalForm {
+        CanonicalForm { text, versions }
     }
 
     /// The job as one line of JSON: all parameters written out, keys in alphabetical order, and numbers in
@@ -87,18 +72,6 @@ impl CanonicalForm {
     /// The key of the same content under other versions of the code.
     pub fn key_under(&self, versions: Versions) -> JobKey {
         versions.key_of(&self.text)
-    }
-}
-
-impl From<Job> for CanonicalForm {
-    fn from(job: Job) -> CanonicalForm {
-        job.form()
-    }
-}
-
-impl From<&Job> for CanonicalForm {
-    fn from(job: &Job) -> CanonicalForm {
-        job.form()
     }
 }
 

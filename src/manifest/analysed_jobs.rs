@@ -4,10 +4,10 @@ use std::collections::HashSet;
 
 use super::analysis::AnalysisDraft;
 use super::analysis_kind::Recovery;
-use super::declared;
 use super::declared::{DeclaredAgent, Manifest};
 use super::draft::Draft;
 use super::fault::{Fault, FaultList};
+use super::parameter::scenario_of;
 use super::presence::absent;
 use super::source::Located;
 use crate::env::Scenario;
@@ -63,7 +63,7 @@ fn scenarios_meeting<'m>(
     let wanted = conditions.filter(|condition| condition.parameter == Parameter::SCENARIO);
     let wanted: Vec<HashSet<&Value>> = wanted.map(|one| one.values.iter().collect()).collect();
     let meets = move |one: &&Value| wanted.iter().all(|list| list.contains(one));
-    manifest.scenarios.iter().filter(meets).map(declared::scenario_of)
+    manifest.scenarios.iter().filter(meets).map(scenario_of)
 }
 
 /// Reports an analysis without jobs, or with a side or an axis that none of its jobs has.

@@ -3,8 +3,8 @@
 use toml::de::DeTable;
 
 use super::analysis_keys::{BINS, ERROR_AXIS, KindName, Pairing, SelectionRule, WINDOW};
-use super::declared::seed_of;
 use super::fault::Fault;
+use super::parameter::seed_of;
 use super::sides::Sides;
 use super::source::{Located, Span};
 use super::sweep::{Node, Reader, whole};

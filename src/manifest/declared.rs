@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::analysis::Analysis;
-use super::parameter::Parameters;
+use super::parameter::{Parameters, scenario_of, seed_of};
 use crate::agent::Algorithm;
 use crate::env::Scenario;
 use crate::job::Condition;
@@ -88,12 +88,12 @@ impl Manifest {
 
     /// The scenarios, in the order of the manifest.
     pub fn scenarios(&self) -> impl Iterator<Item = Scenario> {
-        self.scenarios.iter().map(|scenario| scenario_of(scenario))
+        self.scenarios.iter().map(scenario_of)
     }
 
     /// The seeds, in the order of the manifest.
     pub fn seeds(&self) -> impl Iterator<Item = u64> {
-        self.seeds.iter().map(|seed| seed_of(seed))
+        self.seeds.iter().map(seed_of)
     }
 
     /// The number of values that `parameter` takes for `agent`; 0 if the agent has no such key.
@@ -128,16 +128,4 @@ impl Manifest {
         };
         sections.into_iter().flat_map(swept).collect()
     }
-}
-
-/// The scenario that a value names.
-pub(super) fn scenario_of(value: &Value) -> Scenario {
-    let Value::Text(text) = value else { unreachable!("a scenario is a text") };
-    text.parse().expect("the manifest's scenarios are valid")
-}
-
-/// The seed that is a value.
-pub(super) fn seed_of(value: &Value) -> u64 {
-    let Value::Integer(seed) = value else { unreachable!("a seed is a whole number") };
-    *seed
 }

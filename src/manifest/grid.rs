@@ -7,8 +7,8 @@
 use std::borrow::Cow;
 use std::collections::HashSet;
 
-use super::declared::{DeclaredAgent, Exclusion, Manifest, scenario_of, seed_of};
-use super::parameter::Parameters;
+use super::declared::{DeclaredAgent, Exclusion, Manifest};
+use super::parameter::{Parameters, scenario_of, seed_of};
 use super::section::Section;
 use crate::agent::{Agent, Algorithm};
 use crate::env::{Population, Scenario, StepCount};

@@ -3,6 +3,7 @@
 use super::fault::nearest;
 use super::section::Section;
 use crate::agent::free_key;
+use crate::env::Scenario;
 use crate::job::{Condition, short_name};
 use crate::key::{Key, Parameter, Value};
 
@@ -92,6 +93,18 @@ impl Parameters {
             values: values.to_vec(),
         })
     }
+}
+
+/// The scenario that a value names.
+pub(super) fn scenario_of(value: &Value) -> Scenario {
+    let Value::Text(text) = value else { unreachable!("a scenario is a text") };
+    text.parse().expect("the manifest's scenarios are valid")
+}
+
+/// The seed that is a value.
+pub(super) fn seed_of(value: &Value) -> u64 {
+    let Value::Integer(seed) = value else { unreachable!("a seed is a whole number") };
+    *seed
 }
 
 #[cfg(test)]

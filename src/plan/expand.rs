@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::agent::Agent;
 use crate::env::{Population, StepCount};
-use crate::job::{CanonicalForm, Evaluation, Job, Parts, PlannedJob, agent_text, text};
+use crate::job::{Evaluation, Job, Parts, PlannedJob, agent_text, text};
 use crate::key::Keyed;
 use crate::manifest::{Cell, Grid, Manifest, Section};
 
@@ -119,7 +119,7 @@ impl Iterator for AgentJobs<'_> {
             evaluation: &evaluation.text,
             population: &population.text,
         };
-        let form = CanonicalForm::of(&job, parts);
+        let form = job.form_of(parts);
         Some(PlannedJob { agent: self.name.clone(), job, form })
     }
 }
